@@ -5,8 +5,27 @@
 //! square, thickness over resistivity.
 #![forbid(unsafe_code)]
 
+mod accuracy;
+pub mod cells;
+mod cholesky;
+pub mod curve;
+mod element;
+pub mod field;
+pub mod geometry;
 pub mod impedance;
+pub mod mesh;
+mod model;
 pub mod pattern;
+pub mod sensitivity;
+mod system;
 
+pub use cells::{CellError, CellGrid};
+pub use cholesky::CholeskyError;
+pub use field::DiscTouch;
+pub use geometry::{Electrode, Geometry, GeometryError, Outline, Place, Sheet};
 pub use impedance::{Drive, ElectrodeMatrix};
+pub use mesh::{Mesh, MeshError, MeshSizes, Order};
+pub use model::{ForwardError, Model, ModelOptions, Solver};
 pub use pattern::{Measurement, Pair, Pattern, PatternError};
+pub use sensitivity::Sensitivity;
+pub use system::Tensor;

@@ -65,7 +65,9 @@ pub enum PatternError {
         count: usize,
     },
     /// A pair of an electrode with itself.
-    #[error("measurement {index} pairs electrode {electrode} with itself; name two different electrodes")]
+    #[error(
+        "measurement {index} pairs electrode {electrode} with itself; name two different electrodes"
+    )]
     SameElectrode {
         /// Which measurement of the pattern, from 0.
         index: usize,

@@ -1,0 +1,143 @@
+//! Resistivity of a touched sheet on a mesh: an effective conductivity for every element.
+
+use crate::curve::{Point, distance};
+use crate::element::{DEGREE_4, position};
+use crate::mesh::Mesh;
+use crate::system::Tensor;
+
+/// A disc in which the resistivity is raised by the same factor everywhere.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DiscTouch {
+    /// Centre, mm.
+    pub centre_mm: Point,
+    /// Radius, mm.
+    pub radius_mm: f64,
+    /// Relative rise in resistivity: 0.2 is +20 %. Greater than -1. Where discs overlap the rises add.
+    pub rise: f64,
+}
+
+impl DiscTouch {
+    /// Relative rise at a point: that of the disc inside, 0 outside.
+    pub fn rise_at(&self, p: Point) -> f64 {
+        if distance(p, self.centre_mm) < self.radius_mm {
+            self.rise
+        } else {
+            0.0
+        }
+    }
+}
+
+/// Conductivity of the untouched sheet.
+pub const UNPRESSED: Tensor = [1.0, 0.0, 1.0];
+
+/// Divisions of a cut element's sides when its jump is averaged.
+const CUTS: usize = 16;
+
+/// Conductivity, relative to the unpressed sheet, of every element under disc touches.
+///
+/// An element that a disc's edge cuts gets the tensor of the equivalent laminate: arithmetic mean of the conductivity
+/// along the edge, harmonic mean across it. The voltages then converge with the square of the element size although no
+/// element follows the edge.
+pub fn conductivity_of_discs(mesh: &Mesh, touches: &[DiscTouch]) -> Vec<Tensor> {
+    let total = |p: Point| touches.iter().map(|t| t.rise_at(p)).sum::<f64>();
+    (0..mesh.triangles.len())
+        .map(|element| {
+            let corners = mesh.corners(element);
+            let centre = position(corners, [1.0 / 3.0; 3]);
+            let reach = corners
+                .iter()
+                .map(|c| distance(*c, centre))
+                .fold(0.0, f64::max);
+            // Across a disc's edge the jump is along its radius.
+            let mut normal = [0.0; 2];
+            let mut cut = false;
+            for t in touches {
+                let r = distance(centre, t.centre_mm);
+                if (r - t.radius_mm).abs() <= reach {
+                    cut = true;
+                    if r > 0.0 {
+                        normal[0] += t.rise * (centre[0] - t.centre_mm[0]) / r;
+                        normal[1] += t.rise * (centre[1] - t.centre_mm[1]) / r;
+                    }
+                }
+            }
+            if cut {
+                laminate(corners, normal, total)
+            } else {
+                let s = 1.0 / (1.0 + total(centre));
+                [s, 0.0, s]
+            }
+        })
+        .collect()
+}
+
+/// Conductivity, relative to the unpressed sheet, of every element under a smooth relative rise of the resistivity: the
+/// mean over the element. For fields with jumps use [`conductivity_of_discs`].
+pub fn conductivity_of(mesh: &Mesh, rise: impl Fn(Point) -> f64) -> Vec<Tensor> {
+    (0..mesh.triangles.len())
+        .map(|element| {
+            let corners = mesh.corners(element);
+            let s = DEGREE_4
+                .iter()
+                .map(|(l, w)| w / (1.0 + rise(position(corners, *l))))
+                .sum();
+            [s, 0.0, s]
+        })
+        .collect()
+}
+
+/// The tensor of a triangle in which the conductivity varies along `normal` (of any length) only.
+fn laminate(corners: [Point; 3], normal: Point, rise: impl Fn(Point) -> f64) -> Tensor {
+    let n = CUTS as f64;
+    let (mut mean, mut inverse, mut count) = (0.0, 0.0, 0.0);
+    for i in 0..CUTS {
+        for j in 0..CUTS - i {
+            // The upright sub-triangle, and the one turned over beside it.
+            for (turn, least) in [(1.0 / 3.0, 0), (2.0 / 3.0, 1)] {
+                if i + j + least >= CUTS {
+                    continue;
+                }
+                let (a, b) = ((i as f64 + turn) / n, (j as f64 + turn) / n);
+                let s = 1.0 / (1.0 + rise(position(corners, [1.0 - a - b, a, b])));
+                mean += s;
+                inverse += 1.0 / s;
+                count += 1.0;
+            }
+        }
+    }
+    mean /= count;
+    let harmonic = count / inverse;
+    let length = normal[0].hypot(normal[1]);
+    if length <= f64::MIN_POSITIVE {
+        return [mean, 0.0, mean];
+    }
+    let (x, y) = (normal[0] / length, normal[1] / length);
+    let step = harmonic - mean;
+    [mean + step * x * x, step * x * y, mean + step * y * y]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_cut_triangle_is_a_laminate() {
+        // Half-plane x > 0.5 (1 / (1 + 3) of the conductivity) over the unit right triangle: a quarter of its area.
+        let t = laminate([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]], [2.0, 0.0], |p| {
+            if p[0] > 0.5 { 3.0 } else { 0.0 }
+        });
+        let f = 0.25;
+        assert!((t[0] - 1.0 / (1.0 - f + f * 4.0)).abs() < 0.02, "{t:?}");
+        assert!((t[2] - (1.0 - f + f / 4.0)).abs() < 0.01, "{t:?}");
+    }
+
+    #[test]
+    fn no_jump_no_tensor() {
+        let t = laminate([[0.0, 0.0], [1.0, 0.0], [0.3, 1.0]], [1.0, 1.0], |_| 1.0);
+        assert!(
+            t.iter()
+                .zip([0.5, 0.0, 0.5])
+                .all(|(a, b)| (a - b).abs() < 1e-12)
+        );
+    }
+}
