@@ -1,42 +1,78 @@
 //! From the accuracy wanted to the lengths of a mesh.
 
-use crate::geometry::{Geometry, Sheet};
-use crate::mesh::MeshSizes;
+use crate::curve::Curve;
+use crate::geometry::Geometry;
+use crate::mesh::{MeshSizes, followed};
 use crate::model::{ForwardError, ModelOptions};
 
 /// Accuracy, electrode fraction, growth, largest edge over the sheet's smaller extent: what a study of quadratic elements
 /// on the paper's disc gave, with a third to spare.
 const QUADRATIC: [[f64; 4]; 4] = [
     [1e-2, 0.2, 0.7, 0.062],
-    [1e-3, 0.025, 0.6, 0.046],
+    [1e-3, 0.025, 0.6, 0.038],
     [1e-4, 0.01, 0.35, 0.028],
     [1e-5, 0.002, 0.2, 0.015],
 ];
 
+/// Edge along a touch that the mesh follows, over its radius, at an accuracy of 1e-3: a quadratic edge of this length is
+/// within 1e-5 of the radius of the circle.
+const ALONG_A_TOUCH: f64 = 0.4;
+/// The same for a touch that crosses a rim or another touch. Its jump is averaged over the elements it cuts.
+const ACROSS_A_TOUCH: f64 = 0.05;
+
 pub(crate) fn sizes(
-    _sheet: &Sheet,
     geometry: &Geometry,
+    contact_mm: &[f64],
     options: &ModelOptions,
 ) -> Result<MeshSizes, ForwardError> {
     let a = options.accuracy;
     if !(1e-5..=0.1).contains(&a) {
         return Err(ForwardError::Accuracy { value: a });
     }
-    let k = QUADRATIC
-        .iter()
-        .skip(1)
-        .position(|row| a >= row[0])
-        .unwrap_or(2);
+    let k = QUADRATIC.iter().skip(1).position(|row| a >= row[0]).unwrap_or(2);
     let (coarse, fine) = (QUADRATIC[k], QUADRATIC[k + 1]);
     let t = ((coarse[0] / a).log10() / (coarse[0] / fine[0]).log10()).max(0.0);
     let between = |i: usize| coarse[i] * (fine[i] / coarse[i]).powf(t);
     let (low, high) = geometry.bounding_box();
     let extent = (high[0] - low[0]).min(high[1] - low[1]);
+    // Quadratic elements that follow the jump: energy error with the fourth power of the edge. Cut elements: the first.
+    let finer = a / 1e-3;
+    let touches: Vec<_> = options.touches.iter().map(|t| (t.centre_mm, t.radius_mm)).collect();
+    let along: Vec<_> = touches
+        .iter()
+        .map(|(centre, radius)| {
+            let edge = radius * ALONG_A_TOUCH * finer.powf(0.25).min(1.5);
+            // What is left between the touch and a rim wants elements of its own size.
+            let gap = |ring: &Curve| (ring.nearest(*centre).1 - radius).abs();
+            let narrowest = geometry.rings.iter().map(gap).fold(f64::INFINITY, f64::min);
+            (*centre, *radius, edge.min(0.5 * narrowest).max(radius * ACROSS_A_TOUCH))
+        })
+        .collect();
+    let mut circles = options.circles.clone();
+    for (k, (centre, radius, edge)) in along.iter().enumerate() {
+        let edge = if followed(geometry, &along, k) {
+            *edge
+        } else {
+            radius * ACROSS_A_TOUCH * finer.min(2.0)
+        };
+        circles.push((*centre, *radius, edge));
+    }
     Ok(MeshSizes {
-        largest_mm: between(3) * extent,
-        electrode_fraction: between(1),
+        // The many electrodes' fields decay faster.
+        largest_mm: between(3) * extent * (32.0 / contact_mm.len() as f64).powf(0.25).min(1.0),
+        electrode_fraction: at_the_ends(geometry, contact_mm, between(1)),
         electrode_most_mm: 0.05 * extent,
         growth: between(2),
-        circles: options.circles.clone(),
+        circles,
     })
+}
+
+/// The current density at an electrode's end rises within the contact's length; where that is short, like the inverse
+/// root of the distance down to it. The error of that is in proportion to the edge at the end, so edges must be short
+/// against the contact, but need not be shorter than the fraction's square.
+fn at_the_ends(geometry: &Geometry, contact_mm: &[f64], fraction: f64) -> f64 {
+    let ends = geometry.spans.iter().zip(contact_mm).filter(|(span, _)| !span.whole);
+    ends.map(|(span, contact)| 10.0 * fraction * contact / span.length)
+        .fold(fraction, f64::min)
+        .max(fraction * fraction)
 }

@@ -15,9 +15,7 @@ pub enum CellError {
         cell_mm: f64,
     },
     /// More cells than a picture can use.
-    #[error(
-        "cells of {cell_mm} mm would be {cells} on this sheet, more than {most}; make them larger"
-    )]
+    #[error("cells of {cell_mm} mm would be {cells} on this sheet, more than {most}; make them larger")]
     TooMany {
         /// What was given, mm.
         cell_mm: f64,
@@ -27,9 +25,7 @@ pub enum CellError {
         most: usize,
     },
     /// Not one cell has its centre on the sheet.
-    #[error(
-        "cells of {cell_mm} mm are too large for this sheet: none has its centre on it; make them smaller"
-    )]
+    #[error("cells of {cell_mm} mm are too large for this sheet: none has its centre on it; make them smaller")]
     None {
         /// What was given, mm.
         cell_mm: f64,
@@ -61,11 +57,7 @@ impl CellGrid {
             return Err(CellError::NotPositive { cell_mm });
         }
         let (low, high) = geometry.bounding_box();
-        let half = |k: usize| {
-            ((0.5 * (high[k] - low[k]) / cell_mm) - 1e-9)
-                .ceil()
-                .max(1.0)
-        };
+        let half = |k: usize| ((0.5 * (high[k] - low[k]) / cell_mm) - 1e-9).ceil().max(1.0);
         let (half_columns, half_rows) = (half(0), half(1));
         let count = 4.0 * half_columns * half_rows;
         if count > MOST_CELLS as f64 {
@@ -114,24 +106,14 @@ impl CellGrid {
                     if before[here] != u32::MAX {
                         continue;
                     }
-                    let neighbour = [
-                        (0, -1),
-                        (-1, 0),
-                        (1, 0),
-                        (0, 1),
-                        (-1, -1),
-                        (1, -1),
-                        (-1, 1),
-                        (1, 1),
-                    ]
-                    .into_iter()
-                    .filter_map(|(dx, dy)| {
-                        let (c, r) = (column as i64 + dx, row as i64 + dy);
-                        let on =
-                            c >= 0 && r >= 0 && c < self.columns as i64 && r < self.rows as i64;
-                        on.then(|| before[r as usize * self.columns + c as usize])
-                    })
-                    .find(|owner| *owner != u32::MAX);
+                    let neighbour = [(0, -1), (-1, 0), (1, 0), (0, 1), (-1, -1), (1, -1), (-1, 1), (1, 1)]
+                        .into_iter()
+                        .filter_map(|(dx, dy)| {
+                            let (c, r) = (column as i64 + dx, row as i64 + dy);
+                            let on = c >= 0 && r >= 0 && c < self.columns as i64 && r < self.rows as i64;
+                            on.then(|| before[r as usize * self.columns + c as usize])
+                        })
+                        .find(|owner| *owner != u32::MAX);
                     if let Some(owner) = neighbour {
                         self.owner[here] = owner;
                         changed = true;
@@ -226,21 +208,12 @@ mod tests {
     #[test]
     fn nonsense_sizes_are_refused() {
         let g = Geometry::new(&Sheet::paper()).unwrap();
-        assert!(matches!(
-            CellGrid::new(&g, 0.0),
-            Err(CellError::NotPositive { .. })
-        ));
+        assert!(matches!(CellGrid::new(&g, 0.0), Err(CellError::NotPositive { .. })));
         assert!(matches!(
             CellGrid::new(&g, f64::NAN),
             Err(CellError::NotPositive { .. })
         ));
-        assert!(matches!(
-            CellGrid::new(&g, 0.01),
-            Err(CellError::TooMany { .. })
-        ));
-        assert!(matches!(
-            CellGrid::new(&g, 1000.0),
-            Err(CellError::None { .. })
-        ));
+        assert!(matches!(CellGrid::new(&g, 0.01), Err(CellError::TooMany { .. })));
+        assert!(matches!(CellGrid::new(&g, 1000.0), Err(CellError::None { .. })));
     }
 }

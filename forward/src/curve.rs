@@ -4,7 +4,8 @@
 pub type Point = [f64; 2];
 
 pub(crate) fn distance(a: Point, b: Point) -> f64 {
-    (a[0] - b[0]).hypot(a[1] - b[1])
+    let (x, y) = (a[0] - b[0], a[1] - b[1]);
+    (x * x + y * y).sqrt()
 }
 
 /// Twice the signed area of the triangle, mm²; positive when a, b, c turn left.
@@ -78,19 +79,12 @@ impl Piece {
             }
             Self::Arc { centre, radius } => {
                 let angle = s / radius;
-                [
-                    centre[0] + radius * angle.cos(),
-                    centre[1] + radius * angle.sin(),
-                ]
+                [centre[0] + radius * angle.cos(), centre[1] + radius * angle.sin()]
             }
             Self::Cubic { control, lengths } => {
                 let k = lengths.partition_point(|l| *l <= s).clamp(1, CUBIC_STEPS);
                 let span = lengths[k] - lengths[k - 1];
-                let fraction = if span > 0.0 {
-                    (s - lengths[k - 1]) / span
-                } else {
-                    0.0
-                };
+                let fraction = if span > 0.0 { (s - lengths[k - 1]) / span } else { 0.0 };
                 let from = (k - 1) as f64 / CUBIC_STEPS as f64;
                 let mut t = from + fraction / CUBIC_STEPS as f64;
                 // Two Newton steps on the arc length, from an already good guess.
@@ -109,12 +103,8 @@ impl Piece {
     fn flatten(&self) -> Vec<Point> {
         match self {
             Self::Line(a, _) => vec![*a],
-            Self::Arc { .. } => (0..256)
-                .map(|k| self.point(self.length() * k as f64 / 256.0))
-                .collect(),
-            Self::Cubic { control, .. } => (0..32)
-                .map(|k| cubic_at(control, k as f64 / 32.0))
-                .collect(),
+            Self::Arc { .. } => (0..256).map(|k| self.point(self.length() * k as f64 / 256.0)).collect(),
+            Self::Cubic { control, .. } => (0..32).map(|k| cubic_at(control, k as f64 / 32.0)).collect(),
         }
     }
 }
@@ -164,10 +154,8 @@ impl Curve {
         let corners = (0..n)
             .map(|k| {
                 let (before, here, after) = (v[(k + n - 1) % n], v[k], v[(k + 1) % n]);
-                let turn = cross(before, here, after).atan2(
-                    (here[0] - before[0]) * (after[0] - here[0])
-                        + (here[1] - before[1]) * (after[1] - here[1]),
-                );
+                let turn = cross(before, here, after)
+                    .atan2((here[0] - before[0]) * (after[0] - here[0]) + (here[1] - before[1]) * (after[1] - here[1]));
                 Some(std::f64::consts::PI - turn)
             })
             .collect();
@@ -233,8 +221,7 @@ impl Curve {
                 let d = self.pieces[k].length() / CUBIC_STEPS as f64;
                 let (a, b, c) = (self.point(s - d), self.point(s), self.point(s + d));
                 let area2 = cross(a, b, c).abs();
-                distance(a, b) * distance(b, c) * distance(a, c)
-                    / (2.0 * area2).max(f64::MIN_POSITIVE)
+                distance(a, b) * distance(b, c) * distance(a, c) / (2.0 * area2).max(f64::MIN_POSITIVE)
             }
         }
     }
@@ -258,8 +245,7 @@ impl Curve {
             let (a, b) = (self.polyline[k], self.polyline[(k + 1) % n]);
             let chord = distance(a, b);
             let t = if chord > 0.0 {
-                (((p[0] - a[0]) * (b[0] - a[0]) + (p[1] - a[1]) * (b[1] - a[1])) / (chord * chord))
-                    .clamp(0.0, 1.0)
+                (((p[0] - a[0]) * (b[0] - a[0]) + (p[1] - a[1]) * (b[1] - a[1])) / (chord * chord)).clamp(0.0, 1.0)
             } else {
                 0.0
             };
@@ -274,10 +260,7 @@ impl Curve {
         let mut step = 2.0 * self.length() / n as f64;
         let mut here = distance(p, self.point(at));
         while step > 1e-12 * self.length() {
-            let (left, right) = (
-                distance(p, self.point(at - step)),
-                distance(p, self.point(at + step)),
-            );
+            let (left, right) = (distance(p, self.point(at - step)), distance(p, self.point(at + step)));
             if left < here {
                 (at, here) = (at - step, left);
             } else if right < here {
@@ -303,16 +286,15 @@ impl Curve {
 /// Whether the point lies inside the polygon (even-odd rule).
 pub(crate) fn inside_polygon(polygon: &[Point], p: Point) -> bool {
     let n = polygon.len();
-    let mut inside = false;
-    for k in 0..n {
-        let (a, b) = (polygon[k], polygon[(k + 1) % n]);
-        if (a[1] > p[1]) != (b[1] > p[1])
-            && p[0] < a[0] + (p[1] - a[1]) / (b[1] - a[1]) * (b[0] - a[0])
-        {
-            inside = !inside;
-        }
-    }
-    inside
+    let sides = (0..n).map(|k| (polygon[k], polygon[(k + 1) % n]));
+    crossings(sides, p) % 2 == 1
+}
+
+/// How many of the segments the ray from the point to the right crosses.
+pub(crate) fn crossings(segments: impl Iterator<Item = (Point, Point)>, p: Point) -> usize {
+    segments
+        .filter(|(a, b)| (a[1] > p[1]) != (b[1] > p[1]) && p[0] < a[0] + (p[1] - a[1]) / (b[1] - a[1]) * (b[0] - a[0]))
+        .count()
 }
 
 fn signed_area2(points: &[Point]) -> f64 {
@@ -382,10 +364,7 @@ mod tests {
         let n = 4000;
         let step = c.length() / f64::from(n);
         for k in 0..n {
-            let d = distance(
-                c.point(step * f64::from(k)),
-                c.point(step * f64::from(k + 1)),
-            );
+            let d = distance(c.point(step * f64::from(k)), c.point(step * f64::from(k + 1)));
             assert!((d / step - 1.0).abs() < 1e-2, "{k}: {}", d / step);
         }
     }

@@ -55,11 +55,7 @@ pub(crate) fn reference_gradients(order: Order, l: [f64; 3]) -> ([[f64; 2]; MOST
 
 /// Gradients of the shape functions in the sheet's frame (1/mm) at barycentric coordinates `l`, with the determinant of
 /// the mapping (mm², twice the area of a straight triangle; not positive where a curved element is tangled).
-pub(crate) fn gradients(
-    mesh: &Mesh,
-    element: usize,
-    l: [f64; 3],
-) -> ([[f64; 2]; MOST_NODES], usize, f64) {
+pub(crate) fn gradients(mesh: &Mesh, element: usize, l: [f64; 3]) -> ([[f64; 2]; MOST_NODES], usize, f64) {
     let (reference, count) = reference_gradients(mesh.order, l);
     let mut j = [[0.0; 2]; 2];
     if mesh.curved[element] {
@@ -101,8 +97,7 @@ mod tests {
             for a in 0..=degree {
                 for b in 0..=degree - a {
                     let c = degree - a - b;
-                    let exact =
-                        2.0 * factorial(a) * factorial(b) * factorial(c) / factorial(a + b + c + 2);
+                    let exact = 2.0 * factorial(a) * factorial(b) * factorial(c) / factorial(a + b + c + 2);
                     let got: f64 = rule
                         .iter()
                         .map(|(l, w)| w * l[0].powi(a) * l[1].powi(b) * l[2].powi(c))

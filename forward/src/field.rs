@@ -30,6 +30,9 @@ impl DiscTouch {
 /// Conductivity of the untouched sheet.
 pub const UNPRESSED: Tensor = [1.0, 0.0, 1.0];
 
+/// A node this near a disc's edge is on it, over the radius.
+const ON_THE_EDGE: f64 = 1e-9;
+
 /// Divisions of a cut element's sides when its jump is averaged.
 const CUTS: usize = 16;
 
@@ -39,36 +42,66 @@ const CUTS: usize = 16;
 /// along the edge, harmonic mean across it. The voltages then converge with the square of the element size although no
 /// element follows the edge.
 pub fn conductivity_of_discs(mesh: &Mesh, touches: &[DiscTouch]) -> Vec<Tensor> {
-    let total = |p: Point| touches.iter().map(|t| t.rise_at(p)).sum::<f64>();
+    let mut near = Vec::new();
     (0..mesh.triangles.len())
         .map(|element| {
             let corners = mesh.corners(element);
             let centre = position(corners, [1.0 / 3.0; 3]);
-            let reach = corners
-                .iter()
-                .map(|c| distance(*c, centre))
-                .fold(0.0, f64::max);
-            // Across a disc's edge the jump is along its radius.
+            let reach = corners.iter().map(|c| distance(*c, centre)).fold(0.0, f64::max);
+            // Touches that raise the whole element, and those whose edge may cut it. Across an edge the jump is along the
+            // radius. An element with an edge of its own along the disc's edge is not cut: it lies on one side.
+            let mut whole = 0.0;
             let mut normal = [0.0; 2];
-            let mut cut = false;
+            near.clear();
             for t in touches {
                 let r = distance(centre, t.centre_mm);
-                if (r - t.radius_mm).abs() <= reach {
-                    cut = true;
-                    if r > 0.0 {
-                        normal[0] += t.rise * (centre[0] - t.centre_mm[0]) / r;
-                        normal[1] += t.rise * (centre[1] - t.centre_mm[1]) / r;
+                let beyond = r - t.radius_mm;
+                let inside = if beyond.abs() > reach {
+                    Some(beyond < 0.0)
+                } else {
+                    side(mesh, element, t)
+                };
+                match inside {
+                    Some(true) => whole += t.rise,
+                    Some(false) => {}
+                    None => {
+                        near.push(*t);
+                        if r > 0.0 {
+                            normal[0] += t.rise * (centre[0] - t.centre_mm[0]) / r;
+                            normal[1] += t.rise * (centre[1] - t.centre_mm[1]) / r;
+                        }
                     }
                 }
             }
-            if cut {
-                laminate(corners, normal, total)
-            } else {
-                let s = 1.0 / (1.0 + total(centre));
+            if near.is_empty() {
+                let s = 1.0 / (1.0 + whole);
                 [s, 0.0, s]
+            } else {
+                laminate(corners, normal, |p| {
+                    whole + near.iter().map(|t| t.rise_at(p)).sum::<f64>()
+                })
             }
         })
         .collect()
+}
+
+/// For an element with an edge along the disc's edge and no vertex across it: whether it is inside the disc.
+fn side(mesh: &Mesh, element: usize, touch: &DiscTouch) -> Option<bool> {
+    let beyond = |node: usize| (distance(mesh.nodes[node], touch.centre_mm) - touch.radius_mm) / touch.radius_mm;
+    let on = |node: usize| beyond(node).abs() < ON_THE_EDGE;
+    let corners = mesh.triangles[element];
+    let along = (0..3).any(|k| {
+        let middle = mesh.middles.get(element).map(|m| m[k]);
+        on(corners[k]) && on(corners[(k + 1) % 3]) && middle.is_none_or(on)
+    });
+    let [a, b, c] = corners.map(beyond);
+    let (low, high) = (a.min(b).min(c), a.max(b).max(c));
+    // A triangle with all its corners on the circle is inside.
+    match (along, low < -ON_THE_EDGE, high > ON_THE_EDGE) {
+        (true, _, false) => Some(true),
+        (true, false, true) => Some(false),
+        _ => None,
+    }
 }
 
 /// Conductivity, relative to the unpressed sheet, of every element under a smooth relative rise of the resistivity: the
@@ -134,10 +167,6 @@ mod tests {
     #[test]
     fn no_jump_no_tensor() {
         let t = laminate([[0.0, 0.0], [1.0, 0.0], [0.3, 1.0]], [1.0, 1.0], |_| 1.0);
-        assert!(
-            t.iter()
-                .zip([0.5, 0.0, 0.5])
-                .all(|(a, b)| (a - b).abs() < 1e-12)
-        );
+        assert!(t.iter().zip([0.5, 0.0, 0.5]).all(|(a, b)| (a - b).abs() < 1e-12));
     }
 }

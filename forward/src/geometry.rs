@@ -134,9 +134,7 @@ pub enum GeometryError {
         segment: usize,
     },
     /// A curve that crosses itself or another.
-    #[error(
-        "segment {segment} of {ring} crosses segment {other_segment} of {other}; move one of them"
-    )]
+    #[error("segment {segment} of {ring} crosses segment {other_segment} of {other}; move one of them")]
     Crossing {
         /// Which curve.
         ring: String,
@@ -148,9 +146,7 @@ pub enum GeometryError {
         other_segment: usize,
     },
     /// A hole that is not inside the outline, or inside another hole.
-    #[error(
-        "{ring} does not lie inside the sheet; a hole must be within the outline and outside other holes"
-    )]
+    #[error("{ring} does not lie inside the sheet; a hole must be within the outline and outside other holes")]
     HoleOutside {
         /// Which curve.
         ring: String,
@@ -162,9 +158,7 @@ pub enum GeometryError {
         count: usize,
     },
     /// An electrode that is not on a rim.
-    #[error(
-        "electrode {electrode} is {distance_mm:.3} mm off the rim; place it on the outline or on a hole's rim"
-    )]
+    #[error("electrode {electrode} is {distance_mm:.3} mm off the rim; place it on the outline or on a hole's rim")]
     OffTheRim {
         /// Which electrode, from 0.
         electrode: usize,
@@ -172,9 +166,7 @@ pub enum GeometryError {
         distance_mm: f64,
     },
     /// An electrode longer than its rim.
-    #[error(
-        "electrode {electrode} is {width_mm} mm wide, but its rim is only {rim_mm:.3} mm long; make it narrower"
-    )]
+    #[error("electrode {electrode} is {width_mm} mm wide, but its rim is only {rim_mm:.3} mm long; make it narrower")]
     TooWide {
         /// Which electrode, from 0.
         electrode: usize,
@@ -192,9 +184,7 @@ pub enum GeometryError {
         second: usize,
     },
     /// An electrode inside the sheet that crosses a rim.
-    #[error(
-        "electrode {electrode} does not lie wholly inside the sheet; move it or make it smaller"
-    )]
+    #[error("electrode {electrode} does not lie wholly inside the sheet; move it or make it smaller")]
     NotInside {
         /// Which electrode, from 0.
         electrode: usize,
@@ -203,13 +193,7 @@ pub enum GeometryError {
 
 impl Sheet {
     /// A disc with evenly spaced rim electrodes, number l at `first_deg + 360 l / count` degrees, counter-clockwise.
-    pub fn disc(
-        diameter_mm: f64,
-        count: usize,
-        electrode_mm: f64,
-        contact_mm: f64,
-        sheet_resistance_ohm: f64,
-    ) -> Self {
+    pub fn disc(diameter_mm: f64, count: usize, electrode_mm: f64, contact_mm: f64, sheet_resistance_ohm: f64) -> Self {
         Self {
             sheet_resistance_ohm,
             outline: Outline::Disc {
@@ -259,10 +243,7 @@ fn positive(what: impl Fn() -> String, value: f64) -> Result<f64, GeometryError>
     if value > 0.0 && value.is_finite() {
         Ok(value)
     } else {
-        Err(GeometryError::NotPositive {
-            what: what(),
-            value,
-        })
+        Err(GeometryError::NotPositive { what: what(), value })
     }
 }
 
@@ -270,10 +251,7 @@ fn finite(what: impl Fn() -> String, value: f64) -> Result<f64, GeometryError> {
     if value.is_finite() {
         Ok(value)
     } else {
-        Err(GeometryError::NotFinite {
-            what: what(),
-            value,
-        })
+        Err(GeometryError::NotFinite { what: what(), value })
     }
 }
 
@@ -306,10 +284,7 @@ impl Outline {
             Ok(())
         };
         Ok(match self {
-            Self::Disc {
-                diameter_mm,
-                centre_mm,
-            } => {
+            Self::Disc { diameter_mm, centre_mm } => {
                 centre_ok(centre_mm)?;
                 let d = positive(|| format!("the diameter of {ring} (mm)"), *diameter_mm)?;
                 Curve::circle(*centre_mm, 0.5 * d)
@@ -323,12 +298,7 @@ impl Outline {
                 let w = 0.5 * positive(|| format!("the width of {ring} (mm)"), *width_mm)?;
                 let h = 0.5 * positive(|| format!("the height of {ring} (mm)"), *height_mm)?;
                 let [x, y] = *centre_mm;
-                Curve::polygon(&[
-                    [x - w, y - h],
-                    [x + w, y - h],
-                    [x + w, y + h],
-                    [x - w, y + h],
-                ])
+                Curve::polygon(&[[x - w, y - h], [x + w, y - h], [x + w, y + h], [x - w, y + h]])
             }
             Self::Polygon { points_mm } => {
                 points(points_mm)?;
@@ -401,21 +371,16 @@ impl Geometry {
             }
         };
         let mut rings = Vec::new();
-        for (k, outline) in std::iter::once(&sheet.outline)
-            .chain(&sheet.holes)
-            .enumerate()
-        {
+        for (k, outline) in std::iter::once(&sheet.outline).chain(&sheet.holes).enumerate() {
             rings.push(outline.curve(&name(k))?);
         }
         for i in 0..rings.len() {
             for j in i..rings.len() {
                 // A circle cannot cross itself.
-                if i == j && rings[i].corners().next().is_none() && rings[i].polyline().len() == 256
-                {
+                if i == j && rings[i].corners().next().is_none() && rings[i].polyline().len() == 256 {
                     continue;
                 }
-                if let Some((segment, other_segment)) = first_crossing(&rings[i], &rings[j], i == j)
-                {
+                if let Some((segment, other_segment)) = first_crossing(&rings[i], &rings[j], i == j) {
                     return Err(GeometryError::Crossing {
                         ring: name(i),
                         segment,
@@ -457,21 +422,12 @@ impl Geometry {
     fn place(&mut self, electrode: usize, place: Place) -> Result<(), GeometryError> {
         let width = |w: f64| positive(|| format!("the width of electrode {electrode} (mm)"), w);
         let (ring, centre, width_mm) = match place {
-            Place::Angle {
-                angle_deg,
-                width_mm,
-            } => {
-                finite(
-                    || format!("the angle of electrode {electrode} (degrees)"),
-                    angle_deg,
-                )?;
+            Place::Angle { angle_deg, width_mm } => {
+                finite(|| format!("the angle of electrode {electrode} (degrees)"), angle_deg)?;
                 (0, self.arc_at_angle(angle_deg), width(width_mm)?)
             }
             Place::Arc { arc_mm, width_mm } => {
-                finite(
-                    || format!("the arc position of electrode {electrode} (mm)"),
-                    arc_mm,
-                )?;
+                finite(|| format!("the arc position of electrode {electrode} (mm)"), arc_mm)?;
                 (0, arc_mm, width(width_mm)?)
             }
             Place::Point { point_mm, width_mm } => {
@@ -493,14 +449,8 @@ impl Geometry {
                 }
                 (ring, s, width_mm)
             }
-            Place::Inside {
-                centre_mm,
-                radius_mm,
-            } => {
-                positive(
-                    || format!("the radius of electrode {electrode} (mm)"),
-                    radius_mm,
-                )?;
+            Place::Inside { centre_mm, radius_mm } => {
+                positive(|| format!("the radius of electrode {electrode} (mm)"), radius_mm)?;
                 for value in centre_mm {
                     finite(|| format!("the place of electrode {electrode} (mm)"), value)?;
                 }
@@ -508,9 +458,7 @@ impl Geometry {
                     .iter()
                     .all(|r| r.nearest(centre_mm).1 > radius_mm);
                 let inside = self.rings[0].contains(centre_mm)
-                    && !self.rings[1..self.rims]
-                        .iter()
-                        .any(|r| r.contains(centre_mm));
+                    && !self.rings[1..self.rims].iter().any(|r| r.contains(centre_mm));
                 if !(clear && inside) {
                     return Err(GeometryError::NotInside { electrode });
                 }
@@ -561,24 +509,14 @@ impl Geometry {
             }
             let along = (dx * ay - dy * ax) / det;
             let t = (direction[0] * ay - direction[1] * ax) / det;
-            if (-1e-12..=1.0 + 1e-12).contains(&t)
-                && along > 0.0
-                && best.is_none_or(|(r, _)| along > r)
-            {
-                best = Some((
-                    along,
-                    [c[0] + along * direction[0], c[1] + along * direction[1]],
-                ));
+            if (-1e-12..=1.0 + 1e-12).contains(&t) && along > 0.0 && best.is_none_or(|(r, _)| along > r) {
+                best = Some((along, [c[0] + along * direction[0], c[1] + along * direction[1]]));
             }
         }
         // On a circle the angle is the arc length itself; elsewhere the nearest point of the curve to the hit.
-        let p = best.map_or(
-            [c[0] + far * direction[0], c[1] + far * direction[1]],
-            |(_, p)| p,
-        );
+        let p = best.map_or([c[0] + far * direction[0], c[1] + far * direction[1]], |(_, p)| p);
         if rim.polyline().len() == 256 && rim.corners().next().is_none() {
-            return angle_deg.to_radians().rem_euclid(std::f64::consts::TAU) * rim.length()
-                / std::f64::consts::TAU;
+            return angle_deg.to_radians().rem_euclid(std::f64::consts::TAU) * rim.length() / std::f64::consts::TAU;
         }
         rim.nearest(p).0
     }
@@ -607,10 +545,7 @@ impl Geometry {
     fn ring_centre(&self, ring: usize) -> (Point, f64) {
         let c = &self.rings[ring];
         let (a, b) = (c.point(0.0), c.point(0.5 * c.length()));
-        (
-            [0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1])],
-            0.5 * distance(a, b),
-        )
+        ([0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1])], 0.5 * distance(a, b))
     }
 
     /// Lower left and upper right corner of the outline's bounding box, mm.
@@ -719,10 +654,7 @@ mod tests {
                 angle_deg: 46.0,
                 width_mm: 10.0
             }),
-            GeometryError::Overlap {
-                first: 2,
-                second: 3
-            }
+            GeometryError::Overlap { first: 2, second: 3 }
         ));
         assert!(matches!(
             check(&|s| s.electrodes[5].place = Place::Point {

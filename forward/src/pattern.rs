@@ -18,12 +18,17 @@ impl Pair {
         Self { plus, minus }
     }
 
+    /// The same two electrodes, the other way round.
+    pub const fn reversed(self) -> Self {
+        Self {
+            plus: self.minus,
+            minus: self.plus,
+        }
+    }
+
     /// Whether the two pairs share an electrode.
     pub const fn touches(self, other: Self) -> bool {
-        self.plus == other.plus
-            || self.plus == other.minus
-            || self.minus == other.plus
-            || self.minus == other.minus
+        self.plus == other.plus || self.plus == other.minus || self.minus == other.plus || self.minus == other.minus
     }
 }
 
@@ -37,11 +42,12 @@ pub struct Measurement {
 }
 
 impl Measurement {
-    /// The measurement with drive and sense exchanged; by reciprocity its transfer impedance is the same.
+    /// The measurement with drive and sense exchanged, both turned round; by reciprocity its transfer impedance is the
+    /// same.
     pub const fn reciprocal(self) -> Self {
         Self {
-            drive: self.sense,
-            sense: self.drive,
+            drive: self.sense.reversed(),
+            sense: self.drive.reversed(),
         }
     }
 }
@@ -65,9 +71,7 @@ pub enum PatternError {
         count: usize,
     },
     /// A pair of an electrode with itself.
-    #[error(
-        "measurement {index} pairs electrode {electrode} with itself; name two different electrodes"
-    )]
+    #[error("measurement {index} pairs electrode {electrode} with itself; name two different electrodes")]
     SameElectrode {
         /// Which measurement of the pattern, from 0.
         index: usize,
@@ -102,10 +106,7 @@ impl Pattern {
     ///
     /// # Errors
     /// A measurement that names an electrode outside `0..electrodes`, or one electrode twice in a pair; an empty list.
-    pub fn from_list(
-        electrodes: usize,
-        measurements: Vec<Measurement>,
-    ) -> Result<Self, PatternError> {
+    pub fn from_list(electrodes: usize, measurements: Vec<Measurement>) -> Result<Self, PatternError> {
         if measurements.is_empty() {
             return Err(PatternError::Empty);
         }
@@ -143,14 +144,13 @@ impl Pattern {
     /// order, leaving out those that touch the drive pair. Steps of 1 and 1 on 16 electrodes give the 208 values of
     /// the field's adjacent pattern.
     ///
+    /// The current enters at m; the sense pair's positive input is `n + sense_step`, so that a homogeneous disc gives
+    /// positive values for the adjacent pattern.
+    ///
     /// # Errors
     /// [`PatternError::TooFewElectrodes`] when a step is 0 or not smaller than `electrodes`, or nothing is left to
     /// measure.
-    pub fn rotating(
-        electrodes: usize,
-        drive_step: usize,
-        sense_step: usize,
-    ) -> Result<Self, PatternError> {
+    pub fn rotating(electrodes: usize, drive_step: usize, sense_step: usize) -> Result<Self, PatternError> {
         for step in [drive_step, sense_step] {
             if step == 0 || step >= electrodes {
                 return Err(PatternError::TooFewElectrodes {
@@ -164,7 +164,7 @@ impl Pattern {
         for m in 0..electrodes {
             let drive = pair(m, drive_step);
             for n in 0..electrodes {
-                let sense = pair(n, sense_step);
+                let sense = pair(n, sense_step).reversed();
                 if !drive.touches(sense) {
                     list.push(Measurement { drive, sense });
                 }
@@ -222,12 +222,8 @@ impl Pattern {
 
     /// For every measurement the index of its reciprocal, where the pattern has it.
     pub fn reciprocal_indices(&self) -> Vec<Option<usize>> {
-        let index: std::collections::HashMap<Measurement, usize> = self
-            .measurements
-            .iter()
-            .enumerate()
-            .map(|(k, m)| (*m, k))
-            .collect();
+        let index: std::collections::HashMap<Measurement, usize> =
+            self.measurements.iter().enumerate().map(|(k, m)| (*m, k)).collect();
         self.measurements
             .iter()
             .map(|m| index.get(&m.reciprocal()).copied())
@@ -245,20 +241,14 @@ mod tests {
         assert_eq!(p.len(), 208);
         assert_eq!(p.drives().len(), 16);
         let first = p.measurements()[0];
-        assert_eq!(
-            (first.drive, first.sense),
-            (Pair::new(0, 1), Pair::new(2, 3))
-        );
+        assert_eq!((first.drive, first.sense), (Pair::new(0, 1), Pair::new(3, 2)));
         let second_drive = p.measurements()[13];
         assert_eq!(
             (second_drive.drive, second_drive.sense),
-            (Pair::new(1, 2), Pair::new(3, 4))
+            (Pair::new(1, 2), Pair::new(4, 3))
         );
         let last = p.measurements()[207];
-        assert_eq!(
-            (last.drive, last.sense),
-            (Pair::new(15, 0), Pair::new(13, 14))
-        );
+        assert_eq!((last.drive, last.sense), (Pair::new(15, 0), Pair::new(14, 13)));
     }
 
     #[test]
@@ -288,10 +278,7 @@ mod tests {
         );
         assert_eq!(
             Pattern::from_list(8, vec![m(3, 3, 2, 1)]),
-            Err(PatternError::SameElectrode {
-                index: 0,
-                electrode: 3
-            })
+            Err(PatternError::SameElectrode { index: 0, electrode: 3 })
         );
         assert!(Pattern::adjacent(3).is_err());
         assert!(Pattern::rotating(8, 0, 1).is_err());

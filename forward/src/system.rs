@@ -18,13 +18,15 @@ pub(crate) struct System {
     /// Value slots of every element's lower triangle, `entries` each.
     slots: Vec<u32>,
     /// Per element and entry the integrals of d_x d_x, d_x d_y + d_y d_x, d_y d_y.
-    stiffness: Vec<[f64; 3]>,
+    pub(crate) stiffness: Vec<[f64; 3]>,
     /// Entries of an element's lower triangle.
     pub(crate) entries: usize,
     /// The values that do not depend on the sheet: contacts.
     contacts: Vec<f64>,
     pub(crate) nodes: usize,
     pub(crate) electrodes: usize,
+    /// Integral of every node's shape function over the grounded electrode's contact, over its contact length.
+    ground: Vec<(usize, f64)>,
 }
 
 impl System {
@@ -66,13 +68,18 @@ impl System {
         }
 
         let mut contacts = vec![0.0; symbolic.values()];
+        let mut ground = Vec::new();
         for (l, (contact, length)) in mesh.contacts.iter().zip(contact_mm).enumerate() {
             for edge in contact {
                 contact_terms(mesh, edge, |term| {
                     let (i, j, value) = match term {
                         Term::NodeNode(i, j, v) => (i, j, v),
                         // The last electrode is ground: its row and column are left out.
-                        _ if l + 1 == electrodes => return,
+                        Term::NodeElectrode(i, v) if l + 1 == electrodes => {
+                            ground.push((i, v / length));
+                            return;
+                        }
+                        Term::Electrode(_) if l + 1 == electrodes => return,
                         Term::NodeElectrode(i, v) => (i, nodes + l, -v),
                         Term::Electrode(v) => (nodes + l, nodes + l, v),
                     };
@@ -88,6 +95,7 @@ impl System {
             contacts,
             nodes,
             electrodes,
+            ground,
         })
     }
 
@@ -95,17 +103,41 @@ impl System {
     pub(crate) fn tangled(&self) -> Option<usize> {
         self.stiffness
             .chunks_exact(self.entries)
-            .position(|k| !(k[0][0] + k[0][2] > 0.0))
+            .position(|k| (k[0][0] + k[0][2]).is_nan() || k[0][0] + k[0][2] <= 0.0)
     }
 
-    /// The matrix's values for these conductivities, into `values`.
-    pub(crate) fn assemble(&self, conductivity: &[Tensor], values: &mut Vec<f64>) {
+    /// The elements' integrals on a mesh whose `changed` elements have another shape.
+    pub(crate) fn reshaped(&self, mesh: &Mesh, changed: &[usize]) -> Vec<[f64; 3]> {
+        let mut stiffness = self.stiffness.clone();
+        let mut one = Vec::with_capacity(self.entries);
+        for element in changed {
+            one.clear();
+            element_stiffness(mesh, *element, &mut one);
+            stiffness[element * self.entries..(element + 1) * self.entries].copy_from_slice(&one);
+        }
+        stiffness
+    }
+
+    /// Positions in elimination order of the nodes under the grounded electrode, with their conductance to it.
+    pub(crate) fn grounded(&self) -> impl Iterator<Item = (usize, f64)> + '_ {
+        self.ground
+            .iter()
+            .map(|(node, share)| (self.symbolic.position(*node), *share))
+    }
+
+    /// Current into the grounded electrode by its contact integral, from the nodes' potentials.
+    pub(crate) fn ground_current(&self, potential: impl Fn(usize) -> f64) -> f64 {
+        self.ground.iter().map(|(node, share)| share * potential(*node)).sum()
+    }
+
+    /// The matrix's values for these conductivities and elements' integrals, into `values`.
+    pub(crate) fn assemble(&self, conductivity: &[Tensor], stiffness: &[[f64; 3]], values: &mut Vec<f64>) {
         values.clear();
         values.extend_from_slice(&self.contacts);
         let elements = self
             .slots
             .chunks_exact(self.entries)
-            .zip(self.stiffness.chunks_exact(self.entries));
+            .zip(stiffness.chunks_exact(self.entries));
         for (s, (slots, stiffness)) in conductivity.iter().zip(elements) {
             for (slot, k) in slots.iter().zip(stiffness) {
                 values[*slot as usize] += s[0] * k[0] + s[1] * k[1] + s[2] * k[2];
@@ -172,12 +204,7 @@ pub(crate) fn contact_terms(mesh: &Mesh, edge: &ContactEdge, mut add: impl FnMut
         let shape = [0.5 * t * (t - 1.0), 1.0 - t * t, 0.5 * t * (t + 1.0)];
         let slope = [t - 0.5, -2.0 * t, t + 0.5];
         let ids = [a, m, b];
-        let tangent = |k: usize| -> f64 {
-            ids.iter()
-                .zip(slope)
-                .map(|(id, d)| mesh.nodes[*id][k] * d)
-                .sum()
-        };
+        let tangent = |k: usize| -> f64 { ids.iter().zip(slope).map(|(id, d)| mesh.nodes[*id][k] * d).sum() };
         let w = w * tangent(0).hypot(tangent(1));
         for i in 0..3 {
             for j in 0..=i {

@@ -1,1 +1,38 @@
-//! hil-sim.
+//! A simulated skin: scene, rubber, electronics, converter and serial port below the firmware's own traits, in simulated
+//! time. The firmware above is the very library that runs on a board.
+//!
+//! ```text
+//! Scene -> Rubber -> SimFrontEnd -> firmware::Controller -> Uart -> SimBoard -> SimPort -> the host's reads and writes
+//! ```
+//!
+//! Nothing below [`SimPort`] knows the wall clock, and all noise is drawn from a seed and the simulated time: the same
+//! configuration and the same commands give the same bytes.
+#![forbid(unsafe_code)]
+
+mod board;
+mod clock;
+mod demo;
+mod electronics;
+mod front_end;
+mod material;
+mod noise;
+mod port;
+mod real_time;
+mod rubber;
+mod scene;
+mod sheet;
+mod touch;
+mod uart;
+
+pub use board::{BoardError, SimBoard, SimConfig};
+pub use clock::{Clock, PERIOD_SAMPLES, TICKS_PER_SAMPLE, TIMER_HZ, samples, seconds};
+pub use electronics::{Electronics, Routing};
+pub use front_end::{SimFrontEnd, SimFrontEndError};
+pub use material::Material;
+pub use noise::Noise;
+pub use port::{Pace, SimPort};
+pub use rubber::Rubber;
+pub use scene::{Scene, TouchNow};
+pub use sheet::{FixedSheet, SheetModel};
+pub use touch::{Key, Shape, Touch};
+pub use uart::Uart;

@@ -1,1 +1,24 @@
-//! host.
+//! Turns the frames of a sensor board into a picture of pressure and a list of touches.
+//!
+//! The way of a frame: [`link`] (bytes to messages), [`session`] (a board that introduced itself), [`baseline`] (the
+//! unpressed sheet), [`live`] (baseline, then pictures), [`health`] (what cannot be believed), [`reconstructor`] (gate,
+//! weigh, solve, find touches; on [`imager`]'s model, the noise told by [`noise`], with the solvers of [`reconstruct`]),
+//! [`fit`] (touches to the measurements), [`tracker`] (numbers for touches), [`view`] (what a person sees).
+#![forbid(unsafe_code)]
+
+pub mod baseline;
+pub mod fit;
+pub mod health;
+pub mod imager;
+pub mod link;
+pub mod live;
+pub mod noise;
+pub mod picture;
+pub mod ports;
+pub mod reconstruct;
+pub mod reconstructor;
+pub mod session;
+pub mod table;
+pub mod touches;
+pub mod tracker;
+pub mod view;

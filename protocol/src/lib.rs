@@ -1,2 +1,51 @@
-//! Messages.
+//! Every message that crosses the wire between the sensor board and the PC, and how it is framed.
+//!
+//! A frame on the wire is `COBS(postcard(message) + CRC-32C) + 0x00`, the CRC in little-endian order over the postcard
+//! bytes. [`encode`] makes one; a [`Decoder`] finds them again in any stream of bytes, however it is cut up.
+//!
+//! Rules for changing a message, so that boards and programs of one major version understand each other:
+//! - enum variants are identified by their position: only ever append;
+//! - a message may grow at its very end; a receiver ignores bytes after the last field it knows;
+//! - no `usize`, no float, nothing whose size depends on the machine;
+//! - anything else is a new [`Version::major`], and new golden bytes in the tests.
 #![no_std]
+#![forbid(unsafe_code)]
+#![cfg_attr(not(test), deny(clippy::indexing_slicing))]
+
+#[cfg(test)]
+extern crate std;
+
+mod counters;
+mod decode;
+mod encode;
+mod error;
+mod frame;
+mod hello;
+mod message;
+mod plan;
+mod plan_error;
+mod value;
+
+pub use counters::Counters;
+pub use decode::{Decoder, DecoderCounters};
+pub use encode::{EncodeError, encode};
+pub use error::{BoardError, FrameError, FrontEndFault};
+pub use frame::{Flags, Frame};
+pub use heapless;
+pub use hello::{Hello, Limits, Text, Version, text};
+pub use message::{Command, FromBoard, ToBoard};
+pub use plan::{MAX_ELECTRODES, MAX_SLOTS, MAX_VALUES, Pair, Plan, Sampling, Slot};
+pub use plan_error::PlanError;
+pub use value::Value;
+
+/// Bytes that hold every framed message from the board, delimiter included.
+pub const MAX_FROM_BOARD_LEN: usize = 1120;
+
+/// Bytes that hold every framed command to the board, delimiter included.
+pub const MAX_TO_BOARD_LEN: usize = 352;
+
+/// The CRC of every frame: CRC-32C (Castagnoli).
+const CRC: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISCSI);
+
+/// Bytes of the CRC.
+const CRC_LEN: usize = 4;

@@ -1,1 +1,65 @@
-//! tests.
+//! End-to-end tests: the firmware on the simulated skin, through protocol and link, to the host's touches.
+#![forbid(unsafe_code)]
+
+use forward::{Drive, Sheet};
+use hil_sim::{Pace, Rubber, Scene, SimBoard, SimConfig, SimPort};
+use host::imager::Imager;
+use host::link::Port;
+use host::live::{Live, LiveFrame, LiveOptions};
+use host::picture::Touch;
+use host::session::{Session, adjacent_plan};
+use std::error::Error;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// What the tests need of a run that went well.
+pub struct Run {
+    /// Board time (s) and touches of every picture.
+    pub pictures: Vec<(f64, Vec<Touch>)>,
+    /// Frames lost on the way.
+    pub lost_frames: u64,
+    /// Values clipped or left out, over all frames.
+    pub values_missing: usize,
+}
+
+/// A simulated board with a scene, as a port without pace.
+///
+/// # Errors
+/// The sheet, the board or the port.
+pub fn simulated(scene: Scene, config: SimConfig) -> Result<SimPort, Box<dyn Error>> {
+    let rubber = Rubber::new(&Sheet::paper(), scene)?;
+    Ok(SimPort::new(SimBoard::new(config, rubber)?, Pace::Unpaced)?)
+}
+
+/// Runs the whole chain until board time `until_s`, with the first `baseline_frames` frames as baseline.
+///
+/// # Errors
+/// Whatever goes wrong on the way.
+pub fn run(port: Box<dyn Port>, baseline_frames: usize, until_s: f64) -> Result<Run, Box<dyn Error>> {
+    let session = Session::start(port, adjacent_plan)?;
+    let imager = Arc::new(Imager::new(&Sheet::paper(), Drive::PAPER, session.pattern()?, 5.0)?);
+    let options = LiveOptions {
+        baseline_frames,
+        ..LiveOptions::default()
+    };
+    let mut live = Live::new(imager, options);
+    let mut pictures = Vec::new();
+    let mut values_missing = 0;
+    loop {
+        let frame = session
+            .frame(Duration::from_secs(10))?
+            .ok_or("the simulated board sends no frame")?;
+        if frame.time_s > until_s {
+            break;
+        }
+        values_missing += frame.values_v.iter().filter(|v| !v.is_finite()).count();
+        if let LiveFrame::Picture(result) = live.frame(&frame)? {
+            pictures.push((frame.time_s, result.touches));
+        }
+    }
+    Ok(Run {
+        pictures,
+        lost_frames: session.link().counters().lost_frames,
+        values_missing,
+    })
+}

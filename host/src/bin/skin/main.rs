@@ -1,2 +1,73 @@
-//! The command line.
-fn main() {}
+//! `skin`: the tactile skin's command line. Data go to stdout, everything else to stderr.
+#![forbid(unsafe_code)]
+
+mod forward;
+mod reconstruct;
+mod run;
+mod sheet;
+
+use clap::{Parser, Subcommand};
+use std::io::IsTerminal;
+use std::process::ExitCode;
+use tracing_subscriber::EnvFilter;
+
+/// A tactile skin without a wire in it: pictures of pressure by electrical impedance tomography.
+///
+/// Without a command: shows the board that is plugged in, or the simulated skin when there is none, live in the browser.
+///
+/// Exit codes: 0 all went well, 1 an error (said on stderr), 2 wrong usage.
+#[derive(Debug, Parser)]
+#[command(name = "skin", version, args_conflicts_with_subcommands = true)]
+struct Cli {
+    #[command(subcommand)]
+    command: Option<Command>,
+    #[command(flatten)]
+    run: run::Arguments,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Live pictures of the board, or of the simulated skin (what `skin` alone does).
+    Run(run::Arguments),
+    /// Touches and pictures from a table of measured frames.
+    Reconstruct(reconstruct::Arguments),
+    /// What a touched sheet gives: the table of measurements, simulated.
+    Forward(forward::Arguments),
+}
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    // What the library has to say beside its results; RUST_LOG asks for more.
+    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("warn"));
+    // Fails only where there is a subscriber already.
+    let _ = tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(std::io::stderr)
+        .with_ansi(std::io::stderr().is_terminal())
+        .try_init();
+    let outcome = match cli.command {
+        Some(Command::Reconstruct(arguments)) => reconstruct::run(&arguments),
+        Some(Command::Forward(arguments)) => forward::run(&arguments),
+        Some(Command::Run(arguments)) => run::run(&arguments),
+        None => run::run(&cli.run),
+    };
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        // Whoever read our output has seen enough (`skin ... | head`).
+        Err(error) if broken_pipe(&error) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("skin: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn broken_pipe(error: &anyhow::Error) -> bool {
+    error.chain().any(|cause| {
+        let io = cause.downcast_ref::<std::io::Error>().map(std::io::Error::kind);
+        let json = cause
+            .downcast_ref::<serde_json::Error>()
+            .and_then(serde_json::Error::io_error_kind);
+        io.or(json) == Some(std::io::ErrorKind::BrokenPipe)
+    })
+}

@@ -1,0 +1,210 @@
+//! The duties of a front end as a test that runs on every implementor: fakes, simulators and, as a self-test, boards.
+
+use crate::capture::Window;
+use crate::fold::Folded;
+use crate::front_end::{Error, ErrorKind, FrontEnd};
+use crate::reference::SAMPLES_PER_PERIOD;
+use crate::route::{Route, Sense};
+
+/// A duty that a front end does not keep.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Violation {
+    /// It reported an error where none was due.
+    Refused(ErrorKind),
+    /// A block does not start at a period boundary.
+    Phase {
+        /// The time it gave.
+        time: u64,
+    },
+    /// A block does not hold whole periods of the channels asked for.
+    Shape {
+        /// Samples in it.
+        samples: usize,
+        /// Channels it says it has.
+        channels: u8,
+    },
+    /// A block's number does not follow the one before.
+    Sequence {
+        /// Number expected.
+        expected: u32,
+        /// Number found.
+        found: u32,
+    },
+    /// A block's time does not follow the one before, in the same window.
+    Gap {
+        /// Time expected.
+        expected: u64,
+        /// Time found.
+        found: u64,
+    },
+    /// A window opened before its settling was over.
+    Settling {
+        /// Earliest time allowed.
+        earliest: u64,
+        /// Time found.
+        found: u64,
+    },
+    /// A window lent another number of periods than asked for.
+    Periods {
+        /// Asked for.
+        expected: u32,
+        /// Lent.
+        found: u32,
+    },
+    /// The signal is not in phase with the excitation at phase 0 of the blocks.
+    Signal {
+        /// In-phase sum.
+        in_phase: i64,
+        /// Quadrature sum.
+        quadrature: i64,
+    },
+    /// Samples were lost and nothing was said.
+    SilentOverrun,
+    /// Nothing came, however often it was polled.
+    Stuck,
+}
+
+/// Polls without a block before a front end counts as stuck.
+const PATIENCE: u32 = 50_000_000;
+
+/// Runs every law on a front end. `route` must put a voltage on its first channel that is in phase with the excitation,
+/// of at least half the converter's range from peak to peak; `channels` is how many channels it has. `stall` must let
+/// more time pass than the front end has room for blocks.
+///
+/// # Errors
+/// The first duty found broken. The excitation is then left on.
+pub fn check<F: FrontEnd>(
+    front: &mut F,
+    route: &Route,
+    channels: u8,
+    mut stall: impl FnMut(&mut F),
+) -> Result<(), Violation> {
+    let refused = |e: F::Error| Violation::Refused(e.kind());
+    let channels = match route.sense {
+        Sense::One(_) => 1,
+        Sense::All { .. } => channels,
+    };
+    front.switch_on().map_err(refused)?;
+    front.select(route).map_err(refused)?;
+    let mut ledger = Ledger::default();
+    for (settle_periods, periods) in [(0, 1), (1, 1), (3, 4), (0, 5), (2, 40)] {
+        let window = Window {
+            settle_periods,
+            periods,
+            channels,
+        };
+        front.begin(window).map_err(refused)?;
+        let folded = ledger.read(front, window)?;
+        let p = folded.correlate(0);
+        if p.in_phase <= 0 || p.quadrature.abs() > p.in_phase / 4 {
+            return Err(Violation::Signal {
+                in_phase: p.in_phase,
+                quadrature: p.quadrature,
+            });
+        }
+    }
+
+    // A window begun anew lends its own periods only.
+    let long = Window {
+        settle_periods: 0,
+        periods: 1000,
+        channels,
+    };
+    let short = Window { periods: 3, ..long };
+    front.begin(long).map_err(refused)?;
+    front.begin(short).map_err(refused)?;
+    ledger.read(front, short)?;
+
+    // Lost samples are said, and the next window is whole again.
+    front.begin(long).map_err(refused)?;
+    stall(front);
+    match ledger.read(front, long) {
+        Err(Violation::Refused(ErrorKind::Overrun)) => {}
+        Err(other) => return Err(other),
+        Ok(_) => return Err(Violation::SilentOverrun),
+    }
+    ledger.next = None;
+    front.begin(short).map_err(refused)?;
+    ledger.read(front, short)?;
+    front.switch_off().map_err(refused)
+}
+
+/// What the blocks so far lead one to expect.
+#[derive(Default)]
+struct Ledger {
+    /// Number of the next block.
+    next: Option<u32>,
+    /// Time after the last block, in samples.
+    end: u64,
+}
+
+impl Ledger {
+    /// Reads a window that was just opened.
+    fn read<F: FrontEnd>(&mut self, front: &mut F, window: Window) -> Result<Folded, Violation> {
+        let mut folded = Folded::new();
+        folded.reset(window.channels);
+        let wanted = u32::from(window.periods);
+        let mut earliest = self.end + u64::from(window.settle_periods) * SAMPLES_PER_PERIOD as u64;
+        while folded.periods() < wanted {
+            let seen = poll(front, |block| {
+                let shape = Violation::Shape {
+                    samples: block.samples.len(),
+                    channels: block.channels,
+                };
+                folded.add(block).map_err(|_| shape)?;
+                let periods = block.periods().ok_or(shape)?;
+                Ok((block.time, block.sequence, periods))
+            })?;
+            let (time, sequence, periods) = seen.ok_or(Violation::Stuck)??;
+            if !time.is_multiple_of(SAMPLES_PER_PERIOD as u64) {
+                return Err(Violation::Phase { time });
+            }
+            if let Some(expected) = self.next.filter(|n| *n != sequence) {
+                return Err(Violation::Sequence {
+                    expected,
+                    found: sequence,
+                });
+            }
+            if time < earliest {
+                return Err(Violation::Settling { earliest, found: time });
+            }
+            let first = folded.periods() == periods;
+            if !first && time != self.end {
+                return Err(Violation::Gap {
+                    expected: self.end,
+                    found: time,
+                });
+            }
+            self.next = Some(sequence.wrapping_add(1));
+            self.end = time + u64::from(periods) * SAMPLES_PER_PERIOD as u64;
+            earliest = self.end;
+        }
+        // A block more than asked for is as wrong as one less.
+        let more = front.poll_block(|block| block.periods().unwrap_or(0));
+        let surplus = more.unwrap_or(0);
+        let found = folded.periods() + surplus;
+        if found != wanted {
+            return Err(Violation::Periods {
+                expected: wanted,
+                found,
+            });
+        }
+        Ok(folded)
+    }
+}
+
+/// Polls until a block comes; `None` if none does.
+fn poll<F: FrontEnd, R>(
+    front: &mut F,
+    mut f: impl FnMut(&crate::capture::Block<'_>) -> R,
+) -> Result<Option<R>, Violation> {
+    for _ in 0..PATIENCE {
+        match front.poll_block(&mut f) {
+            Ok(r) => return Ok(Some(r)),
+            Err(nb::Error::WouldBlock) => {}
+            Err(nb::Error::Other(e)) => return Err(Violation::Refused(e.kind())),
+        }
+    }
+    Ok(None)
+}

@@ -1,0 +1,47 @@
+//! Which electrodes are connected to what.
+
+use crate::front_end::ErrorType;
+use protocol::Pair;
+
+/// What the converter's channels see.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sense {
+    /// One channel, on this pair.
+    One(Pair),
+    /// As many channels as electrodes: channel n on electrode `n + step` (positive input, modulo the number of
+    /// electrodes) against n.
+    All {
+        /// Distance between the electrodes of a pair.
+        step: u8,
+    },
+}
+
+/// A setting of all switches.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Route {
+    /// Where the excitation enters and leaves the sheet.
+    pub drive: Pair,
+    /// What is measured.
+    pub sense: Sense,
+    /// Number of the gain, from 0, of the board's table.
+    pub gain: u8,
+}
+
+/// Sets the multiplexers.
+pub trait Router: ErrorType {
+    /// Connects `route` and nothing else, at once.
+    ///
+    /// The implementor's duties: break before make, so that no two electrodes are ever joined through the switches on
+    /// the way; all address lines in one register write, so that no third electrode is selected on the way. The caller
+    /// has checked electrodes and gain against what the board said it has.
+    ///
+    /// # Errors
+    /// The switches could not be set; what is connected is then unknown.
+    fn select(&mut self, route: &Route) -> Result<(), Self::Error>;
+}
+
+impl<T: Router + ?Sized> Router for &mut T {
+    fn select(&mut self, route: &Route) -> Result<(), Self::Error> {
+        T::select(self, route)
+    }
+}

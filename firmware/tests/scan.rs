@@ -1,0 +1,365 @@
+//! Scan, command loop and outbox on the smallest front end.
+#![allow(clippy::unwrap_used, reason = "a failure here is a failed test")]
+
+mod fake;
+
+use fake::{ELECTRODES, Fake, Flaw, Wire, amplitude};
+use firmware::{
+    Activity, Blocking, BoardInfo, Controller, ErrorKind, Folded, Outbox, Route, Sense, Window, laws, laws::Violation,
+};
+use proptest::prelude::*;
+use protocol::{
+    BoardError, Command, Decoder, Frame, FrameError, FromBoard, FrontEndFault, MAX_FROM_BOARD_LEN, MAX_TO_BOARD_LEN,
+    Pair, Plan, PlanError, Sampling, ToBoard, encode,
+};
+
+const INFO: BoardInfo<'static> = BoardInfo {
+    name: "fake",
+    serial: "1",
+    electrodes: ELECTRODES,
+    channels: 16,
+    timer_hz: 84_000_000,
+    ticks_per_sample: 1425,
+    adc_span_uv: 3_300_000,
+    excitation_uv: 2_250_000,
+    gains_milli: &[1000],
+};
+
+struct Bench {
+    board: Controller<Fake, Wire>,
+    wire: Wire,
+    decoder: Decoder<MAX_FROM_BOARD_LEN>,
+}
+
+impl Bench {
+    /// A board whose start-up message was read.
+    fn new(plan: Plan) -> Self {
+        let wire = Wire::default();
+        wire.room.set(usize::MAX);
+        let board = Controller::new(&INFO, plan, Fake::new(), wire.clone()).unwrap();
+        let mut this = Self {
+            board,
+            wire,
+            decoder: Decoder::new(),
+        };
+        let first = this.run(3);
+        assert!(matches!(&first[..], [FromBoard::Hello(h)] if h.board == "fake"));
+        this
+    }
+
+    fn command(&mut self, command: &ToBoard) {
+        let mut buffer = [0; MAX_TO_BOARD_LEN];
+        let bytes = encode(command, &mut buffer).unwrap();
+        self.wire.to_board.borrow_mut().extend(bytes);
+    }
+
+    fn run(&mut self, polls: usize) -> Vec<FromBoard> {
+        for _ in 0..polls {
+            self.board.poll();
+        }
+        self.read()
+    }
+
+    fn read(&mut self) -> Vec<FromBoard> {
+        let mut out = Vec::new();
+        let bytes = std::mem::take(&mut *self.wire.from_board.borrow_mut());
+        self.decoder.push(&bytes, |m| out.push(m.unwrap()));
+        out
+    }
+
+    fn frames(&mut self, polls: usize) -> Vec<Frame> {
+        let frame = |m| match m {
+            FromBoard::Frame(f) => Some(f),
+            _ => None,
+        };
+        self.run(polls).into_iter().filter_map(frame).collect()
+    }
+}
+
+#[test]
+fn the_fake_keeps_the_laws() {
+    let route = Route {
+        drive: Pair { plus: 0, minus: 1 },
+        sense: Sense::All { step: 1 },
+        gain: 0,
+    };
+    let stall = |f: &mut &mut Fake| f.now += 100_000;
+    assert_eq!(laws::check(&mut &mut Fake::new(), &route, 16, stall), Ok(()));
+}
+
+#[test]
+fn a_front_end_that_breaks_a_law_is_found_out() {
+    let found = |flaw| {
+        let route = Route {
+            drive: Pair { plus: 0, minus: 1 },
+            sense: Sense::All { step: 1 },
+            gain: 0,
+        };
+        let mut fake = Fake::new();
+        fake.flaw = Some(flaw);
+        laws::check(&mut fake, &route, 16, |f| f.now += 100_000)
+    };
+    assert!(matches!(found(Flaw::Late), Err(Violation::Phase { .. })));
+    assert!(matches!(found(Flaw::Skips), Err(Violation::Gap { .. })));
+    assert!(matches!(found(Flaw::Repeats), Err(Violation::Sequence { .. })));
+    assert!(matches!(found(Flaw::Hasty), Err(Violation::Settling { .. })));
+    assert!(matches!(found(Flaw::Cut), Err(Violation::Shape { .. })));
+    assert!(matches!(found(Flaw::Surplus), Err(Violation::Periods { .. })));
+    assert!(matches!(found(Flaw::Reversed), Err(Violation::Signal { .. })));
+    assert_eq!(found(Flaw::Silent), Err(Violation::SilentOverrun));
+    assert_eq!(found(Flaw::Mute), Err(Violation::Stuck));
+}
+
+#[test]
+fn the_blocking_adapter_lends_the_whole_window() {
+    let mut front = Fake::new();
+    front.on = true;
+    let pair = Pair { plus: 3, minus: 2 };
+    front.route = Some(Route {
+        drive: Pair { plus: 0, minus: 1 },
+        sense: Sense::One(pair),
+        gain: 0,
+    });
+    let mut folded = Folded::new();
+    let window = Window {
+        settle_periods: 2,
+        periods: 7,
+        channels: 1,
+    };
+    Blocking(&mut front)
+        .capture(window, |b| folded.add(b).unwrap())
+        .unwrap();
+    assert_eq!(folded.periods(), 7);
+    let a = folded.correlate(0).values(7).0.codes();
+    assert!((a - amplitude(Pair { plus: 0, minus: 1 }, pair)).abs() < 0.3);
+}
+
+#[test]
+fn values_come_in_the_plans_order_either_way() {
+    for plan in [Plan::paper(), Plan::fast()] {
+        let mut bench = Bench::new(plan.clone());
+        bench.command(&ToBoard::Start);
+        let frames = bench.frames(6000);
+        assert!(frames.len() > 1, "{}", frames.len());
+        for (k, frame) in frames.iter().enumerate() {
+            assert_eq!((frame.sequence, frame.plan), (k as u32, plan.id));
+            assert_eq!((frame.values.len(), frame.quadrature.len()), (208, 0));
+            assert_eq!(frame.clipped.count(), 0);
+            for (value, (drive, sense)) in frame.values.iter().zip(plan.measurements(ELECTRODES)) {
+                // Rounding to codes costs at most 2/16 * sum |sin| / 2 = 0.63 code.
+                let expected = amplitude(drive, sense);
+                assert!((value.codes() - expected).abs() < 0.64, "{drive:?} {sense:?}");
+            }
+        }
+        // As long as the plan says, and first sample after the first settling.
+        let n = 16;
+        let duration = frames[1].time - frames[0].time;
+        assert_eq!(duration, u64::from(plan.periods()) * n);
+    }
+}
+
+#[test]
+fn quadrature_comes_when_asked_for() {
+    let plan = Plan {
+        quadrature: true,
+        ..Plan::fast()
+    };
+    let mut bench = Bench::new(plan);
+    bench.command(&ToBoard::Start);
+    let frame = bench.frames(200).remove(0);
+    assert_eq!(frame.quadrature.len(), 208);
+    assert!(frame.quadrature.iter().all(|q| q.codes().abs() < 0.64));
+}
+
+#[test]
+fn every_command_is_answered() {
+    let mut bench = Bench::new(Plan::paper());
+    bench.command(&ToBoard::Hello);
+    bench.command(&ToBoard::GetPlan);
+    bench.command(&ToBoard::SetPlan(Plan::fast()));
+    bench.command(&ToBoard::GetPlan);
+    bench.command(&ToBoard::Stop);
+    bench.command(&ToBoard::GetCounters);
+    bench.command(&ToBoard::ResetCounters);
+    let answers = bench.run(30);
+    assert!(matches!(&answers[0], FromBoard::Hello(h) if h.electrodes == 16));
+    assert_eq!(answers[1], FromBoard::Plan(Plan::paper()));
+    assert_eq!(answers[2], FromBoard::Plan(Plan::fast()));
+    assert_eq!(answers[3], FromBoard::Plan(Plan::fast()));
+    assert_eq!(answers[4], FromBoard::Ack(Command::Stop));
+    assert!(matches!(&answers[5], FromBoard::Counters(c) if c.commands == 6));
+    assert_eq!(answers[6], FromBoard::Ack(Command::ResetCounters));
+    assert_eq!(bench.board.poll(), Activity::Idle);
+}
+
+#[test]
+fn what_cannot_be_done_is_refused_and_changes_nothing() {
+    let mut bench = Bench::new(Plan::fast());
+    let mut bad = Plan::paper();
+    bad.slots[9].drive.plus = 200;
+    bench.command(&ToBoard::SetPlan(bad));
+    // An undamaged message of a later protocol, and a damaged one.
+    let mut buffer = [0; 64];
+    let unknown = encode(&99u8, &mut buffer).unwrap().to_vec();
+    bench.wire.to_board.borrow_mut().extend(&unknown);
+    bench.wire.to_board.borrow_mut().extend(&[5, 1, 2, 3, 4, 2, 9, 0]);
+    bench.command(&ToBoard::GetPlan);
+    let refusal = PlanError::Electrode {
+        slot: 9,
+        electrode: 200,
+        count: 16,
+    };
+    let expected = [
+        FromBoard::Error(BoardError::Plan(refusal)),
+        FromBoard::Error(BoardError::Command(FrameError::Unknown)),
+        FromBoard::Error(BoardError::Command(FrameError::Crc)),
+        FromBoard::Plan(Plan::fast()),
+    ];
+    assert_eq!(bench.run(30), expected);
+    assert_eq!(bench.board.counters().refused, 3);
+}
+
+#[test]
+fn an_overrun_costs_one_frame_and_leaves_a_gap() {
+    let mut bench = Bench::new(Plan::fast());
+    bench.command(&ToBoard::Start);
+    let before = bench.frames(500);
+    bench.board.front_mut().now += 10_000;
+    let after = bench.frames(500);
+    let last = before.last().unwrap().sequence;
+    assert_eq!(after[0].sequence, last + 2);
+    assert_eq!(bench.board.counters().overruns, 1);
+    assert!(after.windows(2).all(|w| w[1].sequence == w[0].sequence + 1));
+    for frame in &after {
+        assert_eq!(frame.values.len(), 208);
+    }
+}
+
+#[test]
+fn any_other_fault_stops_the_scan_and_is_reported() {
+    for (kind, fault) in [
+        (ErrorKind::Route, FrontEndFault::Route),
+        (ErrorKind::Timeout, FrontEndFault::Timeout),
+        (ErrorKind::Other, FrontEndFault::Other),
+    ] {
+        let mut bench = Bench::new(Plan::fast());
+        bench.command(&ToBoard::Start);
+        bench.frames(100);
+        bench.board.front_mut().fault = Some(kind);
+        let said = bench.run(100);
+        let error = FromBoard::Error(BoardError::FrontEnd(fault));
+        assert!(said.contains(&error), "{said:?}");
+        assert!(!bench.board.running() && !bench.board.front_mut().on);
+        assert!(bench.frames(300).is_empty());
+        // And it can be started again.
+        bench.command(&ToBoard::Start);
+        assert!(!bench.frames(300).is_empty());
+    }
+}
+
+#[test]
+fn a_rail_is_flagged_at_the_value_that_touched_it() {
+    let mut bench = Bench::new(Plan {
+        sampling: Sampling::Sequential,
+        ..Plan::fast()
+    });
+    // The largest amplitude, 800 + 50 * 15 - 7 * n, then reaches full scale for the last drive's first values only.
+    bench.board.front_mut().offset = 4095.0 - 1500.0;
+    bench.command(&ToBoard::Start);
+    let frame = bench.frames(1500).remove(0);
+    for (k, (drive, sense)) in Plan::fast().measurements(ELECTRODES).enumerate() {
+        let reaches = (2595.0 + amplitude(drive, sense)).round() >= 4095.0;
+        assert_eq!(frame.clipped.get(k), reaches, "{k}");
+    }
+    assert!(frame.clipped.count() > 0);
+}
+
+#[test]
+fn a_slow_link_costs_whole_frames_and_never_the_scan() {
+    let mut bench = Bench::new(Plan::fast());
+    bench.command(&ToBoard::Start);
+    bench.frames(10);
+    // The link stops in the middle of a frame.
+    bench.wire.room.set(1000);
+    let mut got = bench.frames(20_000);
+    let measured = bench.board.counters().frames;
+    assert!(measured > 200, "the scan went on: {measured}");
+    bench.wire.room.set(usize::MAX);
+    got.extend(bench.frames(2));
+    // What came is whole (the decoder found no error), in order, and the newest is among it.
+    assert!(got.windows(2).all(|w| w[0].sequence < w[1].sequence));
+    assert_eq!(got.last().unwrap().sequence, measured - 1);
+    let dropped = bench.board.counters().dropped;
+    let gaps: u32 = got.windows(2).map(|w| w[1].sequence - w[0].sequence - 1).sum();
+    assert_eq!(dropped, gaps);
+    assert!(dropped > 150);
+}
+
+#[test]
+fn answers_outlive_frames_in_the_queue() {
+    let mut outbox = Outbox::<3>::new();
+    let frame = |sequence| {
+        FromBoard::Frame(Frame {
+            sequence,
+            ..Frame::default()
+        })
+    };
+    let mut dropped = outbox.push(&frame(0));
+    dropped += outbox.push(&FromBoard::Ack(Command::Start));
+    dropped += outbox.push(&frame(1));
+    assert_eq!(dropped, 0);
+    // One byte of frame 0 goes out after the delimiter: it must be finished.
+    let mut wire = Wire::default();
+    wire.room.set(2);
+    assert_eq!(outbox.pump(&mut wire), Ok(2));
+    assert_eq!(outbox.push(&frame(2)), 1);
+    assert_eq!(outbox.push(&FromBoard::Ack(Command::Stop)), 1);
+    assert_eq!(outbox.push(&FromBoard::Ack(Command::ResetCounters)), 1);
+    wire.room.set(usize::MAX);
+    outbox.pump(&mut wire).unwrap();
+    assert!(outbox.is_empty());
+    let mut out: Vec<FromBoard> = Vec::new();
+    let mut decoder = Decoder::<MAX_FROM_BOARD_LEN>::new();
+    decoder.push(&wire.from_board.borrow(), |m| out.push(m.unwrap()));
+    let kept = [
+        frame(0),
+        FromBoard::Ack(Command::Stop),
+        FromBoard::Ack(Command::ResetCounters),
+    ];
+    assert_eq!(out, kept);
+}
+
+#[test]
+fn a_new_plan_in_the_middle_of_a_frame_takes_over_at_once_without_a_gap() {
+    let mut bench = Bench::new(Plan::paper());
+    bench.command(&ToBoard::Start);
+    bench.frames(100);
+    bench.command(&ToBoard::SetPlan(Plan::fast()));
+    let frames = bench.frames(300);
+    assert_eq!((frames[0].sequence, frames[0].plan), (0, 2));
+    assert_eq!(frames[0].values.len(), 208);
+    bench.command(&ToBoard::Stop);
+    bench.run(5);
+    assert!(bench.frames(200).is_empty());
+    bench.command(&ToBoard::Start);
+    let again = bench.frames(200);
+    assert_eq!(again[0].sequence, frames.last().unwrap().sequence + 1);
+}
+
+proptest! {
+    #[test]
+    fn no_bytes_can_stop_the_board(
+        noise in proptest::collection::vec(prop_oneof![Just(0u8), any::<u8>()], 0..600),
+        started: bool,
+    ) {
+        let mut bench = Bench::new(Plan::fast());
+        if started {
+            bench.command(&ToBoard::Start);
+        }
+        bench.wire.to_board.borrow_mut().extend(&noise);
+        bench.wire.to_board.borrow_mut().push_back(0);
+        bench.command(&ToBoard::Hello);
+        let said = bench.run(200);
+        prop_assert!(said.iter().any(|m| matches!(m, FromBoard::Hello(_))));
+    }
+}

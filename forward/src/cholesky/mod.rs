@@ -1,0 +1,116 @@
+//! Sparse Cholesky factorisation of one pattern with many values: the symbolic part once, the numeric part as often as
+//! the values change. The last unknowns (the electrodes) stay last, so that their Schur complement is a corner of the
+//! factor and the electrodes' own impedances need no solve at all.
+
+mod factor;
+mod symbolic;
+
+pub(crate) use factor::Factor;
+pub(crate) use symbolic::Symbolic;
+
+use thiserror::Error;
+
+/// Why a factorisation failed.
+#[derive(Clone, Debug, Error, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum CholeskyError {
+    /// The matrix is not positive definite to working precision.
+    #[error(
+        "the system is not positive definite at unknown {unknown}; \
+         the conductivities or contact impedances span more than double precision can hold"
+    )]
+    NotPositiveDefinite {
+        /// Where the pivot failed, in elimination order.
+        unknown: usize,
+    },
+    /// No memory for the factor.
+    #[error("no memory for the factor of {unknowns} unknowns; ask for less accuracy")]
+    OutOfMemory {
+        /// Size of the system.
+        unknowns: usize,
+    },
+}
+
+/// Columns of a right-hand side worked on at once.
+pub(crate) const BLOCK: usize = 16;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::DMatrix;
+    use rand::{Rng, SeedableRng};
+
+    /// A random sparse symmetric matrix, diagonally dominant.
+    fn example(n: usize) -> (Vec<[usize; 2]>, DMatrix<f64>) {
+        let mut rng = rand::rngs::StdRng::seed_from_u64(7);
+        let mut pairs = Vec::new();
+        let mut dense = DMatrix::identity(n, n);
+        for _ in 0..3 * n {
+            let (i, j) = (rng.random_range(0..n), rng.random_range(0..n));
+            if i != j {
+                let v = rng.random_range(-1.0..1.0);
+                pairs.push([i, j]);
+                dense[(i, j)] += v;
+                dense[(j, i)] += v;
+                dense[(i, i)] += 2.0;
+                dense[(j, j)] += 2.0;
+            }
+        }
+        (pairs, dense)
+    }
+
+    #[test]
+    fn agrees_with_a_dense_factorisation() {
+        let (n, keep) = (120, 7);
+        let (pairs, dense) = example(n);
+        let symbolic = Symbolic::new(n, keep, &pairs).unwrap();
+        let mut values = vec![0.0; symbolic.values()];
+        for i in 0..n {
+            values[symbolic.slot(i, i)] = dense[(i, i)];
+        }
+        for [i, j] in &pairs {
+            values[symbolic.slot(*i, *j)] = dense[(*i, *j)];
+        }
+        let mut factor = Factor::new(&symbolic).unwrap();
+        factor.factorize(&symbolic, &values).unwrap();
+
+        let inverse = dense.clone().try_inverse().unwrap();
+        let corner = factor.corner(&symbolic, keep);
+        let schur = &corner * corner.transpose();
+        let expected = inverse
+            .view((n - keep, n - keep), (keep, keep))
+            .clone_owned()
+            .try_inverse()
+            .unwrap();
+        assert!((schur - expected).amax() < 1e-12);
+
+        let mut x = vec![[0.0; BLOCK]; n];
+        let columns: Vec<usize> = (0..BLOCK).map(|k| 5 * k).collect();
+        for (k, i) in columns.iter().enumerate() {
+            x[symbolic.position(*i)][k] = 1.0;
+        }
+        factor.forward_substitute(&symbolic, &mut x, 0);
+        factor.back_substitute(&symbolic, &mut x);
+        for (k, i) in columns.iter().enumerate() {
+            for j in 0..n {
+                let got = x[symbolic.position(j)][k];
+                assert!((got - inverse[(j, *i)]).abs() < 1e-12);
+            }
+        }
+    }
+
+    #[test]
+    fn an_indefinite_matrix_is_an_error() {
+        let symbolic = Symbolic::new(3, 1, &[[0, 1], [1, 2]]).unwrap();
+        let mut values = vec![0.0; symbolic.values()];
+        for i in 0..3 {
+            values[symbolic.slot(i, i)] = 1.0;
+        }
+        values[symbolic.slot(0, 1)] = 2.0;
+        let mut factor = Factor::new(&symbolic).unwrap();
+        assert!(matches!(
+            factor.factorize(&symbolic, &values),
+            Err(CholeskyError::NotPositiveDefinite { .. })
+        ));
+    }
+}

@@ -1,0 +1,197 @@
+//! Sheets as TOML files.
+//!
+//! ```toml
+//! sheet_resistance_ohm = 1000.0              # of one square
+//! outline = { kind = "disc", diameter_mm = 195.0 }   # or rectangle, polygon, smooth
+//! holes = [{ kind = "disc", diameter_mm = 20.0, centre_mm = [30.0, 0.0] }]
+//!
+//! [electrode_ring]                           # evenly spaced by angle on the outline, or...
+//! count = 16
+//! width_mm = 10.0
+//! contact_mm = 1.0                           # contact impedance as a length of sheet
+//! first_deg = 0.0
+//! clockwise = false
+//!
+//! [[electrodes]]                             # ...one by one: angle_deg, arc_mm or point_mm with width_mm,
+//! centre_mm = [0.0, 0.0]                     # or centre_mm with radius_mm for a disc inside the sheet
+//! radius_mm = 3.0
+//! contact_mm = 1.0
+//!
+//! [pattern]                                  # optional
+//! drive_step = 1
+//! sense_step = 1
+//! ```
+
+use crate::curve::Point;
+use crate::geometry::{Electrode, Outline, Place, Sheet};
+use crate::pattern::{Pattern, PatternError};
+use serde::Deserialize;
+use thiserror::Error;
+
+/// What is wrong with a sheet's file.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum SheetFileError {
+    /// Not the TOML expected; the message names line and column.
+    #[error("{0}")]
+    Toml(#[from] toml::de::Error),
+    /// An electrode that says too little or too much about its place.
+    #[error(
+        "electrode {electrode} must have one of angle_deg, arc_mm or point_mm with width_mm, or centre_mm with radius_mm"
+    )]
+    Place {
+        /// Which one of the list, from 0.
+        electrode: usize,
+    },
+    /// The pattern does not fit the electrodes.
+    #[error("pattern: {0}")]
+    Pattern(#[from] PatternError),
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    sheet_resistance_ohm: f64,
+    outline: Outline,
+    #[serde(default)]
+    holes: Vec<Outline>,
+    electrode_ring: Option<Ring>,
+    #[serde(default)]
+    electrodes: Vec<One>,
+    #[serde(default)]
+    pattern: Steps,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Ring {
+    count: usize,
+    width_mm: f64,
+    contact_mm: f64,
+    #[serde(default)]
+    first_deg: f64,
+    #[serde(default)]
+    clockwise: bool,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct One {
+    angle_deg: Option<f64>,
+    arc_mm: Option<f64>,
+    point_mm: Option<Point>,
+    centre_mm: Option<Point>,
+    width_mm: Option<f64>,
+    radius_mm: Option<f64>,
+    contact_mm: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Steps {
+    drive_step: usize,
+    sense_step: usize,
+}
+
+impl Default for Steps {
+    fn default() -> Self {
+        Self {
+            drive_step: 1,
+            sense_step: 1,
+        }
+    }
+}
+
+impl One {
+    fn place(&self) -> Option<Place> {
+        match (
+            self.angle_deg,
+            self.arc_mm,
+            self.point_mm,
+            self.centre_mm,
+            self.width_mm,
+            self.radius_mm,
+        ) {
+            (Some(angle_deg), None, None, None, Some(width_mm), None) => Some(Place::Angle { angle_deg, width_mm }),
+            (None, Some(arc_mm), None, None, Some(width_mm), None) => Some(Place::Arc { arc_mm, width_mm }),
+            (None, None, Some(point_mm), None, Some(width_mm), None) => Some(Place::Point { point_mm, width_mm }),
+            (None, None, None, Some(centre_mm), None, Some(radius_mm)) => Some(Place::Inside { centre_mm, radius_mm }),
+            _ => None,
+        }
+    }
+}
+
+/// Reads a sheet and its measurements from TOML; electrodes of the ring come first.
+///
+/// # Errors
+/// [`SheetFileError`]; whether the geometry makes sense is checked when a model is made of it.
+pub fn parse_sheet(text: &str) -> Result<(Sheet, Pattern), SheetFileError> {
+    let file: File = toml::from_str(text)?;
+    let mut electrodes = Vec::new();
+    if let Some(ring) = &file.electrode_ring {
+        let turn = if ring.clockwise { -360.0 } else { 360.0 };
+        electrodes.extend((0..ring.count).map(|l| Electrode {
+            place: Place::Angle {
+                angle_deg: ring.first_deg + turn * l as f64 / ring.count as f64,
+                width_mm: ring.width_mm,
+            },
+            contact_mm: ring.contact_mm,
+        }));
+    }
+    for (electrode, one) in file.electrodes.iter().enumerate() {
+        electrodes.push(Electrode {
+            place: one.place().ok_or(SheetFileError::Place { electrode })?,
+            contact_mm: one.contact_mm,
+        });
+    }
+    let pattern = Pattern::rotating(electrodes.len(), file.pattern.drive_step, file.pattern.sense_step)?;
+    let sheet = Sheet {
+        sheet_resistance_ohm: file.sheet_resistance_ohm,
+        outline: file.outline,
+        holes: file.holes,
+        electrodes,
+    };
+    Ok((sheet, pattern))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PAPER: &str = "sheet_resistance_ohm = 1000.0
+outline = { kind = \"disc\", diameter_mm = 195.0 }
+[electrode_ring]
+count = 16
+width_mm = 10.0
+contact_mm = 1.0
+";
+
+    #[test]
+    fn the_papers_sheet() {
+        let (sheet, pattern) = parse_sheet(PAPER).unwrap();
+        assert_eq!(sheet, Sheet::paper());
+        assert_eq!(pattern.len(), 208);
+    }
+
+    #[test]
+    fn electrodes_one_by_one() {
+        let text = format!("{PAPER}[[electrodes]]\ncentre_mm = [0.0, 1.0]\nradius_mm = 3.0\ncontact_mm = 2.0\n");
+        let (sheet, _) = parse_sheet(&text).unwrap();
+        assert_eq!(sheet.electrodes.len(), 17);
+        assert_eq!(
+            sheet.electrodes[16].place,
+            Place::Inside {
+                centre_mm: [0.0, 1.0],
+                radius_mm: 3.0
+            }
+        );
+    }
+
+    #[test]
+    fn errors_say_where() {
+        let unknown = parse_sheet(&format!("colour = 3\n{PAPER}")).unwrap_err().to_string();
+        assert!(unknown.contains("line 1") && unknown.contains("colour"), "{unknown}");
+        let vague = parse_sheet(&format!("{PAPER}[[electrodes]]\nwidth_mm = 3.0\ncontact_mm = 2.0\n"));
+        assert!(matches!(vague, Err(SheetFileError::Place { electrode: 0 })));
+    }
+}

@@ -1,0 +1,310 @@
+//! The state of a sheet under some resistivity, and its solution.
+
+use crate::cholesky::{BLOCK, CholeskyError, Factor};
+use crate::field::{DiscTouch, UNPRESSED, conductivity_of_discs};
+use crate::fit;
+use crate::impedance::ElectrodeMatrix;
+use crate::mesh::Mesh;
+use crate::model::{ForwardError, Model};
+use crate::precision;
+use crate::system::Tensor;
+use crate::update::Update;
+use nalgebra::DMatrix;
+use std::sync::Arc;
+
+/// A mesh fitted to touches, with its elements' integrals.
+struct Shape {
+    mesh: Mesh,
+    stiffness: Vec<[f64; 3]>,
+    changed: Vec<usize>,
+}
+
+/// How the last solution came about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Work {
+    /// Nothing: the state asked for was the one already solved.
+    Nothing,
+    /// A correction to the last factorisation, of this many unknowns.
+    LowRank {
+        /// Unknowns whose equations differ from the factorised ones.
+        unknowns: usize,
+    },
+    /// A new factorisation.
+    Factorisation,
+}
+
+/// The state of a sheet under some resistivity, and its solution.
+pub struct Solver {
+    model: Arc<Model>,
+    conductivity: Vec<Tensor>,
+    touches: Option<Vec<DiscTouch>>,
+    shape: Option<Box<Shape>>,
+    values: Vec<f64>,
+    /// The values that `factor` belongs to.
+    reference: Vec<f64>,
+    factor: Factor,
+    /// Inverse of the factor's last corner, that of the electrodes.
+    corner: DMatrix<f64>,
+    update: Option<Update>,
+    refine: bool,
+    matrix: ElectrodeMatrix,
+    work: Work,
+}
+
+impl Solver {
+    /// The unpressed sheet, solved.
+    ///
+    /// # Errors
+    /// [`ForwardError::Cholesky`] or [`ForwardError::Precision`] when contacts or conductivities span more than double
+    /// precision holds.
+    pub fn new(model: Arc<Model>) -> Result<Self, ForwardError> {
+        let conductivity = vec![UNPRESSED; model.mesh().triangles.len()];
+        let factor = Factor::new(&model.system.symbolic)?;
+        let electrodes = model.electrodes();
+        let mut this = Self {
+            model,
+            conductivity,
+            touches: None,
+            shape: None,
+            values: Vec::new(),
+            reference: Vec::new(),
+            factor,
+            corner: DMatrix::zeros(0, 0),
+            update: None,
+            refine: false,
+            matrix: ElectrodeMatrix::from_potentials(DMatrix::zeros(electrodes, electrodes)),
+            work: Work::Factorisation,
+        };
+        this.refresh()?;
+        Ok(this)
+    }
+
+    /// The model solved.
+    pub fn model(&self) -> &Arc<Model> {
+        &self.model
+    }
+
+    /// The mesh of the state solved: the model's, or after [`Solver::solve_touches`] the one fitted to the touches (the
+    /// same nodes and elements, some of them moved).
+    pub fn mesh(&self) -> &Mesh {
+        match &self.shape {
+            Some(shape) => &shape.mesh,
+            None => self.model.mesh(),
+        }
+    }
+
+    /// Conductivity of every element, relative to the unpressed sheet.
+    pub fn conductivity(&self) -> &[Tensor] {
+        &self.conductivity
+    }
+
+    /// What the electrodes see.
+    pub fn electrode_matrix(&self) -> &ElectrodeMatrix {
+        &self.matrix
+    }
+
+    /// How the last solution came about.
+    pub fn work(&self) -> Work {
+        self.work
+    }
+
+    /// Solves for other conductivities (one per element of the model's mesh, relative to the unpressed sheet). Nothing is
+    /// computed when they are the ones already solved; few changes cost less than a factorisation.
+    ///
+    /// # Errors
+    /// A count that does not match the mesh, a conductivity that is not positive definite, or a system beyond double
+    /// precision. The state is then that of before.
+    pub fn solve(&mut self, conductivity: &[Tensor]) -> Result<&ElectrodeMatrix, ForwardError> {
+        let elements = self.conductivity.len();
+        if conductivity.len() != elements {
+            return Err(ForwardError::Count {
+                given: conductivity.len(),
+                elements,
+            });
+        }
+        if self.shape.is_none() && conductivity == self.conductivity {
+            self.work = Work::Nothing;
+            return Ok(&self.matrix);
+        }
+        check(conductivity)?;
+        self.replace(conductivity.to_vec(), None, None)
+    }
+
+    /// Solves for disc touches on the unpressed sheet. Vertices near a disc's edge are moved onto it, the mesh's topology
+    /// and the elimination order staying as they are, so that the jump falls between elements; elements still cut get the
+    /// laminate's tensor. More accurate than [`Solver::solve`] with [`conductivity_of_discs`] on a mesh that does not
+    /// know the touches, and hardly slower.
+    ///
+    /// # Errors
+    /// A touch without sense, or a system beyond double precision. The state is then that of before.
+    pub fn solve_touches(&mut self, touches: &[DiscTouch]) -> Result<&ElectrodeMatrix, ForwardError> {
+        if self.touches.as_deref() == Some(touches) {
+            self.work = Work::Nothing;
+            return Ok(&self.matrix);
+        }
+        for (touch, t) in touches.iter().enumerate() {
+            let finite = t.centre_mm.iter().all(|x| x.is_finite()) && t.radius_mm.is_finite() && t.rise.is_finite();
+            if !(finite && t.radius_mm > 0.0 && t.rise > -1.0) {
+                return Err(ForwardError::Touch { touch });
+            }
+        }
+        let model = self.model.clone();
+        let mut shape = Box::new(Shape {
+            mesh: model.mesh().clone(),
+            stiffness: Vec::new(),
+            changed: Vec::new(),
+        });
+        shape.changed = fit::fit(&mut shape.mesh, model.mesh(), model.neighbours(), touches);
+        shape.stiffness = model.system.reshaped(&shape.mesh, &shape.changed);
+        let conductivity = conductivity_of_discs(&shape.mesh, touches);
+        check(&conductivity)?;
+        self.replace(conductivity, Some(shape), Some(touches.to_vec()))
+    }
+
+    fn replace(
+        &mut self,
+        conductivity: Vec<Tensor>,
+        shape: Option<Box<Shape>>,
+        touches: Option<Vec<DiscTouch>>,
+    ) -> Result<&ElectrodeMatrix, ForwardError> {
+        let before = std::mem::replace(&mut self.conductivity, conductivity);
+        let shape = std::mem::replace(&mut self.shape, shape);
+        let touches = std::mem::replace(&mut self.touches, touches);
+        if let Err(e) = self.refresh() {
+            (self.conductivity, self.shape, self.touches) = (before, shape, touches);
+            self.reference.clear();
+            self.refresh()?;
+            return Err(e);
+        }
+        Ok(&self.matrix)
+    }
+
+    fn refresh(&mut self) -> Result<(), ForwardError> {
+        let model = self.model.clone();
+        let system = &model.system;
+        let stiffness = self.shape.as_ref().map_or(&system.stiffness, |s| &s.stiffness);
+        system.assemble(&self.conductivity, stiffness, &mut self.values);
+        let symbolic = &system.symbolic;
+        let span = precision::span(symbolic, &self.values);
+        if span < precision::TRUSTED && !self.refine {
+            let update = Update::new(symbolic, &self.factor, &self.corner, &self.reference, &self.values);
+            if let Some((update, inverse)) = update {
+                self.work = Work::LowRank {
+                    unknowns: update.unknowns(),
+                };
+                self.update = Some(update);
+                self.matrix = self.grounded(inverse);
+                return Ok(());
+            }
+        }
+        self.update = None;
+        self.reference.clear();
+        self.factor.factorize(symbolic, &self.values)?;
+        let free = system.electrodes - 1;
+        let mut inverse = DMatrix::identity(free, free);
+        let corner = self.factor.corner(symbolic, free);
+        if !corner.solve_lower_triangular_mut(&mut inverse) || !inverse.iter().all(|v| v.is_finite()) {
+            let unknown = symbolic.unknowns() - 1;
+            return Err(CholeskyError::NotPositiveDefinite { unknown }.into());
+        }
+        self.reference.clone_from(&self.values);
+        self.work = Work::Factorisation;
+        self.refine = span >= precision::TRUSTED;
+        let product = if self.refine {
+            precision::refined(system, &self.factor, &self.values)?
+        } else {
+            inverse.transpose() * &inverse
+        };
+        self.corner = inverse;
+        self.matrix = self.grounded(product);
+        Ok(())
+    }
+
+    /// The last electrode is ground: its row and column are zero.
+    fn grounded(&self, inverse: DMatrix<f64>) -> ElectrodeMatrix {
+        let free = inverse.nrows();
+        let mut r = DMatrix::zeros(free + 1, free + 1);
+        r.view_mut((0, 0), (free, free))
+            .copy_from(&(inverse * self.model.sheet().sheet_resistance_ohm));
+        ElectrodeMatrix::from_potentials(r)
+    }
+
+    /// Potential of every node for 1 A into each electrode and out of the last (ground), V; `[node, electrode]`. The last
+    /// column is zero.
+    pub fn potentials_v(&self) -> DMatrix<f64> {
+        let system = &self.model.system;
+        let symbolic = &system.symbolic;
+        let free = system.electrodes - 1;
+        let mut out = DMatrix::zeros(system.nodes, free + 1);
+        let n = symbolic.unknowns();
+        let scale = self.model.sheet().sheet_resistance_ohm;
+        let mut keep = |first: usize, count: usize, x: &[[f64; BLOCK]]| {
+            for node in 0..system.nodes {
+                let row = &x[symbolic.position(node)];
+                for k in 0..count {
+                    out[(node, first + k)] = row[k] * scale;
+                }
+            }
+        };
+        if self.refine {
+            precision::columns(system, &self.factor, &self.values, |first, count, x, _| {
+                keep(first, count, x);
+            });
+            return out;
+        }
+        let mut x = vec![[0.0; BLOCK]; n];
+        for first in (0..free).step_by(BLOCK) {
+            let count = BLOCK.min(free - first);
+            x.fill([0.0; BLOCK]);
+            for k in 0..count {
+                x[symbolic.position(system.nodes + first + k)][k] = 1.0;
+            }
+            let start = match &self.update {
+                Some(update) => {
+                    update.load(&mut x, first, count);
+                    0
+                }
+                None => n - free,
+            };
+            self.factor.forward_substitute(symbolic, &mut x, start);
+            self.factor.back_substitute(symbolic, &mut x);
+            keep(first, count, &x);
+        }
+        out
+    }
+}
+
+fn check(conductivity: &[Tensor]) -> Result<(), ForwardError> {
+    for (element, [xx, xy, yy]) in conductivity.iter().enumerate() {
+        if !(*xx > 0.0 && *yy > 0.0 && xy.abs() < xx.sqrt() * yy.sqrt() && xx.is_finite() && yy.is_finite()) {
+            return Err(ForwardError::Conductivity { element });
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Drive, ModelOptions, Pattern, Sheet};
+
+    #[test]
+    fn a_homogeneous_disc_is_positive_and_reciprocal() {
+        let model = Arc::new(Model::new(&Sheet::paper(), &ModelOptions::default()).unwrap());
+        let solver = Solver::new(model).unwrap();
+        let pattern = Pattern::adjacent(16).unwrap();
+        let z = solver.electrode_matrix();
+        for (k, (m, other)) in pattern
+            .measurements()
+            .iter()
+            .zip(pattern.reciprocal_indices())
+            .enumerate()
+        {
+            let n = pattern.measurements()[other.unwrap()];
+            let (a, b) = (z.transfer_ohm(m.drive, m.sense), z.transfer_ohm(n.drive, n.sense));
+            assert!(a > 0.0, "{k}: {a}");
+            assert!((a / b - 1.0).abs() < 1e-10, "{k}: {a} {b}");
+        }
+        assert!(Drive::PAPER.frame_v(z, &pattern).iter().all(|v| *v > 0.0));
+    }
+}

@@ -1,0 +1,221 @@
+//! The firmware's front-end traits on simulated electronics and a simulated sheet.
+
+use crate::clock::{Clock, PERIOD_SAMPLES, samples, seconds};
+use crate::electronics::{Electronics, Routing};
+use crate::sheet::SheetModel;
+use firmware::{Block, Capture, Error, ErrorKind, ErrorType, Excitation, MAX_CHANNELS, Route, Router, Window};
+use forward::{ElectrodeMatrix, ForwardError};
+use thiserror::Error as ThisError;
+
+/// Periods that the front end holds before it loses samples: as many as two halves of a DMA buffer, and two to spare.
+const ROOM_PERIODS: u64 = 4;
+
+/// How often the sheet is looked at, s. A finger that moves at 50 mm/s goes 1 mm in this time.
+const SHEET_S: f64 = 0.02;
+
+/// What can go wrong in the simulated front end.
+#[derive(Clone, Debug, PartialEq, ThisError)]
+pub enum SimFrontEndError {
+    /// Samples were not fetched in time.
+    #[error("samples were overwritten before they were fetched")]
+    Overrun,
+    /// A gain or electrode that the board has not.
+    #[error("the route {0:?} does not exist on this board")]
+    Route(Route),
+    /// The sheet cannot be simulated.
+    #[error(transparent)]
+    Sheet(#[from] ForwardError),
+}
+
+impl Error for SimFrontEndError {
+    fn kind(&self) -> ErrorKind {
+        match self {
+            Self::Overrun => ErrorKind::Overrun,
+            Self::Route(_) => ErrorKind::Route,
+            Self::Sheet(_) => ErrorKind::Other,
+        }
+    }
+}
+
+/// A window that is being captured.
+#[derive(Clone, Copy, Debug)]
+struct Open {
+    /// First sample of the next block.
+    next: u64,
+    /// Periods still to lend.
+    periods: u64,
+    channels: usize,
+}
+
+/// Front end of a simulated board. Blocks are one period long.
+#[derive(Debug)]
+pub struct SimFrontEnd<S> {
+    electronics: Electronics,
+    sheet: S,
+    clock: Clock,
+    /// Whether polling in vain lets a sample's time pass.
+    self_clocked: bool,
+    /// What the electrodes see now, and which look at the sheet it is from.
+    matrix: ElectrodeMatrix,
+    look: u64,
+    excited: bool,
+    route: Option<Route>,
+    routing: Routing,
+    open: Option<Open>,
+    sequence: u32,
+    block: Vec<u16>,
+}
+
+impl<S: SheetModel> SimFrontEnd<S> {
+    /// A front end at power-up: no route, excitation off.
+    ///
+    /// # Errors
+    /// The sheet cannot be simulated.
+    pub fn new(electronics: Electronics, mut sheet: S, clock: Clock) -> Result<Self, SimFrontEndError> {
+        let matrix = sheet.electrode_matrix(seconds(clock.now()))?.clone();
+        Ok(Self {
+            electronics,
+            sheet,
+            clock,
+            self_clocked: false,
+            matrix,
+            look: 0,
+            excited: false,
+            route: None,
+            routing: Routing::default(),
+            open: None,
+            sequence: 0,
+            block: Vec::new(),
+        })
+    }
+
+    /// Lets a sample's time pass whenever it is polled in vain, for callers that wait by polling.
+    pub fn self_clocked(mut self) -> Self {
+        self.self_clocked = true;
+        self
+    }
+
+    /// The electrodes that the sheet has.
+    pub fn electrodes(&self) -> usize {
+        self.matrix.electrodes()
+    }
+
+    /// The sheet.
+    pub fn sheet(&self) -> &S {
+        &self.sheet
+    }
+
+    /// Amplitudes of the present route, with the excitation as it is.
+    fn amplitudes_v(&self) -> Result<[f64; MAX_CHANNELS], SimFrontEndError> {
+        match &self.route {
+            Some(route) if self.excited => self
+                .electronics
+                .amplitudes_v(&self.matrix, route)
+                .ok_or(SimFrontEndError::Route(*route)),
+            _ => Ok([0.0; MAX_CHANNELS]),
+        }
+    }
+
+    /// Looks at the sheet again if the time has come. A touch is slow: its change is no switching.
+    fn look(&mut self, time: u64) -> Result<(), SimFrontEndError> {
+        let interval = samples(SHEET_S);
+        let look = time / interval;
+        if look != self.look {
+            self.look = look;
+            let matrix = self.sheet.electrode_matrix(seconds(look * interval))?;
+            if *matrix != self.matrix {
+                self.matrix = matrix.clone();
+                self.routing.amplitude_v = self.amplitudes_v()?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Connects what is now set, with a transient.
+    fn switch(&mut self) -> Result<(), SimFrontEndError> {
+        let now = self.clock.now();
+        self.look(now)?;
+        let amplitudes = self.amplitudes_v()?;
+        self.routing = self.electronics.switched(now, &self.routing, amplitudes);
+        Ok(())
+    }
+}
+
+impl<S> ErrorType for SimFrontEnd<S> {
+    type Error = SimFrontEndError;
+}
+
+impl<S: SheetModel> Router for SimFrontEnd<S> {
+    fn select(&mut self, route: &Route) -> Result<(), SimFrontEndError> {
+        let electrodes = self.electrodes();
+        let known = |p: protocol::Pair| usize::from(p.plus) < electrodes && usize::from(p.minus) < electrodes;
+        let sense = match route.sense {
+            firmware::Sense::One(pair) => known(pair),
+            firmware::Sense::All { .. } => electrodes <= MAX_CHANNELS,
+        };
+        if !known(route.drive) || !sense {
+            return Err(SimFrontEndError::Route(*route));
+        }
+        self.route = Some(*route);
+        self.switch()
+    }
+}
+
+impl<S: SheetModel> Excitation for SimFrontEnd<S> {
+    fn switch_on(&mut self) -> Result<(), SimFrontEndError> {
+        self.excited = true;
+        self.switch()
+    }
+
+    fn switch_off(&mut self) -> Result<(), SimFrontEndError> {
+        self.excited = false;
+        self.switch()
+    }
+}
+
+impl<S: SheetModel> Capture for SimFrontEnd<S> {
+    fn begin(&mut self, window: Window) -> Result<(), SimFrontEndError> {
+        let now = self.clock.now();
+        let settled = now / PERIOD_SAMPLES + u64::from(window.settle_periods);
+        let first = settled.max(now.div_ceil(PERIOD_SAMPLES)) * PERIOD_SAMPLES;
+        self.open = Some(Open {
+            next: first,
+            periods: window.periods.into(),
+            channels: usize::from(window.channels).min(MAX_CHANNELS),
+        });
+        Ok(())
+    }
+
+    fn poll_block<R>(&mut self, f: impl FnOnce(&Block<'_>) -> R) -> nb::Result<R, SimFrontEndError> {
+        let now = self.clock.now();
+        let ready = self.open.filter(|o| o.periods > 0 && now >= o.next + PERIOD_SAMPLES);
+        let Some(open) = ready else {
+            if self.self_clocked {
+                self.clock.advance(1);
+            }
+            return Err(nb::Error::WouldBlock);
+        };
+        if now >= open.next + (1 + ROOM_PERIODS) * PERIOD_SAMPLES {
+            self.open = None;
+            return Err(nb::Error::Other(SimFrontEndError::Overrun));
+        }
+        self.look(open.next)?;
+        self.block.resize(open.channels * PERIOD_SAMPLES as usize, 0);
+        for (time, row) in (open.next..).zip(self.block.chunks_exact_mut(open.channels.max(1))) {
+            self.electronics.sample(time, &self.routing, row);
+        }
+        let result = f(&Block {
+            samples: &self.block,
+            channels: open.channels as u8,
+            sequence: self.sequence,
+            time: open.next,
+        });
+        self.sequence = self.sequence.wrapping_add(1);
+        self.open = Some(Open {
+            next: open.next + PERIOD_SAMPLES,
+            periods: open.periods - 1,
+            ..open
+        });
+        Ok(result)
+    }
+}

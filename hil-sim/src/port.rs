@@ -1,0 +1,152 @@
+//! The simulated board as a serial port that a program can read and write.
+
+use crate::board::SimBoard;
+use crate::clock::samples;
+use crate::real_time::{Running, TICK};
+use crate::sheet::SheetModel;
+use std::collections::VecDeque;
+use std::io::{self, ErrorKind, Read, Write};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+/// How a simulated board's time passes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Pace {
+    /// With the wall clock, on a thread of its own: bytes leave at 1 Mbit/s.
+    RealTime,
+    /// As fast as somebody reads, without a thread. Time passes in reads only, and stands still while the board is idle, so
+    /// that the same commands give the same bytes however slow the reader is.
+    Unpaced,
+}
+
+/// A board, whatever its sheet.
+pub(crate) trait AnyBoard: Send {
+    fn now(&self) -> u64;
+    fn is_idle(&mut self) -> bool;
+    fn receive(&mut self, bytes: &[u8]);
+    fn step(&mut self, out: &mut VecDeque<u8>);
+}
+
+impl<S: SheetModel> AnyBoard for SimBoard<S> {
+    fn now(&self) -> u64 {
+        SimBoard::now(self)
+    }
+
+    fn is_idle(&mut self) -> bool {
+        SimBoard::is_idle(self)
+    }
+
+    fn receive(&mut self, bytes: &[u8]) {
+        SimBoard::receive(self, bytes);
+    }
+
+    fn step(&mut self, out: &mut VecDeque<u8>) {
+        SimBoard::step(self, |byte| out.push_back(byte));
+    }
+}
+
+/// A serial port with a simulated board behind it. Reads wait for the first byte until the time-out, then fail with
+/// [`ErrorKind::TimedOut`]; writes never wait. Clones are the same port. The board is switched off with the last one.
+#[derive(Clone)]
+pub struct SimPort {
+    engine: Engine,
+    timeout: Duration,
+}
+
+#[derive(Clone)]
+enum Engine {
+    RealTime(Arc<Running>),
+    Unpaced(Arc<Mutex<Lazy>>),
+}
+
+impl SimPort {
+    /// Powers a board up behind a port. The time-out is 100 ms: wall time, or simulated time without pace.
+    ///
+    /// # Errors
+    /// The thread cannot be started.
+    pub fn new<S: SheetModel + 'static>(board: SimBoard<S>, pace: Pace) -> io::Result<Self> {
+        let board: Box<dyn AnyBoard> = Box::new(board);
+        let engine = match pace {
+            Pace::RealTime => Engine::RealTime(Arc::new(Running::start(board)?)),
+            Pace::Unpaced => Engine::Unpaced(Arc::new(Mutex::new(Lazy {
+                board,
+                out: VecDeque::new(),
+            }))),
+        };
+        Ok(Self {
+            engine,
+            timeout: Duration::from_millis(100),
+        })
+    }
+
+    /// How long a read waits for its first byte.
+    pub fn set_timeout(&mut self, timeout: Duration) {
+        self.timeout = timeout;
+    }
+}
+
+impl Read for SimPort {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        if buffer.is_empty() {
+            return Ok(0);
+        }
+        match &self.engine {
+            Engine::RealTime(running) => running.pipes.read(buffer, self.timeout),
+            Engine::Unpaced(lazy) => locked(lazy).read(buffer, self.timeout),
+        }
+    }
+}
+
+impl Write for SimPort {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        match &self.engine {
+            Engine::RealTime(running) => running.pipes.write(bytes),
+            Engine::Unpaced(lazy) => {
+                locked(lazy).board.receive(bytes);
+                Ok(bytes.len())
+            }
+        }
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+/// A lock is only poisoned by a panic elsewhere, and bytes are bytes.
+pub(crate) fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Moves what fits from a queue to a buffer.
+pub(crate) fn drain(queue: &mut VecDeque<u8>, buffer: &mut [u8]) -> usize {
+    let n = queue.len().min(buffer.len());
+    for (place, byte) in buffer.iter_mut().zip(queue.drain(..n)) {
+        *place = byte;
+    }
+    n
+}
+
+/// A board that runs when it is read.
+struct Lazy {
+    board: Box<dyn AnyBoard>,
+    out: VecDeque<u8>,
+}
+
+impl Lazy {
+    fn read(&mut self, buffer: &mut [u8], timeout: Duration) -> io::Result<usize> {
+        let end = self.board.now() + samples(timeout.as_secs_f64());
+        while self.out.is_empty() {
+            if self.board.is_idle() {
+                // Waiting would not help; do not let a reader's loop spin either.
+                std::thread::sleep(TICK.min(timeout));
+                return Err(ErrorKind::TimedOut.into());
+            }
+            if self.board.now() >= end {
+                return Err(ErrorKind::TimedOut.into());
+            }
+            self.board.step(&mut self.out);
+        }
+        Ok(drain(&mut self.out, buffer))
+    }
+}

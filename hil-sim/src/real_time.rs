@@ -1,0 +1,142 @@
+//! A simulated board on a thread of its own, in step with the wall clock.
+
+use crate::clock::{samples, seconds};
+use crate::port::{AnyBoard, drain, locked};
+use std::collections::VecDeque;
+use std::io::{self, ErrorKind};
+use std::sync::{Arc, Condvar, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// Bytes that the operating system would hold for a reader who does not come; later ones are lost, as on a real port.
+const PIPE_BYTES: usize = 1 << 16;
+
+/// How often the thread looks up, wall time.
+pub(crate) const TICK: Duration = Duration::from_millis(1);
+
+/// Simulated time that the board may be behind the wall clock before it gives up catching up, s.
+const LAG_S: f64 = 0.25;
+
+/// What the port and the board's thread share.
+#[derive(Debug, Default)]
+pub(crate) struct Pipes {
+    state: Mutex<PipeState>,
+    /// Signalled when bytes came from the board or it ended.
+    readable: Condvar,
+    /// Signalled when the thread is to stop.
+    stop: Condvar,
+}
+
+#[derive(Debug, Default)]
+struct PipeState {
+    from_board: VecDeque<u8>,
+    to_board: Vec<u8>,
+    /// The port was closed: the thread is to end.
+    closed: bool,
+    /// The thread has ended.
+    ended: bool,
+}
+
+impl Pipes {
+    pub(crate) fn read(&self, buffer: &mut [u8], timeout: Duration) -> io::Result<usize> {
+        let state = locked(&self.state);
+        let (mut state, _) = self
+            .readable
+            .wait_timeout_while(state, timeout, |s| s.from_board.is_empty() && !s.ended)
+            .unwrap_or_else(PoisonError::into_inner);
+        match drain(&mut state.from_board, buffer) {
+            0 if state.ended => Err(ErrorKind::BrokenPipe.into()),
+            0 => Err(ErrorKind::TimedOut.into()),
+            n => Ok(n),
+        }
+    }
+
+    pub(crate) fn write(&self, bytes: &[u8]) -> io::Result<usize> {
+        let mut state = locked(&self.state);
+        if state.ended {
+            return Err(ErrorKind::BrokenPipe.into());
+        }
+        state.to_board.extend_from_slice(bytes);
+        Ok(bytes.len())
+    }
+}
+
+/// A board on its thread; dropping it ends the thread.
+pub(crate) struct Running {
+    pub(crate) pipes: Arc<Pipes>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Running {
+    pub(crate) fn start(board: Box<dyn AnyBoard>) -> io::Result<Self> {
+        let pipes = Arc::new(Pipes::default());
+        let shared = Arc::clone(&pipes);
+        let thread = std::thread::Builder::new().name("skin-sim".to_owned()).spawn(move || {
+            // Also when the board panics: a reader must not wait for it for ever.
+            let _ended = Ended(&shared);
+            pace(board, &shared);
+        })?;
+        Ok(Self {
+            pipes,
+            thread: Some(thread),
+        })
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        locked(&self.pipes.state).closed = true;
+        self.pipes.stop.notify_all();
+        if let Some(thread) = self.thread.take() {
+            // A panic over there was already printed.
+            let _ = thread.join();
+        }
+    }
+}
+
+/// Tells readers that nothing more comes.
+struct Ended<'a>(&'a Pipes);
+
+impl Drop for Ended<'_> {
+    fn drop(&mut self) {
+        locked(&self.0.state).ended = true;
+        self.0.readable.notify_all();
+    }
+}
+
+/// Runs a board in step with the wall clock until its port is closed.
+fn pace(mut board: Box<dyn AnyBoard>, pipes: &Pipes) {
+    let mut start = Instant::now();
+    let mut bytes = VecDeque::new();
+    loop {
+        let mut state = locked(&pipes.state);
+        let room = PIPE_BYTES.saturating_sub(state.from_board.len());
+        bytes.truncate(room);
+        if !bytes.is_empty() {
+            state.from_board.append(&mut bytes);
+            pipes.readable.notify_all();
+        }
+        bytes.clear();
+        let (mut state, _) = pipes
+            .stop
+            .wait_timeout_while(state, TICK, |s| !s.closed)
+            .unwrap_or_else(PoisonError::into_inner);
+        if state.closed {
+            return;
+        }
+        let commands = std::mem::take(&mut state.to_board);
+        drop(state);
+        board.receive(&commands);
+        let due_s = start.elapsed().as_secs_f64();
+        // In slices, so that a slow machine still delivers and listens.
+        let target = samples(due_s.min(seconds(board.now()) + LAG_S / 8.0));
+        while board.now() < target {
+            board.step(&mut bytes);
+        }
+        // A machine that was asleep or is too slow gets late frames, not a burst of old ones.
+        let behind_s = start.elapsed().as_secs_f64() - seconds(board.now());
+        if behind_s > LAG_S {
+            start += Duration::from_secs_f64(behind_s);
+        }
+    }
+}

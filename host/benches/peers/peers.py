@@ -1,0 +1,103 @@
+"""Times other solvers on the problems that the solver benchmark writes.
+
+    SKIN_BENCH_PROBLEMS=problems cargo bench -p host --bench solver
+    pip install -r host/benches/peers/requirements.txt
+    OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 python host/benches/peers/peers.py problems
+
+Every solver gets the reduced matrix (rank x cells), so that the reduction is not counted against it. Plain problems go to
+scipy.optimize.nnls and, as their dual (least |r - b| with A^T r <= 0, whose multipliers are x), to DAQP; those with a ridge
+to scipy.optimize.nnls with the ridge as further rows. Times are medians over the frames of the best of some runs; KKT is
+the largest |min(x_j |a_j|, g_j / |a_j|)| over |b|; the objective is relative to skin's.
+"""
+
+import ctypes
+import pathlib
+import sys
+import time
+
+import daqp
+import numpy
+import scipy.optimize
+
+RUNS = 3
+
+
+def kkt(a, b, ridge, x):
+    norms = numpy.linalg.norm(a, axis=0)
+    gradient = a.T @ (a @ x - b) + ridge**2 * x
+    return numpy.abs(numpy.minimum(x * norms, gradient / norms)).max() / numpy.linalg.norm(b)
+
+
+def objective(a, b, ridge, x):
+    return 0.5 * numpy.sum((a @ x - b) ** 2) + 0.5 * ridge**2 * (x @ x)
+
+
+def scipy_nnls(a, ridge):
+    cells = a.shape[1]
+    stacked = numpy.vstack([a, ridge * numpy.eye(cells)]) if ridge > 0 else a
+    padding = numpy.zeros(stacked.shape[0] - a.shape[0])
+
+    def solve(b):
+        return scipy.optimize.nnls(stacked, numpy.concatenate([b, padding]), maxiter=50 * cells)[0]
+
+    return solve
+
+
+def daqp_dual(a, _):
+    # Rows of norm 1, as its tolerances are absolute.
+    norms = numpy.linalg.norm(a, axis=0)
+    rows, cells = a.shape
+    hessian = numpy.eye(rows)
+    constraints = numpy.ascontiguousarray((a / norms).T)
+    upper, lower = numpy.zeros(cells), numpy.full(cells, -1e30)
+    sense = numpy.zeros(cells, dtype=ctypes.c_int)
+
+    def solve(b):
+        scale = numpy.linalg.norm(b)
+        _, _, _, info = daqp.solve(hessian, -b / scale, constraints, upper, lower, sense)
+        return numpy.maximum(info["lam"], 0.0) * scale / norms
+
+    return solve
+
+
+def measure(solve, frames):
+    times, solutions = [], []
+    for b in frames:
+        best = numpy.inf
+        for _ in range(RUNS):
+            start = time.perf_counter()
+            x = solve(b)
+            best = min(best, time.perf_counter() - start)
+        times.append(best)
+        solutions.append(x)
+    return 1e6 * numpy.median(times), solutions
+
+
+def main(folder):
+    print("| problem | solver | median, us | KKT, worst | objective / skin's - 1, worst |")
+    print("|---|---|---|---|---|")
+    for path in sorted(folder.glob("*_a.npy")):
+        name = path.name.removesuffix("_a.npy")
+        a, b, x, ridge, us = (numpy.load(folder / f"{name}_{part}.npy") for part in ("a", "b", "x", "ridge", "us"))
+        ridge = ridge.item()
+        frames = numpy.ascontiguousarray(b.T)
+        ours = [x[:, k] for k in range(x.shape[1])]
+        reference = [objective(a, f, ridge, s) for f, s in zip(frames, ours)]
+        worst = max(kkt(a, f, ridge, s) for f, s in zip(frames, ours))
+        print(f"| {name} | skin, cold | {us[0, 0]:.0f} | {worst:.0e} | |")
+        print(f"| {name} | skin, warm | {us[0, 1]:.0f} | {worst:.0e} | |")
+        peers = [("scipy.optimize.nnls", scipy_nnls)] + ([("DAQP, dual", daqp_dual)] if ridge == 0 else [])
+        for label, make in peers:
+            try:
+                median, solutions = measure(make(a, ridge), frames)
+            except RuntimeError as error:
+                print(f"| {name} | {label} | {error} | | |")
+                continue
+            worst = max(kkt(a, f, ridge, s) for f, s in zip(frames, solutions))
+            floor = 1e-14 * numpy.array([0.5 * f @ f for f in frames])
+            off = max((objective(a, f, ridge, s) - r) / (r + e) for f, s, r, e in zip(frames, solutions, reference, floor))
+            print(f"| {name} | {label} | {median:.0f} | {worst:.0e} | {off:.0e} |", flush=True)
+
+
+if __name__ == "__main__":
+    main(pathlib.Path(sys.argv[1]))

@@ -1,0 +1,333 @@
+//! `skin reconstruct`: frames of a table to touches and pictures.
+
+use ::forward::{Drive, Electrode, Outline, Pattern, Place, Sheet};
+use anyhow::{Context, Result, bail};
+use clap::{Args, ValueEnum};
+use host::imager::Imager;
+use host::picture::Stats;
+use host::reconstruct::{Method, Status};
+use host::reconstructor::{FrameResult, Reconstructor, ReconstructorOptions};
+use host::table::MeasurementTable;
+use host::view::png;
+use serde::Serialize;
+use std::io::Write;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// How the frames were driven.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub(crate) enum DriveKind {
+    /// A voltage source behind switches, as on the board.
+    Voltage,
+    /// A constant current.
+    Current,
+}
+
+/// How the picture is computed.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub(crate) enum MethodName {
+    /// Non-negative least squares with a ridge chosen from the noise.
+    Nnls,
+    /// Plain non-negative least squares by Lawson and Hanson's active set, on 20 mm cells.
+    LawsonHanson,
+    /// Ridge regression without a sign.
+    Tikhonov,
+    /// The plain generalised inverse: shows why the others are needed.
+    PseudoInverse,
+}
+
+impl From<MethodName> for Method {
+    fn from(name: MethodName) -> Self {
+        match name {
+            MethodName::Nnls => Self::Nnls,
+            MethodName::LawsonHanson => Self::LawsonHanson,
+            MethodName::Tikhonov => Self::Tikhonov,
+            MethodName::PseudoInverse => Self::PseudoInverse,
+        }
+    }
+}
+
+/// Arguments of `skin reconstruct`.
+#[derive(Debug, Args)]
+pub(crate) struct Arguments {
+    /// Table of measurements (CSV: drive_a, drive_b, sense_a, sense_b, then a column, or _re and _im, for every frame).
+    file: PathBuf,
+    /// Frames of the unpressed sheet; several are averaged.
+    #[arg(long, required = true, value_delimiter = ',', value_name = "COLUMN[,COLUMN...]")]
+    baseline: Vec<String>,
+    /// How the sheet was driven.
+    #[arg(long, value_enum, default_value_t = DriveKind::Voltage)]
+    drive: DriveKind,
+    /// Diameter of the sheet, mm.
+    #[arg(long, default_value_t = 195.0, value_name = "MM")]
+    diameter_mm: f64,
+    /// Angle of electrode 1, degrees counter-clockwise from +x.
+    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true, value_name = "DEGREES")]
+    first_electrode_deg: f64,
+    /// The electrodes are numbered clockwise.
+    #[arg(long)]
+    clockwise: bool,
+    /// Width of an electrode, mm [default: 10 mm on a 195 mm disc, in proportion].
+    #[arg(long, value_name = "MM")]
+    electrode_mm: Option<f64>,
+    /// Side of the picture's cells, mm [default: 5 mm on a 195 mm disc, in proportion; 20 mm for lawson-hanson].
+    #[arg(long, value_name = "MM")]
+    cell_mm: Option<f64>,
+    /// How the picture is computed.
+    #[arg(long, value_enum, default_value_t = MethodName::Nnls)]
+    method: MethodName,
+    /// Writes a picture of every frame, FRAME.png, into this folder.
+    #[arg(long, value_name = "DIR")]
+    png: Option<PathBuf>,
+    /// One JSON object a line.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Serialize)]
+struct TouchLine {
+    x_mm: f64,
+    y_mm: f64,
+    rise: f64,
+    area_mm2: f64,
+    total_mm2: f64,
+    /// Standard uncertainties; null where the touch is a peak of the picture only.
+    x_sd_mm: Option<f64>,
+    y_sd_mm: Option<f64>,
+}
+
+#[derive(Serialize)]
+struct FrameLine<'a> {
+    frame: &'a str,
+    touches: Vec<TouchLine>,
+    residual: f64,
+    gap: f64,
+    solve_us: f64,
+}
+
+/// Diameter that the defaults for lengths are given for, mm.
+const PAPER_MM: f64 = 195.0;
+
+fn sheet(arguments: &Arguments, electrodes: usize) -> Sheet {
+    let scale = arguments.diameter_mm / PAPER_MM;
+    let turn = if arguments.clockwise { -360.0 } else { 360.0 };
+    let width_mm = arguments.electrode_mm.unwrap_or(10.0 * scale);
+    Sheet {
+        sheet_resistance_ohm: 1000.0,
+        outline: Outline::Disc {
+            diameter_mm: arguments.diameter_mm,
+            centre_mm: [0.0, 0.0],
+        },
+        holes: Vec::new(),
+        electrodes: (0..electrodes)
+            .map(|l| Electrode {
+                place: Place::Angle {
+                    angle_deg: arguments.first_electrode_deg + turn * l as f64 / electrodes as f64,
+                    width_mm,
+                },
+                contact_mm: scale,
+            })
+            .collect(),
+    }
+}
+
+/// Mean of the baseline frames, over the values they have.
+fn baseline(table: &MeasurementTable, frames: &[usize]) -> Vec<f64> {
+    (0..table.measurements.len())
+        .map(|k| {
+            let (mut sum, mut count) = (0.0, 0.0);
+            for frame in frames {
+                let v = table.columns[*frame].values[k];
+                if v.is_finite() {
+                    sum += v;
+                    count += 1.0;
+                }
+            }
+            sum / count
+        })
+        .collect()
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// A table or a sheet that makes no sense, a frame that is not there, a picture that cannot be written.
+pub(crate) fn run(arguments: &Arguments) -> Result<()> {
+    let table = MeasurementTable::read(&arguments.file)?;
+    let baselines = arguments
+        .baseline
+        .iter()
+        .map(|name| table.frame(name.trim()))
+        .collect::<Result<Vec<_>, _>>()?;
+    if (0..table.columns.len()).all(|k| baselines.contains(&k)) {
+        bail!(
+            "{}: every frame is a baseline; leave one to be reconstructed",
+            arguments.file.display()
+        );
+    }
+    let pattern = Pattern::from_list(table.electrodes, table.measurements.clone())
+        .with_context(|| format!("{}", arguments.file.display()))?;
+    let drive = match arguments.drive {
+        DriveKind::Voltage => Drive::PAPER,
+        DriveKind::Current => Drive::Current { amplitude_a: 1e-3 },
+    };
+    let method = Method::from(arguments.method);
+    let cell_mm = arguments.cell_mm.unwrap_or_else(|| {
+        let paper = if method == Method::LawsonHanson { 20.0 } else { 5.0 };
+        paper * arguments.diameter_mm / PAPER_MM
+    });
+    let imager = Arc::new(Imager::new(
+        &sheet(arguments, table.electrodes),
+        drive,
+        pattern,
+        cell_mm,
+    )?);
+    let baseline = baseline(&table, &baselines);
+    if !baseline.iter().any(|v| v.is_finite() && *v != 0.0) {
+        bail!(
+            "{}: the baseline {} holds no value; name a frame of the unpressed sheet",
+            arguments.file.display(),
+            arguments.baseline.join(",")
+        );
+    }
+    super::sheet::look_at_baseline(&imager, &baseline);
+    let mut reconstructor = Reconstructor::new(imager.clone(), ReconstructorOptions::for_imager(&imager, method));
+    let mut results = Vec::new();
+    for (k, column) in table.columns.iter().enumerate() {
+        if baselines.contains(&k) {
+            continue;
+        }
+        let result = reconstructor.frame(&baseline, &column.values)?;
+        if result.used == 0 {
+            eprintln!("warning: frame {} has no value that can be used", column.name);
+        }
+        if result.status == Status::Stopped {
+            eprintln!(
+                "warning: frame {}: the solver stopped at a relative gap of {:.1e}",
+                column.name, result.gap
+            );
+        }
+        results.push((column.name.as_str(), result));
+    }
+    // Everything is computed and every picture written before the first line is printed: no part passes for the whole.
+    if let Some(folder) = &arguments.png {
+        write_pictures(folder, &imager, &results)?;
+    }
+    print(&results, arguments.json)
+}
+
+fn write_pictures(folder: &PathBuf, imager: &Imager, results: &[(&str, FrameResult)]) -> Result<()> {
+    std::fs::create_dir_all(folder).with_context(|| format!("{}: cannot make this folder", folder.display()))?;
+    let names = file_names(results.iter().map(|(name, _)| *name));
+    for (k, ((name, result), file)) in results.iter().zip(names).enumerate() {
+        let stats = Stats {
+            solve_us: result.changed.then_some(result.solve_us as f32),
+            residual: result.changed.then_some(result.residual as f32),
+            source: (*name).to_owned(),
+            ..Stats::default()
+        };
+        let picture = imager.picture(result, k as u64, 0.0, stats)?;
+        let path = folder.join(file);
+        png::write_png(&picture, &path).with_context(|| format!("{}: cannot write the picture", path.display()))?;
+    }
+    Ok(())
+}
+
+/// A file for every frame: its name with whatever may trouble a file system replaced, numbered where two become the same.
+fn file_names<'a>(frames: impl Iterator<Item = &'a str>) -> Vec<String> {
+    let mut files: Vec<String> = Vec::new();
+    for frame in frames {
+        let safe: String = frame
+            .chars()
+            .map(|c| {
+                if c.is_alphanumeric() || "-_.".contains(c) {
+                    c
+                } else {
+                    '_'
+                }
+            })
+            .collect();
+        let taken = |file: &str| files.iter().any(|f| f.to_lowercase() == file.to_lowercase());
+        let mut file = format!("{safe}.png");
+        let mut number = 2;
+        while taken(&file) {
+            file = format!("{safe}-{number}.png");
+            number += 1;
+        }
+        files.push(file);
+    }
+    files
+}
+
+/// To a tenth: more digits of a time are noise.
+fn tenths(value: f64) -> f64 {
+    (10.0 * value).round() / 10.0
+}
+
+fn print(results: &[(&str, FrameResult)], json: bool) -> Result<()> {
+    let mut out = std::io::stdout().lock();
+    for (frame, result) in results {
+        if json {
+            let line = FrameLine {
+                frame,
+                touches: result
+                    .touches
+                    .iter()
+                    .map(|t| TouchLine {
+                        x_mm: t.x_mm,
+                        y_mm: t.y_mm,
+                        rise: t.rise,
+                        area_mm2: t.area_mm2,
+                        total_mm2: t.total_mm2,
+                        x_sd_mm: t.x_sd_mm,
+                        y_sd_mm: t.y_sd_mm,
+                    })
+                    .collect(),
+                residual: result.residual,
+                gap: result.gap,
+                solve_us: tenths(result.solve_us),
+            };
+            serde_json::to_writer(&mut out, &line)?;
+            writeln!(out)?;
+            continue;
+        }
+        if !result.changed {
+            writeln!(out, "{frame}: no change above the noise")?;
+            continue;
+        }
+        let count = match result.touches.len() {
+            0 => "no touch".to_owned(),
+            1 => "1 touch".to_owned(),
+            n => format!("{n} touches"),
+        };
+        writeln!(
+            out,
+            "{frame}: {count} (unexplained {:.1} %, gap {:.0e}, {:.0} us)",
+            100.0 * result.residual,
+            result.gap,
+            result.solve_us
+        )?;
+        for t in &result.touches {
+            writeln!(
+                out,
+                "    x {:7.1} mm  y {:7.1} mm  rise {:6.1} %  area {:6.0} mm2",
+                t.x_mm,
+                t.y_mm,
+                100.0 * t.rise,
+                t.area_mm2
+            )?;
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_two_frames_share_a_file() {
+        let files = file_names(["a b", "a_b", "A/b", "a_b-2", "../x"].into_iter());
+        assert_eq!(files, ["a_b.png", "a_b-2.png", "A_b-3.png", "a_b-2-2.png", ".._x.png"]);
+    }
+}

@@ -1,0 +1,325 @@
+//! `skin run`, and `skin` alone: live pictures of the board, or of the simulated skin when there is no board.
+
+use super::sheet;
+use ::forward::{Drive, Geometry, Sheet};
+use anyhow::{Context, Result, anyhow, bail};
+use clap::Args;
+use clap::builder::RangedU64ValueParser;
+use hil_sim::{Pace, Rubber, Scene, SimBoard, SimConfig, SimPort};
+use host::imager::Imager;
+use host::link::Port;
+use host::live::{Live, LiveFrame, LiveOptions};
+use host::picture::{Picture, Stats, Touch};
+use host::reconstructor::FrameResult;
+use host::session::{Session, adjacent_plan};
+use host::view::png;
+use host::view::web::{Command as PageCommand, DEFAULT_PORT, LiveOptions as PageOptions, LiveView};
+use host::{ports, session};
+use serde::Serialize;
+use std::collections::VecDeque;
+use std::io::{IsTerminal, Write};
+use std::net::{Ipv4Addr, SocketAddr};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// Arguments of `skin run`.
+#[derive(Debug, Args)]
+pub(crate) struct Arguments {
+    /// Serial port of the board, such as /dev/ttyUSB0 [default: the first that answers, else the simulated skin].
+    #[arg(long, value_name = "PORT")]
+    port: Option<String>,
+    /// The simulated skin, whether there is a board or not.
+    #[arg(long, conflicts_with = "port")]
+    simulate: bool,
+    /// End after so many pictures.
+    #[arg(long, value_name = "N", value_parser = RangedU64ValueParser::<u64>::new().range(1..))]
+    frames: Option<u64>,
+    /// No page: one JSON object a picture on stdout.
+    #[arg(long)]
+    json: bool,
+    /// Writes the last picture to this file at the end.
+    #[arg(long, value_name = "FILE")]
+    png: Option<PathBuf>,
+    /// The sheet, a TOML file as for `skin forward` [default: the paper's disc].
+    #[arg(long, value_name = "FILE")]
+    sheet: Option<PathBuf>,
+    /// Frames of the unpressed sheet that make the baseline, at least 2.
+    #[arg(
+        long,
+        default_value_t = LiveOptions::default().baseline_frames,
+        value_name = "N",
+        value_parser = RangedU64ValueParser::<usize>::new().range(2..)
+    )]
+    baseline_frames: usize,
+    /// Port of the page on 127.0.0.1 [default: 8477, or a free one when that is taken].
+    #[arg(long, value_name = "PORT", conflicts_with = "json")]
+    listen: Option<u16>,
+    /// Do not open the page in the browser.
+    #[arg(long, conflicts_with = "json")]
+    no_open: bool,
+}
+
+#[derive(Serialize)]
+struct Line<'a> {
+    frame: u32,
+    time_s: f64,
+    touches: &'a [Touch],
+    residual: f64,
+    gap: f64,
+    solve_us: f64,
+    lost_frames: u64,
+}
+
+/// A board that says nothing for so long is gone.
+const SILENCE: Duration = Duration::from_secs(3);
+
+fn simulated(sheet: &Sheet) -> Result<Box<dyn Port>> {
+    let rubber = Rubber::new(sheet, Scene::demo())?;
+    let board = SimBoard::new(SimConfig::default(), rubber)?;
+    let mut port = SimPort::new(board, Pace::RealTime).context("the simulated skin does not start")?;
+    port.set_timeout(Duration::from_millis(20));
+    Ok(Box::new(port))
+}
+
+/// The board asked for, the first that answers, or the simulated skin; with its name.
+fn connect(arguments: &Arguments, sheet: &Sheet) -> Result<(Session, String)> {
+    if let Some(path) = &arguments.port {
+        let port = ports::open(path).map_err(|e| anyhow!(e))?;
+        let session = Session::start(port, adjacent_plan).with_context(|| path.clone())?;
+        return Ok((session, path.clone()));
+    }
+    if !arguments.simulate {
+        let candidates = ports::candidates().context("the serial ports cannot be listed")?;
+        for candidate in &candidates {
+            let path = &candidate.port_name;
+            match ports::open(path)
+                .map_err(|e| anyhow!(e))
+                .and_then(|port| Ok(Session::start(port, adjacent_plan)?))
+            {
+                Ok(session) => return Ok((session, path.clone())),
+                Err(e) => eprintln!("{path}: {e:#}"),
+            }
+        }
+        let why = match candidates.len() {
+            0 => "there is no serial port on USB".to_owned(),
+            n => format!("none of {n} serial ports on USB answered as one"),
+        };
+        eprintln!("no board found ({why}): showing the simulated skin; name a port with --port if there is one");
+    }
+    Ok((
+        Session::start(simulated(sheet)?, adjacent_plan)?,
+        "simulated skin".to_owned(),
+    ))
+}
+
+/// Everything that the loop shows with.
+struct Output {
+    page: Option<LiveView>,
+    json: bool,
+    last: Option<Picture>,
+    source: String,
+    times: VecDeque<f64>,
+    status_at: Instant,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// A port that does not open or answer, a board lost on the way, a page that cannot be served.
+pub(crate) fn run(arguments: &Arguments) -> Result<()> {
+    let stop = Arc::new(AtomicBool::new(false));
+    let flag = Arc::clone(&stop);
+    ctrlc::set_handler(move || flag.store(true, Ordering::Relaxed)).context("Ctrl-C cannot be caught")?;
+
+    let (sheet, _) = sheet::load(arguments.sheet.as_deref())?;
+    let (session, source) = connect(arguments, &sheet)?;
+    let (wired, described) = (usize::from(session.hello().electrodes), sheet.electrodes.len());
+    if wired != described {
+        bail!(
+            "{source} has {wired} electrodes, the sheet {described}; describe the sheet that is wired to it with --sheet"
+        );
+    }
+    let imager = Arc::new(Imager::new(&sheet, Drive::PAPER, session.pattern()?, cell_mm(&sheet)?)?);
+    let mut live = Live::new(
+        imager,
+        LiveOptions {
+            baseline_frames: arguments.baseline_frames,
+            ..LiveOptions::default()
+        },
+    );
+    let mut output = Output {
+        page: if arguments.json { None } else { Some(page(arguments)?) },
+        json: arguments.json,
+        last: None,
+        source,
+        times: VecDeque::new(),
+        status_at: Instant::now(),
+    };
+    let outcome = pump(arguments, &session, &mut live, &mut output, &stop);
+    let counters = session.link().counters();
+    tracing::info!("{counters:?}");
+    let written = match (&arguments.png, &output.last) {
+        (None, _) => Ok(()),
+        (Some(path), Some(picture)) => {
+            png::write_png(picture, path).with_context(|| format!("{}: cannot write the picture", path.display()))
+        }
+        (Some(path), None) => Err(anyhow!("{}: not written, there was no picture yet", path.display())),
+    };
+    // Why it ended comes first.
+    outcome.and(written)
+}
+
+/// 39 cells across: 5 mm on the paper's disc.
+fn cell_mm(sheet: &Sheet) -> Result<f64> {
+    let (low, high) = Geometry::new(sheet)?.bounding_box();
+    Ok((high[0] - low[0]).min(high[1] - low[1]) / 39.0)
+}
+
+fn page(arguments: &Arguments) -> Result<LiveView> {
+    let options = |port| PageOptions {
+        listen: SocketAddr::from((Ipv4Addr::LOCALHOST, port)),
+        ..PageOptions::default()
+    };
+    let page = match arguments.listen {
+        Some(port) => LiveView::start(options(port)),
+        None => LiveView::start(options(DEFAULT_PORT)).or_else(|_| LiveView::start(options(0))),
+    }
+    .context("the page cannot be served")?;
+    let url = page.url();
+    eprintln!("live picture: {url}   (Ctrl-C ends)");
+    let desktop = ["DISPLAY", "WAYLAND_DISPLAY"]
+        .iter()
+        .any(|v| std::env::var_os(v).is_some());
+    if desktop && !arguments.no_open && std::io::stderr().is_terminal() {
+        // Only a convenience: whoever has no such program has the URL.
+        let _ = std::process::Command::new("xdg-open")
+            .arg(&url)
+            .stdout(std::process::Stdio::null())
+            .stderr(std::process::Stdio::null())
+            .spawn();
+    }
+    Ok(page)
+}
+
+fn pump(
+    arguments: &Arguments,
+    session: &Session,
+    live: &mut Live,
+    output: &mut Output,
+    stop: &AtomicBool,
+) -> Result<()> {
+    let mut pictures = 0;
+    let mut heard = Instant::now();
+    while !stop.load(Ordering::Relaxed) && arguments.frames.is_none_or(|n| pictures < n) {
+        if let Some(PageCommand::Tare) = output.page.as_ref().and_then(LiveView::command) {
+            live.tare();
+        }
+        let Some(frame) = session.frame(Duration::from_millis(100))? else {
+            if heard.elapsed() > SILENCE {
+                bail!(
+                    "the board has sent no frame for {} s; look at its cable and power",
+                    SILENCE.as_secs()
+                );
+            }
+            continue;
+        };
+        heard = Instant::now();
+        let lost = session.link().counters().lost_frames;
+        match live.frame(&frame)? {
+            LiveFrame::Baseline { left } => {
+                let status = (left > 0).then(|| "taking the baseline, do not touch".to_owned());
+                if let (0, Some(baseline)) = (left, live.baseline()) {
+                    sheet::look_at_baseline(live.imager(), &baseline.values_v);
+                }
+                output.show(
+                    live.imager(),
+                    &FrameResult::nothing(live.imager()),
+                    &frame,
+                    lost,
+                    status,
+                )?;
+            }
+            LiveFrame::Picture(result) => {
+                pictures += 1;
+                output.show(live.imager(), &result, &frame, lost, None)?;
+                if output.json {
+                    let mut out = std::io::stdout().lock();
+                    let line = Line {
+                        frame: frame.sequence,
+                        time_s: frame.time_s,
+                        touches: &result.touches,
+                        residual: result.residual,
+                        gap: result.gap,
+                        solve_us: result.solve_us,
+                        lost_frames: lost,
+                    };
+                    serde_json::to_writer(&mut out, &line)?;
+                    writeln!(out)?;
+                } else {
+                    output.status(&result);
+                }
+            }
+        }
+    }
+    Ok(())
+}
+
+impl Output {
+    fn show(
+        &mut self,
+        imager: &Imager,
+        result: &FrameResult,
+        frame: &session::MeasuredFrame,
+        lost_frames: u64,
+        status: Option<String>,
+    ) -> Result<()> {
+        if self.times.back().is_some_and(|last| frame.time_s < *last) {
+            // The board was reset, and its clock with it.
+            self.times.clear();
+        }
+        self.times.push_back(frame.time_s);
+        while self.times.len() > 2 && frame.time_s - self.times[0] > 1.0 {
+            self.times.pop_front();
+        }
+        let span = frame.time_s - self.times[0];
+        let stats = Stats {
+            frames_per_s: if span > 0.0 {
+                ((self.times.len() - 1) as f64 / span) as f32
+            } else {
+                0.0
+            },
+            solve_us: result.changed.then_some(result.solve_us as f32),
+            residual: result.changed.then_some(result.residual as f32),
+            lost_frames,
+            source: self.source.clone(),
+            status,
+        };
+        let picture = imager.picture(result, frame.sequence.into(), frame.time_s, stats)?;
+        if let Some(page) = &self.page {
+            page.publish(picture.clone())?;
+        }
+        self.last = Some(picture);
+        Ok(())
+    }
+
+    /// A line on the terminal, twice a second.
+    fn status(&mut self, result: &FrameResult) {
+        if !std::io::stderr().is_terminal() || self.status_at.elapsed() < Duration::from_millis(500) {
+            return;
+        }
+        self.status_at = Instant::now();
+        let list: Vec<String> = result
+            .touches
+            .iter()
+            .map(|t| format!("({:.0}, {:.0}) mm {:+.0} %", t.x_mm, t.y_mm, 100.0 * t.rise))
+            .collect();
+        let text = if list.is_empty() {
+            "no touch".to_owned()
+        } else {
+            list.join("   ")
+        };
+        eprint!("\r\x1b[K{text}");
+    }
+}

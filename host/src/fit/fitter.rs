@@ -1,0 +1,224 @@
+//! Fits frame after frame: keeps what only depends on the sheet, and goes beyond the linear model where it shows.
+
+use super::beyond::{self, Beyond};
+use super::table::TouchTable;
+use super::{Disc, FitOptions, Fitted, fit, order};
+use crate::imager::Imager;
+use crate::noise::NoiseEstimate;
+use nalgebra::DVector;
+use std::sync::Arc;
+
+/// Part of the data that the linear model of touches may get wrong before it is corrected.
+const LINEAR_ERROR: f64 = 0.02;
+/// Most corrections of a frame.
+const MOST_ROUNDS: usize = 3;
+/// Change of the integrated rises from one correction to the next, relative, that ends them.
+const SETTLED: f64 = 0.01;
+/// Error of the linear model, in standard deviations of the noise over the whole frame, that is worth two solutions of the
+/// nonlinear model. At 27 dB a touch of +20 % alone is below, two of them side by side are above.
+const WORTH_A_SOLUTION: f64 = 6.0;
+/// Mean squared misfit, in noise variances, up to which discs explain a frame.
+pub const MOST_MISFIT: f64 = 4.0;
+/// Part of a frame (norm of the residual over that of the data) that fitted touches may leave, whatever the noise: beyond,
+/// they are no discs.
+const MOST_RESIDUAL: f64 = 0.06;
+
+/// A frame to fit, reduced and weighted.
+#[derive(Clone, Copy, Debug)]
+pub struct Data<'a> {
+    /// The difference, V.
+    pub values: &'a DVector<f64>,
+    /// Standard deviation of one of them, V.
+    pub sigma: f64,
+    /// What that was told from; none where it is a guess.
+    pub noise: Option<NoiseEstimate>,
+}
+
+/// Fits touches to the frames of one imager.
+pub struct Fitter {
+    options: FitOptions,
+    imager: Arc<Imager>,
+    /// Answers to touches, V of the model.
+    volts: TouchTable,
+    /// Made when a frame first needs it.
+    beyond: Option<Beyond>,
+    /// Degrees of freedom of the noise, and what a touch must bring at them.
+    drop: Option<(usize, f64)>,
+}
+
+impl Fitter {
+    /// Tabulates the imager's sheet; `None` when that cannot be done.
+    pub fn new(imager: &Arc<Imager>, options: FitOptions) -> Option<Self> {
+        Some(Self {
+            volts: TouchTable::new(&imager.model, imager.drive, &imager.pattern, options.radius_mm)?,
+            imager: Arc::clone(imager),
+            options,
+            beyond: None,
+            drop: None,
+        })
+    }
+
+    /// Answers to touches, V of the model: to be reduced and weighted as the data are.
+    pub fn volts(&self) -> &TouchTable {
+        &self.volts
+    }
+
+    /// Touches fitted from the places of a picture's peaks, mm; `None` when discs do not explain the frame. `table` and
+    /// `reduce` bring volts of the model into the space of the data.
+    pub fn fit(
+        &mut self,
+        table: &TouchTable,
+        reduce: impl Fn(&DVector<f64>) -> DVector<f64>,
+        data: Data,
+        seeds: &[[f64; 2]],
+    ) -> Option<Fitted> {
+        let options = self.options;
+        let drop = self.drop(table, data.noise.map_or(1, |n| n.freedom));
+        let run = |values: &DVector<f64>, error: f64, seeds: &[Disc]| {
+            fit(table, &options, values, data.sigma, drop, error, seeds)
+        };
+        let seeds: Vec<Disc> = seeds.iter().map(|at| options.seed(*at)).collect();
+        // Where the linear model's error shows, no touch may be added for it before it is corrected.
+        let norm = data.values.norm() / data.sigma;
+        let shows = LINEAR_ERROR * norm > 1.5 * WORTH_A_SOLUTION;
+        let first = if shows { LINEAR_ERROR } else { options.model_error };
+        let mut fitted = run(data.values, first, &seeds)?;
+        for round in 0..MOST_ROUNDS {
+            let error = beyond::expected(&fitted.discs, &self.imager.outline_mm);
+            if error * norm <= WORTH_A_SOLUTION {
+                if round == 0 && shows {
+                    fitted = run(data.values, options.model_error, &fitted.discs)?;
+                }
+                break;
+            }
+            if self.beyond.is_none() {
+                self.beyond = Beyond::new(&self.imager.model, self.imager.drive, &self.imager.pattern);
+            }
+            let more = self.beyond.as_mut()?.linear_v(&fitted.discs)?;
+            let corrected = data.values - reduce(&DVector::from_vec(more));
+            let before = fitted;
+            fitted = run(&corrected, options.model_error, &before.discs)?;
+            if settled(&before, &fitted) {
+                break;
+            }
+        }
+        (fitted.misfit <= MOST_MISFIT || fitted.residual <= MOST_RESIDUAL).then_some(fitted)
+    }
+
+    /// What a touch must bring, kept for as long as the noise is told as well.
+    fn drop(&mut self, table: &TouchTable, freedom: usize) -> f64 {
+        match self.drop {
+            Some((known, drop)) if known == freedom => drop,
+            _ => {
+                let drop = order::drop(table, &self.options, freedom);
+                self.drop = Some((freedom, drop));
+                drop
+            }
+        }
+    }
+}
+
+/// Whether a correction changed nothing that matters.
+fn settled(before: &Fitted, after: &Fitted) -> bool {
+    before.touches.len() == after.touches.len()
+        && before
+            .touches
+            .iter()
+            .zip(&after.touches)
+            .all(|(a, b)| (a.total_mm2 - b.total_mm2).abs() <= SETTLED * b.total_mm2)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use forward::{Drive, Pattern, Sheet};
+    use rand::{Rng, SeedableRng};
+    use rand_distr::StandardNormal;
+
+    fn fitter() -> Fitter {
+        let pattern = Pattern::adjacent(16).unwrap();
+        let imager = Arc::new(Imager::new(&Sheet::paper(), Drive::PAPER, pattern, 5.0).unwrap());
+        Fitter::new(&imager, FitOptions::for_extent(97.5)).unwrap()
+    }
+
+    /// Discs of the linear model itself, with noise of one part in ten thousand of their answer.
+    fn data(table: &TouchTable, discs: &[Disc], seed: u64) -> (DVector<f64>, f64) {
+        let n = table.length();
+        let mut sum = DVector::zeros(n);
+        for d in discs {
+            let mut out: [Vec<f64>; 4] = std::array::from_fn(|_| vec![0.0; n]);
+            let [a, b, c, e] = &mut out;
+            table.at(d.at, d.radius, [a, b, c, e]);
+            sum += DVector::from_column_slice(&out[0]) * d.strength;
+        }
+        let sigma = if discs.is_empty() {
+            1e-6
+        } else {
+            1e-4 * sum.norm() / (n as f64).sqrt()
+        };
+        let mut rng = rand::rngs::StdRng::seed_from_u64(seed);
+        (sum.map(|v| v + sigma * rng.sample::<f64, _>(StandardNormal)), sigma)
+    }
+
+    #[test]
+    fn discs_of_the_model_come_back() {
+        let f = fitter();
+        let truth = [
+            Disc {
+                at: [-30.0, 22.0],
+                radius: 11.0,
+                strength: 60.0,
+            },
+            Disc {
+                at: [25.0, -41.0],
+                radius: 14.0,
+                strength: 90.0,
+            },
+        ];
+        let (values, sigma) = data(f.volts(), &truth, 1);
+        let options = f.options;
+        let drop = order::drop(f.volts(), &options, 89);
+        // From a wrong number of touches in wrong places.
+        for seeds in [
+            vec![],
+            vec![[0.0, 0.0]],
+            vec![[-25.0, 25.0], [30.0, -30.0], [60.0, 60.0]],
+        ] {
+            let seeds: Vec<Disc> = seeds.into_iter().map(|at| options.seed(at)).collect();
+            let found = fit(f.volts(), &options, &values, sigma, drop, 0.0, &seeds).unwrap();
+            assert_eq!(found.discs.len(), 2, "{seeds:?} {found:?}");
+            for t in &truth {
+                let near = found
+                    .discs
+                    .iter()
+                    .map(|d| (d.at[0] - t.at[0]).hypot(d.at[1] - t.at[1]))
+                    .fold(f64::INFINITY, f64::min);
+                assert!(near < 0.02, "{seeds:?}: {near}");
+            }
+            assert!((0.5..1.5).contains(&found.misfit), "{}", found.misfit);
+        }
+    }
+
+    #[test]
+    fn noise_grows_no_touch() {
+        let f = fitter();
+        let drop = order::drop(f.volts(), &f.options, 89);
+        for seed in 0..200 {
+            let (values, sigma) = data(f.volts(), &[], seed);
+            let seeds = [f.options.seed([10.0, 20.0])];
+            let found = fit(f.volts(), &f.options, &values, sigma, drop, 0.0, &seeds).unwrap();
+            assert!(found.touches.is_empty(), "{seed}: {:?}", found.touches);
+        }
+    }
+
+    #[test]
+    fn numbers_that_are_none_end_without_a_fit() {
+        let f = fitter();
+        let values = DVector::from_element(f.volts().length(), f64::NAN);
+        assert_eq!(fit(f.volts(), &f.options, &values, 1.0, 30.0, 0.0, &[]), None);
+        assert_eq!(
+            fit(f.volts(), &f.options, &DVector::zeros(3), 1.0, 30.0, 0.0, &[]),
+            None
+        );
+    }
+}

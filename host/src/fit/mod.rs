@@ -1,0 +1,184 @@
+//! Touches fitted to the measurements: where the picture's peaks begin, a handful of parameters ends.
+//!
+//! A touch is a disc of raised resistivity with four parameters: x and y of its centre (mm), its radius R (mm) and its
+//! strength S (mm²), the rise integrated over it as the linear model sees it. In a uniform sheet the answer to a disc of any
+//! contrast is that of the linear model with the rise c replaced by 2 c / (2 + c), for every order of the field's
+//! multipoles; only what touches do to one another and the rim's image of a touch are left out, below 1 % for +20 %. So S
+//! is fitted, and the true rise is c = 2 s / (2 - s) with s = S / (pi R²).
+//!
+//! [`table`] holds the answer to a disc of unit strength over the sheet and interpolates it with its derivatives,
+//! [`solve`] fits a given number of touches, [`order`] chooses the number, [`beyond`] tells what the linear model leaves
+//! out, [`fitter`] does it all frame after frame, and this module turns the outcome into touches with their uncertainty.
+
+pub mod beyond;
+pub mod fitter;
+pub mod order;
+pub mod solve;
+pub mod table;
+
+use crate::picture::Touch;
+use nalgebra::DVector;
+use order::Search;
+use std::f64::consts::PI;
+use table::TouchTable;
+
+/// What is known of touches before the measurement.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FitOptions {
+    /// Radius that a touch is expected to have, mm: the paper's 25 mm tip.
+    pub radius_mm: f64,
+    /// Standard deviation of a touch's radius, mm.
+    pub radius_sd_mm: f64,
+    /// Probability that noise adds a touch to a frame.
+    pub false_touch: f64,
+    /// Weakest touch, as a fraction of the strongest one's integrated rise.
+    pub least_of_strongest: f64,
+    /// Weakest touch, relative rise at its peak.
+    pub least_rise: f64,
+    /// Relative error of the linear disc model, as a standard deviation of one value: it widens the stated uncertainty.
+    pub model_error: f64,
+    /// Most touches in a frame.
+    pub most_touches: usize,
+}
+
+impl FitOptions {
+    /// Defaults for a sheet that reaches this far from its middle (mm): radii in proportion to the paper's 195 mm disc.
+    pub fn for_extent(extent_mm: f64) -> Self {
+        let scale = extent_mm / 97.5;
+        Self {
+            radius_mm: 12.5 * scale,
+            radius_sd_mm: 2.5 * scale,
+            false_touch: 1e-3,
+            least_of_strongest: 0.02,
+            least_rise: 0.005,
+            model_error: 0.006,
+            most_touches: 12,
+        }
+    }
+
+    /// A touch of the expected size to start from.
+    pub fn seed(&self, at: [f64; 2]) -> Disc {
+        Disc {
+            at,
+            radius: self.radius_mm,
+            strength: 0.0,
+        }
+    }
+}
+
+/// A touch as it is fitted.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Disc {
+    /// Centre, mm.
+    pub at: [f64; 2],
+    /// Radius, mm.
+    pub radius: f64,
+    /// Strength as the linear model sees it: rise times area, mm².
+    pub strength: f64,
+}
+
+/// Largest `s = S / (pi R²)` that is believed: the rise goes to infinity as s goes to 2.
+const LARGEST_CONTRAST: f64 = 1.7;
+
+impl Disc {
+    /// Area, mm².
+    pub fn area_mm2(&self) -> f64 {
+        PI * self.radius * self.radius
+    }
+
+    /// The rise that the linear model sees, `s = S / (pi R²)`, as far as it is believed.
+    pub fn contrast(&self) -> f64 {
+        (self.strength / self.area_mm2()).min(LARGEST_CONTRAST)
+    }
+
+    /// Relative rise of the resistivity inside: `2 s / (2 - s)`.
+    pub fn rise(&self) -> f64 {
+        let s = self.contrast();
+        2.0 * s / (2.0 - s)
+    }
+}
+
+/// The outcome of a fit.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Fitted {
+    /// The touches with their standard uncertainties, strongest (by peak rise) first.
+    pub touches: Vec<Touch>,
+    /// The discs behind, in the same order.
+    pub discs: Vec<Disc>,
+    /// Misfit over what the noise explains: mean square of the whitened residual per degree of freedom.
+    pub misfit: f64,
+    /// Norm of the residual over the norm of the data.
+    pub residual: f64,
+}
+
+/// Fits touches to data in the space of the table (volts), whose values scatter by `sigma`.
+///
+/// `seeds` are touches to start from (those without a strength get one), `drop` the fall of chi-square that makes a touch
+/// believed (see [`order::drop`]), `error` the part of the data that the model may get wrong: no touch is added for less.
+/// `None` when lengths do not match or a number is not finite.
+pub fn fit(
+    table: &TouchTable,
+    options: &FitOptions,
+    data: &DVector<f64>,
+    sigma: f64,
+    drop: f64,
+    error: f64,
+    seeds: &[Disc],
+) -> Option<Fitted> {
+    let whitened = data / sigma;
+    let norm = whitened.norm();
+    let drop = drop + (error * norm).powi(2);
+    let search = Search::new(table, options, whitened.as_slice(), drop)?;
+    let seeds: Vec<Disc> = seeds
+        .iter()
+        .map(|d| Disc {
+            strength: d.strength / sigma,
+            ..*d
+        })
+        .collect();
+    let best = search.run(&seeds)?;
+    let freedom = (whitened.len() as f64 - 3.0 * best.discs.len() as f64).max(1.0);
+    let misfit = best.square / freedom;
+    // Variance of one value over sigma²: the noise, or the misfit where that is larger, and the model's own error.
+    let model = options.model_error.max(error) * norm;
+    let variance = misfit.max(1.0) + model * model / freedom;
+    let covariance = best.covariance();
+    let mut found: Vec<(Touch, Disc)> = best
+        .discs
+        .iter()
+        .enumerate()
+        .map(|(k, d)| {
+            let sd = |p: usize| {
+                covariance
+                    .as_ref()
+                    .map(|c| (c[(4 * k + p, 4 * k + p)].max(0.0) * variance).sqrt())
+            };
+            let disc = Disc {
+                strength: d.strength * sigma,
+                ..*d
+            };
+            let rise = disc.rise();
+            let touch = Touch {
+                id: None,
+                x_mm: disc.at[0],
+                y_mm: disc.at[1],
+                rise,
+                area_mm2: disc.area_mm2(),
+                total_mm2: rise * disc.area_mm2(),
+                x_sd_mm: sd(0),
+                y_sd_mm: sd(1),
+            };
+            (touch, disc)
+        })
+        .collect();
+    found.sort_by(|a, b| b.0.rise.total_cmp(&a.0.rise));
+    let strongest = found.iter().map(|(t, _)| t.total_mm2).fold(0.0, f64::max);
+    found.retain(|(t, _)| t.total_mm2 >= options.least_of_strongest * strongest && t.rise >= options.least_rise);
+    let (touches, discs) = found.into_iter().unzip();
+    Some(Fitted {
+        touches,
+        discs,
+        misfit,
+        residual: best.square.sqrt() / norm.max(f64::MIN_POSITIVE),
+    })
+}

@@ -1,0 +1,214 @@
+//! The model side of a picture: what the unpressed sheet gives, how it answers to every cell, and the normalised
+//! difference that connects a measured frame to both.
+
+use crate::picture::{Grid, Picture, PictureError, Stats};
+use crate::reconstructor::FrameResult;
+use forward::{CellError, CellGrid, Drive, ForwardError, Model, ModelOptions, Pattern, Sensitivity, Sheet, Solver};
+use nalgebra::{DMatrix, DVector};
+use std::sync::Arc;
+use thiserror::Error;
+
+/// Why no imager could be made.
+#[derive(Clone, Debug, Error, PartialEq)]
+#[non_exhaustive]
+pub enum ImagerError {
+    /// The sheet or its model.
+    #[error(transparent)]
+    Forward(#[from] ForwardError),
+    /// The cells.
+    #[error(transparent)]
+    Cells(#[from] CellError),
+    /// Pattern and sheet do not belong together.
+    #[error(
+        "the measurements name {pattern} electrodes, but the sheet has {sheet}; describe the sheet that was measured"
+    )]
+    Electrodes {
+        /// Of the pattern.
+        pattern: usize,
+        /// Of the sheet.
+        sheet: usize,
+    },
+    /// Not one value of the frame can be used.
+    #[error("a baseline of {given} values was given for {expected} measurements")]
+    Baseline {
+        /// Values given.
+        given: usize,
+        /// Values expected.
+        expected: usize,
+    },
+}
+
+/// The unpressed sheet as the model sees it, and its sensitivity. Immutable.
+#[derive(Clone, Debug)]
+pub struct Imager {
+    /// The sheet made ready to solve.
+    pub model: Arc<Model>,
+    /// The measurements, in the order of all vectors.
+    pub pattern: Pattern,
+    /// The drive.
+    pub drive: Drive,
+    /// The cells of the picture.
+    pub grid: CellGrid,
+    /// Voltages of the unpressed sheet, V.
+    pub model_v: Vec<f64>,
+    /// Change of every voltage (V) for a unit relative rise of every cell.
+    pub sensitivity: DMatrix<f64>,
+    /// Rim of the sheet, mm.
+    pub outline_mm: Vec<[f64; 2]>,
+    /// Centres of the electrodes, mm.
+    pub electrodes_mm: Vec<[f64; 2]>,
+}
+
+/// A normalised difference: what changed against the baseline, in volts of the model.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Difference {
+    /// `V_model (V / V_baseline - 1)`; 0 where the value is not used.
+    pub y: DVector<f64>,
+    /// Which values take part.
+    pub used: Vec<bool>,
+    /// Noise of every value relative to the others: `V_model / V_baseline` over its median.
+    pub spread: Vec<f64>,
+}
+
+/// A baseline below this fraction of its median is too small to divide by.
+const LEAST_BASELINE: f64 = 1e-3;
+
+impl Imager {
+    /// Models a sheet.
+    ///
+    /// # Errors
+    /// [`ImagerError`] names what does not fit.
+    pub fn new(sheet: &Sheet, drive: Drive, pattern: Pattern, cell_mm: f64) -> Result<Self, ImagerError> {
+        if pattern.electrodes() > sheet.electrodes.len() {
+            return Err(ImagerError::Electrodes {
+                pattern: pattern.electrodes(),
+                sheet: sheet.electrodes.len(),
+            });
+        }
+        let model = Arc::new(Model::new(sheet, &ModelOptions::default())?);
+        let grid = CellGrid::new(model.geometry(), cell_mm)?;
+        let solver = Solver::new(model.clone())?;
+        let matrix = solver.electrode_matrix();
+        let sensitivity = Sensitivity::by_cell(&solver, &grid).matrix_v(drive, matrix, &pattern);
+        Ok(Self {
+            model_v: drive.frame_v(matrix, &pattern),
+            sensitivity,
+            outline_mm: model.geometry().outline().polyline().to_vec(),
+            electrodes_mm: model.geometry().electrode_centres(),
+            model,
+            pattern,
+            drive,
+            grid,
+        })
+    }
+
+    /// The normalised difference of a frame (any unit) to its baseline (the same unit).
+    ///
+    /// Values that are not finite, in either, and values whose baseline is too small to divide by are left out.
+    ///
+    /// # Errors
+    /// [`ImagerError::Baseline`] when the lengths do not match the pattern.
+    pub fn difference(&self, baseline: &[f64], frame: &[f64]) -> Result<Difference, ImagerError> {
+        for given in [baseline.len(), frame.len()] {
+            if given != self.pattern.len() {
+                return Err(ImagerError::Baseline {
+                    given,
+                    expected: self.pattern.len(),
+                });
+            }
+        }
+        let mut sizes: Vec<f64> = baseline.iter().map(|v| v.abs()).filter(|v| v.is_finite()).collect();
+        sizes.sort_by(f64::total_cmp);
+        let least = sizes.get(sizes.len() / 2).map_or(f64::INFINITY, |m| LEAST_BASELINE * m);
+        let used: Vec<bool> = baseline
+            .iter()
+            .zip(frame)
+            .map(|(b, v)| b.is_finite() && v.is_finite() && b.abs() > least)
+            .collect();
+        let y = DVector::from_fn(self.pattern.len(), |k, _| {
+            if used[k] {
+                self.model_v[k] * (frame[k] / baseline[k] - 1.0)
+            } else {
+                0.0
+            }
+        });
+        let mut spread: Vec<f64> = (0..used.len())
+            .map(|k| {
+                if used[k] {
+                    (self.model_v[k] / baseline[k]).abs()
+                } else {
+                    1.0
+                }
+            })
+            .collect();
+        let mut gains: Vec<f64> = spread.iter().zip(&used).filter(|(_, u)| **u).map(|(s, _)| *s).collect();
+        gains.sort_by(f64::total_cmp);
+        let median = gains.get(gains.len() / 2).copied().unwrap_or(1.0);
+        for (s, used) in spread.iter_mut().zip(&used) {
+            *s = if *used { *s / median } else { 1.0 };
+        }
+        Ok(Difference { y, used, spread })
+    }
+
+    /// Volts of the model for one volt of a baseline: the median over its values.
+    pub fn gain(&self, baseline: &[f64]) -> f64 {
+        let mut gains: Vec<f64> = self
+            .model_v
+            .iter()
+            .zip(baseline)
+            .map(|(m, b)| (m / b).abs())
+            .filter(|g| g.is_finite())
+            .collect();
+        gains.sort_by(f64::total_cmp);
+        gains.get(gains.len() / 2).copied().unwrap_or(1.0)
+    }
+
+    /// The picture of a result, for a viewer.
+    ///
+    /// # Errors
+    /// [`PictureError`] when the cells are too many to show.
+    pub fn picture(
+        &self,
+        result: &FrameResult,
+        sequence: u64,
+        time_s: f64,
+        stats: Stats,
+    ) -> Result<Picture, PictureError> {
+        Ok(Picture {
+            sequence,
+            time_s,
+            grid: self.shown_grid()?,
+            outline_mm: Arc::new(self.outline_mm.clone()),
+            electrodes_mm: Arc::new(self.electrodes_mm.clone()),
+            values: result.x.iter().map(|x| x.max(0.0) as f32).collect(),
+            touches: result.touches.clone(),
+            stats,
+        })
+    }
+
+    fn shown_grid(&self) -> Result<Arc<Grid>, PictureError> {
+        let (columns, rows) = self.grid.shape();
+        let [left, bottom] = self.grid.low_mm();
+        // More columns than fit 16 bits are refused by the grid itself.
+        let cells = self.grid.cells().iter().map(|[c, r]| (*c as u16, *r as u16)).collect();
+        Grid::new(columns, rows, self.grid.cell_mm(), left, bottom, cells).map(Arc::new)
+    }
+
+    /// Correlation of a baseline with the unpressed model over the values in use: above 0.95 when electrode order, sense
+    /// of turn and sign are right.
+    pub fn correlation(&self, baseline: &[f64]) -> f64 {
+        let (mut ab, mut aa, mut bb) = (0.0, 0.0, 0.0);
+        for (a, b) in baseline.iter().zip(&self.model_v) {
+            if a.is_finite() {
+                ab += a * b;
+                aa += a * a;
+                bb += b * b;
+            }
+        }
+        if aa > 0.0 && bb > 0.0 {
+            ab / (aa * bb).sqrt()
+        } else {
+            0.0
+        }
+    }
+}

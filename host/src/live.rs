@@ -1,0 +1,118 @@
+//! Frames to pictures, live: takes the baseline, then reconstructs and follows touches.
+
+use crate::baseline::{Baseline, BaselineTaker};
+use crate::imager::{Imager, ImagerError};
+use crate::reconstruct::Method;
+use crate::reconstructor::{FrameResult, Reconstructor, ReconstructorOptions};
+use crate::session::MeasuredFrame;
+use crate::tracker::Tracker;
+use std::sync::Arc;
+
+/// How a live picture is made.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LiveOptions {
+    /// Frames of the unpressed sheet that make the baseline.
+    pub baseline_frames: usize,
+    /// The solver.
+    pub method: Method,
+}
+
+impl Default for LiveOptions {
+    fn default() -> Self {
+        Self {
+            baseline_frames: 24,
+            method: Method::Nnls,
+        }
+    }
+}
+
+/// What became of a measured frame.
+#[derive(Clone, Debug, PartialEq)]
+pub enum LiveFrame {
+    /// It went into the baseline; so many more are wanted.
+    Baseline {
+        /// Frames still wanted.
+        left: usize,
+    },
+    /// A picture, its touches numbered.
+    Picture(FrameResult),
+}
+
+/// The chain behind the link, with its state.
+pub struct Live {
+    imager: Arc<Imager>,
+    options: LiveOptions,
+    reconstructor: Reconstructor,
+    tracker: Tracker,
+    taker: Option<BaselineTaker>,
+    baseline: Option<Baseline>,
+}
+
+/// A touch keeps its number while it moves by less than this from frame to frame, as a fraction of the sheet.
+const REACH: f64 = 0.1;
+/// Frames that a touch may be missing and keep its number.
+const PATIENCE: u32 = 3;
+
+impl Live {
+    /// Starts with taking the baseline.
+    pub fn new(imager: Arc<Imager>, options: LiveOptions) -> Self {
+        let extent = imager.outline_mm.iter().map(|p| p[0].hypot(p[1])).fold(0.0, f64::max);
+        let values = imager.pattern.len();
+        Self {
+            reconstructor: Reconstructor::new(
+                Arc::clone(&imager),
+                ReconstructorOptions::for_imager(&imager, options.method),
+            ),
+            tracker: Tracker::new(2.0 * REACH * extent, PATIENCE),
+            taker: Some(BaselineTaker::new(values, options.baseline_frames)),
+            baseline: None,
+            imager,
+            options,
+        }
+    }
+
+    /// The model behind.
+    pub fn imager(&self) -> &Arc<Imager> {
+        &self.imager
+    }
+
+    /// Takes the baseline anew, from the next frame on.
+    pub fn tare(&mut self) {
+        self.taker = Some(BaselineTaker::new(
+            self.imager.pattern.len(),
+            self.options.baseline_frames,
+        ));
+    }
+
+    /// The baseline in force.
+    pub fn baseline(&self) -> Option<&Baseline> {
+        self.baseline.as_ref()
+    }
+
+    /// Takes the next frame.
+    ///
+    /// # Errors
+    /// [`ImagerError`] when the frame does not have the pattern's length.
+    pub fn frame(&mut self, frame: &MeasuredFrame) -> Result<LiveFrame, ImagerError> {
+        if let Some(taker) = &mut self.taker {
+            let done = taker.take(&frame.values_v);
+            let left = taker.left();
+            let Some(baseline) = done else {
+                return Ok(LiveFrame::Baseline { left });
+            };
+            self.taker = None;
+            // Noise of a difference to this baseline, in the model's volts.
+            let gain = self.imager.gain(&baseline.values_v);
+            let spread = (1.0 + 1.0 / baseline.frames as f64).sqrt();
+            self.reconstructor.set_noise(Some(baseline.noise_v * gain * spread));
+            self.baseline = Some(baseline);
+            return Ok(LiveFrame::Baseline { left: 0 });
+        }
+        let Some(baseline) = &self.baseline else {
+            return Ok(LiveFrame::Baseline { left: 0 });
+        };
+        let mut result = self.reconstructor.frame(&baseline.values_v, &frame.values_v)?;
+        self.tracker.update(&mut result.touches);
+        Ok(LiveFrame::Picture(result))
+    }
+}

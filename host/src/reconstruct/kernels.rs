@@ -1,0 +1,181 @@
+//! The few loops in which the solvers spend their time, with the vector unit found at run time.
+//!
+//! All matrices are column by column with a stride of [`LANES`] times something: no loop has a remainder.
+
+use pulp::{Arch, Simd, WithSimd};
+
+/// Lengths are padded to a multiple of this many `f64`: one register of the widest vector unit.
+pub(super) const LANES: usize = 8;
+
+/// Columns that [`dots`] takes at once; the number of columns is padded to a multiple of it.
+pub(super) const COLUMNS_AT_ONCE: usize = 8;
+
+/// Next multiple of `step`.
+pub(super) const fn padded(length: usize, step: usize) -> usize {
+    length.div_ceil(step) * step
+}
+
+/// `out_j = column_j . v`.
+pub(super) fn dots(arch: Arch, columns: &[f64], v: &[f64], out: &mut [f64]) {
+    arch.dispatch(Dots { columns, v, out });
+}
+
+struct Dots<'a> {
+    columns: &'a [f64],
+    v: &'a [f64],
+    out: &'a mut [f64],
+}
+
+impl WithSimd for Dots<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { columns, v, out } = self;
+        let rows = v.len();
+        let v = S::as_simd_f64s(v).0;
+        for (block, out) in columns
+            .chunks_exact(COLUMNS_AT_ONCE * rows)
+            .zip(out.chunks_exact_mut(COLUMNS_AT_ONCE))
+        {
+            let mut sums = [simd.splat_f64s(0.0); COLUMNS_AT_ONCE];
+            let c: [&[S::f64s]; COLUMNS_AT_ONCE] =
+                std::array::from_fn(|k| &S::as_simd_f64s(&block[k * rows..(k + 1) * rows]).0[..v.len()]);
+            for (i, v) in v.iter().enumerate() {
+                for (sum, c) in sums.iter_mut().zip(&c) {
+                    *sum = simd.mul_add_e_f64s(c[i], *v, *sum);
+                }
+            }
+            for (out, sum) in out.iter_mut().zip(sums) {
+                *out = simd.reduce_sum_f64s(sum);
+            }
+        }
+    }
+}
+
+/// `out_k = column_j . v` for the k-th j of a list; `out` is emptied first.
+pub(super) fn dots_of(arch: Arch, columns: &[f64], list: &[usize], v: &[f64], out: &mut Vec<f64>) {
+    arch.dispatch(DotsOf { columns, list, v, out });
+}
+
+struct DotsOf<'a> {
+    columns: &'a [f64],
+    list: &'a [usize],
+    v: &'a [f64],
+    out: &'a mut Vec<f64>,
+}
+
+impl WithSimd for DotsOf<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { columns, list, v, out } = self;
+        let rows = v.len();
+        let v = S::as_simd_f64s(v).0;
+        out.clear();
+        let (fours, rest) = list.as_chunks::<4>();
+        for four in fours {
+            let c: [&[S::f64s]; 4] =
+                std::array::from_fn(|k| &S::as_simd_f64s(&columns[four[k] * rows..][..rows]).0[..v.len()]);
+            let mut sums = [simd.splat_f64s(0.0); 4];
+            for (i, v) in v.iter().enumerate() {
+                for (sum, c) in sums.iter_mut().zip(&c) {
+                    *sum = simd.mul_add_e_f64s(c[i], *v, *sum);
+                }
+            }
+            for sum in sums {
+                out.push(simd.reduce_sum_f64s(sum));
+            }
+        }
+        for j in rest {
+            let mut sum = simd.splat_f64s(0.0);
+            let column = S::as_simd_f64s(&columns[j * rows..(j + 1) * rows]).0;
+            for (c, v) in column.iter().zip(v) {
+                sum = simd.mul_add_e_f64s(*c, *v, sum);
+            }
+            out.push(simd.reduce_sum_f64s(sum));
+        }
+    }
+}
+
+/// `y += sum of x_j column_j` over a list of `(j, x_j)`.
+pub(super) fn add_columns(arch: Arch, columns: &[f64], list: &[(usize, f64)], y: &mut [f64]) {
+    arch.dispatch(AddColumns { columns, list, y });
+}
+
+struct AddColumns<'a> {
+    columns: &'a [f64],
+    list: &'a [(usize, f64)],
+    y: &'a mut [f64],
+}
+
+impl WithSimd for AddColumns<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { columns, list, y } = self;
+        let rows = y.len();
+        let y = S::as_mut_simd_f64s(y).0;
+        let length = y.len();
+        let (fours, rest) = list.as_chunks::<4>();
+        for four in fours {
+            let [a, b, c, d]: [&[S::f64s]; 4] =
+                std::array::from_fn(|k| &S::as_simd_f64s(&columns[four[k].0 * rows..][..rows]).0[..length]);
+            let mut by = [simd.splat_f64s(0.0); 4];
+            for (by, (_, x)) in by.iter_mut().zip(four) {
+                *by = simd.splat_f64s(*x);
+            }
+            let [p, q, r, s] = by;
+            for i in 0..length {
+                let lower = simd.mul_add_e_f64s(b[i], q, simd.mul_f64s(a[i], p));
+                let upper = simd.mul_add_e_f64s(d[i], s, simd.mul_add_e_f64s(c[i], r, y[i]));
+                y[i] = simd.add_f64s(lower, upper);
+            }
+        }
+        for (j, x) in rest {
+            let (a, p) = (
+                S::as_simd_f64s(&columns[j * rows..(j + 1) * rows]).0,
+                simd.splat_f64s(*x),
+            );
+            for i in 0..length {
+                y[i] = simd.mul_add_e_f64s(a[i], p, y[i]);
+            }
+        }
+    }
+}
+
+/// What the entries that change sides between g and `g + t q` add to the derivative of `1/2 |max(0, g + t q)|^2` with
+/// respect to t over the straight line it has at t = 0, and the slope of that.
+pub(super) fn crossings(arch: Arch, g: &[f64], q: &[f64], t: f64) -> (f64, f64) {
+    arch.dispatch(Crossings { g, q, t })
+}
+
+struct Crossings<'a> {
+    g: &'a [f64],
+    q: &'a [f64],
+    t: f64,
+}
+
+impl WithSimd for Crossings<'_> {
+    type Output = (f64, f64);
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> (f64, f64) {
+        let (g, q) = (S::as_simd_f64s(self.g).0, S::as_simd_f64s(self.q).0);
+        let (zero, t) = (simd.splat_f64s(0.0), simd.splat_f64s(self.t));
+        let (mut value, mut slope) = (zero, zero);
+        for (g, q) in g.iter().zip(q) {
+            let at = simd.mul_add_e_f64s(*q, t, *g);
+            let (before, after) = (simd.greater_than_f64s(*g, zero), simd.greater_than_f64s(at, zero));
+            // +q for an entry that came up, -q for one that went down, 0 for the rest.
+            let came = simd.select_f64s(before, zero, *q);
+            let went = simd.select_f64s(before, simd.neg_f64s(*q), zero);
+            let moved = simd.select_f64s(after, came, went);
+            value = simd.mul_add_e_f64s(at, moved, value);
+            slope = simd.mul_add_e_f64s(*q, moved, slope);
+        }
+        (simd.reduce_sum_f64s(value), simd.reduce_sum_f64s(slope))
+    }
+}

@@ -1,0 +1,108 @@
+//! From a normalised difference to a picture of the resistivity's rise: the solvers.
+//!
+//! All solve for x, the relative rise in resistivity of every cell, from `A x = b`, where A is the weighted sensitivity
+//! and b the weighted difference.
+#![allow(
+    clippy::neg_cmp_op_on_partial_ord,
+    reason = "a comparison with a number that is none must fail"
+)]
+
+mod aligned;
+mod block;
+mod columns;
+mod dense;
+mod factor;
+mod kernels;
+mod lawson_hanson;
+mod linear;
+mod newton;
+mod nnls;
+mod passive;
+mod plain;
+mod problem;
+mod sides;
+#[cfg(test)]
+mod tests;
+
+pub use lawson_hanson::lawson_hanson;
+pub use linear::{pseudo_inverse, tikhonov};
+pub use nnls::{Nnls, NnlsOptions};
+pub use problem::Problem;
+
+use nalgebra::DVector;
+
+/// How the picture is computed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Method {
+    /// Non-negative least squares with a ridge, by semismooth Newton steps in measurement space.
+    Nnls,
+    /// Plain non-negative least squares by the active set method of Lawson and Hanson (1974): the paper's.
+    LawsonHanson,
+    /// Ridge regression without a sign.
+    Tikhonov,
+    /// The plain generalised inverse: the paper's example of what fails.
+    PseudoInverse,
+}
+
+/// How a solve ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Status {
+    /// To the tolerance asked for.
+    Converged,
+    /// The iteration limit came first; the proof tells how far off the solution is.
+    Stopped,
+    /// The input held a number that is not finite; the solution is zero.
+    BadInput,
+}
+
+/// A solution with its proof.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Solution {
+    /// Relative rise in resistivity of every cell.
+    pub x: DVector<f64>,
+    /// `|A x - b| / |b|` over all rows given; 0 for b = 0.
+    pub residual: f64,
+    /// How far x is from satisfying its optimality conditions, relative to the largest entry of x (see each solver).
+    pub gap: f64,
+    /// Iterations taken.
+    pub iterations: usize,
+    /// How it ended.
+    pub status: Status,
+}
+
+impl Solution {
+    pub(crate) fn zero(cells: usize, status: Status) -> Self {
+        Self {
+            x: DVector::zeros(cells),
+            residual: 0.0,
+            gap: 0.0,
+            iterations: 0,
+            status,
+        }
+    }
+}
+
+/// What a solve reports beside x, which the caller holds: see [`Solution`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Outcome {
+    /// `|A x - b| / |b|` over all rows given; 0 for b = 0.
+    pub residual: f64,
+    /// How far x is from satisfying its optimality conditions, relative to its largest entry.
+    pub gap: f64,
+    /// Iterations taken.
+    pub iterations: usize,
+    /// How it ended.
+    pub status: Status,
+}
+
+impl Outcome {
+    /// Of x = 0.
+    pub(crate) fn nothing(status: Status, residual: f64) -> Self {
+        Self {
+            residual,
+            gap: 0.0,
+            iterations: 0,
+            status,
+        }
+    }
+}

@@ -1,0 +1,421 @@
+//! From a frame to a picture and its touches: gate, weigh, solve, find.
+
+use crate::fit::fitter::{Data, Fitter, MOST_MISFIT};
+use crate::fit::table::TouchTable;
+use crate::fit::{FitOptions, Fitted};
+use crate::health::Health;
+use crate::imager::{Difference, Imager, ImagerError};
+use crate::noise::{NoiseEstimate, Reciprocity};
+use crate::picture::Touch;
+use crate::reconstruct::{
+    Method, Nnls, NnlsOptions, Problem, Solution, Status, lawson_hanson, pseudo_inverse, tikhonov,
+};
+use crate::touches::{TouchFinder, TouchOptions};
+use nalgebra::DVector;
+use statrs::distribution::{ContinuousCDF, FisherSnedecor};
+use std::sync::Arc;
+use std::time::Instant;
+
+/// How frames are turned into pictures.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ReconstructorOptions {
+    /// The solver.
+    pub method: Method,
+    /// Relative rise in resistivity that a cell is expected to take (one standard deviation of the prior that the ridge
+    /// stands for): the ridge is the noise over this.
+    pub expected_rise: f64,
+    /// How the expected rise falls with a cell's sensitivity: `(sensitivity / median) ^ -depth`. 0 is the same for all
+    /// cells; larger keeps what the model gets wrong from being drawn at the rim, where the sensitivity is greatest.
+    pub depth: f64,
+    /// Relative error of the model against the change measured, as a standard deviation: a strong touch is not fitted
+    /// more closely than the linear model can be right.
+    pub model_error: f64,
+    /// Probability that a frame of nothing but noise passes the gate.
+    pub false_alarm: f64,
+    /// What counts as a touch.
+    pub touches: TouchOptions,
+    /// How the picture's touches are fitted to the measurements; none leaves them as the picture has them. Only
+    /// [`Method::Nnls`] has a fit.
+    pub fit: Option<FitOptions>,
+}
+
+impl ReconstructorOptions {
+    /// Defaults for an imager: lengths follow the sheet's size and the cells.
+    pub fn for_imager(imager: &Imager, method: Method) -> Self {
+        let extent = imager.outline_mm.iter().map(|p| p[0].hypot(p[1])).fold(0.0, f64::max);
+        Self {
+            method,
+            expected_rise: 0.07,
+            depth: 0.3,
+            model_error: 0.0,
+            false_alarm: 1e-6,
+            touches: TouchOptions {
+                smoothing_mm: (0.05 * extent).max(0.6 * imager.grid.cell_mm()),
+                least_of_strongest: 0.25,
+                prominence: 0.08,
+                least_rise: 0.005,
+            },
+            fit: (method == Method::Nnls).then(|| FitOptions::for_extent(extent)),
+        }
+    }
+}
+
+/// What became of a frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FrameResult {
+    /// Relative rise in resistivity of every cell; all zero when the gate found nothing.
+    pub x: Vec<f64>,
+    /// Touches, strongest first.
+    pub touches: Vec<Touch>,
+    /// Part of the change that the picture leaves unexplained, 0 to 1.
+    pub residual: f64,
+    /// The solve's proof: relative KKT residual.
+    pub gap: f64,
+    /// Time of the solve alone, us; 0 when the gate found nothing.
+    pub solve_us: f64,
+    /// Noise of one value, V of the model, where it could be told.
+    pub noise: Option<NoiseEstimate>,
+    /// How many values took part.
+    pub used: usize,
+    /// Whether there was a change above the noise.
+    pub changed: bool,
+    /// How the solve ended.
+    pub status: Status,
+    /// Mean squared misfit of the touches' fit, in variances of the noise; none where the touches are the picture's peaks
+    /// because discs do not explain the frame.
+    pub misfit: Option<f64>,
+}
+
+impl FrameResult {
+    /// The result of a frame in which nothing was looked for.
+    pub fn nothing(imager: &Imager) -> Self {
+        Self {
+            x: vec![0.0; imager.grid.len()],
+            touches: Vec::new(),
+            residual: 0.0,
+            gap: 0.0,
+            solve_us: 0.0,
+            noise: None,
+            used: 0,
+            changed: false,
+            status: Status::Converged,
+            misfit: None,
+        }
+    }
+}
+
+/// The reduced problem for one set of weights.
+struct Weighted {
+    used: Vec<bool>,
+    spread: Vec<f64>,
+    problem: Problem,
+    /// Expected rise of every cell over `expected_rise`: the problem's columns are scaled by it.
+    prior: DVector<f64>,
+    /// The problem with cells that fall; made when a frame first needs it.
+    with_falls: Option<Problem>,
+    /// Answers to touches in the reduced space; made when a frame first needs them.
+    table: Option<TouchTable>,
+}
+
+/// Turns frames into pictures, with its state from frame to frame.
+pub struct Reconstructor {
+    imager: Arc<Imager>,
+    options: ReconstructorOptions,
+    reciprocity: Reciprocity,
+    health: Health,
+    fitter: Option<Fitter>,
+    /// Rank, degrees of freedom, and the gate at them.
+    gate: Option<([usize; 2], f64)>,
+    finder: TouchFinder,
+    weighted: Option<Weighted>,
+    nnls: Nnls,
+    /// Noise of one value known from a recording of the unpressed sheet, V of the model.
+    known_noise: Option<f64>,
+}
+
+/// Largest relative KKT residual of a converged solve.
+const TOLERANCE: f64 = 1e-9;
+const MOST_STEPS: usize = 60;
+/// A picture's largest rise over the expected one before more is expected.
+const LARGEST_OVER_EXPECTED: f64 = 4.0;
+const MOST_RESCALINGS: usize = 2;
+/// A touch that rises less than this fraction of the deepest fall is what the fall leaves around it.
+const LEAST_OVER_FALL: f64 = 0.65;
+/// More peaks than two hands have fingers, in a picture that no touches fit, are a change of the whole sheet: with a
+/// voltage drive a metal rod looks much like a rise everywhere else.
+const MOST_PEAKS: usize = 10;
+/// Least relative sensitivity of a cell, against the median, that its expected rise follows.
+const LEAST_SENSITIVITY: f64 = 1e-3;
+
+impl Reconstructor {
+    /// Prepares for frames of an imager.
+    pub fn new(imager: Arc<Imager>, options: ReconstructorOptions) -> Self {
+        Self {
+            reciprocity: Reciprocity::new(&imager.pattern, imager.drive),
+            health: Health::new(&imager.pattern),
+            fitter: options.fit.and_then(|f| Fitter::new(&imager, f)),
+            gate: None,
+            finder: TouchFinder::new(&imager.grid, options.touches),
+            weighted: None,
+            nnls: Nnls::new(NnlsOptions {
+                ridge: 1.0,
+                tolerance: TOLERANCE,
+                most_steps: MOST_STEPS,
+            }),
+            known_noise: None,
+            imager,
+            options,
+        }
+    }
+
+    /// The imager.
+    pub fn imager(&self) -> &Arc<Imager> {
+        &self.imager
+    }
+
+    /// Sets the noise of one value of the difference (V of the model), known from a recording of the unpressed sheet;
+    /// `None` to tell it from every frame.
+    pub fn set_noise(&mut self, sigma: Option<f64>) {
+        self.known_noise = sigma.filter(|s| *s > 0.0 && s.is_finite());
+    }
+
+    /// Reconstructs a frame against a baseline (both in any one unit).
+    ///
+    /// # Errors
+    /// [`ImagerError::Baseline`] when a length does not match the pattern.
+    pub fn frame(&mut self, baseline: &[f64], frame: &[f64]) -> Result<FrameResult, ImagerError> {
+        let mut difference = self.imager.difference(baseline, frame)?;
+        let known = self.known_noise.map(|sigma| NoiseEstimate {
+            sigma,
+            freedom: usize::MAX,
+        });
+        // With the noise known most frames of an untouched sheet end at the gate; the others are looked into.
+        if let Some(noise) = known
+            && let Some(reduced) = self.reduce(&difference)
+            && !self.passes(&reduced, noise)
+        {
+            return Ok(FrameResult {
+                noise: known,
+                used: difference.used.iter().filter(|u| **u).count(),
+                ..FrameResult::nothing(&self.imager)
+            });
+        }
+        let judged = self
+            .health
+            .judge(&self.reciprocity, &self.imager.model_v, &mut difference);
+        Ok(self.solve(&difference, known.or_else(|| judged.and_then(|d| d.noise()))))
+    }
+
+    /// The reduced, weighted difference; `None` when no value is left.
+    fn reduce(&mut self, difference: &Difference) -> Option<DVector<f64>> {
+        self.weigh(difference);
+        let problem = &self.weighted.as_ref()?.problem;
+        (problem.rank() > 0).then(|| problem.reduce(&weighted(difference)).0)
+    }
+
+    /// Whether a frame holds more than noise. A quiet one makes the next solve start afresh.
+    fn passes(&mut self, reduced: &DVector<f64>, noise: NoiseEstimate) -> bool {
+        let arguments = [reduced.len(), noise.freedom];
+        let limit = match self.gate {
+            Some((known, limit)) if known == arguments => limit,
+            _ => gate(reduced.len(), noise.freedom, self.options.false_alarm),
+        };
+        self.gate = Some((arguments, limit));
+        let passes = reduced.norm_squared() > reduced.len() as f64 * noise.sigma * noise.sigma * limit;
+        if !passes {
+            self.nnls.reset();
+        }
+        passes
+    }
+
+    fn solve(&mut self, difference: &Difference, noise: Option<NoiseEstimate>) -> FrameResult {
+        let used = difference.used.iter().filter(|u| **u).count();
+        let empty = |imager: &Imager| FrameResult {
+            noise,
+            used,
+            ..FrameResult::nothing(imager)
+        };
+        let Some(reduced) = self.reduce(difference) else {
+            return empty(&self.imager);
+        };
+        if let Some(n) = noise
+            && !self.passes(&reduced, n)
+        {
+            return empty(&self.imager);
+        }
+        // Without a way to tell the noise everything counts as a change, at a noise that keeps the solve well posed.
+        let power = reduced.norm_squared() / reduced.len() as f64;
+        let sigma = noise.map_or(1e-2 * power.sqrt(), |n| n.sigma);
+        let sigma = sigma.hypot(self.options.model_error * power.sqrt());
+        let b = weighted(difference);
+        let start = Instant::now();
+        let (solution, ridge) = self.picture(&b, sigma);
+        let solve_us = start.elapsed().as_secs_f64() * 1e6;
+        let mut result = FrameResult {
+            noise,
+            used,
+            changed: true,
+            solve_us,
+            residual: solution.residual,
+            gap: solution.gap,
+            status: solution.status,
+            touches: self.finder.find(solution.x.as_slice()),
+            x: solution.x.as_slice().to_vec(),
+            misfit: None,
+        };
+        if let Some(fitted) = self.fit(&reduced, sigma, noise, &result.touches) {
+            result.touches = fitted.touches;
+            result.misfit = Some(fitted.misfit);
+        } else if let Some(ridge) = ridge {
+            self.with_falls(&b, sigma, ridge, &mut result);
+        }
+        if result.misfit.is_none() && result.touches.len() > MOST_PEAKS {
+            result.touches.clear();
+        }
+        result
+    }
+
+    /// Touches fitted from the picture's; `None` when discs do not explain the frame.
+    fn fit(
+        &mut self,
+        reduced: &DVector<f64>,
+        sigma: f64,
+        noise: Option<NoiseEstimate>,
+        seeds: &[Touch],
+    ) -> Option<Fitted> {
+        let fitter = self.fitter.as_mut()?;
+        let weighted = self.weighted.as_mut()?;
+        let (used, spread, problem) = (&weighted.used, &weighted.spread, &weighted.problem);
+        let reduce = |v: &DVector<f64>| {
+            let weight = |k: usize| if used[k] { 1.0 / spread[k] } else { 0.0 };
+            problem.reduce(&DVector::from_fn(v.len(), |k, _| v[k] * weight(k))).0
+        };
+        let table = weighted.table.get_or_insert_with(|| fitter.volts().map(reduce));
+        let seeds: Vec<[f64; 2]> = seeds.iter().map(|t| [t.x_mm, t.y_mm]).collect();
+        let data = Data {
+            values: reduced,
+            sigma,
+            noise,
+        };
+        fitter.fit(table, reduce, data, &seeds)
+    }
+
+    /// Lets the picture fall as well as rise where rises alone do not explain the frame: metal beside a finger, say.
+    fn with_falls(&mut self, b: &DVector<f64>, sigma: f64, ridge: f64, result: &mut FrameResult) {
+        let misfit = (result.residual * b.norm()).powi(2) / (sigma * sigma * b.len() as f64);
+        let Some(weighted) = self.weighted.as_mut().filter(|_| misfit > MOST_MISFIT) else {
+            return;
+        };
+        let problem = &weighted.problem;
+        let both = weighted.with_falls.get_or_insert_with(|| problem.with_falls(1.0));
+        let solution = Nnls::new(NnlsOptions {
+            ridge,
+            ..self.nnls.options()
+        })
+        .solve(both, b);
+        let x = weighted.rise(&solution);
+        let (rises, falls) = x.as_slice().split_at(self.imager.grid.len());
+        let fall = falls.iter().copied().fold(0.0, f64::max);
+        result.x = rises.to_vec();
+        result.residual = solution.residual;
+        result.gap = solution.gap;
+        result.status = solution.status;
+        result.touches = self.finder.find(rises);
+        result.touches.retain(|t| t.rise >= LEAST_OVER_FALL * fall);
+    }
+
+    /// Solves by the method asked for, x in relative rise; with the ridge where there is one to go on with.
+    fn picture(&mut self, b: &DVector<f64>, sigma: f64) -> (Solution, Option<f64>) {
+        let Some(weighted) = &mut self.weighted else {
+            return (Solution::zero(self.imager.grid.len(), Status::BadInput), None);
+        };
+        let problem = &weighted.problem;
+        let mut expected = self.options.expected_rise;
+        let mut solution = match self.options.method {
+            Method::LawsonHanson => return (lawson_hanson(problem, b), None),
+            Method::PseudoInverse => return (pseudo_inverse(problem, b), None),
+            Method::Tikhonov => {
+                let mut solution = tikhonov(problem, b, sigma / expected);
+                solution.x = weighted.rise(&solution);
+                return (solution, None);
+            }
+            Method::Nnls => {
+                self.nnls.set_ridge(sigma / expected);
+                self.nnls.solve(problem, b)
+            }
+        };
+        // A picture far beyond what was expected was held down by the ridge: expect more and solve again.
+        for _ in 0..MOST_RESCALINGS {
+            let largest = weighted.rise(&solution).amax();
+            if largest <= LARGEST_OVER_EXPECTED * expected {
+                break;
+            }
+            expected = largest / LARGEST_OVER_EXPECTED;
+            self.nnls.set_ridge(sigma / expected);
+            solution = self.nnls.solve(problem, b);
+        }
+        solution.x = weighted.rise(&solution);
+        (solution, Some(sigma / expected))
+    }
+
+    /// Prepares the reduced problem for the values in use and their weights; kept while they stay the same.
+    fn weigh(&mut self, difference: &Difference) {
+        if let Some(w) = &self.weighted
+            && w.used == difference.used
+            && w.spread == difference.spread
+        {
+            return;
+        }
+        let mut a = self.imager.sensitivity.clone();
+        for (k, mut row) in a.row_iter_mut().enumerate() {
+            row *= if difference.used[k] {
+                1.0 / difference.spread[k]
+            } else {
+                0.0
+            };
+        }
+        // Lawson-Hanson and the generalised inverse are the plain methods; the others expect less of sensitive cells.
+        let ridged = matches!(self.options.method, Method::Nnls | Method::Tikhonov);
+        let depth = if ridged { self.options.depth } else { 0.0 };
+        let norms: Vec<f64> = a.column_iter().map(|c| c.norm()).collect();
+        let mut sorted = norms.clone();
+        sorted.sort_by(f64::total_cmp);
+        let median = sorted[sorted.len() / 2].max(f64::MIN_POSITIVE);
+        let prior = DVector::from_iterator(
+            norms.len(),
+            norms.iter().map(|n| (n / median).max(LEAST_SENSITIVITY).powf(-depth)),
+        );
+        for (mut column, prior) in a.column_iter_mut().zip(&prior) {
+            column *= *prior;
+        }
+        self.nnls.reset();
+        self.weighted = Some(Weighted {
+            used: difference.used.clone(),
+            spread: difference.spread.clone(),
+            problem: Problem::new(&a, 0.0),
+            prior,
+            with_falls: None,
+            table: None,
+        });
+    }
+}
+
+impl Weighted {
+    /// A solution of the scaled problem as relative rises (and falls).
+    fn rise(&self, solution: &Solution) -> DVector<f64> {
+        let cells = self.prior.len();
+        DVector::from_fn(solution.x.len(), |k, _| solution.x[k] * self.prior[k % cells])
+    }
+}
+
+/// The difference with every value over its spread.
+fn weighted(difference: &Difference) -> DVector<f64> {
+    DVector::from_fn(difference.y.len(), |k, _| difference.y[k] / difference.spread[k])
+}
+
+/// How many times its noise the mean power of a frame may be by chance: the quantile of Fisher's distribution (of
+/// chi-square where the noise is known).
+fn gate(rank: usize, freedom: usize, false_alarm: f64) -> f64 {
+    let freedom = if freedom == usize::MAX { 1e7 } else { freedom as f64 };
+    FisherSnedecor::new(rank as f64, freedom).map_or(f64::INFINITY, |f| f.inverse_cdf(1.0 - false_alarm))
+}

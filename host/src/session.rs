@@ -1,0 +1,235 @@
+//! A board that has introduced itself and streams frames.
+
+use crate::link::{Link, LinkError, Port};
+use forward::{Measurement, Pair, Pattern, PatternError};
+use protocol::{BoardError, Command, Frame, FromBoard, Hello, Plan, PlanError, Sampling, ToBoard, Version};
+use std::cell::Cell;
+use std::time::{Duration, Instant};
+
+/// How long a board that is there may take to answer, and how often it is reminded of what it was told.
+const PATIENCE: Duration = Duration::from_millis(1000);
+/// How often a command is sent before its answer is given up.
+const TRIES: u32 = 3;
+
+/// A running session.
+pub struct Session {
+    link: Link,
+    hello: Hello,
+    plan: Plan,
+    /// When the board was last told what to do.
+    told: Cell<Instant>,
+}
+
+/// One measured frame as numbers.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MeasuredFrame {
+    /// The board's count.
+    pub sequence: u32,
+    /// The board's time, s.
+    pub time_s: f64,
+    /// In-phase amplitudes at the sense pairs, V, in the plan's order; not a number where the converter clipped.
+    pub values_v: Vec<f64>,
+}
+
+impl Session {
+    /// Greets the board behind a port, gives it the plan that `choose` makes for it and starts it.
+    ///
+    /// # Errors
+    /// [`LinkError`]: no answer, another protocol, a plan that the board cannot carry out.
+    pub fn start(
+        port: Box<dyn Port>,
+        choose: impl FnOnce(&Hello) -> Result<Plan, PlanError>,
+    ) -> Result<Self, LinkError> {
+        let link = Link::open(port)?;
+        let hello = greet(&link)?;
+        let plan = choose(&hello)?;
+        let plan = insist(
+            &link,
+            "the scan plan",
+            &ToBoard::SetPlan(plan.clone()),
+            PATIENCE,
+            |m| match m {
+                FromBoard::Plan(p) if p.id == plan.id => Some(p),
+                _ => None,
+            },
+        )?;
+        insist(&link, "the start", &ToBoard::Start, PATIENCE, |m| {
+            matches!(m, FromBoard::Ack(Command::Start)).then_some(())
+        })?;
+        Ok(Self {
+            link,
+            hello,
+            plan,
+            told: Cell::new(Instant::now()),
+        })
+    }
+
+    /// Who the board is.
+    pub fn hello(&self) -> &Hello {
+        &self.hello
+    }
+
+    /// The plan in force.
+    pub fn plan(&self) -> &Plan {
+        &self.plan
+    }
+
+    /// The link, for its counters.
+    pub fn link(&self) -> &Link {
+        &self.link
+    }
+
+    /// The measurements of a frame, in order.
+    ///
+    /// # Errors
+    /// [`PatternError`] when the plan makes no sense.
+    pub fn pattern(&self) -> Result<Pattern, PatternError> {
+        let pair = |p: protocol::Pair| Pair::new(p.plus.into(), p.minus.into());
+        let list = self
+            .plan
+            .measurements(self.hello.electrodes)
+            .map(|(drive, sense)| Measurement {
+                drive: pair(drive),
+                sense: pair(sense),
+            })
+            .collect();
+        Pattern::from_list(self.hello.electrodes.into(), list)
+    }
+
+    /// The next frame of the plan in force, or `None` when none came in time. A board that was reset meanwhile (its
+    /// sequence and its time begin anew) is given the plan again and started.
+    ///
+    /// # Errors
+    /// The port is gone, another board is behind it, or the board stopped with an error.
+    pub fn frame(&self, wait: Duration) -> Result<Option<MeasuredFrame>, LinkError> {
+        let end = Instant::now() + wait;
+        loop {
+            match self.link.receive(end.saturating_duration_since(Instant::now()))? {
+                None => {
+                    // Perhaps it was reset and its introduction was lost. Starting twice is no error.
+                    if self.patience_is_over() {
+                        self.told.set(Instant::now());
+                        self.link.send(ToBoard::Start);
+                    }
+                    return Ok(None);
+                }
+                Some(FromBoard::Frame(frame)) if self.fits(&frame) => return Ok(Some(self.measured(&frame))),
+                Some(FromBoard::Hello(hello)) if hello != self.hello => {
+                    return Err(LinkError::Lost("another board is behind the port now".to_owned()));
+                }
+                // It was reset: every time it is, at once.
+                Some(FromBoard::Hello(_)) => self.resume(),
+                // It was reset, its introduction was lost, and it has the plan of its power-up.
+                Some(FromBoard::Frame(_)) if self.patience_is_over() => self.resume(),
+                Some(FromBoard::Error(BoardError::Command(e))) => {
+                    tracing::debug!("the board could not read a command: {e}");
+                }
+                Some(FromBoard::Error(e)) => return Err(LinkError::Refused(e.to_string())),
+                Some(_) => {}
+            }
+        }
+    }
+
+    /// Whether the board was told what to do so long ago that it must have heard it or lost it.
+    fn patience_is_over(&self) -> bool {
+        self.told.get().elapsed() >= PATIENCE
+    }
+
+    /// Tells the board again what to do.
+    fn resume(&self) {
+        self.told.set(Instant::now());
+        self.link.send(ToBoard::SetPlan(self.plan.clone()));
+        self.link.send(ToBoard::Start);
+    }
+
+    fn fits(&self, frame: &Frame) -> bool {
+        frame.plan == self.plan.id && frame.values.len() == self.plan.value_count()
+    }
+
+    fn measured(&self, frame: &Frame) -> MeasuredFrame {
+        let gains = self
+            .plan
+            .slots
+            .iter()
+            .flat_map(|slot| std::iter::repeat_n(slot.gain, slot.sense.count_ones() as usize));
+        let values_v = frame
+            .values
+            .iter()
+            .zip(gains)
+            .enumerate()
+            .map(|(k, (value, gain))| match self.hello.volts_per_code(gain) {
+                Some(volts) if !frame.clipped.get(k) => value.codes() * volts,
+                _ => f64::NAN,
+            })
+            .collect();
+        MeasuredFrame {
+            sequence: frame.sequence,
+            time_s: frame.time as f64 / self.hello.sample_rate(),
+            values_v,
+        }
+    }
+}
+
+/// Scan plan for the adjacent pattern by what a board can do: all pairs of a drive at once, one period to settle and six
+/// to integrate (33 frames/s on 16 electrodes, at the noise of the paper's own way of measuring), or one pair after the
+/// other with one period each.
+///
+/// # Errors
+/// [`PlanError`] when the board has too few electrodes to measure anything, or more than a frame holds.
+pub fn adjacent_plan(hello: &Hello) -> Result<Plan, PlanError> {
+    let plan = Plan::adjacent(hello.electrodes)?;
+    Ok(if hello.limits.channels >= hello.electrodes {
+        Plan {
+            id: 3,
+            integrate_periods: 6,
+            ..plan
+        }
+    } else {
+        Plan {
+            id: 4,
+            sampling: Sampling::Sequential,
+            ..plan
+        }
+    })
+}
+
+/// Asks a board who it is. Repeated, since the first bytes after opening may be lost.
+///
+/// # Errors
+/// [`LinkError::Silent`] or [`LinkError::Version`].
+pub fn greet(link: &Link) -> Result<Hello, LinkError> {
+    let hello = insist(link, "a greeting", &ToBoard::Hello, PATIENCE / TRIES, |m| match m {
+        FromBoard::Hello(hello) => Some(hello),
+        _ => None,
+    })?;
+    if hello.version.major != Version::CURRENT.major {
+        return Err(LinkError::Version {
+            board: hello.version.major,
+            ours: Version::CURRENT.major,
+        });
+    }
+    Ok(hello)
+}
+
+/// Asks up to [`TRIES`] times for an answer that `accept` takes, each time for a while: a command or its answer may be
+/// damaged on the way.
+fn insist<T>(
+    link: &Link,
+    what: &'static str,
+    command: &ToBoard,
+    wait: Duration,
+    mut accept: impl FnMut(FromBoard) -> Option<T>,
+) -> Result<T, LinkError> {
+    let mut answer = Err(LinkError::Silent { what, ms: 0 });
+    for _ in 0..TRIES {
+        answer = link.ask(what, command.clone(), wait, &mut accept);
+        if !matches!(answer, Err(LinkError::Silent { .. } | LinkError::Refused(_))) {
+            break;
+        }
+    }
+    let ms = (wait * TRIES).as_millis();
+    answer.map_err(|e| match e {
+        LinkError::Silent { what, .. } => LinkError::Silent { what, ms },
+        e => e,
+    })
+}

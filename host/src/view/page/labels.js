@@ -1,0 +1,82 @@
+// Where the labels of the touches go, and what they say (as view/labels.rs does for images).
+
+const SIDES = [[1, 0], [-1, 0], [0.7, -0.7], [-0.7, -0.7], [0.7, 0.7], [-0.7, 0.7], [0, -1], [0, 1]];
+const COLOURS = ["#7cc4ff", "#ffd166", "#7ee2a8", "#ff9ecb", "#c3a6ff", "#ff9b71", "#6fe3e1", "#d7e36f"];
+
+/** The colour of a touch's number; grey without a number. */
+export const idColour = (id) => (id === null ? "#98a1b3" : COLOURS[(id + COLOURS.length - 1) % COLOURS.length]);
+
+const signed = (text) => text.replace("-", "\u2212");
+
+/** A number with its sign as typesetters write it, and never "−0.0". */
+export const number = (value, digits) => signed((Number(value.toFixed(digits)) || 0).toFixed(digits));
+
+/** "+20 %" */
+export const riseText = (rise) => (rise < 0 ? "" : "+") + number(100 * rise, 0) + "\u202f%";
+
+/** "12.3, −40.1 mm" */
+export const placeText = (touch) => `${number(touch.x, 1)}, ${number(touch.y, 1)} mm`;
+
+/** Radius of the ring around a touch, mm: a disc of the pressed area and a little more. */
+export const ringRadius = (touch) => Math.min(30, Math.max(7, Math.sqrt(Math.max(0, touch.area) / Math.PI) + 2)) || 7;
+
+function overlap(a, b) {
+  const shared = (p, pl, q, ql) => Math.max(0, Math.min(p + pl, q + ql) - Math.max(p, q));
+  return shared(a.x, a.w, b.x, b.w) * shared(a.y, a.h, b.y, b.h);
+}
+
+/** How many other rings the way from a ring to the middle of its label crosses. */
+function ringsBetween(ring, label, rings) {
+  const [dx, dy] = [label.x + label.w / 2 - ring.x, label.y + label.h / 2 - ring.y];
+  const crosses = (other) => {
+    const [ox, oy] = [other.x - ring.x, other.y - ring.y];
+    const t = Math.min(1, Math.max(0, (ox * dx + oy * dy) / Math.max(1, dx * dx + dy * dy)));
+    // Rings that overlap are not between.
+    return Math.hypot(ox, oy) > other.r && Math.hypot(ox - t * dx, oy - t * dy) < other.r;
+  };
+  return rings.filter((other) => other !== ring && crosses(other)).length;
+}
+
+/** Lays out labels; remembers where each was, so that it stays there while that is nearly as good. */
+export class Labels {
+  constructor() {
+    this.before = new Map();
+  }
+
+  /** `rings`: [{key, x, y, r, w, h}], the strongest first; `bounds` and each of `marks`: {x, y, w, h}. A rectangle for each. */
+  place(rings, bounds, marks) {
+    const circles = rings.map((ring) => ({ x: ring.x - ring.r - 2, y: ring.y - ring.r - 2, w: 2 * ring.r + 4, h: 2 * ring.r + 4 }));
+    const now = new Map();
+    const placed = [];
+    for (const ring of rings) {
+      let best = null;
+      for (const area of this.candidates(ring)) {
+        let cost = area.liking - (this.before.get(ring.key) === area.index ? 60 : 0);
+        cost += 40 * (area.w * area.h - overlap(area, bounds));
+        for (const other of placed) cost += 25 * overlap(area, other);
+        for (const mark of marks) cost += 0.25 * overlap(area, mark);
+        cost += 150 * ringsBetween(ring, area, rings);
+        for (const circle of circles) cost += 20 * overlap(area, circle);
+        if (!best || cost < best.cost) best = { ...area, cost };
+      }
+      now.set(ring.key, best.index);
+      placed.push(best);
+    }
+    this.before = now;
+    return placed;
+  }
+
+  candidates(ring) {
+    const gaps = [0, 1, 2.2, 3.6].map((k) => 6 + k * ring.h);
+    return gaps.flatMap((gap, g) =>
+      SIDES.map(([dx, dy], k) => ({
+        x: ring.x + dx * (ring.r + gap) + 0.5 * ring.w * (Math.sign(dx) - 1),
+        y: ring.y + dy * (ring.r + gap) + 0.5 * ring.h * (Math.sign(dy) - 1),
+        w: ring.w,
+        h: ring.h,
+        index: 8 * g + k,
+        liking: 4 * gap + k,
+      })),
+    );
+  }
+}

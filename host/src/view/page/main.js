@@ -1,0 +1,247 @@
+// The page: takes frames, draws the newest one when the screen is ready, and keeps the readings.
+
+import { idColour, number, riseText } from "./labels.js";
+import { Sheet } from "./sheet.js";
+import { Trace } from "./trace.js";
+import { Connection } from "./wire.js";
+
+const ROWS = 6;
+const STALE_MS = 1000;
+const PALETTES = ["inferno", "viridis", "grey"];
+
+const $ = (id) => document.getElementById(id);
+const sheet = new Sheet($("sheet"));
+const trace = new Trace($("trace"));
+
+const page = {
+  scene: null,
+  frame: null,
+  fresh: false,
+  arrived: 0,
+  shown: 0,
+  state: { name: "wait", until: 0 },
+  palette: "inferno",
+  held: false,
+  full: 0,
+  greatest: 0,
+  drawnAt: performance.now(),
+  draws: [],
+  age: NaN,
+  skipped: 0,
+  readAt: 0,
+};
+
+// --- frames -------------------------------------------------------------------------------------------------------
+
+const connection = new Connection({
+  state(name, seconds) {
+    page.state = { name, until: performance.now() + 1000 * seconds };
+    showState();
+    request();
+  },
+  scene(scene) {
+    page.scene = scene;
+    page.frame = null;
+    sheet.setScene(scene);
+    $("source").textContent = scene.source;
+    document.title = `skin – ${scene.source}`;
+  },
+  frame(frame) {
+    const now = performance.now();
+    page.arrived = now;
+    if (page.held || frame.scene !== page.scene?.scene) return;
+    const before = page.frame;
+    if (before && frame.sequence > before.sequence) {
+      page.skipped += Math.max(0, frame.sequence - before.sequence - 1 - Math.max(0, frame.lost - before.lost));
+    }
+    page.frame = frame;
+    page.fresh = true;
+    page.shown = now;
+    trace.add(1000 * frame.time, frame.touches);
+    request();
+  },
+});
+
+// --- drawing ------------------------------------------------------------------------------------------------------
+
+let requested = false;
+function request() {
+  if (requested) return;
+  requested = true;
+  requestAnimationFrame(draw);
+}
+
+function draw(now) {
+  requested = false;
+  const { frame, scene } = page;
+  if (!frame) return;
+  if (page.fresh) {
+    page.fresh = false;
+    page.greatest = sheet.take(frame.values);
+    const age = connection.age(frame);
+    page.age = Number.isNaN(page.age) ? age : page.age + 0.1 * (age - page.age);
+    page.draws.push(now);
+  }
+  scaleColours((now - page.drawnAt) / 1000, scene.floor);
+  page.drawnAt = now;
+  sheet.draw(frame, page.palette, page.full, isLive());
+  // Held, it stands still; without new frames it moves on.
+  trace.draw(1000 * frame.time + (page.held ? 0 : performance.now() - page.shown));
+  if (now - page.readAt > 120) {
+    page.readAt = now;
+    showTouches(frame.touches);
+    showReadings(frame, now);
+  }
+}
+
+/** The full scale of the colours: up in a moment, down in seconds, and never below the floor. */
+function scaleColours(seconds, floor) {
+  const target = Math.max(floor, page.greatest);
+  const time = target > page.full ? 0.06 : 3;
+  page.full += (target - page.full) * (1 - Math.exp(-Math.min(seconds, 1) / time));
+  page.full = Math.max(floor, page.full);
+}
+
+// --- readings -----------------------------------------------------------------------------------------------------
+
+function set(id, text) {
+  const element = typeof id === "string" ? $(id) : id;
+  if (element.textContent !== text) element.textContent = text;
+}
+
+function showTouches(touches) {
+  const n = touches.length;
+  set("count", n === 0 ? "no touch" : n === 1 ? "1 touch" : `${n} touches`);
+  $("count").classList.toggle("none", n === 0);
+  $("list").hidden = n === 0;
+  const body = $("touches");
+  const rows = Math.min(n, ROWS);
+  while (body.rows.length > rows) body.deleteRow(-1);
+  while (body.rows.length < rows) {
+    const row = body.insertRow();
+    for (let k = 0; k < 5; k++) row.insertCell();
+    row.cells[0].innerHTML = '<span class="id"></span>';
+  }
+  for (let k = 0; k < rows; k++) {
+    const touch = touches[k];
+    const cells = body.rows[k].cells;
+    const chip = cells[0].firstChild;
+    set(chip, touch.id === null ? "–" : String(touch.id));
+    chip.style.background = idColour(touch.id);
+    set(cells[1], number(touch.x, 1));
+    set(cells[2], number(touch.y, 1));
+    set(cells[3], riseText(touch.rise));
+    set(cells[4], number(touch.area, 0));
+  }
+  $("more").hidden = n <= ROWS;
+  set("more", `and ${n - ROWS} weaker`);
+}
+
+function showReadings(frame, now) {
+  page.draws = page.draws.filter((time) => time > now - 2000);
+  const span = Math.min(2000, Math.max(500, now - page.draws[0] || 0));
+  const drawn = page.held ? 0 : (1000 * page.draws.length) / span;
+  const known = (value, text) => (Number.isFinite(value) ? text(value) : "–");
+  set("rate", known(frame.rate, (v) => `${number(v, 0)} /s`));
+  set("drawn", `${number(drawn, 0)} /s`);
+  set("solve", known(frame.solve, (v) => (v < 1000 ? `${number(v, 0)} µs` : `${number(v / 1000, 1)} ms`)));
+  set("age", known(page.age, (v) => `${number(v, v < 10 ? 1 : 0)} ms`));
+  set("residual", known(frame.residual, (v) => `${number(100 * v, 1)} %`));
+  set("lost", String(frame.lost));
+  $("lost").classList.toggle("bad", frame.lost > 0);
+  set("skipped", String(page.skipped));
+  set("sequence", String(frame.sequence));
+}
+
+// --- state --------------------------------------------------------------------------------------------------------
+
+function isLive() {
+  return page.state.name === "live" && performance.now() - page.arrived < STALE_MS;
+}
+
+function showState() {
+  const { name, until } = page.state;
+  const now = performance.now();
+  const quiet = now - page.arrived;
+  let [state, text, banner] = [name, "live", page.frame?.status ?? ""];
+  if (name === "lost") {
+    const seconds = Math.max(1, Math.ceil((until - now) / 1000));
+    [text, banner] = [`trying again in ${seconds} s`, "No connection to the program. Is it still running?"];
+  } else if (name === "wait") {
+    [text, banner] = ["connecting", page.arrived ? "No connection to the program. Is it still running?" : ""];
+  } else if (!page.arrived) {
+    [state, text] = ["wait", "waiting for the first picture"];
+  } else if (quiet > STALE_MS) {
+    [state, text] = ["wait", `no new picture for ${Math.floor(quiet / 1000)} s`];
+  } else if (page.held) {
+    [state, text] = ["wait", "held"];
+  }
+  $("connection").dataset.state = state;
+  set("connection-text", text);
+  $("banner").hidden = !banner;
+  $("banner").dataset.state = name === "live" ? "note" : "lost";
+  set("banner", banner);
+  $("tare").disabled = name !== "live";
+}
+
+setInterval(() => {
+  showState();
+  // So that what is old looks old.
+  if (!isLive()) request();
+}, 200);
+
+// --- controls -----------------------------------------------------------------------------------------------------
+
+function takeBaseline() {
+  if (!connection.send({ kind: "tare" })) return;
+  const button = $("tare");
+  button.classList.add("asked");
+  button.firstChild.textContent = "Asked for";
+  setTimeout(() => {
+    button.classList.remove("asked");
+    button.firstChild.textContent = "Take baseline";
+  }, 900);
+}
+
+function hold() {
+  page.held = !page.held;
+  $("hold").setAttribute("aria-pressed", page.held);
+  set("hold-text", page.held ? "Held" : "Hold");
+  showState();
+}
+
+function choose(palette) {
+  if (!PALETTES.includes(palette)) return;
+  page.palette = palette;
+  document.querySelector(`input[value="${palette}"]`).checked = true;
+  try {
+    localStorage.setItem("palette", palette);
+  } catch {
+    // Storage may be forbidden; then the choice lasts as long as the page.
+  }
+  request();
+}
+
+$("tare").addEventListener("click", takeBaseline);
+$("hold").addEventListener("click", hold);
+for (const input of document.querySelectorAll('input[name="palette"]')) {
+  input.addEventListener("change", () => choose(input.value));
+}
+document.addEventListener("keydown", (event) => {
+  if (event.ctrlKey || event.metaKey || event.altKey || event.repeat) return;
+  const actions = {
+    b: takeBaseline,
+    h: hold,
+    s: () => $("save").click(),
+    c: () => choose(PALETTES[(PALETTES.indexOf(page.palette) + 1) % PALETTES.length]),
+  };
+  actions[event.key.toLowerCase()]?.();
+});
+new ResizeObserver(request).observe($("stage"));
+document.addEventListener("visibilitychange", request);
+try {
+  choose(localStorage.getItem("palette") ?? "inferno");
+} catch {
+  choose("inferno");
+}
+connection.start();

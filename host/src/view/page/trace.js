@@ -1,0 +1,99 @@
+// The rise of each touch over the last ten seconds.
+
+import { idColour, number } from "./labels.js";
+import { fit, ticks } from "./sheet.js";
+
+const SPAN_MS = 10_000;
+const GAP_MS = 400;
+const LEAST = 0.1;
+
+export class Trace {
+  constructor(canvas) {
+    this.canvas = canvas;
+    // Number of the touch -> [[time in ms, rise], ...]
+    this.lines = new Map();
+    this.latest = -Infinity;
+    this.top = LEAST;
+  }
+
+  /** Adds the touches of a frame at the board's time in ms; those without a number become one line of the strongest. */
+  add(now, touches) {
+    // Another board, or a recording that begins anew.
+    if (now < this.latest) this.lines.clear();
+    this.latest = now;
+    const seen = new Set();
+    for (const touch of touches) {
+      if (seen.has(touch.id)) continue;
+      seen.add(touch.id);
+      if (!this.lines.has(touch.id)) this.lines.set(touch.id, []);
+      this.lines.get(touch.id).push([now, touch.rise]);
+    }
+    for (const [key, line] of this.lines) {
+      let old = 0;
+      while (old < line.length && line[old][0] < now - SPAN_MS - 200) old++;
+      if (old) line.splice(0, old);
+      if (!line.length) this.lines.delete(key);
+    }
+  }
+
+  /** Draws the ten seconds up to `now`, ms of the board's time. */
+  draw(now) {
+    const { context: c, w, h } = fit(this.canvas);
+    const plot = { x: 34, y: 6, w: w - 34 - 27, h: h - 6 - 18 };
+    let greatest = LEAST;
+    for (const line of this.lines.values()) for (const [, rise] of line) greatest = Math.max(greatest, 1.08 * rise);
+    // Up at once, down slowly.
+    this.top = greatest > this.top ? greatest : this.top + 0.03 * (greatest - this.top);
+    const x = (time) => plot.x + plot.w * (1 - (now - time) / SPAN_MS);
+    const y = (rise) => plot.y + plot.h * (1 - Math.max(0, rise) / this.top);
+
+    c.font = '11px system-ui, "Segoe UI", Arial, sans-serif';
+    c.fillStyle = "#98a1b3";
+    c.strokeStyle = "#232833";
+    c.lineWidth = 1;
+    c.textAlign = "right";
+    c.textBaseline = "middle";
+    for (const tick of ticks(this.top, 4)) {
+      const level = Math.round(y(tick)) + 0.5;
+      c.beginPath();
+      c.moveTo(plot.x, level);
+      c.lineTo(plot.x + plot.w, level);
+      c.stroke();
+      c.fillText(`${number(100 * tick, 0)}\u202f%`, plot.x - 6, level);
+    }
+    c.textBaseline = "bottom";
+    c.textAlign = "left";
+    c.fillText("\u221210 s", plot.x, h);
+    c.textAlign = "right";
+    c.fillText("now", plot.x + plot.w, h);
+
+    c.save();
+    c.beginPath();
+    c.rect(plot.x, 0, w - plot.x, h - 16);
+    c.clip();
+    c.lineJoin = "round";
+    c.lineWidth = 1.7;
+    for (const [id, line] of this.lines) this.drawLine(c, id, line, x, y, now);
+    c.restore();
+  }
+
+  drawLine(c, id, line, x, y, now) {
+    c.strokeStyle = c.fillStyle = idColour(id);
+    c.beginPath();
+    line.forEach(([time, rise], k) => {
+      const start = k === 0 || time - line[k - 1][0] > GAP_MS;
+      if (start) c.moveTo(x(time), y(rise));
+      else c.lineTo(x(time), y(rise));
+    });
+    c.stroke();
+    const [time, rise] = line.at(-1);
+    if (now - time > GAP_MS) return;
+    c.beginPath();
+    c.arc(x(time), y(rise), 2.6, 0, 2 * Math.PI);
+    c.fill();
+    if (id === null) return;
+    c.textAlign = "left";
+    c.textBaseline = "middle";
+    c.fillText(id, x(time) + 6, y(rise));
+  }
+}

@@ -1,0 +1,119 @@
+// The connection to the program: frames in, acknowledgements and requests out, and a new try whenever it breaks.
+// The format is documented in the program's source (view/wire.rs).
+
+const VERSION = 1;
+const NO_ID = 0xffffffff;
+const text = new TextDecoder();
+
+/** Reads a frame; null if the bytes are not one of this version. */
+export function decode(buffer) {
+  const view = new DataView(buffer);
+  if (buffer.byteLength < 64 || view.getUint32(0) !== 0x534b4e30 + VERSION) return null;
+  const [n, m, s] = [view.getUint32(56, true), view.getUint16(60, true), view.getUint16(62, true)];
+  const touchesAt = Math.ceil((64 + 2 * n) / 4) * 4;
+  const statusAt = touchesAt + 20 * m;
+  if (buffer.byteLength !== statusAt + s) return null;
+  const steps = view.getFloat32(44, true) / 65535;
+  const values = new Float32Array(n);
+  for (let k = 0; k < n; k++) values[k] = view.getUint16(64 + 2 * k, true) * steps;
+  const touches = [];
+  for (let k = 0, at = touchesAt; k < m; k++, at += 20) {
+    const id = view.getUint32(at, true);
+    const [x, y, rise, area] = [4, 8, 12, 16].map((offset) => view.getFloat32(at + offset, true));
+    touches.push({ id: id === NO_ID ? null : id, x, y, rise, area });
+  }
+  return {
+    scene: view.getUint32(4, true),
+    sequence: Number(view.getBigUint64(8, true)),
+    time: view.getFloat64(16, true),
+    published: view.getFloat64(24, true),
+    rate: view.getFloat32(32, true),
+    solve: view.getFloat32(36, true),
+    residual: view.getFloat32(40, true),
+    lost: Number(view.getBigUint64(48, true)),
+    values,
+    touches: touches.sort((a, b) => b.rise - a.rise),
+    status: text.decode(new Uint8Array(buffer, statusAt, s)),
+  };
+}
+
+/**
+ * Keeps a connection to the program.
+ * `on.state("live" | "wait" | "lost", seconds to the next try)`, `on.scene(scene)`, `on.frame(frame)`.
+ */
+export class Connection {
+  constructor(on) {
+    this.on = on;
+    this.tries = 0;
+    this.clocks = [];
+    this.socket = null;
+  }
+
+  /** Connects, and keeps connecting from then on. */
+  start() {
+    setInterval(() => this.askTime(), 2000);
+    this.open();
+  }
+
+  open() {
+    this.on.state("wait", 0);
+    const url = new URL("live", location.href);
+    url.protocol = "ws:";
+    const socket = new WebSocket(url);
+    this.socket = socket;
+    socket.binaryType = "arraybuffer";
+    socket.onopen = () => {
+      this.tries = 0;
+      this.clocks = [];
+      this.on.state("live", 0);
+      this.askTime();
+    };
+    socket.onmessage = (event) => this.take(event.data);
+    socket.onclose = () => this.retry();
+  }
+
+  retry() {
+    const seconds = Math.min(0.5 * 2 ** this.tries++, 4);
+    this.on.state("lost", seconds);
+    setTimeout(() => this.open(), 1000 * seconds);
+  }
+
+  take(data) {
+    if (typeof data !== "string") {
+      // Acknowledged at once, not when it is drawn: the next one may travel meanwhile.
+      this.socket.send(new Uint8Array([1]));
+      const frame = decode(data);
+      if (frame) this.on.frame(frame);
+      return;
+    }
+    const message = JSON.parse(data);
+    if (message.kind === "scene") {
+      // The program was replaced by another version: fetch its page.
+      if (message.version !== VERSION) location.reload();
+      this.on.scene(message);
+    } else if (message.kind === "clock") {
+      const now = performance.now();
+      const trip = now - message.page_ms;
+      this.clocks.push({ trip, offset: message.server_ms + trip / 2 - now });
+      this.clocks = this.clocks.slice(-8);
+    }
+  }
+
+  askTime() {
+    if (!document.hidden) this.send({ kind: "clock", page_ms: performance.now() });
+  }
+
+  /** Asks for something; false if there is no connection. */
+  send(request) {
+    if (this.socket?.readyState !== WebSocket.OPEN) return false;
+    this.socket.send(JSON.stringify(request));
+    return true;
+  }
+
+  /** Age of a frame now, ms; not-a-number until the clocks are compared. */
+  age(frame) {
+    if (!this.clocks.length) return NaN;
+    const best = this.clocks.reduce((a, b) => (b.trip < a.trip ? b : a));
+    return Math.max(0, performance.now() + best.offset - frame.published);
+  }
+}

@@ -1,0 +1,111 @@
+//! Who the board is and what it can do.
+
+use heapless::{String, Vec};
+use serde::{Deserialize, Serialize};
+
+/// A short text, at most 32 bytes of UTF-8.
+pub type Text = String<32>;
+
+/// A text cut to what fits, at a character's boundary.
+pub fn text(s: &str) -> Text {
+    let mut out = Text::new();
+    for c in s.chars() {
+        if out.push(c).is_err() {
+            break;
+        }
+    }
+    out
+}
+
+/// Version of the protocol.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Version {
+    /// Differs when the two sides cannot understand each other.
+    pub major: u8,
+    /// Grows when something was appended.
+    pub minor: u8,
+}
+
+impl Version {
+    /// The version that this crate speaks.
+    pub const CURRENT: Self = Self { major: 1, minor: 0 };
+}
+
+/// The largest plan that the board can carry out.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Limits {
+    /// Most slots, at most [`crate::MAX_SLOTS`].
+    pub slots: u8,
+    /// Most values, at most [`crate::MAX_VALUES`].
+    pub values: u16,
+    /// Channels sampled at once; 1 on a board that can only measure one value after the other.
+    pub channels: u8,
+    /// Most periods to wait after a switch.
+    pub settle_periods: u16,
+    /// Most periods to integrate.
+    pub integrate_periods: u16,
+}
+
+/// The board's answer to [`crate::ToBoard::Hello`]; it also says it once, unasked, when it starts.
+///
+/// The version comes first so that it can be read whatever follows.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Hello {
+    /// Version of the protocol.
+    pub version: Version,
+    /// Version of the firmware.
+    pub firmware: Text,
+    /// Kind of board.
+    pub board: Text,
+    /// This very board.
+    pub serial: Text,
+    /// Electrodes wired to it, 4 to [`crate::MAX_ELECTRODES`].
+    pub electrodes: u8,
+    /// Samples in one period of the excitation.
+    pub samples_per_period: u8,
+    /// Clock of the sampling timer, Hz. The sampling rate is the ratio `timer_hz / ticks_per_sample`, exactly.
+    pub timer_hz: u32,
+    /// Timer ticks from one sample to the next.
+    pub ticks_per_sample: u32,
+    /// Resolution of the converter, bits.
+    pub adc_bits: u8,
+    /// Voltage between the lowest and the highest code, microvolt.
+    pub adc_span_uv: u32,
+    /// Amplitude of the excitation source, microvolt.
+    pub excitation_uv: u32,
+    /// The gains between sense pair and converter that a slot can choose from, in thousandths.
+    pub gains_milli: Vec<u32, 4>,
+    /// The largest plan it accepts.
+    pub limits: Limits,
+}
+
+impl Hello {
+    /// Samples a second. For display and plots: durations are better kept in samples.
+    pub fn sample_rate(&self) -> f64 {
+        f64::from(self.timer_hz) / f64::from(self.ticks_per_sample.max(1))
+    }
+
+    /// Frequency of the excitation, Hz.
+    pub fn excitation_hz(&self) -> f64 {
+        self.sample_rate() / f64::from(self.samples_per_period.max(1))
+    }
+
+    /// Volts at the sense pair for one ADC code at gain number `gain`; `None` for a gain that the board has not.
+    pub fn volts_per_code(&self, gain: u8) -> Option<f64> {
+        let milli = *self.gains_milli.get(usize::from(gain))?;
+        let codes = f64::from((1u32 << self.adc_bits.min(31)) - 1);
+        (milli > 0).then(|| f64::from(self.adc_span_uv) * 1e-6 / codes / (f64::from(milli) / 1000.0))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_long_text_is_cut_between_characters() {
+        let s = text("0123456789012345678901234567890\u{e9}x");
+        assert_eq!(s.as_str(), "0123456789012345678901234567890");
+        assert_eq!(text("skin").as_str(), "skin");
+    }
+}

@@ -1,0 +1,54 @@
+#!/usr/bin/env bash
+# Every test there is. Installs with apt-get what is missing where it may, says what it skipped and why, and fails if
+# anything failed. Usage: tests/all.sh [--quick]   (--quick: no documentation build)
+set -u
+cd "$(dirname "$0")/.."
+
+failed=()
+skipped=()
+step() {
+    printf '\n== %s\n' "$1"
+    shift
+    if ! "$@"; then
+        failed+=("$*")
+        printf '== FAILED: %s\n' "$*"
+    fi
+}
+skip() {
+    skipped+=("$1")
+    printf '\n== skipped: %s\n' "$1"
+}
+have() { command -v "$1" >/dev/null 2>&1; }
+# Installs Debian packages if this user may; false if it could not.
+install() {
+    have apt-get && [ "$(id -u)" = 0 ] || return 1
+    apt-get install -y -qq "$@" >/dev/null 2>&1 || { apt-get update -qq >/dev/null 2>&1 && apt-get install -y -qq "$@" >/dev/null 2>&1; }
+}
+
+have cargo || { echo "no cargo: install Rust (https://rustup.rs) and run this again"; exit 1; }
+have cc || install gcc libc6-dev || { echo "no C linker (cc): install gcc or clang and run this again"; exit 1; }
+
+if cargo fmt --version >/dev/null 2>&1; then
+    step "format" cargo fmt --all -- --check
+else
+    skip "format: this toolchain has no rustfmt (rustup component add rustfmt)"
+fi
+if cargo clippy --version >/dev/null 2>&1; then
+    step "clippy, warnings denied" cargo clippy --workspace --all-targets --locked -- -D warnings
+else
+    skip "clippy: this toolchain has none (rustup component add clippy)"
+fi
+step "tests of every crate, end to end, and documentation examples" cargo test --workspace --locked
+if [ "${1:-}" = --quick ]; then
+    skip "documentation build: --quick"
+else
+    step "documentation build, warnings denied" env RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --locked
+fi
+
+printf '\n'
+for s in "${skipped[@]}"; do printf 'skipped: %s\n' "$s"; done
+if [ "${#failed[@]}" -gt 0 ]; then
+    for f in "${failed[@]}"; do printf 'FAILED: %s\n' "$f"; done
+    exit 1
+fi
+echo "all steps passed"
