@@ -64,9 +64,16 @@ impl Neighbours {
     }
 }
 
-/// Fits `mesh`, a copy of `original` (only its node positions and curved marks may differ), to the touches. Returns the
-/// elements whose shape differs from the original's.
-pub(crate) fn fit(mesh: &mut Mesh, original: &Mesh, neighbours: &Neighbours, touches: &[DiscTouch]) -> Vec<usize> {
+/// What became of a fit.
+pub(crate) struct Fit {
+    /// Elements whose shape differs from the original's.
+    pub(crate) changed: Vec<usize>,
+    /// Whether the mesh follows every touch's edge all the way round.
+    pub(crate) complete: bool,
+}
+
+/// Fits `mesh`, a copy of `original` (only its node positions and curved marks may differ), to the touches.
+pub(crate) fn fit(mesh: &mut Mesh, original: &Mesh, neighbours: &Neighbours, touches: &[DiscTouch]) -> Fit {
     let mut fitting = Fitting {
         mesh,
         neighbours,
@@ -76,7 +83,12 @@ pub(crate) fn fit(mesh: &mut Mesh, original: &Mesh, neighbours: &Neighbours, tou
     for which in 0..touches.len() {
         fitting.snap(which);
     }
-    fitting.finish(original)
+    let followed = (0..touches.len()).all(|which| fitting.crossed(which).is_empty());
+    let (changed, folded) = fitting.finish(original);
+    Fit {
+        changed,
+        complete: followed && !folded,
+    }
 }
 
 struct Fitting<'a> {
@@ -191,8 +203,8 @@ impl Fitting<'_> {
         }
     }
 
-    /// Places the mid-edge nodes; returns the elements whose shape changed.
-    fn finish(self, original: &Mesh) -> Vec<usize> {
+    /// Places the mid-edge nodes; returns the elements whose shape changed, and whether some had to stay straight.
+    fn finish(self, original: &Mesh) -> (Vec<usize>, bool) {
         let Self {
             mesh,
             neighbours,
@@ -209,7 +221,7 @@ impl Fitting<'_> {
             })
             .collect();
         let Some(middles) = (!mesh.middles.is_empty()).then(|| mesh.middles.clone()) else {
-            return changed;
+            return (changed, false);
         };
         // An edge with both ends on a circle follows it when it parts the disc from the rest. (The third vertex of an
         // element with all three on the circle is inside.)
@@ -247,14 +259,14 @@ impl Fitting<'_> {
             })
             .copied()
             .collect();
-        for element in folded {
-            for (k, (a, b, _)) in sides(original.triangles[element]).into_iter().enumerate() {
+        for element in &folded {
+            for (k, (a, b, _)) in sides(original.triangles[*element]).into_iter().enumerate() {
                 if on(a, b).is_some() {
-                    mesh.nodes[middles[element][k]] = half_way(mesh.nodes[a], mesh.nodes[b]);
+                    mesh.nodes[middles[*element][k]] = half_way(mesh.nodes[a], mesh.nodes[b]);
                 }
             }
         }
-        changed
+        (changed, !folded.is_empty())
     }
 }
 

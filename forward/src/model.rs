@@ -111,6 +111,8 @@ pub struct Model {
     mesh: Mesh,
     pub(crate) system: System,
     neighbours: OnceLock<Neighbours>,
+    /// None where the mesh was asked for by lengths.
+    options: Option<ModelOptions>,
 }
 
 impl Model {
@@ -119,7 +121,10 @@ impl Model {
     /// # Errors
     /// [`ForwardError`] names what is wrong with the sheet and says what to do.
     pub fn new(sheet: &Sheet, options: &ModelOptions) -> Result<Self, ForwardError> {
-        Self::with_sizes(sheet, &Self::sizes(sheet, options)?, options.order)
+        Ok(Self {
+            options: Some(options.clone()),
+            ..Self::with_sizes(sheet, &Self::sizes(sheet, options)?, options.order)?
+        })
     }
 
     /// The lengths that [`Model::new`] chooses.
@@ -149,6 +154,7 @@ impl Model {
             mesh,
             system,
             neighbours: OnceLock::new(),
+            options: None,
         })
     }
 
@@ -165,6 +171,11 @@ impl Model {
     /// The mesh.
     pub fn mesh(&self) -> &Mesh {
         &self.mesh
+    }
+
+    /// What the model was made for; none when it was meshed by lengths.
+    pub fn options(&self) -> Option<&ModelOptions> {
+        self.options.as_ref()
     }
 
     pub(crate) fn neighbours(&self) -> &Neighbours {

@@ -5,7 +5,7 @@ use crate::field::{DiscTouch, UNPRESSED, conductivity_of_discs};
 use crate::fit;
 use crate::impedance::ElectrodeMatrix;
 use crate::mesh::Mesh;
-use crate::model::{ForwardError, Model};
+use crate::model::{ForwardError, Model, ModelOptions};
 use crate::precision;
 use crate::system::Tensor;
 use crate::update::Update;
@@ -31,7 +31,12 @@ pub enum Work {
     },
     /// A new factorisation.
     Factorisation,
+    /// A new mesh that follows strong touches whose edges this one could not be moved onto, made and solved.
+    OwnMesh,
 }
+
+/// Contrast `|2 rise / (2 + rise)|` of a touch from which a cut element's average costs more accuracy than the model has.
+const STRONG: f64 = 0.3;
 
 /// The state of a sheet under some resistivity, and its solution.
 pub struct Solver {
@@ -49,6 +54,8 @@ pub struct Solver {
     refine: bool,
     matrix: ElectrodeMatrix,
     work: Work,
+    /// The solver of a mesh made for the touches, where this one's could not be fitted to them.
+    own: Option<Box<Self>>,
 }
 
 impl Solver {
@@ -74,6 +81,7 @@ impl Solver {
             refine: false,
             matrix: ElectrodeMatrix::from_potentials(DMatrix::zeros(electrodes, electrodes)),
             work: Work::Factorisation,
+            own: None,
         };
         this.refresh()?;
         Ok(this)
@@ -85,22 +93,23 @@ impl Solver {
     }
 
     /// The mesh of the state solved: the model's, or after [`Solver::solve_touches`] the one fitted to the touches (the
-    /// same nodes and elements, some of them moved).
+    /// same nodes and elements, some of them moved) or, after [`Work::OwnMesh`], another one.
     pub fn mesh(&self) -> &Mesh {
-        match &self.shape {
-            Some(shape) => &shape.mesh,
-            None => self.model.mesh(),
+        match (&self.own, &self.shape) {
+            (Some(own), _) => own.mesh(),
+            (None, Some(shape)) => &shape.mesh,
+            (None, None) => self.model.mesh(),
         }
     }
 
-    /// Conductivity of every element, relative to the unpressed sheet.
+    /// Conductivity of every element of [`Solver::mesh`], relative to the unpressed sheet.
     pub fn conductivity(&self) -> &[Tensor] {
-        &self.conductivity
+        self.own.as_ref().map_or(&self.conductivity, |own| &own.conductivity)
     }
 
     /// What the electrodes see.
     pub fn electrode_matrix(&self) -> &ElectrodeMatrix {
-        &self.matrix
+        self.own.as_ref().map_or(&self.matrix, |own| &own.matrix)
     }
 
     /// How the last solution came about.
@@ -115,14 +124,14 @@ impl Solver {
     /// A count that does not match the mesh, a conductivity that is not positive definite, or a system beyond double
     /// precision. The state is then that of before.
     pub fn solve(&mut self, conductivity: &[Tensor]) -> Result<&ElectrodeMatrix, ForwardError> {
-        let elements = self.conductivity.len();
+        let elements = self.model.mesh().triangles.len();
         if conductivity.len() != elements {
             return Err(ForwardError::Count {
                 given: conductivity.len(),
                 elements,
             });
         }
-        if self.shape.is_none() && conductivity == self.conductivity {
+        if self.own.is_none() && self.shape.is_none() && conductivity == self.conductivity {
             self.work = Work::Nothing;
             return Ok(&self.matrix);
         }
@@ -133,14 +142,15 @@ impl Solver {
     /// Solves for disc touches on the unpressed sheet. Vertices near a disc's edge are moved onto it, the mesh's topology
     /// and the elimination order staying as they are, so that the jump falls between elements; elements still cut get the
     /// laminate's tensor. More accurate than [`Solver::solve`] with [`conductivity_of_discs`] on a mesh that does not
-    /// know the touches, and hardly slower.
+    /// know the touches, and hardly slower. Where that leaves elements cut by the edge of a strong touch (one or two in a
+    /// hundred, all at the rim), a mesh of its own is made for the touches, which costs as much as a new model.
     ///
     /// # Errors
     /// A touch without sense, or a system beyond double precision. The state is then that of before.
     pub fn solve_touches(&mut self, touches: &[DiscTouch]) -> Result<&ElectrodeMatrix, ForwardError> {
         if self.touches.as_deref() == Some(touches) {
             self.work = Work::Nothing;
-            return Ok(&self.matrix);
+            return Ok(self.electrode_matrix());
         }
         for (touch, t) in touches.iter().enumerate() {
             let finite = t.centre_mm.iter().all(|x| x.is_finite()) && t.radius_mm.is_finite() && t.rise.is_finite();
@@ -154,11 +164,37 @@ impl Solver {
             stiffness: Vec::new(),
             changed: Vec::new(),
         });
-        shape.changed = fit::fit(&mut shape.mesh, model.mesh(), model.neighbours(), touches);
+        let fit = fit::fit(&mut shape.mesh, model.mesh(), model.neighbours(), touches);
+        let strong = |t: &DiscTouch| (2.0 * t.rise / (2.0 + t.rise)).abs() > STRONG;
+        if !fit.complete
+            && touches.iter().any(strong)
+            && let Some(options) = model.options()
+        {
+            let options = ModelOptions {
+                touches: touches.to_vec(),
+                ..options.clone()
+            };
+            return self.solve_on_own_mesh(touches, &options);
+        }
+        shape.changed = fit.changed;
         shape.stiffness = model.system.reshaped(&shape.mesh, &shape.changed);
         let conductivity = conductivity_of_discs(&shape.mesh, touches);
         check(&conductivity)?;
         self.replace(conductivity, Some(shape), Some(touches.to_vec()))
+    }
+
+    fn solve_on_own_mesh(
+        &mut self,
+        touches: &[DiscTouch],
+        options: &ModelOptions,
+    ) -> Result<&ElectrodeMatrix, ForwardError> {
+        let model = Model::new(self.model.sheet(), options)?;
+        let conductivity = conductivity_of_discs(model.mesh(), touches);
+        let mut own = Self::new(Arc::new(model))?;
+        own.solve(&conductivity)?;
+        self.touches = Some(touches.to_vec());
+        self.work = Work::OwnMesh;
+        Ok(&self.own.insert(Box::new(own)).matrix)
     }
 
     fn replace(
@@ -176,6 +212,7 @@ impl Solver {
             self.refresh()?;
             return Err(e);
         }
+        self.own = None;
         Ok(&self.matrix)
     }
 
@@ -229,9 +266,12 @@ impl Solver {
         ElectrodeMatrix::from_potentials(r)
     }
 
-    /// Potential of every node for 1 A into each electrode and out of the last (ground), V; `[node, electrode]`. The last
+    /// Potential of every node of [`Solver::mesh`] for 1 A into each electrode and out of the last (ground), V; `[node, electrode]`. The last
     /// column is zero.
     pub fn potentials_v(&self) -> DMatrix<f64> {
+        if let Some(own) = &self.own {
+            return own.potentials_v();
+        }
         let system = &self.model.system;
         let symbolic = &system.symbolic;
         let free = system.electrodes - 1;

@@ -4,7 +4,7 @@
 mod theory;
 
 use forward::field::conductivity_of_discs;
-use forward::{DiscTouch, Drive, Model, ModelOptions, Pattern, Sheet, Solver};
+use forward::{DiscTouch, Drive, Model, ModelOptions, Pattern, Sheet, Solver, Work};
 use rand::{Rng, SeedableRng};
 use std::f64::consts::TAU;
 use std::sync::Arc;
@@ -42,7 +42,7 @@ fn untouched() {
     assert!(error < 1e-3, "{error}");
 }
 
-/// Discs of 25 mm, +20 % and +300 %, at random where their edge keeps 3 mm from the rim, one and two at a time.
+/// Discs of 25 mm, +20 % and +300 %, at random anywhere on the sheet, one and two at a time.
 #[test]
 fn random_touches() {
     let mut random = rand::rngs::StdRng::seed_from_u64(20);
@@ -53,7 +53,7 @@ fn random_touches() {
             let count = 1 + case % 2;
             let mut touches: Vec<DiscTouch> = Vec::new();
             while touches.len() < count {
-                let r = random.random_range(0.0_f64..1.0).sqrt() * 82.0;
+                let r = random.random_range(0.0_f64..1.0).sqrt() * 85.0;
                 let angle = random.random_range(0.0..TAU);
                 let centre_mm = [r * angle.cos(), r * angle.sin()];
                 let apart = |t: &DiscTouch| (t.centre_mm[0] - centre_mm[0]).hypot(t.centre_mm[1] - centre_mm[1]);
@@ -77,6 +77,34 @@ fn random_touches() {
     }
 }
 
+/// Beside the rim vertices cannot always be moved onto a touch's edge; a strong touch then gets a mesh of its own.
+#[test]
+fn strong_touches_at_the_rim() {
+    let mut solver = solved(&Sheet::paper(), 1e-3);
+    let mut own_mesh = 0;
+    for centre_mm in [[-51.9433, -65.7968], [82.7724, 15.2093], [84.903, 1.4755], [30.0, 0.0]] {
+        let touches = [DiscTouch {
+            centre_mm,
+            radius_mm: 12.5,
+            rise: 3.0,
+        }];
+        solver.solve_touches(&touches).unwrap();
+        own_mesh += usize::from(solver.work() == Work::OwnMesh);
+        assert_eq!(solver.conductivity().len(), solver.mesh().triangles.len());
+        assert_eq!(solver.potentials_v().nrows(), solver.mesh().nodes.len());
+        let error = frame_error(&solver, &reference(&touches));
+        assert!(error < 1e-3, "{centre_mm:?}: {error}");
+        solver.solve_touches(&touches).unwrap();
+        assert_eq!(solver.work(), Work::Nothing);
+    }
+    assert!(own_mesh > 0);
+    // Back on the model's mesh all is as before.
+    let elements = solver.model().mesh().triangles.len();
+    solver.solve(&vec![[1.0, 0.0, 1.0]; elements]).unwrap();
+    assert_eq!(solver.mesh().triangles.len(), elements);
+    assert!(frame_error(&solver, &solved(&Sheet::paper(), 1e-3)) < 1e-12);
+}
+
 /// Where discs overlap, cross the rim or coincide there is still an answer, and it is near the reference.
 #[test]
 fn awkward_touches() {
@@ -85,6 +113,7 @@ fn awkward_touches() {
         radius_mm,
         rise: 0.2,
     };
+    let strong = |t: DiscTouch| DiscTouch { rise: 3.0, ..t };
     let cases = [
         ("overlapping", vec![disc(20.0, 0.0, 12.5), disc(38.0, 4.0, 12.5)]),
         ("concentric", vec![disc(-30.0, 10.0, 12.5), disc(-30.0, 10.0, 6.0)]),
@@ -95,6 +124,11 @@ fn awkward_touches() {
         ("huge", vec![disc(10.0, 0.0, 70.0)]),
         ("all of the sheet", vec![disc(0.0, 0.0, 200.0)]),
         ("none of it", vec![disc(300.0, 0.0, 20.0)]),
+        ("strong over the rim", vec![strong(disc(95.0, 8.0, 12.5))]),
+        (
+            "strong, overlapping",
+            vec![strong(disc(20.0, 0.0, 12.5)), strong(disc(38.0, 4.0, 12.5))],
+        ),
     ];
     for (name, touches) in cases {
         let reference = reference(&touches);
@@ -102,8 +136,7 @@ fn awkward_touches() {
         fitted.solve_touches(&touches).unwrap();
         let own = made_for(&ModelOptions::for_touches(&touches), &touches);
         let errors = (frame_error(&fitted, &reference), frame_error(&own, &reference));
-        println!("+20 %, {name}: fitted {:.1e}, own mesh {:.1e}", errors.0, errors.1);
-        // What cannot be followed is averaged over the elements it cuts.
-        assert!(errors.0 < 5e-3 && errors.1 < 1e-3, "{name}: {errors:?}");
+        println!("{name}: fitted {:.1e}, own mesh {:.1e}", errors.0, errors.1);
+        assert!(errors.0 < 1e-3 && errors.1 < 1e-3, "{name}: {errors:?}");
     }
 }

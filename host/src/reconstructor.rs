@@ -1,6 +1,6 @@
 //! From a frame to a picture and its touches: gate, weigh, solve, find.
 
-use crate::fit::fitter::{Data, Fitter, MOST_MISFIT};
+use crate::fit::fitter::{Data, Fitter};
 use crate::fit::table::TouchTable;
 use crate::fit::{FitOptions, Fitted};
 use crate::health::Health;
@@ -139,11 +139,9 @@ const MOST_STEPS: usize = 60;
 /// A picture's largest rise over the expected one before more is expected.
 const LARGEST_OVER_EXPECTED: f64 = 4.0;
 const MOST_RESCALINGS: usize = 2;
-/// A touch that rises less than this fraction of the deepest fall is what the fall leaves around it.
-const LEAST_OVER_FALL: f64 = 0.65;
-/// More peaks than two hands have fingers, in a picture that no touches fit, are a change of the whole sheet: with a
-/// voltage drive a metal rod looks much like a rise everywhere else.
-const MOST_PEAKS: usize = 10;
+/// A peak whose integrated rise is less than this fraction of the greatest integrated fall is what the fall leaves around
+/// it.
+const LEAST_OVER_FALL: f64 = 0.5;
 /// Least relative sensitivity of a cell, against the median, that its expected rise follows.
 const LEAST_SENSITIVITY: f64 = 1e-3;
 
@@ -267,10 +265,7 @@ impl Reconstructor {
             result.touches = fitted.touches;
             result.misfit = Some(fitted.misfit);
         } else if let Some(ridge) = ridge {
-            self.with_falls(&b, sigma, ridge, &mut result);
-        }
-        if result.misfit.is_none() && result.touches.len() > MOST_PEAKS {
-            result.touches.clear();
+            self.with_falls(&b, ridge, &mut result);
         }
         result
     }
@@ -300,10 +295,11 @@ impl Reconstructor {
         fitter.fit(table, reduce, data, &seeds)
     }
 
-    /// Lets the picture fall as well as rise where rises alone do not explain the frame: metal beside a finger, say.
-    fn with_falls(&mut self, b: &DVector<f64>, sigma: f64, ridge: f64, result: &mut FrameResult) {
-        let misfit = (result.residual * b.norm()).powi(2) / (sigma * sigma * b.len() as f64);
-        let Some(weighted) = self.weighted.as_mut().filter(|_| misfit > MOST_MISFIT) else {
+    /// Lets the picture fall as well as rise: where no touches explain a frame, nothing says that it only rises (metal
+    /// beside a finger, say). With a voltage drive a fall somewhere looks much like a rise everywhere else, so that a
+    /// picture of rises alone can explain it well and be wrong.
+    fn with_falls(&mut self, b: &DVector<f64>, ridge: f64, result: &mut FrameResult) {
+        let Some(weighted) = self.weighted.as_mut() else {
             return;
         };
         let problem = &weighted.problem;
@@ -315,13 +311,13 @@ impl Reconstructor {
         .solve(both, b);
         let x = weighted.rise(&solution);
         let (rises, falls) = x.as_slice().split_at(self.imager.grid.len());
-        let fall = falls.iter().copied().fold(0.0, f64::max);
+        let fall = self.finder.find(falls).iter().map(|t| t.total_mm2).fold(0.0, f64::max);
         result.x = rises.to_vec();
         result.residual = solution.residual;
         result.gap = solution.gap;
         result.status = solution.status;
         result.touches = self.finder.find(rises);
-        result.touches.retain(|t| t.rise >= LEAST_OVER_FALL * fall);
+        result.touches.retain(|t| t.total_mm2 >= LEAST_OVER_FALL * fall);
     }
 
     /// Solves by the method asked for, x in relative rise; with the ridge where there is one to go on with.

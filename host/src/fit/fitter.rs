@@ -18,7 +18,7 @@ const SETTLED: f64 = 0.01;
 /// nonlinear model. At 27 dB a touch of +20 % alone is below, two of them side by side are above.
 const WORTH_A_SOLUTION: f64 = 6.0;
 /// Mean squared misfit, in noise variances, up to which discs explain a frame.
-pub const MOST_MISFIT: f64 = 4.0;
+const MOST_MISFIT: f64 = 4.0;
 /// Part of a frame (norm of the residual over that of the data) that fitted touches may leave, whatever the noise: beyond,
 /// they are no discs.
 const MOST_RESIDUAL: f64 = 0.06;
