@@ -1,7 +1,7 @@
 //! Largest error over all 208 voltages for random disc touches of 25 mm, against a converged reference, three ways:
 //! on the default mesh as it is, on the default mesh fitted to the touch, and on a mesh made for the touch.
 //!
-//!     cargo run --release -p forward --example accuracy [touches]
+//!     cargo run --release -p forward --example accuracy [touches [seed]]
 
 use forward::field::conductivity_of_discs;
 use forward::{DiscTouch, Drive, Model, ModelOptions, Pattern, Sheet, Solver};
@@ -26,7 +26,7 @@ fn main() -> Result<(), Error> {
     let pattern = Pattern::adjacent(16)?;
     let frame = |s: &Solver| Drive::PAPER.frame_v(s.electrode_matrix(), &pattern);
     let error = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| (x / y - 1.0).abs()).fold(0.0, f64::max);
-    let mut random = rand::rngs::StdRng::seed_from_u64(1);
+    let mut random = rand::rngs::StdRng::seed_from_u64(std::env::args().nth(2).map_or(Ok(1), |s| s.parse())?);
     let model = Arc::new(Model::new(&Sheet::paper(), &ModelOptions::default())?);
     let mut fixed = Solver::new(model.clone())?;
     let mut fitted = Solver::new(model.clone())?;

@@ -1,6 +1,5 @@
 //! From the accuracy wanted to the lengths of a mesh.
 
-use crate::curve::Curve;
 use crate::geometry::Geometry;
 use crate::mesh::{MeshSizes, followed};
 use crate::model::{ForwardError, ModelOptions};
@@ -42,10 +41,7 @@ pub(crate) fn sizes(
         .iter()
         .map(|(centre, radius)| {
             let edge = radius * ALONG_A_TOUCH * finer.powf(0.25).min(1.5);
-            // What is left between the touch and a rim wants elements of its own size.
-            let gap = |ring: &Curve| (ring.nearest(*centre).1 - radius).abs();
-            let narrowest = geometry.rings.iter().map(gap).fold(f64::INFINITY, f64::min);
-            (*centre, *radius, edge.min(0.5 * narrowest).max(radius * ACROSS_A_TOUCH))
+            (*centre, *radius, edge)
         })
         .collect();
     let mut circles = options.circles.clone();

@@ -37,7 +37,7 @@ pub enum SheetFileError {
     Toml(#[from] toml::de::Error),
     /// An electrode that says too little or too much about its place.
     #[error(
-        "electrode {electrode} must have one of angle_deg, arc_mm or point_mm with width_mm, or centre_mm with radius_mm"
+        "electrode {electrode} (the first is 0) must have one of angle_deg, arc_mm or point_mm with width_mm, or centre_mm with radius_mm"
     )]
     Place {
         /// Which one of the list, from 0.

@@ -158,7 +158,9 @@ pub enum GeometryError {
         count: usize,
     },
     /// An electrode that is not on a rim.
-    #[error("electrode {electrode} is {distance_mm:.3} mm off the rim; place it on the outline or on a hole's rim")]
+    #[error(
+        "electrode {electrode} (the first is 0) is {distance_mm:.3} mm off the rim; place it on the outline or on a hole's rim"
+    )]
     OffTheRim {
         /// Which electrode, from 0.
         electrode: usize,
@@ -166,7 +168,9 @@ pub enum GeometryError {
         distance_mm: f64,
     },
     /// An electrode longer than its rim.
-    #[error("electrode {electrode} is {width_mm} mm wide, but its rim is only {rim_mm:.3} mm long; make it narrower")]
+    #[error(
+        "electrode {electrode} (the first is 0) is {width_mm} mm wide, but its rim is only {rim_mm:.3} mm long; make it narrower"
+    )]
     TooWide {
         /// Which electrode, from 0.
         electrode: usize,
@@ -176,7 +180,7 @@ pub enum GeometryError {
         rim_mm: f64,
     },
     /// Two electrodes that touch.
-    #[error("electrodes {first} and {second} overlap; narrow one or move it")]
+    #[error("electrodes {first} and {second} (the first is 0) overlap; narrow one or move it")]
     Overlap {
         /// One of them, from 0.
         first: usize,
@@ -184,7 +188,7 @@ pub enum GeometryError {
         second: usize,
     },
     /// An electrode inside the sheet that crosses a rim.
-    #[error("electrode {electrode} does not lie wholly inside the sheet; move it or make it smaller")]
+    #[error("electrode {electrode} (the first is 0) does not lie wholly inside the sheet; move it or make it smaller")]
     NotInside {
         /// Which electrode, from 0.
         electrode: usize,
@@ -410,7 +414,7 @@ impl Geometry {
         }
         for (l, electrode) in sheet.electrodes.iter().enumerate() {
             positive(
-                || format!("the contact of electrode {l} (mm of sheet)"),
+                || format!("the contact of electrode {l}, the first being 0 (mm of sheet)"),
                 electrode.contact_mm,
             )?;
             geometry.place(l, electrode.place)?;
@@ -420,20 +424,34 @@ impl Geometry {
     }
 
     fn place(&mut self, electrode: usize, place: Place) -> Result<(), GeometryError> {
-        let width = |w: f64| positive(|| format!("the width of electrode {electrode} (mm)"), w);
+        let width = |w: f64| {
+            positive(
+                || format!("the width of electrode {electrode}, the first being 0 (mm)"),
+                w,
+            )
+        };
         let (ring, centre, width_mm) = match place {
             Place::Angle { angle_deg, width_mm } => {
-                finite(|| format!("the angle of electrode {electrode} (degrees)"), angle_deg)?;
+                finite(
+                    || format!("the angle of electrode {electrode}, the first being 0 (degrees)"),
+                    angle_deg,
+                )?;
                 (0, self.arc_at_angle(angle_deg), width(width_mm)?)
             }
             Place::Arc { arc_mm, width_mm } => {
-                finite(|| format!("the arc position of electrode {electrode} (mm)"), arc_mm)?;
+                finite(
+                    || format!("the arc position of electrode {electrode}, the first being 0 (mm)"),
+                    arc_mm,
+                )?;
                 (0, arc_mm, width(width_mm)?)
             }
             Place::Point { point_mm, width_mm } => {
                 let width_mm = width(width_mm)?;
                 for value in point_mm {
-                    finite(|| format!("the place of electrode {electrode} (mm)"), value)?;
+                    finite(
+                        || format!("the place of electrode {electrode}, the first being 0 (mm)"),
+                        value,
+                    )?;
                 }
                 let (ring, (s, off)) = self.rings[..self.rims]
                     .iter()
@@ -450,9 +468,15 @@ impl Geometry {
                 (ring, s, width_mm)
             }
             Place::Inside { centre_mm, radius_mm } => {
-                positive(|| format!("the radius of electrode {electrode} (mm)"), radius_mm)?;
+                positive(
+                    || format!("the radius of electrode {electrode}, the first being 0 (mm)"),
+                    radius_mm,
+                )?;
                 for value in centre_mm {
-                    finite(|| format!("the place of electrode {electrode} (mm)"), value)?;
+                    finite(
+                        || format!("the place of electrode {electrode}, the first being 0 (mm)"),
+                        value,
+                    )?;
                 }
                 let clear = self.rings[..self.rims]
                     .iter()

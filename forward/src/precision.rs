@@ -11,7 +11,7 @@ pub(crate) const TRUSTED: f64 = 1e4;
 /// Relative error of a voltage that is still let through.
 const ALLOWED: f64 = 1e-6;
 /// Steps of iterative refinement.
-const STEPS: usize = 3;
+const STEPS: usize = 5;
 
 /// Largest over smallest element of the diagonal; infinite when one is not positive.
 pub(crate) fn span(symbolic: &Symbolic, values: &[f64]) -> f64 {

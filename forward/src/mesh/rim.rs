@@ -57,11 +57,13 @@ pub(super) fn lines(geometry: &Geometry, field: &SizeField<'_>) -> Result<Lines,
     Ok(Lines { rims, circles })
 }
 
-/// Whether the mesh can follow a circle: it is inside the sheet, and neither a rim nor another circle is nearer than
-/// half an edge length.
+/// How near a circle that the mesh follows may come to a rim or another circle, over its radius.
+pub(super) const CLEAR: f64 = 0.002;
+
+/// Whether the mesh can follow a circle: it is inside the sheet, and neither a rim nor another circle is too near.
 pub(crate) fn followed(geometry: &Geometry, circles: &[(Point, f64, f64)], k: usize) -> bool {
     let (centre, radius, edge) = circles[k];
-    let near = 0.5 * edge;
+    let near = CLEAR * radius;
     let rims_clear = geometry.rings.iter().all(|ring| ring.nearest(centre).1 > radius + near);
     let others_clear = circles.iter().enumerate().all(|(other, (c, r, _))| {
         let d = distance(centre, *c);

@@ -1,6 +1,7 @@
 //! How long edges may be, from place to place.
 
 use super::MeshSizes;
+use super::rim::{CLEAR, followed};
 use crate::curve::{Point, distance};
 use crate::geometry::Geometry;
 
@@ -8,6 +9,9 @@ use crate::geometry::Geometry;
 pub(super) const TIGHT: f64 = 0.3;
 /// Places on a rim where its radius is looked at.
 const TIGHT_POINTS: usize = 32;
+
+/// Edge in a narrow gap between a circle and what is beside it, over the gap's width.
+const ACROSS_A_GAP: f64 = 0.5;
 
 /// Where edges must be short: a point or a circle with the edge length there.
 pub(super) struct SizeField<'a> {
@@ -81,6 +85,50 @@ impl<'a> SizeField<'a> {
                 }
             }
         }
+        for k in 0..sizes.circles.len() {
+            if followed(geometry, &sizes.circles, k) {
+                gaps(geometry, &sizes.circles, k, &mut points);
+            }
+        }
         Self { sizes, points }
+    }
+}
+
+/// Short edges along a circle where a rim or another circle is nearer than its own edges are long.
+fn gaps(geometry: &Geometry, circles: &[(Point, f64, f64)], k: usize, points: &mut Vec<(Point, f64)>) {
+    let (centre, radius, edge) = circles[k];
+    let towards = |p: Point| (p[1] - centre[1]).atan2(p[0] - centre[0]);
+    let on_circle = |angle: f64| {
+        let (sin, cos) = angle.sin_cos();
+        [centre[0] + radius * cos, centre[1] + radius * sin]
+    };
+    let mut walk = |nearest: f64, gap: &dyn Fn(Point) -> f64| {
+        for turn in [1.0, -1.0] {
+            let mut along = 0.0;
+            while along < std::f64::consts::PI {
+                let p = on_circle(nearest + turn * along);
+                let h = ACROSS_A_GAP * gap(p).max(CLEAR * radius);
+                if h >= edge {
+                    break;
+                }
+                points.push((p, h));
+                along += h / radius;
+            }
+        }
+    };
+    for ring in &geometry.rings {
+        let (s, _) = ring.nearest(centre);
+        walk(towards(ring.point(s)), &|p| ring.nearest(p).1);
+    }
+    for (other, (c, r, _)) in circles.iter().enumerate() {
+        if other != k {
+            // The nearest point of a circle around this one is away from its centre.
+            let turned = if *r > radius && distance(centre, *c) < *r {
+                std::f64::consts::PI
+            } else {
+                0.0
+            };
+            walk(towards(*c) + turned, &|p| (distance(p, *c) - r).abs());
+        }
     }
 }
