@@ -9,6 +9,7 @@ mod accuracy;
 pub mod cells;
 mod cholesky;
 pub mod curve;
+pub mod electrodes;
 mod element;
 pub mod field;
 pub mod file;

@@ -177,6 +177,14 @@ impl Sensitivity {
         }
     }
 
+    pub(crate) fn from_gram(electrodes: usize, regions: usize, gram: Vec<f64>) -> Self {
+        Self {
+            electrodes,
+            regions,
+            gram,
+        }
+    }
+
     /// How many regions.
     pub fn regions(&self) -> usize {
         self.regions

@@ -20,7 +20,7 @@ pub enum ImagerError {
     Cells(#[from] CellError),
     /// Pattern and sheet do not belong together.
     #[error(
-        "the measurements name {pattern} electrodes, but the sheet has {sheet}; describe the sheet that was measured"
+        "the measurements are of {pattern} electrodes, but the sheet has {sheet}; describe the sheet that was measured"
     )]
     Electrodes {
         /// Of the pattern.
@@ -28,8 +28,8 @@ pub enum ImagerError {
         /// Of the sheet.
         sheet: usize,
     },
-    /// Not one value of the frame can be used.
-    #[error("a baseline of {given} values was given for {expected} measurements")]
+    /// A frame or a baseline that does not belong to the pattern.
+    #[error("{given} values were given for {expected} measurements; give a value for each, in the pattern's order")]
     Baseline {
         /// Values given.
         given: usize,
@@ -57,6 +57,9 @@ pub struct Imager {
     pub outline_mm: Vec<[f64; 2]>,
     /// Centres of the electrodes, mm.
     pub electrodes_mm: Vec<[f64; 2]>,
+    /// Covariance of what is uncertain of the electrodes: the logarithms of their contact impedances, then their places
+    /// along the rim (mm). None where they are taken as certain.
+    pub electrode_covariance: Option<DMatrix<f64>>,
 }
 
 /// A normalised difference: what changed against the baseline, in volts of the model.
@@ -79,7 +82,7 @@ impl Imager {
     /// # Errors
     /// [`ImagerError`] names what does not fit.
     pub fn new(sheet: &Sheet, drive: Drive, pattern: Pattern, cell_mm: f64) -> Result<Self, ImagerError> {
-        if pattern.electrodes() > sheet.electrodes.len() {
+        if pattern.electrodes() != sheet.electrodes.len() {
             return Err(ImagerError::Electrodes {
                 pattern: pattern.electrodes(),
                 sheet: sheet.electrodes.len(),
@@ -99,7 +102,13 @@ impl Imager {
             pattern,
             drive,
             grid,
+            electrode_covariance: None,
         })
+    }
+
+    /// How far the sheet reaches from the origin, mm.
+    pub fn reach_mm(&self) -> f64 {
+        self.outline_mm.iter().map(|p| p[0].hypot(p[1])).fold(0.0, f64::max)
     }
 
     /// The normalised difference of a frame (any unit) to its baseline (the same unit).

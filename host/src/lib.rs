@@ -7,6 +7,7 @@
 #![forbid(unsafe_code)]
 
 pub mod baseline;
+pub mod electrodes;
 pub mod fit;
 pub mod health;
 pub mod imager;

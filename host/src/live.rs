@@ -1,6 +1,7 @@
 //! Frames to pictures, live: takes the baseline, then reconstructs and follows touches.
 
 use crate::baseline::{Baseline, BaselineTaker};
+use crate::electrodes;
 use crate::imager::{Imager, ImagerError};
 use crate::reconstruct::Method;
 use crate::reconstructor::{FrameResult, Reconstructor, ReconstructorOptions};
@@ -15,6 +16,8 @@ pub struct LiveOptions {
     pub baseline_frames: usize,
     /// The solver.
     pub method: Method,
+    /// Whether the electrodes are looked for in the baseline, or taken to be where the sheet says.
+    pub find_electrodes: bool,
 }
 
 impl Default for LiveOptions {
@@ -22,6 +25,7 @@ impl Default for LiveOptions {
         Self {
             baseline_frames: 24,
             method: Method::Nnls,
+            find_electrodes: true,
         }
     }
 }
@@ -40,6 +44,8 @@ pub enum LiveFrame {
 
 /// The chain behind the link, with its state.
 pub struct Live {
+    /// With the electrodes where they are said to be.
+    nominal: Arc<Imager>,
     imager: Arc<Imager>,
     options: LiveOptions,
     reconstructor: Reconstructor,
@@ -56,7 +62,7 @@ const PATIENCE: u32 = 3;
 impl Live {
     /// Starts with taking the baseline.
     pub fn new(imager: Arc<Imager>, options: LiveOptions) -> Self {
-        let extent = imager.outline_mm.iter().map(|p| p[0].hypot(p[1])).fold(0.0, f64::max);
+        let extent = imager.reach_mm();
         let values = imager.pattern.len();
         Self {
             reconstructor: Reconstructor::new(
@@ -66,12 +72,13 @@ impl Live {
             tracker: Tracker::new(2.0 * REACH * extent, PATIENCE),
             taker: Some(BaselineTaker::new(values, options.baseline_frames)),
             baseline: None,
+            nominal: Arc::clone(&imager),
             imager,
             options,
         }
     }
 
-    /// The model behind.
+    /// The model behind: after the baseline, with the electrodes where that showed them to be.
     pub fn imager(&self) -> &Arc<Imager> {
         &self.imager
     }
@@ -101,6 +108,15 @@ impl Live {
                 return Ok(LiveFrame::Baseline { left });
             };
             self.taker = None;
+            if self.options.find_electrodes
+                && let Some(found) = electrodes::find(&self.nominal, &baseline.values_v)
+            {
+                self.imager = Arc::new(found.imager);
+                self.reconstructor = Reconstructor::new(
+                    Arc::clone(&self.imager),
+                    ReconstructorOptions::for_imager(&self.imager, self.options.method),
+                );
+            }
             // Noise of a difference to this baseline, in the model's volts.
             let gain = self.imager.gain(&baseline.values_v);
             let spread = (1.0 + 1.0 / baseline.frames as f64).sqrt();

@@ -69,18 +69,18 @@ impl Reciprocity {
             .copied()
             .filter(|[a, b]| used[*a] && used[*b])
             .collect();
-        // With ratios of voltages reciprocity is exact: ln r[a] - ln r[b] = e[drive of b] - e[drive of a] + noise, times
-        // the model's value to have all in the difference's unit.
-        let log = |k: usize| {
+        // With ratios of voltages reciprocity is exact: ln r[a] - ln r[b] = e[drive of b] - e[drive of a] + noise. (The
+        // voltages themselves are not equal on a sheet that is not the same all around: their drive currents differ.)
+        let ratio = |k: usize| {
             let change = y[k] / model_v[k];
-            if change > LEAST_CHANGE {
-                model_v[k] * change.ln_1p()
-            } else {
-                y[k]
-            }
+            if change > LEAST_CHANGE { change.ln_1p() } else { change }
         };
-        let weight = |[a, b]: [usize; 2]| 1.0 / spread[a].hypot(spread[b]);
-        let rhs = DVector::from_iterator(pairs.len(), pairs.iter().map(|p| (log(p[0]) - log(p[1])) * weight(*p)));
+        let noise = |k: usize| spread[k] / model_v[k].abs();
+        let weight = |[a, b]: [usize; 2]| 1.0 / noise(a).hypot(noise(b));
+        let rhs = DVector::from_iterator(
+            pairs.len(),
+            pairs.iter().map(|p| (ratio(p[0]) - ratio(p[1])) * weight(*p)),
+        );
         let mut freedom = pairs.len();
         let mut left = rhs;
         if self.scales {
@@ -88,8 +88,8 @@ impl Reciprocity {
             let mut design = DMatrix::zeros(pairs.len(), self.drives);
             for (row, p) in pairs.iter().enumerate() {
                 let w = weight(*p);
-                design[(row, self.drive_of[p[1]])] += w * model_v[p[0]];
-                design[(row, self.drive_of[p[0]])] -= w * model_v[p[1]];
+                design[(row, self.drive_of[p[1]])] += w;
+                design[(row, self.drive_of[p[0]])] -= w;
             }
             let mut normal = design.tr_mul(&design);
             let ridge = 1e-10 * normal.diagonal().amax();

@@ -42,7 +42,7 @@ pub struct ReconstructorOptions {
 impl ReconstructorOptions {
     /// Defaults for an imager: lengths follow the sheet's size and the cells.
     pub fn for_imager(imager: &Imager, method: Method) -> Self {
-        let extent = imager.outline_mm.iter().map(|p| p[0].hypot(p[1])).fold(0.0, f64::max);
+        let extent = imager.reach_mm();
         Self {
             method,
             expected_rise: 0.07,

@@ -6,6 +6,7 @@
 //! what the linear model can fit; a second round, from the touches of the first, is enough for +300 %.
 
 use super::Disc;
+use forward::field::conductivity_of_discs;
 use forward::{DiscTouch, Drive, Model, Pattern, Solver};
 use std::f64::consts::PI;
 use std::sync::Arc;
@@ -50,7 +51,8 @@ impl Beyond {
                 rise: rise(d),
             })
             .collect();
-        let matrix = self.solver.solve_touches(&touches).ok()?;
+        let conductivity = conductivity_of_discs(self.solver.model().mesh(), &touches);
+        let matrix = self.solver.solve(&conductivity).ok()?;
         let v = self.drive.frame_v(matrix, &self.pattern);
         Some(v.iter().zip(&self.unpressed_v).map(|(v, u)| v - u).collect())
     }

@@ -1,6 +1,7 @@
 //! Fits frame after frame: keeps what only depends on the sheet, and goes beyond the linear model where it shows.
 
 use super::beyond::{self, Beyond};
+use super::placement::Placement;
 use super::table::TouchTable;
 use super::{Disc, FitOptions, Fitted, fit, order};
 use crate::imager::Imager;
@@ -42,6 +43,8 @@ pub struct Fitter {
     volts: TouchTable,
     /// Made when a frame first needs it.
     beyond: Option<Beyond>,
+    /// What the electrodes' uncertainty adds to that of touches.
+    placement: Option<Placement>,
     /// Degrees of freedom of the noise, and what a touch must bring at them.
     drop: Option<(usize, f64)>,
 }
@@ -51,6 +54,7 @@ impl Fitter {
     pub fn new(imager: &Arc<Imager>, options: FitOptions) -> Option<Self> {
         Some(Self {
             volts: TouchTable::new(&imager.model, imager.drive, &imager.pattern, options.radius_mm)?,
+            placement: Placement::new(imager, options.radius_mm),
             imager: Arc::clone(imager),
             options,
             beyond: None,
@@ -100,6 +104,13 @@ impl Fitter {
             fitted = run(&corrected, options.model_error, &before.discs)?;
             if settled(&before, &fitted) {
                 break;
+            }
+        }
+        if let Some(placement) = &self.placement {
+            for t in &mut fitted.touches {
+                let [x, y] = placement.variance(&self.imager, [t.x_mm, t.y_mm]);
+                t.x_sd_mm = t.x_sd_mm.map(|sd| sd.hypot(x.sqrt()));
+                t.y_sd_mm = t.y_sd_mm.map(|sd| sd.hypot(y.sqrt()));
             }
         }
         (fitted.misfit <= MOST_MISFIT || fitted.residual <= MOST_RESIDUAL).then_some(fitted)

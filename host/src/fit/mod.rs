@@ -13,6 +13,7 @@
 pub mod beyond;
 pub mod fitter;
 pub mod order;
+pub mod placement;
 pub mod solve;
 pub mod table;
 

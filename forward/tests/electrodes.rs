@@ -1,0 +1,77 @@
+//! What moves an electrode or changes its contact moves the voltages as the formula says.
+#![allow(clippy::unwrap_used)]
+
+mod theory;
+
+use forward::field::conductivity_of_discs;
+use forward::{DiscTouch, Drive, Model, ModelOptions, Pattern, Sensitivity, Sheet, Solver};
+use std::sync::Arc;
+
+const TOUCH: DiscTouch = DiscTouch {
+    centre_mm: [60.0, 30.0],
+    radius_mm: 15.0,
+    rise: 1.0,
+};
+
+fn solve(sheet: &Sheet) -> Solver {
+    let options = ModelOptions {
+        accuracy: 1e-4,
+        ..ModelOptions::for_touches(&[TOUCH])
+    };
+    let model = Arc::new(Model::new(sheet, &options).unwrap());
+    let mut solver = Solver::new(model.clone()).unwrap();
+    solver.solve(&conductivity_of_discs(model.mesh(), &[TOUCH])).unwrap();
+    solver
+}
+
+/// Central differences over other meshes, against the formula, on a sheet with a touch, for either drive.
+#[test]
+fn contacts_and_places_are_slopes() {
+    let sheet = Sheet::paper();
+    let solver = solve(&sheet);
+    let pattern = Pattern::adjacent(16).unwrap();
+    let slopes = Sensitivity::by_electrode(&solver);
+    for drive in [Drive::PAPER, Drive::Current { amplitude_a: 1e-3 }] {
+        let frame = |sheet: &Sheet| drive.frame_v(solve(sheet).electrode_matrix(), &pattern);
+        let matrix = slopes.matrix_v(drive, solver.electrode_matrix(), &pattern);
+        for l in [0, 1, 15] {
+            for region in [l, 16 + l] {
+                let step = 0.4;
+                let changed = |sign: f64| {
+                    let mut sheet = sheet.clone();
+                    if region < 16 {
+                        sheet.electrodes[l].contact_mm *= 1.0 + 0.06 * sign;
+                    } else {
+                        sheet.electrodes[l].place =
+                            solver.model().geometry().moved(&sheet, l, 0.5 * step * sign).unwrap();
+                    }
+                    frame(&sheet)
+                };
+                let span = if region < 16 { 0.12 } else { step };
+                let (up, down) = (changed(1.0), changed(-1.0));
+                let slope: Vec<f64> = up.iter().zip(&down).map(|(a, b)| (a - b) / span).collect();
+                let largest = slope.iter().fold(0.0_f64, |m, s| m.max(s.abs()));
+                for (row, s) in slope.iter().enumerate() {
+                    let off = (s - matrix[(row, region)]).abs();
+                    assert!(off < 0.015 * largest, "{region} {row}: {s} {}", matrix[(row, region)]);
+                }
+            }
+        }
+    }
+}
+
+/// All electrodes turned together are the same sheet.
+#[test]
+fn turning_the_sheet_changes_nothing() {
+    let solver = theory::solved(&Sheet::paper(), 1e-4);
+    let pattern = Pattern::adjacent(16).unwrap();
+    let matrix = Sensitivity::by_electrode(&solver).matrix_v(Drive::PAPER, solver.electrode_matrix(), &pattern);
+    for row in matrix.row_iter() {
+        let turned: f64 = row.columns(16, 16).sum();
+        assert!(
+            turned.abs() < 1e-2 * row.columns(16, 16).amax(),
+            "{turned} {}",
+            row.columns(16, 16).amax()
+        );
+    }
+}
