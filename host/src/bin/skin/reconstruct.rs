@@ -23,30 +23,6 @@ pub(crate) enum DriveKind {
     Current,
 }
 
-/// How the picture is computed.
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub(crate) enum MethodName {
-    /// Non-negative least squares with a ridge chosen from the noise.
-    Nnls,
-    /// Plain non-negative least squares by Lawson and Hanson's active set, on 20 mm cells.
-    LawsonHanson,
-    /// Ridge regression without a sign.
-    Tikhonov,
-    /// The plain generalised inverse: shows why the others are needed.
-    PseudoInverse,
-}
-
-impl From<MethodName> for Method {
-    fn from(name: MethodName) -> Self {
-        match name {
-            MethodName::Nnls => Self::Nnls,
-            MethodName::LawsonHanson => Self::LawsonHanson,
-            MethodName::Tikhonov => Self::Tikhonov,
-            MethodName::PseudoInverse => Self::PseudoInverse,
-        }
-    }
-}
-
 /// Arguments of `skin reconstruct`.
 #[derive(Debug, Args)]
 pub(crate) struct Arguments {
@@ -74,8 +50,8 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "MM")]
     cell_mm: Option<f64>,
     /// How the picture is computed.
-    #[arg(long, value_enum, default_value_t = MethodName::Nnls)]
-    method: MethodName,
+    #[arg(long, value_parser = super::method::parser(), default_value_t = Method::Nnls)]
+    method: Method,
     /// Writes a picture of every frame, FRAME.png, into this folder.
     #[arg(long, value_name = "DIR")]
     png: Option<PathBuf>,
@@ -171,12 +147,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         DriveKind::Voltage => Drive::PAPER,
         DriveKind::Current => Drive::Current { amplitude_a: 1e-3 },
     };
-    let method = Method::from(arguments.method);
-    let cell_mm = arguments.cell_mm.unwrap_or_else(|| {
-        let paper = if method == Method::LawsonHanson { 20.0 } else { 5.0 };
-        paper * arguments.diameter_mm / PAPER_MM
-    });
-    let imager = Arc::new(Imager::new(
+    let method = arguments.method;
+    let cell_mm = arguments
+        .cell_mm
+        .unwrap_or(method.cell_mm() * arguments.diameter_mm / PAPER_MM);
+    let imager = Arc::new(Imager::for_method(
+        method,
         &sheet(arguments, table.electrodes),
         drive,
         pattern,
