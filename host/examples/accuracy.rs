@@ -6,11 +6,8 @@
 //! of signal to noise says; the noise is told from the frame. N scenes of every kind (default 100); WORD picks the kinds
 //! whose name holds it.
 
-#[path = "../tests/scenes/mod.rs"]
-mod scenes;
-
 use forward::Drive;
-use scenes::{Bench, Fault, Kind, Score, imager, quantile, reconstructor, rng, run};
+use host::study::scenes::{Bench, Fault, Kind, Score, imager, quantile, rng, run};
 
 struct Arguments {
     scenes: usize,
@@ -45,7 +42,7 @@ fn print(name: &str, s: &Score) {
     );
 }
 
-fn main() {
+fn main() -> anyhow::Result<()> {
     let a = arguments();
     println!("seed {}, {} scenes of every kind", a.seed, a.scenes);
     println!(
@@ -56,7 +53,7 @@ fn main() {
         ("voltage", Drive::PAPER),
         ("current", Drive::Current { amplitude_a: 1e-3 }),
     ] {
-        let imager = imager(drive);
+        let imager = imager(drive, 5.0)?;
         let mut kinds: Vec<(String, Kind, f64)> = Vec::new();
         for n in 1..=4 {
             kinds.push((format!("equal {n}"), Kind::Equal(n), 27.0));
@@ -75,16 +72,16 @@ fn main() {
         for fault in [Fault::Electrode, Fault::Missing, Fault::Stuck] {
             kinds.push((format!("fault {fault:?}"), Kind::Broken(fault), 27.0));
         }
-        let mut r = reconstructor(&imager);
         for (k, (name, kind, db)) in kinds.iter().enumerate() {
             let name = format!("{drive_name} {name}");
             if !name.contains(&a.only) {
                 continue;
             }
             let mut rng = rng(1000 * a.seed + k as u64);
-            let mut bench = Bench::new(&imager, drive, 0.0, 0.0, &mut rng);
+            let mut bench = Bench::new(&imager, drive, 0.0, 0.0, &mut rng)?;
+            let mut r = bench.reconstructor();
             let mut score = Score::default();
-            run(&mut bench, &mut r, *kind, *db, a.scenes, &mut rng, &mut score);
+            run(&mut bench, &mut r, *kind, *db, a.scenes, &mut rng, &mut score)?;
             print(&name, &score);
         }
         for (n, db) in [(1, 27.0), (4, 27.0), (1, 60.0), (4, 60.0)] {
@@ -95,7 +92,8 @@ fn main() {
             let mut rng = rng(1000 * a.seed + 500 + n as u64);
             let mut score = Score::default();
             for _ in 0..8 {
-                let mut bench = Bench::new(&imager, drive, 0.5, 0.3, &mut rng);
+                let mut bench = Bench::new(&imager, drive, 0.5, 0.3, &mut rng)?;
+                let mut r = bench.reconstructor();
                 run(
                     &mut bench,
                     &mut r,
@@ -104,14 +102,15 @@ fn main() {
                     a.scenes.div_ceil(8),
                     &mut rng,
                     &mut score,
-                );
+                )?;
             }
             print(&name, &score);
         }
         let name = format!("{drive_name} empty");
         if name.contains(&a.only) {
             let mut rng = rng(1000 * a.seed + 900);
-            let bench = Bench::new(&imager, drive, 0.0, 0.0, &mut rng);
+            let bench = Bench::new(&imager, drive, 0.0, 0.0, &mut rng)?;
+            let mut r = bench.reconstructor();
             let frames = 10 * a.scenes;
             let (mut touched, mut passed) = (0, 0);
             for _ in 0..frames {
@@ -125,4 +124,5 @@ fn main() {
             println!("| {name:<28} | {frames} frames: {touched} touches, {passed} past the gate |");
         }
     }
+    Ok(())
 }

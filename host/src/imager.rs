@@ -2,6 +2,7 @@
 //! difference that connects a measured frame to both.
 
 use crate::picture::{Grid, Picture, PictureError, Stats};
+use crate::reconstruct::Method;
 use crate::reconstructor::FrameResult;
 use forward::{CellError, CellGrid, Drive, ForwardError, Model, ModelOptions, Pattern, Sensitivity, Sheet, Solver};
 use nalgebra::{DMatrix, DVector};
@@ -111,6 +112,32 @@ impl Imager {
         self.outline_mm.iter().map(|p| p[0].hypot(p[1])).fold(0.0, f64::max)
     }
 
+    /// Models a sheet as a method wants it: for the paper's, [`Method::LawsonHanson`], the sensitivity is that of a constant
+    /// current (the paper's eq. 3), which leaves out that a voltage source gives a touched sheet less current. With what it
+    /// leaves out there are x > 0 with S x = 0, and without a ridge positivity constrains nothing.
+    ///
+    /// # Errors
+    /// See [`Imager::new`].
+    pub fn for_method(
+        method: Method,
+        sheet: &Sheet,
+        drive: Drive,
+        pattern: Pattern,
+        cell_mm: f64,
+    ) -> Result<Self, ImagerError> {
+        if method != Method::LawsonHanson {
+            return Self::new(sheet, drive, pattern, cell_mm);
+        }
+        let constant = Self::new(sheet, Drive::Current { amplitude_a: 1.0 }, pattern.clone(), cell_mm)?;
+        let mut imager = Self::new(sheet, drive, pattern, cell_mm)?;
+        imager.sensitivity = constant.sensitivity;
+        let volts = imager.model_v.iter().zip(&constant.model_v);
+        for (mut row, (v, constant)) in imager.sensitivity.row_iter_mut().zip(volts) {
+            row *= v / constant;
+        }
+        Ok(imager)
+    }
+
     /// The normalised difference of a frame (any unit) to its baseline (the same unit).
     ///
     /// Values that are not finite, in either, and values whose baseline is too small to divide by are left out.
@@ -195,7 +222,11 @@ impl Imager {
         })
     }
 
-    fn shown_grid(&self) -> Result<Arc<Grid>, PictureError> {
+    /// The cells as a viewer wants them.
+    ///
+    /// # Errors
+    /// [`PictureError`] when they are too many to show.
+    pub fn shown_grid(&self) -> Result<Arc<Grid>, PictureError> {
         let (columns, rows) = self.grid.shape();
         let [left, bottom] = self.grid.low_mm();
         // More columns than fit 16 bits are refused by the grid itself.

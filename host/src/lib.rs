@@ -3,12 +3,14 @@
 //! The way of a frame: [`link`] (bytes to messages), [`session`] (a board that introduced itself), [`baseline`] (the
 //! unpressed sheet), [`live`] (baseline, then pictures), [`health`] (what cannot be believed), [`reconstructor`] (gate,
 //! weigh, solve, find touches; on [`imager`]'s model, the noise told by [`noise`], with the solvers of [`reconstruct`]),
-//! [`fit`] (touches to the measurements), [`tracker`] (numbers for touches), [`view`] (what a person sees).
+//! [`fit`] (touches to the measurements), [`tracker`] (numbers for touches), [`view`] (what a person sees). [`study`]
+//! measures all that on simulated frames.
 #![forbid(unsafe_code)]
 
 pub mod baseline;
 pub mod electrodes;
 pub mod fit;
+pub mod greit;
 pub mod health;
 pub mod imager;
 pub mod link;
@@ -19,6 +21,7 @@ pub mod ports;
 pub mod reconstruct;
 pub mod reconstructor;
 pub mod session;
+pub mod study;
 pub mod table;
 pub mod touches;
 pub mod tracker;

@@ -8,7 +8,7 @@ use crate::imager::{Difference, Imager, ImagerError};
 use crate::noise::{NoiseEstimate, Reciprocity};
 use crate::picture::Touch;
 use crate::reconstruct::{
-    Method, Nnls, NnlsOptions, Problem, Solution, Status, lawson_hanson, pseudo_inverse, tikhonov,
+    Method, Nnls, NnlsOptions, Problem, Solution, Status, discrepancy_ridge, lawson_hanson, pseudo_inverse, tikhonov,
 };
 use crate::touches::{TouchFinder, TouchOptions};
 use nalgebra::DVector;
@@ -30,6 +30,8 @@ pub struct ReconstructorOptions {
     /// Relative error of the model against the change measured, as a standard deviation: a strong touch is not fitted
     /// more closely than the linear model can be right.
     pub model_error: f64,
+    /// Directions of the weighted sensitivity whose singular value is below this fraction of the largest are left out.
+    pub drop: f64,
     /// Probability that a frame of nothing but noise passes the gate.
     pub false_alarm: f64,
     /// What counts as a touch.
@@ -48,6 +50,7 @@ impl ReconstructorOptions {
             expected_rise: 0.07,
             depth: 0.3,
             model_error: 0.0,
+            drop: 0.0,
             false_alarm: 1e-6,
             touches: TouchOptions {
                 smoothing_mm: (0.05 * extent).max(0.6 * imager.grid.cell_mm()),
@@ -169,6 +172,11 @@ impl Reconstructor {
     /// The imager.
     pub fn imager(&self) -> &Arc<Imager> {
         &self.imager
+    }
+
+    /// Rank of the sensitivity in use; none before the first frame.
+    pub fn rank(&self) -> Option<usize> {
+        self.weighted.as_ref().map(|w| w.problem.rank())
     }
 
     /// Sets the noise of one value of the difference (V of the model), known from a recording of the unpressed sheet;
@@ -331,7 +339,7 @@ impl Reconstructor {
             Method::LawsonHanson => return (lawson_hanson(problem, b), None),
             Method::PseudoInverse => return (pseudo_inverse(problem, b), None),
             Method::Tikhonov => {
-                let mut solution = tikhonov(problem, b, sigma / expected);
+                let mut solution = tikhonov(problem, b, discrepancy_ridge(problem, b, sigma));
                 solution.x = weighted.rise(&solution);
                 return (solution, None);
             }
@@ -388,7 +396,7 @@ impl Reconstructor {
         self.weighted = Some(Weighted {
             used: difference.used.clone(),
             spread: difference.spread.clone(),
-            problem: Problem::new(&a, 0.0),
+            problem: Problem::new(&a, self.options.drop),
             prior,
             with_falls: None,
             table: None,

@@ -10,7 +10,7 @@ mod scenes;
 
 use criterion::Criterion;
 use forward::Drive;
-use host::reconstruct::{Nnls, NnlsOptions, Outcome, Problem, Status};
+use host::reconstruct::{Nnls, NnlsOptions, Outcome, Problem, Status, lawson_hanson};
 use nalgebra::{DMatrix, DVector};
 use scenes::{Scene, scene};
 use std::hint::black_box;
@@ -173,8 +173,8 @@ fn measure(criterion: &mut Criterion, case: &Case, scene: &Scene, problem: &Prob
     group.finish();
 }
 
-/// Writes the reduced matrix, ten reduced frames, the ridge, and the solutions with the median times of a cold and a warm
-/// solve (us).
+/// Writes the reduced matrix, ten reduced frames, the ridge, the solutions with the median times of a cold and a warm solve,
+/// the time of one product (us), and for plain problems what Lawson-Hanson says and takes.
 fn write(folder: &Path, case: &Case, scene: &Scene, problem: &Problem, options: NnlsOptions) -> std::io::Result<()> {
     std::fs::create_dir_all(folder)?;
     let frames = &scene.moving[..10];
@@ -202,5 +202,40 @@ fn write(folder: &Path, case: &Case, scene: &Scene, problem: &Problem, options: 
     npy::write(&file("b"), &DMatrix::from_columns(&reduced))?;
     npy::write(&file("x"), &DMatrix::from_columns(&solutions))?;
     npy::write(&file("ridge"), &DMatrix::from_element(1, 1, options.ridge))?;
-    npy::write(&file("us"), &DMatrix::from_row_slice(1, 2, &times))
+    npy::write(&file("us"), &DMatrix::from_row_slice(1, 2, &times))?;
+    npy::write(&file("floor"), &DMatrix::from_element(1, 1, floor_us(problem)))?;
+    if options.ridge > 0.0 {
+        return Ok(());
+    }
+    let mut best = vec![f64::INFINITY; frames.len()];
+    let mut solutions = Vec::new();
+    for (b, best) in frames.iter().zip(&mut best) {
+        let begin = Instant::now();
+        let mut solution = DVector::zeros(0);
+        while solution.is_empty() || begin.elapsed().as_secs_f64() < 0.1 {
+            let start = Instant::now();
+            solution = lawson_hanson(problem, b).x;
+            *best = best.min(start.elapsed().as_secs_f64() * 1e6);
+        }
+        solutions.push(solution);
+    }
+    best.sort_by(f64::total_cmp);
+    npy::write(&file("x.lawson-hanson"), &DMatrix::from_columns(&solutions))?;
+    npy::write(
+        &file("us.lawson-hanson"),
+        &DMatrix::from_element(1, 1, best[best.len() / 2]),
+    )
+}
+
+/// Least time of one product of the transposed matrix with a vector, us.
+fn floor_us(problem: &Problem) -> f64 {
+    let (rows, cells) = problem.padded();
+    let (r, mut out) = (vec![1.0; rows], vec![0.0; cells]);
+    let mut best = f64::INFINITY;
+    for _ in 0..3000 {
+        let start = Instant::now();
+        problem.back_project(black_box(&r), black_box(&mut out));
+        best = best.min(start.elapsed().as_secs_f64() * 1e6);
+    }
+    best
 }

@@ -128,7 +128,7 @@ impl Factor {
     }
 
     /// Empties the sum; all of P is pending again.
-    fn forget(&mut self) {
+    pub(super) fn forget(&mut self) {
         self.inside.fill(false);
         self.gram.fill(0.0);
         self.moved = 0;

@@ -10,10 +10,11 @@ use nalgebra::{DMatrix, DVector};
 /// Columns that are zero stay at 0; of columns that depend on those already chosen none enters, so that the passive set
 /// always has full rank.
 pub fn lawson_hanson(problem: &Problem, b: &DVector<f64>) -> Solution {
+    Solution::in_units(problem, b, |b| solve(problem, b))
+}
+
+fn solve(problem: &Problem, b: &DVector<f64>) -> Solution {
     let (a, cells) = (problem.a(), problem.cells());
-    if !problem.is_finite() || !b.iter().all(|v| v.is_finite()) {
-        return Solution::zero(cells, Status::BadInput);
-    }
     let (small, dropped) = problem.reduce(b);
     let norms: Vec<f64> = a.column_iter().map(|c| c.norm()).collect();
     let tolerance = 1e-13 * small.norm();

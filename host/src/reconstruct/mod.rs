@@ -15,34 +15,24 @@ mod factor;
 mod kernels;
 mod lawson_hanson;
 mod linear;
+mod method;
 mod newton;
 mod nnls;
 mod passive;
 mod plain;
 mod problem;
 mod sides;
+mod stacked;
 #[cfg(test)]
 mod tests;
 
 pub use lawson_hanson::lawson_hanson;
-pub use linear::{pseudo_inverse, tikhonov};
+pub use linear::{discrepancy_ridge, pseudo_inverse, tikhonov};
+pub use method::{Method, UnknownMethod};
 pub use nnls::{Nnls, NnlsOptions};
 pub use problem::Problem;
 
 use nalgebra::DVector;
-
-/// How the picture is computed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Method {
-    /// Non-negative least squares with a ridge, by semismooth Newton steps in measurement space.
-    Nnls,
-    /// Plain non-negative least squares by the active set method of Lawson and Hanson (1974): the paper's.
-    LawsonHanson,
-    /// Ridge regression without a sign.
-    Tikhonov,
-    /// The plain generalised inverse: the paper's example of what fails.
-    PseudoInverse,
-}
 
 /// How a solve ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -71,6 +61,30 @@ pub struct Solution {
 }
 
 impl Solution {
+    /// Solves for a right-hand side in units of its largest entry, so that none overflows; what is too large for a number
+    /// all the same ends as [`Status::Stopped`] with x = 0.
+    fn in_units(problem: &Problem, b: &DVector<f64>, solve: impl Fn(&DVector<f64>) -> Self) -> Self {
+        if !problem.is_finite() || !b.iter().all(|v| v.is_finite()) {
+            return Self::zero(problem.cells(), Status::BadInput);
+        }
+        let largest = b.amax();
+        if largest < f64::MIN_POSITIVE || problem.rank() == 0 {
+            let nothing = Self::zero(problem.cells(), Status::Converged);
+            let residual = f64::from(largest >= f64::MIN_POSITIVE);
+            return Self { residual, ..nothing };
+        }
+        let mut solution = solve(&(b / largest));
+        solution.x *= largest;
+        if solution.x.iter().all(|x| x.is_finite()) && solution.residual.is_finite() && !solution.gap.is_nan() {
+            return solution;
+        }
+        Self {
+            residual: 1.0,
+            gap: f64::INFINITY,
+            ..Self::zero(problem.cells(), Status::Stopped)
+        }
+    }
+
     pub(crate) fn zero(cells: usize, status: Status) -> Self {
         Self {
             x: DVector::zeros(cells),

@@ -71,6 +71,16 @@ impl Newton {
         self.warm = false;
     }
 
+    /// Forgets the factor, not the point.
+    pub(super) fn reset_factor(&mut self) {
+        self.factor.forget();
+    }
+
+    /// The point.
+    pub(super) fn u(&self) -> &[f64] {
+        &self.u
+    }
+
     /// `A^T u`: the solution is its positive part.
     pub(super) fn g(&self) -> &[f64] {
         &self.g

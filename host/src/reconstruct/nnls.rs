@@ -8,12 +8,15 @@ use super::aligned::Aligned;
 use super::columns::Columns;
 use super::newton::Newton;
 use super::plain::Plain;
+use super::stacked::Stacked;
 use super::{Outcome, Problem, Solution, Status};
 use nalgebra::DVector;
 use std::sync::Arc;
 
 /// Squared ridge, over the largest squared singular value, that is lost in rounding beside it.
 const LEAST_SQUARE: f64 = 1e-16;
+/// Relative error of x by rounding above which the ridge becomes further rows.
+const MOST_ROUNDING: f64 = 1e-6;
 
 /// What the solver is asked for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,12 +45,17 @@ struct Workspace {
     columns: Arc<Columns>,
     newton: Newton,
     plain: Plain,
+    /// For a ridge that is too small for Newton's steps; made when one comes.
+    stacked: Option<Box<Stacked>>,
     /// Squared singular values over that of the largest.
     weights: Vec<f64>,
     /// The right-hand side, padded, over its largest entry.
     full: Aligned,
     /// The reduced one, of norm 1.
     unit: Aligned,
+    rank: usize,
+    /// What turns Newton's point into the dual solution of the last right-hand side.
+    dual_scale: Option<f64>,
 }
 
 impl Workspace {
@@ -59,9 +67,12 @@ impl Workspace {
         Self {
             newton: Newton::new(&columns),
             plain: Plain::new(&columns),
+            stacked: None,
             weights,
             full: Aligned::zeros(problem.basis_columns().rows()),
             unit: Aligned::zeros(columns.rows()),
+            rank: problem.rank(),
+            dual_scale: None,
             columns,
         }
     }
@@ -86,6 +97,11 @@ impl Nnls {
         self.options.ridge = ridge;
     }
 
+    /// Changes the most Newton steps.
+    pub fn set_most_steps(&mut self, most_steps: usize) {
+        self.options.most_steps = most_steps;
+    }
+
     /// Forgets the last frame: the next solve starts cold.
     pub fn reset(&mut self) {
         if let Some(workspace) = &mut self.workspace {
@@ -94,11 +110,29 @@ impl Nnls {
         }
     }
 
+    /// Forgets the factor of the last frame but not its solution: the next solve forms the factor anew. For measuring what
+    /// keeping it is worth.
+    pub fn reset_factor(&mut self) {
+        if let Some(workspace) = &mut self.workspace {
+            workspace.newton.reset_factor();
+        }
+    }
+
+    /// The last solve's estimate of the reduced residual `b - A x`, the solution of the dual problem; none without a solve
+    /// or without a ridge.
+    pub fn dual(&self) -> Option<DVector<f64>> {
+        let workspace = self.workspace.as_ref()?;
+        let scale = workspace.dual_scale.filter(|s| s.is_finite())?;
+        let u = &workspace.newton.u()[..workspace.rank];
+        Some(DVector::from_iterator(u.len(), u.iter().map(|u| u * scale)))
+    }
+
     /// Solves for one right-hand side, starting from the last frame's solution.
     ///
     /// The solution's `gap` is a bound on the largest entry of `|x - max(0, A^T (b - A x)) / ridge^2|` over the largest
     /// of x. Without a ridge it is the largest `|min(x_j |a_j|, g_j / |a_j|)|` over `|b|`, with the gradient
-    /// `g = A^T (A x - b)`. A solve has converged when the gap is at most the tolerance, or what rounding makes of it where
+    /// `g = A^T (A x - b)`; so it is, with the ridge as further rows of A, where the ridge is so small beside what x leaves
+    /// unexplained that rounding spoils the Newton steps: such a solve takes longer. A solve has converged when the gap is at most the tolerance, or what rounding makes of it where
     /// that is more.
     pub fn solve(&mut self, problem: &Problem, b: &DVector<f64>) -> Solution {
         let mut x = DVector::zeros(problem.cells());
@@ -162,6 +196,7 @@ impl Workspace {
             return Outcome::nothing(Status::Converged, 1.0);
         }
         let scale = norm * largest / sigma;
+        self.dual_scale = (square > LEAST_SQUARE).then_some(square * norm * largest);
         let (run, left) = if square > LEAST_SQUARE {
             let run = self.newton.run(
                 &self.columns,
@@ -174,7 +209,16 @@ impl Workspace {
             for (x, g) in x.iter_mut().zip(self.newton.g()) {
                 *x = (g.max(0.0) * scale).min(f64::MAX);
             }
-            (run, self.newton.residual_norm(square))
+            if run.gap > options.tolerance && run.rounding > MOST_ROUNDING {
+                let stacked = match &mut self.stacked {
+                    Some(s) if s.square() == square => s,
+                    other => other.insert(Box::new(Stacked::new(problem, square))),
+                };
+                self.dual_scale = None;
+                stacked.run(&self.unit, options.tolerance, scale, x)
+            } else {
+                (run, self.newton.residual_norm(square))
+            }
         } else {
             let run = self.plain.run(&self.columns, &self.unit, options.tolerance);
             self.plain.write(&self.columns, scale, x);

@@ -75,6 +75,12 @@ impl Plain {
         dot(self.passive.residual(), self.passive.residual()).sqrt()
     }
 
+    /// Norm of the first `rows` of it.
+    pub(super) fn residual_norm_of(&self, rows: usize) -> f64 {
+        let head = self.passive.residual().iter().take(rows);
+        head.map(|r| r * r).sum::<f64>().sqrt()
+    }
+
     /// Writes x, times `scale`.
     pub(super) fn write(&self, columns: &Columns, scale: f64, x: &mut [f64]) {
         for (j, value) in self.passive.members().iter().zip(self.passive.values()) {

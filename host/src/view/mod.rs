@@ -4,6 +4,7 @@
 //! [`palette`], with the labels laid out by the same rule ([`labels`]).
 
 pub mod canvas;
+pub mod chart;
 pub mod field;
 pub mod labels;
 pub mod palette;

@@ -1,7 +1,10 @@
 //! `skin`: the tactile skin's command line. Data go to stdout, everything else to stderr.
 #![forbid(unsafe_code)]
 
+mod bench;
+mod fig7;
 mod forward;
+mod method;
 mod reconstruct;
 mod run;
 mod sheet;
@@ -33,6 +36,8 @@ enum Command {
     Reconstruct(reconstruct::Arguments),
     /// What a touched sheet gives: the table of measurements, simulated.
     Forward(forward::Arguments),
+    /// What the reconstruction costs and how good it is, measured on this machine with simulated frames.
+    Bench(bench::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -48,6 +53,7 @@ fn main() -> ExitCode {
     let outcome = match cli.command {
         Some(Command::Reconstruct(arguments)) => reconstruct::run(&arguments),
         Some(Command::Forward(arguments)) => forward::run(&arguments),
+        Some(Command::Bench(arguments)) => bench::run(&arguments),
         Some(Command::Run(arguments)) => run::run(&arguments),
         None => run::run(&cli.run),
     };

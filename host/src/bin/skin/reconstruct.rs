@@ -23,30 +23,6 @@ pub(crate) enum DriveKind {
     Current,
 }
 
-/// How the picture is computed.
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub(crate) enum MethodName {
-    /// Non-negative least squares with a ridge chosen from the noise.
-    Nnls,
-    /// Plain non-negative least squares by Lawson and Hanson's active set, on 20 mm cells.
-    LawsonHanson,
-    /// Ridge regression without a sign.
-    Tikhonov,
-    /// The plain generalised inverse: shows why the others are needed.
-    PseudoInverse,
-}
-
-impl From<MethodName> for Method {
-    fn from(name: MethodName) -> Self {
-        match name {
-            MethodName::Nnls => Self::Nnls,
-            MethodName::LawsonHanson => Self::LawsonHanson,
-            MethodName::Tikhonov => Self::Tikhonov,
-            MethodName::PseudoInverse => Self::PseudoInverse,
-        }
-    }
-}
-
 /// Arguments of `skin reconstruct`.
 #[derive(Debug, Args)]
 pub(crate) struct Arguments {
@@ -67,6 +43,12 @@ pub(crate) struct Arguments {
     /// The electrodes are numbered clockwise.
     #[arg(long)]
     clockwise: bool,
+    /// How many electrodes the sheet has [default: the highest number in the table].
+    #[arg(long, value_name = "N")]
+    electrodes: Option<usize>,
+    /// Take the electrodes to be exactly where they are said to be, instead of finding them in the baseline.
+    #[arg(long)]
+    trust_electrodes: bool,
     /// Width of an electrode, mm [default: 10 mm on a 195 mm disc, in proportion].
     #[arg(long, value_name = "MM")]
     electrode_mm: Option<f64>,
@@ -74,8 +56,8 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "MM")]
     cell_mm: Option<f64>,
     /// How the picture is computed.
-    #[arg(long, value_enum, default_value_t = MethodName::Nnls)]
-    method: MethodName,
+    #[arg(long, value_parser = super::method::parser(), default_value_t = Method::Nnls)]
+    method: Method,
     /// Writes a picture of every frame, FRAME.png, into this folder.
     #[arg(long, value_name = "DIR")]
     png: Option<PathBuf>,
@@ -165,19 +147,20 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
             arguments.file.display()
         );
     }
-    let pattern = Pattern::from_list(table.electrodes, table.measurements.clone())
+    let electrodes = arguments.electrodes.unwrap_or(table.electrodes);
+    let pattern = Pattern::from_list(electrodes, table.measurements.clone())
         .with_context(|| format!("{}", arguments.file.display()))?;
     let drive = match arguments.drive {
         DriveKind::Voltage => Drive::PAPER,
         DriveKind::Current => Drive::Current { amplitude_a: 1e-3 },
     };
-    let method = Method::from(arguments.method);
-    let cell_mm = arguments.cell_mm.unwrap_or_else(|| {
-        let paper = if method == Method::LawsonHanson { 20.0 } else { 5.0 };
-        paper * arguments.diameter_mm / PAPER_MM
-    });
-    let imager = Arc::new(Imager::new(
-        &sheet(arguments, table.electrodes),
+    let method = arguments.method;
+    let cell_mm = arguments
+        .cell_mm
+        .unwrap_or(method.cell_mm() * arguments.diameter_mm / PAPER_MM);
+    let imager = Arc::new(Imager::for_method(
+        method,
+        &sheet(arguments, electrodes),
         drive,
         pattern,
         cell_mm,
@@ -191,6 +174,15 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         );
     }
     super::sheet::look_at_baseline(&imager, &baseline);
+    // The other methods are there for comparison: they take the sheet as it is said to be.
+    let found = (method == Method::Nnls && !arguments.trust_electrodes)
+        .then(|| host::electrodes::find(&imager, &baseline))
+        .flatten();
+    let imager = found.map_or(imager, |found| {
+        let most = found.moved_mm.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
+        eprintln!("electrodes found in the baseline, up to {most:.1} mm from where they were said to be");
+        Arc::new(found.imager)
+    });
     let mut reconstructor = Reconstructor::new(imager.clone(), ReconstructorOptions::for_imager(&imager, method));
     let mut results = Vec::new();
     for (k, column) in table.columns.iter().enumerate() {

@@ -1,36 +1,37 @@
 //! Scenes with a known truth: frames of touched sheets from a finer mesh than the imager's and the nonlinear model, with
-//! noise, and the judgement of what was found in them.
-#![allow(
-    dead_code,
-    unreachable_pub,
-    missing_docs,
-    clippy::unwrap_used,
-    reason = "shared by tests and the study, which use different parts"
-)]
+//! noise, and the judgement of what was found in them. Everything is drawn from a seed.
 
+use super::StudyError;
+use crate::electrodes;
+use crate::imager::Imager;
+use crate::picture::Touch;
+use crate::reconstruct::Method;
+use crate::reconstructor::{FrameResult, Reconstructor, ReconstructorOptions};
 use forward::field::{conductivity_of, conductivity_of_discs};
-use forward::{DiscTouch, Drive, Model, ModelOptions, Pattern, Place, Sheet, Solver};
-use host::imager::Imager;
-use host::picture::Touch;
-use host::reconstruct::Method;
-use host::reconstructor::{Reconstructor, ReconstructorOptions};
+use forward::{DiscTouch, Drive, ForwardError, Model, ModelOptions, Pattern, Place, Sheet, Solver};
 use rand::rngs::StdRng;
 use rand::{Rng, SeedableRng};
 use rand_distr::StandardNormal;
 use std::sync::Arc;
+use std::time::Instant;
 
 /// Touches on a sheet, and what is wrong with the frame.
 #[derive(Clone, Debug)]
 pub struct Scene {
+    /// What is pressed.
     pub touches: Vec<DiscTouch>,
     /// Smooth bumps of the same peak and second moment instead of discs.
     pub smooth: bool,
+    /// Ratio of the change to its noise, 2-norms over the frame, dB.
     pub snr_db: f64,
+    /// What is broken.
     pub fault: Fault,
 }
 
+/// What is broken, at an electrode drawn from the seed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Fault {
+    /// Nothing.
     None,
     /// Every value that touches an electrode is rubbish.
     Electrode,
@@ -60,6 +61,7 @@ pub enum Kind {
 const RIM_MM: f64 = 97.5;
 
 impl Kind {
+    /// Draws a scene.
     pub fn scene(self, rng: &mut StdRng, snr_db: f64) -> Scene {
         let disc = |at: [f64; 2], radius_mm: f64, rise: f64| DiscTouch {
             centre_mm: at,
@@ -121,8 +123,11 @@ fn places(rng: &mut StdRng, n: usize, apart: f64) -> Vec<[f64; 2]> {
 
 /// A sheet that is measured: the imager does not know more of it than its baseline.
 pub struct Bench {
+    /// What the frames are reconstructed with.
     pub imager: Arc<Imager>,
+    /// The drive.
     pub drive: Drive,
+    /// Voltages of the untouched sheet, V, without noise.
     pub baseline: Vec<f64>,
     solver: Solver,
 }
@@ -130,7 +135,16 @@ pub struct Bench {
 impl Bench {
     /// The paper's sheet, with electrodes off by `off_mm` (standard deviation) and contacts off by up to `contact` of
     /// their resistance.
-    pub fn new(imager: &Arc<Imager>, drive: Drive, off_mm: f64, contact: f64, rng: &mut StdRng) -> Self {
+    ///
+    /// # Errors
+    /// [`ForwardError`] where the electrodes end up on one another.
+    pub fn new(
+        imager: &Arc<Imager>,
+        drive: Drive,
+        off_mm: f64,
+        contact: f64,
+        rng: &mut StdRng,
+    ) -> Result<Self, ForwardError> {
         let mut sheet = Sheet::paper();
         for e in &mut sheet.electrodes {
             if let Place::Angle { angle_deg, .. } = &mut e.place {
@@ -143,18 +157,20 @@ impl Bench {
             accuracy: 5e-5,
             ..ModelOptions::default()
         };
-        let model = Arc::new(Model::new(&sheet, &options).unwrap());
-        let solver = Solver::new(model).unwrap();
-        Self {
+        let solver = Solver::new(Arc::new(Model::new(&sheet, &options)?))?;
+        Ok(Self {
             baseline: drive.frame_v(solver.electrode_matrix(), &imager.pattern),
             imager: Arc::clone(imager),
             drive,
             solver,
-        }
+        })
     }
 
-    /// The frame of a scene, with its noise.
-    pub fn frame(&mut self, scene: &Scene, rng: &mut StdRng) -> Vec<f64> {
+    /// The frame of a scene, V, with its noise.
+    ///
+    /// # Errors
+    /// [`ForwardError`] where the model has no solution: a touch with a rise of -1 or less.
+    pub fn frame(&mut self, scene: &Scene, rng: &mut StdRng) -> Result<Vec<f64>, ForwardError> {
         let mesh = self.solver.model().mesh();
         let conductivity = if scene.smooth {
             conductivity_of(mesh, |p| {
@@ -170,13 +186,13 @@ impl Bench {
         } else {
             conductivity_of_discs(mesh, &scene.touches)
         };
-        self.solver.solve(&conductivity).unwrap();
+        self.solver.solve(&conductivity)?;
         let mut v = self.drive.frame_v(self.solver.electrode_matrix(), &self.imager.pattern);
         let change: f64 = v.iter().zip(&self.baseline).map(|(a, b)| (a - b).powi(2)).sum::<f64>();
         let sigma = (change / v.len() as f64).sqrt() * 10.0_f64.powf(-scene.snr_db / 20.0);
         add_noise(&mut v, sigma, rng);
         self.spoil(&mut v, scene.fault, rng);
-        v
+        Ok(v)
     }
 
     fn spoil(&self, v: &mut [f64], fault: Fault, rng: &mut StdRng) {
@@ -194,12 +210,24 @@ impl Bench {
         }
     }
 
+    /// The way from this sheet's frames to touches: the electrodes are looked for in its baseline.
+    pub fn reconstructor(&self) -> Reconstructor {
+        match electrodes::find(&self.imager, &self.baseline) {
+            Some(found) => reconstructor(&Arc::new(found.imager)),
+            None => reconstructor(&self.imager),
+        }
+    }
+
     /// A frame of the untouched sheet with noise of this standard deviation, V.
     pub fn empty(&self, sigma: f64, rng: &mut StdRng) -> Vec<f64> {
-        let mut v = self.baseline.clone();
-        add_noise(&mut v, sigma, rng);
-        v
+        noisy(self.baseline.clone(), sigma, rng)
     }
+}
+
+/// A frame with noise of this standard deviation, V, added.
+pub fn noisy(mut frame: Vec<f64>, sigma: f64, rng: &mut StdRng) -> Vec<f64> {
+    add_noise(&mut frame, sigma, rng);
+    frame
 }
 
 fn add_noise(v: &mut [f64], sigma: f64, rng: &mut StdRng) {
@@ -208,12 +236,31 @@ fn add_noise(v: &mut [f64], sigma: f64, rng: &mut StdRng) {
     }
 }
 
-/// The imager of the paper's sheet.
-pub fn imager(drive: Drive) -> Arc<Imager> {
-    let pattern = Pattern::adjacent(16).unwrap();
-    Arc::new(Imager::new(&Sheet::paper(), drive, pattern, 5.0).unwrap())
+/// The imager of the paper's sheet with the adjacent pattern and cells of this size.
+///
+/// # Errors
+/// [`StudyError`] for a size that gives no cells or too many.
+pub fn imager(drive: Drive, cell_mm: f64) -> Result<Arc<Imager>, StudyError> {
+    let pattern = Pattern::adjacent(16)?;
+    Ok(Arc::new(Imager::new(&Sheet::paper(), drive, pattern, cell_mm)?))
 }
 
+/// The imager of a method: see [`Imager::for_method`].
+///
+/// # Errors
+/// [`StudyError`] for a size that gives no cells or too many.
+pub fn imager_for(method: Method, drive: Drive, cell_mm: f64) -> Result<Arc<Imager>, StudyError> {
+    let pattern = Pattern::adjacent(16)?;
+    Ok(Arc::new(Imager::for_method(
+        method,
+        &Sheet::paper(),
+        drive,
+        pattern,
+        cell_mm,
+    )?))
+}
+
+/// The usual way from a frame to touches, with the electrodes taken to be where the imager has them.
 pub fn reconstructor(imager: &Arc<Imager>) -> Reconstructor {
     Reconstructor::new(
         Arc::clone(imager),
@@ -221,6 +268,7 @@ pub fn reconstructor(imager: &Arc<Imager>) -> Reconstructor {
     )
 }
 
+/// The source of all that is drawn.
 pub fn rng(seed: u64) -> StdRng {
     StdRng::seed_from_u64(seed)
 }
@@ -228,6 +276,7 @@ pub fn rng(seed: u64) -> StdRng {
 /// What was found in scenes of one kind.
 #[derive(Clone, Debug, Default)]
 pub struct Score {
+    /// How many there were.
     pub scenes: usize,
     /// Scenes with the right count.
     pub counted: usize,
@@ -241,6 +290,7 @@ pub struct Score {
     pub over_sd: Vec<f64>,
     /// Integrated rise over the true one.
     pub totals: Vec<f64>,
+    /// Time of every frame from its voltages to its touches, us.
     pub times_us: Vec<f64>,
     /// Scenes whose touches are the picture's, not fitted ones.
     pub unfitted: usize,
@@ -290,14 +340,17 @@ impl Score {
         self.resolved += usize::from(right && worst < 8.0);
     }
 
+    /// Part of the scenes with the right count.
     pub fn counted_part(&self) -> f64 {
         self.counted as f64 / self.scenes as f64
     }
 
+    /// Part of the scenes with the right count and every touch within 8 mm.
     pub fn resolved_part(&self) -> f64 {
         self.resolved as f64 / self.scenes as f64
     }
 
+    /// Quantile of the position error, mm.
     pub fn error_mm(&self, part: f64) -> f64 {
         quantile(&self.errors_mm, part)
     }
@@ -308,6 +361,7 @@ impl Score {
     }
 }
 
+/// The value below which this part of the values lies; not a number for none.
 pub fn quantile(values: &[f64], part: f64) -> f64 {
     let mut v = values.to_vec();
     v.sort_by(f64::total_cmp);
@@ -316,6 +370,9 @@ pub fn quantile(values: &[f64], part: f64) -> f64 {
 }
 
 /// Runs scenes of a kind on a bench.
+///
+/// # Errors
+/// See [`run`].
 pub fn score(
     bench: &mut Bench,
     r: &mut Reconstructor,
@@ -323,12 +380,16 @@ pub fn score(
     snr_db: f64,
     scenes: usize,
     rng: &mut StdRng,
-) -> Score {
+) -> Result<Score, StudyError> {
     let mut score = Score::default();
-    run(bench, r, kind, snr_db, scenes, rng, &mut score);
-    score
+    run(bench, r, kind, snr_db, scenes, rng, &mut score)?;
+    Ok(score)
 }
 
+/// Runs scenes of a kind on a bench and adds them to a score.
+///
+/// # Errors
+/// [`StudyError`] where the frame has no solution or does not belong to the reconstructor.
 pub fn run(
     bench: &mut Bench,
     r: &mut Reconstructor,
@@ -337,35 +398,43 @@ pub fn run(
     scenes: usize,
     rng: &mut StdRng,
     score: &mut Score,
-) {
-    let verbose = std::env::var_os("ACCURACY_VERBOSE").is_some();
-    for k in 0..scenes {
+) -> Result<(), StudyError> {
+    for _ in 0..scenes {
         let scene = kind.scene(rng, snr_db);
-        let frame = bench.frame(&scene, rng);
-        let start = std::time::Instant::now();
-        let found = r.frame(&bench.baseline, &frame).unwrap();
+        let frame = bench.frame(&scene, rng)?;
+        let start = Instant::now();
+        let found = r.frame(&bench.baseline, &frame)?;
         score.times_us.push(start.elapsed().as_secs_f64() * 1e6);
         let before = score.counted;
         score.add(&scene, &found.touches);
         score.unfitted += usize::from(found.misfit.is_none());
-        if verbose && score.counted == before {
-            println!(
-                "  {kind:?} {k} used {} misfit {:?} residual {:.3}",
-                found.used, found.misfit, found.residual
-            );
-            for t in &scene.touches {
-                println!(
-                    "    is    {:6.1} {:6.1} r {:4.1} rise {:.2}",
-                    t.centre_mm[0], t.centre_mm[1], t.radius_mm, t.rise
-                );
-            }
-            for t in &found.touches {
-                let r = (t.area_mm2 / std::f64::consts::PI).sqrt();
-                println!(
-                    "    found {:6.1} {:6.1} r {r:4.1} rise {:.2} sd {:?}",
-                    t.x_mm, t.y_mm, t.rise, t.x_sd_mm
-                );
-            }
+        if score.counted == before {
+            log(&scene, &found);
         }
     }
+    Ok(())
+}
+
+/// Says what went wrong; shown with `RUST_LOG=debug`.
+fn log(scene: &Scene, found: &FrameResult) {
+    let is: Vec<String> = scene
+        .touches
+        .iter()
+        .map(|t| {
+            let [x, y] = t.centre_mm;
+            format!("{x:.1} {y:.1} r {:.1} rise {:.2}", t.radius_mm, t.rise)
+        })
+        .collect();
+    let was: Vec<String> = found
+        .touches
+        .iter()
+        .map(|t| {
+            let r = (t.area_mm2 / std::f64::consts::PI).sqrt();
+            format!(
+                "{:.1} {:.1} r {r:.1} rise {:.2} sd {:?}",
+                t.x_mm, t.y_mm, t.rise, t.x_sd_mm
+            )
+        })
+        .collect();
+    tracing::debug!(?is, ?was, used = found.used, misfit = ?found.misfit, residual = found.residual, "wrong count");
 }
