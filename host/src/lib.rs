@@ -26,3 +26,4 @@ pub mod table;
 pub mod touches;
 pub mod tracker;
 pub mod view;
+mod watch;

@@ -31,15 +31,15 @@ impl Default for LiveOptions {
 }
 
 /// What became of a measured frame.
-#[derive(Clone, Debug, PartialEq)]
-pub enum LiveFrame {
+#[derive(Debug, PartialEq)]
+pub enum LiveFrame<'a> {
     /// It went into the baseline; so many more are wanted.
     Baseline {
         /// Frames still wanted.
         left: usize,
     },
     /// A picture, its touches numbered.
-    Picture(FrameResult),
+    Picture(&'a FrameResult),
 }
 
 /// The chain behind the link, with its state.
@@ -100,7 +100,7 @@ impl Live {
     ///
     /// # Errors
     /// [`ImagerError`] when the frame does not have the pattern's length.
-    pub fn frame(&mut self, frame: &MeasuredFrame) -> Result<LiveFrame, ImagerError> {
+    pub fn frame(&mut self, frame: &MeasuredFrame) -> Result<LiveFrame<'_>, ImagerError> {
         if let Some(taker) = &mut self.taker {
             let done = taker.take(&frame.values_v);
             let left = taker.left();
@@ -127,7 +127,7 @@ impl Live {
         let Some(baseline) = &self.baseline else {
             return Ok(LiveFrame::Baseline { left: 0 });
         };
-        let mut result = self.reconstructor.frame(&baseline.values_v, &frame.values_v)?;
+        let result = self.reconstructor.frame(&baseline.values_v, &frame.values_v)?;
         self.tracker.update(&mut result.touches);
         Ok(LiveFrame::Picture(result))
     }

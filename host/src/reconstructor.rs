@@ -11,6 +11,7 @@ use crate::reconstruct::{
     Method, Nnls, NnlsOptions, Problem, Solution, Status, discrepancy_ridge, lawson_hanson, pseudo_inverse, tikhonov,
 };
 use crate::touches::{TouchFinder, TouchOptions};
+use crate::watch::{Seen, Watch};
 use nalgebra::DVector;
 use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 use std::sync::Arc;
@@ -32,6 +33,9 @@ pub struct ReconstructorOptions {
     pub model_error: f64,
     /// Directions of the weighted sensitivity whose singular value is below this fraction of the largest are left out.
     pub drop: f64,
+    /// The non-negative solve leaves out directions whose singular value is below this fraction of its ridge as well: they
+    /// hardly change the picture. The fit of the touches does not.
+    pub drop_below_ridge: f64,
     /// Probability that a frame of nothing but noise passes the gate.
     pub false_alarm: f64,
     /// What counts as a touch.
@@ -51,6 +55,7 @@ impl ReconstructorOptions {
             depth: 0.3,
             model_error: 0.0,
             drop: 0.0,
+            drop_below_ridge: 0.1,
             false_alarm: 1e-6,
             touches: TouchOptions {
                 smoothing_mm: (0.05 * extent).max(0.6 * imager.grid.cell_mm()),
@@ -87,6 +92,9 @@ pub struct FrameResult {
     /// Mean squared misfit of the touches' fit, in variances of the noise; none where the touches are the picture's peaks
     /// because discs do not explain the frame.
     pub misfit: Option<f64>,
+    /// Whether this frame was reconstructed. Otherwise it differs from an earlier one by nothing but noise, and the rest is
+    /// that one's result.
+    pub anew: bool,
 }
 
 impl FrameResult {
@@ -103,7 +111,20 @@ impl FrameResult {
             changed: false,
             status: Status::Converged,
             misfit: None,
+            anew: true,
         }
+    }
+
+    /// Makes it the result of a frame in which there was nothing.
+    fn clear(&mut self, noise: Option<NoiseEstimate>, used: usize) {
+        self.anew = self.changed;
+        if self.changed {
+            self.x.fill(0.0);
+            self.touches.clear();
+            (self.residual, self.gap, self.solve_us) = (0.0, 0.0, 0.0);
+            (self.changed, self.status, self.misfit) = (false, Status::Converged, None);
+        }
+        (self.noise, self.used) = (noise, used);
     }
 }
 
@@ -112,6 +133,8 @@ struct Weighted {
     used: Vec<bool>,
     spread: Vec<f64>,
     problem: Problem,
+    /// What is left of it for the solve, and the ridge that it was made for.
+    solving: Option<(f64, Problem)>,
     /// Expected rise of every cell over `expected_rise`: the problem's columns are scaled by it.
     prior: DVector<f64>,
     /// The problem with cells that fall; made when a frame first needs it.
@@ -134,6 +157,8 @@ pub struct Reconstructor {
     nnls: Nnls,
     /// Noise of one value known from a recording of the unpressed sheet, V of the model.
     known_noise: Option<f64>,
+    watch: Option<Watch>,
+    result: FrameResult,
 }
 
 /// Largest relative KKT residual of a converged solve.
@@ -164,6 +189,8 @@ impl Reconstructor {
                 most_steps: MOST_STEPS,
             }),
             known_noise: None,
+            watch: None,
+            result: FrameResult::nothing(&imager),
             imager,
             options,
         }
@@ -187,29 +214,72 @@ impl Reconstructor {
 
     /// Reconstructs a frame against a baseline (both in any one unit).
     ///
+    /// With the noise known, a frame that shows nothing, or nothing new, costs one product with a small matrix and no
+    /// allocation: the result is then the earlier one ([`FrameResult::anew`]).
+    ///
     /// # Errors
     /// [`ImagerError::Baseline`] when a length does not match the pattern.
-    pub fn frame(&mut self, baseline: &[f64], frame: &[f64]) -> Result<FrameResult, ImagerError> {
-        let mut difference = self.imager.difference(baseline, frame)?;
+    pub fn frame(&mut self, baseline: &[f64], frame: &[f64]) -> Result<&mut FrameResult, ImagerError> {
         let known = self.known_noise.map(|sigma| NoiseEstimate {
             sigma,
             freedom: usize::MAX,
         });
-        // With the noise known most frames of an untouched sheet end at the gate; the others are looked into.
-        if let Some(noise) = known
-            && let Some(reduced) = self.reduce(&difference)
-            && !self.passes(&reduced, noise)
-        {
-            return Ok(FrameResult {
-                noise: known,
-                used: difference.used.iter().filter(|u| **u).count(),
-                ..FrameResult::nothing(&self.imager)
-            });
+        if let Some(noise) = known {
+            if self.watch.as_ref().is_none_or(|w| !w.is_for(baseline, noise.sigma)) {
+                self.watch = self.start_watch(baseline, noise.sigma)?;
+            }
+            if let Some(watch) = &mut self.watch {
+                match watch.look(frame) {
+                    Seen::Nothing => {
+                        watch.forget();
+                        self.nnls.reset();
+                        self.result.clear(known, watch.used());
+                        return Ok(&mut self.result);
+                    }
+                    Seen::Same => {
+                        self.result.anew = false;
+                        return Ok(&mut self.result);
+                    }
+                    Seen::New => watch.forget(),
+                }
+            }
         }
+        let mut difference = self.imager.difference(baseline, frame)?;
         let judged = self
             .health
             .judge(&self.reciprocity, &self.imager.model_v, &mut difference);
-        Ok(self.solve(&difference, known.or_else(|| judged.and_then(|d| d.noise()))))
+        self.result = self.solve(&difference, known.or_else(|| judged.and_then(|d| d.noise())));
+        Ok(&mut self.result)
+    }
+
+    fn start_watch(&mut self, baseline: &[f64], sigma: f64) -> Result<Option<Watch>, ImagerError> {
+        let nothing = self.imager.difference(baseline, baseline)?;
+        self.weigh(&nothing);
+        let Some(weighted) = &self.weighted else {
+            return Ok(None);
+        };
+        let weight = |k: usize| if nothing.used[k] { 1.0 / nothing.spread[k] } else { 0.0 };
+        let offset: Vec<f64> = self
+            .imager
+            .model_v
+            .iter()
+            .enumerate()
+            .map(|(k, v)| v * weight(k))
+            .collect();
+        let gain = baseline
+            .iter()
+            .zip(&offset)
+            .map(|(b, o)| if *o == 0.0 { 0.0 } else { o / b })
+            .collect();
+        let (signal, false_alarm) = (self.options.expected_rise / sigma, self.options.false_alarm);
+        Ok(Watch::new(
+            &weighted.problem,
+            baseline,
+            (gain, offset),
+            sigma,
+            signal,
+            false_alarm,
+        ))
     }
 
     /// The reduced, weighted difference; `None` when no value is left.
@@ -244,7 +314,10 @@ impl Reconstructor {
         let Some(reduced) = self.reduce(difference) else {
             return empty(&self.imager);
         };
+        // What the watch let through has something in it, unless it was in the values that are left out now.
+        let watched = self.known_noise.is_some() && self.watch.as_ref().is_some_and(|w| w.used() == used);
         if let Some(n) = noise
+            && !watched
             && !self.passes(&reduced, n)
         {
             return empty(&self.imager);
@@ -268,10 +341,15 @@ impl Reconstructor {
             touches: self.finder.find(solution.x.as_slice()),
             x: solution.x.as_slice().to_vec(),
             misfit: None,
+            anew: true,
         };
         if let Some(fitted) = self.fit(&reduced, sigma, noise, &result.touches) {
             result.touches = fitted.touches;
             result.misfit = Some(fitted.misfit);
+            // Only a frame of which all values took part lies in the space that the watch looks at.
+            if let Some(watch) = self.watch.as_mut().filter(|w| w.used() == used) {
+                watch.remember(&reduced, Some(&fitted.slopes));
+            }
         } else if let Some(ridge) = ridge {
             self.with_falls(&b, ridge, &mut result);
         }
@@ -344,10 +422,19 @@ impl Reconstructor {
                 return (solution, None);
             }
             Method::Nnls => {
-                self.nnls.set_ridge(sigma / expected);
+                let ridge = sigma / expected;
+                let known = weighted.solving.as_ref().map_or(0.0, |(made_for, _)| ridge / made_for);
+                // A ridge told from frame after frame scatters; a larger one loses less by what is left out, not more.
+                if !(0.5..8.0).contains(&known) {
+                    let fraction = self.options.drop_below_ridge * ridge / problem.singular().max();
+                    weighted.solving = Some((ridge, problem.without(fraction)));
+                }
+                self.nnls.set_ridge(ridge);
+                let problem = weighted.solving.as_ref().map_or(problem, |(_, p)| p);
                 self.nnls.solve(problem, b)
             }
         };
+        let problem = weighted.solving.as_ref().map_or(problem, |(_, p)| p);
         // A picture far beyond what was expected was held down by the ridge: expect more and solve again.
         for _ in 0..MOST_RESCALINGS {
             let largest = weighted.rise(&solution).amax();
@@ -397,6 +484,7 @@ impl Reconstructor {
             used: difference.used.clone(),
             spread: difference.spread.clone(),
             problem: Problem::new(&a, self.options.drop),
+            solving: None,
             prior,
             with_falls: None,
             table: None,

@@ -54,7 +54,7 @@ pub fn run(port: Box<dyn Port>, baseline_frames: usize, until_s: f64) -> Result<
         }
         values_missing += frame.values_v.iter().filter(|v| !v.is_finite()).count();
         if let LiveFrame::Picture(result) = live.frame(&frame)? {
-            pictures.push((frame.time_s, result.touches));
+            pictures.push((frame.time_s, result.touches.clone()));
         }
     }
     Ok(Run {

@@ -18,7 +18,7 @@ pub mod solve;
 pub mod table;
 
 use crate::picture::Touch;
-use nalgebra::DVector;
+use nalgebra::{DMatrix, DVector};
 use order::Search;
 use std::f64::consts::PI;
 use table::TouchTable;
@@ -110,6 +110,8 @@ pub struct Fitted {
     pub misfit: f64,
     /// Norm of the residual over the norm of the data.
     pub residual: f64,
+    /// How the data answer to the parameters of all discs that were fitted, a column each.
+    pub slopes: DMatrix<f64>,
 }
 
 /// Fits touches to data in the space of the table (volts), whose values scatter by `sigma`.
@@ -180,6 +182,7 @@ pub fn fit(
         touches,
         discs,
         misfit,
+        slopes: best.slopes(),
         residual: best.square.sqrt() / norm.max(f64::MIN_POSITIVE),
     })
 }

@@ -29,6 +29,11 @@ pub struct Fit {
 }
 
 impl Fit {
+    /// How the data answer to the parameters: a column each, touch by touch in the order of [`PARAMETERS`].
+    pub fn slopes(&self) -> DMatrix<f64> {
+        DMatrix::from_column_slice(self.residual.len(), PARAMETERS * self.discs.len(), &self.jacobian)
+    }
+
     /// Covariance of all parameters for noise of unit variance, touch by touch in the order of [`PARAMETERS`].
     pub fn covariance(&self) -> Option<DMatrix<f64>> {
         scaled_cholesky(&self.normal, 0.0).map(|(factor, scale)| {

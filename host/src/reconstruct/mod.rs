@@ -21,6 +21,7 @@ mod nnls;
 mod passive;
 mod plain;
 mod problem;
+mod projector;
 mod sides;
 mod stacked;
 #[cfg(test)]
@@ -31,6 +32,7 @@ pub use linear::{discrepancy_ridge, pseudo_inverse, tikhonov};
 pub use method::{Method, UnknownMethod};
 pub use nnls::{Nnls, NnlsOptions};
 pub use problem::Problem;
+pub use projector::Projector;
 
 use nalgebra::DVector;
 

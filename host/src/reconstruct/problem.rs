@@ -61,6 +61,21 @@ impl Problem {
         }
     }
 
+    /// The same problem without the directions whose singular value is below `fraction` of the largest.
+    pub fn without(&self, fraction: f64) -> Self {
+        let limit = fraction * self.singular.iter().copied().fold(0.0, f64::max);
+        let kept = self.singular.iter().filter(|s| **s >= limit).count();
+        if kept == self.rank() {
+            return self.clone();
+        }
+        Self::assemble(
+            self.a.rows(0, kept).into_owned(),
+            self.singular.rows(0, kept).into_owned(),
+            self.basis.columns(0, kept).into_owned(),
+            self.finite,
+        )
+    }
+
     /// The same problem with a second set of cells that lower what the first raise, at `weight` times the effect: x then
     /// holds the rises, then the falls over `weight`.
     pub fn with_falls(&self, weight: f64) -> Self {
@@ -125,7 +140,12 @@ impl Problem {
         &self.columns
     }
 
-    /// The basis.
+    /// Orthonormal columns, `rows x rank`, in the order of the singular values.
+    pub(super) fn basis(&self) -> &DMatrix<f64> {
+        &self.basis
+    }
+
+    /// The basis, as the kernels want it.
     pub(super) fn basis_columns(&self) -> &Arc<Columns> {
         &self.basis_columns
     }

@@ -189,7 +189,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         if baselines.contains(&k) {
             continue;
         }
-        let result = reconstructor.frame(&baseline, &column.values)?;
+        let result = reconstructor.frame(&baseline, &column.values)?.clone();
         if result.used == 0 {
             eprintln!("warning: frame {} has no value that can be used", column.name);
         }

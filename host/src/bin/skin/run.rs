@@ -227,6 +227,7 @@ fn pump(
         };
         heard = Instant::now();
         let lost = session.link().counters().lost_frames;
+        let imager = Arc::clone(live.imager());
         match live.frame(&frame)? {
             LiveFrame::Baseline { left } => {
                 let status = (left > 0).then(|| "taking the baseline, do not touch".to_owned());
@@ -243,7 +244,7 @@ fn pump(
             }
             LiveFrame::Picture(result) => {
                 pictures += 1;
-                output.show(live.imager(), &result, &frame, lost, None)?;
+                output.show(&imager, result, &frame, lost, None)?;
                 if output.json {
                     let mut out = std::io::stdout().lock();
                     let line = Line {
@@ -265,6 +266,9 @@ fn pump(
     }
     Ok(())
 }
+
+/// A picture that does not change is drawn again after so long.
+const REDRAW_S: f64 = 0.25;
 
 impl Output {
     fn show(
@@ -296,6 +300,16 @@ impl Output {
             source: self.source.clone(),
             status,
         };
+        // What shows nothing new is drawn only now and then, for the rates beside it.
+        let old = !result.anew && stats.status.is_none();
+        if old
+            && self
+                .last
+                .as_ref()
+                .is_some_and(|p| (0.0..REDRAW_S).contains(&(frame.time_s - p.time_s)))
+        {
+            return Ok(());
+        }
         let picture = imager.picture(result, frame.sequence.into(), frame.time_s, stats)?;
         if let Some(page) = &self.page {
             page.publish(picture.clone())?;
