@@ -132,3 +132,23 @@ fn mean(radius: f64, figures: &[Figures], middle: Option<&Ring>) -> Ring {
         ringing: over(|f| f.ringing),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What is asked of the shown picture: an amplitude response within 15 % from the middle to 80 % of the radius.
+    #[test]
+    fn the_amplitude_response_is_uniform() {
+        for drive in [Drive::PAPER, Drive::Current { amplitude_a: 1e-3 }] {
+            let rings = profile(drive, Method::Nnls, 12, 77).unwrap();
+            assert_eq!(rings.len(), RADII.len());
+            for ring in rings {
+                assert!((ring.response - 1.0).abs() < 0.15, "{drive:?}: {ring:?}");
+                assert!(ring.distance_mm < 2.0 && ring.deformation < 0.15, "{drive:?}: {ring:?}");
+                // Nothing falls, so nothing rings.
+                assert_eq!(ring.ringing, 0.0);
+            }
+        }
+    }
+}
