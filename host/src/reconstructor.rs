@@ -272,7 +272,7 @@ impl Reconstructor {
         if let Some(fitted) = self.fit(&reduced, sigma, noise, &result.touches) {
             result.touches = fitted.touches;
             result.misfit = Some(fitted.misfit);
-        } else if let Some(ridge) = ridge {
+        } else if let Some(ridge) = ridge.filter(|_| self.fitter.is_some()) {
             self.with_falls(&b, ridge, &mut result);
         }
         result
