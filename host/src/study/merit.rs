@@ -81,7 +81,7 @@ pub fn profile_on(
     let mut rng = scenes::rng(seed);
     let mut bench = Bench::new(imager, drive, 0.0, 0.0, &mut rng)?;
     let usual = ReconstructorOptions::for_imager(imager, method);
-    let mut r = Reconstructor::new(imager.clone(), change(ReconstructorOptions { fit: None, ..usual }));
+    let mut r = Reconstructor::new(imager.clone(), change(usual));
     let grid = imager.shown_grid()?;
     let pixels = Pixels::of_disc(RIM_MM, PIXEL_MM);
     let mut rings: Vec<Ring> = Vec::new();
