@@ -350,7 +350,7 @@ impl Reconstructor {
             if let Some(watch) = self.watch.as_mut().filter(|w| w.used() == used) {
                 watch.remember(&reduced, Some(&fitted.slopes));
             }
-        } else if let Some(ridge) = ridge {
+        } else if let Some(ridge) = ridge.filter(|_| self.fitter.is_some()) {
             self.with_falls(&b, ridge, &mut result);
         }
         result
@@ -417,7 +417,9 @@ impl Reconstructor {
             Method::LawsonHanson => return (lawson_hanson(problem, b), None),
             Method::PseudoInverse => return (pseudo_inverse(problem, b), None),
             Method::Tikhonov => {
-                let mut solution = tikhonov(problem, b, discrepancy_ridge(problem, b, sigma));
+                // What the model gets wrong cannot be explained by any ridge: then that of the expected rise.
+                let ridge = discrepancy_ridge(problem, b, sigma).max(sigma / expected);
+                let mut solution = tikhonov(problem, b, ridge);
                 solution.x = weighted.rise(&solution);
                 return (solution, None);
             }

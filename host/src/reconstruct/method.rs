@@ -14,7 +14,7 @@ pub enum Method {
     /// elements of 20 mm and the sensitivity of a constant current. Nothing to choose.
     LawsonHanson,
     /// Ridge regression without a sign. The ridge leaves as much of the frame unexplained as is noise (Morozov's
-    /// discrepancy principle).
+    /// discrepancy principle), and is no less than the noise over the rise expected.
     Tikhonov,
     /// The plain generalised inverse: the paper's example of what fails. Nothing to choose.
     PseudoInverse,

@@ -74,7 +74,9 @@ pub struct Entry {
     pub on_front: bool,
 }
 
-/// A way gets no more frames after this time, and is left out where the first takes longer than it pays to wait.
+/// Runs through the frames; a frame's time is the least of them, so that what other programs take is no part of it.
+const RUNS: usize = 3;
+/// A way gets no more frames after this time.
 const MOST: Duration = Duration::from_secs(2);
 
 /// Runs every way on the same frames: 1 to 4 discs of 25 mm and +20 %, 50 mm apart or more, at 27 dB, the noise told from
@@ -139,15 +141,25 @@ fn run(
     if let Some((_, frame)) = frames.first() {
         r.frame(baseline, frame)?;
     }
-    let (mut score, mut solves) = (Score::default(), Vec::new());
-    for (scene, frame) in frames {
-        let start = Instant::now();
-        let found = r.frame(baseline, frame)?;
-        score.times_us.push(start.elapsed().as_secs_f64() * 1e6);
-        solves.push(found.solve_us);
-        score.add(scene, &found.touches);
-        if begin.elapsed() > MOST {
-            break;
+    let mut score = Score::default();
+    let (mut times, mut solves) = (Vec::new(), Vec::new());
+    for run in 0..RUNS {
+        let done = if run == 0 { frames.len() } else { score.scenes };
+        for (k, (scene, frame)) in frames.iter().take(done).enumerate() {
+            let start = Instant::now();
+            let found = r.frame(baseline, frame)?;
+            let us = start.elapsed().as_secs_f64() * 1e6;
+            if run == 0 {
+                score.add(scene, &found.touches);
+                times.push(us);
+                solves.push(found.solve_us);
+            } else {
+                times[k] = us.min(times[k]);
+                solves[k] = found.solve_us.min(solves[k]);
+            }
+            if begin.elapsed() > MOST {
+                break;
+            }
         }
     }
     Ok(Entry {
@@ -156,7 +168,7 @@ fn run(
         cells: imager.grid.len(),
         rank: r.rank().unwrap_or(0),
         frames: score.scenes,
-        frame_us: quantile(&score.times_us, 0.5),
+        frame_us: quantile(&times, 0.5),
         solve_us: quantile(&solves, 0.5),
         counted: score.counted_part(),
         median_mm: score.error_mm(0.5),

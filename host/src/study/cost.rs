@@ -6,7 +6,7 @@ use crate::reconstructor::Reconstructor;
 use forward::{DiscTouch, Drive};
 use rand::rngs::StdRng;
 use serde::Serialize;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// What happens on the sheet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -95,6 +95,8 @@ fn hand(turn: f64) -> Vec<DiscTouch> {
 pub struct Cost {
     /// What happens.
     pub happening: &'static str,
+    /// Frames measured; fewer than asked for where they take long.
+    pub frames: usize,
     /// Time of a frame over the frames of the sequence, us: median and 99th percentile.
     pub median_us: f64,
     /// See `median_us`.
@@ -109,6 +111,9 @@ pub struct Cost {
 
 /// Runs through the sequence; a frame's time is the least of them, so that what other programs take is no part of it.
 const RUNS: usize = 5;
+/// After this time a happening gets no more runs, and no more than a few frames.
+const MOST: Duration = Duration::from_secs(3);
+const FEW: usize = 8;
 
 /// Measures what frames of 27 dB cost (of four fingers' size where nothing is touched).
 ///
@@ -125,6 +130,7 @@ pub fn costs(drive: Drive, frames: usize, seed: u64) -> Result<Vec<Cost>, StudyE
         let mut best = vec![f64::INFINITY; frames];
         let mut cost = Cost {
             happening: happening.name(),
+            frames: 0,
             median_us: 0.0,
             p99_us: 0.0,
             solve_us: 0.0,
@@ -132,7 +138,11 @@ pub fn costs(drive: Drive, frames: usize, seed: u64) -> Result<Vec<Cost>, StudyE
             counted: 0.0,
         };
         let mut solves = vec![f64::INFINITY; frames];
+        let begin = Instant::now();
         for run in 0..RUNS {
+            if run > 0 && begin.elapsed() > MOST {
+                break;
+            }
             let mut r = scenes::reconstructor(&imager);
             if happening != Happening::IdleUnknownNoise {
                 r.set_noise(Some(sigma * imager.gain(&bench.baseline)));
@@ -140,17 +150,24 @@ pub fn costs(drive: Drive, frames: usize, seed: u64) -> Result<Vec<Cost>, StudyE
             // The first frame prepares the problem, and the first that shows something the tables of the fit.
             warm_up(&mut r, &mut bench, sigma, &mut rng)?;
             for (k, frame) in sequence.iter().enumerate() {
+                if k >= FEW && begin.elapsed() > MOST {
+                    break;
+                }
                 let start = Instant::now();
                 let found = r.frame(&bench.baseline, frame)?;
                 best[k] = best[k].min(start.elapsed().as_secs_f64() * 1e6);
                 solves[k] = solves[k].min(found.solve_us);
                 if run == 0 {
-                    cost.touches += found.touches.len() as f64 / frames as f64;
-                    let right = found.touches.len() == happening.touches(k).len();
-                    cost.counted += f64::from(right) / frames as f64;
+                    cost.frames += 1;
+                    cost.touches += found.touches.len() as f64;
+                    cost.counted += f64::from(found.touches.len() == happening.touches(k).len());
                 }
             }
         }
+        best.truncate(cost.frames);
+        solves.truncate(cost.frames);
+        cost.touches /= cost.frames as f64;
+        cost.counted /= cost.frames as f64;
         cost.median_us = quantile(&best, 0.5);
         cost.p99_us = quantile(&best, 0.99);
         cost.solve_us = quantile(&solves, 0.5);

@@ -81,7 +81,7 @@ pub fn profile_on(
     let mut rng = scenes::rng(seed);
     let mut bench = Bench::new(imager, drive, 0.0, 0.0, &mut rng)?;
     let usual = ReconstructorOptions::for_imager(imager, method);
-    let mut r = Reconstructor::new(imager.clone(), change(ReconstructorOptions { fit: None, ..usual }));
+    let mut r = Reconstructor::new(imager.clone(), change(usual));
     let grid = imager.shown_grid()?;
     let pixels = Pixels::of_disc(RIM_MM, PIXEL_MM);
     let mut rings: Vec<Ring> = Vec::new();
@@ -130,5 +130,25 @@ fn mean(radius: f64, figures: &[Figures], middle: Option<&Ring>) -> Ring {
         resolution: over(|f| f.resolution),
         deformation: over(|f| f.deformation),
         ringing: over(|f| f.ringing),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What is asked of the shown picture: an amplitude response within 15 % from the middle to 80 % of the radius.
+    #[test]
+    fn the_amplitude_response_is_uniform() {
+        for drive in [Drive::PAPER, Drive::Current { amplitude_a: 1e-3 }] {
+            let rings = profile(drive, Method::Nnls, 12, 77).unwrap();
+            assert_eq!(rings.len(), RADII.len());
+            for ring in rings {
+                assert!((ring.response - 1.0).abs() < 0.15, "{drive:?}: {ring:?}");
+                assert!(ring.distance_mm < 2.0 && ring.deformation < 0.15, "{drive:?}: {ring:?}");
+                // Nothing falls, so nothing rings.
+                assert_eq!(ring.ringing, 0.0);
+            }
+        }
     }
 }

@@ -214,6 +214,7 @@ fn methods(out: &mut Out, entries: &[Entry]) -> Result<()> {
 fn costs(out: &mut Out, costs: &[Cost]) -> Result<()> {
     let heads = [
         "on the sheet",
+        "frames",
         "median us",
         "p99 us",
         "solve us",
@@ -224,6 +225,7 @@ fn costs(out: &mut Out, costs: &[Cost]) -> Result<()> {
     out.table("cost", title, &heads, costs, |c| {
         vec![
             c.happening.to_owned(),
+            format!("{}", c.frames),
             format!("{:.1}", c.median_us),
             format!("{:.1}", c.p99_us),
             format!("{:.1}", c.solve_us),

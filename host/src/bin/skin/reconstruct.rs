@@ -11,7 +11,7 @@ use host::table::MeasurementTable;
 use host::view::png;
 use serde::Serialize;
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// How the frames were driven.
@@ -61,6 +61,9 @@ pub(crate) struct Arguments {
     /// Writes a picture of every frame, FRAME.png, into this folder.
     #[arg(long, value_name = "DIR")]
     png: Option<PathBuf>,
+    /// Writes the cells of every frame, FRAME.csv with x_mm, y_mm and relative rise, into this folder.
+    #[arg(long, value_name = "DIR")]
+    cells: Option<PathBuf>,
     /// One JSON object a line.
     #[arg(long)]
     json: bool,
@@ -205,12 +208,36 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     if let Some(folder) = &arguments.png {
         write_pictures(folder, &imager, &results)?;
     }
+    if let Some(folder) = &arguments.cells {
+        write_cells(folder, &imager, &results)?;
+    }
     print(&results, arguments.json)
 }
 
-fn write_pictures(folder: &PathBuf, imager: &Imager, results: &[(&str, FrameResult)]) -> Result<()> {
+fn write_cells(folder: &Path, imager: &Imager, results: &[(&str, FrameResult)]) -> Result<()> {
     std::fs::create_dir_all(folder).with_context(|| format!("{}: cannot make this folder", folder.display()))?;
-    let names = file_names(results.iter().map(|(name, _)| *name));
+    let names = file_names(results.iter().map(|(name, _)| *name), "csv");
+    for ((_, result), file) in results.iter().zip(names) {
+        let path = folder.join(file);
+        std::fs::write(&path, cells(imager, &result.x))
+            .with_context(|| format!("{}: cannot write the cells", path.display()))?;
+    }
+    Ok(())
+}
+
+/// A line for every cell: its centre and what the method says of it, negative where it says so.
+fn cells(imager: &Imager, x: &[f64]) -> String {
+    let mut text = "x_mm,y_mm,rise\n".to_owned();
+    for (k, rise) in x.iter().enumerate() {
+        let [x, y] = imager.grid.centre(k);
+        text.push_str(&format!("{x},{y},{rise:.6e}\n"));
+    }
+    text
+}
+
+fn write_pictures(folder: &Path, imager: &Imager, results: &[(&str, FrameResult)]) -> Result<()> {
+    std::fs::create_dir_all(folder).with_context(|| format!("{}: cannot make this folder", folder.display()))?;
+    let names = file_names(results.iter().map(|(name, _)| *name), "png");
     for (k, ((name, result), file)) in results.iter().zip(names).enumerate() {
         let stats = Stats {
             solve_us: result.changed.then_some(result.solve_us as f32),
@@ -226,7 +253,7 @@ fn write_pictures(folder: &PathBuf, imager: &Imager, results: &[(&str, FrameResu
 }
 
 /// A file for every frame: its name with whatever may trouble a file system replaced, numbered where two become the same.
-fn file_names<'a>(frames: impl Iterator<Item = &'a str>) -> Vec<String> {
+fn file_names<'a>(frames: impl Iterator<Item = &'a str>, kind: &str) -> Vec<String> {
     let mut files: Vec<String> = Vec::new();
     for frame in frames {
         let safe: String = frame
@@ -240,10 +267,10 @@ fn file_names<'a>(frames: impl Iterator<Item = &'a str>) -> Vec<String> {
             })
             .collect();
         let taken = |file: &str| files.iter().any(|f| f.to_lowercase() == file.to_lowercase());
-        let mut file = format!("{safe}.png");
+        let mut file = format!("{safe}.{kind}");
         let mut number = 2;
         while taken(&file) {
-            file = format!("{safe}-{number}.png");
+            file = format!("{safe}-{number}.{kind}");
             number += 1;
         }
         files.push(file);
@@ -319,7 +346,21 @@ mod tests {
 
     #[test]
     fn no_two_frames_share_a_file() {
-        let files = file_names(["a b", "a_b", "A/b", "a_b-2", "../x"].into_iter());
+        let files = file_names(["a b", "a_b", "A/b", "a_b-2", "../x"].into_iter(), "png");
         assert_eq!(files, ["a_b.png", "a_b-2.png", "A_b-3.png", "a_b-2-2.png", ".._x.png"]);
+    }
+
+    #[test]
+    fn every_cell_has_its_line() {
+        let imager = Imager::new(&Sheet::paper(), Drive::PAPER, Pattern::adjacent(16).unwrap(), 20.0).unwrap();
+        let x: Vec<f64> = (0..imager.grid.len()).map(|k| 0.001 * k as f64 - 0.01).collect();
+        let text = cells(&imager, &x);
+        let lines: Vec<&str> = text.lines().collect();
+        assert_eq!(lines.len(), 1 + imager.grid.len());
+        let [cx, cy] = imager.grid.centre(7);
+        assert_eq!(
+            (lines[0], lines[8]),
+            ("x_mm,y_mm,rise", format!("{cx},{cy},-3.000000e-3").as_str())
+        );
     }
 }
