@@ -3,30 +3,35 @@
 
 mod fake;
 
-use fake::{ELECTRODES, Fake, Flaw, Wire, amplitude};
+use fake::{Chip, ELECTRODES, Fake, Flaw, SKEW_TICKS, SOURCE_GAIN_MILLI, TICKS_PER_SAMPLE, Wire, amplitude};
 use firmware::{
     Activity, Blocking, BoardInfo, Controller, ErrorKind, Folded, Outbox, Route, Sense, Window, laws, laws::Violation,
 };
 use proptest::prelude::*;
 use protocol::{
     BoardError, Command, Decoder, Frame, FrameError, FromBoard, FrontEndFault, MAX_FROM_BOARD_LEN, MAX_TO_BOARD_LEN,
-    Pair, Plan, PlanError, Sampling, ToBoard, encode,
+    Outgoing, Pair, Plan, PlanError, ResetCause, Sampling, ToBoard, Value, encode,
 };
 
-const INFO: BoardInfo<'static> = BoardInfo {
+pub(crate) const INFO: BoardInfo<'static> = BoardInfo {
     name: "fake",
     serial: "1",
+    git: "0123456",
     electrodes: ELECTRODES,
     channels: 16,
     timer_hz: 84_000_000,
-    ticks_per_sample: 1425,
+    ticks_per_sample: TICKS_PER_SAMPLE,
+    skew_ticks: SKEW_TICKS,
     adc_span_uv: 3_300_000,
     excitation_uv: 2_250_000,
-    gains_milli: &[1000],
+    source_gain_milli: SOURCE_GAIN_MILLI,
+    gains_milli: [1000, 0, 0, 0],
+    reset: ResetCause::PowerOn,
+    last_panic: "",
 };
 
 struct Bench {
-    board: Controller<Fake, Wire>,
+    board: Controller<'static, Fake, Wire, Chip>,
     wire: Wire,
     decoder: Decoder<MAX_FROM_BOARD_LEN>,
 }
@@ -36,7 +41,7 @@ impl Bench {
     fn new(plan: Plan) -> Self {
         let wire = Wire::default();
         wire.room.set(usize::MAX);
-        let board = Controller::new(&INFO, plan, Fake::new(), wire.clone()).unwrap();
+        let board = Controller::new(INFO, plan, Fake::new(), wire.clone(), Chip::new()).unwrap();
         let mut this = Self {
             board,
             wire,
@@ -104,7 +109,7 @@ fn a_front_end_that_breaks_a_law_is_found_out() {
     assert!(matches!(found(Flaw::Repeats), Err(Violation::Sequence { .. })));
     assert!(matches!(found(Flaw::Hasty), Err(Violation::Settling { .. })));
     assert!(matches!(found(Flaw::Cut), Err(Violation::Shape { .. })));
-    assert!(matches!(found(Flaw::Surplus), Err(Violation::Periods { .. })));
+    assert!(matches!(found(Flaw::Surplus), Err(Violation::Quarters { .. })));
     assert!(matches!(found(Flaw::Reversed), Err(Violation::Signal { .. })));
     assert_eq!(found(Flaw::Silent), Err(Violation::SilentOverrun));
     assert_eq!(found(Flaw::Mute), Err(Violation::Stuck));
@@ -122,7 +127,7 @@ fn the_blocking_adapter_lends_the_whole_window() {
     });
     let mut folded = Folded::new();
     let window = Window {
-        settle_periods: 2,
+        settle_quarters: 9,
         periods: 7,
         channels: 1,
     };
@@ -130,7 +135,7 @@ fn the_blocking_adapter_lends_the_whole_window() {
         .capture(window, |b| folded.add(b).unwrap())
         .unwrap();
     assert_eq!(folded.periods(), 7);
-    let a = folded.correlate(0).values(7).0.codes();
+    let a = folded.correlate(0).0.in_phase_value(7).0.codes();
     assert!((a - amplitude(Pair { plus: 0, minus: 1 }, pair)).abs() < 0.3);
 }
 
@@ -139,7 +144,7 @@ fn values_come_in_the_plans_order_either_way() {
     for plan in [Plan::paper(), Plan::fast()] {
         let mut bench = Bench::new(plan.clone());
         bench.command(&ToBoard::Start);
-        let frames = bench.frames(6000);
+        let frames = bench.frames(20_000);
         assert!(frames.len() > 1, "{}", frames.len());
         for (k, frame) in frames.iter().enumerate() {
             assert_eq!((frame.sequence, frame.plan), (k as u32, plan.id));
@@ -152,9 +157,9 @@ fn values_come_in_the_plans_order_either_way() {
             }
         }
         // As long as the plan says, and first sample after the first settling.
-        let n = 16;
+        let n = 4;
         let duration = frames[1].time - frames[0].time;
-        assert_eq!(duration, u64::from(plan.periods()) * n);
+        assert_eq!(duration, u64::from(plan.quarters()) * n);
     }
 }
 
@@ -266,7 +271,7 @@ fn a_rail_is_flagged_at_the_value_that_touched_it() {
     // The largest amplitude, 800 + 50 * 15 - 7 * n, then reaches full scale for the last drive's first values only.
     bench.board.front_mut().offset = 4095.0 - 1500.0;
     bench.command(&ToBoard::Start);
-    let frame = bench.frames(1500).remove(0);
+    let frame = bench.frames(6000).remove(0);
     for (k, (drive, sense)) in Plan::fast().measurements(ELECTRODES).enumerate() {
         let reaches = (2595.0 + amplitude(drive, sense)).round() >= 4095.0;
         assert_eq!(frame.clipped.get(k), reaches, "{k}");
@@ -281,7 +286,7 @@ fn a_slow_link_costs_whole_frames_and_never_the_scan() {
     bench.frames(10);
     // The link stops in the middle of a frame.
     bench.wire.room.set(1000);
-    let mut got = bench.frames(20_000);
+    let mut got = bench.frames(60_000);
     let measured = bench.board.counters().frames;
     assert!(measured > 200, "the scan went on: {measured}");
     bench.wire.room.set(usize::MAX);
@@ -297,36 +302,68 @@ fn a_slow_link_costs_whole_frames_and_never_the_scan() {
 
 #[test]
 fn answers_outlive_frames_in_the_queue() {
-    let mut outbox = Outbox::<3>::new();
+    // Room for two frames of 200 values and as many answers as can wait.
+    let mut outbox = Outbox::<1160>::new();
     let frame = |sequence| {
         FromBoard::Frame(Frame {
             sequence,
+            values: (0..200).map(|k| Value::new(k * 77)).collect(),
             ..Frame::default()
         })
     };
-    let mut dropped = outbox.push(&frame(0));
-    dropped += outbox.push(&FromBoard::Ack(Command::Start));
-    dropped += outbox.push(&frame(1));
+    let push = |outbox: &mut Outbox<1160>, message: FromBoard| outbox.push(&Outgoing::from(&message));
+    let mut dropped = push(&mut outbox, frame(0));
+    dropped += push(&mut outbox, FromBoard::Ack(Command::Start));
+    dropped += push(&mut outbox, frame(1));
     assert_eq!(dropped, 0);
     // One byte of frame 0 goes out after the delimiter: it must be finished.
     let mut wire = Wire::default();
     wire.room.set(2);
     assert_eq!(outbox.pump(&mut wire), Ok(2));
-    assert_eq!(outbox.push(&frame(2)), 1);
-    assert_eq!(outbox.push(&FromBoard::Ack(Command::Stop)), 1);
-    assert_eq!(outbox.push(&FromBoard::Ack(Command::ResetCounters)), 1);
+    assert_eq!(push(&mut outbox, frame(2)), 1);
+    assert_eq!(push(&mut outbox, FromBoard::Ack(Command::Stop)), 0);
+    let refusal = || FromBoard::Error(BoardError::Command(FrameError::Crc));
+    for _ in 0..12 {
+        assert_eq!(push(&mut outbox, refusal()), 0);
+    }
+    // As many messages as it can count: the newest frame has to go, then the oldest answer.
+    assert_eq!(push(&mut outbox, refusal()), 1);
+    assert_eq!(push(&mut outbox, FromBoard::Ack(Command::ResetCounters)), 1);
     wire.room.set(usize::MAX);
     outbox.pump(&mut wire).unwrap();
     assert!(outbox.is_empty());
     let mut out: Vec<FromBoard> = Vec::new();
     let mut decoder = Decoder::<MAX_FROM_BOARD_LEN>::new();
     decoder.push(&wire.from_board.borrow(), |m| out.push(m.unwrap()));
-    let kept = [
-        frame(0),
-        FromBoard::Ack(Command::Stop),
-        FromBoard::Ack(Command::ResetCounters),
-    ];
+    let mut kept = vec![frame(0), FromBoard::Ack(Command::Stop)];
+    kept.extend((0..13).map(|_| refusal()));
+    kept.push(FromBoard::Ack(Command::ResetCounters));
     assert_eq!(out, kept);
+}
+
+#[test]
+fn what_does_not_fit_beside_the_frame_on_the_wire_is_dropped_itself() {
+    let mut outbox = Outbox::<1160>::new();
+    let frame = |sequence| {
+        FromBoard::Frame(Frame {
+            sequence,
+            values: (0..256).map(|k| Value::new(k * 77)).collect(),
+            quadrature: (0..160).map(|k| Value::new(k * 78)).collect(),
+            ..Frame::default()
+        })
+    };
+    assert_eq!(outbox.push(&Outgoing::from(&frame(0))), 0);
+    let mut wire = Wire::default();
+    wire.room.set(500);
+    outbox.pump(&mut wire).unwrap();
+    assert_eq!(outbox.push(&Outgoing::from(&frame(1))), 1);
+    wire.room.set(usize::MAX);
+    outbox.pump(&mut wire).unwrap();
+    assert_eq!(outbox.push(&Outgoing::from(&frame(2))), 0);
+    outbox.pump(&mut wire).unwrap();
+    let mut out: Vec<FromBoard> = Vec::new();
+    Decoder::<MAX_FROM_BOARD_LEN>::new().push(&wire.from_board.borrow(), |m| out.push(m.unwrap()));
+    assert_eq!(out, [frame(0), frame(2)]);
 }
 
 #[test]

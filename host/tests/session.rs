@@ -270,5 +270,5 @@ fn silence_and_another_protocol_are_told_apart() {
         .unwrap()
         .extend(framed(&protocol::FromBoard::Hello(hello)));
     let other = Session::start(Box::new(port), adjacent_plan).err().unwrap();
-    assert_eq!(other, LinkError::Version { board: 9, ours: 1 });
+    assert_eq!(other, LinkError::Version { board: 9, ours: 2 });
 }

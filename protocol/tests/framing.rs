@@ -5,7 +5,7 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 use protocol::{
     BoardError, Command, Counters, Decoder, Flags, Frame, FrameError, FromBoard, MAX_FROM_BOARD_LEN, MAX_TO_BOARD_LEN,
-    MAX_VALUES, Pair, Plan, Sampling, Slot, ToBoard, Value, encode,
+    MAX_VALUES, Outgoing, Pair, Plan, Sampling, Slot, ToBoard, Value, Variance, encode,
 };
 
 fn framed(message: &FromBoard) -> Vec<u8> {
@@ -27,22 +27,24 @@ prop_compose! {
         flags in vec(0..MAX_VALUES, 0..8),
         values in vec(any::<i16>(), 0..=MAX_VALUES),
         quadrature: bool,
+        noise in vec(any::<u32>(), 0..=32),
     ) -> FromBoard {
         let mut clipped = Flags::default();
         flags.iter().for_each(|k| clipped.set(*k));
         let values: protocol::heapless::Vec<Value, MAX_VALUES> = values.iter().map(|v| Value::new(*v)).collect();
         let quadrature = if quadrature { values.clone() } else { Default::default() };
-        FromBoard::Frame(Frame { sequence, time, plan, clipped, values, quadrature })
+        let noise = noise.into_iter().map(Variance::new).collect();
+        FromBoard::Frame(Frame { sequence, time, plan, clipped, values, quadrature, noise })
     }
 }
 
 prop_compose! {
     fn plans()(
-        id: u16, settle_periods: u16, integrate_periods: u16, sequential: bool, quadrature: bool,
+        id: u16, settle_quarters: u16, integrate_periods: u16, sequential: bool, quadrature: bool,
         slots in vec((any::<u8>(), any::<u8>(), any::<u8>(), any::<u32>(), any::<u8>()), 0..=32),
     ) -> Plan {
         Plan {
-            id, settle_periods, integrate_periods, quadrature,
+            id, settle_quarters, integrate_periods, quadrature,
             sampling: if sequential { Sampling::Sequential } else { Sampling::Simultaneous },
             slots: slots.iter().map(|(plus, minus, sense_step, sense, gain)| Slot {
                 drive: Pair { plus: *plus, minus: *minus },
@@ -86,6 +88,13 @@ proptest! {
         let (out, decoder) = decoded::<MAX_FROM_BOARD_LEN>(&[&stream]);
         prop_assert_eq!(decoder.counters.messages as usize, list.len());
         prop_assert_eq!(out, list.into_iter().map(Ok).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn what_is_borrowed_is_sent_as_what_is_owned(m in messages()) {
+        let mut buffer = [0; MAX_FROM_BOARD_LEN];
+        let borrowed = encode(&Outgoing::from(&m), &mut buffer).unwrap();
+        prop_assert_eq!(borrowed, &framed(&m)[..]);
     }
 
     #[test]

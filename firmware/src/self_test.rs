@@ -1,0 +1,92 @@
+//! The self-test: the source, then the voltage of every drive pair, and what the samples look like on the way.
+
+use crate::FULL_SCALE;
+use crate::controller::Controller;
+use crate::front_end::FrontEnd;
+use crate::measuring::{Probe, Task};
+use crate::settings;
+use crate::support::Support;
+use embedded_hal_nb::serial::{Read, Write};
+use protocol::{Check, Outgoing, SelfTest, Value, Variance};
+
+/// Most scatter of a healthy board's samples, squared codes.
+const MOST_NOISE: u32 = 16;
+
+/// A drive pair whose voltage is this many thousandths of the source's, or more, carries no current.
+const OPEN: i64 = 980;
+/// One with this many or fewer is shorted.
+const SHORTED: i64 = 20;
+
+impl<F: FrontEnd, L: Read<u8> + Write<u8>, S: Support> Controller<'_, F, L, S> {
+    /// Begins the self-test.
+    pub(crate) fn test(&mut self) {
+        self.report = SelfTest {
+            gain: self.info.gains().saturating_sub(1),
+            ..SelfTest::default()
+        };
+        if settings::load(&mut self.support).is_err() {
+            self.report.failed |= Check::Store.bit();
+        }
+        self.probe = Probe::drive_pair(0, self.info.electrodes, self.report.gain);
+        if self.excite() {
+            self.begin(Task::TestSource);
+        }
+    }
+
+    /// The source was measured; on to the first drive pair.
+    pub(crate) fn tested_source(&mut self) {
+        self.report.source_permille = self.source_permille();
+        let set = u32::from(self.settings.excitation_permille);
+        if u32::from(self.report.source_permille).abs_diff(set) * 10 > set {
+            self.report.failed |= Check::Source.bit();
+        }
+        self.begin(Task::TestPair);
+    }
+
+    /// A drive pair was measured; on to the next one, or the end.
+    pub(crate) fn tested_pair(&mut self) {
+        let m = self.report.drive_pairs.len() as u8;
+        let value = self.scan.values().first().copied().unwrap_or_default();
+        let noise = self.scan.noise().first().copied().unwrap_or_default();
+        let periods = u32::from(self.scan.folded().periods());
+        let sum: u32 = self.scan.folded().period(0).iter().sum();
+        let offset = (i64::from(sum)).checked_div(i64::from(periods)).unwrap_or(0);
+        let report = &mut self.report;
+        // Cannot fail: there is room for as many pairs as electrodes.
+        let _ = report.drive_pairs.push(value);
+        // The voltage against the source's: both amplitudes, each through its own gain.
+        let gain = self
+            .info
+            .gains_milli
+            .get(usize::from(report.gain))
+            .copied()
+            .unwrap_or(0);
+        let source = self.info.source_full_scale() * i64::from(report.source_permille) * i64::from(gain);
+        let source = source.checked_div(i64::from(self.info.source_gain_milli)).unwrap_or(0) / 1000;
+        let voltage = i64::from(value.sixteenths()).abs() * 1000;
+        if voltage >= source * OPEN || voltage <= source * SHORTED {
+            report.suspect |= 1u32.checked_shl(m.into()).unwrap_or(0);
+            report.failed |= Check::Electrodes.bit();
+        }
+        report.noise = report.noise.max(noise);
+        if noise > Variance::new(MOST_NOISE * 256) {
+            report.failed |= Check::Noise.bit();
+        }
+        // The sum of 16 bins over the periods is the mean in sixteenths of a code.
+        let middle = i64::from(FULL_SCALE) * i64::from(Value::PER_CODE) / 2;
+        if m == 0 || (offset - middle).abs() > (i64::from(report.offset.sixteenths())).abs() {
+            report.offset = Value::saturating(offset - middle).0;
+        }
+        if (offset - middle).abs() > middle / 10 {
+            report.failed |= Check::Offset.bit();
+        }
+        if m + 1 < self.info.electrodes {
+            self.probe = Probe::drive_pair(m + 1, self.info.electrodes, self.report.gain);
+            self.begin(Task::TestPair);
+        } else {
+            let report = core::mem::take(&mut self.report);
+            self.send(Outgoing::SelfTest(&report));
+            self.resume();
+        }
+    }
+}
