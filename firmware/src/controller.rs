@@ -14,8 +14,8 @@ use protocol::{
     Refusal, SelfTest, ToBoard, Watch, WatchNumber, Watching,
 };
 
-/// Bytes of messages that can wait for the link: three frames of 208 values, or two with quadrature.
-const QUEUE: usize = 1792;
+/// Bytes of messages that can wait for the link: two frames of 208 values, or one with quadrature and some answers.
+const QUEUE: usize = 1280;
 
 /// Most bytes of commands taken in one poll, so that a flood of them cannot starve the scan.
 const BYTES_A_POLL: usize = 64;
@@ -70,22 +70,16 @@ impl<'a, F: FrontEnd, L: Read<u8> + Write<u8>, S: Support> Controller<'a, F, L, 
     ///
     /// # Errors
     /// The board cannot carry `plan` out.
-    pub fn new(info: BoardInfo<'a>, plan: Plan, front: F, link: L, mut support: S) -> Result<Self, PlanError> {
-        let limits = info.limits();
-        plan.recipe().check(info.electrodes, info.gains(), &limits)?;
-        let mut settings = Settings {
-            autostart: false,
-            excitation_permille: 1000,
-            plan,
-            watch: None,
-        };
-        // A store that does not work is found by the self-test; the board works without.
-        if let Ok(Some(stored)) = settings::load(&mut support)
-            && suits(&stored, &info, &limits)
-        {
-            settings = stored;
-        }
-        let mut this = Self {
+    pub fn new(info: BoardInfo<'a>, plan: Plan, front: F, link: L, support: S) -> Result<Self, PlanError> {
+        let mut this = Self::idle(info, front, link, support);
+        this.start_up(plan)?;
+        Ok(this)
+    }
+
+    /// A board before it was started up, as a constant: a static of it is never on the stack, where it would not fit.
+    /// [`Controller::start_up`] has to follow.
+    pub const fn idle(info: BoardInfo<'a>, front: F, link: L, support: S) -> Self {
+        Self {
             scan: Scan::new(info.electrodes, info.skew_ticks, info.ticks_per_sample),
             info,
             front,
@@ -93,13 +87,18 @@ impl<'a, F: FrontEnd, L: Read<u8> + Write<u8>, S: Support> Controller<'a, F, L, 
             support,
             decoder: Decoder::new(),
             outbox: Outbox::new(),
-            counters: Counters::default(),
-            settings,
+            counters: Counters::new(),
+            settings: Settings {
+                autostart: false,
+                excitation_permille: 1000,
+                plan: Plan::empty(),
+                watch: None,
+            },
             sequence: 0,
             running: false,
             task: Task::Off,
-            probe: Probe::default(),
-            report: SelfTest::default(),
+            probe: Probe::NONE,
+            report: SelfTest::empty(),
             went_on: 0,
             change: ChangeTest::new(),
             watching: Watching::Off,
@@ -107,13 +106,41 @@ impl<'a, F: FrontEnd, L: Read<u8> + Write<u8>, S: Support> Controller<'a, F, L, 
             quiet: 0,
             beat_scans: 0,
             beat_level: 0,
-        };
-        this.forget_baseline();
-        this.introduce();
-        if this.settings.autostart {
-            this.start();
         }
-        Ok(this)
+    }
+
+    /// What the board knows of itself; what it found out when it started can be added before [`Controller::start_up`].
+    pub const fn info_mut(&mut self) -> &mut BoardInfo<'a> {
+        &mut self.info
+    }
+
+    /// Starts up: as [`Controller::new`] says.
+    ///
+    /// # Errors
+    /// The board cannot carry `plan` out.
+    #[inline(never)]
+    pub fn start_up(&mut self, plan: Plan) -> Result<(), PlanError> {
+        let limits = self.info.limits();
+        plan.recipe().check(self.info.electrodes, self.info.gains(), &limits)?;
+        self.settings.plan = plan;
+        self.recall();
+        self.forget_baseline();
+        self.introduce();
+        if self.settings.autostart {
+            self.start();
+        }
+        Ok(())
+    }
+
+    /// Takes the stored settings over. A store that does not work is found by the self-test; the board works without.
+    #[inline(never)]
+    fn recall(&mut self) {
+        let (info, settings) = (&self.info, &mut self.settings);
+        let _ = settings::load_with(&mut self.support, |stored| {
+            if suits(&stored, info, &info.limits()) {
+                *settings = stored;
+            }
+        });
     }
 
     /// Does what can be done now and returns; never waits, except for the store.
@@ -229,6 +256,8 @@ impl<'a, F: FrontEnd, L: Read<u8> + Write<u8>, S: Support> Controller<'a, F, L, 
         true
     }
 
+    // As above.
+    #[inline(never)]
     fn take(&mut self, byte: u8) {
         match self.decoder.push_byte::<ToBoard>(byte) {
             None => {}

@@ -77,7 +77,12 @@ impl Folded {
 
     /// Empties all bins and makes ready for blocks of `channels` (1 to [`MAX_CHANNELS`]).
     pub fn reset(&mut self, channels: u8) {
-        self.bins.as_flattened_mut().fill(0);
+        // The others are not looked at.
+        for bins in &mut self.bins {
+            for bin in bins.iter_mut().take(channels.into()) {
+                *bin = 0;
+            }
+        }
         self.railed = 0;
         self.channels = channels;
         self.quarters = 0;
@@ -102,6 +107,7 @@ impl Folded {
         let phase = (block.time % SAMPLES_PER_PERIOD as u64) as usize;
         // A rail is rare and costs a look at every sample to name its channel; that there is none, four instructions.
         let touched = match self.channels {
+            1 => self.add_rows(phase, block.samples.as_chunks::<1>().0.iter().map(|row| &row[..])),
             16 => self.add_rows(
                 phase,
                 block.samples.as_chunks::<MAX_CHANNELS>().0.iter().map(|row| &row[..]),
@@ -136,7 +142,7 @@ impl Folded {
 
     #[cold]
     fn name_railed(&mut self, samples: &[u16], channels: usize) {
-        for row in samples.chunks_exact(channels) {
+        for row in samples.chunks_exact(channels.max(1)) {
             for (channel, sample) in row.iter().enumerate() {
                 if *sample == 0 || *sample >= FULL_SCALE {
                     self.railed |= 1 << channel;
@@ -206,6 +212,9 @@ pub struct Scatter {
 }
 
 impl Scatter {
+    /// Of nothing.
+    pub const NONE: Self = Self { sum: 0, channels: 0 };
+
     /// Takes another channel's in; sums stop at their largest.
     pub fn add(&mut self, other: Self) {
         self.sum = self.sum.saturating_add(other.sum);

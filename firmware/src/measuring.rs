@@ -39,6 +39,25 @@ pub(crate) struct Probe {
 }
 
 impl Probe {
+    pub(crate) const NONE: Self = {
+        let pair = Pair { plus: 0, minus: 0 };
+        Self {
+            request: PeriodRequest {
+                drive: pair,
+                sense: pair,
+                gain: 0,
+                settle_quarters: 0,
+                periods: 0,
+            },
+            slot: Slot {
+                drive: pair,
+                sense_step: 0,
+                sense: 0,
+                gain: 0,
+            },
+        }
+    };
+
     /// A value asked for, on a board of `electrodes`, which the sense pair's are.
     pub(crate) fn period(request: PeriodRequest, electrodes: u8) -> Self {
         let Pair { plus, minus } = request.sense;

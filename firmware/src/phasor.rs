@@ -28,20 +28,25 @@ impl Rotation {
 
     /// For a channel sampled `ticks` after the row's first one, where samples are `ticks_per_sample` apart. More than a
     /// sample's time counts as a sample's time. The angle is right to 2^-29.
-    pub fn new(ticks: u32, ticks_per_sample: u32) -> Self {
+    pub const fn new(ticks: u32, ticks_per_sample: u32) -> Self {
         /// 2 pi / 16 with 32 bits of fraction.
         const SAMPLE: u64 = 1_686_629_713;
-        let sample = u64::from(ticks_per_sample).max(1);
-        let x = (u64::from(ticks).min(sample) * SAMPLE / sample) as i64;
+        const fn fixed(v: i64) -> i32 {
+            ((v + 2) >> (32 - FRACTION)) as i32
+        }
+        let sample = if ticks_per_sample == 0 { 1 } else { ticks_per_sample };
+        let ticks = if ticks > sample { sample } else { ticks };
+        let x = (ticks as u64 * SAMPLE / sample as u64) as i64;
         let (mut cos, mut sin) = (1i64 << 32, x);
         let (mut even, mut odd) = (cos, sin);
-        for n in 1..6 {
+        let mut n = 1;
+        while n < 6 {
             even = -((((even * x) >> 32) * x) >> 32) / ((2 * n - 1) * (2 * n));
             odd = -((((odd * x) >> 32) * x) >> 32) / ((2 * n) * (2 * n + 1));
             cos += even;
             sin += odd;
+            n += 1;
         }
-        let fixed = |v: i64| ((v + 2) >> (32 - FRACTION)) as i32;
         Self {
             cos: fixed(cos),
             sin: fixed(sin),

@@ -91,10 +91,13 @@ pub struct Scan {
 impl Scan {
     /// A scan on a board of `electrodes`, whose channels are sampled `skew_ticks` after each other, with samples
     /// `ticks_per_sample` apart.
-    pub fn new(electrodes: u8, skew_ticks: u16, ticks_per_sample: u32) -> Self {
+    #[expect(clippy::indexing_slicing, reason = "below the array's length, and evaluated by the compiler on a board")]
+    pub const fn new(electrodes: u8, skew_ticks: u16, ticks_per_sample: u32) -> Self {
         let mut rotations = [Rotation::NONE; MAX_CHANNELS];
-        for (channel, rotation) in (0u32..).zip(&mut rotations) {
-            *rotation = Rotation::new(channel * u32::from(skew_ticks), ticks_per_sample);
+        let mut channel = 0;
+        while channel < MAX_CHANNELS {
+            rotations[channel] = Rotation::new(channel as u32 * skew_ticks as u32, ticks_per_sample);
+            channel += 1;
         }
         Self {
             electrodes,
@@ -102,17 +105,17 @@ impl Scan {
             open: false,
             pace: Pace::Ahead,
             source: false,
-            place: Place::default(),
+            place: Place { slot: 0, left: 0 },
             window_quarters: 0,
             folded: Folded::new(),
             stale: false,
             time: 0,
             window_time: 0,
-            clipped: Flags::default(),
+            clipped: Flags::new(),
             amplitudes: [Value::new(0); MAX_AMPLITUDES],
             count: 0,
             done: 0,
-            scatter: Scatter::default(),
+            scatter: Scatter::NONE,
             noise: Vec::new(),
         }
     }

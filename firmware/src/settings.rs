@@ -67,8 +67,18 @@ struct Log {
 /// # Errors
 /// The store cannot be read.
 pub fn load<S: Store>(store: &mut S) -> Result<Option<Settings>, StoreFault> {
+    let mut out = None;
+    load_with(store, |settings| out = Some(settings))?;
+    Ok(out)
+}
+
+/// The same, handed over where they are: they are large for a stack.
+///
+/// # Errors
+/// As [`load`].
+pub fn load_with<S: Store>(store: &mut S, take: impl FnOnce(Settings)) -> Result<(), StoreFault> {
     let Some(record) = newest(store)? else {
-        return Ok(None);
+        return Ok(());
     };
     let reader = Reader {
         store,
@@ -78,7 +88,10 @@ pub fn load<S: Store>(store: &mut S) -> Result<Option<Settings>, StoreFault> {
     };
     let mut de = postcard::Deserializer::from_flavor(reader);
     // The sum was right: what cannot be read was written by another firmware.
-    Ok(Settings::deserialize(&mut de).ok())
+    if let Ok(settings) = Settings::deserialize(&mut de) {
+        take(settings);
+    }
+    Ok(())
 }
 
 /// Writes settings. After an error, or a power cut before this returns, either these count or those before.

@@ -24,20 +24,21 @@ fn serve(mut front: SimFrontEnd<Rubber>, clock: &Clock, mut request: File, mut r
         let mut samples = Vec::new();
         let mut head = vec![0; 16];
         let outcome = match op {
+            b'A' => front.set_amplitude(u16::from_le_bytes([a, b])),
             b'E' if a == 1 => front.switch_on(),
             b'E' => front.switch_off(),
             b'R' => front.select(&Route {
                 drive: pair(a, b),
-                sense: if c == 1 {
-                    Sense::All { step: d }
-                } else {
-                    Sense::One(pair(d, e))
+                sense: match c {
+                    1 => Sense::All { step: d },
+                    2 => Sense::Source,
+                    _ => Sense::One(pair(d, e)),
                 },
                 gain: f,
             }),
             b'W' => front.begin(Window {
                 channels: a,
-                settle_periods: u16::from_le_bytes([b, c]),
+                settle_quarters: u16::from_le_bytes([b, c]),
                 periods: u16::from_le_bytes([d, e]),
             }),
             b'S' => {
@@ -181,7 +182,7 @@ fn the_target_measures_what_the_pc_measures_to_the_last_bit() {
         let port = SimPort::new(board, Pace::Unpaced).unwrap();
         let here = frames(Box::new(port), &plan, 3);
         // The noise is a function of time, so both must begin at the same.
-        let start = here[0].time - u64::from(plan.settle_periods) * 16;
+        let start = here[0].time - u64::from(plan.settle_quarters) * 4;
         let machine = Machine::start("board", pressed(), start);
         let there = frames(ports::open(&machine.serial).unwrap(), &plan, 3);
         for (a, b) in here.iter().zip(&there) {

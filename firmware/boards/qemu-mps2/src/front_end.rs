@@ -61,6 +61,7 @@ impl Router for RemoteFrontEnd {
         let (all, a, b) = match route.sense {
             Sense::One(pair) => (0, pair.plus, pair.minus),
             Sense::All { step } => (1, step, 0),
+            Sense::Source => (2, 0, 0),
         };
         let request = [b'R', route.drive.plus, route.drive.minus, all, a, b, route.gain, 0];
         self.call(request).map(drop)
@@ -72,6 +73,11 @@ impl Excitation for RemoteFrontEnd {
         self.call([b'E', 1, 0, 0, 0, 0, 0, 0]).map(drop)
     }
 
+    fn set_amplitude(&mut self, permille: u16) -> Result<(), ErrorKind> {
+        let [p0, p1] = permille.to_le_bytes();
+        self.call([b'A', p0, p1, 0, 0, 0, 0, 0]).map(drop)
+    }
+
     fn switch_off(&mut self) -> Result<(), ErrorKind> {
         self.call([b'E', 0, 0, 0, 0, 0, 0, 0]).map(drop)
     }
@@ -79,7 +85,7 @@ impl Excitation for RemoteFrontEnd {
 
 impl Capture for RemoteFrontEnd {
     fn begin(&mut self, window: Window) -> Result<(), ErrorKind> {
-        let [s0, s1] = window.settle_periods.to_le_bytes();
+        let [s0, s1] = window.settle_quarters.to_le_bytes();
         let [p0, p1] = window.periods.to_le_bytes();
         self.call([b'W', window.channels, s0, s1, p0, p1, 0, 0]).map(drop)
     }

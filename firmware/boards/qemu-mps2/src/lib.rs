@@ -4,10 +4,12 @@
 //! Simulated time passes only while the board waits for a block: however slow the PC is, the frames are the same.
 #![no_std]
 
+mod chip;
 mod front_end;
 mod pipe;
 mod uart;
 
+pub use chip::Chip;
 pub use front_end::RemoteFrontEnd;
 pub use pipe::{Pipe, PipeError};
 pub use uart::Uart;

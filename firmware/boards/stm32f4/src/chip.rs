@@ -3,7 +3,6 @@
 use crate::flash;
 use crate::multiplexer;
 use crate::sampler::Timebase;
-use crate::serial::Serial;
 use firmware::{Clock, Sector, Store, Watchdog};
 use protocol::ResetCause;
 use stm32f4xx_hal::pac;
@@ -14,7 +13,7 @@ use stm32f4xx_hal::rcc::Config;
 const UNIQUE_ID: *const u32 = 0x1FFF_7A10 as *const u32;
 
 /// The chip's number in hexadecimal.
-pub fn serial_number(out: &mut [u8; 24]) -> &str {
+pub fn serial_number(out: &'static mut [u8; 24]) -> &'static str {
     for (word, digits) in (0..).zip(out.chunks_exact_mut(8)) {
         // SAFETY: read-only memory of every STM32F4.
         let value = unsafe { UNIQUE_ID.add(word).read_volatile() };
@@ -31,15 +30,18 @@ pub fn hexadecimal(value: u32, digits: &mut [u8]) {
     }
 }
 
-/// Sets the chip up: watchdog first, then clocks, pins and the serial port. Why it was started, and the port.
-pub fn start(device: pac::Peripherals, mut core: cortex_m::Peripherals) -> (ResetCause, Serial) {
+/// Sets the chip up: watchdog first, then clocks and pins. Why it was started.
+pub fn start(device: pac::Peripherals, mut core: cortex_m::Peripherals) -> ResetCause {
     // A program that is being debugged is not bitten.
     device.DBGMCU.apb1_fz().modify(|r, w| unsafe { w.bits(r.bits() | 1 << 12) });
     // 32 kHz / 64: 1000 of these are 2 s. Erasing a sector of the settings takes half a second at most.
+    device.IWDG.kr().write(|w| unsafe { w.bits(0xCCCC) });
     device.IWDG.kr().write(|w| unsafe { w.bits(0x5555) });
     device.IWDG.pr().write(|w| unsafe { w.bits(4) });
     device.IWDG.rlr().write(|w| unsafe { w.bits(1000) });
-    device.IWDG.kr().write(|w| unsafe { w.bits(0xCCCC) });
+    // They count once the slow clock has taken them over; then from the new value.
+    while device.IWDG.sr().read().bits() != 0 {}
+    device.IWDG.kr().write(|w| unsafe { w.bits(0xAAAA) });
 
     let cause = reset_cause(device.RCC.csr().read().bits());
     device.RCC.csr().modify(|r, w| unsafe { w.bits(r.bits() | 1 << 24) });
@@ -67,7 +69,7 @@ pub fn start(device: pac::Peripherals, mut core: cortex_m::Peripherals) -> (Rese
     device.GPIOA.moder().modify(|r, w| unsafe { w.bits(r.bits() | 0b11 << 12 | 0b11 << 8 | 0b1111) });
     // The converters' clock is 84 MHz / 4.
     device.ADC_COMMON.ccr().modify(|r, w| unsafe { w.bits(r.bits() & !(3 << 16) | 1 << 16) });
-    (cause, Serial::start())
+    cause
 }
 
 fn reset_cause(flags: u32) -> ResetCause {

@@ -17,7 +17,8 @@ use chip::Chip;
 use cortex_m_rt::entry;
 use firmware::{Activity, BoardInfo, Controller};
 use front_end::FrontEnd;
-use protocol::{Plan, Sampling};
+use protocol::{Plan, ResetCause, Sampling};
+use serial::Serial;
 use stm32f4xx_hal::pac;
 
 /// Everything about the board that never changes.
@@ -40,44 +41,67 @@ const INFO: BoardInfo<'static> = BoardInfo {
     excitation_uv: 2_250_000,
     source_gain_milli: 586,
     gains_milli: [13_000, 600, 0, 0],
-    reset: protocol::ResetCause::Unknown,
+    reset: ResetCause::Unknown,
     last_panic: "",
 };
 
 const _: () = assert!(INFO.is_sound());
+
+type Board = Controller<'static, FrontEnd, Serial, Chip>;
+
+/// The whole board. It is a static since there is no room for it twice, as there would have to be to make it on the stack.
+static mut BOARD: Board = Controller::idle(INFO, FrontEnd::new(), Serial::new(), Chip::new());
+
+static mut SERIAL_NUMBER: [u8; 24] = [0; 24];
+static mut LAST_PANIC: Option<panic_record::Report> = None;
 
 #[entry]
 fn main() -> ! {
     let (Some(core), Some(device)) = (cortex_m::Peripherals::take(), pac::Peripherals::take()) else {
         panic!("started twice");
     };
-    let report = panic_record::take();
-    let mut serial_number = [0; 24];
-    let serial_number = chip::serial_number(&mut serial_number);
-    let (reset, port) = chip::start(device, core);
-    let info = BoardInfo {
-        serial: serial_number,
-        reset: if report.is_some() {
-            protocol::ResetCause::Panic
-        } else {
-            reset
-        },
-        last_panic: report.as_ref().map_or("", |r| r.text()),
-        ..INFO
-    };
-    // 208 values one after the other, a period to settle and one to integrate, until the host says otherwise.
-    let plan = Plan {
-        sampling: Sampling::Sequential,
-        ..Plan::fast()
-    };
-    let mut controller = match Controller::new(info, plan, FrontEnd::start(), port, Chip::new()) {
-        Ok(controller) => controller,
-        Err(_) => panic!("the first plan does not suit the board"),
-    };
+    // SAFETY: each is used here only, and `main` runs once.
+    let (board, serial_number, last_panic) =
+        unsafe { (&mut *(&raw mut BOARD), &mut *(&raw mut SERIAL_NUMBER), &mut *(&raw mut LAST_PANIC)) };
+    start(board, serial_number, last_panic, device, core);
     panic_record::planted();
     loop {
-        if controller.poll() == Activity::Idle {
+        if board.poll() == Activity::Idle {
             multiplexer::rest();
         }
+    }
+}
+
+/// Once; in a function of its own so that the loop's stack need not hold what it leaves behind.
+#[inline(never)]
+fn start(
+    board: &mut Board,
+    serial_number: &'static mut [u8; 24],
+    last_panic: &'static mut Option<panic_record::Report>,
+    device: pac::Peripherals,
+    core: cortex_m::Peripherals,
+) {
+    *last_panic = panic_record::take();
+    let reset = chip::start(device, core);
+    board.front_mut().start();
+    board.link_mut().start();
+    let info = board.info_mut();
+    info.serial = chip::serial_number(serial_number);
+    info.reset = reset;
+    if let Some(report) = &*last_panic {
+        info.reset = ResetCause::Panic;
+        info.last_panic = report.text();
+    }
+    if board.start_up(first_plan()).is_err() {
+        panic!("the first plan does not suit the board");
+    }
+}
+
+/// 208 values one after the other, a period to settle and one to integrate, until the host says otherwise.
+#[inline(never)]
+fn first_plan() -> Plan {
+    Plan {
+        sampling: Sampling::Sequential,
+        ..Plan::fast()
     }
 }

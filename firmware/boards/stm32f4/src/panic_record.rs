@@ -136,16 +136,6 @@ unsafe extern "C" fn hard_fault(stack: u32) -> ! {
 pub fn planted() {
     #[cfg(feature = "fault-panic")]
     panic!("planted");
-    #[cfg(feature = "fault-stack")]
-    #[expect(unconditional_recursion, reason = "planted")]
-    {
-        #[inline(never)]
-        fn deeper(n: u32) -> u32 {
-            let space = core::hint::black_box([n; 16]);
-            space[(n % 16) as usize] + deeper(n + 1)
-        }
-        core::hint::black_box(deeper(0));
-    }
     #[cfg(feature = "fault-hang")]
     loop {
         cortex_m::asm::nop();

@@ -17,8 +17,8 @@ pub const TICKS_PER_SAMPLE: u32 = 1425;
 /// Processor cycles from one sample to the next.
 const CYCLES_PER_SAMPLE: u32 = 2 * TICKS_PER_SAMPLE;
 
-/// Samples in the ring: eight periods, 2.2 ms.
-const RING: usize = 8 * SAMPLES_PER_PERIOD;
+/// Samples in the ring: four periods, 1.1 ms.
+const RING: usize = 4 * SAMPLES_PER_PERIOD;
 static SAMPLES: Shared<u16, RING> = Shared::new(0);
 
 /// Timer ticks after which a conversion is over and in memory: 28 cycles of sampling and 12 of conversion at 21 MHz are 160.

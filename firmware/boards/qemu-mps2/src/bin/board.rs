@@ -5,8 +5,8 @@
 use cortex_m_rt::entry;
 use cortex_m_semihosting::hprintln;
 use firmware::{BoardInfo, Controller};
-use protocol::Plan;
-use qemu_mps2::{RemoteFrontEnd, Uart};
+use protocol::{Plan, ResetCause};
+use qemu_mps2::{Chip, RemoteFrontEnd, Uart};
 
 #[entry]
 fn main() -> ! {
@@ -14,18 +14,23 @@ fn main() -> ! {
     let info = BoardInfo {
         name: "skin-qemu-mps2",
         serial: "emulated",
+        git: "",
         electrodes: 16,
         channels: 16,
         timer_hz: 84_000_000,
         ticks_per_sample: 1425,
+        skew_ticks: 60,
         adc_span_uv: 3_300_000,
         excitation_uv: 2_250_000,
-        gains_milli: &[13_000, 600],
+        source_gain_milli: 586,
+        gains_milli: [13_000, 600, 0, 0],
+        reset: ResetCause::PowerOn,
+        last_panic: "",
     };
     let Ok(front) = RemoteFrontEnd::open() else {
         panic!("no front-end.request and front-end.reply in the working directory");
     };
-    let mut controller = match Controller::new(&info, Plan::fast(), front, Uart::new()) {
+    let mut controller = match Controller::new(info, Plan::fast(), front, Uart::new(), Chip::default()) {
         Ok(controller) => controller,
         Err(e) => panic!("{e}"),
     };

@@ -54,13 +54,27 @@ fn main() -> ! {
             }
             black_box(folded.add(black_box(&block))).ok();
         });
-        let values = count(&mut syst, || {
+        let reset = count(&mut syst, || folded.reset(black_box(channels)));
+        let _ = folded.add(&block);
+        let correlate = count(&mut syst, || {
             for channel in 0..usize::from(channels) {
-                black_box(folded.correlate(black_box(channel)).values(folded.periods()));
+                black_box(folded.correlate(black_box(channel)));
             }
         });
+        let (phasor, scatter) = folded.correlate(0);
+        let values = count(&mut syst, || {
+            for _ in 0..channels {
+                black_box(black_box(phasor).in_phase_value(folded.periods()));
+            }
+        });
+        let variance = count(&mut syst, || {
+            black_box(black_box(scatter).variance(folded.periods()));
+        });
         hprintln!("fold {} {}", channels, fold);
+        hprintln!("reset {} {}", channels, reset);
+        hprintln!("correlate {} {}", channels, correlate);
         hprintln!("values {} {}", channels, values);
+        hprintln!("variance {} {}", channels, variance);
     }
     loop {
         debug::exit(debug::EXIT_SUCCESS);
