@@ -10,6 +10,7 @@
 #![forbid(unsafe_code)]
 
 mod board;
+mod bootloader;
 mod chip;
 mod clock;
 mod demo;
@@ -27,6 +28,7 @@ mod touch;
 mod uart;
 
 pub use board::{BoardError, SimBoard, SimConfig};
+pub use bootloader::{BootFaults, BootRom};
 pub use chip::Chip;
 pub use clock::{Clock, PERIOD_SAMPLES, QUARTER_SAMPLES, TICKS_PER_SAMPLE, TIMER_HZ, samples, seconds};
 pub use electronics::{Electronics, Routing};

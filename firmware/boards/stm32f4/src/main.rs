@@ -47,6 +47,15 @@ const INFO: BoardInfo<'static> = BoardInfo {
 
 const _: () = assert!(INFO.is_sound());
 
+/// Which chip the image is for, in words that `skin flash` looks for.
+static IMAGE_TAG: &[u8] = if cfg!(feature = "f405") {
+    b"skin-board-image for chip 0x413"
+} else if cfg!(feature = "f427") {
+    b"skin-board-image for chip 0x419"
+} else {
+    b"skin-board-image for chip 0x421"
+};
+
 type Board = Controller<'static, FrontEnd, Serial, Chip>;
 
 /// The whole board. It is a static since there is no room for it twice, as there would have to be to make it on the stack.
@@ -64,6 +73,8 @@ fn main() -> ! {
     let (board, serial_number, last_panic) =
         unsafe { (&mut *(&raw mut BOARD), &mut *(&raw mut SERIAL_NUMBER), &mut *(&raw mut LAST_PANIC)) };
     start(board, serial_number, last_panic, device, core);
+    // Nothing reads it here; without this the linker would leave it out.
+    core::hint::black_box(IMAGE_TAG);
     panic_record::planted();
     loop {
         if board.poll() == Activity::Idle {

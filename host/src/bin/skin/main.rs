@@ -1,7 +1,9 @@
 //! `skin`: the tactile skin's command line. Data go to stdout, everything else to stderr.
 #![forbid(unsafe_code)]
 
+mod flash;
 mod forward;
+mod hello;
 mod reconstruct;
 mod run;
 mod sheet;
@@ -33,6 +35,10 @@ enum Command {
     Reconstruct(reconstruct::Arguments),
     /// What a touched sheet gives: the table of measurements, simulated.
     Forward(forward::Arguments),
+    /// Programs a board over its serial cable.
+    Flash(flash::Arguments),
+    /// Who the board is, and its self-test.
+    Hello(hello::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -48,6 +54,8 @@ fn main() -> ExitCode {
     let outcome = match cli.command {
         Some(Command::Reconstruct(arguments)) => reconstruct::run(&arguments),
         Some(Command::Forward(arguments)) => forward::run(&arguments),
+        Some(Command::Flash(arguments)) => flash::run(&arguments),
+        Some(Command::Hello(arguments)) => hello::run(&arguments),
         Some(Command::Run(arguments)) => run::run(&arguments),
         None => run::run(&cli.run),
     };
