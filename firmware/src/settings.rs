@@ -181,7 +181,7 @@ fn scan<S: Store>(store: &mut S, sector: Sector) -> Result<Log, StoreFault> {
         match record(store, sector, at)? {
             Some(found) => {
                 log.last = Some(found);
-                at = found.offset + found.len + CRC_LEN + GAP;
+                at = found.offset + found.len + CRC_LEN;
             }
             // What a cut left: the next record is somewhere behind it.
             None => at += 1,
