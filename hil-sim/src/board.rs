@@ -149,6 +149,11 @@ impl<S: SheetModel> SimBoard<S> {
         self.controller.counters()
     }
 
+    /// Samples that its converter made for the windows so far.
+    pub fn conversions(&mut self) -> u64 {
+        self.controller.front_mut().conversions()
+    }
+
     /// Its flash memory.
     pub fn flash(&mut self) -> &mut Flash {
         &mut self.controller.support_mut().flash

@@ -75,11 +75,18 @@ fn a_power_cut_at_any_byte_leaves_the_old_settings_or_the_new() {
                 flash.power_on();
                 let found = settings::load(&mut flash).unwrap();
                 let is_old = found == old;
-                assert!(is_old || found.as_ref() == Some(&new), "{savings} {torn:?} {cut}: {found:?}");
+                assert!(
+                    is_old || found.as_ref() == Some(&new),
+                    "{savings} {torn:?} {cut}: {found:?}"
+                );
                 kept_old += u32::from(is_old);
                 // And it is as good as before: the next saving works.
                 settings::save(&mut flash, &settings(5)).unwrap();
-                assert_eq!(settings::load(&mut flash), Ok(Some(settings(5))), "{savings} {torn:?} {cut}");
+                assert_eq!(
+                    settings::load(&mut flash),
+                    Ok(Some(settings(5))),
+                    "{savings} {torn:?} {cut}"
+                );
             }
         }
     }

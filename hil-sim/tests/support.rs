@@ -136,13 +136,18 @@ fn a_folded_period_is_what_the_lock_in_sees() {
         FromBoard::Period(p) => Some(p),
         _ => None,
     });
-    let FoldedPeriod { bins, clipped, time, .. } = period.unwrap();
+    let FoldedPeriod {
+        bins, clipped, time, ..
+    } = period.unwrap();
     assert!(!clipped && time.is_multiple_of(4));
     // Its fundamental is the value that frames carry, and frames go on after it.
     let sine: f64 = (0..16)
         .map(|k| f64::from(bins[k]) * (std::f64::consts::TAU * k as f64 / 16.0).sin())
         .sum();
-    let list: Vec<f64> = common::frames(said.clone()).iter().map(|f| f.values[0].codes()).collect();
+    let list: Vec<f64> = common::frames(said.clone())
+        .iter()
+        .map(|f| f.values[0].codes())
+        .collect();
     let mean = list.iter().sum::<f64>() / list.len() as f64;
     assert!(list.len() > 10 && (sine / 800.0 - mean).abs() < 0.2, "{sine} {mean}");
     let far = PeriodRequest {
@@ -172,7 +177,11 @@ fn the_source_is_set_and_watched() {
     for given in [0, 1001] {
         bench.send(&ToBoard::SetExcitation(given));
         let said = bench.run(0.02);
-        assert!(said.iter().any(|m| matches!(m, FromBoard::Error(BoardError::Refused(_)))), "{said:?}");
+        assert!(
+            said.iter()
+                .any(|m| matches!(m, FromBoard::Error(BoardError::Refused(_)))),
+            "{said:?}"
+        );
     }
     // A source that is not what it should be is reported instead of frames.
     let config = SimConfig {
