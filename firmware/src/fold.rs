@@ -100,8 +100,9 @@ impl Folded {
             .filter(|q| *q <= QUARTERS * u32::from(MAX_PERIODS))
             .ok_or(FoldError::TooManyPeriods)?;
         let phase = (block.time % SAMPLES_PER_PERIOD as u64) as usize;
-        // A rail is rare and costs a look at every sample to name its channel; that there is none, four instructions.
+        // A rail is rare and costs a look at every sample to name its channel; that there is none, two instructions each.
         let touched = match self.channels {
+            // The loop that counts: its length is known.
             16 => self.add_rows(
                 phase,
                 block.samples.as_chunks::<MAX_CHANNELS>().0.iter().map(|row| &row[..]),
@@ -118,20 +119,31 @@ impl Folded {
     /// Adds rows, the first at `phase`; whether any sample touched a rail.
     #[inline(always)]
     fn add_rows<'a>(&mut self, mut phase: usize, rows: impl Iterator<Item = &'a [u16]>) -> bool {
-        // Bit 12 of code + 1 is set from full scale on, that of code - 1 for 0.
-        let mut touched = 0;
+        // Two samples in a word. Bit 12 of code + 1 is set from full scale on, that of code + 4095 for all but 0; neither
+        // sum carries into the other half of the word.
+        const RAIL: u32 = 0x1000_1000;
+        let (mut any, mut all) = (0, RAIL);
         for row in rows {
             if let Some(bins) = self.bins.get_mut(phase % SAMPLES_PER_PERIOD) {
-                for (bin, sample) in bins.iter_mut().zip(row) {
-                    let code = u32::from(*sample);
+                let (pairs, last) = row.as_chunks::<2>();
+                for ([a, b], [low, high]) in bins.as_chunks_mut::<2>().0.iter_mut().zip(pairs) {
+                    let word = u32::from(*low) | u32::from(*high) << 16;
                     // Cannot wrap while the duties are kept; a wrapped sum is better than a stopped board.
+                    *a = a.wrapping_add(word & 0xFFFF);
+                    *b = b.wrapping_add(word >> 16);
+                    any |= word.wrapping_add(0x0001_0001);
+                    all &= word.wrapping_add(0x0FFF_0FFF);
+                }
+                if let (Some(bin), [last]) = (bins.get_mut(row.len() - last.len()), last) {
+                    let code = u32::from(*last);
                     *bin = bin.wrapping_add(code);
-                    touched |= (code + 1) | code.wrapping_sub(1);
+                    any |= code.wrapping_add(1);
+                    all &= code.wrapping_add(0x0FFF) | 0xFFFF_0000;
                 }
             }
             phase += 1;
         }
-        touched & (u32::from(FULL_SCALE) + 1) != 0
+        any & RAIL != 0 || all & RAIL != RAIL
     }
 
     #[cold]
@@ -206,6 +218,9 @@ pub struct Scatter {
 }
 
 impl Scatter {
+    /// Of no channel.
+    pub const NONE: Self = Self { sum: 0, channels: 0 };
+
     /// Takes another channel's in; sums stop at their largest.
     pub fn add(&mut self, other: Self) {
         self.sum = self.sum.saturating_add(other.sum);

@@ -88,32 +88,42 @@ pub struct Scan {
     noise: Vec<Variance, MAX_SLOTS>,
 }
 
+impl Default for Scan {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl Scan {
-    /// A scan on a board of `electrodes`, whose channels are sampled `skew_ticks` after each other, with samples
-    /// `ticks_per_sample` apart.
-    pub fn new(electrodes: u8, skew_ticks: u16, ticks_per_sample: u32) -> Self {
-        let mut rotations = [Rotation::NONE; MAX_CHANNELS];
-        for (channel, rotation) in (0u32..).zip(&mut rotations) {
-            *rotation = Rotation::new(channel * u32::from(skew_ticks), ticks_per_sample);
-        }
+    /// Nothing measured, on no board yet.
+    pub const fn new() -> Self {
         Self {
-            electrodes,
-            rotations,
+            electrodes: 0,
+            rotations: [Rotation::NONE; MAX_CHANNELS],
             open: false,
             pace: Pace::Ahead,
             source: false,
-            place: Place::default(),
+            place: Place { slot: 0, left: 0 },
             window_quarters: 0,
             folded: Folded::new(),
             stale: false,
             time: 0,
             window_time: 0,
-            clipped: Flags::default(),
+            clipped: Flags::new(),
             amplitudes: [Value::new(0); MAX_AMPLITUDES],
             count: 0,
             done: 0,
-            scatter: Scatter::default(),
+            scatter: Scatter::NONE,
             noise: Vec::new(),
+        }
+    }
+
+    /// On a board of `electrodes`, whose channels are sampled `skew_ticks` after each other, with samples
+    /// `ticks_per_sample` apart.
+    pub fn wire(&mut self, electrodes: u8, skew_ticks: u16, ticks_per_sample: u32) {
+        self.electrodes = electrodes;
+        for (channel, rotation) in (0u32..).zip(&mut self.rotations) {
+            *rotation = Rotation::new(channel * u32::from(skew_ticks), ticks_per_sample);
         }
     }
 

@@ -28,6 +28,16 @@ pub struct Settings {
     pub watch: Option<Watch>,
 }
 
+impl Settings {
+    /// Of a board that was told nothing: no plan yet.
+    pub const NONE: Self = Self {
+        autostart: false,
+        excitation_permille: 1000,
+        plan: Plan::NONE,
+        watch: None,
+    };
+}
+
 /// Version of the stored format. A firmware that knows another one starts with its own settings.
 const FORMAT: u8 = 1;
 const MARK: u8 = 0xA5;

@@ -5,7 +5,8 @@ mod fake;
 
 use fake::{Chip, ELECTRODES, Fake, Flaw, SKEW_TICKS, SOURCE_GAIN_MILLI, TICKS_PER_SAMPLE, Wire, amplitude};
 use firmware::{
-    Activity, Blocking, BoardInfo, Controller, ErrorKind, Folded, Outbox, Route, Sense, Window, laws, laws::Violation,
+    Activity, Blocking, BoardInfo, Controller, ErrorKind, Folded, Memory, Outbox, Route, Sense, Window, laws,
+    laws::Violation,
 };
 use proptest::prelude::*;
 use protocol::{
@@ -31,7 +32,7 @@ pub(crate) const INFO: BoardInfo<'static> = BoardInfo {
 };
 
 struct Bench {
-    board: Controller<'static, Fake, Wire, Chip>,
+    board: Controller<'static, Fake, Wire, Chip, Box<Memory>>,
     wire: Wire,
     decoder: Decoder<MAX_FROM_BOARD_LEN>,
 }
@@ -41,7 +42,7 @@ impl Bench {
     fn new(plan: Plan) -> Self {
         let wire = Wire::default();
         wire.room.set(usize::MAX);
-        let board = Controller::new(INFO, plan, Fake::new(), wire.clone(), Chip::new()).unwrap();
+        let board = Controller::new(INFO, plan, Fake::new(), wire.clone(), Chip::new(), Box::default()).unwrap();
         let mut this = Self {
             board,
             wire,

@@ -12,6 +12,11 @@ use serde::{Deserialize, Serialize};
 pub struct Flags(Vec<u32, { MAX_VALUES / 32 }>);
 
 impl Flags {
+    /// No bit set.
+    pub const fn new() -> Self {
+        Self(Vec::new())
+    }
+
     /// Sets the bit of value `index`. An index of [`MAX_VALUES`] or more is ignored.
     pub fn set(&mut self, index: usize) {
         if index >= MAX_VALUES {
