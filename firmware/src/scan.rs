@@ -3,7 +3,7 @@
 use crate::capture::Window;
 use crate::fold::{FoldError, Folded, MAX_CHANNELS, Scatter};
 use crate::front_end::FrontEnd;
-use crate::phasor::Rotation;
+use crate::phasor::{Phasor, Rotation};
 use crate::route::{Route, Sense};
 use heapless::Vec;
 use protocol::{Flags, FrameRef, MAX_SLOTS, MAX_VALUES, Pair, QUARTERS, Recipe, Sampling, Slot, Value, Variance};
@@ -348,17 +348,21 @@ impl Scan {
             bits &= bits - 1;
             let (phasor, scatter) = self.folded.correlate(channel);
             let rotation = self.rotations.get(channel).copied().unwrap_or(Rotation::NONE);
-            let phasor = phasor.turned_back(rotation);
             self.scatter.add(scatter);
-            let (value, mut fitted) = phasor.in_phase_value(periods);
-            if recipe.quadrature {
-                let (quadrature, also) = phasor.quadrature_value(periods);
-                fitted &= also;
+            let (value, mut fitted) = if recipe.quadrature {
+                let phasor = phasor.turned_back(rotation);
+                let (quadrature, fitted) = phasor.quadrature_value(periods);
                 if let Some(place) = self.amplitudes.get_mut(self.count + self.done) {
                     *place = quadrature;
                 }
-            }
-            if !fitted || self.folded.railed(channel) {
+                let (value, also) = phasor.in_phase_value(periods);
+                (value, fitted && also)
+            } else {
+                let in_phase = phasor.in_phase_turned_back(rotation);
+                Phasor { in_phase, ..phasor }.in_phase_value(periods)
+            };
+            fitted &= !self.folded.railed(channel);
+            if !fitted {
                 self.clipped.set(self.done);
             }
             if let Some(place) = self.amplitudes.get_mut(self.done) {

@@ -3,7 +3,7 @@
 use crate::clock::{Clock, PERIOD_SAMPLES, QUARTER_SAMPLES, samples, seconds};
 use crate::electronics::{Electronics, Routing};
 use crate::sheet::SheetModel;
-use firmware::{Block, Capture, Error, ErrorKind, ErrorType, Excitation, MAX_CHANNELS, Route, Router, Window};
+use firmware::{Block, Capture, Error, ErrorKind, ErrorType, Excitation, MAX_CHANNELS, Rails, Route, Router, Window};
 use forward::{ElectrodeMatrix, ForwardError};
 use thiserror::Error as ThisError;
 
@@ -239,6 +239,7 @@ impl<S: SheetModel> Capture for SimFrontEnd<S> {
             channels: open.channels as u8,
             sequence: self.sequence,
             time: open.next,
+            rails: Rails::Unknown,
         });
         self.sequence = self.sequence.wrapping_add(1);
         self.conversions += self.block.len() as u64;
