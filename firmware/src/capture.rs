@@ -25,6 +25,17 @@ impl Window {
 /// Samples in a quarter period: windows begin and blocks end at multiples of these.
 pub const QUARTER_SAMPLES: usize = SAMPLES_PER_PERIOD / QUARTERS as usize;
 
+/// What a board knows of a block's samples and the converter's rails.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Rails {
+    /// Nothing: they have to be looked at.
+    #[default]
+    Unknown,
+    /// The converter itself vouches that no code of the block is 0 or [`crate::FULL_SCALE`] (an analog watchdog on all
+    /// channels, read after the block was complete). Halves the cost of folding it.
+    Clear,
+}
+
 /// Consecutive samples of whole quarter periods.
 #[derive(Clone, Copy, Debug)]
 pub struct Block<'a> {
@@ -38,6 +49,8 @@ pub struct Block<'a> {
     /// When the first row was taken, in samples since power-up; a multiple of [`QUARTER_SAMPLES`]. Its remainder by
     /// [`SAMPLES_PER_PERIOD`] is the phase of the excitation at that instant.
     pub time: u64,
+    /// Whether the converter has already looked for rails.
+    pub rails: Rails,
 }
 
 impl Block<'_> {

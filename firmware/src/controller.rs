@@ -8,6 +8,7 @@ use crate::outbox::Outbox;
 use crate::scan::Scan;
 use crate::settings::{self, Settings};
 use crate::support::Support;
+use core::ops::DerefMut;
 use embedded_hal_nb::serial::{Read, Write};
 use protocol::{
     BoardError, Command, Counters, Decoder, Hello, Limits, MAX_TO_BOARD_LEN, Outgoing, PeriodRequest, Plan, PlanError,
@@ -29,19 +30,48 @@ pub enum Activity {
     Busy,
 }
 
-/// The whole firmware above the chip: a front end, a serial port, the chip's clock, watchdog and store, and what is between
-/// them.
+/// All of a controller that is large, about 5 KiB. A board keeps it in a static, since a stack that could build it would
+/// have to be as large again.
 #[derive(Debug)]
-pub struct Controller<'a, F, L, S> {
+pub struct Memory {
+    decoder: Decoder<MAX_TO_BOARD_LEN>,
+    outbox: Outbox<QUEUE>,
+    pub(crate) scan: Scan,
+    pub(crate) settings: Settings,
+    pub(crate) change: ChangeTest,
+    pub(crate) report: SelfTest,
+}
+
+impl Default for Memory {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Memory {
+    /// As at power-up.
+    pub const fn new() -> Self {
+        Self {
+            decoder: Decoder::new(),
+            outbox: Outbox::new(),
+            scan: Scan::new(),
+            settings: Settings::NONE,
+            change: ChangeTest::new(),
+            report: SelfTest::NONE,
+        }
+    }
+}
+
+/// The whole firmware above the chip: a front end, a serial port, the chip's clock, watchdog and store, and what is between
+/// them, in a [`Memory`] of its own: a `&'static mut` one on a board, a boxed one elsewhere.
+#[derive(Debug)]
+pub struct Controller<'a, F, L, S, M> {
     pub(crate) info: BoardInfo<'a>,
     pub(crate) front: F,
     link: L,
     pub(crate) support: S,
-    decoder: Decoder<MAX_TO_BOARD_LEN>,
-    outbox: Outbox<QUEUE>,
-    pub(crate) scan: Scan,
+    pub(crate) memory: M,
     pub(crate) counters: Counters,
-    pub(crate) settings: Settings,
     /// Of the next frame.
     pub(crate) sequence: u32,
     /// Whether the board was told to measure.
@@ -49,10 +79,8 @@ pub struct Controller<'a, F, L, S> {
     pub(crate) task: Task,
     /// What is measured by itself, for a test or a diagnosis.
     pub(crate) probe: Probe,
-    pub(crate) report: SelfTest,
     /// When the scan last went on.
     pub(crate) went_on: u64,
-    pub(crate) change: ChangeTest,
     pub(crate) watching: Watching,
     /// Frames since the watch was last scanned between them.
     pub(crate) frames: u16,
@@ -63,79 +91,57 @@ pub struct Controller<'a, F, L, S> {
     pub(crate) beat_level: u16,
 }
 
-impl<'a, F: FrontEnd, L: Read<u8> + Write<u8>, S: Support> Controller<'a, F, L, S> {
+impl<'a, F, L, S, M> Controller<'a, F, L, S, M>
+where
+    F: FrontEnd,
+    L: Read<u8> + Write<u8>,
+    S: Support,
+    M: DerefMut<Target = Memory>,
+{
     /// A board that measures by the settings in its store, or by `plan` when there are none that it can carry out. It is not
     /// scanning yet, unless the settings say so. Its first message is its [`Hello`]: a program that is listening sees that
     /// the board was started anew.
     ///
     /// # Errors
     /// The board cannot carry `plan` out.
-    pub fn new(info: BoardInfo<'a>, plan: Plan, front: F, link: L, support: S) -> Result<Self, PlanError> {
-        let mut this = Self::idle(info, front, link, support);
-        this.start_up(plan)?;
-        Ok(this)
-    }
-
-    /// A board before it was started up, as a constant: a static of it is never on the stack, where it would not fit.
-    /// [`Controller::start_up`] has to follow.
-    pub const fn idle(info: BoardInfo<'a>, front: F, link: L, support: S) -> Self {
-        Self {
-            scan: Scan::new(info.electrodes, info.skew_ticks, info.ticks_per_sample),
+    pub fn new(info: BoardInfo<'a>, plan: Plan, front: F, link: L, support: S, memory: M) -> Result<Self, PlanError> {
+        plan.recipe().check(info.electrodes, info.gains(), &info.limits())?;
+        let mut this = Self {
             info,
             front,
             link,
             support,
-            decoder: Decoder::new(),
-            outbox: Outbox::new(),
-            counters: Counters::new(),
-            settings: Settings {
-                autostart: false,
-                excitation_permille: 1000,
-                plan: Plan::empty(),
-                watch: None,
-            },
+            memory,
+            counters: Counters::default(),
             sequence: 0,
             running: false,
             task: Task::Off,
-            probe: Probe::NONE,
-            report: SelfTest::empty(),
+            probe: Probe::default(),
             went_on: 0,
-            change: ChangeTest::new(),
             watching: Watching::Off,
             frames: 0,
             quiet: 0,
             beat_scans: 0,
             beat_level: 0,
+        };
+        this.memory
+            .scan
+            .wire(info.electrodes, info.skew_ticks, info.ticks_per_sample);
+        this.memory.settings.plan = plan;
+        this.remember();
+        this.forget_baseline();
+        this.introduce();
+        if this.memory.settings.autostart {
+            this.start();
         }
+        Ok(this)
     }
 
-    /// What the board knows of itself; what it found out when it started can be added before [`Controller::start_up`].
-    pub const fn info_mut(&mut self) -> &mut BoardInfo<'a> {
-        &mut self.info
-    }
-
-    /// Starts up: as [`Controller::new`] says.
-    ///
-    /// # Errors
-    /// The board cannot carry `plan` out.
+    /// Takes up the stored settings, if there are any that the board can carry out. A store that does not work is found by
+    /// the self-test; the board works without.
     #[inline(never)]
-    pub fn start_up(&mut self, plan: Plan) -> Result<(), PlanError> {
-        let limits = self.info.limits();
-        plan.recipe().check(self.info.electrodes, self.info.gains(), &limits)?;
-        self.settings.plan = plan;
-        self.recall();
-        self.forget_baseline();
-        self.introduce();
-        if self.settings.autostart {
-            self.start();
-        }
-        Ok(())
-    }
-
-    /// Takes the stored settings over. A store that does not work is found by the self-test; the board works without.
-    #[inline(never)]
-    fn recall(&mut self) {
-        let (info, settings) = (&self.info, &mut self.settings);
+    fn remember(&mut self) {
+        let (info, settings) = (&self.info, &mut self.memory.settings);
         let _ = settings::load_with(&mut self.support, |stored| {
             if suits(&stored, info, &info.limits()) {
                 *settings = stored;
@@ -151,7 +157,7 @@ impl<'a, F: FrontEnd, L: Read<u8> + Write<u8>, S: Support> Controller<'a, F, L, 
         self.support.feed();
         let received = self.receive();
         let measured = self.measure();
-        let sent = match self.outbox.pump(&mut self.link) {
+        let sent = match self.memory.outbox.pump(&mut self.link) {
             Ok(bytes) => bytes > 0,
             Err(_) => {
                 Counters::add(&mut self.counters.transmit_errors, 1);
@@ -177,7 +183,7 @@ impl<'a, F: FrontEnd, L: Read<u8> + Write<u8>, S: Support> Controller<'a, F, L, 
 
     /// Whether nothing will be sent until a command comes: nothing is measured, and nothing waits for the link.
     pub fn is_quiet(&self) -> bool {
-        self.task == Task::Off && self.outbox.is_empty()
+        self.task == Task::Off && self.memory.outbox.is_empty()
     }
 
     /// What was counted so far.
@@ -206,16 +212,17 @@ impl<'a, F: FrontEnd, L: Read<u8> + Write<u8>, S: Support> Controller<'a, F, L, 
     }
 
     pub(crate) fn send(&mut self, message: Outgoing<'_>) {
-        let dropped = self.outbox.push(&message);
+        let dropped = self.memory.outbox.push(&message);
         Counters::add(&mut self.counters.dropped, dropped);
     }
 
     /// The complete frame, as it is in the scan.
     pub(crate) fn send_frame(&mut self, sequence: u32) {
-        let plan = &self.settings.plan;
-        let frame = self.scan.frame(sequence, plan.id, plan.quadrature);
+        let memory = &mut *self.memory;
+        let plan = &memory.settings.plan;
+        let frame = memory.scan.frame(sequence, plan.id, plan.quadrature);
         Counters::add(&mut self.counters.clipped, frame.clipped.count());
-        let dropped = self.outbox.push(&Outgoing::Frame(frame));
+        let dropped = memory.outbox.push(&Outgoing::Frame(frame));
         Counters::add(&mut self.counters.dropped, dropped);
     }
 
@@ -228,17 +235,19 @@ impl<'a, F: FrontEnd, L: Read<u8> + Write<u8>, S: Support> Controller<'a, F, L, 
 
     #[inline(never)]
     fn send_baseline(&mut self) {
-        let baseline = self.change.baseline();
+        let baseline = self.memory.change.baseline();
         self.send(Outgoing::Baseline(&baseline));
     }
 
     fn send_plan(&mut self) {
-        let dropped = self.outbox.push(&Outgoing::Plan(&self.settings.plan));
+        let memory = &mut *self.memory;
+        let dropped = memory.outbox.push(&Outgoing::Plan(&memory.settings.plan));
         Counters::add(&mut self.counters.dropped, dropped);
     }
 
     fn send_watch(&mut self) {
-        let dropped = self.outbox.push(&Outgoing::Watch(&self.settings.watch));
+        let memory = &mut *self.memory;
+        let dropped = memory.outbox.push(&Outgoing::Watch(&memory.settings.watch));
         Counters::add(&mut self.counters.dropped, dropped);
     }
 
@@ -256,10 +265,9 @@ impl<'a, F: FrontEnd, L: Read<u8> + Write<u8>, S: Support> Controller<'a, F, L, 
         true
     }
 
-    // As above.
     #[inline(never)]
     fn take(&mut self, byte: u8) {
-        match self.decoder.push_byte::<ToBoard>(byte) {
+        match self.memory.decoder.push_byte::<ToBoard>(byte) {
             None => {}
             Some(Ok(command)) => {
                 Counters::add(&mut self.counters.commands, 1);
@@ -292,7 +300,7 @@ impl<'a, F: FrontEnd, L: Read<u8> + Write<u8>, S: Support> Controller<'a, F, L, 
                 self.running = false;
                 self.watching = Watching::Off;
                 self.task = Task::Off;
-                self.scan.stop();
+                self.memory.scan.stop();
                 if let Err(e) = self.front.switch_off() {
                     self.fail(e.kind());
                     return Ok(());
@@ -304,7 +312,7 @@ impl<'a, F: FrontEnd, L: Read<u8> + Write<u8>, S: Support> Controller<'a, F, L, 
                     .recipe()
                     .check(self.info.electrodes, self.info.gains(), &self.info.limits());
                 check.map_err(BoardError::Plan)?;
-                self.settings.plan = plan;
+                self.memory.settings.plan = plan;
                 self.send_plan();
                 if self.task == Task::Frames {
                     self.begin(Task::Frames);
@@ -328,7 +336,7 @@ impl<'a, F: FrontEnd, L: Read<u8> + Write<u8>, S: Support> Controller<'a, F, L, 
                 if let Some(watch) = &watch {
                     check_watch(watch, &self.info, &self.info.limits())?;
                 }
-                self.settings.watch = watch;
+                self.memory.settings.watch = watch;
                 self.forget_baseline();
                 self.send_watch();
                 self.resume();
@@ -339,7 +347,7 @@ impl<'a, F: FrontEnd, L: Read<u8> + Write<u8>, S: Support> Controller<'a, F, L, 
                 return Ok(());
             }
             ToBoard::TakeBaseline => {
-                if self.settings.watch.is_none() {
+                if self.memory.settings.watch.is_none() {
                     return Err(BoardError::Refused(Refusal::NoWatch));
                 }
                 self.forget_baseline();
@@ -359,7 +367,7 @@ impl<'a, F: FrontEnd, L: Read<u8> + Write<u8>, S: Support> Controller<'a, F, L, 
                 if given == 0 || given > 1000 {
                     return Err(BoardError::Refused(Refusal::Excitation { given }));
                 }
-                self.settings.excitation_permille = given;
+                self.memory.settings.excitation_permille = given;
                 self.forget_baseline();
                 if self.running && !self.start() {
                     return Ok(());
@@ -367,12 +375,13 @@ impl<'a, F: FrontEnd, L: Read<u8> + Write<u8>, S: Support> Controller<'a, F, L, 
                 Command::SetExcitation
             }
             ToBoard::SetAutostart(on) => {
-                self.settings.autostart = on;
+                self.memory.settings.autostart = on;
                 Command::SetAutostart
             }
             ToBoard::SaveSettings => {
                 self.only_at_rest()?;
-                settings::save(&mut self.support, &self.settings).map_err(|_| BoardError::Refused(Refusal::Store))?;
+                settings::save(&mut self.support, &self.memory.settings)
+                    .map_err(|_| BoardError::Refused(Refusal::Store))?;
                 Command::SaveSettings
             }
             ToBoard::ForgetSettings => {
@@ -418,11 +427,12 @@ impl<'a, F: FrontEnd, L: Read<u8> + Write<u8>, S: Support> Controller<'a, F, L, 
 
     /// The baseline of the watch is to be learned anew.
     fn forget_baseline(&mut self) {
-        match &self.settings.watch {
-            Some(w) => self
+        let memory = &mut *self.memory;
+        match &memory.settings.watch {
+            Some(w) => memory
                 .change
                 .learn(w.learn_scans, w.recipe().value_count(), w.slots.len()),
-            None => self.change.learn(0, 0, 0),
+            None => memory.change.learn(0, 0, 0),
         }
         self.watching = Watching::Off;
     }

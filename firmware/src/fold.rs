@@ -12,14 +12,16 @@
 //! | bin: sum of one phase's samples | 4095 * 65535 | 28 | u32 |
 //! | odd part: bin less the bin half a period later | the same, signed | 29 | i32 |
 //! | reference | 2^30 | 31 signed | i32 |
-//! | sum of 8 products | 2^28 * 2^30 * 8 | 62 signed | i64 |
+//! | sum or difference of two odd parts | 2 * 4095 * 65535 | 30 signed | i32 |
+//! | sum of 4 products of those | 2^29 * 2^30 * 4 | 62 signed | i64 |
 //! | even part: bin and the bin half a period later | 2 * 4095 * 65535 | 29 | u32 |
+//! | sum of 8 even parts | 16 * 4095 * 65535 | 32 | u32 |
 //! | 8 times the sum of the squares of 8 even parts | 64 * (2 * 4095 * 65535)^2 | 64 | u64 |
 
 use crate::FULL_SCALE;
-use crate::capture::Block;
+use crate::capture::{Block, Rails};
 use crate::phasor::Phasor;
-use crate::reference::{COSINE, HALF, ONE, SAMPLES_PER_PERIOD, SINE};
+use crate::reference::{HALF, ONE, SAMPLES_PER_PERIOD, SINE};
 use protocol::{QUARTERS, Variance};
 
 /// Most channels sampled at once.
@@ -32,9 +34,9 @@ pub const MAX_PERIODS: u16 = u16::MAX;
 const MAX_BIN: u64 = FULL_SCALE as u64 * MAX_PERIODS as u64;
 
 // The budget of the table above.
-const _: () = assert!(MAX_BIN <= i32::MAX as u64);
-const _: () = assert!(MAX_BIN as i64 <= i64::MAX / (HALF as i64 * ONE as i64));
-const _: () = assert!(2 * MAX_BIN <= u32::MAX as u64);
+const _: () = assert!(2 * MAX_BIN <= i32::MAX as u64);
+const _: () = assert!(2 * MAX_BIN as i64 <= i64::MAX / (HALF as i64 / 2 * ONE as i64));
+const _: () = assert!(SAMPLES_PER_PERIOD as u64 * MAX_BIN <= u32::MAX as u64);
 const _: () = assert!((2 * MAX_BIN).checked_pow(2).is_some());
 const _: () = assert!((2 * MAX_BIN).pow(2) <= u64::MAX / (HALF * HALF) as u64);
 
@@ -77,11 +79,10 @@ impl Folded {
 
     /// Empties all bins and makes ready for blocks of `channels` (1 to [`MAX_CHANNELS`]).
     pub fn reset(&mut self, channels: u8) {
-        // The others are not looked at.
-        for bins in &mut self.bins {
-            for bin in bins.iter_mut().take(channels.into()) {
-                *bin = 0;
-            }
+        match channels {
+            // The others stay zero as long as there is one channel only.
+            1 if self.channels == 1 => self.bins.iter_mut().for_each(|bins| bins[0] = 0),
+            _ => self.bins.as_flattened_mut().fill(0),
         }
         self.railed = 0;
         self.channels = channels;
@@ -105,14 +106,15 @@ impl Folded {
             .filter(|q| *q <= QUARTERS * u32::from(MAX_PERIODS))
             .ok_or(FoldError::TooManyPeriods)?;
         let phase = (block.time % SAMPLES_PER_PERIOD as u64) as usize;
-        // A rail is rare and costs a look at every sample to name its channel; that there is none, four instructions.
-        let touched = match self.channels {
-            1 => self.add_rows(phase, block.samples.as_chunks::<1>().0.iter().map(|row| &row[..])),
-            16 => self.add_rows(
-                phase,
-                block.samples.as_chunks::<MAX_CHANNELS>().0.iter().map(|row| &row[..]),
-            ),
-            _ => self.add_rows(phase, block.samples.chunks_exact(channels)),
+        // A rail is rare and costs a look at every sample to name its channel; that there is none, two instructions each.
+        let sixteen = || block.samples.as_chunks::<MAX_CHANNELS>().0.iter().map(|row| &row[..]);
+        let touched = match (self.channels, block.rails) {
+            // The loops that count: their length is known.
+            (16, Rails::Clear) => self.add_rows::<false>(phase, sixteen()),
+            (16, Rails::Unknown) => self.add_rows::<true>(phase, sixteen()),
+            (1, Rails::Unknown) => self.add_one(phase, block.samples),
+            (_, Rails::Clear) => self.add_rows::<false>(phase, block.samples.chunks_exact(channels.max(1))),
+            (_, Rails::Unknown) => self.add_rows::<true>(phase, block.samples.chunks_exact(channels.max(1))),
         };
         if touched {
             self.name_railed(block.samples, channels);
@@ -121,23 +123,54 @@ impl Folded {
         Ok(())
     }
 
-    /// Adds rows, the first at `phase`; whether any sample touched a rail.
-    #[inline(always)]
-    fn add_rows<'a>(&mut self, mut phase: usize, rows: impl Iterator<Item = &'a [u16]>) -> bool {
-        // Bit 12 of code + 1 is set from full scale on, that of code - 1 for 0.
+    /// The same as `add_rows::<true>` for rows of one sample, which need no loop over a row.
+    fn add_one(&mut self, phase: usize, samples: &[u16]) -> bool {
         let mut touched = 0;
+        let (mut samples, mut phase) = (samples.iter(), phase % SAMPLES_PER_PERIOD);
+        while samples.len() > 0 {
+            for (bins, sample) in self.bins.iter_mut().skip(phase).zip(&mut samples) {
+                let code = u32::from(*sample);
+                bins[0] = bins[0].wrapping_add(code);
+                // Bit 12 of code + 1 is set from full scale on, that of code - 1 for 0.
+                touched |= (code + 1) | code.wrapping_sub(1);
+            }
+            phase = 0;
+        }
+        touched & (u32::from(FULL_SCALE) + 1) != 0
+    }
+
+    /// Adds rows, the first at `phase`; whether any sample touched a rail, if it is to look.
+    #[inline(always)]
+    fn add_rows<'a, const LOOK: bool>(&mut self, mut phase: usize, rows: impl Iterator<Item = &'a [u16]>) -> bool {
+        // Two samples in a word. Bit 12 of code + 1 is set from full scale on, that of code + 4095 for all but 0; neither
+        // sum carries into the other half of the word.
+        const RAIL: u32 = 0x1000_1000;
+        let (mut any, mut all) = (0, RAIL);
         for row in rows {
             if let Some(bins) = self.bins.get_mut(phase % SAMPLES_PER_PERIOD) {
-                for (bin, sample) in bins.iter_mut().zip(row) {
-                    let code = u32::from(*sample);
+                let (pairs, last) = row.as_chunks::<2>();
+                for ([a, b], [low, high]) in bins.as_chunks_mut::<2>().0.iter_mut().zip(pairs) {
+                    let word = u32::from(*low) | u32::from(*high) << 16;
                     // Cannot wrap while the duties are kept; a wrapped sum is better than a stopped board.
+                    *a = a.wrapping_add(word & 0xFFFF);
+                    *b = b.wrapping_add(word >> 16);
+                    if LOOK {
+                        any |= word.wrapping_add(0x0001_0001);
+                        all &= word.wrapping_add(0x0FFF_0FFF);
+                    }
+                }
+                if let (Some(bin), [last]) = (bins.get_mut(row.len() - last.len()), last) {
+                    let code = u32::from(*last);
                     *bin = bin.wrapping_add(code);
-                    touched |= (code + 1) | code.wrapping_sub(1);
+                    if LOOK {
+                        any |= code.wrapping_add(1);
+                        all &= code.wrapping_add(0x0FFF) | 0xFFFF_0000;
+                    }
                 }
             }
             phase += 1;
         }
-        touched & (u32::from(FULL_SCALE) + 1) != 0
+        LOOK && (any & RAIL != 0 || all & RAIL != RAIL)
     }
 
     #[cold]
@@ -173,33 +206,60 @@ impl Folded {
     }
 
     /// Correlates a channel's period with the reference, and scatters what the reference cannot see.
+    #[inline]
     pub fn correlate(&self, channel: usize) -> (Phasor, Scatter) {
-        let mut sums = Phasor::default();
-        let (mut sum, mut squares) = (0u64, 0u64);
-        let (early, late) = self.bins.split_at(HALF);
-        for (((a, b), sine), cosine) in early.iter().zip(late).zip(SINE).zip(COSINE) {
-            let (a, b) = match (a.get(channel), b.get(channel)) {
-                (Some(a), Some(b)) => (*a, *b),
-                _ => (0, 0),
-            };
-            // Equal samples cancel here, to the last bit.
-            let odd = a.wrapping_sub(b) as i32;
-            sums.in_phase += i64::from(odd) * i64::from(sine);
-            sums.quadrature += i64::from(odd) * i64::from(cosine);
-            let even = a.wrapping_add(b);
-            sum += u64::from(even);
-            squares = squares.wrapping_add(u64::from(even) * u64::from(even));
+        let [zero, one, two, three, four, five, six, seven] = self.parts(channel);
+        let ([_, s1, s2, s3, s4, ..], product) = (SINE, |a: i32, b: i32| i64::from(a) * i64::from(b));
+        // The sine is the same at k and 8 - k, the cosine the opposite, and one is the other a quarter period later.
+        let phasor = Phasor {
+            in_phase: product(one.odd.wrapping_add(seven.odd), s1)
+                + product(two.odd.wrapping_add(six.odd), s2)
+                + product(three.odd.wrapping_add(five.odd), s3)
+                + product(four.odd, s4),
+            quadrature: product(zero.odd, s4)
+                + product(one.odd.wrapping_sub(seven.odd), s3)
+                + product(two.odd.wrapping_sub(six.odd), s2)
+                + product(three.odd.wrapping_sub(five.odd), s1),
+        };
+        let (mut sum, mut squares) = (0u32, 0u64);
+        for part in [zero, one, two, three, four, five, six, seven] {
+            sum = sum.wrapping_add(part.even);
+            squares = squares.wrapping_add(u64::from(part.even) * u64::from(part.even));
         }
         // Eight times the sum of squares about the mean: Cauchy says that it is not negative.
-        let scatter = (squares.wrapping_mul(HALF as u64)).wrapping_sub(sum.wrapping_mul(sum));
+        let square = u64::from(sum) * u64::from(sum);
+        let scatter = squares.wrapping_mul(HALF as u64).wrapping_sub(square);
         (
-            sums,
+            phasor,
             Scatter {
                 sum: scatter,
                 channels: 1,
             },
         )
     }
+
+    /// The odd and the even part of a channel's period. In the odd part equal samples cancel, to the last bit.
+    #[inline]
+    fn parts(&self, channel: usize) -> [Part; HALF] {
+        let (early, late) = self.bins.split_at(HALF);
+        let mut out = [Part { odd: 0, even: 0 }; HALF];
+        for ((part, a), b) in out.iter_mut().zip(early).zip(late) {
+            if let (Some(a), Some(b)) = (a.get(channel), b.get(channel)) {
+                *part = Part {
+                    odd: a.wrapping_sub(*b) as i32,
+                    even: a.wrapping_add(*b),
+                };
+            }
+        }
+        out
+    }
+}
+
+/// Two bins half a period apart: their difference and their sum.
+#[derive(Clone, Copy)]
+struct Part {
+    odd: i32,
+    even: u32,
 }
 
 /// How much the even part of folded periods scatters about its mean. A sine in step with the excitation has no even part,
@@ -212,7 +272,7 @@ pub struct Scatter {
 }
 
 impl Scatter {
-    /// Of nothing.
+    /// Of no channel.
     pub const NONE: Self = Self { sum: 0, channels: 0 };
 
     /// Takes another channel's in; sums stop at their largest.

@@ -32,9 +32,9 @@ pub mod settings;
 mod support;
 
 pub use board_info::BoardInfo;
-pub use capture::{Block, Blocking, Capture, QUARTER_SAMPLES, Window};
+pub use capture::{Block, Blocking, Capture, QUARTER_SAMPLES, Rails, Window};
 pub use change::{ChangeTest, LEVEL_ONE};
-pub use controller::{Activity, Controller};
+pub use controller::{Activity, Controller, Memory};
 pub use fold::{FoldError, Folded, MAX_CHANNELS, MAX_PERIODS, Scatter};
 pub use front_end::{Error, ErrorKind, ErrorType, Excitation, FrontEnd};
 pub use outbox::Outbox;

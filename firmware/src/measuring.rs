@@ -1,11 +1,12 @@
 //! What is measured when: frames, the watch while nothing touches, and tests in between.
 
-use crate::controller::Controller;
+use crate::controller::{Controller, Memory};
 use crate::front_end::{Error, ErrorKind, FrontEnd};
 use crate::reference::SAMPLES_PER_PERIOD;
 use crate::scan::{Pace, Progress, ScanError};
 use crate::settings::Settings;
 use crate::support::Support;
+use core::ops::DerefMut;
 use embedded_hal_nb::serial::{Read, Write};
 use protocol::{
     BoardError, Counters, FoldedPeriod, FrontEndFault, Heartbeat, Outgoing, Pair, PeriodRequest, QUARTERS, Recipe,
@@ -39,25 +40,6 @@ pub(crate) struct Probe {
 }
 
 impl Probe {
-    pub(crate) const NONE: Self = {
-        let pair = Pair { plus: 0, minus: 0 };
-        Self {
-            request: PeriodRequest {
-                drive: pair,
-                sense: pair,
-                gain: 0,
-                settle_quarters: 0,
-                periods: 0,
-            },
-            slot: Slot {
-                drive: pair,
-                sense_step: 0,
-                sense: 0,
-                gain: 0,
-            },
-        }
-    };
-
     /// A value asked for, on a board of `electrodes`, which the sense pair's are.
     pub(crate) fn period(request: PeriodRequest, electrodes: u8) -> Self {
         let Pair { plus, minus } = request.sense;
@@ -113,7 +95,13 @@ fn recipe<'b>(task: Task, settings: &'b Settings, probe: &'b Probe) -> Recipe<'b
     }
 }
 
-impl<F: FrontEnd, L: Read<u8> + Write<u8>, S: Support> Controller<'_, F, L, S> {
+impl<F, L, S, M> Controller<'_, F, L, S, M>
+where
+    F: FrontEnd,
+    L: Read<u8> + Write<u8>,
+    S: Support,
+    M: DerefMut<Target = Memory>,
+{
     /// Begins to measure by the settings, the source first. False if it failed, which was then reported.
     pub(crate) fn start(&mut self) -> bool {
         self.running = true;
@@ -126,7 +114,7 @@ impl<F: FrontEnd, L: Read<u8> + Write<u8>, S: Support> Controller<'_, F, L, S> {
 
     /// Switches the source on at the amplitude that is set.
     pub(crate) fn excite(&mut self) -> bool {
-        let set = self.front.set_amplitude(self.settings.excitation_permille);
+        let set = self.front.set_amplitude(self.memory.settings.excitation_permille);
         match set.and_then(|()| self.front.switch_on()) {
             Ok(()) => true,
             Err(e) => {
@@ -140,16 +128,16 @@ impl<F: FrontEnd, L: Read<u8> + Write<u8>, S: Support> Controller<'_, F, L, S> {
     pub(crate) fn resume(&mut self) {
         if !self.running {
             self.task = Task::Off;
-            self.scan.stop();
+            self.memory.scan.stop();
             if let Err(e) = self.front.switch_off() {
                 self.fail(e.kind());
             }
             return;
         }
         let before = self.watching;
-        self.watching = match (&self.settings.watch, before) {
+        self.watching = match (&self.memory.settings.watch, before) {
             (None, _) => Watching::Off,
-            (Some(_), _) if !self.change.is_ready() => Watching::Learning,
+            (Some(_), _) if !self.memory.change.is_ready() => Watching::Learning,
             (Some(_), Watching::Off | Watching::Learning) => Watching::Asleep,
             (Some(_), same) => same,
         };
@@ -170,12 +158,15 @@ impl<F: FrontEnd, L: Read<u8> + Write<u8>, S: Support> Controller<'_, F, L, S> {
     fn begin_after(&mut self, task: Task, rest: u16) -> bool {
         self.task = task;
         self.went_on = self.support.now();
-        let recipe = recipe(task, &self.settings, &self.probe);
+        let memory = &mut *self.memory;
+        let recipe = recipe(task, &memory.settings, &self.probe);
         let started = match task {
             Task::Off => Ok(()),
-            Task::Source | Task::TestSource => self.scan.start_source(recipe, &mut self.front),
-            Task::Watch => self.scan.start(recipe, Pace::ByOne, rest, &mut self.front),
-            Task::Frames | Task::TestPair | Task::Period => self.scan.start(recipe, Pace::Ahead, rest, &mut self.front),
+            Task::Source | Task::TestSource => memory.scan.start_source(recipe, &mut self.front),
+            Task::Watch => memory.scan.start(recipe, Pace::ByOne, rest, &mut self.front),
+            Task::Frames | Task::TestPair | Task::Period => {
+                memory.scan.start(recipe, Pace::Ahead, rest, &mut self.front)
+            }
         };
         self.survived(started)
     }
@@ -185,8 +176,9 @@ impl<F: FrontEnd, L: Read<u8> + Write<u8>, S: Support> Controller<'_, F, L, S> {
         if self.task == Task::Off {
             return false;
         }
-        let recipe = recipe(self.task, &self.settings, &self.probe);
-        match self.scan.step(recipe, &mut self.front) {
+        let memory = &mut *self.memory;
+        let recipe = recipe(self.task, &memory.settings, &self.probe);
+        match memory.scan.step(recipe, &mut self.front) {
             Ok(progress) => {
                 self.went_on = self.support.now();
                 match (progress, self.task) {
@@ -205,7 +197,7 @@ impl<F: FrontEnd, L: Read<u8> + Write<u8>, S: Support> Controller<'_, F, L, S> {
             }
             Err(nb::Error::WouldBlock) => {
                 // A window, and two periods for a front end that lends late.
-                let patience = u64::from(self.scan.window_quarters() + 2 * QUARTERS) * SAMPLES_PER_PERIOD as u64
+                let patience = u64::from(self.memory.scan.window_quarters() + 2 * QUARTERS) * SAMPLES_PER_PERIOD as u64
                     / u64::from(QUARTERS);
                 if self.support.now().saturating_sub(self.went_on) > patience {
                     self.fail(ErrorKind::Timeout);
@@ -237,11 +229,12 @@ impl<F: FrontEnd, L: Read<u8> + Write<u8>, S: Support> Controller<'_, F, L, S> {
             return false;
         }
         Counters::add(&mut self.counters.overruns, 1);
-        let recipe = recipe(self.task, &self.settings, &self.probe);
+        let memory = &mut *self.memory;
+        let recipe = recipe(self.task, &memory.settings, &self.probe);
         let again = match self.task {
-            Task::Source | Task::TestSource => self.scan.start_source(recipe, &mut self.front),
-            Task::Watch => self.scan.start(recipe, Pace::ByOne, 0, &mut self.front),
-            _ => self.scan.start(recipe, Pace::Ahead, 0, &mut self.front),
+            Task::Source | Task::TestSource => memory.scan.start_source(recipe, &mut self.front),
+            Task::Watch => memory.scan.start(recipe, Pace::ByOne, 0, &mut self.front),
+            _ => memory.scan.start(recipe, Pace::Ahead, 0, &mut self.front),
         };
         self.went_on = self.support.now();
         match again {
@@ -271,7 +264,7 @@ impl<F: FrontEnd, L: Read<u8> + Write<u8>, S: Support> Controller<'_, F, L, S> {
         self.running = false;
         self.watching = Watching::Off;
         self.task = Task::Off;
-        self.scan.stop();
+        self.memory.scan.stop();
         // Already failing: a source that does not stop either changes nothing about that.
         let _ = self.front.switch_off();
         self.send(Outgoing::Error(&BoardError::FrontEnd(fault)));
@@ -279,7 +272,7 @@ impl<F: FrontEnd, L: Read<u8> + Write<u8>, S: Support> Controller<'_, F, L, S> {
 
     /// A frame is complete: the next drive first, then the frame on its way.
     fn frame(&mut self) {
-        let between = self.settings.watch.as_ref().map(|w| w.frames_between);
+        let between = self.memory.settings.watch.as_ref().map(|w| w.frames_between);
         self.frames = self.frames.saturating_add(1);
         let next = match between {
             Some(most) if self.frames >= most => {
@@ -300,25 +293,27 @@ impl<F: FrontEnd, L: Read<u8> + Write<u8>, S: Support> Controller<'_, F, L, S> {
         if self.look() {
             return;
         }
-        if let Some(watch) = &self.settings.watch {
-            let went = self.scan.go_on(watch.recipe(), &mut self.front);
+        let memory = &mut *self.memory;
+        if let Some(watch) = &memory.settings.watch {
+            let went = memory.scan.go_on(watch.recipe(), &mut self.front);
             self.survived(went);
         }
     }
 
     /// Puts the newest slot to the test; true if it woke the board.
     fn look(&mut self) -> bool {
-        let Some(watch) = &self.settings.watch else {
+        let memory = &mut *self.memory;
+        let Some(watch) = &memory.settings.watch else {
             return false;
         };
-        let Some(slot) = self.scan.noise().len().checked_sub(1) else {
+        let Some(slot) = memory.scan.noise().len().checked_sub(1) else {
             return false;
         };
-        let values = self.scan.values();
+        let values = memory.scan.values();
         let size = watch.slots.get(slot).map_or(0, |s| s.sense.count_ones() as usize);
         let start = values.len().saturating_sub(size);
-        self.change.put(slot, start, values.get(start..).unwrap_or_default());
-        let level = self.change.level();
+        memory.change.put(slot, start, values.get(start..).unwrap_or_default());
+        let level = memory.change.level();
         self.beat_level = self.beat_level.max(level);
         if self.watching != Watching::Asleep || level < watch.threshold {
             return false;
@@ -338,21 +333,22 @@ impl<F: FrontEnd, L: Read<u8> + Write<u8>, S: Support> Controller<'_, F, L, S> {
         if self.look() {
             return;
         }
-        let Some(watch) = &self.settings.watch else {
+        let memory = &mut *self.memory;
+        let Some(watch) = &memory.settings.watch else {
             return self.resume();
         };
-        let (level, rest) = (self.change.level(), watch.rest_quarters);
+        let (level, rest) = (memory.change.level(), watch.rest_quarters);
         match self.watching {
             Watching::Off | Watching::Learning => {
                 let ends = watch.slots.iter().scan(0, |end, slot| {
                     *end += slot.sense.count_ones() as usize;
                     Some(*end)
                 });
-                self.change.learn_from(self.scan.values(), ends);
+                memory.change.learn_from(memory.scan.values(), ends);
                 self.resume();
             }
             Watching::Asleep => {
-                self.change.follow(self.scan.values());
+                memory.change.follow(memory.scan.values());
                 self.beat_scans = self.beat_scans.saturating_add(1);
                 if self.beat_scans < watch.heartbeat_scans {
                     self.begin_after(Task::Watch, rest);
@@ -396,7 +392,7 @@ impl<F: FrontEnd, L: Read<u8> + Write<u8>, S: Support> Controller<'_, F, L, S> {
 
     /// The source was measured: go on if it is within a tenth of what it is set to.
     fn source(&mut self) {
-        let set = u32::from(self.settings.excitation_permille);
+        let set = u32::from(self.memory.settings.excitation_permille);
         let measured = u32::from(self.source_permille());
         if measured.abs_diff(set) * 10 > set {
             Counters::add(&mut self.counters.front_end_faults, 1);
@@ -407,7 +403,7 @@ impl<F: FrontEnd, L: Read<u8> + Write<u8>, S: Support> Controller<'_, F, L, S> {
 
     /// The source's amplitude as it was just measured, in thousandths of full scale.
     pub(crate) fn source_permille(&self) -> u16 {
-        let values = self.scan.frame(0, 0, true);
+        let values = self.memory.scan.frame(0, 0, true);
         let amplitude = match (values.values, values.quadrature) {
             // The phase of the source is not known this well; its amplitude is what counts.
             ([i], [q]) => {
@@ -423,10 +419,10 @@ impl<F: FrontEnd, L: Read<u8> + Write<u8>, S: Support> Controller<'_, F, L, S> {
 
     /// A folded period is complete.
     fn period(&mut self) {
-        let folded = self.scan.folded();
+        let folded = self.memory.scan.folded();
         let period = FoldedPeriod {
             request: self.probe.request,
-            time: self.scan.time(),
+            time: self.memory.scan.time(),
             clipped: folded.railed(0),
             bins: folded.period(0),
         };

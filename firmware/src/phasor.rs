@@ -28,25 +28,20 @@ impl Rotation {
 
     /// For a channel sampled `ticks` after the row's first one, where samples are `ticks_per_sample` apart. More than a
     /// sample's time counts as a sample's time. The angle is right to 2^-29.
-    pub const fn new(ticks: u32, ticks_per_sample: u32) -> Self {
+    pub fn new(ticks: u32, ticks_per_sample: u32) -> Self {
         /// 2 pi / 16 with 32 bits of fraction.
         const SAMPLE: u64 = 1_686_629_713;
-        const fn fixed(v: i64) -> i32 {
-            ((v + 2) >> (32 - FRACTION)) as i32
-        }
-        let sample = if ticks_per_sample == 0 { 1 } else { ticks_per_sample };
-        let ticks = if ticks > sample { sample } else { ticks };
-        let x = (ticks as u64 * SAMPLE / sample as u64) as i64;
+        let sample = u64::from(ticks_per_sample).max(1);
+        let x = (u64::from(ticks).min(sample) * SAMPLE / sample) as i64;
         let (mut cos, mut sin) = (1i64 << 32, x);
         let (mut even, mut odd) = (cos, sin);
-        let mut n = 1;
-        while n < 6 {
+        for n in 1..6 {
             even = -((((even * x) >> 32) * x) >> 32) / ((2 * n - 1) * (2 * n));
             odd = -((((odd * x) >> 32) * x) >> 32) / ((2 * n) * (2 * n + 1));
             cos += even;
             sin += odd;
-            n += 1;
         }
+        let fixed = |v: i64| ((v + 2) >> (32 - FRACTION)) as i32;
         Self {
             cos: fixed(cos),
             sin: fixed(sin),
@@ -55,6 +50,7 @@ impl Rotation {
 }
 
 /// `a b / 2^30`, rounded down; a below 2^61, b not above 2^30.
+#[inline]
 fn scaled(a: i64, b: i32) -> i64 {
     // In two halves, so that 64 bits are enough: a = high 2^32 + low.
     let (high, low) = (a >> 32, a & 0xFFFF_FFFF);
@@ -62,13 +58,20 @@ fn scaled(a: i64, b: i32) -> i64 {
 }
 
 impl Phasor {
+    /// [`Phasor::in_phase`] of what the sums would be had the samples come at their time: half the work where the
+    /// quadrature is not wanted.
+    #[inline]
+    pub fn in_phase_turned_back(self, by: Rotation) -> i64 {
+        scaled(self.in_phase, by.cos) + scaled(self.quadrature, by.sin)
+    }
+
     /// What the sums would be had the samples come at their time.
     pub fn turned_back(self, by: Rotation) -> Self {
         if by == Rotation::NONE {
             return self;
         }
         Self {
-            in_phase: scaled(self.in_phase, by.cos) + scaled(self.quadrature, by.sin),
+            in_phase: self.in_phase_turned_back(by),
             quadrature: scaled(self.quadrature, by.cos) - scaled(self.in_phase, by.sin),
         }
     }

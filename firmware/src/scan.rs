@@ -3,7 +3,7 @@
 use crate::capture::Window;
 use crate::fold::{FoldError, Folded, MAX_CHANNELS, Scatter};
 use crate::front_end::FrontEnd;
-use crate::phasor::Rotation;
+use crate::phasor::{Phasor, Rotation};
 use crate::route::{Route, Sense};
 use heapless::Vec;
 use protocol::{Flags, FrameRef, MAX_SLOTS, MAX_VALUES, Pair, QUARTERS, Recipe, Sampling, Slot, Value, Variance};
@@ -88,20 +88,18 @@ pub struct Scan {
     noise: Vec<Variance, MAX_SLOTS>,
 }
 
+impl Default for Scan {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl Scan {
-    /// A scan on a board of `electrodes`, whose channels are sampled `skew_ticks` after each other, with samples
-    /// `ticks_per_sample` apart.
-    #[expect(clippy::indexing_slicing, reason = "below the array's length, and evaluated by the compiler on a board")]
-    pub const fn new(electrodes: u8, skew_ticks: u16, ticks_per_sample: u32) -> Self {
-        let mut rotations = [Rotation::NONE; MAX_CHANNELS];
-        let mut channel = 0;
-        while channel < MAX_CHANNELS {
-            rotations[channel] = Rotation::new(channel as u32 * skew_ticks as u32, ticks_per_sample);
-            channel += 1;
-        }
+    /// Nothing measured, on no board yet.
+    pub const fn new() -> Self {
         Self {
-            electrodes,
-            rotations,
+            electrodes: 0,
+            rotations: [Rotation::NONE; MAX_CHANNELS],
             open: false,
             pace: Pace::Ahead,
             source: false,
@@ -117,6 +115,15 @@ impl Scan {
             done: 0,
             scatter: Scatter::NONE,
             noise: Vec::new(),
+        }
+    }
+
+    /// On a board of `electrodes`, whose channels are sampled `skew_ticks` after each other, with samples
+    /// `ticks_per_sample` apart.
+    pub fn wire(&mut self, electrodes: u8, skew_ticks: u16, ticks_per_sample: u32) {
+        self.electrodes = electrodes;
+        for (channel, rotation) in (0u32..).zip(&mut self.rotations) {
+            *rotation = Rotation::new(channel * u32::from(skew_ticks), ticks_per_sample);
         }
     }
 
@@ -341,17 +348,21 @@ impl Scan {
             bits &= bits - 1;
             let (phasor, scatter) = self.folded.correlate(channel);
             let rotation = self.rotations.get(channel).copied().unwrap_or(Rotation::NONE);
-            let phasor = phasor.turned_back(rotation);
             self.scatter.add(scatter);
-            let (value, mut fitted) = phasor.in_phase_value(periods);
-            if recipe.quadrature {
-                let (quadrature, also) = phasor.quadrature_value(periods);
-                fitted &= also;
+            let (value, mut fitted) = if recipe.quadrature {
+                let phasor = phasor.turned_back(rotation);
+                let (quadrature, fitted) = phasor.quadrature_value(periods);
                 if let Some(place) = self.amplitudes.get_mut(self.count + self.done) {
                     *place = quadrature;
                 }
-            }
-            if !fitted || self.folded.railed(channel) {
+                let (value, also) = phasor.in_phase_value(periods);
+                (value, fitted && also)
+            } else {
+                let in_phase = phasor.in_phase_turned_back(rotation);
+                Phasor { in_phase, ..phasor }.in_phase_value(periods)
+            };
+            fitted &= !self.folded.railed(channel);
+            if !fitted {
                 self.clipped.set(self.done);
             }
             if let Some(place) = self.amplitudes.get_mut(self.done) {

@@ -1,11 +1,12 @@
 //! The self-test: the source, then the voltage of every drive pair, and what the samples look like on the way.
 
 use crate::FULL_SCALE;
-use crate::controller::Controller;
+use crate::controller::{Controller, Memory};
 use crate::front_end::FrontEnd;
 use crate::measuring::{Probe, Task};
 use crate::settings;
 use crate::support::Support;
+use core::ops::DerefMut;
 use embedded_hal_nb::serial::{Read, Write};
 use protocol::{Check, Outgoing, SelfTest, Value, Variance};
 
@@ -17,17 +18,23 @@ const OPEN: i64 = 980;
 /// One with this many or fewer is shorted.
 const SHORTED: i64 = 20;
 
-impl<F: FrontEnd, L: Read<u8> + Write<u8>, S: Support> Controller<'_, F, L, S> {
+impl<F, L, S, M> Controller<'_, F, L, S, M>
+where
+    F: FrontEnd,
+    L: Read<u8> + Write<u8>,
+    S: Support,
+    M: DerefMut<Target = Memory>,
+{
     /// Begins the self-test.
     pub(crate) fn test(&mut self) {
-        self.report = SelfTest {
+        self.memory.report = SelfTest {
             gain: self.info.gains().saturating_sub(1),
             ..SelfTest::default()
         };
         if settings::load(&mut self.support).is_err() {
-            self.report.failed |= Check::Store.bit();
+            self.memory.report.failed |= Check::Store.bit();
         }
-        self.probe = Probe::drive_pair(0, self.info.electrodes, self.report.gain);
+        self.probe = Probe::drive_pair(0, self.info.electrodes, self.memory.report.gain);
         if self.excite() {
             self.begin(Task::TestSource);
         }
@@ -35,23 +42,23 @@ impl<F: FrontEnd, L: Read<u8> + Write<u8>, S: Support> Controller<'_, F, L, S> {
 
     /// The source was measured; on to the first drive pair.
     pub(crate) fn tested_source(&mut self) {
-        self.report.source_permille = self.source_permille();
-        let set = u32::from(self.settings.excitation_permille);
-        if u32::from(self.report.source_permille).abs_diff(set) * 10 > set {
-            self.report.failed |= Check::Source.bit();
+        self.memory.report.source_permille = self.source_permille();
+        let set = u32::from(self.memory.settings.excitation_permille);
+        if u32::from(self.memory.report.source_permille).abs_diff(set) * 10 > set {
+            self.memory.report.failed |= Check::Source.bit();
         }
         self.begin(Task::TestPair);
     }
 
     /// A drive pair was measured; on to the next one, or the end.
     pub(crate) fn tested_pair(&mut self) {
-        let m = self.report.drive_pairs.len() as u8;
-        let value = self.scan.values().first().copied().unwrap_or_default();
-        let noise = self.scan.noise().first().copied().unwrap_or_default();
-        let periods = u32::from(self.scan.folded().periods());
-        let sum: u32 = self.scan.folded().period(0).iter().sum();
+        let m = self.memory.report.drive_pairs.len() as u8;
+        let value = self.memory.scan.values().first().copied().unwrap_or_default();
+        let noise = self.memory.scan.noise().first().copied().unwrap_or_default();
+        let periods = u32::from(self.memory.scan.folded().periods());
+        let sum: u32 = self.memory.scan.folded().period(0).iter().sum();
         let offset = (i64::from(sum)).checked_div(i64::from(periods)).unwrap_or(0);
-        let report = &mut self.report;
+        let report = &mut self.memory.report;
         // Cannot fail: there is room for as many pairs as electrodes.
         let _ = report.drive_pairs.push(value);
         // The voltage against the source's: both amplitudes, each through its own gain.
@@ -81,10 +88,10 @@ impl<F: FrontEnd, L: Read<u8> + Write<u8>, S: Support> Controller<'_, F, L, S> {
             report.failed |= Check::Offset.bit();
         }
         if m + 1 < self.info.electrodes {
-            self.probe = Probe::drive_pair(m + 1, self.info.electrodes, self.report.gain);
+            self.probe = Probe::drive_pair(m + 1, self.info.electrodes, self.memory.report.gain);
             self.begin(Task::TestPair);
         } else {
-            let report = core::mem::take(&mut self.report);
+            let report = core::mem::take(&mut self.memory.report);
             self.send(Outgoing::SelfTest(&report));
             self.resume();
         }

@@ -28,6 +28,16 @@ pub struct Settings {
     pub watch: Option<Watch>,
 }
 
+impl Settings {
+    /// Of a board that was told nothing: no plan yet.
+    pub const NONE: Self = Self {
+        autostart: false,
+        excitation_permille: 1000,
+        plan: Plan::NONE,
+        watch: None,
+    };
+}
+
 /// Version of the stored format. A firmware that knows another one starts with its own settings.
 const FORMAT: u8 = 1;
 const MARK: u8 = 0xA5;
@@ -194,7 +204,7 @@ fn scan<S: Store>(store: &mut S, sector: Sector) -> Result<Log, StoreFault> {
         match record(store, sector, at)? {
             Some(found) => {
                 log.last = Some(found);
-                at = found.offset + found.len + CRC_LEN + GAP;
+                at = found.offset + found.len + CRC_LEN;
             }
             // What a cut left: the next record is somewhere behind it.
             None => at += 1,

@@ -3,7 +3,7 @@
 
 use firmware::{
     Block, COSINE, FRACTION, FULL_SCALE, FoldError, Folded, HALF, MAX_CHANNELS, MAX_PERIODS, Phasor, QUARTER_SAMPLES,
-    Rotation, SAMPLES_PER_PERIOD, SINE, Scatter,
+    Rails, Rotation, SAMPLES_PER_PERIOD, SINE, Scatter,
 };
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -22,6 +22,7 @@ fn block_at(samples: &[u16], channels: u8, time: u64) -> Block<'_> {
         channels,
         sequence: 0,
         time,
+        rails: Rails::Unknown,
     }
 }
 
@@ -431,6 +432,14 @@ proptest! {
             }
             prop_assert_eq!(f.correlate(c).0, direct);
             prop_assert_eq!(f.railed(c), railed);
+        }
+        // A converter that has looked for rails itself is believed, and changes nothing else.
+        let mut believed = Folded::new();
+        believed.reset(channels as u8);
+        believed.add(&Block { rails: Rails::Clear, ..block(samples, channels as u8) }).unwrap();
+        for c in 0..channels {
+            prop_assert_eq!(believed.correlate(c), f.correlate(c));
+            prop_assert!(!believed.railed(c));
         }
     }
 }

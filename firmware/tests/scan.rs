@@ -5,12 +5,14 @@ mod fake;
 
 use fake::{Chip, ELECTRODES, Fake, Flaw, SKEW_TICKS, SOURCE_GAIN_MILLI, TICKS_PER_SAMPLE, Wire, amplitude};
 use firmware::{
-    Activity, Blocking, BoardInfo, Controller, ErrorKind, Folded, Outbox, Route, Sense, Window, laws, laws::Violation,
+    Activity, Blocking, BoardInfo, Controller, ErrorKind, Folded, Memory, Outbox, Route, Sense, Window, laws,
+    laws::Violation,
 };
 use proptest::prelude::*;
 use protocol::{
-    BoardError, Command, Decoder, Frame, FrameError, FromBoard, FrontEndFault, MAX_FROM_BOARD_LEN, MAX_TO_BOARD_LEN,
-    Outgoing, Pair, Plan, PlanError, ResetCause, Sampling, ToBoard, Value, encode,
+    BoardError, Check, Command, Decoder, Frame, FrameError, FromBoard, FrontEndFault, MAX_FROM_BOARD_LEN,
+    MAX_TO_BOARD_LEN, Outgoing, Pair, PeriodRequest, Plan, PlanError, Refusal, ResetCause, SCHEMA, Sampling, ToBoard,
+    Value, encode, text,
 };
 
 pub(crate) const INFO: BoardInfo<'static> = BoardInfo {
@@ -31,7 +33,7 @@ pub(crate) const INFO: BoardInfo<'static> = BoardInfo {
 };
 
 struct Bench {
-    board: Controller<'static, Fake, Wire, Chip>,
+    board: Controller<'static, Fake, Wire, Chip, Box<Memory>>,
     wire: Wire,
     decoder: Decoder<MAX_FROM_BOARD_LEN>,
 }
@@ -41,7 +43,7 @@ impl Bench {
     fn new(plan: Plan) -> Self {
         let wire = Wire::default();
         wire.room.set(usize::MAX);
-        let board = Controller::new(INFO, plan, Fake::new(), wire.clone(), Chip::new()).unwrap();
+        let board = Controller::new(INFO, plan, Fake::new(), wire.clone(), Chip::new(), Box::default()).unwrap();
         let mut this = Self {
             board,
             wire,
@@ -260,6 +262,141 @@ fn any_other_fault_stops_the_scan_and_is_reported() {
         bench.command(&ToBoard::Start);
         assert!(!bench.frames(300).is_empty());
     }
+}
+
+#[test]
+fn a_front_end_that_falls_silent_is_a_fault_after_a_window_and_two_periods() {
+    let mut bench = Bench::new(Plan::fast());
+    let clock = bench.board.front_mut().clock.clone();
+    bench.board.support_mut().clock = clock;
+    bench.command(&ToBoard::Start);
+    assert!(!bench.frames(2000).is_empty());
+    let before = bench.board.front_mut().now;
+    bench.board.front_mut().flaw = Some(Flaw::Mute);
+    let mut said = Vec::new();
+    while bench.board.running() {
+        said.extend(bench.run(1));
+        assert!(bench.board.front_mut().now < before + 16 * 10);
+    }
+    said.extend(bench.run(5));
+    assert!(
+        said.contains(&FromBoard::Error(BoardError::FrontEnd(FrontEndFault::Timeout))),
+        "{said:?}"
+    );
+    assert!(!bench.board.front_mut().on);
+    // A long window is not silence.
+    let mut bench = Bench::new(Plan {
+        integrate_periods: 3000,
+        ..Plan::fast()
+    });
+    let clock = bench.board.front_mut().clock.clone();
+    bench.board.support_mut().clock = clock;
+    bench.command(&ToBoard::Start);
+    bench.frames(20_000);
+    assert!(bench.board.running());
+}
+
+#[test]
+fn the_watchdog_is_fed_in_every_poll_and_nowhere_else() {
+    let mut bench = Bench::new(Plan::fast());
+    bench.command(&ToBoard::Start);
+    let fed = bench.board.support_mut().fed;
+    bench.run(123);
+    assert_eq!(bench.board.support_mut().fed, fed + 123);
+}
+
+#[test]
+fn a_frame_is_as_good_as_its_source() {
+    let mut bench = Bench::new(Plan::fast());
+    bench.board.front_mut().source = 0.85;
+    bench.command(&ToBoard::Start);
+    let said = bench.run(2000);
+    let fault = FromBoard::Error(BoardError::FrontEnd(FrontEndFault::Source));
+    assert_eq!(said, [FromBoard::Ack(Command::Start), fault]);
+    bench.board.front_mut().source = 0.95;
+    bench.command(&ToBoard::Start);
+    assert!(!bench.frames(2000).is_empty());
+}
+
+#[test]
+fn tests_and_periods_come_between_frames_without_a_gap() {
+    let mut bench = Bench::new(Plan::fast());
+    bench.command(&ToBoard::Start);
+    let mut all = bench.run(3000);
+    bench.command(&ToBoard::SelfTest);
+    all.extend(bench.run(6000));
+    let pair = Pair { plus: 5, minus: 4 };
+    let request = PeriodRequest {
+        drive: Pair { plus: 0, minus: 1 },
+        sense: pair,
+        gain: 0,
+        settle_quarters: 3,
+        periods: 10,
+    };
+    bench.command(&ToBoard::GetPeriod(request));
+    all.extend(bench.run(3000));
+    let sequences: Vec<u32> = all
+        .iter()
+        .filter_map(|m| match m {
+            FromBoard::Frame(f) => Some(f.sequence),
+            _ => None,
+        })
+        .collect();
+    assert!(sequences.windows(2).all(|w| w[1] == w[0] + 1), "{sequences:?}");
+    let place = |what: fn(&FromBoard) -> bool| all.iter().position(what).unwrap();
+    let tested = place(|m| matches!(m, FromBoard::SelfTest(_)));
+    let period = place(|m| matches!(m, FromBoard::Period(_)));
+    assert!(tested < period && period < all.len() - 1);
+    let FromBoard::Period(p) = &all[period] else { panic!() };
+    // Ten periods of the sine, each sample rounded.
+    for (k, bin) in p.bins.iter().enumerate() {
+        let sine = (std::f64::consts::TAU * k as f64 / 16.0).sin();
+        let expected = 2047.5 + amplitude(request.drive, pair) * sine;
+        assert!((f64::from(*bin) / 10.0 - expected).abs() <= 0.5 + 1e-9, "{k}");
+    }
+    let FromBoard::SelfTest(report) = &all[tested] else {
+        panic!()
+    };
+    assert!(report.passed(Check::Source) && report.passed(Check::Store) && report.passed(Check::Noise));
+    // The fake's drive pairs show less than half of its source: neither open nor shorted.
+    assert_eq!((report.suspect, report.drive_pairs.len()), (0, 16));
+    bench.board.support_mut().broken = true;
+    bench.command(&ToBoard::SelfTest);
+    let said = bench.run(6000);
+    assert!(
+        said.iter()
+            .any(|m| matches!(m, FromBoard::SelfTest(r) if r.failed == Check::Store.bit())),
+        "{said:?}"
+    );
+}
+
+#[test]
+fn a_store_that_does_not_work_is_said_and_changes_nothing() {
+    let mut bench = Bench::new(Plan::fast());
+    bench.board.support_mut().broken = true;
+    for command in [ToBoard::SaveSettings, ToBoard::ForgetSettings] {
+        bench.command(&command);
+        let refused = FromBoard::Error(BoardError::Refused(Refusal::Store));
+        assert_eq!(bench.run(5), [refused]);
+    }
+    bench.command(&ToBoard::Start);
+    assert!(!bench.frames(2000).is_empty());
+}
+
+#[test]
+fn the_introduction_says_what_the_board_is() {
+    let hello = INFO.hello();
+    assert_eq!(
+        (hello.git.as_str(), hello.reset, hello.schema),
+        ("0123456", ResetCause::PowerOn, SCHEMA)
+    );
+    assert_eq!((hello.skew_ticks, hello.gains_milli.len()), (SKEW_TICKS, 1));
+    // The same board after a panic is the same board; with another firmware it is not.
+    let mut other = hello.clone();
+    (other.reset, other.last_panic) = (ResetCause::Panic, text("index out of bounds"));
+    assert!(hello.is_same_board(&other));
+    other.firmware = text("9.9.9");
+    assert!(!hello.is_same_board(&other));
 }
 
 #[test]

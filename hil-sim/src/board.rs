@@ -7,7 +7,7 @@ use crate::flash::Flash;
 use crate::front_end::{SimFrontEnd, SimFrontEndError};
 use crate::sheet::SheetModel;
 use crate::uart::Uart;
-use firmware::{Activity, BoardInfo, Controller, MAX_CHANNELS};
+use firmware::{Activity, BoardInfo, Controller, MAX_CHANNELS, Memory};
 use protocol::{Counters, Hello, Plan, PlanError, ResetCause};
 use thiserror::Error;
 
@@ -52,7 +52,7 @@ pub struct SimConfig {
 #[derive(Debug)]
 pub struct SimBoard<S> {
     clock: Clock,
-    controller: Controller<'static, SimFrontEnd<S>, Uart, Chip>,
+    controller: Controller<'static, SimFrontEnd<S>, Uart, Chip, Box<Memory>>,
 }
 
 impl<S: SheetModel> SimBoard<S> {
@@ -110,7 +110,7 @@ impl<S: SheetModel> SimBoard<S> {
         };
         let uart = Uart::new(clock.clone());
         let chip = Chip::new(clock.clone(), flash.unwrap_or_else(|| Flash::new(SECTOR_BYTES)));
-        let controller = Controller::new(info, plan, front, uart, chip).map_err(BoardError::Plan)?;
+        let controller = Controller::new(info, plan, front, uart, chip, Box::default()).map_err(BoardError::Plan)?;
         Ok(Self { clock, controller })
     }
 
@@ -147,6 +147,11 @@ impl<S: SheetModel> SimBoard<S> {
     /// What it counted.
     pub fn counters(&self) -> &Counters {
         self.controller.counters()
+    }
+
+    /// Samples that its converter made for the windows so far.
+    pub fn conversions(&mut self) -> u64 {
+        self.controller.front_mut().conversions()
     }
 
     /// Its flash memory.

@@ -3,7 +3,7 @@
 use crate::clock::{Clock, PERIOD_SAMPLES, QUARTER_SAMPLES, samples, seconds};
 use crate::electronics::{Electronics, Routing};
 use crate::sheet::SheetModel;
-use firmware::{Block, Capture, Error, ErrorKind, ErrorType, Excitation, MAX_CHANNELS, Route, Router, Window};
+use firmware::{Block, Capture, Error, ErrorKind, ErrorType, Excitation, MAX_CHANNELS, Rails, Route, Router, Window};
 use forward::{ElectrodeMatrix, ForwardError};
 use thiserror::Error as ThisError;
 
@@ -68,6 +68,7 @@ pub struct SimFrontEnd<S> {
     open: Option<Open>,
     sequence: u32,
     block: Vec<u16>,
+    conversions: u64,
 }
 
 impl<S: SheetModel> SimFrontEnd<S> {
@@ -92,6 +93,7 @@ impl<S: SheetModel> SimFrontEnd<S> {
             open: None,
             sequence: 0,
             block: Vec::new(),
+            conversions: 0,
         })
     }
 
@@ -105,6 +107,11 @@ impl<S: SheetModel> SimFrontEnd<S> {
     pub fn looking_every(mut self, samples: u64) -> Self {
         self.look_samples = samples.max(1);
         self
+    }
+
+    /// Samples converted for the windows so far; a board may rest its converter while there is none.
+    pub fn conversions(&self) -> u64 {
+        self.conversions
     }
 
     /// The electrodes that the sheet has.
@@ -232,8 +239,10 @@ impl<S: SheetModel> Capture for SimFrontEnd<S> {
             channels: open.channels as u8,
             sequence: self.sequence,
             time: open.next,
+            rails: Rails::Unknown,
         });
         self.sequence = self.sequence.wrapping_add(1);
+        self.conversions += self.block.len() as u64;
         self.open = Some(Open {
             next: open.next + length,
             left: open.left - length,

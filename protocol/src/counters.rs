@@ -31,23 +31,6 @@ pub struct Counters {
 }
 
 impl Counters {
-    /// Nothing counted.
-    pub const fn new() -> Self {
-        Self {
-            frames: 0,
-            dropped: 0,
-            overruns: 0,
-            front_end_faults: 0,
-            clipped: 0,
-            commands: 0,
-            refused: 0,
-            receive_errors: 0,
-            transmit_errors: 0,
-            watch_scans: 0,
-            wakes: 0,
-        }
-    }
-
     /// Adds to one counter, stopping at `u32::MAX`.
     pub fn add(counter: &mut u32, events: u32) {
         *counter = counter.saturating_add(events);

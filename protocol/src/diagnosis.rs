@@ -84,18 +84,16 @@ pub struct SelfTest {
 }
 
 impl SelfTest {
-    /// Before anything was tested.
-    pub const fn empty() -> Self {
-        Self {
-            failed: 0,
-            source_permille: 0,
-            offset: Value::new(0),
-            noise: Variance::new(0),
-            suspect: 0,
-            drive_pairs: Vec::new(),
-            gain: 0,
-        }
-    }
+    /// Nothing tested yet.
+    pub const NONE: Self = Self {
+        failed: 0,
+        source_permille: 0,
+        offset: Value::new(0),
+        noise: Variance::new(0),
+        suspect: 0,
+        drive_pairs: Vec::new(),
+        gain: 0,
+    };
 
     /// Whether a part of it passed.
     pub const fn passed(&self, check: Check) -> bool {

@@ -172,17 +172,15 @@ impl<'a> Recipe<'a> {
 }
 
 impl Plan {
-    /// Nothing to measure; no board takes it.
-    pub const fn empty() -> Self {
-        Self {
-            id: 0,
-            settle_quarters: 0,
-            integrate_periods: 0,
-            sampling: Sampling::Simultaneous,
-            quadrature: false,
-            slots: Vec::new(),
-        }
-    }
+    /// Nothing; no board accepts it.
+    pub const NONE: Self = Self {
+        id: 0,
+        settle_quarters: 0,
+        integrate_periods: 0,
+        sampling: Sampling::Simultaneous,
+        quadrature: false,
+        slots: Vec::new(),
+    };
 
     /// The paper's way: 16 electrodes, 208 neighbouring pairs one after the other, six periods each: 1248 periods a
     /// frame, 339 ms at 3684 Hz.

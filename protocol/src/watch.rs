@@ -1,6 +1,6 @@
 //! What the board does while nothing touches, and what it says meanwhile.
 
-use crate::plan::{Recipe, Sampling, Slot};
+use crate::plan::{Pair, Recipe, Sampling, Slot};
 use crate::value::Value;
 use heapless::Vec;
 use postcard_schema::Schema;
@@ -39,6 +39,34 @@ pub struct Watch {
 }
 
 impl Watch {
+    /// For the paper's disc: two long drives, 135 degrees wide, and of each the six sense pairs of the wide side, which fit
+    /// the gain of neighbouring drives. A scan of 2.5 periods shows the least visible touch of 25 N at 129 times its noise,
+    /// where all 208 values together show 161; then it rests 10 periods. The threshold is passed by chance once in 10^10.
+    pub fn paper() -> Self {
+        let slot = |plus: u8| Slot {
+            drive: Pair {
+                plus,
+                minus: (plus + 6) % 16,
+            },
+            sense_step: 1,
+            // Six pairs, beginning two beyond the drive's second electrode.
+            sense: (0..6).fold(0, |bits, k| bits | 1 << ((plus + 8 + k) % 16)),
+            gain: 0,
+        };
+        Self {
+            settle_quarters: 1,
+            integrate_periods: 1,
+            sampling: Sampling::Simultaneous,
+            rest_quarters: 40,
+            learn_scans: 64,
+            threshold: 1600,
+            frames_between: 8,
+            quiet_scans: 4,
+            heartbeat_scans: 295,
+            slots: [slot(0), slot(8)].into_iter().collect(),
+        }
+    }
+
     /// What a scan needs to know.
     pub fn recipe(&self) -> Recipe<'_> {
         Recipe {

@@ -5,7 +5,7 @@ use core::cell::{Cell, RefCell};
 use core::convert::Infallible;
 use embedded_hal_nb::serial;
 use firmware::{
-    Block, Capture, Clock, ErrorKind, ErrorType, Excitation, QUARTER_SAMPLES, Route, Router, SAMPLES_PER_PERIOD,
+    Block, Capture, Clock, ErrorKind, ErrorType, Excitation, QUARTER_SAMPLES, Rails, Route, Router, SAMPLES_PER_PERIOD,
     Sector, Sense, Store, Watchdog, Window,
 };
 use protocol::Pair;
@@ -208,6 +208,7 @@ impl Capture for Fake {
             channels,
             sequence: self.sequence,
             time: start,
+            rails: Rails::Unknown,
         });
         self.sequence += u32::from(!repeats);
         self.samples = samples;

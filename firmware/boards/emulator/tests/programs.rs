@@ -69,7 +69,8 @@ fn in_process(plan: &Plan, first: u64, count: usize) -> Vec<Frame> {
         .unwrap()
         .self_clocked();
     front.switch_on().unwrap();
-    let mut scan = Scan::new(16, 0, 1425);
+    let mut scan = Scan::new();
+    scan.wire(16, 0, 1425);
     (0..count as u32)
         .map(|sequence| {
             scan.start(plan.recipe(), Pace::Ahead, 0, &mut front).unwrap();

@@ -3,7 +3,7 @@
 
 use crate::pipe::{Pipe, PipeError};
 use firmware::{
-    Block, Capture, ErrorKind, ErrorType, Excitation, MAX_CHANNELS, Route, Router, SAMPLES_PER_PERIOD, Sense, Window,
+    Block, Capture, ErrorKind, ErrorType, Excitation, MAX_CHANNELS, Rails, Route, Router, SAMPLES_PER_PERIOD, Sense, Window,
 };
 
 /// Samples of the largest block: one period of all channels.
@@ -113,6 +113,7 @@ impl Capture for RemoteFrontEnd {
             channels,
             sequence: u32::from_le_bytes([s0, s1, s2, s3]),
             time: u64::from_le_bytes(time),
+            rails: Rails::Unknown,
         }))
     }
 }

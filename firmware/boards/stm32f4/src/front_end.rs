@@ -16,17 +16,11 @@ pub struct FrontEnd {
 }
 
 impl FrontEnd {
-    /// Before it is started.
-    pub const fn new() -> Self {
-        Self {
-            source: Source::new(),
-            sampler: Sampler::new(),
-        }
-    }
-
     /// Starts the sampling.
-    pub fn start(&mut self) {
-        self.sampler.start(&self.source);
+    pub fn start() -> Self {
+        let (source, mut sampler) = (Source::new(), Sampler::new());
+        sampler.start(&source);
+        Self { source, sampler }
     }
 }
 

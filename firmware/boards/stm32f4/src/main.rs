@@ -15,7 +15,7 @@ mod source;
 
 use chip::Chip;
 use cortex_m_rt::entry;
-use firmware::{Activity, BoardInfo, Controller};
+use firmware::{Activity, BoardInfo, Controller, Memory};
 use front_end::FrontEnd;
 use protocol::{Plan, ResetCause, Sampling};
 use serial::Serial;
@@ -56,23 +56,14 @@ static IMAGE_TAG: &[u8] = if cfg!(feature = "f405") {
     b"skin-board-image for chip 0x421"
 };
 
-type Board = Controller<'static, FrontEnd, Serial, Chip>;
-
-/// The whole board. It is a static since there is no room for it twice, as there would have to be to make it on the stack.
-static mut BOARD: Board = Controller::idle(INFO, FrontEnd::new(), Serial::new(), Chip::new());
-
+/// All that is large. It is a static since the stack has no room to make it on.
+static mut MEMORY: Memory = Memory::new();
 static mut SERIAL_NUMBER: [u8; 24] = [0; 24];
 static mut LAST_PANIC: Option<panic_record::Report> = None;
 
 #[entry]
 fn main() -> ! {
-    let (Some(core), Some(device)) = (cortex_m::Peripherals::take(), pac::Peripherals::take()) else {
-        panic!("started twice");
-    };
-    // SAFETY: each is used here only, and `main` runs once.
-    let (board, serial_number, last_panic) =
-        unsafe { (&mut *(&raw mut BOARD), &mut *(&raw mut SERIAL_NUMBER), &mut *(&raw mut LAST_PANIC)) };
-    start(board, serial_number, last_panic, device, core);
+    let mut board = start();
     // Nothing reads it here; without this the linker would leave it out.
     core::hint::black_box(IMAGE_TAG);
     panic_record::planted();
@@ -83,28 +74,31 @@ fn main() -> ! {
     }
 }
 
+type Board = Controller<'static, FrontEnd, Serial, Chip, &'static mut Memory>;
+
 /// Once; in a function of its own so that the loop's stack need not hold what it leaves behind.
 #[inline(never)]
-fn start(
-    board: &mut Board,
-    serial_number: &'static mut [u8; 24],
-    last_panic: &'static mut Option<panic_record::Report>,
-    device: pac::Peripherals,
-    core: cortex_m::Peripherals,
-) {
+fn start() -> Board {
+    let (Some(core), Some(device)) = (cortex_m::Peripherals::take(), pac::Peripherals::take()) else {
+        panic!("started twice");
+    };
+    // SAFETY: each is used here only, and this runs once, as the peripherals above are there once.
+    let (memory, serial_number, last_panic) =
+        unsafe { (&mut *(&raw mut MEMORY), &mut *(&raw mut SERIAL_NUMBER), &mut *(&raw mut LAST_PANIC)) };
     *last_panic = panic_record::take();
     let reset = chip::start(device, core);
-    board.front_mut().start();
-    board.link_mut().start();
-    let info = board.info_mut();
-    info.serial = chip::serial_number(serial_number);
-    info.reset = reset;
+    let mut info = BoardInfo {
+        serial: chip::serial_number(serial_number),
+        reset,
+        ..INFO
+    };
     if let Some(report) = &*last_panic {
         info.reset = ResetCause::Panic;
         info.last_panic = report.text();
     }
-    if board.start_up(first_plan()).is_err() {
-        panic!("the first plan does not suit the board");
+    match Controller::new(info, first_plan(), FrontEnd::start(), Serial::start(), Chip::new(), memory) {
+        Ok(board) => board,
+        Err(_) => panic!("the first plan does not suit the board"),
     }
 }
 

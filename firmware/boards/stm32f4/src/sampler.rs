@@ -7,7 +7,7 @@
 use crate::ring::Shared;
 use crate::source::Source;
 use cortex_m::peripheral::DWT;
-use firmware::{Block, ErrorKind, QUARTER_SAMPLES, SAMPLES_PER_PERIOD, Window};
+use firmware::{Block, ErrorKind, QUARTER_SAMPLES, Rails, SAMPLES_PER_PERIOD, Window};
 use stm32f4xx_hal::pac;
 
 /// Clock of TIM2, Hz.
@@ -183,6 +183,7 @@ impl Sampler {
             channels: 1,
             sequence: self.sequence,
             time: open.next,
+            rails: Rails::Unknown,
         };
         let result = f(&block);
         let now = self.time.now();

@@ -34,16 +34,8 @@ fn registers() -> (&'static pac::usart1::RegisterBlock, &'static pac::dma2::Regi
 }
 
 impl Serial {
-    /// Before it is started.
-    pub const fn new() -> Self {
-        Self {
-            filling: 0,
-            filled: 0,
-        }
-    }
-
     /// Sets pins, port and DMA up, and lets bytes in.
-    pub fn start(&mut self) {
+    pub fn start() -> Self {
         // SAFETY: these pins are this module's alone; `start` runs before interrupts of it are on.
         let port = unsafe { &*pac::GPIOA::ptr() };
         // Alternate function 7 on PA9 and PA10, with a pull-up on the latter: an open line is idle.
@@ -61,6 +53,10 @@ impl Serial {
         dma.st(7).par().write(|w| unsafe { w.bits(usart.dr().as_ptr() as u32) });
         // SAFETY: everything that the interrupt uses is set up.
         unsafe { cortex_m::peripheral::NVIC::unmask(pac::Interrupt::USART1) };
+        Self {
+            filling: 0,
+            filled: 0,
+        }
     }
 
     /// Sends what was filled, if nothing is on its way.

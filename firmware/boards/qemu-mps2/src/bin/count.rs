@@ -7,7 +7,7 @@ use core::hint::black_box;
 use cortex_m::peripheral::{Peripherals, SYST, syst::SystClkSource};
 use cortex_m_rt::entry;
 use cortex_m_semihosting::{debug, hprintln};
-use firmware::{Block, Folded, MAX_CHANNELS, SAMPLES_PER_PERIOD};
+use firmware::{Block, Folded, MAX_CHANNELS, Rails, SAMPLES_PER_PERIOD};
 use qemu_mps2 as _;
 
 const INSTRUCTIONS_PER_TICK: u32 = 40;
@@ -47,7 +47,9 @@ fn main() -> ! {
             channels,
             sequence: 0,
             time: 0,
+            rails: Rails::Unknown,
         };
+        folded.reset(channels);
         let fold = count(&mut syst, || {
             if folded.periods() >= 1000 || folded.periods() == 0 {
                 folded.reset(channels);

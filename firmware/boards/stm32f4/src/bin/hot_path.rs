@@ -20,13 +20,13 @@ use firmware::{Pace, Scan};
 use front_end::FrontEnd;
 use protocol::{Recipe, Sampling, Slot};
 
-static mut FRONT: FrontEnd = FrontEnd::new();
-static mut SCAN: Scan = Scan::new(16, 0, sampler::TICKS_PER_SAMPLE);
+static mut SCAN: Scan = Scan::new();
 
 #[cortex_m_rt::entry]
 fn main() -> ! {
     // SAFETY: used here only, and `main` runs once.
-    let (front, scan) = unsafe { (&mut *(&raw mut FRONT), &mut *(&raw mut SCAN)) };
+    let scan = unsafe { &mut *(&raw mut SCAN) };
+    let front = &mut FrontEnd::start();
     let slots = black_box([Slot::default(); 32]);
     let recipe = Recipe {
         settle_quarters: black_box(1),
