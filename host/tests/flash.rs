@@ -136,7 +136,10 @@ fn a_pulled_cable_at_any_moment_is_gone_on_with() {
         });
         let first = programmed(&mut rom, &image);
         if let Err(e) = &first {
-            assert!(matches!(e, FlashError::Bootloader(BootloaderError::Port(_))), "after {pulled}: {e}");
+            assert!(
+                matches!(e, FlashError::Bootloader(BootloaderError::Port(_))),
+                "after {pulled}: {e}"
+            );
             assert!(e.to_string().contains("goes on where it stopped"), "{e}");
         }
         let erased = rom.erased;
@@ -144,7 +147,10 @@ fn a_pulled_cable_at_any_moment_is_gone_on_with() {
         let second = programmed(&mut rom, &image).unwrap();
         assert!(holds(&rom, &image), "after {pulled}");
         // What was done before is not done again: no sector is erased twice.
-        assert!(rom.erased <= old.erased + 2, "after {pulled}: {erased} and then {second:?}");
+        assert!(
+            rom.erased <= old.erased + 2,
+            "after {pulled}: {erased} and then {second:?}"
+        );
     }
 }
 
@@ -171,7 +177,10 @@ fn a_worn_out_cell_is_found() {
         ..BootFaults::default()
     });
     let error = programmed(&mut rom, &image(F446, 2_000, 5)).unwrap_err();
-    assert!(matches!(error, FlashError::Verify(at) if at == FLASH_START + 0x1_0123), "{error}");
+    assert!(
+        matches!(error, FlashError::Verify(at) if at == FLASH_START + 0x1_0123),
+        "{error}"
+    );
     assert!(!rom.runs_program());
 }
 
@@ -234,7 +243,10 @@ fn a_program_file_is_read_by_its_segments_and_its_tag() {
     let tagged = [TAG, &b"421"[..]].concat();
     let file = elf(40, &[(FLASH_START + 0x1_0000, &tagged), (FLASH_START, &[7; 64])]);
     let image = Image::read(&file).unwrap();
-    assert_eq!((image.chip, image.pieces.len(), image.pieces[0].0), (F446, 2, FLASH_START));
+    assert_eq!(
+        (image.chip, image.pieces.len(), image.pieces[0].0),
+        (F446, 2, FLASH_START)
+    );
     assert!(Image::read(&elf(40, &[(FLASH_START, &[7; 64])])).is_err());
     assert!(Image::read(&elf(62, &[(FLASH_START, &tagged)])).is_err());
     assert!(Image::read(&elf(40, &[(0x2000_0000, &tagged)])).is_err());

@@ -9,7 +9,11 @@ fn main() -> Result<(), Box<dyn Error>> {
 
     // Without git, or outside a clone, the state is unknown and stays empty.
     let git = Command::new("git").args(["describe", "--always", "--dirty"]).output();
-    let state = git.ok().filter(|o| o.status.success()).map(|o| o.stdout).unwrap_or_default();
+    let state = git
+        .ok()
+        .filter(|o| o.status.success())
+        .map(|o| o.stdout)
+        .unwrap_or_default();
     println!("cargo:rustc-env=SKIN_GIT={}", String::from_utf8(state)?.trim());
     println!("cargo:rerun-if-changed=../../../.git/HEAD");
     Ok(())

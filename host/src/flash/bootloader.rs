@@ -52,7 +52,9 @@ pub trait BootPort: Read + Write {
 #[derive(Debug, Error)]
 pub enum BootloaderError {
     /// The port.
-    #[error("the connection is lost ({0}); plug the cable in again and repeat the command: it goes on where it stopped")]
+    #[error(
+        "the connection is lost ({0}); plug the cable in again and repeat the command: it goes on where it stopped"
+    )]
     Port(#[from] io::Error),
     /// No bootloader there.
     #[error(
@@ -64,7 +66,9 @@ pub enum BootloaderError {
     #[error("the bootloader stopped answering while it should {0}; repeat the command: it goes on where it stopped")]
     Silent(&'static str),
     /// It refused.
-    #[error("the bootloader refuses to {0}; the chip may be protected (remove the read-out protection with ST's programmer)")]
+    #[error(
+        "the bootloader refuses to {0}; the chip may be protected (remove the read-out protection with ST's programmer)"
+    )]
     Refused(&'static str),
     /// It answered something else.
     #[error("an answer of 0x{answer:02x} where the bootloader should {what}: noise on the line, or another device")]

@@ -12,7 +12,9 @@ pub const TAG: &[u8] = b"skin-board-image for chip 0x";
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum ImageError {
     /// Not an ELF file.
-    #[error("not a program (ELF) file: give the file that cargo builds for the board, such as target/thumbv7em-none-eabihf/release/skin-board")]
+    #[error(
+        "not a program (ELF) file: give the file that cargo builds for the board, such as target/thumbv7em-none-eabihf/release/skin-board"
+    )]
     Format,
     /// An ELF file of another kind of machine.
     #[error("a program for another kind of processor, not for a microcontroller")]
@@ -59,10 +61,13 @@ impl Image {
             let data = segment.data(endian, bytes).map_err(|()| ImageError::Format)?;
             pieces.push((segment.p_paddr(endian), data.to_vec()));
         }
-        let chip = pieces.iter().find_map(|(_, data)| tagged(data)).ok_or(match pieces.is_empty() {
-            true => ImageError::Empty,
-            false => ImageError::Untagged,
-        })?;
+        let chip = pieces
+            .iter()
+            .find_map(|(_, data)| tagged(data))
+            .ok_or(match pieces.is_empty() {
+                true => ImageError::Empty,
+                false => ImageError::Untagged,
+            })?;
         Self::new(chip, pieces)
     }
 
@@ -120,7 +125,10 @@ mod tests {
         assert_eq!(Image::read(b""), Err(ImageError::Format));
         assert_eq!(Image::read(b"#!/bin/sh\n"), Err(ImageError::Format));
         // A program of the PC's own is 64-bit.
-        assert_eq!(Image::read(b"\x7fELF\x02\x01\x01\0\0\0\0\0\0\0\0\0"), Err(ImageError::Format));
+        assert_eq!(
+            Image::read(b"\x7fELF\x02\x01\x01\0\0\0\0\0\0\0\0\0"),
+            Err(ImageError::Format)
+        );
     }
 
     #[test]
@@ -128,8 +136,14 @@ mod tests {
         let image = Image::new(0x421, vec![(FLASH_START + 64, vec![1; 4]), (FLASH_START, vec![2; 64])]).unwrap();
         assert_eq!((image.pieces[0].0, image.len()), (FLASH_START, 68));
         let overlapping = vec![(FLASH_START, vec![0; 5]), (FLASH_START + 4, vec![0; 4])];
-        assert_eq!(Image::new(0x421, overlapping), Err(ImageError::Overlap(FLASH_START + 4)));
-        assert_eq!(Image::new(0x421, vec![(0x2000_0000, vec![0])]), Err(ImageError::Address(0x2000_0000)));
+        assert_eq!(
+            Image::new(0x421, overlapping),
+            Err(ImageError::Overlap(FLASH_START + 4))
+        );
+        assert_eq!(
+            Image::new(0x421, vec![(0x2000_0000, vec![0])]),
+            Err(ImageError::Address(0x2000_0000))
+        );
         assert_eq!(Image::new(0x421, vec![]), Err(ImageError::Empty));
     }
 }

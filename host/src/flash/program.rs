@@ -38,7 +38,9 @@ pub enum FlashError {
         most: u32,
     },
     /// The chip does not hold what was written.
-    #[error("the memory at 0x{0:08x} does not hold what was written: repeat the command; if that does not help, the chip is worn out")]
+    #[error(
+        "the memory at 0x{0:08x} does not hold what was written: repeat the command; if that does not help, the chip is worn out"
+    )]
     Verify(u32),
 }
 
@@ -103,7 +105,8 @@ pub fn flash<P: BootPort>(
     image: &Image,
     mut progress: impl FnMut(Step, usize, usize),
 ) -> Result<Outcome, FlashError> {
-    let board = || Chip::of(bootloader.chip).map_or_else(|| format!("chip 0x{:03x}", bootloader.chip), |c| c.name.to_owned());
+    let board =
+        || Chip::of(bootloader.chip).map_or_else(|| format!("chip 0x{:03x}", bootloader.chip), |c| c.name.to_owned());
     let Some(chip) = Chip::of(bootloader.chip).filter(|c| c.id == image.chip) else {
         return Err(FlashError::Chip {
             image: image.chip_name(),

@@ -45,7 +45,11 @@ impl Chip {
     /// rigless's, when the chip does not fit together.
     pub fn new(world: Shared, line: Line) -> Result<Self, Error> {
         let mut inner = Stm32f427::new()?;
-        let slots = [inner.bus().slot("TIM2")?, inner.bus().slot("ADC1")?, inner.bus().slot("DAC")?];
+        let slots = [
+            inner.bus().slot("TIM2")?,
+            inner.bus().slot("ADC1")?,
+            inner.bus().slot("DAC")?,
+        ];
         inner.rcc.attach_crystals(8_000_000, 0);
         inner.set_supply(3300);
         inner.usart[0].attach(line);

@@ -95,7 +95,12 @@ impl Device for Converter {
         self.drive(registers, context);
     }
 
-    fn read(&mut self, register: Register, registers: &mut RegisterFile, context: &mut DeviceContext<'_>) -> Option<u64> {
+    fn read(
+        &mut self,
+        register: Register,
+        registers: &mut RegisterFile,
+        context: &mut DeviceContext<'_>,
+    ) -> Option<u64> {
         if register != Register::Dr {
             return None;
         }

@@ -97,7 +97,9 @@ impl Driver<Machine> for Watcher {
             match self.decoder.push_byte::<FromBoard>(*byte) {
                 None => {}
                 Some(Ok(message)) => {
-                    self.frames = self.frames.saturating_sub(usize::from(matches!(message, FromBoard::Frame(_))));
+                    self.frames = self
+                        .frames
+                        .saturating_sub(usize::from(matches!(message, FromBoard::Frame(_))));
                     self.messages.push((*at, message));
                 }
                 Some(Err(_)) => self.damaged += 1,
@@ -109,7 +111,9 @@ impl Driver<Machine> for Watcher {
         }
         // Memory is zero at power-up, and the stack grows downwards.
         let end = host.read(FIRST_STACK_POINTER, Width::W32).unwrap_or(STACK);
-        let used = (STACK..end).step_by(4).find(|a| host.read(*a, Width::W32).is_ok_and(|word| word != 0));
+        let used = (STACK..end)
+            .step_by(4)
+            .find(|a| host.read(*a, Width::W32).is_ok_and(|word| word != 0));
         self.stack = (end - used.unwrap_or(end), end - STACK);
         None
     }

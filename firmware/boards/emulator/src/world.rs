@@ -163,7 +163,10 @@ impl World {
             return;
         };
         self.route = Some(route);
-        let full = self.electronics.amplitudes_v(&self.sheet, &route, 1000).unwrap_or_default();
+        let full = self
+            .electronics
+            .amplitudes_v(&self.sheet, &route, 1000)
+            .unwrap_or_default();
         let amplitudes = full.map(|v| v * self.source.0);
         self.routing = self.electronics.switched(self.triggers, &self.routing, amplitudes);
     }
@@ -180,7 +183,10 @@ impl World {
         if source != self.source {
             self.source = source;
             if let Some(route) = self.route {
-                let full = self.electronics.amplitudes_v(&self.sheet, &route, 1000).unwrap_or_default();
+                let full = self
+                    .electronics
+                    .amplitudes_v(&self.sheet, &route, 1000)
+                    .unwrap_or_default();
                 self.routing.amplitude_v = full.map(|v| v * source.0);
             }
         }

@@ -42,7 +42,15 @@ fn start(name: &str, plan: &Plan, frames: usize, until_ns: u64) -> Outcome {
         (AWAKE_NS, ToBoard::SetPlan(plan.clone())),
         (AWAKE_NS + 10_000_000, ToBoard::Start),
     ];
-    run(&program(name), Electronics::default(), sheet(), commands, frames, until_ns).unwrap()
+    run(
+        &program(name),
+        Electronics::default(),
+        sheet(),
+        commands,
+        frames,
+        until_ns,
+    )
+    .unwrap()
 }
 
 fn frames(outcome: &Outcome) -> Vec<Frame> {
@@ -111,7 +119,10 @@ fn faults(name: &str, plan: &Plan) -> Vec<String> {
         }
     };
     let there = frames(&outcome);
-    expect(there.len() == count, format!("{} frames of {count}: {:?}", there.len(), outcome.messages.last()));
+    expect(
+        there.len() == count,
+        format!("{} frames of {count}: {:?}", there.len(), outcome.messages.last()),
+    );
     expect(outcome.damaged == 0, format!("{} damaged messages", outcome.damaged));
     expect(outcome.resets == 0, format!("{} resets", outcome.resets));
     expect(
@@ -120,11 +131,16 @@ fn faults(name: &str, plan: &Plan) -> Vec<String> {
     );
     // The first trigger came when the board was up, some milliseconds after power.
     let rate = outcome.triggers as f64 / outcome.end_ns as f64 * 1425.0 / 84e-3;
-    expect((0.99..=1.0).contains(&rate), format!("samples at {rate:.4} of their rate"));
+    expect(
+        (0.99..=1.0).contains(&rate),
+        format!("samples at {rate:.4} of their rate"),
+    );
     if let (Some(first), Some(last)) = (there.first(), there.last()) {
         let (a, b) = (&outcome.messages, plan.quarters());
         let at = |sequence| {
-            let found = a.iter().find(|(_, m)| matches!(m, FromBoard::Frame(f) if f.sequence == sequence));
+            let found = a
+                .iter()
+                .find(|(_, m)| matches!(m, FromBoard::Frame(f) if f.sequence == sequence));
             found.map_or(0, |(at, _)| *at)
         };
         let (ns, frames) = (at(last.sequence) - at(first.sequence), last.sequence - first.sequence);
@@ -139,7 +155,13 @@ fn faults(name: &str, plan: &Plan) -> Vec<String> {
             let same = here.values.iter().zip(&there.values).filter(|(a, b)| a == b).count();
             expect(
                 here == there,
-                format!("frame {}: {same} of {} values alike, time {} and {}", there.sequence, here.values.len(), here.time, there.time),
+                format!(
+                    "frame {}: {same} of {} values alike, time {} and {}",
+                    there.sequence,
+                    here.values.len(),
+                    here.time,
+                    there.time
+                ),
             );
         }
     }
@@ -158,7 +180,13 @@ fn every_chips_program_measures_what_the_firmware_measures_in_process_value_for_
 #[test]
 fn planted_faults_of_routing_and_timing_are_found() {
     let [plan, _] = plans();
-    for name in ["fault-routing", "fault-break", "fault-settling", "fault-timer", "fault-phase"] {
+    for name in [
+        "fault-routing",
+        "fault-break",
+        "fault-settling",
+        "fault-timer",
+        "fault-phase",
+    ] {
         let found = faults(name, &plan);
         println!("{name}: {found:?}");
         assert!(!found.is_empty(), "{name} is not found");
@@ -173,7 +201,10 @@ fn the_work_on_a_block_takes_under_a_twentieth_of_its_time() {
         work.sort_unstable();
         let (median, longest) = (work[work.len() / 2], work[work.len() - 1]);
         let mean = work.iter().sum::<u64>() / work.len() as u64;
-        println!("{name}: {} blocks, {median} instructions, {mean} with all else, {longest} at the end of a frame", work.len());
+        println!(
+            "{name}: {} blocks, {median} instructions, {mean} with all else, {longest} at the end of a frame",
+            work.len()
+        );
         assert!(median <= BUDGET, "{median} of {BUDGET}");
         // What the end of a frame takes (it is packed and summed) must not cost a sample: the ring holds three periods more.
         assert!(longest as f64 * 1.4 < 3.0 * 16.0 * 2850.0, "{longest}");
@@ -203,7 +234,9 @@ fn the_image_fits_what_the_papers_controller_had() {
         }
         // The first values of the variables are behind the code.
         let (flash, ram) = (flash_end - 0x0800_0000 + ram_end - 0x2000_0000, ram_end - 0x2000_0000);
-        println!("{name}: {code} bytes of program and constants, to {flash} of flash at most, {ram} bytes of RAM with the stack");
+        println!(
+            "{name}: {code} bytes of program and constants, to {flash} of flash at most, {ram} bytes of RAM with the stack"
+        );
         assert!(flash <= 144 * 1024 && ram <= 8 * 1024);
     }
 }
@@ -228,23 +261,55 @@ fn the_stack_has_room_to_spare() {
         ToBoard::Start,
     ];
     commands.extend((1..).map(|k| AWAKE_NS + k * 200_000_000).zip(more));
-    let outcome = run(&program("f446"), Electronics::default(), sheet(), commands, 2, 3_000_000_000).unwrap();
-    assert_eq!((outcome.damaged, outcome.resets, frames(&outcome).len()), (0, 0, 2), "{:?}", outcome.messages);
+    let outcome = run(
+        &program("f446"),
+        Electronics::default(),
+        sheet(),
+        commands,
+        2,
+        3_000_000_000,
+    )
+    .unwrap();
+    assert_eq!(
+        (outcome.damaged, outcome.resets, frames(&outcome).len()),
+        (0, 0, 2),
+        "{:?}",
+        outcome.messages
+    );
     println!("{} of {} bytes of stack used", outcome.stack, outcome.stack_size);
     assert!(outcome.stack > 0 && outcome.stack + 256 <= outcome.stack_size);
 }
 
 #[test]
 fn a_panic_is_told_after_the_restart() {
-    let outcome = run(&program("fault-panic"), Electronics::default(), sheet(), Vec::new(), 1, 100_000_000).unwrap();
+    let outcome = run(
+        &program("fault-panic"),
+        Electronics::default(),
+        sheet(),
+        Vec::new(),
+        1,
+        100_000_000,
+    )
+    .unwrap();
     // It panics again and again; every introduction but the first tells of the one before.
     let hellos = hellos(&outcome);
     assert!(outcome.resets > 2 || hellos.len() > 2, "{outcome:?}");
-    assert!(hellos.is_empty() || hellos[hellos.len() - 1].reset == ResetCause::Panic, "{hellos:?}");
+    assert!(
+        hellos.is_empty() || hellos[hellos.len() - 1].reset == ResetCause::Panic,
+        "{hellos:?}"
+    );
 }
 
 #[test]
 fn a_program_that_hangs_is_restarted_by_the_watchdog() {
-    let outcome = run(&program("fault-hang"), Electronics::default(), sheet(), Vec::new(), 1, 4_600_000_000).unwrap();
+    let outcome = run(
+        &program("fault-hang"),
+        Electronics::default(),
+        sheet(),
+        Vec::new(),
+        1,
+        4_600_000_000,
+    )
+    .unwrap();
     assert_eq!(outcome.resets, 2, "{:?}", outcome.messages);
 }

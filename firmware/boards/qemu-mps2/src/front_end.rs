@@ -3,7 +3,8 @@
 
 use crate::pipe::{Pipe, PipeError};
 use firmware::{
-    Block, Capture, ErrorKind, ErrorType, Excitation, MAX_CHANNELS, Rails, Route, Router, SAMPLES_PER_PERIOD, Sense, Window,
+    Block, Capture, ErrorKind, ErrorType, Excitation, MAX_CHANNELS, Rails, Route, Router, SAMPLES_PER_PERIOD, Sense,
+    Window,
 };
 
 /// Samples of the largest block: one period of all channels.

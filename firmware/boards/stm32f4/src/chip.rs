@@ -33,7 +33,10 @@ pub fn hexadecimal(value: u32, digits: &mut [u8]) {
 /// Sets the chip up: watchdog first, then clocks and pins. Why it was started.
 pub fn start(device: pac::Peripherals, mut core: cortex_m::Peripherals) -> ResetCause {
     // A program that is being debugged is not bitten.
-    device.DBGMCU.apb1_fz().modify(|r, w| unsafe { w.bits(r.bits() | 1 << 12) });
+    device
+        .DBGMCU
+        .apb1_fz()
+        .modify(|r, w| unsafe { w.bits(r.bits() | 1 << 12) });
     // 32 kHz / 64: 1000 of these are 2 s. Erasing a sector of the settings takes half a second at most.
     device.IWDG.kr().write(|w| unsafe { w.bits(0xCCCC) });
     device.IWDG.kr().write(|w| unsafe { w.bits(0x5555) });
@@ -46,16 +49,34 @@ pub fn start(device: pac::Peripherals, mut core: cortex_m::Peripherals) -> Reset
     let cause = reset_cause(device.RCC.csr().read().bits());
     device.RCC.csr().modify(|r, w| unsafe { w.bits(r.bits() | 1 << 24) });
     // Ports A, B and C, both DMA controllers; TIM2, power control, DAC, USART2; ADC1, USART1.
-    device.RCC.ahb1enr().modify(|r, w| unsafe { w.bits(r.bits() | 0b111 | 0b11 << 21) });
-    device.RCC.apb1enr().modify(|r, w| unsafe { w.bits(r.bits() | 1 | 1 << 28 | 1 << 29 | 1 << 17) });
-    device.RCC.apb2enr().modify(|r, w| unsafe { w.bits(r.bits() | 1 << 8 | 1 << 4) });
+    device
+        .RCC
+        .ahb1enr()
+        .modify(|r, w| unsafe { w.bits(r.bits() | 0b111 | 0b11 << 21) });
+    device
+        .RCC
+        .apb1enr()
+        .modify(|r, w| unsafe { w.bits(r.bits() | 1 | 1 << 28 | 1 << 29 | 1 << 17) });
+    device
+        .RCC
+        .apb2enr()
+        .modify(|r, w| unsafe { w.bits(r.bits() | 1 << 8 | 1 << 4) });
     // Supply monitor at 2.9 V: below it no flash memory is written.
-    device.PWR.cr().modify(|r, w| unsafe { w.bits(r.bits() | 7 << 5 | 1 << 4) });
+    device
+        .PWR
+        .cr()
+        .modify(|r, w| unsafe { w.bits(r.bits() | 7 << 5 | 1 << 4) });
 
     let crystal = Config::hse(8.MHz());
     // A Nucleo gets its 8 MHz from the debugger on it, without a crystal.
-    let clock = if cfg!(feature = "f446") { crystal.bypass_hse_oscillator() } else { crystal };
-    let rcc = device.RCC.freeze(clock.sysclk(168.MHz()).pclk1(42.MHz()).pclk2(84.MHz()));
+    let clock = if cfg!(feature = "f446") {
+        crystal.bypass_hse_oscillator()
+    } else {
+        crystal
+    };
+    let rcc = device
+        .RCC
+        .freeze(clock.sysclk(168.MHz()).pclk1(42.MHz()).pclk2(84.MHz()));
     // From here on a crystal that stops is a non-maskable interrupt, not a frequency that silently changes.
     // SAFETY: one bit of a register that nothing else writes any more.
     let registers = unsafe { &*pac::RCC::ptr() };
@@ -66,9 +87,15 @@ pub fn start(device: pac::Peripherals, mut core: cortex_m::Peripherals) -> Reset
     core.DWT.enable_cycle_counter();
     multiplexer::start();
     // Analog: PA0, PA1 and PA6 to the converter, PA4 from the DAC.
-    device.GPIOA.moder().modify(|r, w| unsafe { w.bits(r.bits() | 0b11 << 12 | 0b11 << 8 | 0b1111) });
+    device
+        .GPIOA
+        .moder()
+        .modify(|r, w| unsafe { w.bits(r.bits() | 0b11 << 12 | 0b11 << 8 | 0b1111) });
     // The converters' clock is 84 MHz / 4.
-    device.ADC_COMMON.ccr().modify(|r, w| unsafe { w.bits(r.bits() & !(3 << 16) | 1 << 16) });
+    device
+        .ADC_COMMON
+        .ccr()
+        .modify(|r, w| unsafe { w.bits(r.bits() & !(3 << 16) | 1 << 16) });
     cause
 }
 

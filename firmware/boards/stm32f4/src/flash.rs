@@ -21,7 +21,9 @@ const fn place(sector: Sector) -> (u32, u32) {
 
 /// The address of `len` bytes from `offset` on.
 fn range(sector: Sector, offset: u32, len: usize) -> Result<u32, FlashError> {
-    let end = offset.checked_add(u32::try_from(len).map_err(|_| FlashError)?).ok_or(FlashError)?;
+    let end = offset
+        .checked_add(u32::try_from(len).map_err(|_| FlashError)?)
+        .ok_or(FlashError)?;
     if end > SECTOR_LEN {
         return Err(FlashError);
     }
@@ -93,7 +95,11 @@ impl Unlocked {
     fn wait(&self) -> Result<(), FlashError> {
         let flash = self.registers();
         while flash.sr().read().bits() & 1 << 16 != 0 {}
-        if flash.sr().read().bits() & 0xF2 != 0 { Err(FlashError) } else { Ok(()) }
+        if flash.sr().read().bits() & 0xF2 != 0 {
+            Err(FlashError)
+        } else {
+            Ok(())
+        }
     }
 }
 

@@ -83,8 +83,13 @@ fn start() -> Board {
         panic!("started twice");
     };
     // SAFETY: each is used here only, and this runs once, as the peripherals above are there once.
-    let (memory, serial_number, last_panic) =
-        unsafe { (&mut *(&raw mut MEMORY), &mut *(&raw mut SERIAL_NUMBER), &mut *(&raw mut LAST_PANIC)) };
+    let (memory, serial_number, last_panic) = unsafe {
+        (
+            &mut *(&raw mut MEMORY),
+            &mut *(&raw mut SERIAL_NUMBER),
+            &mut *(&raw mut LAST_PANIC),
+        )
+    };
     *last_panic = panic_record::take();
     let reset = chip::start(device, core);
     let mut info = BoardInfo {
@@ -96,7 +101,14 @@ fn start() -> Board {
         info.reset = ResetCause::Panic;
         info.last_panic = report.text();
     }
-    match Controller::new(info, first_plan(), FrontEnd::start(), Serial::start(), Chip::new(), memory) {
+    match Controller::new(
+        info,
+        first_plan(),
+        FrontEnd::start(),
+        Serial::start(),
+        Chip::new(),
+        memory,
+    ) {
         Ok(board) => board,
         Err(_) => panic!("the first plan does not suit the board"),
     }

@@ -48,9 +48,12 @@ pub fn start() {
     // SAFETY: this module and `start` of the others are the ports' only users, each of its own pins, before interrupts are on.
     let (a, b, c) = unsafe { (&*pac::GPIOA::ptr(), &*pac::GPIOB::ptr(), &*pac::GPIOC::ptr()) };
     c.bsrr().write(|w| unsafe { w.bits(ENABLE_PINS) });
-    c.moder().modify(|r, w| unsafe { w.bits(r.bits() & !spread(ENABLE_PINS, 3) | spread(ENABLE_PINS, 1)) });
-    b.moder().modify(|r, w| unsafe { w.bits(r.bits() & !spread(ADDRESS_PINS, 3) | spread(ADDRESS_PINS, 1)) });
-    a.moder().modify(|r, w| unsafe { w.bits(r.bits() & !spread(BUSY_PIN, 3) | spread(BUSY_PIN, 1)) });
+    c.moder()
+        .modify(|r, w| unsafe { w.bits(r.bits() & !spread(ENABLE_PINS, 3) | spread(ENABLE_PINS, 1)) });
+    b.moder()
+        .modify(|r, w| unsafe { w.bits(r.bits() & !spread(ADDRESS_PINS, 3) | spread(ADDRESS_PINS, 1)) });
+    a.moder()
+        .modify(|r, w| unsafe { w.bits(r.bits() & !spread(BUSY_PIN, 3) | spread(BUSY_PIN, 1)) });
 }
 
 /// Two bits for every pin.
@@ -79,7 +82,10 @@ pub fn select(route: &Route) -> Result<(), ErrorKind> {
     match sense {
         Sense::One(pair) if pair.plus < ELECTRODES && pair.minus < ELECTRODES => {
             #[cfg(feature = "fault-routing")]
-            let pair = protocol::Pair { plus: pair.plus ^ u8::from(pair.minus == 9), ..pair };
+            let pair = protocol::Pair {
+                plus: pair.plus ^ u8::from(pair.minus == 9),
+                ..pair
+            };
             address |= SENSE_PLUS.address_bits(pair.plus) | SENSE_MINUS.address_bits(pair.minus);
             enable |= SENSE_PLUS.enable_bit(pair.plus) | SENSE_MINUS.enable_bit(pair.minus);
         }
@@ -92,9 +98,11 @@ pub fn select(route: &Route) -> Result<(), ErrorKind> {
         c.bsrr().write(|w| unsafe { w.bits(ENABLE_PINS) });
     }
     cortex_m::asm::delay(DEAD_CYCLES);
-    b.bsrr().write(|w| unsafe { w.bits(address | (ADDRESS_PINS & !address) << 16) });
+    b.bsrr()
+        .write(|w| unsafe { w.bits(address | (ADDRESS_PINS & !address) << 16) });
     cortex_m::asm::delay(DEAD_CYCLES);
-    c.bsrr().write(|w| unsafe { w.bits(ENABLE_PINS & !enable | enable << 16) });
+    c.bsrr()
+        .write(|w| unsafe { w.bits(ENABLE_PINS & !enable | enable << 16) });
     Ok(())
 }
 

@@ -30,7 +30,10 @@ impl Report {
     }
 
     fn summed(&self) -> u32 {
-        let bytes = self.bytes.iter().fold(0u32, |sum, b| sum.rotate_left(5) ^ u32::from(*b));
+        let bytes = self
+            .bytes
+            .iter()
+            .fold(0u32, |sum, b| sum.rotate_left(5) ^ u32::from(*b));
         bytes ^ self.len
     }
 

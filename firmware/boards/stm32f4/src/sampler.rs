@@ -53,7 +53,11 @@ pub struct Sampler {
 }
 
 /// Timer, converter and DMA controller.
-fn registers() -> (&'static pac::tim2::RegisterBlock, &'static pac::adc1::RegisterBlock, &'static pac::dma2::RegisterBlock) {
+fn registers() -> (
+    &'static pac::tim2::RegisterBlock,
+    &'static pac::adc1::RegisterBlock,
+    &'static pac::dma2::RegisterBlock,
+) {
     // SAFETY: TIM2, ADC1 and stream 0 of DMA2 are this module's alone; of DMA2 it writes no register that others write, save
     // the flags' clear registers, which do nothing to bits written 0.
     unsafe { (&*pac::TIM2::ptr(), &*pac::ADC1::ptr(), &*pac::DMA2::ptr()) }
@@ -121,7 +125,8 @@ impl Sampler {
         adc.smpr2().write(|w| unsafe { w.bits(0o2222222222) });
         adc.sqr1().write(|w| unsafe { w.bits(0) });
         // Rising edge of trigger 6 (TIM2), DMA without end, on.
-        adc.cr2().write(|w| unsafe { w.bits(1 << 28 | 6 << 24 | 1 << 9 | 1 << 8 | 1) });
+        adc.cr2()
+            .write(|w| unsafe { w.bits(1 << 28 | 6 << 24 | 1 << 9 | 1 << 8 | 1) });
         source.arm();
 
         // The update event is the trigger output. The first one comes a sample's time from now.

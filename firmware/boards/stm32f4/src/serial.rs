@@ -40,23 +40,24 @@ impl Serial {
         let port = unsafe { &*pac::GPIOA::ptr() };
         // Alternate function 7 on PA9 and PA10, with a pull-up on the latter: an open line is idle.
         port.afrh().modify(|r, w| unsafe { w.bits(r.bits() & !0xFF0 | 0x770) });
-        port.pupdr().modify(|r, w| unsafe { w.bits(r.bits() & !(3 << 20) | 1 << 20) });
+        port.pupdr()
+            .modify(|r, w| unsafe { w.bits(r.bits() & !(3 << 20) | 1 << 20) });
         port.ospeedr().modify(|r, w| unsafe { w.bits(r.bits() | 2 << 18) });
-        port.moder().modify(|r, w| unsafe { w.bits(r.bits() & !(0xF << 18) | 0xA << 18) });
+        port.moder()
+            .modify(|r, w| unsafe { w.bits(r.bits() & !(0xF << 18) | 0xA << 18) });
         let (usart, dma) = registers();
         // 84 MHz / 84.
         usart.brr().write(|w| unsafe { w.bits(84) });
         // DMA for what goes out.
         usart.cr3().write(|w| unsafe { w.bits(1 << 7) });
         // On, interrupt on reception, transmitter, receiver.
-        usart.cr1().write(|w| unsafe { w.bits(1 << 13 | 1 << 5 | 1 << 3 | 1 << 2) });
+        usart
+            .cr1()
+            .write(|w| unsafe { w.bits(1 << 13 | 1 << 5 | 1 << 3 | 1 << 2) });
         dma.st(7).par().write(|w| unsafe { w.bits(usart.dr().as_ptr() as u32) });
         // SAFETY: everything that the interrupt uses is set up.
         unsafe { cortex_m::peripheral::NVIC::unmask(pac::Interrupt::USART1) };
-        Self {
-            filling: 0,
-            filled: 0,
-        }
+        Self { filling: 0, filled: 0 }
     }
 
     /// Sends what was filled, if nothing is on its way.

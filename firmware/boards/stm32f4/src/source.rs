@@ -13,7 +13,11 @@ const AMPLITUDE: i32 = 2000;
 
 /// The sine runs ahead of the samples by what the way to the electrodes holds it back at 3.684 kHz: half a step of the DAC
 /// (1/32 of a period) and the second-order low-pass at 10 kHz behind it (31.1 degrees), 42.3 degrees together.
-const LEAD_TURNS: f64 = if cfg!(feature = "fault-phase") { 0.0 } else { 42.33 / 360.0 };
+const LEAD_TURNS: f64 = if cfg!(feature = "fault-phase") {
+    0.0
+} else {
+    42.33 / 360.0
+};
 
 /// Full-scale codes about the middle, by phase.
 const SINE: [i16; SAMPLES_PER_PERIOD] = table();
@@ -34,7 +38,11 @@ const fn table() -> [i16; SAMPLES_PER_PERIOD] {
             n += 1;
         }
         let code = sin * AMPLITUDE as f64;
-        out[k] = if code < 0.0 { (code - 0.5) as i16 } else { (code + 0.5) as i16 };
+        out[k] = if code < 0.0 {
+            (code - 0.5) as i16
+        } else {
+            (code + 0.5) as i16
+        };
         k += 1;
     }
     out
@@ -104,7 +112,11 @@ impl Source {
 
     fn code(&self, phase: usize) -> u16 {
         let full = i32::from(SINE.get(phase).copied().unwrap_or(0));
-        let part = if self.on { full * i32::from(self.permille) / 1000 } else { 0 };
+        let part = if self.on {
+            full * i32::from(self.permille) / 1000
+        } else {
+            0
+        };
         (MIDDLE + part) as u16
     }
 

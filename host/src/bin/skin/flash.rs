@@ -104,7 +104,10 @@ fn only_port() -> Result<String> {
         [one] => Ok(one.port_name.clone()),
         several => {
             let names: Vec<&str> = several.iter().map(|p| p.port_name.as_str()).collect();
-            bail!("there are several serial ports ({}): name the board's with --port", names.join(", "))
+            bail!(
+                "there are several serial ports ({}): name the board's with --port",
+                names.join(", ")
+            )
         }
     }
 }
@@ -132,7 +135,9 @@ fn program(port: impl BootPort, image: &Image, reset: bool, source: &str) -> Res
         eprint!("\r\x1b[K");
     }
     let outcome = outcome.with_context(|| source.to_owned())?;
-    bootloader.start(FLASH_START, reset).with_context(|| source.to_owned())?;
+    bootloader
+        .start(FLASH_START, reset)
+        .with_context(|| source.to_owned())?;
     println!(
         "{source}: programmed and verified: {} bytes written, {} were there already, {} sectors erased; it is running",
         outcome.written, outcome.kept, outcome.erased

@@ -32,9 +32,21 @@ const TEST_TIME: Duration = Duration::from_secs(10);
 
 /// The parts of the self-test and what is wrong when one fails.
 const CHECKS: [(Check, &str, &str); 5] = [
-    (Check::Source, "source", "the source has not the amplitude it should have"),
-    (Check::Offset, "offset", "an amplifier does not rest in the middle of its range"),
-    (Check::Noise, "noise", "there is more noise than the electronics has by itself"),
+    (
+        Check::Source,
+        "source",
+        "the source has not the amplitude it should have",
+    ),
+    (
+        Check::Offset,
+        "offset",
+        "an amplifier does not rest in the middle of its range",
+    ),
+    (
+        Check::Noise,
+        "noise",
+        "there is more noise than the electronics has by itself",
+    ),
     (Check::Electrodes, "electrodes", "electrodes are open or shorted"),
     (Check::Store, "store", "the memory for settings cannot be read"),
 ];
@@ -45,7 +57,11 @@ const CHECKS: [(Check, &str, &str); 5] = [
 /// No board, or a failed self-test.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let (link, hello, source) = connect(arguments)?;
-    let test = if arguments.no_test { None } else { Some(self_test(&link)?) };
+    let test = if arguments.no_test {
+        None
+    } else {
+        Some(self_test(&link)?)
+    };
     let failed: Vec<_> = CHECKS
         .iter()
         .filter(|(check, ..)| test.as_ref().is_some_and(|t| !t.passed(*check)))
@@ -96,7 +112,10 @@ fn connect(arguments: &Arguments) -> Result<(Link, Hello, String)> {
     let candidates = ports::candidates().context("the serial ports cannot be listed")?;
     for candidate in &candidates {
         let path = &candidate.port_name;
-        match ports::open(path).map_err(|e| anyhow!(e)).and_then(|port| greeted(port, path)) {
+        match ports::open(path)
+            .map_err(|e| anyhow!(e))
+            .and_then(|port| greeted(port, path))
+        {
             Ok(found) => return Ok(found),
             Err(e) => eprintln!("{path}: {e:#}"),
         }
@@ -113,11 +132,18 @@ fn self_test(link: &Link) -> Result<SelfTest> {
 }
 
 fn describe(hello: &Hello, source: &str) {
-    let git = if hello.git.is_empty() { String::new() } else { format!(", built from {}", hello.git) };
+    let git = if hello.git.is_empty() {
+        String::new()
+    } else {
+        format!(", built from {}", hello.git)
+    };
     println!("port        {source}");
     println!("board       {}, serial {}", hello.board, hello.serial);
     println!("firmware    {}{git}", hello.firmware);
-    println!("protocol    {}.{}, schema {:08x}", hello.version.major, hello.version.minor, hello.schema);
+    println!(
+        "protocol    {}.{}, schema {:08x}",
+        hello.version.major, hello.version.minor, hello.schema
+    );
     println!(
         "excitation  {:.1} Hz ({} Hz / {} / {}), {:.2} V amplitude",
         hello.excitation_hz(),
@@ -138,7 +164,11 @@ fn describe(hello: &Hello, source: &str) {
 
 fn as_json(hello: &Hello, test: Option<&SelfTest>, source: &str) -> serde_json::Value {
     let test = test.map(|t| {
-        let failed: Vec<&str> = CHECKS.iter().filter(|(c, ..)| !t.passed(*c)).map(|(_, name, _)| *name).collect();
+        let failed: Vec<&str> = CHECKS
+            .iter()
+            .filter(|(c, ..)| !t.passed(*c))
+            .map(|(_, name, _)| *name)
+            .collect();
         json!({
             "failed": failed,
             "source_permille": t.source_permille,
