@@ -105,6 +105,23 @@ where
     /// # Errors
     /// The board cannot carry `plan` out.
     pub fn new(info: BoardInfo<'a>, plan: Plan, front: F, link: L, support: S, memory: M) -> Result<Self, PlanError> {
+        let mut this = Self::asleep(info, plan, front, link, support, memory)?;
+        this.start_up();
+        Ok(this)
+    }
+
+    /// The same before [`Controller::start_up`], for a board whose stack is too small for both at once.
+    ///
+    /// # Errors
+    /// As [`Controller::new`].
+    pub fn asleep(
+        info: BoardInfo<'a>,
+        plan: Plan,
+        front: F,
+        link: L,
+        support: S,
+        memory: M,
+    ) -> Result<Self, PlanError> {
         plan.recipe().check(info.electrodes, info.gains(), &info.limits())?;
         let mut this = Self {
             info,
@@ -128,13 +145,17 @@ where
             .scan
             .wire(info.electrodes, info.skew_ticks, info.ticks_per_sample);
         this.memory.settings.plan = plan;
-        this.remember();
-        this.forget_baseline();
-        this.introduce();
-        if this.memory.settings.autostart {
-            this.start();
-        }
         Ok(this)
+    }
+
+    /// Takes up the stored settings, and introduces the board. Once, before the first poll.
+    pub fn start_up(&mut self) {
+        self.remember();
+        self.forget_baseline();
+        self.introduce();
+        if self.memory.settings.autostart {
+            self.start();
+        }
     }
 
     /// Takes up the stored settings, if there are any that the board can carry out. A store that does not work is found by

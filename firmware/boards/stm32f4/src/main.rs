@@ -17,7 +17,7 @@ use chip::Chip;
 use cortex_m_rt::entry;
 use firmware::{Activity, BoardInfo, Controller, Memory};
 use front_end::FrontEnd;
-use protocol::{Plan, ResetCause, Sampling};
+use protocol::{Plan, PlanError, ResetCause, Sampling};
 use serial::Serial;
 use stm32f4xx_hal::pac;
 
@@ -63,7 +63,12 @@ static mut LAST_PANIC: Option<panic_record::Report> = None;
 
 #[entry]
 fn main() -> ! {
-    let mut board = start();
+    let mut started = start();
+    // Lent, not taken out: a copy would cost the stack as much again.
+    let Ok(board) = &mut started else {
+        panic!("the first plan does not suit the board");
+    };
+    board.start_up();
     // Nothing reads it here; without this the linker would leave it out.
     core::hint::black_box(IMAGE_TAG);
     panic_record::planted();
@@ -78,7 +83,7 @@ type Board = Controller<'static, FrontEnd, Serial, Chip, &'static mut Memory>;
 
 /// Once; in a function of its own so that the loop's stack need not hold what it leaves behind.
 #[inline(never)]
-fn start() -> Board {
+fn start() -> Result<Board, PlanError> {
     let (Some(core), Some(device)) = (cortex_m::Peripherals::take(), pac::Peripherals::take()) else {
         panic!("started twice");
     };
@@ -101,17 +106,7 @@ fn start() -> Board {
         info.reset = ResetCause::Panic;
         info.last_panic = report.text();
     }
-    match Controller::new(
-        info,
-        first_plan(),
-        FrontEnd::start(),
-        Serial::start(),
-        Chip::new(),
-        memory,
-    ) {
-        Ok(board) => board,
-        Err(_) => panic!("the first plan does not suit the board"),
-    }
+    Controller::asleep(info, first_plan(), FrontEnd::start(), Serial::start(), Chip::new(), memory)
 }
 
 /// 208 values one after the other, a period to settle and one to integrate, until the host says otherwise.
