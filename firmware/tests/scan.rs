@@ -1,5 +1,5 @@
 //! Scan, command loop and outbox on the smallest front end.
-#![allow(clippy::unwrap_used, reason = "a failure here is a failed test")]
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a failure here is a failed test")]
 
 mod fake;
 
