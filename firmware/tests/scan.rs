@@ -520,6 +520,13 @@ fn a_new_plan_in_the_middle_of_a_frame_takes_over_at_once_without_a_gap() {
     assert_eq!(again[0].sequence, frames.last().unwrap().sequence + 1);
 }
 
+#[test]
+fn all_that_is_large_fits_a_small_memory_beside_samples_and_stack() {
+    // On a machine of 64 bits it is a little larger than on a Cortex-M.
+    let size = size_of::<Memory>();
+    assert!(size <= 5632, "{size}");
+}
+
 /// Any command, most of them possible.
 fn commands() -> impl Strategy<Value = ToBoard> {
     let pair = || (0..17u8, 0..17u8).prop_map(|(plus, minus)| Pair { plus, minus });
