@@ -312,10 +312,19 @@ where
                 return Ok(());
             }
             ToBoard::Start => {
-                if !self.running && !self.start() {
+                if self.testing() {
+                    // Once the test is over.
+                    self.running = true;
+                } else if !self.running && !self.start() {
                     return Ok(());
                 }
                 Command::Start
+            }
+            ToBoard::Stop if self.testing() => {
+                // The test is answered first, and then the excitation goes off.
+                self.running = false;
+                self.watching = Watching::Off;
+                Command::Stop
             }
             ToBoard::Stop => {
                 self.running = false;
@@ -360,7 +369,7 @@ where
                 self.memory.settings.watch = watch;
                 self.forget_baseline();
                 self.send_watch();
-                self.resume();
+                self.resume_unless_testing();
                 return Ok(());
             }
             ToBoard::GetWatch => {
@@ -372,12 +381,15 @@ where
                     return Err(BoardError::Refused(Refusal::NoWatch));
                 }
                 self.forget_baseline();
-                self.resume();
+                self.resume_unless_testing();
                 Command::TakeBaseline
             }
             ToBoard::GetBaseline => {
                 self.send_baseline();
                 return Ok(());
+            }
+            ToBoard::SelfTest | ToBoard::GetPeriod(_) | ToBoard::SetExcitation(_) if self.testing() => {
+                return Err(BoardError::Refused(Refusal::Busy));
             }
             ToBoard::SelfTest => {
                 self.test();
@@ -413,6 +425,17 @@ where
         };
         self.send(Outgoing::Ack(done));
         Ok(())
+    }
+
+    /// Whether a test or a folded period is under way, which is finished and answered whatever else is asked for.
+    fn testing(&self) -> bool {
+        matches!(self.task, Task::TestSource | Task::TestPair | Task::Period)
+    }
+
+    fn resume_unless_testing(&mut self) {
+        if !self.testing() {
+            self.resume();
+        }
     }
 
     fn only_at_rest(&self) -> Result<(), BoardError> {

@@ -1,5 +1,5 @@
 //! The change test against the distribution that theory gives it.
-#![allow(clippy::unwrap_used, reason = "a failure here is a failed test")]
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a failure here is a failed test")]
 
 use firmware::{ChangeTest, LEVEL_ONE};
 use protocol::{Value, Watch};

@@ -114,15 +114,16 @@ fn even_harmonics_are_rejected_exactly_whatever_they_are_rounded_to() {
 #[test]
 fn all_harmonics_from_two_to_fourteen_are_orthogonal_in_exact_algebra() {
     for harmonic in 0..=17 {
-        for sign in [1, -1] {
+        // Correlated with z^-k and with z^k, of which sine and cosine are made.
+        for turn in [N - 1, 1] {
             let mut sum = [0i32; HALF];
             for k in 0..N {
-                // z^(harmonic k) z^(-+ k), with exponents modulo 16.
-                let power = (harmonic * k + N * N - k * N / N).wrapping_add(if sign < 0 { 2 * k } else { 0 }) % N;
+                let power = (harmonic + turn) * k % N;
                 sum[power % HALF] += if power < HALF { 1 } else { -1 };
             }
-            let aliases = (harmonic + N - 1) % N == 0 && sign > 0 || (harmonic + 1) % N == 0 && sign < 0;
-            assert_eq!(sum != [0; HALF], aliases, "{harmonic} {sign}");
+            let aliases = (harmonic + turn).is_multiple_of(N);
+            assert_eq!(sum != [0; HALF], aliases, "{harmonic} {turn}");
+            assert!(!aliases || [1, 15, 17].contains(&harmonic), "{harmonic}");
         }
     }
 }

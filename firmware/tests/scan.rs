@@ -1,5 +1,5 @@
 //! Scan, command loop and outbox on the smallest front end.
-#![allow(clippy::unwrap_used, reason = "a failure here is a failed test")]
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a failure here is a failed test")]
 
 mod fake;
 
@@ -12,7 +12,7 @@ use proptest::prelude::*;
 use protocol::{
     BoardError, Check, Command, Decoder, Frame, FrameError, FromBoard, FrontEndFault, MAX_FROM_BOARD_LEN,
     MAX_TO_BOARD_LEN, Outgoing, Pair, PeriodRequest, Plan, PlanError, Refusal, ResetCause, SCHEMA, Sampling, ToBoard,
-    Value, encode, text,
+    Value, Watch, encode, text,
 };
 
 pub(crate) const INFO: BoardInfo<'static> = BoardInfo {
@@ -518,6 +518,94 @@ fn a_new_plan_in_the_middle_of_a_frame_takes_over_at_once_without_a_gap() {
     bench.command(&ToBoard::Start);
     let again = bench.frames(200);
     assert_eq!(again[0].sequence, frames.last().unwrap().sequence + 1);
+}
+
+#[test]
+fn all_that_is_large_fits_a_small_memory_beside_samples_and_stack() {
+    // On a machine of 64 bits it is a little larger than on a Cortex-M.
+    let size = size_of::<Memory>();
+    assert!(size <= 5632, "{size}");
+}
+
+/// Any command, most of them possible.
+fn commands() -> impl Strategy<Value = ToBoard> {
+    let pair = || (0..17u8, 0..17u8).prop_map(|(plus, minus)| Pair { plus, minus });
+    let period =
+        (pair(), pair(), 0..2u8, 0..9u16, 0..9u16).prop_map(|(drive, sense, gain, settle_quarters, periods)| {
+            ToBoard::GetPeriod(PeriodRequest {
+                drive,
+                sense,
+                gain,
+                settle_quarters,
+                periods,
+            })
+        });
+    let watch =
+        (0..4u16, 0..3u16, 0..3u16, 0..5u16).prop_map(|(learn_scans, frames_between, quiet_scans, rest_quarters)| {
+            ToBoard::SetWatch(Some(Watch {
+                learn_scans,
+                frames_between,
+                quiet_scans,
+                rest_quarters,
+                ..Watch::paper()
+            }))
+        });
+    let plan = (0..3u16, 0..4u16, any::<bool>(), any::<bool>()).prop_map(|(settle, integrate, one, quadrature)| {
+        ToBoard::SetPlan(Plan {
+            settle_quarters: settle,
+            integrate_periods: integrate,
+            sampling: if one {
+                Sampling::Sequential
+            } else {
+                Sampling::Simultaneous
+            },
+            quadrature,
+            ..Plan::fast()
+        })
+    });
+    prop_oneof![
+        Just(ToBoard::Hello),
+        Just(ToBoard::Start),
+        Just(ToBoard::Start),
+        Just(ToBoard::Stop),
+        Just(ToBoard::GetPlan),
+        Just(ToBoard::GetCounters),
+        Just(ToBoard::ResetCounters),
+        Just(ToBoard::SetWatch(None)),
+        Just(ToBoard::GetWatch),
+        Just(ToBoard::TakeBaseline),
+        Just(ToBoard::GetBaseline),
+        Just(ToBoard::SelfTest),
+        Just(ToBoard::SaveSettings),
+        Just(ToBoard::ForgetSettings),
+        any::<bool>().prop_map(ToBoard::SetAutostart),
+        (0..1100u16).prop_map(ToBoard::SetExcitation),
+        period,
+        watch,
+        plan,
+    ]
+}
+
+proptest! {
+    #[test]
+    fn every_command_is_answered_once_whatever_is_under_way(
+        list in proptest::collection::vec((commands(), 0..900usize), 1..25),
+    ) {
+        let mut bench = Bench::new(Plan::fast());
+        let count = list.len();
+        let mut said = Vec::new();
+        for (command, polls) in list {
+            bench.command(&command);
+            said.extend(bench.run(polls));
+        }
+        said.extend(bench.run(3000));
+        let answers = said.iter().filter(|m| !matches!(m, FromBoard::Frame(_) | FromBoard::Heartbeat(_))).count();
+        prop_assert_eq!(answers, count, "{:?}", said);
+        // What was measured is in order, and nothing is measured after a stop.
+        bench.command(&ToBoard::Stop);
+        bench.run(3000);
+        prop_assert!(!bench.board.front_mut().on && bench.board.is_quiet());
+    }
 }
 
 proptest! {

@@ -1,6 +1,6 @@
 //! The plans' times and signal to noise ratios, all at the same analog noise: the table of docs/firmware.md.
 //!
-//! `cargo run --release -p hil-sim --example plans`
+//! `cargo run -p hil-sim --example plans`
 
 use forward::{Model, ModelOptions, Sheet};
 use hil_sim::{PERIOD_SAMPLES, Rubber, Scene, SimBoard, SimConfig, Touch, samples, seconds};

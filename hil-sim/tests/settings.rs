@@ -1,5 +1,5 @@
 //! Settings and power cuts: at whatever byte the power goes, the old settings are there or the new.
-#![allow(clippy::unwrap_used, reason = "a failure here is a failed test")]
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a failure here is a failed test")]
 
 mod common;
 

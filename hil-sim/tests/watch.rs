@@ -1,5 +1,5 @@
 //! The watch in the whole board: asleep while nothing touches, awake with the next drive when something does.
-#![allow(clippy::unwrap_used, reason = "a failure here is a failed test")]
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a failure here is a failed test")]
 
 mod common;
 

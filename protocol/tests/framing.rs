@@ -5,7 +5,7 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 use protocol::{
     BoardError, Command, Counters, Decoder, Flags, Frame, FrameError, FromBoard, MAX_FROM_BOARD_LEN, MAX_TO_BOARD_LEN,
-    MAX_VALUES, Outgoing, Pair, Plan, Sampling, Slot, ToBoard, Value, Variance, encode,
+    MAX_VALUES, Outgoing, Pair, Plan, Sampling, Slot, ToBoard, Value, Variance, Version, encode,
 };
 
 fn framed(message: &FromBoard) -> Vec<u8> {
@@ -189,5 +189,23 @@ fn an_overflow_leaves_no_phantom_behind() {
             assert_eq!(out.len(), 1);
             assert_eq!(d.counters.messages, 0);
         }
+    }
+}
+
+#[test]
+fn an_introduction_of_another_version_is_told_from_garbage() {
+    let mut buffer = [0; 64];
+    let old = encode(&(0u8, 1u8, 7u8, 0xFFFF_FFFFu32), &mut buffer).unwrap().to_vec();
+    let (out, d) = decoded::<MAX_FROM_BOARD_LEN>(&[&old]);
+    assert_eq!(out, [Err(FrameError::Unknown)]);
+    assert_eq!(d.foreign, Some(Version { major: 1, minor: 7 }));
+    for other in [vec![99u8, 1, 7], vec![0, 1]] {
+        let mut buffer = [0; 64];
+        let framed = match other[..] {
+            [a, b, c] => encode(&(a, b, c), &mut buffer).unwrap().to_vec(),
+            _ => encode(&(0u8, 1u8), &mut buffer).unwrap().to_vec(),
+        };
+        let (_, d) = decoded::<MAX_FROM_BOARD_LEN>(&[&framed]);
+        assert_eq!(d.foreign, None);
     }
 }
