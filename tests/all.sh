@@ -39,6 +39,15 @@ else
     skip "clippy: this toolchain has none (rustup component add clippy)"
 fi
 step "tests of every crate, end to end, and documentation examples" cargo test --workspace --locked
+printf '\n== the firmware on emulated Cortex-M processors\n'
+boards=$(mktemp)
+tests/boards.sh 2>&1 | tee "$boards"
+case "${PIPESTATUS[0]}" in
+    0) while read -r line; do skip "boards: $line"; done < <(sed -n 's/^-- skipped: //p' "$boards") ;;
+    77) skip "boards: $(tail -n 1 "$boards")" ;;
+    *) failed+=("tests/boards.sh: $(tail -n 1 "$boards")") ;;
+esac
+rm -f "$boards"
 if [ "${1:-}" = --quick ]; then
     skip "documentation build: --quick"
 else

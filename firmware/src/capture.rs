@@ -2,51 +2,77 @@
 
 use crate::front_end::ErrorType;
 use crate::reference::SAMPLES_PER_PERIOD;
+use protocol::QUARTERS;
 
 /// What to capture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Window {
-    /// Whole periods to let pass first.
-    pub settle_periods: u16,
+    /// Quarter periods to let pass first.
+    pub settle_quarters: u16,
     /// Whole periods to lend, 1 or more.
     pub periods: u16,
     /// Channels sampled at once, 1 or more.
     pub channels: u8,
 }
 
-/// Consecutive samples of whole periods.
+impl Window {
+    /// Quarter periods from its opening to its end.
+    pub fn quarters(&self) -> u32 {
+        u32::from(self.settle_quarters) + QUARTERS * u32::from(self.periods)
+    }
+}
+
+/// Samples in a quarter period: windows begin and blocks end at multiples of these.
+pub const QUARTER_SAMPLES: usize = SAMPLES_PER_PERIOD / QUARTERS as usize;
+
+/// What a board knows of a block's samples and the converter's rails.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Rails {
+    /// Nothing: they have to be looked at.
+    #[default]
+    Unknown,
+    /// The converter itself vouches that no code of the block is 0 or [`crate::FULL_SCALE`] (an analog watchdog on all
+    /// channels, read after the block was complete). Halves the cost of folding it.
+    Clear,
+}
+
+/// Consecutive samples of whole quarter periods.
 #[derive(Clone, Copy, Debug)]
 pub struct Block<'a> {
-    /// Rows of [`Block::channels`] samples, one row for each instant; right-aligned 12-bit codes. The first row is taken
-    /// at phase 0, and the number of rows is a multiple of [`SAMPLES_PER_PERIOD`], not 0.
+    /// Rows of [`Block::channels`] samples, one row for each instant; right-aligned 12-bit codes. The number of rows is a
+    /// multiple of [`QUARTER_SAMPLES`], not 0.
     pub samples: &'a [u16],
     /// Samples in a row.
     pub channels: u8,
     /// Number of this block among all blocks lent since power-up, wrapping.
     pub sequence: u32,
-    /// When the first row was taken, in samples since power-up; a multiple of [`SAMPLES_PER_PERIOD`].
+    /// When the first row was taken, in samples since power-up; a multiple of [`QUARTER_SAMPLES`]. Its remainder by
+    /// [`SAMPLES_PER_PERIOD`] is the phase of the excitation at that instant.
     pub time: u64,
+    /// Whether the converter has already looked for rails.
+    pub rails: Rails,
 }
 
 impl Block<'_> {
-    /// Whole periods in the block; `None` when it breaks the promise to hold whole periods.
-    pub fn periods(&self) -> Option<u32> {
-        let row = usize::from(self.channels);
-        let period = row * SAMPLES_PER_PERIOD;
-        if period == 0 || self.samples.is_empty() || !self.samples.len().is_multiple_of(period) {
+    /// Whole quarter periods in the block; `None` when it breaks the promise to hold such.
+    pub fn quarters(&self) -> Option<u32> {
+        let quarter = usize::from(self.channels) * QUARTER_SAMPLES;
+        let whole = quarter > 0 && !self.samples.is_empty() && self.samples.len().is_multiple_of(quarter);
+        if !whole || !self.time.is_multiple_of(QUARTER_SAMPLES as u64) {
             return None;
         }
-        u32::try_from(self.samples.len() / period).ok()
+        u32::try_from(self.samples.len() / quarter).ok()
     }
 }
 
 /// Captures samples, without waiting for them.
 ///
 /// The implementor's duties, each tested by [`crate::laws`]:
-/// - The window opens at a period boundary. Settling counts from the start of the period in which `begin` is called; a
-///   `begin` at a boundary, or up to a sample's time after it, with a settling of n opens the window n periods later.
-///   A boundary that can no longer be met (n = 0, called late) is put off to the next one.
-/// - The window's periods are lent once each, in order, in one block or several, and then no more.
+/// - The window opens at a boundary of quarter periods. Settling counts from the start of the quarter in which `begin` is
+///   called; a `begin` at a boundary, or up to a sample's time after it, with a settling of n opens the window n quarters
+///   later. A boundary that can no longer be met (n = 0, called late) is put off to the next one.
+/// - The window's periods are lent once each, in order, in one block or several of whole quarters, and then no more. (So a
+///   circular buffer of whole quarters may be lent in two pieces where it turns over.)
 /// - A lost sample is [`ErrorKind::Overrun`](crate::ErrorKind::Overrun), never silence; it closes the window. Whether
 ///   samples were overwritten is checked after the closure ran, not before.
 pub trait Capture: ErrorType {
@@ -84,12 +110,12 @@ impl<C: Capture> Blocking<C> {
     /// As the capture; the blocks lent so far are then void.
     pub fn capture(&mut self, window: Window, mut f: impl FnMut(&Block<'_>)) -> Result<(), C::Error> {
         self.0.begin(window)?;
-        let mut periods = 0;
-        while periods < u32::from(window.periods) {
-            periods += nb::block!(self.0.poll_block(|block| {
+        let mut quarters = 0;
+        while quarters < QUARTERS * u32::from(window.periods) {
+            quarters += nb::block!(self.0.poll_block(|block| {
                 f(block);
-                // An empty block must not keep the loop here for ever.
-                block.periods().unwrap_or(u32::from(u16::MAX))
+                // A block of nothing must not keep the loop here for ever.
+                block.quarters().unwrap_or(QUARTERS * u32::from(u16::MAX))
             }))?;
         }
         Ok(())

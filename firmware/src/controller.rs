@@ -1,16 +1,22 @@
 //! The board's one loop: commands in, frames out.
 
 use crate::board_info::BoardInfo;
-use crate::front_end::{Error, ErrorKind, FrontEnd};
+use crate::change::ChangeTest;
+use crate::front_end::{Error, FrontEnd};
+use crate::measuring::{Probe, Task};
 use crate::outbox::Outbox;
-use crate::scan::{Progress, Scan, ScanError};
+use crate::scan::Scan;
+use crate::settings::{self, Settings};
+use crate::support::Support;
+use core::ops::DerefMut;
 use embedded_hal_nb::serial::{Read, Write};
 use protocol::{
-    BoardError, Command, Counters, Decoder, FromBoard, FrontEndFault, Hello, MAX_TO_BOARD_LEN, Plan, PlanError, ToBoard,
+    BoardError, Command, Counters, Decoder, Hello, Limits, MAX_TO_BOARD_LEN, Outgoing, PeriodRequest, Plan, PlanError,
+    Refusal, SelfTest, ToBoard, Watch, WatchNumber, Watching,
 };
 
-/// Messages that can wait for the link: 50 ms of frames at full speed.
-const QUEUE: usize = 6;
+/// Bytes of messages that can wait for the link: two frames of 208 values, or one with quadrature and some answers.
+const QUEUE: usize = 1280;
 
 /// Most bytes of commands taken in one poll, so that a flood of them cannot starve the scan.
 const BYTES_A_POLL: usize = 64;
@@ -24,74 +30,181 @@ pub enum Activity {
     Busy,
 }
 
-/// The whole firmware above the chip: a front end, a serial port, and what is between them.
+/// All of a controller that is large, about 5 KiB. A board keeps it in a static, since a stack that could build it would
+/// have to be as large again.
 #[derive(Debug)]
-pub struct Controller<F, L> {
-    hello: Hello,
-    front: F,
-    link: L,
+pub struct Memory {
     decoder: Decoder<MAX_TO_BOARD_LEN>,
     outbox: Outbox<QUEUE>,
-    scan: Scan,
-    counters: Counters,
-    sequence: u32,
-    running: bool,
+    pub(crate) scan: Scan,
+    pub(crate) settings: Settings,
+    pub(crate) change: ChangeTest,
+    pub(crate) report: SelfTest,
 }
 
-impl<F: FrontEnd, L: Read<u8> + Write<u8>> Controller<F, L> {
-    /// A board that is not scanning yet and will by default measure by `plan`. Its first message is its [`Hello`]: a
-    /// program that is listening sees that the board was started anew.
+impl Default for Memory {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Memory {
+    /// As at power-up.
+    pub const fn new() -> Self {
+        Self {
+            decoder: Decoder::new(),
+            outbox: Outbox::new(),
+            scan: Scan::new(),
+            settings: Settings::NONE,
+            change: ChangeTest::new(),
+            report: SelfTest::NONE,
+        }
+    }
+}
+
+/// The whole firmware above the chip: a front end, a serial port, the chip's clock, watchdog and store, and what is between
+/// them, in a [`Memory`] of its own: a `&'static mut` one on a board, a boxed one elsewhere.
+#[derive(Debug)]
+pub struct Controller<'a, F, L, S, M> {
+    pub(crate) info: BoardInfo<'a>,
+    pub(crate) front: F,
+    link: L,
+    pub(crate) support: S,
+    pub(crate) memory: M,
+    pub(crate) counters: Counters,
+    /// Of the next frame.
+    pub(crate) sequence: u32,
+    /// Whether the board was told to measure.
+    pub(crate) running: bool,
+    pub(crate) task: Task,
+    /// What is measured by itself, for a test or a diagnosis.
+    pub(crate) probe: Probe,
+    /// When the scan last went on.
+    pub(crate) went_on: u64,
+    pub(crate) watching: Watching,
+    /// Frames since the watch was last scanned between them.
+    pub(crate) frames: u16,
+    /// Scans of the watch in a row that showed no change, while awake.
+    pub(crate) quiet: u16,
+    /// Scans since the last heartbeat, and the highest level of them.
+    pub(crate) beat_scans: u16,
+    pub(crate) beat_level: u16,
+}
+
+impl<'a, F, L, S, M> Controller<'a, F, L, S, M>
+where
+    F: FrontEnd,
+    L: Read<u8> + Write<u8>,
+    S: Support,
+    M: DerefMut<Target = Memory>,
+{
+    /// A board that measures by the settings in its store, or by `plan` when there are none that it can carry out. It is not
+    /// scanning yet, unless the settings say so. Its first message is its [`Hello`]: a program that is listening sees that
+    /// the board was started anew.
     ///
     /// # Errors
     /// The board cannot carry `plan` out.
-    pub fn new(info: &BoardInfo<'_>, plan: Plan, front: F, link: L) -> Result<Self, PlanError> {
-        let hello = info.hello();
-        let scan = Scan::new(plan, &hello)?;
-        let mut this = Self {
-            hello,
-            front,
-            link,
-            decoder: Decoder::new(),
-            outbox: Outbox::new(),
-            scan,
-            counters: Counters::default(),
-            sequence: 0,
-            running: false,
-        };
-        let hello = FromBoard::Hello(this.hello.clone());
-        this.send(&hello);
+    pub fn new(info: BoardInfo<'a>, plan: Plan, front: F, link: L, support: S, memory: M) -> Result<Self, PlanError> {
+        let mut this = Self::asleep(info, plan, front, link, support, memory)?;
+        this.start_up();
         Ok(this)
     }
 
-    /// Does what can be done now and returns; never waits.
+    /// The same before [`Controller::start_up`], for a board whose stack is too small for both at once.
+    ///
+    /// # Errors
+    /// As [`Controller::new`].
+    pub fn asleep(
+        info: BoardInfo<'a>,
+        plan: Plan,
+        front: F,
+        link: L,
+        support: S,
+        memory: M,
+    ) -> Result<Self, PlanError> {
+        plan.recipe().check(info.electrodes, info.gains(), &info.limits())?;
+        let mut this = Self {
+            info,
+            front,
+            link,
+            support,
+            memory,
+            counters: Counters::default(),
+            sequence: 0,
+            running: false,
+            task: Task::Off,
+            probe: Probe::default(),
+            went_on: 0,
+            watching: Watching::Off,
+            frames: 0,
+            quiet: 0,
+            beat_scans: 0,
+            beat_level: 0,
+        };
+        this.memory
+            .scan
+            .wire(info.electrodes, info.skew_ticks, info.ticks_per_sample);
+        this.memory.settings.plan = plan;
+        Ok(this)
+    }
+
+    /// Takes up the stored settings, and introduces the board. Once, before the first poll.
+    pub fn start_up(&mut self) {
+        self.remember();
+        self.forget_baseline();
+        self.introduce();
+        if self.memory.settings.autostart {
+            self.start();
+        }
+    }
+
+    /// Takes up the stored settings, if there are any that the board can carry out. A store that does not work is found by
+    /// the self-test; the board works without.
+    #[inline(never)]
+    fn remember(&mut self) {
+        let (info, settings) = (&self.info, &mut self.memory.settings);
+        let _ = settings::load_with(&mut self.support, |stored| {
+            if suits(&stored, info, &info.limits()) {
+                *settings = stored;
+            }
+        });
+    }
+
+    /// Does what can be done now and returns; never waits, except for the store.
     ///
     /// Deadline while scanning: once for every block of samples, before the front end runs out of room for blocks. A
     /// missed deadline is an overrun: that frame is lost, counted, and seen by the receiver as a gap in the sequence.
     pub fn poll(&mut self) -> Activity {
+        self.support.feed();
         let received = self.receive();
-        let scanned = self.running && self.scan();
-        let sent = match self.outbox.pump(&mut self.link) {
+        let measured = self.measure();
+        let sent = match self.memory.outbox.pump(&mut self.link) {
             Ok(bytes) => bytes > 0,
             Err(_) => {
                 Counters::add(&mut self.counters.transmit_errors, 1);
                 true
             }
         };
-        if received || scanned || sent {
+        if received || measured || sent {
             Activity::Busy
         } else {
             Activity::Idle
         }
     }
 
-    /// Whether frames are being measured.
+    /// Whether the board was told to measure, and does.
     pub fn running(&self) -> bool {
         self.running
     }
 
-    /// Whether nothing will be sent until a command comes: no scan, and nothing waiting for the link.
+    /// What the board does about its watch.
+    pub fn watching(&self) -> Watching {
+        self.watching
+    }
+
+    /// Whether nothing will be sent until a command comes: nothing is measured, and nothing waits for the link.
     pub fn is_quiet(&self) -> bool {
-        !self.running && self.outbox.is_empty()
+        self.task == Task::Off && self.memory.outbox.is_empty()
     }
 
     /// What was counted so far.
@@ -100,8 +213,8 @@ impl<F: FrontEnd, L: Read<u8> + Write<u8>> Controller<F, L> {
     }
 
     /// Who the board says it is.
-    pub fn hello(&self) -> &Hello {
-        &self.hello
+    pub fn hello(&self) -> Hello {
+        self.info.hello()
     }
 
     /// The front end.
@@ -114,22 +227,55 @@ impl<F: FrontEnd, L: Read<u8> + Write<u8>> Controller<F, L> {
         &mut self.link
     }
 
-    fn send(&mut self, message: &FromBoard) {
-        let dropped = self.outbox.push(message);
+    /// Clock, watchdog and store.
+    pub fn support_mut(&mut self) -> &mut S {
+        &mut self.support
+    }
+
+    pub(crate) fn send(&mut self, message: Outgoing<'_>) {
+        let dropped = self.memory.outbox.push(&message);
+        Counters::add(&mut self.counters.dropped, dropped);
+    }
+
+    /// The complete frame, as it is in the scan.
+    pub(crate) fn send_frame(&mut self, sequence: u32) {
+        let memory = &mut *self.memory;
+        let plan = &memory.settings.plan;
+        let frame = memory.scan.frame(sequence, plan.id, plan.quadrature);
+        Counters::add(&mut self.counters.clipped, frame.clipped.count());
+        let dropped = memory.outbox.push(&Outgoing::Frame(frame));
+        Counters::add(&mut self.counters.dropped, dropped);
+    }
+
+    // The large messages are made in functions of their own, so that the loop's stack need not hold them.
+    #[inline(never)]
+    fn introduce(&mut self) {
+        let hello = self.info.hello();
+        self.send(Outgoing::Hello(&hello));
+    }
+
+    #[inline(never)]
+    fn send_baseline(&mut self) {
+        let baseline = self.memory.change.baseline();
+        self.send(Outgoing::Baseline(&baseline));
+    }
+
+    fn send_plan(&mut self) {
+        let memory = &mut *self.memory;
+        let dropped = memory.outbox.push(&Outgoing::Plan(&memory.settings.plan));
+        Counters::add(&mut self.counters.dropped, dropped);
+    }
+
+    fn send_watch(&mut self) {
+        let memory = &mut *self.memory;
+        let dropped = memory.outbox.push(&Outgoing::Watch(&memory.settings.watch));
         Counters::add(&mut self.counters.dropped, dropped);
     }
 
     fn receive(&mut self) -> bool {
         for taken in 0..BYTES_A_POLL {
             match self.link.read() {
-                Ok(byte) => match self.decoder.push_byte::<ToBoard>(byte) {
-                    None => {}
-                    Some(Ok(command)) => {
-                        Counters::add(&mut self.counters.commands, 1);
-                        self.obey(command);
-                    }
-                    Some(Err(e)) => self.refuse(BoardError::Command(e)),
-                },
+                Ok(byte) => self.take(byte),
                 Err(nb::Error::WouldBlock) => return taken > 0,
                 Err(nb::Error::Other(_)) => {
                     Counters::add(&mut self.counters.receive_errors, 1);
@@ -140,87 +286,230 @@ impl<F: FrontEnd, L: Read<u8> + Write<u8>> Controller<F, L> {
         true
     }
 
-    fn refuse(&mut self, error: BoardError) {
-        Counters::add(&mut self.counters.refused, 1);
-        self.send(&FromBoard::Error(error));
+    #[inline(never)]
+    fn take(&mut self, byte: u8) {
+        match self.memory.decoder.push_byte::<ToBoard>(byte) {
+            None => {}
+            Some(Ok(command)) => {
+                Counters::add(&mut self.counters.commands, 1);
+                if let Err(e) = self.obey(command) {
+                    self.refuse(&e);
+                }
+            }
+            Some(Err(e)) => self.refuse(&BoardError::Command(e)),
+        }
     }
 
-    fn obey(&mut self, command: ToBoard) {
-        let answer = match command {
-            ToBoard::Hello => FromBoard::Hello(self.hello.clone()),
+    fn refuse(&mut self, error: &BoardError) {
+        Counters::add(&mut self.counters.refused, 1);
+        self.send(Outgoing::Error(error));
+    }
+
+    fn obey(&mut self, command: ToBoard) -> Result<(), BoardError> {
+        let done = match command {
+            ToBoard::Hello => {
+                self.introduce();
+                return Ok(());
+            }
             ToBoard::Start => {
-                if !self.running {
-                    if let Err(e) = self.front.switch_on() {
-                        return self.fail(e.kind());
-                    }
-                    self.scan.restart();
+                if self.testing() {
+                    // Once the test is over.
                     self.running = true;
+                } else if !self.running && !self.start() {
+                    return Ok(());
                 }
-                FromBoard::Ack(Command::Start)
+                Command::Start
+            }
+            ToBoard::Stop if self.testing() => {
+                // The test is answered first, and then the excitation goes off.
+                self.running = false;
+                self.watching = Watching::Off;
+                Command::Stop
             }
             ToBoard::Stop => {
                 self.running = false;
+                self.watching = Watching::Off;
+                self.task = Task::Off;
+                self.memory.scan.stop();
                 if let Err(e) = self.front.switch_off() {
-                    return self.fail(e.kind());
+                    self.fail(e.kind());
+                    return Ok(());
                 }
-                FromBoard::Ack(Command::Stop)
+                Command::Stop
             }
-            ToBoard::SetPlan(plan) => match Scan::new(plan, &self.hello) {
-                Ok(scan) => {
-                    self.scan = scan;
-                    FromBoard::Plan(self.scan.plan().clone())
+            ToBoard::SetPlan(plan) => {
+                let check = plan
+                    .recipe()
+                    .check(self.info.electrodes, self.info.gains(), &self.info.limits());
+                check.map_err(BoardError::Plan)?;
+                self.memory.settings.plan = plan;
+                self.send_plan();
+                if self.task == Task::Frames {
+                    self.begin(Task::Frames);
                 }
-                Err(e) => return self.refuse(BoardError::Plan(e)),
-            },
-            ToBoard::GetPlan => FromBoard::Plan(self.scan.plan().clone()),
-            ToBoard::GetCounters => FromBoard::Counters(self.counters.clone()),
+                return Ok(());
+            }
+            ToBoard::GetPlan => {
+                self.send_plan();
+                return Ok(());
+            }
+            ToBoard::GetCounters => {
+                let counters = self.counters.clone();
+                self.send(Outgoing::Counters(&counters));
+                return Ok(());
+            }
             ToBoard::ResetCounters => {
                 self.counters = Counters::default();
-                FromBoard::Ack(Command::ResetCounters)
+                Command::ResetCounters
+            }
+            ToBoard::SetWatch(watch) => {
+                if let Some(watch) = &watch {
+                    check_watch(watch, &self.info, &self.info.limits())?;
+                }
+                self.memory.settings.watch = watch;
+                self.forget_baseline();
+                self.send_watch();
+                self.resume_unless_testing();
+                return Ok(());
+            }
+            ToBoard::GetWatch => {
+                self.send_watch();
+                return Ok(());
+            }
+            ToBoard::TakeBaseline => {
+                if self.memory.settings.watch.is_none() {
+                    return Err(BoardError::Refused(Refusal::NoWatch));
+                }
+                self.forget_baseline();
+                self.resume_unless_testing();
+                Command::TakeBaseline
+            }
+            ToBoard::GetBaseline => {
+                self.send_baseline();
+                return Ok(());
+            }
+            ToBoard::SelfTest | ToBoard::GetPeriod(_) | ToBoard::SetExcitation(_) if self.testing() => {
+                return Err(BoardError::Refused(Refusal::Busy));
+            }
+            ToBoard::SelfTest => {
+                self.test();
+                return Ok(());
+            }
+            ToBoard::GetPeriod(request) => return self.measure_period(request),
+            ToBoard::SetExcitation(given) => {
+                if given == 0 || given > 1000 {
+                    return Err(BoardError::Refused(Refusal::Excitation { given }));
+                }
+                self.memory.settings.excitation_permille = given;
+                self.forget_baseline();
+                if self.running && !self.start() {
+                    return Ok(());
+                }
+                Command::SetExcitation
+            }
+            ToBoard::SetAutostart(on) => {
+                self.memory.settings.autostart = on;
+                Command::SetAutostart
+            }
+            ToBoard::SaveSettings => {
+                self.only_at_rest()?;
+                settings::save(&mut self.support, &self.memory.settings)
+                    .map_err(|_| BoardError::Refused(Refusal::Store))?;
+                Command::SaveSettings
+            }
+            ToBoard::ForgetSettings => {
+                self.only_at_rest()?;
+                settings::forget(&mut self.support).map_err(|_| BoardError::Refused(Refusal::Store))?;
+                Command::ForgetSettings
             }
         };
-        self.send(&answer);
+        self.send(Outgoing::Ack(done));
+        Ok(())
     }
 
-    /// One step of the scan; whether it did anything.
-    fn scan(&mut self) -> bool {
-        match self.scan.step(&mut self.front) {
-            Ok(Progress::Working) => {}
-            Ok(Progress::Complete) => {
-                if let Some(frame) = self.scan.take(self.sequence) {
-                    self.sequence = self.sequence.wrapping_add(1);
-                    Counters::add(&mut self.counters.frames, 1);
-                    Counters::add(&mut self.counters.clipped, frame.clipped.count());
-                    self.send(&FromBoard::Frame(frame));
-                }
-            }
-            Err(nb::Error::WouldBlock) => return false,
-            Err(nb::Error::Other(e)) => {
-                // The frame under way is lost: its number is never sent.
-                self.sequence = self.sequence.wrapping_add(1);
-                self.scan.restart();
-                match e {
-                    ScanError::FrontEnd(e) if e.kind() == ErrorKind::Overrun => {
-                        Counters::add(&mut self.counters.overruns, 1);
-                    }
-                    ScanError::FrontEnd(e) => self.fail(e.kind()),
-                    ScanError::Block(_) => self.fail(ErrorKind::Other),
-                }
+    /// Whether a test or a folded period is under way, which is finished and answered whatever else is asked for.
+    fn testing(&self) -> bool {
+        matches!(self.task, Task::TestSource | Task::TestPair | Task::Period)
+    }
+
+    fn resume_unless_testing(&mut self) {
+        if !self.testing() {
+            self.resume();
+        }
+    }
+
+    fn only_at_rest(&self) -> Result<(), BoardError> {
+        if self.task == Task::Off {
+            Ok(())
+        } else {
+            Err(BoardError::Refused(Refusal::Busy))
+        }
+    }
+
+    /// Checks a request for a folded period and begins to measure it.
+    fn measure_period(&mut self, request: PeriodRequest) -> Result<(), BoardError> {
+        let count = self.info.electrodes;
+        for electrode in [request.sense.plus, request.sense.minus] {
+            if electrode >= count {
+                let error = PlanError::Electrode {
+                    slot: 0,
+                    electrode,
+                    count,
+                };
+                return Err(BoardError::Period(error));
             }
         }
-        true
+        let probe = Probe::period(request, count);
+        probe
+            .recipe()
+            .check(count, self.info.gains(), &self.info.limits())
+            .map_err(BoardError::Period)?;
+        self.probe = probe;
+        self.begin(Task::Period);
+        Ok(())
     }
 
-    /// A fault that the next frame would meet again: stop, make the sheet safe, and say so.
-    fn fail(&mut self, kind: ErrorKind) {
-        Counters::add(&mut self.counters.front_end_faults, 1);
-        self.running = false;
-        // Already failing: a source that does not stop either changes nothing about that.
-        let _ = self.front.switch_off();
-        self.send(&FromBoard::Error(BoardError::FrontEnd(match kind {
-            ErrorKind::Timeout => FrontEndFault::Timeout,
-            ErrorKind::Route => FrontEndFault::Route,
-            ErrorKind::Overrun | ErrorKind::Other => FrontEndFault::Other,
-        })));
+    /// The baseline of the watch is to be learned anew.
+    fn forget_baseline(&mut self) {
+        let memory = &mut *self.memory;
+        match &memory.settings.watch {
+            Some(w) => memory
+                .change
+                .learn(w.learn_scans, w.recipe().value_count(), w.slots.len()),
+            None => memory.change.learn(0, 0, 0),
+        }
+        self.watching = Watching::Off;
     }
+}
+
+/// Whether stored settings are ones that this board can carry out.
+fn suits(settings: &Settings, info: &BoardInfo<'_>, limits: &Limits) -> bool {
+    let plan = settings.plan.recipe().check(info.electrodes, info.gains(), limits);
+    let watch = settings.watch.as_ref().map_or(Ok(()), |w| check_watch(w, info, limits));
+    plan.is_ok() && watch.is_ok() && (1..=1000).contains(&settings.excitation_permille)
+}
+
+/// Whether the board can carry a watch out.
+fn check_watch(watch: &Watch, info: &BoardInfo<'_>, limits: &Limits) -> Result<(), BoardError> {
+    let limits = Limits {
+        slots: limits.watch_slots,
+        values: limits.watch_values.into(),
+        ..limits.clone()
+    };
+    watch
+        .recipe()
+        .check(info.electrodes, info.gains(), &limits)
+        .map_err(BoardError::Watch)?;
+    for (what, given, least) in [
+        (WatchNumber::LearnScans, watch.learn_scans, 2),
+        (WatchNumber::Threshold, watch.threshold, 1),
+        (WatchNumber::FramesBetween, watch.frames_between, 1),
+        (WatchNumber::QuietScans, watch.quiet_scans, 1),
+        (WatchNumber::HeartbeatScans, watch.heartbeat_scans, 1),
+    ] {
+        if given < least {
+            return Err(BoardError::Refused(Refusal::Watch { what, least }));
+        }
+    }
+    Ok(())
 }

@@ -55,6 +55,13 @@ pub trait Excitation: ErrorType {
     /// The source does not start.
     fn switch_on(&mut self) -> Result<(), Self::Error>;
 
+    /// Sets the amplitude, in thousandths of [`crate::BoardInfo::excitation_uv`], 1 to 1000, now or when it is switched on.
+    /// At power-up it is 1000. The source may pause and begin again at phase 0.
+    ///
+    /// # Errors
+    /// The source cannot be set.
+    fn set_amplitude(&mut self, permille: u16) -> Result<(), Self::Error>;
+
     /// Switches the source off; the sheet is then without voltage. Switching off twice is no error.
     ///
     /// # Errors
@@ -65,6 +72,10 @@ pub trait Excitation: ErrorType {
 impl<T: Excitation + ?Sized> Excitation for &mut T {
     fn switch_on(&mut self) -> Result<(), Self::Error> {
         T::switch_on(self)
+    }
+
+    fn set_amplitude(&mut self, permille: u16) -> Result<(), Self::Error> {
+        T::set_amplitude(self, permille)
     }
 
     fn switch_off(&mut self) -> Result<(), Self::Error> {

@@ -2,24 +2,28 @@
 
 use embedded_hal_nb::serial::Write;
 use heapless::Vec;
-use protocol::{FromBoard, MAX_FROM_BOARD_LEN, encode};
+use protocol::{MAX_FROM_BOARD_LEN, Outgoing, encode};
+
+/// Most messages that wait, however short they are.
+const MESSAGES: usize = 16;
 
 /// One framed message.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug)]
 struct Packet {
-    bytes: [u8; MAX_FROM_BOARD_LEN],
-    len: usize,
+    len: u16,
     /// Measured values, of which the newest count, rather than an answer.
     measured: bool,
 }
 
-/// A queue of `N` framed messages (2 or more). When it is full, a message is dropped whole: the oldest frame of values
-/// that is not on the wire yet, or if there is none the oldest answer. What is on the wire is always finished.
+/// A queue of framed messages in `N` bytes. When there is no room for another, messages are dropped whole: the oldest frame
+/// of values that is not on the wire yet, or if there is none the oldest answer. What is on the wire is always finished.
 #[derive(Debug)]
 pub struct Outbox<const N: usize> {
-    packets: [Packet; N],
-    /// Packets in use, oldest first; the first is the one on the wire.
-    order: Vec<u8, N>,
+    bytes: [u8; N],
+    /// Where the first packet begins; the others follow it without a gap.
+    start: usize,
+    /// Packets, oldest first; the first is the one on the wire.
+    packets: Vec<Packet, MESSAGES>,
     /// Bytes of the first packet that are sent.
     sent: usize,
     /// Whether the wire was delimited once, so that noise before power-up does not cost the first message.
@@ -36,17 +40,13 @@ impl<const N: usize> Outbox<N> {
     /// An empty queue.
     pub const fn new() -> Self {
         const {
-            assert!(N >= 2 && N <= 255);
+            assert!(N >= MAX_FROM_BOARD_LEN, "the largest message must fit an empty queue");
+            assert!(N <= u16::MAX as usize);
         }
         Self {
-            packets: [const {
-                Packet {
-                    bytes: [0; MAX_FROM_BOARD_LEN],
-                    len: 0,
-                    measured: false,
-                }
-            }; N],
-            order: Vec::new(),
+            bytes: [0; N],
+            start: 0,
+            packets: Vec::new(),
             sent: 0,
             delimited: false,
         }
@@ -54,48 +54,62 @@ impl<const N: usize> Outbox<N> {
 
     /// Messages waiting, the one on the wire included.
     pub fn len(&self) -> usize {
-        self.order.len()
+        self.packets.len()
     }
 
     /// Whether nothing is waiting.
     pub fn is_empty(&self) -> bool {
-        self.order.is_empty()
+        self.packets.is_empty()
     }
 
-    /// Queues a message. Returns how many were dropped for it, 0 or 1.
-    pub fn push(&mut self, message: &FromBoard) -> u32 {
+    /// Queues a message. Returns how many were dropped for it; when only the one on the wire is left and there is still no
+    /// room, that is the message itself.
+    pub fn push(&mut self, message: &Outgoing<'_>) -> u32 {
         let mut dropped = 0;
-        let free = match (0..N as u8).find(|k| !self.order.contains(k)) {
-            Some(free) => free,
-            None => {
-                dropped = 1;
-                self.make_room()
+        loop {
+            if !self.packets.is_full() {
+                let end = self.start + self.used();
+                let room = self.bytes.get_mut(end..).unwrap_or_default();
+                if let Ok(framed) = encode(message, room) {
+                    let packet = Packet {
+                        len: framed.len() as u16,
+                        measured: matches!(message, Outgoing::Frame(_)),
+                    };
+                    let _ = self.packets.push(packet);
+                    return dropped;
+                }
+                if self.start > 0 {
+                    self.bytes.copy_within(self.start..end, 0);
+                    self.start = 0;
+                    continue;
+                }
             }
-        };
-        let Some(packet) = self.packets.get_mut(usize::from(free)) else {
-            return 1;
-        };
-        match encode(message, &mut packet.bytes) {
-            Ok(bytes) => packet.len = bytes.len(),
-            // Cannot happen: the buffer holds the largest message. Nothing is queued then.
-            Err(_) => return dropped + 1,
+            dropped += 1;
+            if !self.make_room() {
+                return dropped;
+            }
         }
-        packet.measured = matches!(message, FromBoard::Frame(_));
-        let _ = self.order.push(free);
-        dropped
     }
 
-    /// Drops one message and returns its place.
-    fn make_room(&mut self) -> u8 {
+    /// Bytes of all packets.
+    fn used(&self) -> usize {
+        self.packets.iter().map(|p| usize::from(p.len)).sum()
+    }
+
+    /// Drops one message; false if there is none to drop.
+    fn make_room(&mut self) -> bool {
         let on_the_wire = usize::from(self.sent > 0);
-        let measured = |k: &u8| self.packets.get(usize::from(*k)).is_some_and(|p| p.measured);
-        let victim = self
-            .order
-            .iter()
-            .skip(on_the_wire)
-            .position(measured)
-            .map_or(on_the_wire, |k| k + on_the_wire);
-        self.order.remove(victim)
+        let oldest = self.packets.iter().skip(on_the_wire).position(|p| p.measured);
+        let victim = oldest.map_or(on_the_wire, |k| k + on_the_wire);
+        if victim >= self.packets.len() {
+            return false;
+        }
+        let before: usize = self.packets.iter().take(victim).map(|p| usize::from(p.len)).sum();
+        let end = self.start + self.used();
+        let from = self.start + before;
+        let packet = self.packets.remove(victim);
+        self.bytes.copy_within(from + usize::from(packet.len)..end, from);
+        true
     }
 
     /// Hands bytes to the link until it takes no more. Returns how many it took.
@@ -115,12 +129,9 @@ impl<const N: usize> Outbox<N> {
                 }
             }
         }
-        while let Some(first) = self.order.first() {
-            let Some(packet) = self.packets.get(usize::from(*first)) else {
-                break;
-            };
-            let rest = packet.bytes.get(self.sent..packet.len).unwrap_or_default();
-            let Some((byte, more)) = rest.split_first() else {
+        while let Some(first) = self.packets.first() {
+            let len = usize::from(first.len);
+            let Some(byte) = self.bytes.get(self.start + self.sent) else {
                 break;
             };
             let result = link.write(*byte);
@@ -128,9 +139,13 @@ impl<const N: usize> Outbox<N> {
                 break;
             }
             self.sent += 1;
-            if more.is_empty() {
+            if self.sent >= len {
                 self.sent = 0;
-                self.order.remove(0);
+                self.start += len;
+                self.packets.remove(0);
+                if self.packets.is_empty() {
+                    self.start = 0;
+                }
             }
             sorted(result)?;
             taken += 1;

@@ -14,6 +14,9 @@ pub enum Sense {
         /// Distance between the electrodes of a pair.
         step: u8,
     },
+    /// One channel, on the source's own output before the switches, through a gain of its own
+    /// ([`source_gain_milli`](crate::BoardInfo::source_gain_milli)). Drive pair and the route's gain stay as they are set.
+    Source,
 }
 
 /// A setting of all switches.

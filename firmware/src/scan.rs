@@ -1,18 +1,36 @@
-//! From a plan to frames: routes in order, blocks folded, values written down.
+//! From a recipe to amplitudes: routes in order, blocks folded, values written down.
 
 use crate::capture::Window;
-use crate::fold::{FoldError, Folded};
+use crate::fold::{FoldError, Folded, MAX_CHANNELS, Scatter};
 use crate::front_end::FrontEnd;
+use crate::phasor::{Phasor, Rotation};
 use crate::route::{Route, Sense};
-use protocol::{Frame, Hello, Pair, Plan, PlanError, Sampling, Slot};
+use heapless::Vec;
+use protocol::{Flags, FrameRef, MAX_SLOTS, MAX_VALUES, Pair, QUARTERS, Recipe, Sampling, Slot, Value, Variance};
+
+/// Most amplitudes of a frame, in-phase and quadrature together: 208 of each.
+pub const MAX_AMPLITUDES: usize = 416;
+
+const _: () = assert!(MAX_AMPLITUDES >= MAX_VALUES);
 
 /// What a step of a scan came to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Progress {
-    /// Something was done; the frame is not complete.
+    /// Something was done; no slot was completed.
     Working,
-    /// The frame is complete: take it with [`Scan::take`].
+    /// A slot is complete, more follow.
+    Slot,
+    /// All values are there.
     Complete,
+}
+
+/// When the next route is selected.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Pace {
+    /// As soon as a window is over, before its samples are worked up: a new drive settles meanwhile.
+    Ahead,
+    /// In [`Scan::go_on`], so that what a slot showed can decide what is measured next.
+    ByOne,
 }
 
 /// Why a frame cannot be finished.
@@ -24,144 +42,282 @@ pub enum ScanError<E> {
     Block(FoldError),
 }
 
-/// Where a scan is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum State {
-    /// The next route is to be selected.
-    Route,
-    /// A window is open.
-    Capture,
-    /// All values are there.
-    Complete,
-}
-
-/// Measures one frame after the other by one plan.
-///
-/// The plan never changes; a new plan is a new scan. Deadline: the next route is selected in the very step that takes
-/// the last block of the one before, so a caller that steps within one sample of a block's end loses no period to
-/// switching. One that comes later loses one period for each route measured without settling, and nothing else.
-#[derive(Clone, Debug)]
-pub struct Scan {
-    plan: Plan,
-    electrodes: u8,
-    state: State,
+/// A place in a recipe.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+struct Place {
     slot: usize,
     /// Bits of the slot's sense mask that are not measured yet.
     left: u32,
+}
+
+/// Measures the values of one recipe after the other. The recipe is the caller's: the same from one `start` to the next.
+///
+/// Deadline: the next route is selected in the very step that takes the last block of the one before ([`Pace::Ahead`]), so
+/// a caller that steps within one sample of a block's end loses nothing to switching. One that comes later loses a quarter
+/// period for each route measured without settling, and nothing else.
+///
+/// What was measured can be read until the first window of the next start is over: a frame is packed while the next one is
+/// under way.
+#[derive(Clone, Debug)]
+pub struct Scan {
+    electrodes: u8,
+    rotations: [Rotation; MAX_CHANNELS],
+    /// Whether a window is open.
+    open: bool,
+    pace: Pace,
+    /// The source itself is measured instead of a sense pair.
+    source: bool,
+    /// What is measured now.
+    place: Place,
+    /// Quarter periods that the window under way takes.
+    window_quarters: u32,
     folded: Folded,
-    frame: Frame,
+    /// Whether the values are still those of the recipe before.
+    stale: bool,
+    /// When the first sample was taken: of the values, and of the window under way.
+    time: u64,
+    window_time: u64,
+    clipped: Flags,
+    /// The in-phase values, and from `count` on the quadrature in the same order.
+    amplitudes: [Value; MAX_AMPLITUDES],
+    /// Values that the recipe has.
+    count: usize,
+    /// Values that are there.
+    done: usize,
+    scatter: Scatter,
+    noise: Vec<Variance, MAX_SLOTS>,
+}
+
+impl Default for Scan {
+    fn default() -> Self {
+        Self::new()
+    }
 }
 
 impl Scan {
-    /// A scan at the start of its first frame.
+    /// Nothing measured, on no board yet.
+    pub const fn new() -> Self {
+        Self {
+            electrodes: 0,
+            rotations: [Rotation::NONE; MAX_CHANNELS],
+            open: false,
+            pace: Pace::Ahead,
+            source: false,
+            place: Place { slot: 0, left: 0 },
+            window_quarters: 0,
+            folded: Folded::new(),
+            stale: false,
+            time: 0,
+            window_time: 0,
+            clipped: Flags::new(),
+            amplitudes: [Value::new(0); MAX_AMPLITUDES],
+            count: 0,
+            done: 0,
+            scatter: Scatter::NONE,
+            noise: Vec::new(),
+        }
+    }
+
+    /// On a board of `electrodes`, whose channels are sampled `skew_ticks` after each other, with samples
+    /// `ticks_per_sample` apart.
+    pub fn wire(&mut self, electrodes: u8, skew_ticks: u16, ticks_per_sample: u32) {
+        self.electrodes = electrodes;
+        for (channel, rotation) in (0u32..).zip(&mut self.rotations) {
+            *rotation = Rotation::new(channel * u32::from(skew_ticks), ticks_per_sample);
+        }
+    }
+
+    /// Begins with a recipe, which the board was checked to be able to carry out; the first window waits `rest` quarter
+    /// periods in addition to its settling. What was under way is abandoned.
     ///
     /// # Errors
-    /// The board cannot carry the plan out; see [`Plan::check`].
-    pub fn new(plan: Plan, board: &Hello) -> Result<Self, PlanError> {
-        plan.check(board)?;
-        let mut scan = Self {
-            plan,
-            electrodes: board.electrodes,
-            state: State::Route,
-            slot: 0,
-            left: 0,
-            folded: Folded::new(),
-            frame: Frame::default(),
-        };
-        scan.restart();
-        Ok(scan)
+    /// The front end reported one.
+    pub fn start<F: FrontEnd>(
+        &mut self,
+        recipe: Recipe<'_>,
+        pace: Pace,
+        rest: u16,
+        front: &mut F,
+    ) -> Result<(), ScanError<F::Error>> {
+        self.pace = pace;
+        self.source = false;
+        self.place = first(recipe, 0);
+        self.stale = true;
+        let channels = self.open(recipe, rest, front)?;
+        self.folded.reset(channels);
+        Ok(())
     }
 
-    /// The plan.
-    pub fn plan(&self) -> &Plan {
-        &self.plan
+    /// Begins to measure the source itself, as the one value of a recipe of one slot.
+    ///
+    /// # Errors
+    /// The front end reported one.
+    pub fn start_source<F: FrontEnd>(&mut self, recipe: Recipe<'_>, front: &mut F) -> Result<(), ScanError<F::Error>> {
+        self.pace = Pace::Ahead;
+        self.source = true;
+        self.place = first(recipe, 0);
+        self.stale = true;
+        let channels = self.open(recipe, 0, front)?;
+        self.folded.reset(channels);
+        Ok(())
     }
 
-    /// Throws away what was measured of the frame and starts it again.
-    pub fn restart(&mut self) {
-        self.state = State::Route;
-        self.slot = 0;
-        self.left = self.plan.slots.first().map_or(0, |s| s.sense);
-        self.frame.time = 0;
-        self.frame.clipped.clear();
-        self.frame.values.clear();
-        self.frame.quadrature.clear();
+    /// Selects the next route after [`Progress::Slot`], where the pace is [`Pace::ByOne`].
+    ///
+    /// # Errors
+    /// The front end reported one.
+    pub fn go_on<F: FrontEnd>(&mut self, recipe: Recipe<'_>, front: &mut F) -> Result<(), ScanError<F::Error>> {
+        if !self.open {
+            let channels = self.open(recipe, 0, front)?;
+            self.folded.reset(channels);
+        }
+        Ok(())
+    }
+
+    /// Abandons what is under way.
+    pub fn stop(&mut self) {
+        self.open = false;
     }
 
     /// Does what can be done now, at most one block's worth.
     ///
     /// # Errors
-    /// `WouldBlock` when the front end has nothing yet, or the complete frame was not taken. After any other error
-    /// [`Scan::restart`] it.
-    pub fn step<F: FrontEnd>(&mut self, front: &mut F) -> nb::Result<Progress, ScanError<F::Error>> {
-        match self.state {
-            State::Complete => Err(nb::Error::WouldBlock),
-            State::Route => {
-                self.open(front)?;
-                Ok(Progress::Working)
-            }
-            State::Capture => {
-                let folded = &mut self.folded;
-                let first = folded.periods() == 0;
-                let (result, time) = front
-                    .poll_block(|block| (folded.add(block), block.time))
-                    .map_err(|e| e.map(ScanError::FrontEnd))?;
-                result.map_err(ScanError::Block)?;
-                if first && self.frame.values.is_empty() {
-                    self.frame.time = time;
-                }
-                if self.folded.periods() < u32::from(self.plan.integrate_periods) {
-                    return Ok(Progress::Working);
-                }
-                self.write_down();
-                if self.left == 0 {
-                    self.slot += 1;
-                    self.left = self.slot().map_or(0, |s| s.sense);
-                }
-                if self.slot().is_none() {
-                    self.state = State::Complete;
-                    return Ok(Progress::Complete);
-                }
-                self.open(front)?;
-                Ok(Progress::Working)
-            }
+    /// `WouldBlock` when the front end has nothing yet, or no window is open. After any other error start anew.
+    pub fn step<F: FrontEnd>(
+        &mut self,
+        recipe: Recipe<'_>,
+        front: &mut F,
+    ) -> nb::Result<Progress, ScanError<F::Error>> {
+        if !self.open {
+            return Err(nb::Error::WouldBlock);
         }
+        let folded = &mut self.folded;
+        let first = folded.quarters() == 0;
+        let (result, time) = front
+            .poll_block(|block| (folded.add(block), block.time))
+            .map_err(|e| e.map(ScanError::FrontEnd))?;
+        result.map_err(ScanError::Block)?;
+        if first {
+            self.window_time = time;
+        }
+        if self.folded.quarters() < QUARTERS * u32::from(recipe.integrate_periods) {
+            return Ok(Progress::Working);
+        }
+        self.window_is_over(recipe, front)
     }
 
-    /// The complete frame, under this sequence number; the next frame begins. `None` while it is not complete.
-    pub fn take(&mut self, sequence: u32) -> Option<Frame> {
-        if self.state != State::Complete {
-            return None;
+    /// Goes on to the next route, and writes down what the last one gave.
+    fn window_is_over<F: FrontEnd>(
+        &mut self,
+        recipe: Recipe<'_>,
+        front: &mut F,
+    ) -> nb::Result<Progress, ScanError<F::Error>> {
+        self.open = false;
+        if core::mem::take(&mut self.stale) {
+            self.time = self.window_time;
+            self.clipped.clear();
+            self.count = recipe.value_count().min(MAX_VALUES);
+            self.done = 0;
+            self.scatter = Scatter::default();
+            self.noise.clear();
         }
-        let frame = Frame {
+        let over = self.place;
+        // The bits of the slot that the window measured: one, or all that are left.
+        let measured = match recipe.sampling {
+            Sampling::Sequential => over.left & over.left.wrapping_neg(),
+            Sampling::Simultaneous => over.left,
+        };
+        self.place.left &= !measured;
+        let slot_over = self.place.left == 0;
+        if slot_over {
+            self.place = self::first(recipe, over.slot + 1);
+        }
+        let more = self.place.slot < recipe.slots.len();
+        let ahead = more && (self.pace == Pace::Ahead || !slot_over);
+        let next_channels = if ahead {
+            Some(self.open(recipe, 0, front)?)
+        } else {
+            None
+        };
+        self.write_down(recipe, measured);
+        if slot_over {
+            // Cannot fail: there are no more than so many slots.
+            let _ = self.noise.push(self.scatter.variance(self.folded.periods()));
+            self.scatter = Scatter::default();
+        }
+        if let Some(channels) = next_channels {
+            self.folded.reset(channels);
+        }
+        Ok(match (more, slot_over) {
+            (false, _) => Progress::Complete,
+            (true, true) => Progress::Slot,
+            (true, false) => Progress::Working,
+        })
+    }
+
+    /// Quarter periods that the window under way takes.
+    pub fn window_quarters(&self) -> u32 {
+        self.window_quarters
+    }
+
+    /// Values that are there, in order.
+    pub fn values(&self) -> &[Value] {
+        self.amplitudes.get(..self.done).unwrap_or_default()
+    }
+
+    /// When the first sample was taken.
+    pub fn time(&self) -> u64 {
+        self.time
+    }
+
+    /// Variances of the slots that are complete.
+    pub fn noise(&self) -> &[Variance] {
+        &self.noise
+    }
+
+    /// Values with a sample at a rail.
+    pub fn clipped(&self) -> &Flags {
+        &self.clipped
+    }
+
+    /// What was folded last: after a recipe of one value, that value's period.
+    pub fn folded(&self) -> &Folded {
+        &self.folded
+    }
+
+    /// The frame under this sequence number; what is there of it.
+    pub fn frame(&self, sequence: u32, plan: u16, quadrature: bool) -> FrameRef<'_> {
+        let second = if quadrature {
+            self.count..self.count + self.done
+        } else {
+            0..0
+        };
+        FrameRef {
             sequence,
-            plan: self.plan.id,
-            ..core::mem::take(&mut self.frame)
-        };
-        self.restart();
-        Some(frame)
+            time: self.time,
+            plan,
+            clipped: &self.clipped,
+            values: self.values(),
+            quadrature: self.amplitudes.get(second).unwrap_or_default(),
+            noise: &self.noise,
+        }
     }
 
-    fn slot(&self) -> Option<&Slot> {
-        self.plan.slots.get(self.slot)
-    }
-
-    /// The sense pair of the lowest bit left.
-    fn next_pair(&self, slot: &Slot) -> Pair {
-        let lowest = Slot {
-            sense: self.left & self.left.wrapping_neg(),
-            ..*slot
+    /// Selects the route of the present place and opens its window; how many channels it has.
+    fn open<F: FrontEnd>(&mut self, recipe: Recipe<'_>, rest: u16, front: &mut F) -> Result<u8, ScanError<F::Error>> {
+        let Some(slot) = recipe.slots.get(self.place.slot) else {
+            return Ok(1);
         };
-        lowest.sense_pairs(self.electrodes).next().unwrap_or_default()
-    }
-
-    /// Selects the next route and opens its window.
-    fn open<F: FrontEnd>(&mut self, front: &mut F) -> Result<(), ScanError<F::Error>> {
-        let Some(slot) = self.slot().copied() else {
-            return Ok(());
-        };
-        let (sense, channels) = match self.plan.sampling {
-            Sampling::Sequential => (Sense::One(self.next_pair(&slot)), 1),
+        let (sense, channels) = match recipe.sampling {
+            _ if self.source => (Sense::Source, 1),
+            Sampling::Sequential => {
+                let lowest = Slot {
+                    sense: self.place.left & self.place.left.wrapping_neg(),
+                    ..*slot
+                };
+                let pair: Pair = lowest.sense_pairs(self.electrodes).next().unwrap_or_default();
+                (Sense::One(pair), 1)
+            }
             Sampling::Simultaneous => (Sense::All { step: slot.sense_step }, self.electrodes),
         };
         let route = Route {
@@ -170,42 +326,57 @@ impl Scan {
             gain: slot.gain,
         };
         let window = Window {
-            settle_periods: self.plan.settle_periods,
-            periods: self.plan.integrate_periods,
+            settle_quarters: recipe.settle_quarters.saturating_add(rest),
+            periods: recipe.integrate_periods,
             channels,
         };
-        self.folded.reset(channels);
         front.select(&route).map_err(ScanError::FrontEnd)?;
         front.begin(window).map_err(ScanError::FrontEnd)?;
-        self.state = State::Capture;
-        Ok(())
+        self.open = true;
+        self.window_quarters = window.quarters();
+        Ok(channels)
     }
 
-    /// Turns the folded periods into values: one, or one for each bit of the slot.
-    fn write_down(&mut self) {
-        loop {
-            let bit = self.left.trailing_zeros();
-            if bit >= u32::BITS {
-                return;
-            }
-            self.left &= self.left - 1;
-            let channel = match self.plan.sampling {
+    /// Turns the folded periods into values, one for each of these bits of the slot.
+    fn write_down(&mut self, recipe: Recipe<'_>, mut bits: u32) {
+        let periods = self.folded.periods();
+        while bits != 0 {
+            let channel = match recipe.sampling {
                 Sampling::Sequential => 0,
-                Sampling::Simultaneous => bit as usize,
+                Sampling::Simultaneous => bits.trailing_zeros() as usize,
             };
-            let (value, quadrature, fitted) = self.folded.correlate(channel).values(self.folded.periods());
-            let index = self.frame.values.len();
-            if !fitted || self.folded.railed(channel) {
-                self.frame.clipped.set(index);
+            bits &= bits - 1;
+            let (phasor, scatter) = self.folded.correlate(channel);
+            let rotation = self.rotations.get(channel).copied().unwrap_or(Rotation::NONE);
+            self.scatter.add(scatter);
+            let (value, mut fitted) = if recipe.quadrature {
+                let phasor = phasor.turned_back(rotation);
+                let (quadrature, fitted) = phasor.quadrature_value(periods);
+                if let Some(place) = self.amplitudes.get_mut(self.count + self.done) {
+                    *place = quadrature;
+                }
+                let (value, also) = phasor.in_phase_value(periods);
+                (value, fitted && also)
+            } else {
+                let in_phase = phasor.in_phase_turned_back(rotation);
+                Phasor { in_phase, ..phasor }.in_phase_value(periods)
+            };
+            fitted &= !self.folded.railed(channel);
+            if !fitted {
+                self.clipped.set(self.done);
             }
-            // Cannot fail: the plan was checked to fit a frame.
-            let _ = self.frame.values.push(value);
-            if self.plan.quadrature {
-                let _ = self.frame.quadrature.push(quadrature);
+            if let Some(place) = self.amplitudes.get_mut(self.done) {
+                *place = value;
             }
-            if self.plan.sampling == Sampling::Sequential {
-                return;
-            }
+            self.done += 1;
         }
+    }
+}
+
+/// The first value of a slot.
+fn first(recipe: Recipe<'_>, slot: usize) -> Place {
+    Place {
+        slot,
+        left: recipe.slots.get(slot).map_or(0, |s| s.sense),
     }
 }

@@ -1,12 +1,14 @@
 //! A whole board in simulated time: bytes in, bytes out.
 
-use crate::clock::{Clock, PERIOD_SAMPLES, TICKS_PER_SAMPLE, TIMER_HZ, samples, seconds};
+use crate::chip::Chip;
+use crate::clock::{Clock, PERIOD_SAMPLES, QUARTER_SAMPLES, TICKS_PER_SAMPLE, TIMER_HZ, samples, seconds};
 use crate::electronics::Electronics;
+use crate::flash::Flash;
 use crate::front_end::{SimFrontEnd, SimFrontEndError};
 use crate::sheet::SheetModel;
 use crate::uart::Uart;
-use firmware::{Activity, BoardInfo, Controller, MAX_CHANNELS};
-use protocol::{Hello, Plan, PlanError};
+use firmware::{Activity, BoardInfo, Controller, MAX_CHANNELS, Memory};
+use protocol::{Counters, Hello, Plan, PlanError, ResetCause};
 use thiserror::Error;
 
 /// Why there is no simulated board.
@@ -28,6 +30,9 @@ pub enum BoardError {
     },
 }
 
+/// Bytes of each sector of the simulated flash memory.
+const SECTOR_BYTES: u32 = 2048;
+
 /// What a simulated board is made of, apart from its sheet.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SimConfig {
@@ -35,13 +40,19 @@ pub struct SimConfig {
     pub electronics: Electronics,
     /// What it measures until it is told otherwise; `None` is the adjacent plan for the sheet's electrodes.
     pub plan: Option<Plan>,
+    /// What its flash memory holds; `None`: nothing yet.
+    pub flash: Option<Flash>,
+    /// Why it starts.
+    pub reset: ResetCause,
+    /// How often the sheet is looked at, in samples; `None`: every 20 ms.
+    pub look_samples: Option<u64>,
 }
 
 /// The firmware on simulated hardware. Time stands still between calls.
 #[derive(Debug)]
 pub struct SimBoard<S> {
     clock: Clock,
-    controller: Controller<SimFrontEnd<S>, Uart>,
+    controller: Controller<'static, SimFrontEnd<S>, Uart, Chip, Box<Memory>>,
 }
 
 impl<S: SheetModel> SimBoard<S> {
@@ -51,11 +62,24 @@ impl<S: SheetModel> SimBoard<S> {
     /// [`BoardError`] says what does not fit together.
     pub fn new(config: SimConfig, sheet: S) -> Result<Self, BoardError> {
         let clock = Clock::new();
-        let SimConfig { electronics, plan } = config;
-        let gains = electronics.gains_milli.clone();
+        let SimConfig {
+            electronics,
+            plan,
+            flash,
+            reset,
+            look_samples,
+        } = config;
+        let mut gains_milli = [0; 4];
+        for (place, gain) in gains_milli.iter_mut().zip(&electronics.gains_milli) {
+            *place = *gain;
+        }
         let microvolt = |v: f64| (v * 1e6).round() as u32;
         let (span, excitation) = (microvolt(electronics.adc_span_v), microvolt(electronics.excitation_v));
-        let front = SimFrontEnd::new(electronics, sheet, clock.clone())?;
+        let (source_gain_milli, skew_ticks) = (electronics.source_gain_milli, electronics.skew_ticks);
+        let mut front = SimFrontEnd::new(electronics, sheet, clock.clone())?;
+        if let Some(samples) = look_samples {
+            front = front.looking_every(samples);
+        }
         let given = front.electrodes();
         let electrodes = u8::try_from(given)
             .ok()
@@ -67,20 +91,26 @@ impl<S: SheetModel> SimBoard<S> {
         let info = BoardInfo {
             name: "skin-sim",
             serial: "sim",
+            git: "",
             electrodes,
             channels: electrodes,
             timer_hz: TIMER_HZ,
             ticks_per_sample: TICKS_PER_SAMPLE,
+            skew_ticks,
             adc_span_uv: span,
             excitation_uv: excitation,
-            gains_milli: &gains,
+            source_gain_milli,
+            gains_milli,
+            reset,
+            last_panic: "",
         };
         let plan = match plan {
             Some(plan) => plan,
             None => Plan::adjacent(electrodes).map_err(BoardError::Plan)?,
         };
         let uart = Uart::new(clock.clone());
-        let controller = Controller::new(&info, plan, front, uart).map_err(BoardError::Plan)?;
+        let chip = Chip::new(clock.clone(), flash.unwrap_or_else(|| Flash::new(SECTOR_BYTES)));
+        let controller = Controller::new(info, plan, front, uart, chip, Box::default()).map_err(BoardError::Plan)?;
         Ok(Self { clock, controller })
     }
 
@@ -95,7 +125,7 @@ impl<S: SheetModel> SimBoard<S> {
     }
 
     /// Who it says it is.
-    pub fn hello(&self) -> &Hello {
+    pub fn hello(&self) -> Hello {
         self.controller.hello()
     }
 
@@ -114,13 +144,40 @@ impl<S: SheetModel> SimBoard<S> {
         self.controller.is_quiet() && self.controller.link_mut().is_idle()
     }
 
+    /// What it counted.
+    pub fn counters(&self) -> &Counters {
+        self.controller.counters()
+    }
+
+    /// Samples that its converter made for the windows so far.
+    pub fn conversions(&mut self) -> u64 {
+        self.controller.front_mut().conversions()
+    }
+
+    /// Its flash memory.
+    pub fn flash(&mut self) -> &mut Flash {
+        &mut self.controller.support_mut().flash
+    }
+
+    /// Whether its watchdog has bitten, which never happens while it is stepped.
+    pub fn bitten(&mut self) -> bool {
+        self.controller.support_mut().bitten()
+    }
+
+    /// Lets a time pass in which the firmware hangs.
+    pub fn hang(&mut self, duration_s: f64) {
+        self.clock.advance(samples(duration_s));
+    }
+
     /// Lets one period of the excitation pass, and hands over the bytes that left the board meanwhile.
     pub fn step(&mut self, take: impl FnMut(u8)) {
-        self.clock.advance(PERIOD_SAMPLES);
-        // One block of samples, the commands of a period and their answers are a few polls.
-        for _ in 0..32 {
-            if self.controller.poll() == Activity::Idle {
-                break;
+        for _ in 0..PERIOD_SAMPLES / QUARTER_SAMPLES {
+            self.clock.advance(QUARTER_SAMPLES);
+            // One block of samples, the commands of a quarter period and their answers are a few polls.
+            for _ in 0..16 {
+                if self.controller.poll() == Activity::Idle {
+                    break;
+                }
             }
         }
         self.controller.link_mut().receive(take);

@@ -12,6 +12,9 @@ pub const TICKS_PER_SAMPLE: u32 = 1425;
 /// Samples in a period of the excitation.
 pub const PERIOD_SAMPLES: u64 = firmware::SAMPLES_PER_PERIOD as u64;
 
+/// Samples in a quarter period: nothing on a board happens between their boundaries.
+pub const QUARTER_SAMPLES: u64 = firmware::QUARTER_SAMPLES as u64;
+
 /// Seconds that a number of samples takes.
 pub fn seconds(samples: u64) -> f64 {
     samples as f64 * f64::from(TICKS_PER_SAMPLE) / f64::from(TIMER_HZ)
@@ -40,5 +43,11 @@ impl Clock {
     /// Lets time pass.
     pub fn advance(&self, samples: u64) {
         self.0.fetch_add(samples, Ordering::Relaxed);
+    }
+}
+
+impl firmware::Clock for Clock {
+    fn now(&mut self) -> u64 {
+        Clock::now(self)
     }
 }

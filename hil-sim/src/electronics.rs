@@ -1,6 +1,6 @@
 //! Source, switches, amplifiers and converter: from what the electrodes see to codes.
 
-use crate::clock::{PERIOD_SAMPLES, seconds};
+use crate::clock::{PERIOD_SAMPLES, TICKS_PER_SAMPLE, seconds};
 use crate::noise::Noise;
 use firmware::{FULL_SCALE, MAX_CHANNELS, Route, Sense};
 use forward::{Drive, ElectrodeMatrix, Measurement, Pair};
@@ -9,8 +9,12 @@ use std::f64::consts::TAU;
 /// The board's analogue part, constant while it runs.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Electronics {
-    /// Amplitude of the source, V.
+    /// Amplitude of the source at full scale, V.
     pub excitation_v: f64,
+    /// Gain between the source and the converter where the source itself is measured, in thousandths.
+    pub source_gain_milli: u32,
+    /// Timer ticks from the conversion of one channel to that of the next: one converter takes them in turn.
+    pub skew_ticks: u16,
     /// Resistance of one closed switch, ohm; the drive current passes two.
     pub switch_ohm: f64,
     /// Gains between sense pair and converter that a route chooses from, in thousandths, at most four. The amplifiers'
@@ -33,10 +37,13 @@ impl Default for Electronics {
     /// - gain 0 puts the largest sense voltage of the paper's untouched sheet at 80 % of the range, gain 1 the drive
     ///   pair's own voltage;
     /// - 10 us of settling is an amplifier and filter of 16 kHz, and 40 mV a multiplexer of some picocoulomb;
+    /// - 60 ticks of 84 MHz are a conversion of 15 clocks of a converter at 21 MHz;
     /// - the noise makes the paper's way of measuring have the paper's 27 dB.
     fn default() -> Self {
         Self {
             excitation_v: 2.25,
+            source_gain_milli: 586,
+            skew_ticks: 60,
             switch_ohm: 70.0,
             gains_milli: vec![13_000, 600],
             adc_span_v: 3.3,
@@ -70,12 +77,13 @@ impl Default for Routing {
 }
 
 impl Electronics {
-    /// Amplitude of every channel of a route on this sheet, V at the converter; 0 for channels that do not exist. `None`
-    /// for a gain that does not exist.
-    pub fn amplitudes_v(&self, sheet: &ElectrodeMatrix, route: &Route) -> Option<[f64; MAX_CHANNELS]> {
+    /// Amplitude of every channel of a route on this sheet with the source at `permille` of full scale, V at the converter;
+    /// 0 for channels that do not exist. `None` for a gain that does not exist.
+    pub fn amplitudes_v(&self, sheet: &ElectrodeMatrix, route: &Route, permille: u16) -> Option<[f64; MAX_CHANNELS]> {
+        let source_v = self.excitation_v * f64::from(permille) / 1000.0;
         let gain = f64::from(*self.gains_milli.get(usize::from(route.gain))?) / 1000.0;
         let drive = Drive::Voltage {
-            amplitude_v: self.excitation_v,
+            amplitude_v: source_v,
             switch_ohm: self.switch_ohm,
         };
         let pair = |p: protocol::Pair| Pair::new(p.plus.into(), p.minus.into());
@@ -91,6 +99,7 @@ impl Electronics {
         };
         let mut out = [0.0; MAX_CHANNELS];
         match route.sense {
+            Sense::Source => out[0] = source_v * f64::from(self.source_gain_milli) / 1000.0,
             Sense::One(sense) => out[0] = voltage(pair(sense)),
             Sense::All { step } => {
                 let electrodes = sheet.electrodes();
@@ -102,10 +111,17 @@ impl Electronics {
         Some(out)
     }
 
-    /// Voltage of a channel at the converter, V from the middle of its range, without noise.
+    /// Voltage of a channel when it is converted in the row of this time, V at the converter from the middle of its range,
+    /// without noise.
     pub fn voltage_v(&self, time: u64, channel: usize, routing: &Routing) -> f64 {
-        let phase = TAU * (time % PERIOD_SAMPLES) as f64 / PERIOD_SAMPLES as f64;
-        let since_s = seconds(time.saturating_sub(routing.switched_at));
+        let late = (channel * usize::from(self.skew_ticks)) as f64 / f64::from(TICKS_PER_SAMPLE);
+        self.voltage_at_v(time, late, channel, routing)
+    }
+
+    /// The same, `late` samples after a time.
+    fn voltage_at_v(&self, time: u64, late: f64, channel: usize, routing: &Routing) -> f64 {
+        let phase = TAU * ((time % PERIOD_SAMPLES) as f64 + late) / PERIOD_SAMPLES as f64;
+        let since_s = seconds(time.saturating_sub(routing.switched_at)) + late * seconds(1);
         let left = if self.settling_s > 0.0 {
             (-since_s / self.settling_s).exp()
         } else {
@@ -122,8 +138,8 @@ impl Electronics {
             switched_at: time,
         };
         for channel in 0..MAX_CHANNELS {
-            after.residue_v[channel] =
-                self.voltage_v(time, channel, before) + self.injection_v - self.voltage_v(time, channel, &after);
+            after.residue_v[channel] = self.voltage_at_v(time, 0.0, channel, before) + self.injection_v
+                - self.voltage_at_v(time, 0.0, channel, &after);
         }
         after
     }

@@ -1,16 +1,16 @@
 //! The firmware's front-end traits on simulated electronics and a simulated sheet.
 
-use crate::clock::{Clock, PERIOD_SAMPLES, samples, seconds};
+use crate::clock::{Clock, PERIOD_SAMPLES, QUARTER_SAMPLES, samples, seconds};
 use crate::electronics::{Electronics, Routing};
 use crate::sheet::SheetModel;
-use firmware::{Block, Capture, Error, ErrorKind, ErrorType, Excitation, MAX_CHANNELS, Route, Router, Window};
+use firmware::{Block, Capture, Error, ErrorKind, ErrorType, Excitation, MAX_CHANNELS, Rails, Route, Router, Window};
 use forward::{ElectrodeMatrix, ForwardError};
 use thiserror::Error as ThisError;
 
 /// Periods that the front end holds before it loses samples: as many as two halves of a DMA buffer, and two to spare.
 const ROOM_PERIODS: u64 = 4;
 
-/// How often the sheet is looked at, s. A finger that moves at 50 mm/s goes 1 mm in this time.
+/// How often the sheet is looked at unless it is told otherwise, s. A finger that moves at 50 mm/s goes 1 mm in this time.
 const SHEET_S: f64 = 0.02;
 
 /// What can go wrong in the simulated front end.
@@ -42,12 +42,13 @@ impl Error for SimFrontEndError {
 struct Open {
     /// First sample of the next block.
     next: u64,
-    /// Periods still to lend.
-    periods: u64,
+    /// Samples of each channel still to lend.
+    left: u64,
     channels: usize,
 }
 
-/// Front end of a simulated board. Blocks are one period long.
+/// Front end of a simulated board. Blocks are one period long, from whatever quarter of it a window begins at; where the
+/// capture buffer, two periods long, turns over, a block is cut in two.
 #[derive(Debug)]
 pub struct SimFrontEnd<S> {
     electronics: Electronics,
@@ -58,12 +59,16 @@ pub struct SimFrontEnd<S> {
     /// What the electrodes see now, and which look at the sheet it is from.
     matrix: ElectrodeMatrix,
     look: u64,
+    /// Samples between two looks.
+    look_samples: u64,
     excited: bool,
+    permille: u16,
     route: Option<Route>,
     routing: Routing,
     open: Option<Open>,
     sequence: u32,
     block: Vec<u16>,
+    conversions: u64,
 }
 
 impl<S: SheetModel> SimFrontEnd<S> {
@@ -80,12 +85,15 @@ impl<S: SheetModel> SimFrontEnd<S> {
             self_clocked: false,
             matrix,
             look: 0,
+            look_samples: samples(SHEET_S),
             excited: false,
+            permille: 1000,
             route: None,
             routing: Routing::default(),
             open: None,
             sequence: 0,
             block: Vec::new(),
+            conversions: 0,
         })
     }
 
@@ -93,6 +101,17 @@ impl<S: SheetModel> SimFrontEnd<S> {
     pub fn self_clocked(mut self) -> Self {
         self.self_clocked = true;
         self
+    }
+
+    /// Looks at the sheet every so many samples, 1 or more.
+    pub fn looking_every(mut self, samples: u64) -> Self {
+        self.look_samples = samples.max(1);
+        self
+    }
+
+    /// Samples converted for the windows so far; a board may rest its converter while there is none.
+    pub fn conversions(&self) -> u64 {
+        self.conversions
     }
 
     /// The electrodes that the sheet has.
@@ -110,7 +129,7 @@ impl<S: SheetModel> SimFrontEnd<S> {
         match &self.route {
             Some(route) if self.excited => self
                 .electronics
-                .amplitudes_v(&self.matrix, route)
+                .amplitudes_v(&self.matrix, route, self.permille)
                 .ok_or(SimFrontEndError::Route(*route)),
             _ => Ok([0.0; MAX_CHANNELS]),
         }
@@ -118,7 +137,7 @@ impl<S: SheetModel> SimFrontEnd<S> {
 
     /// Looks at the sheet again if the time has come. A touch is slow: its change is no switching.
     fn look(&mut self, time: u64) -> Result<(), SimFrontEndError> {
-        let interval = samples(SHEET_S);
+        let interval = self.look_samples;
         let look = time / interval;
         if look != self.look {
             self.look = look;
@@ -152,6 +171,7 @@ impl<S: SheetModel> Router for SimFrontEnd<S> {
         let sense = match route.sense {
             firmware::Sense::One(pair) => known(pair),
             firmware::Sense::All { .. } => electrodes <= MAX_CHANNELS,
+            firmware::Sense::Source => true,
         };
         if !known(route.drive) || !sense {
             return Err(SimFrontEndError::Route(*route));
@@ -167,6 +187,11 @@ impl<S: SheetModel> Excitation for SimFrontEnd<S> {
         self.switch()
     }
 
+    fn set_amplitude(&mut self, permille: u16) -> Result<(), SimFrontEndError> {
+        self.permille = permille.min(1000);
+        self.switch()
+    }
+
     fn switch_off(&mut self) -> Result<(), SimFrontEndError> {
         self.excited = false;
         self.switch()
@@ -176,11 +201,11 @@ impl<S: SheetModel> Excitation for SimFrontEnd<S> {
 impl<S: SheetModel> Capture for SimFrontEnd<S> {
     fn begin(&mut self, window: Window) -> Result<(), SimFrontEndError> {
         let now = self.clock.now();
-        let settled = now / PERIOD_SAMPLES + u64::from(window.settle_periods);
-        let first = settled.max(now.div_ceil(PERIOD_SAMPLES)) * PERIOD_SAMPLES;
+        let settled = now / QUARTER_SAMPLES + u64::from(window.settle_quarters);
+        let first = settled.max(now.div_ceil(QUARTER_SAMPLES)) * QUARTER_SAMPLES;
         self.open = Some(Open {
             next: first,
-            periods: window.periods.into(),
+            left: u64::from(window.periods) * PERIOD_SAMPLES,
             channels: usize::from(window.channels).min(MAX_CHANNELS),
         });
         Ok(())
@@ -188,19 +213,24 @@ impl<S: SheetModel> Capture for SimFrontEnd<S> {
 
     fn poll_block<R>(&mut self, f: impl FnOnce(&Block<'_>) -> R) -> nb::Result<R, SimFrontEndError> {
         let now = self.clock.now();
-        let ready = self.open.filter(|o| o.periods > 0 && now >= o.next + PERIOD_SAMPLES);
+        let length = |o: &Open| {
+            let turns_over = 2 * PERIOD_SAMPLES - o.next % (2 * PERIOD_SAMPLES);
+            PERIOD_SAMPLES.min(o.left).min(turns_over)
+        };
+        let ready = self.open.filter(|o| o.left > 0 && now >= o.next + length(o));
         let Some(open) = ready else {
             if self.self_clocked {
                 self.clock.advance(1);
             }
             return Err(nb::Error::WouldBlock);
         };
+        let length = length(&open);
         if now >= open.next + (1 + ROOM_PERIODS) * PERIOD_SAMPLES {
             self.open = None;
             return Err(nb::Error::Other(SimFrontEndError::Overrun));
         }
         self.look(open.next)?;
-        self.block.resize(open.channels * PERIOD_SAMPLES as usize, 0);
+        self.block.resize(open.channels * length as usize, 0);
         for (time, row) in (open.next..).zip(self.block.chunks_exact_mut(open.channels.max(1))) {
             self.electronics.sample(time, &self.routing, row);
         }
@@ -209,11 +239,13 @@ impl<S: SheetModel> Capture for SimFrontEnd<S> {
             channels: open.channels as u8,
             sequence: self.sequence,
             time: open.next,
+            rails: Rails::Unknown,
         });
         self.sequence = self.sequence.wrapping_add(1);
+        self.conversions += self.block.len() as u64;
         self.open = Some(Open {
-            next: open.next + PERIOD_SAMPLES,
-            periods: open.periods - 1,
+            next: open.next + length,
+            left: open.left - length,
             ..open
         });
         Ok(result)

@@ -10,9 +10,12 @@
 #![forbid(unsafe_code)]
 
 mod board;
+mod bootloader;
+mod chip;
 mod clock;
 mod demo;
 mod electronics;
+mod flash;
 mod front_end;
 mod material;
 mod noise;
@@ -25,8 +28,11 @@ mod touch;
 mod uart;
 
 pub use board::{BoardError, SimBoard, SimConfig};
-pub use clock::{Clock, PERIOD_SAMPLES, TICKS_PER_SAMPLE, TIMER_HZ, samples, seconds};
+pub use bootloader::{BootFaults, BootRom};
+pub use chip::Chip;
+pub use clock::{Clock, PERIOD_SAMPLES, QUARTER_SAMPLES, TICKS_PER_SAMPLE, TIMER_HZ, samples, seconds};
 pub use electronics::{Electronics, Routing};
+pub use flash::{Flash, FlashError, Torn};
 pub use front_end::{SimFrontEnd, SimFrontEndError};
 pub use material::Material;
 pub use noise::Noise;

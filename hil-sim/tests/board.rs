@@ -13,7 +13,7 @@ fn bench(seed: u64) -> Bench<FixedSheet> {
             seed,
             ..Electronics::default()
         },
-        plan: None,
+        ..SimConfig::default()
     };
     Bench::new(config, FixedSheet(disc(16)))
 }
@@ -71,7 +71,7 @@ fn more_than_the_link_carries_costs_frames_and_nothing_else() {
     // Quadrature doubles the values, and no settling doubles the frames: 230 frames/s of 860 bytes on 100,000 bytes/s.
     let mut bench = bench(1);
     let plan = Plan {
-        settle_periods: 0,
+        settle_quarters: 0,
         quadrature: true,
         ..Plan::fast()
     };
@@ -134,7 +134,7 @@ fn a_touch_that_comes_changes_the_values_when_it_comes() {
             noise_codes: 0.3,
             ..Electronics::default()
         },
-        plan: None,
+        ..SimConfig::default()
     };
     let rubber = Rubber::new(&forward::Sheet::paper(), scene.clone()).unwrap();
     let mut bench = Bench::new(config, rubber);

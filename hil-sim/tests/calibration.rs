@@ -32,7 +32,7 @@ fn mean(frames: &[Vec<f64>]) -> Vec<f64> {
 /// `20 log10(||change of the mean|| / rms over the frames of ||noise||)`: the paper's figure of merit.
 fn signal_to_noise_db(model: &Arc<Model>, plan: &Plan, count: usize) -> f64 {
     let period_s = 16.0 * 1425.0 / 84e6;
-    let duration_s = f64::from(plan.periods()) * period_s * (count as f64 + 0.5);
+    let duration_s = f64::from(plan.quarters()) / 4.0 * period_s * (count as f64 + 0.5);
     let rest = record(model, plan, vec![], duration_s);
     let pressed = record(model, plan, vec![Touch::tip(0.0, 0.0, 25.0)], duration_s);
     let (a, b) = (mean(&rest), mean(&pressed));

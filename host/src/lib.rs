@@ -3,13 +3,14 @@
 //! The way of a frame: [`link`] (bytes to messages), [`session`] (a board that introduced itself), [`baseline`] (the
 //! unpressed sheet), [`live`] (baseline, then pictures), [`health`] (what cannot be believed), [`reconstructor`] (gate,
 //! weigh, solve, find touches; on [`imager`]'s model, the noise told by [`noise`], with the solvers of [`reconstruct`]),
-//! [`fit`] (touches to the measurements), [`tracker`] (numbers for touches), [`view`] (what a person sees). [`study`]
-//! measures all that on simulated frames.
+//! [`electrodes`] (where they are), [`fit`] (touches to the measurements), [`tracker`] (numbers for touches), [`view`] (what
+//! a person sees). Beside it: [`flash`] (a new program for the board), [`study`] (all that, measured on simulated frames).
 #![forbid(unsafe_code)]
 
 pub mod baseline;
 pub mod electrodes;
 pub mod fit;
+pub mod flash;
 pub mod greit;
 pub mod health;
 pub mod imager;

@@ -1,7 +1,8 @@
 //! The serial link: bytes to messages on a thread of its own, commands the other way, and an account of what was lost.
 
 use protocol::{
-    BoardError, Decoder, DecoderCounters, FromBoard, MAX_FROM_BOARD_LEN, MAX_TO_BOARD_LEN, PlanError, ToBoard, encode,
+    BoardError, Decoder, DecoderCounters, FromBoard, MAX_FROM_BOARD_LEN, MAX_TO_BOARD_LEN, PlanError, ToBoard, Version,
+    encode,
 };
 use std::io::{ErrorKind, Read, Write};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, TryRecvError, channel, sync_channel};
@@ -232,6 +233,14 @@ fn pump(
             }
             Err(e) => tracing::debug!("a damaged message: {e}"),
         });
+        if let Some(version) = decoder.foreign.take()
+            && version.major != Version::CURRENT.major
+        {
+            let _ = messages.send(Err(LinkError::Version {
+                board: version.major,
+                ours: Version::CURRENT.major,
+            }));
+        }
         let mut counters = shared.lock().unwrap_or_else(PoisonError::into_inner);
         counters.decoder = decoder.counters;
         counters.bytes += count as u64;

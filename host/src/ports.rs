@@ -29,30 +29,39 @@ pub fn candidates() -> Result<Vec<SerialPortInfo>, serialport::Error> {
     Ok(ports)
 }
 
-/// Opens a port for a [`crate::link::Link`].
+/// Opens a port for a [`crate::link::Link`]. Where its DTR and RTS are wired to a board's BOOT0 and reset (see docs/board.md), the
+/// board runs its program afterwards: systems assert both lines when they open a port.
 ///
 /// # Errors
 /// The system's, with what to do about it.
 pub fn open(path: &str) -> Result<Box<dyn Port>, String> {
     match serialport::new(path, BAUD).timeout(READ_WAIT).open() {
-        Ok(port) => Ok(Box::new(SerialPort(port))),
-        Err(e) => {
-            let text = e.to_string();
-            let help = match e.kind() {
-                serialport::ErrorKind::NoDevice if text.contains("lock") => {
-                    "another program holds the port: end it, or name another port"
-                }
-                serialport::ErrorKind::NoDevice | serialport::ErrorKind::Io(std::io::ErrorKind::NotFound) => {
-                    "there is no such port: look at the cable and at the name"
-                }
-                serialport::ErrorKind::Io(std::io::ErrorKind::PermissionDenied) => {
-                    "add yourself to the group that owns the port (`sudo usermod -aG dialout $USER`) and log in again"
-                }
-                _ => "is it a serial port?",
-            };
-            Err(format!("{path}: {text}; {help}"))
+        Ok(mut port) => {
+            // BOOT0 first, so that the reset that ends with the other finds it low. A port without these lines needs neither.
+            let _ = port.write_data_terminal_ready(false);
+            let _ = port.write_request_to_send(false);
+            Ok(Box::new(SerialPort(port)))
         }
+        Err(e) => Err(explained(path, &e)),
     }
+}
+
+/// Why a port did not open, and what to do about it.
+pub(crate) fn explained(path: &str, error: &serialport::Error) -> String {
+    let text = error.to_string();
+    let help = match error.kind() {
+        serialport::ErrorKind::NoDevice if text.contains("lock") => {
+            "another program holds the port: end it, or name another port"
+        }
+        serialport::ErrorKind::NoDevice | serialport::ErrorKind::Io(std::io::ErrorKind::NotFound) => {
+            "there is no such port: look at the cable and at the name"
+        }
+        serialport::ErrorKind::Io(std::io::ErrorKind::PermissionDenied) => {
+            "add yourself to the group that owns the port (`sudo usermod -aG dialout $USER`) and log in again"
+        }
+        _ => "is it a serial port?",
+    };
+    format!("{path}: {text}; {help}")
 }
 
 /// A serial port as a plain stream of bytes.

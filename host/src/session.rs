@@ -114,7 +114,7 @@ impl Session {
                     return Ok(None);
                 }
                 Some(FromBoard::Frame(frame)) if self.fits(&frame) => return Ok(Some(self.measured(&frame))),
-                Some(FromBoard::Hello(hello)) if hello != self.hello => {
+                Some(FromBoard::Hello(hello)) if !hello.is_same_board(&self.hello) => {
                     return Err(LinkError::Lost("another board is behind the port now".to_owned()));
                 }
                 // It was reset: every time it is, at once.

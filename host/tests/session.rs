@@ -270,5 +270,13 @@ fn silence_and_another_protocol_are_told_apart() {
         .unwrap()
         .extend(framed(&protocol::FromBoard::Hello(hello)));
     let other = Session::start(Box::new(port), adjacent_plan).err().unwrap();
-    assert_eq!(other, LinkError::Version { board: 9, ours: 1 });
+    assert_eq!(other, LinkError::Version { board: 9, ours: 2 });
+
+    // An introduction of version 1, whose fields after the version are others.
+    let old = "0102012d03302e3101620137101080fa8628910b0ca0b5c90190aa89010288a401bc0520800210e807ffff0362328a0900";
+    let bytes = (0..old.len() / 2).map(|k| u8::from_str_radix(&old[2 * k..2 * k + 2], 16).unwrap());
+    let port = Scripted::default();
+    port.says.lock().unwrap().extend(bytes);
+    let other = Session::start(Box::new(port), adjacent_plan).err().unwrap();
+    assert_eq!(other, LinkError::Version { board: 1, ours: 2 });
 }

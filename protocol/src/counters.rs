@@ -1,9 +1,10 @@
 //! What the board counts.
 
+use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 /// Events since power-up or since [`crate::ToBoard::ResetCounters`]. Each stays at `u32::MAX` once it is there.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub struct Counters {
     /// Frames measured and queued.
     pub frames: u32,
@@ -23,6 +24,10 @@ pub struct Counters {
     pub receive_errors: u32,
     /// Errors that the serial transmitter reported.
     pub transmit_errors: u32,
+    /// Scans of the watch.
+    pub watch_scans: u32,
+    /// Times that a change woke the board.
+    pub wakes: u32,
 }
 
 impl Counters {

@@ -1,6 +1,7 @@
 //! From any stream of bytes to messages.
 
 use crate::error::FrameError;
+use crate::hello::Version;
 use crate::{CRC, CRC_LEN};
 use serde::de::DeserializeOwned;
 
@@ -31,6 +32,8 @@ pub struct Decoder<const N: usize> {
     block: Block,
     /// What was counted so far.
     pub counters: DecoderCounters,
+    /// The version that an introduction announced which was undamaged and could not be read; whoever deals with it takes it.
+    pub foreign: Option<Version>,
 }
 
 /// What stands before the next COBS code.
@@ -67,6 +70,7 @@ impl<const N: usize> Decoder<N> {
                 overflow: 0,
                 malformed: 0,
             },
+            foreign: None,
         }
     }
 
@@ -124,6 +128,15 @@ impl<const N: usize> Decoder<N> {
             _ if left > 0 => Err(FrameError::Cobs),
             _ => read(self.body.get(..len).unwrap_or_default()),
         };
+        // Both enums begin with an introduction, and an introduction with its version: that much every version keeps.
+        if let (Err(FrameError::Unknown), Some([0, major, minor, ..])) = (&result, self.body.get(..len))
+            && len > CRC_LEN + 2
+        {
+            self.foreign = Some(Version {
+                major: *major,
+                minor: *minor,
+            });
+        }
         let c = &mut self.counters;
         let counter = match &result {
             Ok(_) => &mut c.messages,

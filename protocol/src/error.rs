@@ -2,10 +2,11 @@
 
 use crate::plan_error::PlanError;
 use core::fmt;
+use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 /// Why a stretch of bytes between two delimiters was not a message.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub enum FrameError {
     /// Longer than the receiver holds.
     Overflow,
@@ -34,7 +35,7 @@ impl fmt::Display for FrameError {
 impl core::error::Error for FrameError {}
 
 /// A fault of the front end that stopped the scan.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub enum FrontEndFault {
     /// No samples came.
     Timeout,
@@ -42,10 +43,74 @@ pub enum FrontEndFault {
     Route,
     /// Anything else.
     Other,
+    /// The source's amplitude is not what it is set to.
+    Source,
+}
+
+/// What else a command can ask for that the board cannot do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+pub enum Refusal {
+    /// Not while frames are being measured.
+    Busy,
+    /// An amplitude of 0 or of more than 1000 thousandths.
+    Excitation {
+        /// Thousandths asked for.
+        given: u16,
+    },
+    /// A number of the watch that must be more than it is.
+    Watch {
+        /// Which number, as the field is called.
+        what: WatchNumber,
+        /// The least that it can be.
+        least: u16,
+    },
+    /// There is no watch.
+    NoWatch,
+    /// The settings could not be written or read.
+    Store,
+}
+
+/// Numbers of a [`crate::Watch`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+pub enum WatchNumber {
+    /// [`crate::Watch::learn_scans`].
+    LearnScans,
+    /// [`crate::Watch::threshold`].
+    Threshold,
+    /// [`crate::Watch::frames_between`].
+    FramesBetween,
+    /// [`crate::Watch::quiet_scans`].
+    QuietScans,
+    /// [`crate::Watch::heartbeat_scans`].
+    HeartbeatScans,
+}
+
+impl fmt::Display for Refusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Busy => f.write_str("it is measuring; stop it first"),
+            Self::Excitation { given } => {
+                write!(f, "an excitation of {given} thousandths; it can do 1 to 1000")
+            }
+            Self::Watch { what, least } => write!(
+                f,
+                "the watch's {} must be at least {least}",
+                match what {
+                    WatchNumber::LearnScans => "number of scans to learn from",
+                    WatchNumber::Threshold => "threshold",
+                    WatchNumber::FramesBetween => "number of frames between its scans",
+                    WatchNumber::QuietScans => "number of quiet scans",
+                    WatchNumber::HeartbeatScans => "number of scans between heartbeats",
+                }
+            ),
+            Self::NoWatch => f.write_str("it has no watch; set one first"),
+            Self::Store => f.write_str("its store does not work; the settings hold until it is switched off"),
+        }
+    }
 }
 
 /// Why the board did not do what it was told, or stopped doing it.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub enum BoardError {
     /// A command arrived that could not be read.
     Command(FrameError),
@@ -53,6 +118,12 @@ pub enum BoardError {
     Plan(PlanError),
     /// The scan stopped and the excitation is off.
     FrontEnd(FrontEndFault),
+    /// The watch was refused; the one before stays in force.
+    Watch(PlanError),
+    /// A folded period was refused; slot 0 is the one asked for.
+    Period(PlanError),
+    /// The command cannot be carried out.
+    Refused(Refusal),
 }
 
 impl fmt::Display for BoardError {
@@ -67,8 +138,12 @@ impl fmt::Display for BoardError {
                     FrontEndFault::Timeout => "no samples came",
                     FrontEndFault::Route => "the multiplexers did not switch",
                     FrontEndFault::Other => "fault unknown",
+                    FrontEndFault::Source => "the source's amplitude is not what it is set to",
                 }
             ),
+            Self::Watch(e) => write!(f, "the board refused the watch: {e}"),
+            Self::Period(e) => write!(f, "the board refused to measure a period: {e}"),
+            Self::Refused(e) => write!(f, "the board refused a command: {e}"),
         }
     }
 }

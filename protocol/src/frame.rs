@@ -1,15 +1,22 @@
 //! One frame of measured values.
 
-use crate::plan::MAX_VALUES;
+use crate::plan::{MAX_SLOTS, MAX_VALUES};
 use crate::value::Value;
+use crate::variance::Variance;
 use heapless::Vec;
+use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 /// One bit for every value of a frame. Empty while no bit is set, so that a good frame pays one byte for it.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub struct Flags(Vec<u32, { MAX_VALUES / 32 }>);
 
 impl Flags {
+    /// No bit set.
+    pub const fn new() -> Self {
+        Self(Vec::new())
+    }
+
     /// Sets the bit of value `index`. An index of [`MAX_VALUES`] or more is ignored.
     pub fn set(&mut self, index: usize) {
         if index >= MAX_VALUES {
@@ -42,7 +49,7 @@ impl Flags {
 }
 
 /// One frame: every value of a plan, measured once.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub struct Frame {
     /// Counts every frame the board began, from 0 at power-up, wrapping. A gap is as many frames lost: aborted on the
     /// board (overrun), dropped from its queue, or damaged on the wire.
@@ -58,6 +65,42 @@ pub struct Frame {
     pub values: Vec<Value, MAX_VALUES>,
     /// Quadrature amplitudes in the same order; empty unless the plan asks for them.
     pub quadrature: Vec<Value, MAX_VALUES>,
+    /// Quality, one for each slot: the variance of its samples about the mean and the odd part of the period, where the
+    /// signal is. Noise, settling and all that is not in step with the excitation raise it.
+    pub noise: Vec<Variance, MAX_SLOTS>,
+}
+
+/// A frame to send, borrowed from where it was measured. On the wire it is a [`Frame`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct FrameRef<'a> {
+    /// [`Frame::sequence`].
+    pub sequence: u32,
+    /// [`Frame::time`].
+    pub time: u64,
+    /// [`Frame::plan`].
+    pub plan: u16,
+    /// [`Frame::clipped`].
+    pub clipped: &'a Flags,
+    /// [`Frame::values`].
+    pub values: &'a [Value],
+    /// [`Frame::quadrature`].
+    pub quadrature: &'a [Value],
+    /// [`Frame::noise`].
+    pub noise: &'a [Variance],
+}
+
+impl<'a> From<&'a Frame> for FrameRef<'a> {
+    fn from(frame: &'a Frame) -> Self {
+        Self {
+            sequence: frame.sequence,
+            time: frame.time,
+            plan: frame.plan,
+            clipped: &frame.clipped,
+            values: &frame.values,
+            quadrature: &frame.quadrature,
+            noise: &frame.noise,
+        }
+    }
 }
 
 #[cfg(test)]

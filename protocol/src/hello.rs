@@ -1,14 +1,18 @@
 //! Who the board is and what it can do.
 
 use heapless::{String, Vec};
+use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 /// A short text, at most 32 bytes of UTF-8.
 pub type Text = String<32>;
 
+/// What a panic said and where, at most 64 bytes of UTF-8.
+pub type PanicText = String<64>;
+
 /// A text cut to what fits, at a character's boundary.
-pub fn text(s: &str) -> Text {
-    let mut out = Text::new();
+pub fn text<const N: usize>(s: &str) -> String<N> {
+    let mut out = String::new();
     for c in s.chars() {
         if out.push(c).is_err() {
             break;
@@ -18,7 +22,7 @@ pub fn text(s: &str) -> Text {
 }
 
 /// Version of the protocol.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub struct Version {
     /// Differs when the two sides cannot understand each other.
     pub major: u8,
@@ -28,11 +32,11 @@ pub struct Version {
 
 impl Version {
     /// The version that this crate speaks.
-    pub const CURRENT: Self = Self { major: 1, minor: 0 };
+    pub const CURRENT: Self = Self { major: 2, minor: 0 };
 }
 
 /// The largest plan that the board can carry out.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub struct Limits {
     /// Most slots, at most [`crate::MAX_SLOTS`].
     pub slots: u8,
@@ -40,21 +44,51 @@ pub struct Limits {
     pub values: u16,
     /// Channels sampled at once; 1 on a board that can only measure one value after the other.
     pub channels: u8,
-    /// Most periods to wait after a switch.
-    pub settle_periods: u16,
+    /// Most quarter periods to wait after a switch.
+    pub settle_quarters: u16,
     /// Most periods to integrate.
     pub integrate_periods: u16,
+    /// Most amplitudes of a frame, in-phase and quadrature together.
+    pub amplitudes: u16,
+    /// Most slots of a watch, at most [`crate::MAX_WATCH_SLOTS`].
+    pub watch_slots: u8,
+    /// Most values of a watch, at most [`crate::MAX_WATCH_VALUES`].
+    pub watch_values: u8,
+}
+
+/// Why the board started.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
+pub enum ResetCause {
+    /// It does not know.
+    #[default]
+    Unknown,
+    /// Power came.
+    PowerOn,
+    /// The supply sagged.
+    BrownOut,
+    /// The reset pin.
+    Pin,
+    /// The firmware restarted itself.
+    Software,
+    /// The firmware hung.
+    Watchdog,
+    /// The firmware met a bug in itself; [`Hello::last_panic`] says which.
+    Panic,
 }
 
 /// The board's answer to [`crate::ToBoard::Hello`]; it also says it once, unasked, when it starts.
 ///
 /// The version comes first so that it can be read whatever follows.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub struct Hello {
     /// Version of the protocol.
     pub version: Version,
+    /// Hash of all messages of both directions as the board knows them, [`crate::SCHEMA`].
+    pub schema: u32,
     /// Version of the firmware.
     pub firmware: Text,
+    /// State of the source tree it was built from: a commit, and `-dirty` when it was changed; empty when unknown.
+    pub git: Text,
     /// Kind of board.
     pub board: Text,
     /// This very board.
@@ -77,12 +111,28 @@ pub struct Hello {
     pub gains_milli: Vec<u32, 4>,
     /// The largest plan it accepts.
     pub limits: Limits,
+    /// Timer ticks from one channel's sample to the next one's. Values are corrected for it; folded periods are not.
+    pub skew_ticks: u16,
+    /// Why it started.
+    pub reset: ResetCause,
+    /// The last bug that its firmware met, told once; empty when there was none.
+    pub last_panic: PanicText,
 }
 
 impl Hello {
     /// Samples a second. For display and plots: durations are better kept in samples.
     pub fn sample_rate(&self) -> f64 {
         f64::from(self.timer_hz) / f64::from(self.ticks_per_sample.max(1))
+    }
+
+    /// Whether this is the same board with the same firmware, whatever happened to it meanwhile.
+    pub fn is_same_board(&self, other: &Self) -> bool {
+        let lasting = |hello: &Self| Self {
+            reset: ResetCause::Unknown,
+            last_panic: PanicText::new(),
+            ..hello.clone()
+        };
+        lasting(self) == lasting(other)
     }
 
     /// Frequency of the excitation, Hz.
@@ -104,8 +154,8 @@ mod tests {
 
     #[test]
     fn a_long_text_is_cut_between_characters() {
-        let s = text("0123456789012345678901234567890\u{e9}x");
+        let s: Text = text("0123456789012345678901234567890\u{e9}x");
         assert_eq!(s.as_str(), "0123456789012345678901234567890");
-        assert_eq!(text("skin").as_str(), "skin");
+        assert_eq!(text::<8>("skin").as_str(), "skin");
     }
 }

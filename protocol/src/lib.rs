@@ -17,6 +17,7 @@ extern crate std;
 
 mod counters;
 mod decode;
+mod diagnosis;
 mod encode;
 mod error;
 mod frame;
@@ -25,24 +26,42 @@ mod message;
 mod plan;
 mod plan_error;
 mod value;
+mod variance;
+mod watch;
+
+use postcard_schema::key::hash::fnv1a64::hash_ty_path;
 
 pub use counters::Counters;
 pub use decode::{Decoder, DecoderCounters};
+pub use diagnosis::{Check, FoldedPeriod, PERIOD_BINS, PeriodRequest, SelfTest};
 pub use encode::{EncodeError, encode};
-pub use error::{BoardError, FrameError, FrontEndFault};
-pub use frame::{Flags, Frame};
+pub use error::{BoardError, FrameError, FrontEndFault, Refusal, WatchNumber};
+pub use frame::{Flags, Frame, FrameRef};
 pub use heapless;
-pub use hello::{Hello, Limits, Text, Version, text};
-pub use message::{Command, FromBoard, ToBoard};
-pub use plan::{MAX_ELECTRODES, MAX_SLOTS, MAX_VALUES, Pair, Plan, Sampling, Slot};
+pub use hello::{Hello, Limits, PanicText, ResetCause, Text, Version, text};
+pub use message::{Command, FromBoard, Outgoing, ToBoard};
+pub use plan::{MAX_ELECTRODES, MAX_SLOTS, MAX_VALUES, Pair, Plan, QUARTERS, Recipe, Sampling, Slot};
 pub use plan_error::PlanError;
 pub use value::Value;
+pub use variance::Variance;
+pub use watch::{Baseline, Heartbeat, MAX_WATCH_SLOTS, MAX_WATCH_VALUES, Watch, Watching};
 
 /// Bytes that hold every framed message from the board, delimiter included.
-pub const MAX_FROM_BOARD_LEN: usize = 1120;
+pub const MAX_FROM_BOARD_LEN: usize = 1160;
 
 /// Bytes that hold every framed command to the board, delimiter included.
 pub const MAX_TO_BOARD_LEN: usize = 352;
+
+/// Hash of the shape of all messages of both directions (FNV-1a of names and types). Two sides with the same hash were built
+/// from the same messages; with another one, of the same major version, one of them knows messages that the other does not.
+pub const SCHEMA: u32 = {
+    let both = [
+        hash_ty_path::<ToBoard>("to board"),
+        hash_ty_path::<FromBoard>("from board"),
+    ];
+    let [a, b] = both;
+    (u64::from_le_bytes(a) ^ u64::from_le_bytes(b).rotate_left(32)) as u32
+};
 
 /// The CRC of every frame: CRC-32C (Castagnoli).
 const CRC: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISCSI);

@@ -1,10 +1,13 @@
 //! What one frame measures: which pairs drive, which sense, for how long.
 
-use crate::hello::Hello;
+use crate::hello::{Hello, Limits};
 use crate::plan_error::PlanError;
 use heapless::Vec;
+use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
+/// Quarter periods in a period: settling is counted in quarters.
+pub const QUARTERS: u32 = 4;
 /// Most slots of a plan.
 pub const MAX_SLOTS: usize = 32;
 /// Most values of a frame.
@@ -14,7 +17,7 @@ pub const MAX_ELECTRODES: u8 = 32;
 
 /// Two electrodes, counted from 0 counter-clockwise as seen from the touched side. As a drive pair the current flows into
 /// `plus` and out of `minus`; as a sense pair the value is the potential of `plus` less that of `minus`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, Schema)]
 pub struct Pair {
     /// Where the current enters, or the positive input.
     pub plus: u8,
@@ -23,7 +26,7 @@ pub struct Pair {
 }
 
 /// How the sense pairs of a slot are sampled.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub enum Sampling {
     /// One pair after the other, each switched to, left to settle and integrated by itself.
     Sequential,
@@ -33,7 +36,7 @@ pub enum Sampling {
 }
 
 /// One drive pair and what is sensed while it drives.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub struct Slot {
     /// The drive pair.
     pub drive: Pair,
@@ -64,12 +67,12 @@ fn sense_pair(n: u8, step: u8, electrodes: u8) -> Pair {
 }
 
 /// What one frame measures. The values come in slot order and, within a slot, by rising bit of [`Slot::sense`].
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub struct Plan {
     /// Chosen by whoever made the plan; every frame carries it.
     pub id: u16,
-    /// Whole periods to wait after every switch.
-    pub settle_periods: u16,
+    /// Quarter periods to wait after every switch.
+    pub settle_quarters: u16,
     /// Whole periods to integrate for every value.
     pub integrate_periods: u16,
     /// One value after the other, or all of a slot at once.
@@ -80,13 +83,111 @@ pub struct Plan {
     pub slots: Vec<Slot, MAX_SLOTS>,
 }
 
+/// What a scan needs to know of a [`Plan`] or of a [`crate::Watch`].
+#[derive(Clone, Copy, Debug)]
+pub struct Recipe<'a> {
+    /// Quarter periods to wait after every switch.
+    pub settle_quarters: u16,
+    /// Whole periods to integrate for every value.
+    pub integrate_periods: u16,
+    /// One value after the other, or all of a slot at once.
+    pub sampling: Sampling,
+    /// Whether the quadrature amplitudes are wanted too.
+    pub quadrature: bool,
+    /// Drive pairs in the order of measuring.
+    pub slots: &'a [Slot],
+}
+
+impl<'a> Recipe<'a> {
+    /// How many values there are.
+    pub fn value_count(self) -> usize {
+        self.slots.iter().map(|s| s.sense.count_ones() as usize).sum()
+    }
+
+    /// Quarter periods of the excitation that measuring all of them takes.
+    pub fn quarters(self) -> u32 {
+        let routes = match self.sampling {
+            Sampling::Sequential => self.value_count(),
+            Sampling::Simultaneous => self.slots.len(),
+        };
+        routes as u32 * (u32::from(self.settle_quarters) + QUARTERS * u32::from(self.integrate_periods))
+    }
+
+    /// Drive and sense pair of every value, in order, on a board of `electrodes`.
+    pub fn measurements(self, electrodes: u8) -> impl Iterator<Item = (Pair, Pair)> + 'a {
+        self.slots
+            .iter()
+            .flat_map(move |s| s.sense_pairs(electrodes).map(|sense| (s.drive, sense)))
+    }
+
+    /// Whether a board of `electrodes` and `gains` with these limits can carry it out.
+    ///
+    /// # Errors
+    /// The first thing wrong, naming the slot.
+    pub fn check(self, electrodes: u8, gains: u8, limits: &Limits) -> Result<(), PlanError> {
+        let count = electrodes.min(MAX_ELECTRODES);
+        if self.slots.is_empty() {
+            return Err(PlanError::Empty);
+        }
+        if self.slots.len() > usize::from(limits.slots) {
+            return Err(PlanError::Slots {
+                given: self.slots.len() as u8,
+                most: limits.slots,
+            });
+        }
+        if self.integrate_periods == 0 || self.integrate_periods > limits.integrate_periods {
+            return Err(PlanError::Integrate {
+                given: self.integrate_periods,
+                most: limits.integrate_periods,
+            });
+        }
+        if self.settle_quarters > limits.settle_quarters {
+            return Err(PlanError::Settle {
+                given: self.settle_quarters,
+                most: limits.settle_quarters,
+            });
+        }
+        if self.sampling == Sampling::Simultaneous && limits.channels < count {
+            return Err(PlanError::Channels {
+                needed: count,
+                count: limits.channels,
+            });
+        }
+        for (k, slot) in self.slots.iter().enumerate() {
+            slot.check(k as u8, count, gains)?;
+        }
+        let given = self.value_count() as u16;
+        let most = limits.values.min(MAX_VALUES as u16);
+        if given > most {
+            return Err(PlanError::Values { given, most });
+        }
+        if self.quadrature && 2 * given > limits.amplitudes {
+            return Err(PlanError::Quadrature {
+                needed: 2 * given,
+                most: limits.amplitudes,
+            });
+        }
+        Ok(())
+    }
+}
+
 impl Plan {
+    /// Nothing; no board accepts it.
+    pub const NONE: Self = Self {
+        id: 0,
+        settle_quarters: 0,
+        integrate_periods: 0,
+        sampling: Sampling::Simultaneous,
+        quadrature: false,
+        slots: Vec::new(),
+    };
+
     /// The paper's way: 16 electrodes, 208 neighbouring pairs one after the other, six periods each: 1248 periods a
     /// frame, 339 ms at 3684 Hz.
     pub fn paper() -> Self {
         Self {
             id: 1,
-            settle_periods: 0,
+            settle_quarters: 0,
             integrate_periods: 6,
             sampling: Sampling::Sequential,
             quadrature: false,
@@ -94,15 +195,79 @@ impl Plan {
         }
     }
 
-    /// The same 208 values with all pairs of a drive at once, one period to settle and one to integrate: 32 periods a
+    /// The same 208 values one after the other, one period to settle and one to integrate: 416 periods, 113 ms.
+    pub fn sequential() -> Self {
+        Self {
+            id: 5,
+            settle_quarters: 4,
+            integrate_periods: 1,
+            ..Self::paper()
+        }
+    }
+
+    /// One value of each of the 104 pairs of values that reciprocity joins, that of the drive pair with the lower number;
+    /// one after the other, one period to settle and one to integrate: 208 periods, 56 ms.
+    pub fn independent() -> Self {
+        let mut plan = Self {
+            id: 6,
+            ..Self::sequential()
+        };
+        for (m, slot) in plan.slots.iter_mut().enumerate() {
+            slot.sense &= u32::MAX << m;
+        }
+        plan.slots.retain(|slot| slot.sense != 0);
+        plan
+    }
+
+    /// The paper's 208 values with all pairs of a drive at once, one period to settle and one to integrate: 32 periods a
     /// frame, 115 frames/s at 3684 Hz.
     pub fn fast() -> Self {
         Self {
             id: 2,
-            settle_periods: 1,
+            settle_quarters: 4,
             integrate_periods: 1,
             sampling: Sampling::Simultaneous,
             ..Self::paper()
+        }
+    }
+
+    /// The same with a quarter period to settle: 20 periods a frame, 184 frames/s.
+    pub fn fastest() -> Self {
+        Self {
+            id: 7,
+            settle_quarters: 1,
+            ..Self::fast()
+        }
+    }
+
+    /// The first 14 drives of [`Plan::fastest`]. They suffice: what the last two would add is the other half of a pair that
+    /// reciprocity joins. 182 values, among them all 104 independent ones; 17.5 periods a frame.
+    pub fn fourteen() -> Self {
+        let mut plan = Self {
+            id: 8,
+            ..Self::fastest()
+        };
+        plan.slots.truncate(14);
+        plan
+    }
+
+    /// [`Plan::fast`] and after it the voltage of each drive pair itself, through gain number `gain`: 224 values, the last
+    /// 16 negative, since a sense pair counts against the direction of the current; 64 periods.
+    pub fn with_drive_pairs(gain: u8) -> Self {
+        let mut plan = Self { id: 9, ..Self::fast() };
+        let own = drive_pair_slots(16, gain);
+        // Cannot fail: 16 and 16 slots fit.
+        let _ = plan.slots.extend_from_slice(&own);
+        plan
+    }
+
+    /// The voltage of each neighbouring drive pair itself, through gain number `gain`, for up to [`MAX_ELECTRODES`]
+    /// electrodes: whether every electrode has contact.
+    pub fn drive_pairs(electrodes: u8, gain: u8) -> Self {
+        Self {
+            id: 10,
+            slots: drive_pair_slots(electrodes, gain),
+            ..Self::fast()
         }
     }
 
@@ -125,29 +290,37 @@ impl Plan {
         if plan.slots.is_empty() {
             return Err(PlanError::Empty);
         }
-        plan.check_values(MAX_VALUES as u16)?;
+        let (given, most) = (plan.value_count() as u16, MAX_VALUES as u16);
+        if given > most {
+            return Err(PlanError::Values { given, most });
+        }
         Ok(plan)
+    }
+
+    /// What a scan needs to know.
+    pub fn recipe(&self) -> Recipe<'_> {
+        Recipe {
+            settle_quarters: self.settle_quarters,
+            integrate_periods: self.integrate_periods,
+            sampling: self.sampling,
+            quadrature: self.quadrature,
+            slots: &self.slots,
+        }
     }
 
     /// How many values a frame has.
     pub fn value_count(&self) -> usize {
-        self.slots.iter().map(|s| s.sense.count_ones() as usize).sum()
+        self.recipe().value_count()
     }
 
-    /// How many periods of the excitation a frame takes.
-    pub fn periods(&self) -> u32 {
-        let routes = match self.sampling {
-            Sampling::Sequential => self.value_count(),
-            Sampling::Simultaneous => self.slots.len(),
-        };
-        routes as u32 * (u32::from(self.settle_periods) + u32::from(self.integrate_periods))
+    /// How many quarter periods of the excitation a frame takes.
+    pub fn quarters(&self) -> u32 {
+        self.recipe().quarters()
     }
 
     /// Drive and sense pair of every value, in order, on a board of `electrodes`.
     pub fn measurements(&self, electrodes: u8) -> impl Iterator<Item = (Pair, Pair)> + '_ {
-        self.slots
-            .iter()
-            .flat_map(move |s| s.sense_pairs(electrodes).map(|sense| (s.drive, sense)))
+        self.recipe().measurements(electrodes)
     }
 
     /// Whether a board can carry the plan out.
@@ -155,48 +328,8 @@ impl Plan {
     /// # Errors
     /// The first thing wrong, naming the slot.
     pub fn check(&self, board: &Hello) -> Result<(), PlanError> {
-        let limits = &board.limits;
-        let count = board.electrodes.min(MAX_ELECTRODES);
-        if self.slots.is_empty() {
-            return Err(PlanError::Empty);
-        }
-        if self.slots.len() > usize::from(limits.slots) {
-            return Err(PlanError::Slots {
-                given: self.slots.len() as u8,
-                most: limits.slots,
-            });
-        }
-        if self.integrate_periods == 0 || self.integrate_periods > limits.integrate_periods {
-            return Err(PlanError::Integrate {
-                given: self.integrate_periods,
-                most: limits.integrate_periods,
-            });
-        }
-        if self.settle_periods > limits.settle_periods {
-            return Err(PlanError::Settle {
-                given: self.settle_periods,
-                most: limits.settle_periods,
-            });
-        }
-        if self.sampling == Sampling::Simultaneous && limits.channels < count {
-            return Err(PlanError::Channels {
-                needed: count,
-                count: limits.channels,
-            });
-        }
-        let gains = board.gains_milli.len() as u8;
-        for (k, slot) in self.slots.iter().enumerate() {
-            slot.check(k as u8, count, gains)?;
-        }
-        self.check_values(limits.values.min(MAX_VALUES as u16))
-    }
-
-    fn check_values(&self, most: u16) -> Result<(), PlanError> {
-        let given = self.value_count() as u16;
-        if given > most {
-            return Err(PlanError::Values { given, most });
-        }
-        Ok(())
+        self.recipe()
+            .check(board.electrodes, board.gains_milli.len() as u8, &board.limits)
     }
 }
 
@@ -263,6 +396,22 @@ fn adjacent_slots(electrodes: u8) -> Vec<Slot, MAX_SLOTS> {
                 sense,
                 gain: 0,
             }
+        })
+        .collect()
+}
+
+/// Neighbour drives and its own voltage is sensed.
+fn drive_pair_slots(electrodes: u8, gain: u8) -> Vec<Slot, MAX_SLOTS> {
+    (0..electrodes)
+        .take(MAX_SLOTS)
+        .map(|m| Slot {
+            drive: Pair {
+                plus: m,
+                minus: (m + 1) % electrodes.max(1),
+            },
+            sense_step: 1,
+            sense: 1 << m,
+            gain,
         })
         .collect()
 }

@@ -1,10 +1,11 @@
 //! Why a plan cannot be measured.
 
 use core::fmt;
+use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 /// What is wrong with a plan. Slots and electrodes count from 0.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub enum PlanError {
     /// Nothing to measure.
     Empty,
@@ -68,11 +69,11 @@ pub enum PlanError {
         /// Most periods.
         most: u16,
     },
-    /// More periods of settling than the board can count.
+    /// More settling than the board can count.
     Settle {
-        /// Periods asked for.
+        /// Quarter periods asked for.
         given: u16,
-        /// Most periods.
+        /// Most quarter periods.
         most: u16,
     },
     /// Sampling all pairs at once asked of a board that has too few channels.
@@ -81,6 +82,13 @@ pub enum PlanError {
         needed: u8,
         /// Channels it has.
         count: u8,
+    },
+    /// In-phase and quadrature amplitudes together are more than the board holds.
+    Quadrature {
+        /// Amplitudes asked for.
+        needed: u16,
+        /// Amplitudes it holds.
+        most: u16,
     },
 }
 
@@ -121,11 +129,18 @@ impl fmt::Display for PlanError {
                 write!(f, "it integrates {given} periods; the board can do 1 to {most}")
             }
             Self::Settle { given, most } => {
-                write!(f, "it settles for {given} periods; the board can do at most {most}")
+                write!(
+                    f,
+                    "it settles for {given} quarter periods; the board can do at most {most}"
+                )
             }
             Self::Channels { needed, count } => write!(
                 f,
                 "it samples {needed} pairs at once, but the board has {count} channels; use sequential sampling"
+            ),
+            Self::Quadrature { needed, most } => write!(
+                f,
+                "with quadrature it has {needed} amplitudes, the board holds at most {most}; leave the quadrature out"
             ),
         }
     }

@@ -1,5 +1,6 @@
 //! One measured amplitude as it crosses the wire.
 
+use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 /// An amplitude in sixteenths of an ADC code, always two bytes on the wire.
@@ -12,7 +13,7 @@ use serde::{Deserialize, Serialize};
 /// 0.07 code: rounding adds 7 % to the noise power of the slowest way of measuring (0.3 dB), and 1 % (0.05 dB) when one
 /// period is integrated instead of six. Noise of one step or more also dithers the rounding: the mean over many frames has
 /// no bias. A finer step would need a third byte, and 208 values at 184 frames/s no longer fit the link.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub struct Value([u8; 2]);
 
 impl Value {

@@ -5,7 +5,7 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 use protocol::{
     BoardError, Command, Counters, Decoder, Flags, Frame, FrameError, FromBoard, MAX_FROM_BOARD_LEN, MAX_TO_BOARD_LEN,
-    MAX_VALUES, Pair, Plan, Sampling, Slot, ToBoard, Value, encode,
+    MAX_VALUES, Outgoing, Pair, Plan, Sampling, Slot, ToBoard, Value, Variance, Version, encode,
 };
 
 fn framed(message: &FromBoard) -> Vec<u8> {
@@ -27,22 +27,24 @@ prop_compose! {
         flags in vec(0..MAX_VALUES, 0..8),
         values in vec(any::<i16>(), 0..=MAX_VALUES),
         quadrature: bool,
+        noise in vec(any::<u32>(), 0..=32),
     ) -> FromBoard {
         let mut clipped = Flags::default();
         flags.iter().for_each(|k| clipped.set(*k));
         let values: protocol::heapless::Vec<Value, MAX_VALUES> = values.iter().map(|v| Value::new(*v)).collect();
         let quadrature = if quadrature { values.clone() } else { Default::default() };
-        FromBoard::Frame(Frame { sequence, time, plan, clipped, values, quadrature })
+        let noise = noise.into_iter().map(Variance::new).collect();
+        FromBoard::Frame(Frame { sequence, time, plan, clipped, values, quadrature, noise })
     }
 }
 
 prop_compose! {
     fn plans()(
-        id: u16, settle_periods: u16, integrate_periods: u16, sequential: bool, quadrature: bool,
+        id: u16, settle_quarters: u16, integrate_periods: u16, sequential: bool, quadrature: bool,
         slots in vec((any::<u8>(), any::<u8>(), any::<u8>(), any::<u32>(), any::<u8>()), 0..=32),
     ) -> Plan {
         Plan {
-            id, settle_periods, integrate_periods, quadrature,
+            id, settle_quarters, integrate_periods, quadrature,
             sampling: if sequential { Sampling::Sequential } else { Sampling::Simultaneous },
             slots: slots.iter().map(|(plus, minus, sense_step, sense, gain)| Slot {
                 drive: Pair { plus: *plus, minus: *minus },
@@ -86,6 +88,13 @@ proptest! {
         let (out, decoder) = decoded::<MAX_FROM_BOARD_LEN>(&[&stream]);
         prop_assert_eq!(decoder.counters.messages as usize, list.len());
         prop_assert_eq!(out, list.into_iter().map(Ok).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn what_is_borrowed_is_sent_as_what_is_owned(m in messages()) {
+        let mut buffer = [0; MAX_FROM_BOARD_LEN];
+        let borrowed = encode(&Outgoing::from(&m), &mut buffer).unwrap();
+        prop_assert_eq!(borrowed, &framed(&m)[..]);
     }
 
     #[test]
@@ -180,5 +189,23 @@ fn an_overflow_leaves_no_phantom_behind() {
             assert_eq!(out.len(), 1);
             assert_eq!(d.counters.messages, 0);
         }
+    }
+}
+
+#[test]
+fn an_introduction_of_another_version_is_told_from_garbage() {
+    let mut buffer = [0; 64];
+    let old = encode(&(0u8, 1u8, 7u8, 0xFFFF_FFFFu32), &mut buffer).unwrap().to_vec();
+    let (out, d) = decoded::<MAX_FROM_BOARD_LEN>(&[&old]);
+    assert_eq!(out, [Err(FrameError::Unknown)]);
+    assert_eq!(d.foreign, Some(Version { major: 1, minor: 7 }));
+    for other in [vec![99u8, 1, 7], vec![0, 1]] {
+        let mut buffer = [0; 64];
+        let framed = match other[..] {
+            [a, b, c] => encode(&(a, b, c), &mut buffer).unwrap().to_vec(),
+            _ => encode(&(0u8, 1u8), &mut buffer).unwrap().to_vec(),
+        };
+        let (_, d) = decoded::<MAX_FROM_BOARD_LEN>(&[&framed]);
+        assert_eq!(d.foreign, None);
     }
 }

@@ -4,12 +4,19 @@
 use core::cell::{Cell, RefCell};
 use core::convert::Infallible;
 use embedded_hal_nb::serial;
-use firmware::{Block, Capture, ErrorKind, ErrorType, Excitation, Route, Router, SAMPLES_PER_PERIOD, Sense, Window};
+use firmware::{
+    Block, Capture, Clock, ErrorKind, ErrorType, Excitation, QUARTER_SAMPLES, Rails, Route, Router, SAMPLES_PER_PERIOD,
+    Sector, Sense, Store, Watchdog, Window,
+};
 use protocol::Pair;
 use std::collections::VecDeque;
 use std::rc::Rc;
 
 pub(crate) const ELECTRODES: u8 = 16;
+
+/// The fake's timer, and how much later each channel is sampled than the one before.
+pub(crate) const TICKS_PER_SAMPLE: u32 = 1425;
+pub(crate) const SKEW_TICKS: u16 = 60;
 
 /// Amplitude in codes that the fake shows for a drive and a sense pair; different for all of them.
 pub(crate) fn amplitude(drive: Pair, sense: Pair) -> f64 {
@@ -27,7 +34,7 @@ pub(crate) enum Flaw {
     Repeats,
     /// Settling is not waited for.
     Hasty,
-    /// Half a period is missing from each block.
+    /// Half a quarter period is missing from each block.
     Cut,
     /// One block more than asked for.
     Surplus,
@@ -39,10 +46,20 @@ pub(crate) enum Flaw {
     Mute,
 }
 
-/// A front end whose clock moves one period each time somebody polls in vain.
+/// Amplitude in codes that the source shows on the fake at full scale; it fits [`SOURCE_GAIN_MILLI`].
+pub(crate) const SOURCE: f64 = 1636.1;
+pub(crate) const SOURCE_GAIN_MILLI: u32 = 586;
+
+/// A front end whose clock moves a quarter period each time somebody polls in vain.
 pub(crate) struct Fake {
     pub now: u64,
     pub on: bool,
+    /// Thousandths of the amplitude.
+    pub permille: u16,
+    /// What the source really does, over what it is told.
+    pub source: f64,
+    /// The clock of the chip, if it is to go with the samples.
+    pub clock: Rc<Cell<u64>>,
     pub route: Option<Route>,
     pub log: Vec<Route>,
     /// Next poll, or select, fails with this.
@@ -60,6 +77,9 @@ impl Fake {
         Self {
             now: 0,
             on: false,
+            permille: 1000,
+            source: 1.0,
+            clock: Rc::default(),
             route: None,
             log: Vec::new(),
             fault: None,
@@ -71,19 +91,26 @@ impl Fake {
         }
     }
 
+    fn pass(&mut self, samples: u64) {
+        self.now += samples;
+        self.clock.set(self.now);
+    }
+
     fn sample(&self, time: u64, channel: u8) -> u16 {
         let mut value = self.offset;
         if let (true, Some(route)) = (self.on, self.route) {
-            let sense = match route.sense {
-                Sense::One(pair) => pair,
-                Sense::All { step } => Pair {
-                    plus: (channel + step) % ELECTRODES,
-                    minus: channel,
-                },
+            let signal = match route.sense {
+                Sense::Source => SOURCE * self.source,
+                Sense::One(pair) => amplitude(route.drive, pair),
+                Sense::All { step } => {
+                    let plus = (channel + step) % ELECTRODES;
+                    amplitude(route.drive, Pair { plus, minus: channel })
+                }
             };
             let sign = if self.flaw == Some(Flaw::Reversed) { -1.0 } else { 1.0 };
-            let angle = core::f64::consts::TAU * time as f64 / SAMPLES_PER_PERIOD as f64;
-            value += sign * amplitude(route.drive, sense) * angle.sin();
+            let late = f64::from(channel) * f64::from(SKEW_TICKS) / f64::from(TICKS_PER_SAMPLE);
+            let angle = core::f64::consts::TAU * (time as f64 + late) / SAMPLES_PER_PERIOD as f64;
+            value += sign * signal * f64::from(self.permille) / 1000.0 * angle.sin();
         }
         value.round().clamp(0.0, 4095.0) as u16
     }
@@ -111,6 +138,11 @@ impl Excitation for Fake {
         Ok(())
     }
 
+    fn set_amplitude(&mut self, permille: u16) -> Result<(), ErrorKind> {
+        self.permille = permille;
+        Ok(())
+    }
+
     fn switch_off(&mut self) -> Result<(), ErrorKind> {
         self.on = false;
         Ok(())
@@ -119,10 +151,10 @@ impl Excitation for Fake {
 
 impl Capture for Fake {
     fn begin(&mut self, window: Window) -> Result<(), ErrorKind> {
-        let n = SAMPLES_PER_PERIOD as u64;
+        let n = QUARTER_SAMPLES as u64;
         let settle = match self.flaw {
             Some(Flaw::Hasty) => 0,
-            _ => u64::from(window.settle_periods),
+            _ => u64::from(window.settle_quarters),
         };
         let late = u64::from(self.flaw == Some(Flaw::Late));
         let surplus = u16::from(self.flaw == Some(Flaw::Surplus));
@@ -137,6 +169,7 @@ impl Capture for Fake {
             return Err(nb::Error::Other(kind));
         }
         let n = SAMPLES_PER_PERIOD as u64;
+        let quarter = QUARTER_SAMPLES as u64;
         let flaw = |f| self.flaw == Some(f);
         let (mute, silent, cut, skips, repeats) = (
             flaw(Flaw::Mute),
@@ -146,13 +179,13 @@ impl Capture for Fake {
             flaw(Flaw::Repeats),
         );
         let Some((start, periods, channels)) = self.open.filter(|_| !mute) else {
-            self.now += n;
+            self.pass(quarter);
             return Err(nb::Error::WouldBlock);
         };
         // Blocks of two periods where there are two left, to be different from other implementors.
         let length = n * u64::from(periods.min(2));
         if self.now < start + length {
-            self.now += n;
+            self.pass(quarter);
             return Err(nb::Error::WouldBlock);
         }
         if self.now >= start + length + 4 * n && !silent {
@@ -168,13 +201,14 @@ impl Capture for Fake {
         let gap = if skips { n } else { 0 };
         self.open = (left > 0).then_some((start + length + gap, left, channels));
         if cut {
-            samples.truncate(samples.len() - SAMPLES_PER_PERIOD / 2 * usize::from(channels));
+            samples.truncate(samples.len() - QUARTER_SAMPLES / 2 * usize::from(channels));
         }
         let result = f(&Block {
             samples: &samples,
             channels,
             sequence: self.sequence,
             time: start,
+            rails: Rails::Unknown,
         });
         self.sequence += u32::from(!repeats);
         self.samples = samples;
@@ -213,6 +247,73 @@ impl serial::Write for Wire {
     }
 
     fn flush(&mut self) -> nb::Result<(), Infallible> {
+        Ok(())
+    }
+}
+
+/// A chip whose clock stands still unless it is given the front end's, with a store in memory.
+#[derive(Clone)]
+pub(crate) struct Chip {
+    pub clock: Rc<Cell<u64>>,
+    pub fed: u32,
+    pub store: [Vec<u8>; 2],
+    /// Whether the store fails.
+    pub broken: bool,
+}
+
+impl Chip {
+    pub(crate) fn new() -> Self {
+        Self {
+            clock: Rc::default(),
+            fed: 0,
+            store: [vec![0xFF; 2048], vec![0xFF; 2048]],
+            broken: false,
+        }
+    }
+
+    fn part(&mut self, sector: Sector, offset: u32, len: usize) -> Result<&mut [u8], ErrorKind> {
+        if self.broken {
+            return Err(ErrorKind::Other);
+        }
+        let start = offset as usize;
+        self.store[sector as usize]
+            .get_mut(start..start + len)
+            .ok_or(ErrorKind::Other)
+    }
+}
+
+impl Clock for Chip {
+    fn now(&mut self) -> u64 {
+        self.clock.get()
+    }
+}
+
+impl Watchdog for Chip {
+    fn feed(&mut self) {
+        self.fed += 1;
+    }
+}
+
+impl Store for Chip {
+    type Error = ErrorKind;
+
+    fn sector_len(&self) -> u32 {
+        self.store[0].len() as u32
+    }
+
+    fn read(&mut self, sector: Sector, offset: u32, out: &mut [u8]) -> Result<(), ErrorKind> {
+        let part = self.part(sector, offset, out.len())?;
+        out.copy_from_slice(part);
+        Ok(())
+    }
+
+    fn write(&mut self, sector: Sector, offset: u32, bytes: &[u8]) -> Result<(), ErrorKind> {
+        self.part(sector, offset, bytes.len())?.copy_from_slice(bytes);
+        Ok(())
+    }
+
+    fn erase(&mut self, sector: Sector) -> Result<(), ErrorKind> {
+        self.part(sector, 0, 2048)?.fill(0xFF);
         Ok(())
     }
 }

@@ -3,7 +3,9 @@
 
 mod bench;
 mod fig7;
+mod flash;
 mod forward;
+mod hello;
 mod method;
 mod reconstruct;
 mod run;
@@ -38,6 +40,10 @@ enum Command {
     Forward(forward::Arguments),
     /// What the reconstruction costs and how good it is, measured on this machine with simulated frames.
     Bench(bench::Arguments),
+    /// Programs a board over its serial cable.
+    Flash(flash::Arguments),
+    /// Who the board is, and its self-test.
+    Hello(hello::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -54,6 +60,8 @@ fn main() -> ExitCode {
         Some(Command::Reconstruct(arguments)) => reconstruct::run(&arguments),
         Some(Command::Forward(arguments)) => forward::run(&arguments),
         Some(Command::Bench(arguments)) => bench::run(&arguments),
+        Some(Command::Flash(arguments)) => flash::run(&arguments),
+        Some(Command::Hello(arguments)) => hello::run(&arguments),
         Some(Command::Run(arguments)) => run::run(&arguments),
         None => run::run(&cli.run),
     };

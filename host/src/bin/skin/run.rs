@@ -75,6 +75,14 @@ struct Line<'a> {
 /// A board that says nothing for so long is gone.
 const SILENCE: Duration = Duration::from_secs(3);
 
+/// The simulated skin with the paper's sheet.
+///
+/// # Errors
+/// It does not start.
+pub(crate) fn simulated_board() -> Result<Box<dyn Port>> {
+    simulated(&Sheet::paper())
+}
+
 fn simulated(sheet: &Sheet) -> Result<Box<dyn Port>> {
     let rubber = Rubber::new(sheet, Scene::demo())?;
     let board = SimBoard::new(SimConfig::default(), rubber)?;

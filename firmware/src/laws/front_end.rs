@@ -1,10 +1,10 @@
-//! The duties of a front end as a test that runs on every implementor: fakes, simulators and, as a self-test, boards.
+//! The duties of a front end.
 
-use crate::capture::Window;
+use crate::capture::{QUARTER_SAMPLES, Window};
 use crate::fold::Folded;
 use crate::front_end::{Error, ErrorKind, FrontEnd};
-use crate::reference::SAMPLES_PER_PERIOD;
 use crate::route::{Route, Sense};
+use protocol::QUARTERS;
 
 /// A duty that a front end does not keep.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -12,12 +12,12 @@ use crate::route::{Route, Sense};
 pub enum Violation {
     /// It reported an error where none was due.
     Refused(ErrorKind),
-    /// A block does not start at a period boundary.
+    /// A block does not start at a boundary of quarter periods.
     Phase {
         /// The time it gave.
         time: u64,
     },
-    /// A block does not hold whole periods of the channels asked for.
+    /// A block does not hold whole quarter periods of the channels asked for.
     Shape {
         /// Samples in it.
         samples: usize,
@@ -45,14 +45,14 @@ pub enum Violation {
         /// Time found.
         found: u64,
     },
-    /// A window lent another number of periods than asked for.
-    Periods {
+    /// A window lent another number of quarter periods than asked for.
+    Quarters {
         /// Asked for.
         expected: u32,
         /// Lent.
         found: u32,
     },
-    /// The signal is not in phase with the excitation at phase 0 of the blocks.
+    /// The signal is not in phase with the excitation at the phase that the blocks' times give.
     Signal {
         /// In-phase sum.
         in_phase: i64,
@@ -82,21 +82,21 @@ pub fn check<F: FrontEnd>(
 ) -> Result<(), Violation> {
     let refused = |e: F::Error| Violation::Refused(e.kind());
     let channels = match route.sense {
-        Sense::One(_) => 1,
+        Sense::One(_) | Sense::Source => 1,
         Sense::All { .. } => channels,
     };
     front.switch_on().map_err(refused)?;
     front.select(route).map_err(refused)?;
     let mut ledger = Ledger::default();
-    for (settle_periods, periods) in [(0, 1), (1, 1), (3, 4), (0, 5), (2, 40)] {
+    for (settle_quarters, periods) in [(0, 1), (4, 1), (1, 2), (13, 4), (0, 5), (3, 1), (6, 40)] {
         let window = Window {
-            settle_periods,
+            settle_quarters,
             periods,
             channels,
         };
         front.begin(window).map_err(refused)?;
         let folded = ledger.read(front, window)?;
-        let p = folded.correlate(0);
+        let (p, _) = folded.correlate(0);
         if p.in_phase <= 0 || p.quadrature.abs() > p.in_phase / 4 {
             return Err(Violation::Signal {
                 in_phase: p.in_phase,
@@ -107,7 +107,7 @@ pub fn check<F: FrontEnd>(
 
     // A window begun anew lends its own periods only.
     let long = Window {
-        settle_periods: 0,
+        settle_quarters: 0,
         periods: 1000,
         channels,
     };
@@ -144,22 +144,22 @@ impl Ledger {
     fn read<F: FrontEnd>(&mut self, front: &mut F, window: Window) -> Result<Folded, Violation> {
         let mut folded = Folded::new();
         folded.reset(window.channels);
-        let wanted = u32::from(window.periods);
-        let mut earliest = self.end + u64::from(window.settle_periods) * SAMPLES_PER_PERIOD as u64;
-        while folded.periods() < wanted {
+        let wanted = QUARTERS * u32::from(window.periods);
+        let mut earliest = self.end + u64::from(window.settle_quarters) * QUARTER_SAMPLES as u64;
+        while folded.quarters() < wanted {
             let seen = poll(front, |block| {
                 let shape = Violation::Shape {
                     samples: block.samples.len(),
                     channels: block.channels,
                 };
+                if !block.time.is_multiple_of(QUARTER_SAMPLES as u64) {
+                    return Err(Violation::Phase { time: block.time });
+                }
                 folded.add(block).map_err(|_| shape)?;
-                let periods = block.periods().ok_or(shape)?;
-                Ok((block.time, block.sequence, periods))
+                let quarters = block.quarters().ok_or(shape)?;
+                Ok((block.time, block.sequence, quarters))
             })?;
-            let (time, sequence, periods) = seen.ok_or(Violation::Stuck)??;
-            if !time.is_multiple_of(SAMPLES_PER_PERIOD as u64) {
-                return Err(Violation::Phase { time });
-            }
+            let (time, sequence, quarters) = seen.ok_or(Violation::Stuck)??;
             if let Some(expected) = self.next.filter(|n| *n != sequence) {
                 return Err(Violation::Sequence {
                     expected,
@@ -169,7 +169,7 @@ impl Ledger {
             if time < earliest {
                 return Err(Violation::Settling { earliest, found: time });
             }
-            let first = folded.periods() == periods;
+            let first = folded.quarters() == quarters;
             if !first && time != self.end {
                 return Err(Violation::Gap {
                     expected: self.end,
@@ -177,15 +177,15 @@ impl Ledger {
                 });
             }
             self.next = Some(sequence.wrapping_add(1));
-            self.end = time + u64::from(periods) * SAMPLES_PER_PERIOD as u64;
+            self.end = time + u64::from(quarters) * QUARTER_SAMPLES as u64;
             earliest = self.end;
         }
         // A block more than asked for is as wrong as one less.
-        let more = front.poll_block(|block| block.periods().unwrap_or(0));
+        let more = front.poll_block(|block| block.quarters().unwrap_or(0));
         let surplus = more.unwrap_or(0);
-        let found = folded.periods() + surplus;
+        let found = folded.quarters() + surplus;
         if found != wanted {
-            return Err(Violation::Periods {
+            return Err(Violation::Quarters {
                 expected: wanted,
                 found,
             });

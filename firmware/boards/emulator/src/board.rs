@@ -1,0 +1,147 @@
+//! The chip with the models that it lacks, and what is around it.
+
+use crate::converter::Converter;
+use crate::line::Line;
+use crate::source::{DMA_REQUEST, Source};
+use crate::timer::Timer;
+use crate::world::{Shared, locked};
+use rigless::device::{Device, ErasedDevice, ResetCause};
+use rigless::machine::armv7m::{Core, Fpu, MpuRegions, Variant};
+use rigless::machine::{Board, Target};
+use rigless::mcu::{Mcu, Operate};
+use rigless::snapshot::Store;
+use rigless::soc::stm32f427::Stm32f427;
+use rigless::soc::stm32f427::peripherals::dma::{Dma, Wire};
+use rigless::soc::{Bus, Error};
+use rigless::time::VirtualNanos;
+use std::num::{NonZeroU32, NonZeroU64};
+
+/// Instructions a second of virtual time: the clock of 168 MHz at 1.4 cycles an instruction.
+const INSTRUCTIONS_PER_SECOND: u64 = 120_000_000;
+
+/// The DAC's first channel asks stream 5 of the first controller, channel 7 (RM0090 table 42).
+static DMA1_WIRES: [Wire; 1] = [Wire {
+    instance: "DAC",
+    request: DMA_REQUEST,
+    channel: 7,
+    streams: &[5],
+}];
+
+/// The chip.
+#[derive(Debug)]
+pub struct Chip {
+    inner: Stm32f427,
+    timer: Timer,
+    converter: Converter,
+    source: Source,
+    slots: [usize; 3],
+    world: Shared,
+}
+
+impl Chip {
+    /// Powered up, with this world on its pins and this line on its first serial port.
+    ///
+    /// # Errors
+    /// rigless's, when the chip does not fit together.
+    pub fn new(world: Shared, line: Line) -> Result<Self, Error> {
+        let mut inner = Stm32f427::new()?;
+        let slots = [
+            inner.bus().slot("TIM2")?,
+            inner.bus().slot("ADC1")?,
+            inner.bus().slot("DAC")?,
+        ];
+        inner.rcc.attach_crystals(8_000_000, 0);
+        inner.set_supply(3300);
+        inner.usart[0].attach(line);
+        inner.dma[0] = Dma::new(&DMA1_WIRES, &[], false);
+        Ok(Self {
+            inner,
+            timer: Timer::default(),
+            converter: Converter::new(world.clone()),
+            source: Source::new(world.clone()),
+            slots,
+            world,
+        })
+    }
+}
+
+impl Mcu for Chip {
+    fn bus(&self) -> &Bus {
+        self.inner.bus()
+    }
+
+    fn bus_mut(&mut self) -> &mut Bus {
+        self.inner.bus_mut()
+    }
+
+    fn reset(&mut self, at: VirtualNanos, cause: ResetCause) {
+        self.inner.reset(at, cause);
+        self.inner.dma[0] = Dma::new(&DMA1_WIRES, &[], false);
+
+        Device::reset(&mut self.timer);
+        Device::reset(&mut self.converter);
+        Device::reset(&mut self.source);
+        locked(&self.world).reset();
+    }
+
+    fn poll(&mut self, now: VirtualNanos) {
+        self.inner.poll(now);
+    }
+
+    fn split(&mut self, slot: usize) -> (&mut Bus, Option<&mut dyn ErasedDevice>) {
+        let [timer, converter, source] = self.slots;
+        let (bus, model) = self.inner.split(slot);
+        if slot == timer {
+            (bus, Some(&mut self.timer))
+        } else if slot == converter {
+            (bus, Some(&mut self.converter))
+        } else if slot == source {
+            (bus, Some(&mut self.source))
+        } else {
+            (bus, model)
+        }
+    }
+}
+
+/// The chip as a machine that rigless runs.
+#[derive(Debug)]
+pub struct Machine {
+    /// The chip.
+    pub chip: Chip,
+}
+
+/// Snapshots are not taken.
+impl Store for Machine {}
+
+impl Board for Machine {
+    fn name(&self) -> &'static str {
+        "skin"
+    }
+
+    fn target_names(&self) -> Vec<&'static str> {
+        vec!["stm32f427"]
+    }
+
+    fn mcu(&mut self, target: usize) -> Option<&mut dyn Mcu> {
+        (target == 0).then_some(&mut self.chip)
+    }
+
+    fn targets(&mut self) -> Vec<Target<'_>> {
+        let lines = u32::from(self.chip.cpu().interrupt_lines);
+        let core = Core {
+            variant: Variant::M4,
+            clock_hz: NonZeroU64::new(168_000_000).unwrap_or(NonZeroU64::MIN),
+            interrupt_lines: NonZeroU32::new(lines).unwrap_or(NonZeroU32::MIN),
+            priority_bits: 4,
+            refclk_divider: NonZeroU32::new(8).unwrap_or(NonZeroU32::MIN),
+            instructions_per_second: NonZeroU64::new(INSTRUCTIONS_PER_SECOND).unwrap_or(NonZeroU64::MIN),
+            boot: "flash",
+        }
+        .spec_with_parts(
+            &rigless::cpu::armv7m::windows(self.chip.bus()),
+            Fpu::FpV4Sp,
+            MpuRegions::Eight,
+        );
+        vec![Target::new("stm32f427", &mut self.chip, core)]
+    }
+}

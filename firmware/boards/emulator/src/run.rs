@@ -1,0 +1,176 @@
+//! Runs a program and keeps what it did.
+
+use crate::board::{Chip, Machine};
+use crate::line::Line;
+use crate::world::{Shared, World, locked};
+use forward::ElectrodeMatrix;
+use hil_sim::Electronics;
+use protocol::{Decoder, FromBoard, MAX_FROM_BOARD_LEN, MAX_TO_BOARD_LEN, ToBoard, encode};
+use rigless::emulator::{Driver, Host, Settled, Start, Stop};
+use rigless::image::Image;
+use rigless::session::Session;
+use rigless::soc::Width;
+use rigless::time::VirtualNanos;
+use std::error::Error;
+use std::path::Path;
+use std::sync::{Arc, Mutex};
+
+/// How often the host looks at the line, ns.
+const LOOK_NS: u64 = 1_000_000;
+/// First address of the stack. It ends where the processor's first stack pointer says.
+const STACK: u64 = 0x2000_0000;
+const FIRST_STACK_POINTER: u64 = 0x0800_0000;
+
+/// What a run left behind.
+#[derive(Debug)]
+pub struct Outcome {
+    /// What the board said, whole messages only, with the time of their last byte, ns.
+    pub messages: Vec<(u64, FromBoard)>,
+    /// Messages that were damaged.
+    pub damaged: u32,
+    /// Address lines that changed while a switch was closed.
+    pub without_break: u32,
+    /// Samples triggered since the last reset.
+    pub triggers: u64,
+    /// Restarts.
+    pub resets: usize,
+    /// What the emulator could not stand in for: addresses without a register, refused accesses, registers without a model.
+    pub gaps: Vec<String>,
+    /// Instructions from the start of the work on a block to its end, of every block.
+    pub work: Vec<u64>,
+    /// Bytes of the stack that were ever used.
+    pub stack: u64,
+    /// Bytes of the stack that there are.
+    pub stack_size: u64,
+    /// Virtual time of the end, ns, and instructions.
+    pub end_ns: u64,
+    pub instructions: u64,
+}
+
+struct Watcher {
+    line: Line,
+    decoder: Decoder<MAX_FROM_BOARD_LEN>,
+    taken: usize,
+    messages: Vec<(u64, FromBoard)>,
+    damaged: u32,
+    commands: std::vec::IntoIter<(u64, ToBoard)>,
+    next: Option<(u64, ToBoard)>,
+    until: u64,
+    frames: usize,
+    busy_since: Option<u64>,
+    work: Vec<u64>,
+    stack: (u64, u64),
+}
+
+impl Driver<Machine> for Watcher {
+    fn on_settled(&mut self, _: &mut Session<Machine>, _: &mut dyn Host, settled: Settled) {
+        // Port A's set and reset register: pin 8 is high while a block is worked on.
+        const PORT_A_BSRR: u64 = 0x4002_0018;
+        if let Settled::Access { access, value, .. } = settled
+            && access.address == PORT_A_BSRR
+        {
+            if value & 1 << 8 != 0 && self.busy_since.is_none() {
+                self.busy_since = Some(access.instruction_count);
+            } else if value & 1 << 24 != 0
+                && let Some(since) = self.busy_since.take()
+            {
+                self.work.push(access.instruction_count - since);
+            }
+        }
+    }
+
+    fn on_stop(&mut self, _: &mut Session<Machine>, stop: Stop, host: &mut dyn Host) -> Option<VirtualNanos> {
+        let now = stop.at.0;
+        while let Some((at, command)) = self.next.take() {
+            if at > now {
+                self.next = Some((at, command));
+                break;
+            }
+            let mut bytes = [0; MAX_TO_BOARD_LEN];
+            if let Ok(framed) = encode(&command, &mut bytes) {
+                locked(&self.line.input).extend(framed);
+            }
+            self.next = self.commands.next();
+        }
+        let sent = locked(&self.line.sent).clone();
+        for (at, byte) in sent.get(self.taken..).unwrap_or_default() {
+            match self.decoder.push_byte::<FromBoard>(*byte) {
+                None => {}
+                Some(Ok(message)) => {
+                    self.frames = self
+                        .frames
+                        .saturating_sub(usize::from(matches!(message, FromBoard::Frame(_))));
+                    self.messages.push((*at, message));
+                }
+                Some(Err(_)) => self.damaged += 1,
+            }
+        }
+        self.taken = sent.len();
+        if now < self.until && self.frames > 0 {
+            return Some(VirtualNanos(now + LOOK_NS));
+        }
+        // Memory is zero at power-up, and the stack grows downwards.
+        let end = host.read(FIRST_STACK_POINTER, Width::W32).unwrap_or(STACK);
+        let used = (STACK..end)
+            .step_by(4)
+            .find(|a| host.read(*a, Width::W32).is_ok_and(|word| word != 0));
+        self.stack = (end - used.unwrap_or(end), end - STACK);
+        None
+    }
+}
+
+/// Runs a program on a sheet: sends commands at times (ns), and ends when so many frames came or at a time.
+///
+/// # Errors
+/// The program cannot be read or run.
+pub fn run(
+    program: &Path,
+    electronics: Electronics,
+    sheet: ElectrodeMatrix,
+    commands: Vec<(u64, ToBoard)>,
+    frames: usize,
+    until_ns: u64,
+) -> Result<Outcome, Box<dyn Error>> {
+    let world: Shared = Arc::new(Mutex::new(World::new(electronics, sheet)));
+    let line = Line::default();
+    let machine = Machine {
+        chip: Chip::new(world.clone(), line.clone())?,
+    };
+    let mut commands = commands.into_iter();
+    let watcher = Watcher {
+        line,
+        decoder: Decoder::new(),
+        taken: 0,
+        messages: Vec::new(),
+        damaged: 0,
+        next: commands.next(),
+        commands,
+        until: until_ns,
+        frames,
+        busy_since: None,
+        work: Vec::new(),
+        stack: (0, 0),
+    };
+    let images = [Image::read(program, None)?];
+    let session = Session::new(Box::new(machine), 0, VirtualNanos(LOOK_NS))?;
+    let finished = rigless::emulator::run(session, &Start::new(&images), watcher)?;
+    let (session, watcher) = (finished.session, finished.driver);
+    let mut gaps: Vec<String> = session.unmapped().iter().map(|g| format!("unmapped {g:x?}")).collect();
+    gaps.extend(session.refused().iter().map(|g| format!("refused {g:x?}")));
+    gaps.extend(session.unimplemented().iter().map(|g| format!("unimplemented {g:x?}")));
+    let stop = finished.stop.ok_or("the run did not end by itself")?;
+    let world = locked(&world);
+    Ok(Outcome {
+        messages: watcher.messages,
+        damaged: watcher.damaged,
+        without_break: world.without_break,
+        triggers: world.triggers,
+        resets: session.resets().len(),
+        gaps,
+        work: watcher.work,
+        stack: watcher.stack.0,
+        stack_size: watcher.stack.1,
+        end_ns: stop.at.0,
+        instructions: stop.instruction_count,
+    })
+}

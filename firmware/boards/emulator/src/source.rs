@@ -1,0 +1,64 @@
+//! The DAC's first channel, stepped by TIM2 and fed by DMA (RM0090 section 14).
+//!
+//! rigless hands the DAC no timer's trigger. The converter passes it on as a write to the register of the software trigger,
+//! with a bit that a program cannot mean.
+
+use crate::world::{Shared, locked};
+use rigless::device::{Device, DeviceContext, Level, RegisterFile};
+use rigless::soc::stm32f427::generated::dac::Register;
+
+/// What the converter writes to the software trigger register when the timer steps the DAC.
+pub const BY_TIMER: u64 = 1 << 31;
+
+/// The request output that asks for the next value.
+pub const DMA_REQUEST: usize = 0;
+
+/// The DAC.
+#[derive(Debug)]
+pub struct Source {
+    world: Shared,
+    asking: bool,
+}
+
+impl Source {
+    /// One on this world's pins.
+    pub fn new(world: Shared) -> Self {
+        Self { world, asking: false }
+    }
+}
+
+impl Device for Source {
+    type Register = Register;
+
+    fn write(&mut self, register: Register, value: u64, registers: &mut RegisterFile, context: &mut DeviceContext<'_>) {
+        let control = registers.get(Register::Cr);
+        match register {
+            Register::Dhr12r1 if self.asking => {
+                self.asking = false;
+                context.request(DMA_REQUEST, Level::Low);
+            }
+            Register::Swtrigr => {
+                // On, trigger on, and it is TIM2.
+                if value != BY_TIMER || control & 5 != 5 || control >> 3 & 7 != 4 {
+                    return;
+                }
+                let code = registers.get(Register::Dhr12r1) & 0xFFF;
+                registers.set(Register::Dor1, code);
+                locked(&self.world).step(code as u16);
+                if control & 1 << 12 != 0 {
+                    if self.asking {
+                        // The value before was never fetched.
+                        registers.set(Register::Sr, registers.get(Register::Sr) | 1 << 13);
+                    }
+                    self.asking = true;
+                    context.request(DMA_REQUEST, Level::High);
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn reset(&mut self) {
+        self.asking = false;
+    }
+}

@@ -1,0 +1,236 @@
+//! What is soldered to the pins: multiplexers, sheet, amplifiers, the source's filter. Electronics and sheet are `hil-sim`'s.
+
+use firmware::{Route, SAMPLES_PER_PERIOD, Sense};
+use forward::ElectrodeMatrix;
+use hil_sim::{Electronics, Routing};
+use protocol::Pair;
+use std::f64::consts::TAU;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+/// DAC codes of the source's amplitude at full scale.
+const FULL_SCALE: f64 = 2000.0;
+/// How much later than the DAC's steps the fundamental arrives at the electrodes, in periods: half a step of the DAC, and the
+/// second-order low-pass at 10 kHz (Butterworth) of docs/board.md.
+fn lag_turns() -> f64 {
+    let w: f64 = 84e6 / 1425.0 / 16.0 / 10e3;
+    let filter = (2f64.sqrt() * w).atan2(1.0 - w * w) / TAU;
+    filter + 0.5 / SAMPLES_PER_PERIOD as f64
+}
+
+/// How far the source may be from what it should be and count as exact: the DAC has twelve bits.
+const EXACT: f64 = 2e-3;
+
+/// One multiplexer of two halves: lowest address line on port B, enable line of the first half on port C.
+#[derive(Clone, Copy)]
+struct Multiplexer {
+    address: u32,
+    enable: u32,
+}
+
+/// As wired in docs/board.md.
+const SENSE_MINUS: Multiplexer = Multiplexer { address: 0, enable: 0 };
+const SENSE_PLUS: Multiplexer = Multiplexer { address: 3, enable: 2 };
+const DRIVE_PLUS: Multiplexer = Multiplexer { address: 6, enable: 4 };
+const DRIVE_MINUS: Multiplexer = Multiplexer { address: 12, enable: 6 };
+const ADDRESS_PINS: u32 = 0b0111_0001_1111_1111;
+
+impl Multiplexer {
+    /// The electrode that it connects; `None`: none, or two at once.
+    fn electrode(self, ports: &Ports) -> Option<u8> {
+        let address = (ports.b >> self.address & 7) as u8;
+        match !ports.c >> self.enable & 3 {
+            1 => Some(address),
+            2 => Some(address + 8),
+            _ => None,
+        }
+    }
+}
+
+/// Levels on the pins of the ports, a bit each.
+#[derive(Clone, Copy, Debug, Default)]
+struct Ports {
+    b: u32,
+    c: u32,
+}
+
+/// The analogue world.
+#[derive(Debug)]
+pub struct World {
+    electronics: Electronics,
+    sheet: ElectrodeMatrix,
+    ports: Ports,
+    /// What is connected now.
+    connected: Option<(Pair, Option<Pair>)>,
+    /// The converter's input.
+    input: u32,
+    /// The last route that was connected, and what the channel makes of it.
+    route: Option<Route>,
+    routing: Routing,
+    /// The DAC's last codes, by phase.
+    codes: [u16; SAMPLES_PER_PERIOD],
+    /// Amplitude of the source over full scale, in phase and a quarter period ahead.
+    source: (f64, f64),
+    /// Conversions triggered since power-up: the time.
+    pub triggers: u64,
+    /// Address lines that changed while a switch was closed.
+    pub without_break: u32,
+}
+
+/// The world as everything around the chip shares it.
+pub type Shared = Arc<Mutex<World>>;
+
+/// A lock is only poisoned by a panic elsewhere, which fails the test anyway.
+pub fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl World {
+    /// A board that is not powered yet.
+    pub fn new(electronics: Electronics, sheet: ElectrodeMatrix) -> Self {
+        Self {
+            electronics,
+            sheet,
+            ports: Ports::default(),
+            connected: None,
+            input: 0,
+            route: None,
+            routing: Routing::default(),
+            codes: [2048; SAMPLES_PER_PERIOD],
+            source: (0.0, 0.0),
+            triggers: 0,
+            without_break: 0,
+        }
+    }
+
+    /// The board restarts.
+    pub fn reset(&mut self) {
+        *self = Self {
+            without_break: self.without_break,
+            ..Self::new(self.electronics.clone(), self.sheet.clone())
+        };
+    }
+
+    /// A pin of port B or C changes.
+    pub fn pin(&mut self, port: &str, pin: usize, high: bool) {
+        let word = match port {
+            "GPIOB" => &mut self.ports.b,
+            "GPIOC" => &mut self.ports.c,
+            _ => return,
+        };
+        *word = *word & !(1 << pin) | u32::from(high) << pin;
+        if port == "GPIOB" {
+            let closed = self.connected.is_some();
+            if closed && ADDRESS_PINS >> pin & 1 == 1 {
+                self.without_break += 1;
+            }
+            return;
+        }
+        let pair = |plus: Multiplexer, minus: Multiplexer| {
+            Some(Pair {
+                plus: plus.electrode(&self.ports)?,
+                minus: minus.electrode(&self.ports)?,
+            })
+        };
+        let sense = pair(SENSE_PLUS, SENSE_MINUS);
+        let before = self.connected;
+        // A drive alone is a route while the source itself is looked at.
+        self.connected = pair(DRIVE_PLUS, DRIVE_MINUS).map(|drive| (drive, sense));
+        if self.connected != before {
+            self.switch();
+        }
+    }
+
+    /// The converter looks at another input.
+    pub fn select_input(&mut self, input: u32) {
+        self.input = input;
+    }
+
+    /// What the switches and the input make of it now.
+    fn present_route(&self) -> Option<Route> {
+        let (drive, sense) = self.connected?;
+        let (sense, gain) = match (self.input, sense) {
+            (0, Some(pair)) => (Sense::One(pair), 0),
+            (1, Some(pair)) => (Sense::One(pair), 1),
+            (6, _) => (Sense::Source, 0),
+            _ => return None,
+        };
+        Some(Route { drive, sense, gain })
+    }
+
+    /// Takes the new route over, with a transient.
+    fn switch(&mut self) {
+        let Some(route) = self.present_route() else {
+            return;
+        };
+        self.route = Some(route);
+        let full = self
+            .electronics
+            .amplitudes_v(&self.sheet, &route, 1000)
+            .unwrap_or_default();
+        let amplitudes = full.map(|v| v * self.source.0);
+        self.routing = self.electronics.switched(self.triggers, &self.routing, amplitudes);
+    }
+
+    /// The timer's pulse steps the DAC to this code.
+    pub fn step(&mut self, code: u16) {
+        // The trigger was counted before.
+        let phase = (self.triggers.wrapping_sub(1) % SAMPLES_PER_PERIOD as u64) as usize;
+        self.codes[phase] = code;
+        if phase != SAMPLES_PER_PERIOD - 1 {
+            return;
+        }
+        let source = self.fundamental();
+        if source != self.source {
+            self.source = source;
+            if let Some(route) = self.route {
+                let full = self
+                    .electronics
+                    .amplitudes_v(&self.sheet, &route, 1000)
+                    .unwrap_or_default();
+                self.routing.amplitude_v = full.map(|v| v * source.0);
+            }
+        }
+    }
+
+    /// The fundamental of the DAC's steps behind the filter, over full scale: with the sine and with the cosine.
+    fn fundamental(&self) -> (f64, f64) {
+        let (mut sine, mut cosine) = (0.0, 0.0);
+        for (k, code) in self.codes.iter().enumerate() {
+            let x = TAU * (k as f64 / SAMPLES_PER_PERIOD as f64 + lag_turns());
+            let value = (f64::from(*code) - 2048.0) / FULL_SCALE * 2.0 / SAMPLES_PER_PERIOD as f64;
+            sine += value * x.sin();
+            cosine += value * x.cos();
+        }
+        if (sine - 1.0).hypot(cosine) < EXACT {
+            (1.0, 0.0)
+        } else if sine.hypot(cosine) < EXACT {
+            (0.0, 0.0)
+        } else {
+            (sine, cosine)
+        }
+    }
+
+    /// The converter's code for the sample of a time.
+    pub fn sample(&self, time: u64) -> u16 {
+        let full_scale = f64::from(firmware::FULL_SCALE);
+        if self.present_route().is_none() {
+            // Nothing connected, or an input that is open.
+            return firmware::FULL_SCALE / 2;
+        }
+        let mut code = [0];
+        self.electronics.sample(time, &self.routing, &mut code);
+        // What of the source is not in phase, a quarter period ahead.
+        let ahead = if self.source.1 == 0.0 {
+            0.0
+        } else {
+            let quiet = Routing {
+                residue_v: [0.0; firmware::MAX_CHANNELS],
+                ..self.routing.clone()
+            };
+            let quarter = SAMPLES_PER_PERIOD as u64 / 4;
+            self.electronics.voltage_v(time + quarter, 0, &quiet) / self.source.0 * self.source.1
+        };
+        let level = f64::from(code[0]) + ahead * full_scale / self.electronics.adc_span_v;
+        level.round().clamp(0.0, full_scale) as u16
+    }
+}

@@ -1,0 +1,315 @@
+//! The board's programs on the emulated chip, against the same firmware in process on the same simulated electronics.
+//! `tests/boards.sh` builds the programs and says where they are.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
+
+use emulator::run::{Outcome, run};
+use firmware::{Excitation, Pace, Progress, Scan};
+use forward::ElectrodeMatrix;
+use hil_sim::{Clock, Electronics, FixedSheet, SimFrontEnd};
+use nalgebra::DMatrix;
+use protocol::{Frame, FromBoard, Hello, Plan, ResetCause, Sampling, ToBoard};
+use std::f64::consts::PI;
+use std::path::PathBuf;
+
+/// When the first command is sent, ns: the board is up long before.
+const AWAKE_NS: u64 = 20_000_000;
+
+/// Instructions that the work on a block may take: a twentieth of the cycles of one period at 168 MHz, which is the time
+/// between blocks when nothing settles, at 1.4 cycles an instruction.
+const BUDGET: u64 = (0.05 * 16.0 * 2850.0 / 1.4) as u64;
+
+fn program(name: &str) -> PathBuf {
+    let folder = std::env::var_os("SKIN_STM32_PROGRAMS").expect("SKIN_STM32_PROGRAMS: run tests/boards.sh");
+    PathBuf::from(folder).join(name)
+}
+
+/// The homogeneous disc with small electrodes on its rim, one place of it lifted so that no symmetry hides a wrong route.
+fn sheet() -> ElectrodeMatrix {
+    let potential = |distance: f64| -1000.0 / PI * distance.ln();
+    ElectrodeMatrix::from_potentials(DMatrix::from_fn(16, 16, |i, j| {
+        let uneven = 3.0 * ((i * j) as f64).sqrt() + 2.0 * (i + j) as f64;
+        if i == j {
+            potential(2.5) + 100.0 + uneven
+        } else {
+            let half = PI * (i as f64 - j as f64) / 16.0;
+            potential(195.0 * half.sin().abs()) + uneven
+        }
+    }))
+}
+
+fn start(name: &str, plan: &Plan, frames: usize, until_ns: u64) -> Outcome {
+    let commands = vec![
+        (AWAKE_NS, ToBoard::SetPlan(plan.clone())),
+        (AWAKE_NS + 10_000_000, ToBoard::Start),
+    ];
+    run(
+        &program(name),
+        Electronics::default(),
+        sheet(),
+        commands,
+        frames,
+        until_ns,
+    )
+    .unwrap()
+}
+
+fn frames(outcome: &Outcome) -> Vec<Frame> {
+    let frame = |(_, m): &(u64, FromBoard)| match m {
+        FromBoard::Frame(f) => Some(f.clone()),
+        _ => None,
+    };
+    outcome.messages.iter().filter_map(frame).collect()
+}
+
+fn hellos(outcome: &Outcome) -> Vec<Hello> {
+    let hello = |(_, m): &(u64, FromBoard)| match m {
+        FromBoard::Hello(h) => Some(h.clone()),
+        _ => None,
+    };
+    outcome.messages.iter().filter_map(hello).collect()
+}
+
+/// What the same firmware measures in process, the first sample of the first frame at a time.
+fn in_process(plan: &Plan, first: u64, count: usize) -> Vec<Frame> {
+    let clock = Clock::new();
+    clock.advance(first - u64::from(plan.settle_quarters) * 4);
+    let mut front = SimFrontEnd::new(Electronics::default(), FixedSheet(sheet()), clock)
+        .unwrap()
+        .self_clocked();
+    front.switch_on().unwrap();
+    let mut scan = Scan::new();
+    scan.wire(16, 0, 1425);
+    (0..count as u32)
+        .map(|sequence| {
+            scan.start(plan.recipe(), Pace::Ahead, 0, &mut front).unwrap();
+            while nb::block!(scan.step(plan.recipe(), &mut front)).unwrap() != Progress::Complete {}
+            let frame = scan.frame(sequence, plan.id, plan.quadrature);
+            let mut bytes = [0; protocol::MAX_FROM_BOARD_LEN];
+            let framed = protocol::encode(&protocol::Outgoing::Frame(frame), &mut bytes).unwrap();
+            let mut decoder = protocol::Decoder::<{ protocol::MAX_FROM_BOARD_LEN }>::new();
+            let mut out = None;
+            decoder.push::<FromBoard>(framed, |m| out = Some(m.unwrap()));
+            match out {
+                Some(FromBoard::Frame(f)) => f,
+                other => panic!("{other:?}"),
+            }
+        })
+        .collect()
+}
+
+fn plans() -> [Plan; 2] {
+    let settled = Plan {
+        sampling: Sampling::Sequential,
+        quadrature: true,
+        ..Plan::fast()
+    };
+    [settled, Plan::paper()]
+}
+
+/// What is wrong with a program's frames, if anything: everything that a planted fault can be found by.
+fn faults(name: &str, plan: &Plan) -> Vec<String> {
+    let count = 3;
+    let period_ns = 16.0 * 1425.0 / 84e-3;
+    let until = AWAKE_NS + ((count as f64 + 1.5) * f64::from(plan.quarters()) / 4.0 * period_ns) as u64 + 100_000_000;
+    let outcome = start(name, plan, count, until);
+    let mut found = Vec::new();
+    let mut expect = |ok: bool, what: String| {
+        if !ok {
+            found.push(what);
+        }
+    };
+    let there = frames(&outcome);
+    expect(
+        there.len() == count,
+        format!("{} frames of {count}: {:?}", there.len(), outcome.messages.last()),
+    );
+    expect(outcome.damaged == 0, format!("{} damaged messages", outcome.damaged));
+    expect(outcome.resets == 0, format!("{} resets", outcome.resets));
+    expect(
+        outcome.without_break == 0,
+        format!("{} address lines changed under a closed switch", outcome.without_break),
+    );
+    // The first trigger came when the board was up, some milliseconds after power.
+    let rate = outcome.triggers as f64 / outcome.end_ns as f64 * 1425.0 / 84e-3;
+    expect(
+        (0.99..=1.0).contains(&rate),
+        format!("samples at {rate:.4} of their rate"),
+    );
+    if let (Some(first), Some(last)) = (there.first(), there.last()) {
+        let (a, b) = (&outcome.messages, plan.quarters());
+        let at = |sequence| {
+            let found = a
+                .iter()
+                .find(|(_, m)| matches!(m, FromBoard::Frame(f) if f.sequence == sequence));
+            found.map_or(0, |(at, _)| *at)
+        };
+        let (ns, frames) = (at(last.sequence) - at(first.sequence), last.sequence - first.sequence);
+        let expected = f64::from(frames) * f64::from(b) / 4.0 * period_ns;
+        expect(
+            (ns as f64 / expected - 1.0).abs() < 4e-4,
+            format!("{frames} frames took {ns} ns, not {expected:.0}"),
+        );
+        // Without settling the first value of all still shows what was connected before the start, which differs.
+        let comparable = usize::from(plan.settle_quarters == 0);
+        for (here, there) in in_process(plan, first.time, count).iter().zip(&there).skip(comparable) {
+            let same = here.values.iter().zip(&there.values).filter(|(a, b)| a == b).count();
+            expect(
+                here == there,
+                format!(
+                    "frame {}: {same} of {} values alike, time {} and {}",
+                    there.sequence,
+                    here.values.len(),
+                    here.time,
+                    there.time
+                ),
+            );
+        }
+    }
+    found
+}
+
+#[test]
+fn every_chips_program_measures_what_the_firmware_measures_in_process_value_for_value() {
+    for name in ["f446", "f427", "f405"] {
+        for plan in plans() {
+            assert_eq!(faults(name, &plan), Vec::<String>::new(), "{name}, {:?}", plan.id);
+        }
+    }
+}
+
+#[test]
+fn planted_faults_of_routing_and_timing_are_found() {
+    let [plan, _] = plans();
+    for name in [
+        "fault-routing",
+        "fault-break",
+        "fault-settling",
+        "fault-timer",
+        "fault-phase",
+    ] {
+        let found = faults(name, &plan);
+        println!("{name}: {found:?}");
+        assert!(!found.is_empty(), "{name} is not found");
+    }
+}
+
+#[test]
+fn the_work_on_a_block_takes_under_a_twentieth_of_its_time() {
+    let [settled, paper] = plans();
+    for (plan, name) in [(settled, "with settling"), (paper, "without")] {
+        let mut work = start("f446", &plan, 2, 2_000_000_000).work;
+        work.sort_unstable();
+        let (median, longest) = (work[work.len() / 2], work[work.len() - 1]);
+        let mean = work.iter().sum::<u64>() / work.len() as u64;
+        println!(
+            "{name}: {} blocks, {median} instructions, {mean} with all else, {longest} at the end of a frame",
+            work.len()
+        );
+        assert!(median <= BUDGET, "{median} of {BUDGET}");
+        // What the end of a frame takes (it is packed and summed) must not cost a sample: the ring holds three periods more.
+        assert!(longest as f64 * 1.4 < 3.0 * 16.0 * 2850.0, "{longest}");
+    }
+}
+
+/// Bytes of flash from its start to the end of the image, and bytes of RAM, the stack included: from the program's own
+/// segments and its first stack pointer. The linker has refused more than 144 KiB and 8 KiB already.
+#[test]
+fn the_image_fits_what_the_papers_controller_had() {
+    use object::{Object, ObjectSection, SectionKind};
+    for name in ["f446", "f427", "f405"] {
+        let bytes = std::fs::read(program(name)).unwrap();
+        let file = object::File::parse(&*bytes).unwrap();
+        let (mut code, mut flash_end, mut ram_end) = (0, 0x0800_0000, 0x2000_0000);
+        for section in file.sections() {
+            let (start, end) = (section.address(), section.address() + section.size());
+            match section.kind() {
+                SectionKind::Text | SectionKind::ReadOnlyData if start >= 0x0800_0000 && start < 0x2000_0000 => {
+                    code += section.size();
+                    flash_end = flash_end.max(end);
+                }
+                SectionKind::Data => (code, ram_end) = (code + section.size(), ram_end.max(end)),
+                SectionKind::UninitializedData => ram_end = ram_end.max(end),
+                _ => {}
+            }
+        }
+        // The first values of the variables are behind the code.
+        let (flash, ram) = (flash_end - 0x0800_0000 + ram_end - 0x2000_0000, ram_end - 0x2000_0000);
+        println!(
+            "{name}: {code} bytes of program and constants, to {flash} of flash at most, {ram} bytes of RAM with the stack"
+        );
+        assert!(flash <= 144 * 1024 && ram <= 8 * 1024);
+    }
+}
+
+#[test]
+fn nothing_is_used_that_the_emulated_chip_has_not() {
+    let [plan, _] = plans();
+    let outcome = start("f427", &plan, 2, 2_000_000_000);
+    assert_eq!(outcome.gaps, Vec::<String>::new());
+}
+
+#[test]
+fn the_stack_has_room_to_spare() {
+    let [plan, _] = plans();
+    let mut commands = vec![(AWAKE_NS, ToBoard::SelfTest)];
+    let more = [
+        ToBoard::SetPlan(plan),
+        ToBoard::SaveSettings,
+        ToBoard::GetPlan,
+        ToBoard::GetCounters,
+        ToBoard::Hello,
+        ToBoard::Start,
+    ];
+    commands.extend((1..).map(|k| AWAKE_NS + k * 200_000_000).zip(more));
+    let outcome = run(
+        &program("f446"),
+        Electronics::default(),
+        sheet(),
+        commands,
+        2,
+        3_000_000_000,
+    )
+    .unwrap();
+    assert_eq!(
+        (outcome.damaged, outcome.resets, frames(&outcome).len()),
+        (0, 0, 2),
+        "{:?}",
+        outcome.messages
+    );
+    println!("{} of {} bytes of stack used", outcome.stack, outcome.stack_size);
+    assert!(outcome.stack > 0 && outcome.stack + 256 <= outcome.stack_size);
+}
+
+#[test]
+fn a_panic_is_told_after_the_restart() {
+    let outcome = run(
+        &program("fault-panic"),
+        Electronics::default(),
+        sheet(),
+        Vec::new(),
+        1,
+        100_000_000,
+    )
+    .unwrap();
+    // It panics again and again; every introduction but the first tells of the one before.
+    let hellos = hellos(&outcome);
+    assert!(outcome.resets > 2 || hellos.len() > 2, "{outcome:?}");
+    assert!(
+        hellos.is_empty() || hellos[hellos.len() - 1].reset == ResetCause::Panic,
+        "{hellos:?}"
+    );
+}
+
+#[test]
+fn a_program_that_hangs_is_restarted_by_the_watchdog() {
+    let outcome = run(
+        &program("fault-hang"),
+        Electronics::default(),
+        sheet(),
+        Vec::new(),
+        1,
+        4_600_000_000,
+    )
+    .unwrap();
+    assert_eq!(outcome.resets, 2, "{:?}", outcome.messages);
+}

@@ -1,0 +1,119 @@
+//! The sensor board's firmware on an STM32F4: the peripherals' registers under `firmware`'s traits. All of the logic is in
+//! that library; wiring and pins are in docs/board.md.
+#![no_std]
+#![no_main]
+
+mod chip;
+mod flash;
+mod front_end;
+mod multiplexer;
+mod panic_record;
+mod ring;
+mod sampler;
+mod serial;
+mod source;
+
+use chip::Chip;
+use cortex_m_rt::entry;
+use firmware::{Activity, BoardInfo, Controller, Memory};
+use front_end::FrontEnd;
+use protocol::{Plan, PlanError, ResetCause, Sampling};
+use serial::Serial;
+use stm32f4xx_hal::pac;
+
+/// Everything about the board that never changes.
+const INFO: BoardInfo<'static> = BoardInfo {
+    name: if cfg!(feature = "f405") {
+        "skin-stm32f405"
+    } else if cfg!(feature = "f427") {
+        "skin-stm32f427"
+    } else {
+        "skin-stm32f446"
+    },
+    serial: "",
+    git: env!("SKIN_GIT"),
+    electrodes: 16,
+    channels: 1,
+    timer_hz: sampler::TIMER_HZ,
+    ticks_per_sample: sampler::TICKS_PER_SAMPLE,
+    skew_ticks: 0,
+    adc_span_uv: 3_300_000,
+    excitation_uv: 2_250_000,
+    source_gain_milli: 586,
+    gains_milli: [13_000, 600, 0, 0],
+    reset: ResetCause::Unknown,
+    last_panic: "",
+};
+
+const _: () = assert!(INFO.is_sound());
+
+/// Which chip the image is for, in words that `skin flash` looks for.
+static IMAGE_TAG: &[u8] = if cfg!(feature = "f405") {
+    b"skin-board-image for chip 0x413"
+} else if cfg!(feature = "f427") {
+    b"skin-board-image for chip 0x419"
+} else {
+    b"skin-board-image for chip 0x421"
+};
+
+/// All that is large. It is a static since the stack has no room to make it on.
+static mut MEMORY: Memory = Memory::new();
+static mut SERIAL_NUMBER: [u8; 24] = [0; 24];
+static mut LAST_PANIC: Option<panic_record::Report> = None;
+
+#[entry]
+fn main() -> ! {
+    let mut started = start();
+    // Lent, not taken out: a copy would cost the stack as much again.
+    let Ok(board) = &mut started else {
+        panic!("the first plan does not suit the board");
+    };
+    board.start_up();
+    // Nothing reads it here; without this the linker would leave it out.
+    core::hint::black_box(IMAGE_TAG);
+    panic_record::planted();
+    loop {
+        if board.poll() == Activity::Idle {
+            multiplexer::rest();
+        }
+    }
+}
+
+type Board = Controller<'static, FrontEnd, Serial, Chip, &'static mut Memory>;
+
+/// Once; in a function of its own so that the loop's stack need not hold what it leaves behind.
+#[inline(never)]
+fn start() -> Result<Board, PlanError> {
+    let (Some(core), Some(device)) = (cortex_m::Peripherals::take(), pac::Peripherals::take()) else {
+        panic!("started twice");
+    };
+    // SAFETY: each is used here only, and this runs once, as the peripherals above are there once.
+    let (memory, serial_number, last_panic) = unsafe {
+        (
+            &mut *(&raw mut MEMORY),
+            &mut *(&raw mut SERIAL_NUMBER),
+            &mut *(&raw mut LAST_PANIC),
+        )
+    };
+    *last_panic = panic_record::take();
+    let reset = chip::start(device, core);
+    let mut info = BoardInfo {
+        serial: chip::serial_number(serial_number),
+        reset,
+        ..INFO
+    };
+    if let Some(report) = &*last_panic {
+        info.reset = ResetCause::Panic;
+        info.last_panic = report.text();
+    }
+    Controller::asleep(info, first_plan(), FrontEnd::start(), Serial::start(), Chip::new(), memory)
+}
+
+/// 208 values one after the other, a period to settle and one to integrate, until the host says otherwise.
+#[inline(never)]
+fn first_plan() -> Plan {
+    Plan {
+        sampling: Sampling::Sequential,
+        ..Plan::fast()
+    }
+}

@@ -1,0 +1,214 @@
+//! Samples in step with the excitation: TIM2 starts a conversion of ADC1 and steps the DAC with one and the same pulse, and
+//! DMA writes the codes round a ring. While a block of it is worked on, the next ones are filled.
+//!
+//! Nothing here needs an interrupt: how far the ring is filled is read from the DMA stream, and how often it went round from the
+//! processor's cycle counter, which runs from the same clock.
+
+use crate::ring::Shared;
+use crate::source::Source;
+use cortex_m::peripheral::DWT;
+use firmware::{Block, ErrorKind, QUARTER_SAMPLES, Rails, SAMPLES_PER_PERIOD, Window};
+use stm32f4xx_hal::pac;
+
+/// Clock of TIM2, Hz.
+pub const TIMER_HZ: u32 = 84_000_000;
+/// 84 MHz / (16 * 1425) = 3684.2 Hz of excitation.
+pub const TICKS_PER_SAMPLE: u32 = 1425;
+/// Processor cycles from one sample to the next.
+const CYCLES_PER_SAMPLE: u32 = 2 * TICKS_PER_SAMPLE;
+
+/// Samples in the ring: four periods, 1.1 ms.
+const RING: usize = 4 * SAMPLES_PER_PERIOD;
+static SAMPLES: Shared<u16, RING> = Shared::new(0);
+
+/// Timer ticks after which a conversion is over and in memory: 28 cycles of sampling and 12 of conversion at 21 MHz are 160.
+const CONVERTED_TICKS: u32 = 200;
+
+/// Samples that must have been left of the ring when a block was worked on, so that none of it was written to.
+const SPARE: u64 = 2;
+
+/// A window that is being captured.
+#[derive(Clone, Copy)]
+struct Open {
+    /// Time of its first sample, of the next one to lend, and of the one after its last.
+    start: u64,
+    next: u64,
+    end: u64,
+}
+
+/// Counts samples since power-up. However many of these there are, they agree.
+#[derive(Clone, Copy)]
+pub struct Timebase {
+    /// Samples taken and in memory, as of `cycles` on the cycle counter.
+    total: u64,
+    position: usize,
+    cycles: u32,
+}
+
+/// The sampler; it runs from power-up on.
+pub struct Sampler {
+    time: Timebase,
+    sequence: u32,
+    open: Option<Open>,
+}
+
+/// Timer, converter and DMA controller.
+fn registers() -> (
+    &'static pac::tim2::RegisterBlock,
+    &'static pac::adc1::RegisterBlock,
+    &'static pac::dma2::RegisterBlock,
+) {
+    // SAFETY: TIM2, ADC1 and stream 0 of DMA2 are this module's alone; of DMA2 it writes no register that others write, save
+    // the flags' clear registers, which do nothing to bits written 0.
+    unsafe { (&*pac::TIM2::ptr(), &*pac::ADC1::ptr(), &*pac::DMA2::ptr()) }
+}
+
+impl Timebase {
+    pub const fn new() -> Self {
+        Self {
+            total: 0,
+            position: 0,
+            cycles: 0,
+        }
+    }
+
+    /// Samples taken and in memory. Has to be asked again within 25 s, in which the cycle counter goes round once.
+    pub fn now(&mut self) -> u64 {
+        let (.., dma) = registers();
+        let cycles = DWT::cycle_count();
+        let left = dma.st(0).ndtr().read().bits() as usize;
+        let position = (2 * RING - left) % RING;
+        let further = (RING + position - self.position) % RING;
+        // The cycle counter tells how many whole rounds that leaves out; it may be off by a few samples, not by half a ring.
+        let about = (cycles.wrapping_sub(self.cycles) / CYCLES_PER_SAMPLE) as usize;
+        let rounds = (about + RING / 2).saturating_sub(further) / RING;
+        self.total += (further + rounds * RING) as u64;
+        self.position = position;
+        self.cycles = cycles;
+        self.total
+    }
+}
+
+impl Sampler {
+    pub const fn new() -> Self {
+        Self {
+            time: Timebase::new(),
+            sequence: 0,
+            open: None,
+        }
+    }
+
+    /// Starts timer, converter and source together, at phase 0 and at the time of the next whole period.
+    pub fn start(&mut self, source: &Source) {
+        let (timer, adc, dma) = registers();
+        timer.cr1().write(|w| unsafe { w.bits(0) });
+        self.time.total = self.time.total.next_multiple_of(RING as u64);
+        self.time.position = 0;
+        self.open = None;
+
+        adc.cr2().write(|w| unsafe { w.bits(0) });
+        let stream = dma.st(0);
+        stream.cr().write(|w| unsafe { w.bits(0) });
+        while stream.cr().read().bits() & 1 != 0 {}
+        dma.lifcr().write(|w| unsafe { w.bits(0x3D) });
+        stream.par().write(|w| unsafe { w.bits(adc.dr().as_ptr() as u32) });
+        stream.m0ar().write(|w| unsafe { w.bits(SAMPLES.address()) });
+        stream.ndtr().write(|w| unsafe { w.bits(RING as u32) });
+        // Channel 0, highest priority, 16 bits to 16 bits, memory incremented, circular; then enabled.
+        let control = 3 << 16 | 1 << 13 | 1 << 11 | 1 << 10 | 1 << 8;
+        stream.cr().write(|w| unsafe { w.bits(control) });
+        stream.cr().write(|w| unsafe { w.bits(control | 1) });
+
+        // 28 cycles of sampling on every channel; one conversion a trigger.
+        adc.sr().write(|w| unsafe { w.bits(0) });
+        adc.cr1().write(|w| unsafe { w.bits(0) });
+        adc.smpr2().write(|w| unsafe { w.bits(0o2222222222) });
+        adc.sqr1().write(|w| unsafe { w.bits(0) });
+        // Rising edge of trigger 6 (TIM2), DMA without end, on.
+        adc.cr2()
+            .write(|w| unsafe { w.bits(1 << 28 | 6 << 24 | 1 << 9 | 1 << 8 | 1) });
+        source.arm();
+
+        // The update event is the trigger output. The first one comes a sample's time from now.
+        timer.psc().write(|w| unsafe { w.bits(0) });
+        let ticks = TICKS_PER_SAMPLE - u32::from(cfg!(feature = "fault-timer"));
+        timer.arr().write(|w| unsafe { w.bits(ticks - 1) });
+        timer.cnt().write(|w| unsafe { w.bits(0) });
+        timer.cr2().write(|w| unsafe { w.bits(2 << 4) });
+        timer.cr1().write(|w| unsafe { w.bits(1) });
+        // The first sample is a sample's time away, and written to memory a moment later.
+        self.time.cycles = DWT::cycle_count();
+    }
+
+    /// Which of the converter's inputs is sampled from the next sample on.
+    pub fn set_input(&mut self, input: u32) {
+        self.wait_until_converted();
+        let (_, adc, _) = registers();
+        adc.sqr3().write(|w| unsafe { w.bits(input) });
+    }
+
+    /// Lets a conversion under way end: 2.4 us at most.
+    fn wait_until_converted(&self) {
+        let (timer, ..) = registers();
+        while timer.cnt().read().bits() < CONVERTED_TICKS {}
+    }
+
+    /// Opens a window.
+    pub fn begin(&mut self, window: Window) {
+        self.wait_until_converted();
+        let now = self.time.now();
+        let quarter = QUARTER_SAMPLES as u64;
+        let settled = now / quarter + u64::from(window.settle_quarters) - u64::from(cfg!(feature = "fault-settling"));
+        let start = settled.max(now.div_ceil(quarter)) * quarter;
+        self.open = Some(Open {
+            start,
+            next: start,
+            end: start + u64::from(window.periods) * SAMPLES_PER_PERIOD as u64,
+        });
+    }
+
+    /// Lends what there is of the window, in whole periods, or in two pieces where the ring turns over.
+    pub fn poll<R>(&mut self, f: impl FnOnce(&Block<'_>) -> R) -> nb::Result<R, ErrorKind> {
+        let Some(open) = self.open.filter(|o| o.next < o.end) else {
+            return Err(nb::Error::WouldBlock);
+        };
+        let filled = self.time.now().min(open.end);
+        let period = SAMPLES_PER_PERIOD as u64;
+        let whole = open.start + filled.saturating_sub(open.start) / period * period;
+        if whole <= open.next {
+            return Err(nb::Error::WouldBlock);
+        }
+        crate::multiplexer::work();
+        let place = (open.next % RING as u64) as usize;
+        let len = (whole - open.next).min((RING - place) as u64);
+        // SAFETY: whether the stream came round to it meanwhile is found out below.
+        let samples = unsafe { SAMPLES.lend(place, len as usize) };
+        let block = Block {
+            samples,
+            channels: 1,
+            sequence: self.sequence,
+            time: open.next,
+            rails: Rails::Unknown,
+        };
+        let result = f(&block);
+        let now = self.time.now();
+        if self.lost() || now + SPARE > open.next + RING as u64 {
+            self.open = None;
+            return Err(nb::Error::Other(ErrorKind::Overrun));
+        }
+        self.sequence = self.sequence.wrapping_add(1);
+        self.open = Some(Open {
+            next: open.next + len,
+            ..open
+        });
+        Ok(result)
+    }
+
+    /// Whether the converter had to throw a sample away. It has to be started again then.
+    pub fn lost(&self) -> bool {
+        let (_, adc, dma) = registers();
+        const OVERRUN: u32 = 1 << 5;
+        const STREAM_ERRORS: u32 = 0b1101;
+        adc.sr().read().bits() & OVERRUN != 0 || dma.lisr().read().bits() & STREAM_ERRORS != 0
+    }
+}

@@ -1,0 +1,7 @@
+//! The duties of every trait as tests that run on every implementor: fakes, simulators and, as a self-test, boards.
+
+mod front_end;
+mod support;
+
+pub use front_end::{Violation, check};
+pub use support::{SupportViolation, clock, store, watchdog};

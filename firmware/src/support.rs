@@ -1,0 +1,100 @@
+//! What the firmware needs of a chip besides its front end and its serial port: time, a watchdog, a place for settings.
+
+use core::fmt::Debug;
+
+/// Time since power-up. Law: it never goes back, and it goes on at the rate of the samples:
+/// [`Block::time`](crate::Block::time) is in its units and from its start.
+pub trait Clock {
+    /// Samples since power-up.
+    fn now(&mut self) -> u64;
+}
+
+/// Restarts a board that hangs. Law: it stays quiet while it is fed more often than its time-out, and bites once it is
+/// not. The time-out is the board's; it has to be longer than [`Store::erase`] takes.
+///
+/// The controller feeds it in every poll, and in no other place: a poll always comes back at once, and a scan that does not
+/// go on is found by the clock and stopped.
+pub trait Watchdog {
+    /// Not yet.
+    fn feed(&mut self);
+}
+
+/// One of the two halves of a [`Store`], which are erased one by one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sector {
+    /// The first.
+    A,
+    /// The second.
+    B,
+}
+
+/// Two sectors of flash memory or of anything that behaves like it. Laws:
+/// - what was erased reads 0xFF; what was written reads as it was written, also after power was cut and came back;
+/// - `write` writes byte after byte. A cut leaves one byte at most in an unknown state, none after it touched, and never
+///   changes anything before;
+/// - a cut while erasing leaves that sector in an unknown state and never changes the other one.
+///
+/// The caller writes each byte at most once after it was erased, never across the end, and only while nothing is measured:
+/// both calls may take a second.
+pub trait Store {
+    /// The error.
+    type Error: Debug;
+
+    /// Bytes of each sector; 0 where there is no store.
+    fn sector_len(&self) -> u32;
+
+    /// Copies from a sector, beginning at `offset`.
+    ///
+    /// # Errors
+    /// It cannot be read, or ends before that.
+    fn read(&mut self, sector: Sector, offset: u32, out: &mut [u8]) -> Result<(), Self::Error>;
+
+    /// Writes into a sector, beginning at `offset`.
+    ///
+    /// # Errors
+    /// It cannot be written, or ends before that.
+    fn write(&mut self, sector: Sector, offset: u32, bytes: &[u8]) -> Result<(), Self::Error>;
+
+    /// Makes every byte of a sector 0xFF.
+    ///
+    /// # Errors
+    /// It cannot be erased.
+    fn erase(&mut self, sector: Sector) -> Result<(), Self::Error>;
+}
+
+/// All three, as the controller takes them. Implemented by whatever implements its parts.
+pub trait Support: Clock + Watchdog + Store {}
+
+impl<T: Clock + Watchdog + Store> Support for T {}
+
+impl<T: Clock + ?Sized> Clock for &mut T {
+    fn now(&mut self) -> u64 {
+        T::now(self)
+    }
+}
+
+impl<T: Watchdog + ?Sized> Watchdog for &mut T {
+    fn feed(&mut self) {
+        T::feed(self);
+    }
+}
+
+impl<T: Store + ?Sized> Store for &mut T {
+    type Error = T::Error;
+
+    fn sector_len(&self) -> u32 {
+        T::sector_len(self)
+    }
+
+    fn read(&mut self, sector: Sector, offset: u32, out: &mut [u8]) -> Result<(), Self::Error> {
+        T::read(self, sector, offset, out)
+    }
+
+    fn write(&mut self, sector: Sector, offset: u32, bytes: &[u8]) -> Result<(), Self::Error> {
+        T::write(self, sector, offset, bytes)
+    }
+
+    fn erase(&mut self, sector: Sector) -> Result<(), Self::Error> {
+        T::erase(self, sector)
+    }
+}

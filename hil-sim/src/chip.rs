@@ -1,0 +1,70 @@
+//! What a chip has besides its front end and its serial port: a clock, a watchdog and a store.
+
+use crate::clock::{Clock, samples};
+use crate::flash::{Flash, FlashError};
+use firmware::{Sector, Store, Watchdog};
+
+/// Time-out of the watchdog, s.
+const WATCHDOG_S: f64 = 2.0;
+
+/// A simulated chip.
+#[derive(Clone, Debug)]
+pub struct Chip {
+    clock: Clock,
+    fed_at: u64,
+    /// What keeps the settings; it outlives a reset.
+    pub flash: Flash,
+}
+
+impl Chip {
+    /// A chip at power-up, with what its flash memory holds.
+    pub fn new(clock: Clock, flash: Flash) -> Self {
+        let fed_at = clock.now();
+        Self { clock, fed_at, flash }
+    }
+
+    /// Whether the watchdog was not fed for its time-out: the board is reset.
+    pub fn bitten(&self) -> bool {
+        self.clock.now() - self.fed_at > samples(WATCHDOG_S)
+    }
+
+    /// Samples in the watchdog's time-out.
+    pub fn time_out(&self) -> u64 {
+        samples(WATCHDOG_S)
+    }
+}
+
+impl firmware::Clock for Chip {
+    fn now(&mut self) -> u64 {
+        self.clock.now()
+    }
+}
+
+impl Watchdog for Chip {
+    fn feed(&mut self) {
+        // Once it has bitten, the board is gone: it cannot be fed back to life.
+        if !self.bitten() {
+            self.fed_at = self.clock.now();
+        }
+    }
+}
+
+impl Store for Chip {
+    type Error = FlashError;
+
+    fn sector_len(&self) -> u32 {
+        self.flash.sector_len()
+    }
+
+    fn read(&mut self, sector: Sector, offset: u32, out: &mut [u8]) -> Result<(), FlashError> {
+        self.flash.read(sector, offset, out)
+    }
+
+    fn write(&mut self, sector: Sector, offset: u32, bytes: &[u8]) -> Result<(), FlashError> {
+        self.flash.write(sector, offset, bytes)
+    }
+
+    fn erase(&mut self, sector: Sector) -> Result<(), FlashError> {
+        self.flash.erase(sector)
+    }
+}

@@ -1,0 +1,146 @@
+//! `skin flash`: programs a board over its serial cable.
+
+use anyhow::{Context, Result, anyhow, bail};
+use clap::Args;
+use hil_sim::BootRom;
+use host::flash::bootloader::BootPort;
+use host::flash::chip::FLASH_START;
+use host::flash::serial::SerialBootPort;
+use host::flash::{Bootloader, Chip, Image, Step, flash};
+use host::ports;
+use std::io::{self, IsTerminal, Read, Write};
+use std::path::PathBuf;
+use std::time::Duration;
+
+/// Arguments of `skin flash`.
+#[derive(Debug, Args)]
+pub(crate) struct Arguments {
+    /// The program: the ELF file that cargo builds for the board (docs/board.md).
+    #[arg(value_name = "FILE")]
+    file: PathBuf,
+    /// Serial port of the board [default: the only one on USB].
+    #[arg(long, value_name = "PORT")]
+    port: Option<String>,
+    /// DTR and RTS are not wired to BOOT0 and reset: ask for them to be set by hand.
+    #[arg(long)]
+    manual: bool,
+    /// A simulated chip of the image's kind instead of a board.
+    #[arg(long, conflicts_with_all = ["port", "manual"])]
+    simulate: bool,
+}
+
+/// The simulated chip as a port.
+struct Simulated(BootRom);
+
+impl Read for Simulated {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        self.0.read(buffer)
+    }
+}
+
+impl Write for Simulated {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.0.write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.0.flush()
+    }
+}
+
+impl BootPort for Simulated {
+    fn set_boot(&mut self, high: bool) -> io::Result<()> {
+        self.0.boot_line(high);
+        Ok(())
+    }
+
+    fn set_reset(&mut self, held: bool) -> io::Result<()> {
+        self.0.reset_line(held);
+        Ok(())
+    }
+
+    fn wait(&mut self, _: Duration) {}
+
+    fn clear(&mut self) -> io::Result<()> {
+        self.0.clear();
+        Ok(())
+    }
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// A file that is no program, a board that does not answer or is another one, an interrupted cable.
+pub(crate) fn run(arguments: &Arguments) -> Result<()> {
+    let file = arguments.file.display();
+    let bytes = std::fs::read(&arguments.file).with_context(|| format!("{file}: cannot be read"))?;
+    let image = Image::read(&bytes).with_context(|| file.to_string())?;
+    eprintln!("{file}: {} bytes for the {}", image.len(), image.chip_name());
+    if arguments.simulate {
+        let kib = Chip::of(image.chip).map_or(512, |c| c.flash as usize / 1024);
+        return program(Simulated(BootRom::new(image.chip, kib)), &image, true, "simulated chip");
+    }
+    let path = match &arguments.port {
+        Some(path) => path.clone(),
+        None => only_port()?,
+    };
+    if arguments.manual {
+        eprint!("connect BOOT0 to 3.3 V, press the reset button, then press Enter here ");
+        io::stderr().flush()?;
+        io::stdin().read_line(&mut String::new())?;
+    }
+    let port = SerialBootPort::open(&path).map_err(|e| anyhow!(e))?;
+    program(port, &image, !arguments.manual, &path)?;
+    if arguments.manual {
+        eprintln!("connect BOOT0 to ground again, so that the program starts at every power-up");
+    }
+    Ok(())
+}
+
+fn only_port() -> Result<String> {
+    let candidates = ports::candidates().context("the serial ports cannot be listed")?;
+    match &candidates[..] {
+        [] => bail!("there is no serial port on USB: plug the board in, or name its port with --port"),
+        [one] => Ok(one.port_name.clone()),
+        several => {
+            let names: Vec<&str> = several.iter().map(|p| p.port_name.as_str()).collect();
+            bail!(
+                "there are several serial ports ({}): name the board's with --port",
+                names.join(", ")
+            )
+        }
+    }
+}
+
+fn program(port: impl BootPort, image: &Image, reset: bool, source: &str) -> Result<()> {
+    let mut bootloader = Bootloader::connect(port, reset).with_context(|| source.to_owned())?;
+    let terminal = io::stderr().is_terminal();
+    let mut last = None;
+    let outcome = flash(&mut bootloader, image, |step, done, all| {
+        let word = match step {
+            Step::Compare => "comparing",
+            Step::Erase => "erasing",
+            Step::Write => "writing",
+            Step::Verify => "verifying",
+        };
+        let percent = (100 * done).checked_div(all).unwrap_or(100);
+        if terminal {
+            eprint!("\r\x1b[K{word} {percent} %");
+        } else if last != Some(step) {
+            eprintln!("{word}");
+        }
+        last = Some(step);
+    });
+    if terminal {
+        eprint!("\r\x1b[K");
+    }
+    let outcome = outcome.with_context(|| source.to_owned())?;
+    bootloader
+        .start(FLASH_START, reset)
+        .with_context(|| source.to_owned())?;
+    println!(
+        "{source}: programmed and verified: {} bytes written, {} were there already, {} sectors erased; it is running",
+        outcome.written, outcome.kept, outcome.erased
+    );
+    Ok(())
+}

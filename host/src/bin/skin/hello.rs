@@ -1,0 +1,197 @@
+//! `skin hello`: who the board is, and how it is.
+
+use super::run::simulated_board;
+use anyhow::{Context, Result, anyhow, bail};
+use clap::Args;
+use host::link::{Link, Port};
+use host::ports;
+use host::session::greet;
+use protocol::{Check, FromBoard, Hello, SelfTest, ToBoard};
+use serde_json::json;
+use std::time::Duration;
+
+/// Arguments of `skin hello`.
+#[derive(Debug, Args)]
+pub(crate) struct Arguments {
+    /// Serial port of the board [default: the first on USB that answers].
+    #[arg(long, value_name = "PORT")]
+    port: Option<String>,
+    /// The simulated skin.
+    #[arg(long, conflicts_with = "port")]
+    simulate: bool,
+    /// One JSON object on stdout.
+    #[arg(long)]
+    json: bool,
+    /// Do not run the self-test.
+    #[arg(long)]
+    no_test: bool,
+}
+
+/// Longest that a self-test takes, the drive pairs of a sequential board included.
+const TEST_TIME: Duration = Duration::from_secs(10);
+
+/// The parts of the self-test and what is wrong when one fails.
+const CHECKS: [(Check, &str, &str); 5] = [
+    (
+        Check::Source,
+        "source",
+        "the source has not the amplitude it should have",
+    ),
+    (
+        Check::Offset,
+        "offset",
+        "an amplifier does not rest in the middle of its range",
+    ),
+    (
+        Check::Noise,
+        "noise",
+        "there is more noise than the electronics has by itself",
+    ),
+    (Check::Electrodes, "electrodes", "electrodes are open or shorted"),
+    (Check::Store, "store", "the memory for settings cannot be read"),
+];
+
+/// Runs the command.
+///
+/// # Errors
+/// No board, or a failed self-test.
+pub(crate) fn run(arguments: &Arguments) -> Result<()> {
+    let (link, hello, source) = connect(arguments)?;
+    let test = if arguments.no_test {
+        None
+    } else {
+        Some(self_test(&link)?)
+    };
+    let failed: Vec<_> = CHECKS
+        .iter()
+        .filter(|(check, ..)| test.as_ref().is_some_and(|t| !t.passed(*check)))
+        .collect();
+    if arguments.json {
+        println!("{}", as_json(&hello, test.as_ref(), &source));
+    } else {
+        describe(&hello, &source);
+        if let Some(test) = &test {
+            println!(
+                "self-test   source at {:.1} % of full scale, noise {:.2} codes rms, offset {:.1} codes",
+                f64::from(test.source_permille) / 10.0,
+                test.noise.codes2().sqrt(),
+                test.offset.codes(),
+            );
+            println!("            {}", if failed.is_empty() { "passed" } else { "FAILED:" });
+            for (_, name, what) in &failed {
+                println!("            {name}: {what}{}", suspects(name, test.suspect));
+            }
+        }
+    }
+    if !failed.is_empty() {
+        bail!("the board does not pass its self-test; see docs/board.md for what to look at");
+    }
+    Ok(())
+}
+
+fn suspects(name: &str, bits: u32) -> String {
+    if name != "electrodes" {
+        return String::new();
+    }
+    let pairs: Vec<String> = (0..32).filter(|m| bits >> m & 1 == 1).map(|m| m.to_string()).collect();
+    format!(" (drive pairs {})", pairs.join(", "))
+}
+
+fn connect(arguments: &Arguments) -> Result<(Link, Hello, String)> {
+    let greeted = |port: Box<dyn Port>, source: &str| -> Result<(Link, Hello, String)> {
+        let link = Link::open(port)?;
+        let hello = greet(&link)?;
+        Ok((link, hello, source.to_owned()))
+    };
+    if arguments.simulate {
+        return greeted(simulated_board()?, "simulated skin");
+    }
+    if let Some(path) = &arguments.port {
+        return greeted(ports::open(path).map_err(|e| anyhow!(e))?, path).with_context(|| path.clone());
+    }
+    let candidates = ports::candidates().context("the serial ports cannot be listed")?;
+    for candidate in &candidates {
+        let path = &candidate.port_name;
+        match ports::open(path)
+            .map_err(|e| anyhow!(e))
+            .and_then(|port| greeted(port, path))
+        {
+            Ok(found) => return Ok(found),
+            Err(e) => eprintln!("{path}: {e:#}"),
+        }
+    }
+    bail!("no board found; name its port with --port, or ask the simulated skin with --simulate")
+}
+
+fn self_test(link: &Link) -> Result<SelfTest> {
+    let answer = link.ask("a self-test", ToBoard::SelfTest, TEST_TIME, |m| match m {
+        FromBoard::SelfTest(test) => Some(test),
+        _ => None,
+    })?;
+    Ok(answer)
+}
+
+fn describe(hello: &Hello, source: &str) {
+    let git = if hello.git.is_empty() {
+        String::new()
+    } else {
+        format!(", built from {}", hello.git)
+    };
+    println!("port        {source}");
+    println!("board       {}, serial {}", hello.board, hello.serial);
+    println!("firmware    {}{git}", hello.firmware);
+    println!(
+        "protocol    {}.{}, schema {:08x}",
+        hello.version.major, hello.version.minor, hello.schema
+    );
+    println!(
+        "excitation  {:.1} Hz ({} Hz / {} / {}), {:.2} V amplitude",
+        hello.excitation_hz(),
+        hello.timer_hz,
+        hello.ticks_per_sample,
+        hello.samples_per_period,
+        f64::from(hello.excitation_uv) * 1e-6
+    );
+    println!(
+        "electrodes  {}, {} sampled at once, {} bits",
+        hello.electrodes, hello.limits.channels, hello.adc_bits
+    );
+    println!("started by  {:?}", hello.reset);
+    if !hello.last_panic.is_empty() {
+        println!("last panic  {}", hello.last_panic);
+    }
+}
+
+fn as_json(hello: &Hello, test: Option<&SelfTest>, source: &str) -> serde_json::Value {
+    let test = test.map(|t| {
+        let failed: Vec<&str> = CHECKS
+            .iter()
+            .filter(|(c, ..)| !t.passed(*c))
+            .map(|(_, name, _)| *name)
+            .collect();
+        json!({
+            "failed": failed,
+            "source_permille": t.source_permille,
+            "offset_codes": t.offset.codes(),
+            "noise_codes_rms": t.noise.codes2().sqrt(),
+            "suspect_drive_pairs": (0..32).filter(|m| t.suspect >> m & 1 == 1).collect::<Vec<u32>>(),
+        })
+    });
+    json!({
+        "port": source,
+        "board": hello.board.as_str(),
+        "serial": hello.serial.as_str(),
+        "firmware": hello.firmware.as_str(),
+        "git": hello.git.as_str(),
+        "protocol": [hello.version.major, hello.version.minor],
+        "schema": hello.schema,
+        "electrodes": hello.electrodes,
+        "channels": hello.limits.channels,
+        "excitation_hz": hello.excitation_hz(),
+        "timer_hz": hello.timer_hz,
+        "ticks_per_sample": hello.ticks_per_sample,
+        "reset": format!("{:?}", hello.reset),
+        "last_panic": hello.last_panic.as_str(),
+        "self_test": test,
+    })
+}

@@ -1,0 +1,63 @@
+#!/usr/bin/env bash
+# The firmware as Cortex-M programs: builds every board and runs its tests in emulation. Installs with apt-get what is
+# missing where it may. Exit code 0: all that could be run passed; 1: something failed; 77: nothing could be run, with the
+# reason as the last line. Usage: tests/boards.sh
+set -u
+cd "$(dirname "$0")/.."
+root="$PWD"
+target="${CARGO_TARGET_DIR:-$root/target}"
+# Board crates share one folder, so that `core` is built once.
+boards_target="$target/boards"
+programs="$boards_target/programs"
+mkdir -p "$programs"
+
+say() { printf '\n-- %s\n' "$1"; }
+fail() {
+    printf 'boards: FAILED: %s\n' "$1"
+    exit 1
+}
+
+. firmware/boards/toolchain.sh || exit 77
+
+# in_board FOLDER ARGUMENTS...: cargo in a board's folder, where its target and linker are set.
+in_board() {
+    local folder="$1"
+    shift
+    (cd "firmware/boards/$folder" && CARGO_TARGET_DIR="$boards_target" board_cargo "$@")
+}
+
+say "the STM32F4's program, for each chip, within 144 KiB of flash and 8 KiB of RAM"
+for chip in f446 f427 f405; do
+    in_board stm32f4 build --release --locked --bin skin-board --no-default-features --features "$chip" || fail "stm32f4 ($chip) does not build"
+    cp "$boards_target/$TARGET/release/skin-board" "$programs/$chip"
+done
+
+say "its hot path links without a way to panic, and not with one planted"
+in_board stm32f4 build --release --locked --bin hot-path || fail "the hot path can panic"
+if in_board stm32f4 build --release --locked --bin hot-path --features fault-hot-path >"$programs/hot-path.log" 2>&1; then
+    fail "a planted panic in the hot path was not found"
+fi
+grep -q the_hot_path_can_panic "$programs/hot-path.log" || fail "the hot path with a planted panic does not build for another reason: $programs/hot-path.log"
+
+say "the same program with planted faults"
+for fault in routing break settling timer phase panic hang; do
+    in_board stm32f4 build --release --locked --bin skin-board --features "fault-$fault" 2>/dev/null || fail "fault-$fault does not build"
+    cp "$boards_target/$TARGET/release/skin-board" "$programs/fault-$fault"
+done
+
+say "the programs on an emulated STM32F427, with the simulated skin on its pins"
+# The emulator's crate asks for a newer Rust than it needs.
+(cd firmware/boards/emulator && CARGO_TARGET_DIR="$target/emulator" SKIN_STM32_PROGRAMS="$programs" \
+    cargo test --locked --ignore-rust-version -- --nocapture --test-threads 2) || fail "the STM32F4's program in emulation"
+
+say "board programs for the emulated mps2-an386"
+in_board qemu-mps2 build --release --locked || fail "qemu-mps2 does not build"
+command -v qemu-system-arm >/dev/null 2>&1 || debian_install qemu-system-arm
+if command -v qemu-system-arm >/dev/null 2>&1; then
+    say "the emulated mps2-an386, the host program and the touches"
+    cargo build --locked -p host --bin skin || fail "skin does not build"
+    SKIN_QEMU_PROGRAMS="$boards_target/$TARGET/release" SKIN_PROGRAM="$target/debug/skin" \
+        cargo test --locked -p tests --test emulated -- --ignored --nocapture || fail "the board on QEMU"
+else
+    say "skipped: no qemu-system-arm (apt-get install qemu-system-arm)"
+fi
