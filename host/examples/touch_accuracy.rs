@@ -1,6 +1,6 @@
 //! How accurate the touches are: the tables of docs/reconstruction.md.
 //!
-//! `cargo run --release -p host --example accuracy -- [--scenes N] [--seed S] [--only WORD]`
+//! `cargo run --release -p host --example touch_accuracy -- [--scenes N] [--seed S] [--only WORD]`
 //!
 //! Frames come from a finer mesh than the imager's with the nonlinear model, noise white and of the size that the ratio
 //! of signal to noise says; the noise is told from the frame. N scenes of every kind (default 100); WORD picks the kinds
