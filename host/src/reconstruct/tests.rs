@@ -1,4 +1,4 @@
-//! What holds for the solver on any data: optimality, scale, rubbish, and no drift over a long run.
+//! What holds for the solver on any data: optimality, scale, rubbish. Long runs and more: `crate::study::stress`.
 
 use super::{Nnls, NnlsOptions, Problem, Status, lawson_hanson};
 use nalgebra::{DMatrix, DVector};
@@ -157,42 +157,5 @@ fn a_frame_allocates_nothing() {
             }
         });
         assert_eq!(count.count_total, 0, "ridge {ridge}");
-    }
-}
-
-/// A wandering right-hand side with noise and a ridge that changes now and then; the number of frames is
-/// `SKIN_STRESS_FRAMES`.
-#[test]
-fn long_runs_do_not_drift() {
-    let frames = std::env::var("SKIN_STRESS_FRAMES")
-        .ok()
-        .and_then(|v| v.parse().ok())
-        .unwrap_or(3_000_u64);
-    let mut rng = StdRng::seed_from_u64(4);
-    let (rows, cells) = (24, 90);
-    let a = DMatrix::from_fn(rows, cells, |i, _| {
-        rng.random_range(-1.0..1.0) * 0.6_f64.powi(i as i32 / 2)
-    });
-    let problem = Problem::new(&a, 0.0);
-    let norm = problem.singular()[0];
-    let mut warm = Nnls::new(options(0.01 * norm));
-    let mut b = vec![0.0; rows];
-    let (mut x, mut cold_x) = (vec![0.0; cells], vec![0.0; cells]);
-    for frame in 0..frames {
-        for b in &mut b {
-            *b = 0.9 * *b + rng.random_range(-1.0..1.0);
-        }
-        if frame % 100 == 0 {
-            warm.set_ridge(norm * 10.0_f64.powf(rng.random_range(-2.5..-1.0)));
-        }
-        let outcome = warm.solve_into(&problem, &b, &mut x);
-        assert_eq!(outcome.status, Status::Converged, "frame {frame}: {outcome:?}");
-        if frame % 61 == 0 || frame + 100 > frames {
-            let cold = Nnls::new(warm.options()).solve_into(&problem, &b, &mut cold_x);
-            assert_eq!(cold.status, Status::Converged, "frame {frame}: {cold:?}");
-            let largest = cold_x.iter().copied().fold(0.0, f64::max);
-            let off = x.iter().zip(&cold_x).fold(0.0_f64, |m, (p, q)| m.max((p - q).abs()));
-            assert!(off <= 1e-6 * largest, "frame {frame}: {off:e} of {largest:e}");
-        }
     }
 }
