@@ -71,7 +71,8 @@ fn main() -> ! {
     board.start_up();
     // Nothing reads it here; without this the linker would leave it out.
     core::hint::black_box(IMAGE_TAG);
-    panic_record::planted();
+    // SAFETY: written before, in `start`, and never again.
+    panic_record::planted(unsafe { &*(&raw const LAST_PANIC) }.as_ref());
     loop {
         if board.poll() == Activity::Idle {
             multiplexer::rest();
@@ -106,7 +107,14 @@ fn start() -> Result<Board, PlanError> {
         info.reset = ResetCause::Panic;
         info.last_panic = report.text();
     }
-    Controller::asleep(info, first_plan(), FrontEnd::start(), Serial::start(), Chip::new(), memory)
+    Controller::asleep(
+        info,
+        first_plan(),
+        FrontEnd::start(),
+        Serial::start(),
+        Chip::new(),
+        memory,
+    )
 }
 
 /// 208 values one after the other, a period to settle and one to integrate, until the host says otherwise.
