@@ -1,4 +1,4 @@
-//! Accuracy of the touches on simulated frames: fewer scenes than the study in `examples/accuracy.rs`, the same bounds.
+//! Accuracy of the touches on simulated frames: fewer scenes than the study in `examples/touch_accuracy.rs`, the same bounds.
 #![allow(clippy::unwrap_used, reason = "shared by the tests")]
 
 use forward::Drive;
