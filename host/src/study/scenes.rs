@@ -409,7 +409,7 @@ pub fn run(
         score.add(&scene, &found.touches);
         score.unfitted += usize::from(found.misfit.is_none());
         if score.counted == before {
-            log(&scene, &found);
+            log(&scene, found);
         }
     }
     Ok(())

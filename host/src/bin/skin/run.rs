@@ -267,7 +267,7 @@ fn pump(
                     serde_json::to_writer(&mut out, &line)?;
                     writeln!(out)?;
                 } else {
-                    output.status(&result);
+                    output.status(result);
                 }
             }
         }
