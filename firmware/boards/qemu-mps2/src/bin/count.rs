@@ -56,6 +56,18 @@ fn main() -> ! {
             }
             black_box(folded.add(black_box(&block))).ok();
         });
+        let clear = Block {
+            rails: Rails::Clear,
+            ..block
+        };
+        folded.reset(channels);
+        let fold_clear = count(&mut syst, || {
+            if folded.periods() >= 1000 {
+                folded.reset(channels);
+            }
+            black_box(folded.add(black_box(&clear))).ok();
+        });
+        hprintln!("fold-clear {} {}", channels, fold_clear);
         let reset = count(&mut syst, || folded.reset(black_box(channels)));
         let _ = folded.add(&block);
         let correlate = count(&mut syst, || {
