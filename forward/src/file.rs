@@ -17,14 +17,15 @@
 //! radius_mm = 3.0
 //! contact_mm = 1.0
 //!
-//! [pattern]                                  # optional
-//! drive_step = 1
-//! sense_step = 1
+//! [pattern]                                  # optional: steps, or a list of measurements, each the electrode the
+//! drive_step = 1                             # current enters at, the one it leaves by, and the two sensed: the value
+//! sense_step = 1                             # is the last one's potential less that of the one before it
+//! # measurements = [[0, 1, 2, 3], [0, 1, 3, 4]]
 //! ```
 
 use crate::curve::Point;
 use crate::geometry::{Electrode, Outline, Place, Sheet};
-use crate::pattern::{Pattern, PatternError};
+use crate::pattern::{Measurement, Pair, Pattern, PatternError};
 use serde::Deserialize;
 use thiserror::Error;
 
@@ -33,7 +34,7 @@ use thiserror::Error;
 #[non_exhaustive]
 pub enum SheetFileError {
     /// Not the TOML expected; the message names line and column.
-    #[error("{0}")]
+    #[error(transparent)]
     Toml(#[from] toml::de::Error),
     /// An electrode that says too little or too much about its place.
     #[error(
@@ -44,9 +45,21 @@ pub enum SheetFileError {
         electrode: usize,
     },
     /// The pattern does not fit the electrodes.
-    #[error("pattern: {0}")]
+    #[error(transparent)]
     Pattern(#[from] PatternError),
+    /// More electrodes than any sheet has.
+    #[error("{count} electrodes are asked for; at most {MOST_ELECTRODES} can be modelled")]
+    TooMany {
+        /// How many.
+        count: usize,
+    },
+    /// Steps and a list at once.
+    #[error("the pattern has both steps and a list of measurements; give one of them")]
+    TwoPatterns,
 }
+
+/// Most electrodes of a sheet.
+pub const MOST_ELECTRODES: usize = 1024;
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -59,7 +72,7 @@ struct File {
     #[serde(default)]
     electrodes: Vec<One>,
     #[serde(default)]
-    pattern: Steps,
+    pattern: Measurements,
 }
 
 #[derive(Deserialize)]
@@ -86,19 +99,31 @@ struct One {
     contact_mm: f64,
 }
 
-#[derive(Deserialize)]
+#[derive(Default, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Steps {
-    drive_step: usize,
-    sense_step: usize,
+struct Measurements {
+    drive_step: Option<usize>,
+    sense_step: Option<usize>,
+    measurements: Option<Vec<[usize; 4]>>,
 }
 
-impl Default for Steps {
-    fn default() -> Self {
-        Self {
-            drive_step: 1,
-            sense_step: 1,
+impl Measurements {
+    fn pattern(self, electrodes: usize) -> Result<Pattern, SheetFileError> {
+        let Some(list) = self.measurements else {
+            return Ok(Pattern::rotating(
+                electrodes,
+                self.drive_step.unwrap_or(1),
+                self.sense_step.unwrap_or(1),
+            )?);
+        };
+        if self.drive_step.is_some() || self.sense_step.is_some() {
+            return Err(SheetFileError::TwoPatterns);
         }
+        let list = list.into_iter().map(|[a, b, c, d]| Measurement {
+            drive: Pair::new(a, b),
+            sense: Pair::new(d, c),
+        });
+        Ok(Pattern::from_list(electrodes, list.collect())?)
     }
 }
 
@@ -128,6 +153,14 @@ impl One {
 pub fn parse_sheet(text: &str) -> Result<(Sheet, Pattern), SheetFileError> {
     let file: File = toml::from_str(text)?;
     let mut electrodes = Vec::new();
+    let count = file
+        .electrode_ring
+        .as_ref()
+        .map_or(0, |r| r.count)
+        .saturating_add(file.electrodes.len());
+    if count > MOST_ELECTRODES {
+        return Err(SheetFileError::TooMany { count });
+    }
     if let Some(ring) = &file.electrode_ring {
         let turn = if ring.clockwise { -360.0 } else { 360.0 };
         electrodes.extend((0..ring.count).map(|l| Electrode {
@@ -144,7 +177,7 @@ pub fn parse_sheet(text: &str) -> Result<(Sheet, Pattern), SheetFileError> {
             contact_mm: one.contact_mm,
         });
     }
-    let pattern = Pattern::rotating(electrodes.len(), file.pattern.drive_step, file.pattern.sense_step)?;
+    let pattern = file.pattern.pattern(electrodes.len())?;
     let sheet = Sheet {
         sheet_resistance_ohm: file.sheet_resistance_ohm,
         outline: file.outline,
@@ -188,9 +221,24 @@ contact_mm = 1.0
     }
 
     #[test]
+    fn a_list_of_measurements() {
+        let text = format!("{PAPER}[pattern]\nmeasurements = [[0, 1, 2, 3], [0, 1, 14, 15]]\n");
+        let (_, pattern) = parse_sheet(&text).unwrap();
+        let adjacent = Pattern::adjacent(16).unwrap();
+        assert_eq!(
+            pattern.measurements(),
+            [adjacent.measurements()[0], adjacent.measurements()[12]]
+        );
+    }
+
+    #[test]
     fn errors_say_where() {
         let unknown = parse_sheet(&format!("colour = 3\n{PAPER}")).unwrap_err().to_string();
         assert!(unknown.contains("line 1") && unknown.contains("colour"), "{unknown}");
+        let many = parse_sheet(&PAPER.replace("16", "1000000000000000")).unwrap_err();
+        assert!(matches!(many, SheetFileError::TooMany { .. }), "{many}");
+        let both = format!("{PAPER}[pattern]\ndrive_step = 2\nmeasurements = [[0, 1, 2, 3]]\n");
+        assert!(matches!(parse_sheet(&both), Err(SheetFileError::TwoPatterns)));
         let vague = parse_sheet(&format!("{PAPER}[[electrodes]]\nwidth_mm = 3.0\ncontact_mm = 2.0\n"));
         assert!(matches!(vague, Err(SheetFileError::Place { electrode: 0 })));
     }

@@ -82,7 +82,9 @@ pub enum PatternError {
     #[error("the pattern has no measurement; give at least one")]
     Empty,
     /// Too few electrodes for the pattern asked for.
-    #[error("a pattern of step {step} needs more than {count} electrodes")]
+    #[error(
+        "a step of {step} electrodes is not possible with {count} of them; give a step from 1 to less than their number"
+    )]
     TooFewElectrodes {
         /// Electrodes given.
         count: usize,

@@ -61,6 +61,19 @@ fn contrasts() {
     }
 }
 
+/// The same with the contact that is assumed of real sheets, against a finer mesh.
+#[test]
+fn electrodes_narrow_and_wide_with_usual_contacts() {
+    for share in [0.001, 0.01, 0.5, 0.9, 0.99] {
+        let half_angle = share * PI / 16.0;
+        let sheet = disc(16, half_angle, 1.0);
+        let (usual, finer) = (solved(&sheet, 1e-3), solved(&sheet, 1e-4));
+        let error = worst(usual.electrode_matrix(), finer.electrode_matrix());
+        println!("electrodes of {share} of the pitch, contact 1 mm: {error:.1e}");
+        assert!(error < 1e-3, "{share}: {error}");
+    }
+}
+
 /// Electrodes from a thousandth to 99 % of the pitch, 8 to 64 of them, against the series.
 #[test]
 fn electrodes_narrow_and_wide_few_and_many() {

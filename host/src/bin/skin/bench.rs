@@ -56,7 +56,7 @@ pub(crate) struct Arguments {
     #[arg(long, conflicts_with_all = ["png", "parts"])]
     stress: bool,
     /// Warm frames of the longest run of --stress.
-    #[arg(long, default_value_t = Effort::LONG.wandering, value_name = "N", requires = "stress")]
+    #[arg(long, default_value_t = Effort::LONG.wandering, value_name = "N", requires = "stress", value_parser = clap::value_parser!(u64).range(1..))]
     frames: u64,
 }
 

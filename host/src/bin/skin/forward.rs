@@ -25,10 +25,10 @@ pub(crate) struct Arguments {
     #[arg(long, value_enum, default_value_t = DriveKind::Voltage)]
     drive: DriveKind,
     /// Amplitude of the voltage source, V.
-    #[arg(long, default_value_t = 2.25, value_name = "V")]
+    #[arg(long, default_value_t = 2.25, allow_negative_numbers = true, value_name = "V")]
     amplitude_v: f64,
     /// Resistance of each of the two closed switches, ohm.
-    #[arg(long, default_value_t = 70.0, value_name = "R")]
+    #[arg(long, default_value_t = 70.0, allow_negative_numbers = true, value_name = "R")]
     switch_ohm: f64,
     /// Contact impedance of every electrode, as mm of sheet [default: the sheet's own, 1].
     #[arg(long, allow_negative_numbers = true, value_name = "L")]

@@ -1,5 +1,6 @@
 //! `skin reconstruct`: frames of a table to touches and pictures.
 
+use ::forward::file::MOST_ELECTRODES;
 use ::forward::{Drive, Electrode, Outline, Pattern, Place, Sheet};
 use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
@@ -53,7 +54,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "MM")]
     electrode_mm: Option<f64>,
     /// Side of the picture's cells, mm [default: 5 mm on a 195 mm disc, in proportion; 20 mm for lawson-hanson].
-    #[arg(long, value_name = "MM")]
+    #[arg(long, allow_negative_numbers = true, value_name = "MM")]
     cell_mm: Option<f64>,
     /// How the picture is computed.
     #[arg(long, value_parser = super::method::parser(), default_value_t = Method::Nnls)]
@@ -88,6 +89,20 @@ struct FrameLine<'a> {
     residual: f64,
     gap: f64,
     solve_us: f64,
+    /// "converged", "stopped" (see gap) or "bad input".
+    status: &'static str,
+    /// Whether there was a change above the noise.
+    changed: bool,
+    /// How many values took part.
+    used: usize,
+}
+
+fn status(status: Status) -> &'static str {
+    match status {
+        Status::Converged => "converged",
+        Status::Stopped => "stopped",
+        Status::BadInput => "bad input",
+    }
 }
 
 /// Diameter that the defaults for lengths are given for, mm.
@@ -151,6 +166,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         );
     }
     let electrodes = arguments.electrodes.unwrap_or(table.electrodes);
+    if electrodes < table.electrodes || electrodes > MOST_ELECTRODES {
+        bail!(
+            "--electrodes {electrodes}: the table names electrodes up to {}; give that many or more, {MOST_ELECTRODES} at most",
+            table.electrodes
+        );
+    }
     let pattern = Pattern::from_list(electrodes, table.measurements.clone())
         .with_context(|| format!("{}", arguments.file.display()))?;
     let drive = match arguments.drive {
@@ -196,11 +217,16 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         if result.used == 0 {
             eprintln!("warning: frame {} has no value that can be used", column.name);
         }
-        if result.status == Status::Stopped {
-            eprintln!(
+        match result.status {
+            Status::Converged => {}
+            Status::Stopped => eprintln!(
                 "warning: frame {}: the solver stopped at a relative gap of {:.1e}",
                 column.name, result.gap
-            );
+            ),
+            Status::BadInput => eprintln!(
+                "warning: frame {}: its values are too large to compute with; look at its unit",
+                column.name
+            ),
         }
         results.push((column.name.as_str(), result));
     }
@@ -305,9 +331,16 @@ fn print(results: &[(&str, FrameResult)], json: bool) -> Result<()> {
                 residual: result.residual,
                 gap: result.gap,
                 solve_us: tenths(result.solve_us),
+                status: status(result.status),
+                changed: result.changed,
+                used: result.used,
             };
             serde_json::to_writer(&mut out, &line)?;
             writeln!(out)?;
+            continue;
+        }
+        if result.used == 0 {
+            writeln!(out, "{frame}: no value that can be used")?;
             continue;
         }
         if !result.changed {
@@ -321,7 +354,7 @@ fn print(results: &[(&str, FrameResult)], json: bool) -> Result<()> {
         };
         writeln!(
             out,
-            "{frame}: {count} (unexplained {:.1} %, gap {:.0e}, {:.0} us)",
+            "{frame}: {count} (unexplained {:.1} %, gap {:.0e}, solve {:.0} us)",
             100.0 * result.residual,
             result.gap,
             result.solve_us
