@@ -145,6 +145,12 @@ pub enum GeometryError {
         /// The other segment, from 0.
         other_segment: usize,
     },
+    /// A curve that encloses nothing: all of its points lie on a line.
+    #[error("{ring} encloses no area; give points that do not all lie on one line")]
+    Flat {
+        /// Which curve.
+        ring: String,
+    },
     /// A hole that is not inside the outline, or inside another hole.
     #[error("{ring} does not lie inside the sheet; a hole must be within the outline and outside other holes")]
     HoleOutside {
@@ -242,6 +248,9 @@ pub struct Geometry {
     /// Rings that bound the material: outline and holes, without the electrodes inside.
     rims: usize,
 }
+
+/// Least area of a curve over the square of its length: a strip ten thousand times as long as wide has more.
+const LEAST_AREA: f64 = 1e-6;
 
 fn positive(what: impl Fn() -> String, value: f64) -> Result<f64, GeometryError> {
     if value > 0.0 && value.is_finite() {
@@ -392,6 +401,11 @@ impl Geometry {
                         other_segment,
                     });
                 }
+            }
+        }
+        for (k, ring) in rings.iter().enumerate() {
+            if ring.area() < LEAST_AREA * ring.length() * ring.length() {
+                return Err(GeometryError::Flat { ring: name(k) });
             }
         }
         for i in 1..rings.len() {
@@ -613,6 +627,18 @@ impl Geometry {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_polygon_on_a_line_is_flat() {
+        let sheet = Sheet {
+            outline: Outline::Polygon {
+                points_mm: vec![[0.0, 0.0], [100.0, 0.0], [200.0, 0.0]],
+            },
+            ..Sheet::paper()
+        };
+        let error = Geometry::new(&sheet).unwrap_err();
+        assert!(matches!(error, GeometryError::Flat { .. }), "{error}");
+    }
 
     #[test]
     fn electrodes_of_the_paper_sit_at_their_angles() {
