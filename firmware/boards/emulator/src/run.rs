@@ -55,6 +55,7 @@ struct Watcher {
     damaged: u32,
     commands: std::vec::IntoIter<(u64, ToBoard)>,
     next: Option<(u64, ToBoard)>,
+    restart: Option<u64>,
     until: u64,
     frames: usize,
     busy_since: Option<u64>,
@@ -79,8 +80,12 @@ impl Driver<Machine> for Watcher {
         }
     }
 
-    fn on_stop(&mut self, _: &mut Session<Machine>, stop: Stop, host: &mut dyn Host) -> Option<VirtualNanos> {
+    fn on_stop(&mut self, session: &mut Session<Machine>, stop: Stop, host: &mut dyn Host) -> Option<VirtualNanos> {
         let now = stop.at.0;
+        if self.restart.is_some_and(|at| at <= now) {
+            self.restart = None;
+            session.reset_by_pin(stop.at, stop.instruction_count, host);
+        }
         while let Some((at, command)) = self.next.take() {
             if at > now {
                 self.next = Some((at, command));
@@ -131,6 +136,22 @@ pub fn run(
     frames: usize,
     until_ns: u64,
 ) -> Result<Outcome, Box<dyn Error>> {
+    run_restarted(program, electronics, sheet, commands, None, frames, until_ns)
+}
+
+/// The same, with the reset button pressed at a time (ns).
+///
+/// # Errors
+/// As of [`run`].
+pub fn run_restarted(
+    program: &Path,
+    electronics: Electronics,
+    sheet: ElectrodeMatrix,
+    commands: Vec<(u64, ToBoard)>,
+    restart: Option<u64>,
+    frames: usize,
+    until_ns: u64,
+) -> Result<Outcome, Box<dyn Error>> {
     let world: Shared = Arc::new(Mutex::new(World::new(electronics, sheet)));
     let line = Line::default();
     let machine = Machine {
@@ -145,6 +166,7 @@ pub fn run(
         damaged: 0,
         next: commands.next(),
         commands,
+        restart,
         until: until_ns,
         frames,
         busy_since: None,
