@@ -136,23 +136,23 @@ pub fn run(
     frames: usize,
     until_ns: u64,
 ) -> Result<Outcome, Box<dyn Error>> {
-    run_restarted(program, electronics, sheet, commands, None, frames, until_ns)
+    let world = World::new(electronics, sheet);
+    run_in(program, world, commands, None, frames, until_ns)
 }
 
-/// The same, with the reset button pressed at a time (ns).
+/// The same in a world that is set up already, with the reset button pressed at a time (ns), if at any.
 ///
 /// # Errors
 /// As of [`run`].
-pub fn run_restarted(
+pub fn run_in(
     program: &Path,
-    electronics: Electronics,
-    sheet: ElectrodeMatrix,
+    world: World,
     commands: Vec<(u64, ToBoard)>,
     restart: Option<u64>,
     frames: usize,
     until_ns: u64,
 ) -> Result<Outcome, Box<dyn Error>> {
-    let world: Shared = Arc::new(Mutex::new(World::new(electronics, sheet)));
+    let world: Shared = Arc::new(Mutex::new(world));
     let line = Line::default();
     let machine = Machine {
         chip: Chip::new(world.clone(), line.clone())?,

@@ -2,7 +2,8 @@
 //! `tests/boards.sh` builds the programs and says where they are.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
-use emulator::run::{Outcome, run, run_restarted};
+use emulator::run::{Outcome, run, run_in};
+use emulator::world::World;
 use firmware::{Excitation, Pace, Progress, Scan};
 use forward::ElectrodeMatrix;
 use hil_sim::{Clock, Electronics, FixedSheet, SimFrontEnd};
@@ -269,10 +270,9 @@ fn the_stack_has_room_to_spare() {
     let at = |k: u64| AWAKE_NS + k * 200_000_000;
     commands.extend((1..).map(at).zip(more));
     let restart = at(3) + 150_000_000;
-    let outcome = run_restarted(
+    let outcome = run_in(
         &program("f446"),
-        Electronics::default(),
-        sheet(),
+        World::new(Electronics::default(), sheet()),
         commands,
         Some(restart),
         2,
@@ -293,6 +293,28 @@ fn the_stack_has_room_to_spare() {
     assert_eq!(causes, [ResetCause::PowerOn, ResetCause::Pin, ResetCause::Pin]);
     println!("{} of {} bytes of stack used", outcome.stack, outcome.stack_size);
     assert!(outcome.stack > 0 && outcome.stack + 256 <= outcome.stack_size);
+}
+
+/// The frame under way is lost and counted; the next one comes as if nothing had been.
+#[test]
+fn an_overrun_of_the_converter_costs_one_frame() {
+    let [plan, _] = plans();
+    let mut world = World::new(Electronics::default(), sheet());
+    // Within the first frame, which takes 6656 samples from the 1932nd on.
+    world.overrun_at = Some(4000);
+    let commands = vec![
+        (AWAKE_NS, ToBoard::SetPlan(plan)),
+        (AWAKE_NS + 10_000_000, ToBoard::Start),
+        (AWAKE_NS + 250_000_000, ToBoard::GetCounters),
+    ];
+    let outcome = run_in(&program("f446"), world, commands, None, 2, 1_000_000_000).unwrap();
+    let sequences: Vec<u32> = frames(&outcome).iter().map(|f| f.sequence).collect();
+    assert_eq!((sequences, outcome.resets), (vec![1, 2], 0), "{:?}", outcome.messages);
+    let counted = outcome.messages.iter().find_map(|(_, m)| match m {
+        FromBoard::Counters(c) => Some((c.overruns, c.front_end_faults)),
+        _ => None,
+    });
+    assert_eq!(counted, Some((1, 0)));
 }
 
 #[test]
