@@ -84,7 +84,12 @@ impl Device for Converter {
             return;
         }
         self.ending = None;
-        if self.unread {
+        let planned = {
+            let mut world = locked(&self.world);
+            let triggers = world.triggers;
+            world.overrun_at.take_if(|at| *at <= triggers).is_some()
+        };
+        if self.unread || planned {
             self.status |= OVERRUN;
         } else {
             let world = locked(&self.world);

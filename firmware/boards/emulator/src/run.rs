@@ -55,6 +55,7 @@ struct Watcher {
     damaged: u32,
     commands: std::vec::IntoIter<(u64, ToBoard)>,
     next: Option<(u64, ToBoard)>,
+    restart: Option<u64>,
     until: u64,
     frames: usize,
     busy_since: Option<u64>,
@@ -79,8 +80,12 @@ impl Driver<Machine> for Watcher {
         }
     }
 
-    fn on_stop(&mut self, _: &mut Session<Machine>, stop: Stop, host: &mut dyn Host) -> Option<VirtualNanos> {
+    fn on_stop(&mut self, session: &mut Session<Machine>, stop: Stop, host: &mut dyn Host) -> Option<VirtualNanos> {
         let now = stop.at.0;
+        if self.restart.is_some_and(|at| at <= now) {
+            self.restart = None;
+            session.reset_by_pin(stop.at, stop.instruction_count, host);
+        }
         while let Some((at, command)) = self.next.take() {
             if at > now {
                 self.next = Some((at, command));
@@ -131,7 +136,23 @@ pub fn run(
     frames: usize,
     until_ns: u64,
 ) -> Result<Outcome, Box<dyn Error>> {
-    let world: Shared = Arc::new(Mutex::new(World::new(electronics, sheet)));
+    let world = World::new(electronics, sheet);
+    run_in(program, world, commands, None, frames, until_ns)
+}
+
+/// The same in a world that is set up already, with the reset button pressed at a time (ns), if at any.
+///
+/// # Errors
+/// As of [`run`].
+pub fn run_in(
+    program: &Path,
+    world: World,
+    commands: Vec<(u64, ToBoard)>,
+    restart: Option<u64>,
+    frames: usize,
+    until_ns: u64,
+) -> Result<Outcome, Box<dyn Error>> {
+    let world: Shared = Arc::new(Mutex::new(world));
     let line = Line::default();
     let machine = Machine {
         chip: Chip::new(world.clone(), line.clone())?,
@@ -145,6 +166,7 @@ pub fn run(
         damaged: 0,
         next: commands.next(),
         commands,
+        restart,
         until: until_ns,
         frames,
         busy_since: None,

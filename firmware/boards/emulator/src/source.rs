@@ -10,6 +10,9 @@ use rigless::soc::stm32f427::generated::dac::Register;
 /// What the converter writes to the software trigger register when the timer steps the DAC.
 pub const BY_TIMER: u64 = 1 << 31;
 
+/// Status bit: a step of the timer found no new value.
+const UNDERRUN: u64 = 1 << 13;
+
 /// The request output that asks for the next value.
 pub const DMA_REQUEST: usize = 0;
 
@@ -18,12 +21,17 @@ pub const DMA_REQUEST: usize = 0;
 pub struct Source {
     world: Shared,
     asking: bool,
+    underrun: bool,
 }
 
 impl Source {
     /// One on this world's pins.
     pub fn new(world: Shared) -> Self {
-        Self { world, asking: false }
+        Self {
+            world,
+            asking: false,
+            underrun: false,
+        }
     }
 }
 
@@ -37,6 +45,11 @@ impl Device for Source {
                 self.asking = false;
                 context.request(DMA_REQUEST, Level::Low);
             }
+            Register::Sr => {
+                // Cleared by writing 1; the hardware alone sets it.
+                self.underrun &= value & UNDERRUN == 0;
+                registers.set(Register::Sr, if self.underrun { UNDERRUN } else { 0 });
+            }
             Register::Swtrigr => {
                 // On, trigger on, and it is TIM2.
                 if value != BY_TIMER || control & 5 != 5 || control >> 3 & 7 != 4 {
@@ -48,7 +61,8 @@ impl Device for Source {
                 if control & 1 << 12 != 0 {
                     if self.asking {
                         // The value before was never fetched.
-                        registers.set(Register::Sr, registers.get(Register::Sr) | 1 << 13);
+                        self.underrun = true;
+                        registers.set(Register::Sr, UNDERRUN);
                     }
                     self.asking = true;
                     context.request(DMA_REQUEST, Level::High);
@@ -59,6 +73,6 @@ impl Device for Source {
     }
 
     fn reset(&mut self) {
-        self.asking = false;
+        (self.asking, self.underrun) = (false, false);
     }
 }

@@ -74,6 +74,8 @@ pub struct World {
     pub triggers: u64,
     /// Address lines that changed while a switch was closed.
     pub without_break: u32,
+    /// The trigger at which the converter overruns, once.
+    pub overrun_at: Option<u64>,
 }
 
 /// The world as everything around the chip shares it.
@@ -99,6 +101,7 @@ impl World {
             source: (0.0, 0.0),
             triggers: 0,
             without_break: 0,
+            overrun_at: None,
         }
     }
 

@@ -2,7 +2,7 @@
 
 use crate::flash;
 use crate::multiplexer;
-use crate::sampler::Timebase;
+use crate::sampler;
 use firmware::{Clock, Sector, Store, Watchdog};
 use protocol::ResetCause;
 use stm32f4xx_hal::pac;
@@ -48,7 +48,7 @@ pub fn start(device: pac::Peripherals, mut core: cortex_m::Peripherals) -> Reset
 
     let cause = reset_cause(device.RCC.csr().read().bits());
     device.RCC.csr().modify(|r, w| unsafe { w.bits(r.bits() | 1 << 24) });
-    // Ports A, B and C, both DMA controllers; TIM2, power control, DAC, USART2; ADC1, USART1.
+    // Ports A, B and C, both DMA controllers; TIM2, power control, DAC; ADC1, USART1.
     device
         .RCC
         .ahb1enr()
@@ -56,7 +56,7 @@ pub fn start(device: pac::Peripherals, mut core: cortex_m::Peripherals) -> Reset
     device
         .RCC
         .apb1enr()
-        .modify(|r, w| unsafe { w.bits(r.bits() | 1 | 1 << 28 | 1 << 29 | 1 << 17) });
+        .modify(|r, w| unsafe { w.bits(r.bits() | 1 | 1 << 28 | 1 << 29) });
     device
         .RCC
         .apb2enr()
@@ -84,6 +84,8 @@ pub fn start(device: pac::Peripherals, mut core: cortex_m::Peripherals) -> Reset
     drop(rcc);
 
     core.DCB.enable_trace();
+    // A reset does not clear it, and the samples' time begins at 0.
+    core.DWT.set_cycle_count(0);
     core.DWT.enable_cycle_counter();
     multiplexer::start();
     // Analog: PA0, PA1 and PA6 to the converter, PA4 from the DAC.
@@ -129,24 +131,18 @@ pub fn supply_is_good() -> bool {
 }
 
 /// Clock, watchdog and store.
-pub struct Chip {
-    time: Timebase,
-}
-
-impl Chip {
-    pub const fn new() -> Self {
-        Self { time: Timebase::new() }
-    }
-}
+pub struct Chip;
 
 impl Clock for Chip {
     fn now(&mut self) -> u64 {
-        self.time.now()
+        sampler::now()
     }
 }
 
 impl Watchdog for Chip {
     fn feed(&mut self) {
+        // However long nobody measures, the time is asked before the cycle counter came round.
+        sampler::now();
         // SAFETY: a key register, for writing only.
         let watchdog = unsafe { &*pac::IWDG::ptr() };
         watchdog.kr().write(|w| unsafe { w.bits(0xAAAA) });

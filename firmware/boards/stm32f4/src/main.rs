@@ -96,8 +96,9 @@ fn start() -> Result<Board, PlanError> {
             &mut *(&raw mut LAST_PANIC),
         )
     };
-    *last_panic = panic_record::take();
     let reset = chip::start(device, core);
+    // Taken only now: where the crystal does not come back the watchdog restarts the board, and the record stays.
+    *last_panic = panic_record::take();
     let mut info = BoardInfo {
         serial: chip::serial_number(serial_number),
         reset,
@@ -107,14 +108,7 @@ fn start() -> Result<Board, PlanError> {
         info.reset = ResetCause::Panic;
         info.last_panic = report.text();
     }
-    Controller::asleep(
-        info,
-        first_plan(),
-        FrontEnd::start(),
-        Serial::start(),
-        Chip::new(),
-        memory,
-    )
+    Controller::asleep(info, first_plan(), FrontEnd::start(), Serial::start(), Chip, memory)
 }
 
 /// 208 values one after the other, a period to settle and one to integrate, until the host says otherwise.

@@ -6,6 +6,8 @@
 
 use crate::ring::Shared;
 use crate::source::Source;
+use core::cell::Cell;
+use cortex_m::interrupt::{self, Mutex};
 use cortex_m::peripheral::DWT;
 use firmware::{Block, ErrorKind, QUARTER_SAMPLES, Rails, SAMPLES_PER_PERIOD, Window};
 use stm32f4xx_hal::pac;
@@ -36,18 +38,24 @@ struct Open {
     end: u64,
 }
 
-/// Counts samples since power-up. However many of these there are, they agree.
+/// Counts samples since power-up.
 #[derive(Clone, Copy)]
-pub struct Timebase {
+struct Timebase {
     /// Samples taken and in memory, as of `cycles` on the cycle counter.
     total: u64,
     position: usize,
     cycles: u32,
 }
 
+/// There is one, so that all who ask agree.
+static TIME: Mutex<Cell<Timebase>> = Mutex::new(Cell::new(Timebase {
+    total: 0,
+    position: 0,
+    cycles: 0,
+}));
+
 /// The sampler; it runs from power-up on.
 pub struct Sampler {
-    time: Timebase,
     sequence: u32,
     open: Option<Open>,
 }
@@ -63,17 +71,26 @@ fn registers() -> (
     unsafe { (&*pac::TIM2::ptr(), &*pac::ADC1::ptr(), &*pac::DMA2::ptr()) }
 }
 
-impl Timebase {
-    pub const fn new() -> Self {
-        Self {
-            total: 0,
-            position: 0,
-            cycles: 0,
-        }
-    }
+/// Samples taken and in memory since power-up. Has to be asked again within 25 s, in which the cycle counter goes round once.
+/// Goes on, twice as fast, when the sampling does not, so that a wait for samples has an end.
+pub fn now() -> u64 {
+    timed(|time| time.total)
+}
 
-    /// Samples taken and in memory. Has to be asked again within 25 s, in which the cycle counter goes round once.
-    pub fn now(&mut self) -> u64 {
+/// Brings the time up to date, and lets it be looked at and changed.
+fn timed<R>(f: impl FnOnce(&mut Timebase) -> R) -> R {
+    interrupt::free(|key| {
+        let cell = TIME.borrow(key);
+        let mut time = cell.get();
+        time.advance();
+        let result = f(&mut time);
+        cell.set(time);
+        result
+    })
+}
+
+impl Timebase {
+    fn advance(&mut self) {
         let (.., dma) = registers();
         let cycles = DWT::cycle_count();
         let left = dma.st(0).ndtr().read().bits() as usize;
@@ -82,17 +99,19 @@ impl Timebase {
         // The cycle counter tells how many whole rounds that leaves out; it may be off by a few samples, not by half a ring.
         let about = (cycles.wrapping_sub(self.cycles) / CYCLES_PER_SAMPLE) as usize;
         let rounds = (about + RING / 2).saturating_sub(further) / RING;
-        self.total += (further + rounds * RING) as u64;
-        self.position = position;
-        self.cycles = cycles;
-        self.total
+        let samples = further + rounds * RING;
+        // Parts of a sample are not counted, and so must not be forgotten.
+        if samples > 0 {
+            self.total += samples as u64;
+            self.position = position;
+            self.cycles = cycles;
+        }
     }
 }
 
 impl Sampler {
     pub const fn new() -> Self {
         Self {
-            time: Timebase::new(),
             sequence: 0,
             open: None,
         }
@@ -102,8 +121,10 @@ impl Sampler {
     pub fn start(&mut self, source: &Source) {
         let (timer, adc, dma) = registers();
         timer.cr1().write(|w| unsafe { w.bits(0) });
-        self.time.total = self.time.total.next_multiple_of(RING as u64);
-        self.time.position = 0;
+        timed(|time| {
+            time.total = time.total.next_multiple_of(RING as u64);
+            time.position = 0;
+        });
         self.open = None;
 
         adc.cr2().write(|w| unsafe { w.bits(0) });
@@ -137,7 +158,13 @@ impl Sampler {
         timer.cr2().write(|w| unsafe { w.bits(2 << 4) });
         timer.cr1().write(|w| unsafe { w.bits(1) });
         // The first sample is a sample's time away, and written to memory a moment later.
-        self.time.cycles = DWT::cycle_count();
+        interrupt::free(|key| {
+            let cell = TIME.borrow(key);
+            cell.set(Timebase {
+                cycles: DWT::cycle_count(),
+                ..cell.get()
+            });
+        });
     }
 
     /// Which of the converter's inputs is sampled from the next sample on.
@@ -156,9 +183,11 @@ impl Sampler {
     /// Opens a window.
     pub fn begin(&mut self, window: Window) {
         self.wait_until_converted();
-        let now = self.time.now();
+        let now = now();
         let quarter = QUARTER_SAMPLES as u64;
-        let settled = now / quarter + u64::from(window.settle_quarters) - u64::from(cfg!(feature = "fault-settling"));
+        // Who comes within a sample of a quarter's end is in time for the next one.
+        let from = (now + quarter - 2) / quarter;
+        let settled = from + u64::from(window.settle_quarters) - u64::from(cfg!(feature = "fault-settling"));
         let start = settled.max(now.div_ceil(quarter)) * quarter;
         self.open = Some(Open {
             start,
@@ -172,7 +201,12 @@ impl Sampler {
         let Some(open) = self.open.filter(|o| o.next < o.end) else {
             return Err(nb::Error::WouldBlock);
         };
-        let filled = self.time.now().min(open.end);
+        // Nothing comes any more after a loss, so that this must not wait for a whole period.
+        if self.lost() {
+            self.open = None;
+            return Err(nb::Error::Other(ErrorKind::Overrun));
+        }
+        let filled = now().min(open.end);
         let period = SAMPLES_PER_PERIOD as u64;
         let whole = open.start + filled.saturating_sub(open.start) / period * period;
         if whole <= open.next {
@@ -191,7 +225,7 @@ impl Sampler {
             rails: Rails::Unknown,
         };
         let result = f(&block);
-        let now = self.time.now();
+        let now = now();
         if self.lost() || now + SPARE > open.next + RING as u64 {
             self.open = None;
             return Err(nb::Error::Other(ErrorKind::Overrun));
@@ -208,7 +242,8 @@ impl Sampler {
     pub fn lost(&self) -> bool {
         let (_, adc, dma) = registers();
         const OVERRUN: u32 = 1 << 5;
-        const STREAM_ERRORS: u32 = 0b1101;
+        // Transfer and direct mode; the FIFO's error bit means nothing without a FIFO.
+        const STREAM_ERRORS: u32 = 0b1100;
         adc.sr().read().bits() & OVERRUN != 0 || dma.lisr().read().bits() & STREAM_ERRORS != 0
     }
 }

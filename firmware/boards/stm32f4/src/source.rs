@@ -48,6 +48,9 @@ const fn table() -> [i16; SAMPLES_PER_PERIOD] {
     out
 }
 
+/// Status bit: the DAC had no new value when it was stepped.
+const UNDERRUN: u32 = 1 << 13;
+
 /// What the DMA channel reads. The entry for the first sample is last: the DAC holds one value ahead.
 static TABLE: Shared<u16, SAMPLES_PER_PERIOD> = Shared::new(MIDDLE as u16);
 
@@ -71,6 +74,8 @@ impl Source {
         // SAFETY: the DAC and this stream are this module's alone.
         let (dac, dma) = unsafe { (&*pac::DAC::ptr(), &*pac::DMA1::ptr()) };
         dac.cr().write(|w| unsafe { w.bits(0) });
+        // An underrun of before: cleared by writing 1.
+        dac.sr().write(|w| unsafe { w.bits(UNDERRUN) });
         let stream = dma.st(5);
         stream.cr().write(|w| unsafe { w.bits(0) });
         while stream.cr().read().bits() & 1 != 0 {}
@@ -91,7 +96,7 @@ impl Source {
     pub fn underrun(&self) -> bool {
         // SAFETY: a status register.
         let dac = unsafe { &*pac::DAC::ptr() };
-        dac.sr().read().bits() & 1 << 13 != 0
+        dac.sr().read().bits() & UNDERRUN != 0
     }
 
     pub fn set(&mut self, on: bool) {

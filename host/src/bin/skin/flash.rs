@@ -90,11 +90,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         io::stdin().read_line(&mut String::new())?;
     }
     let port = SerialBootPort::open(&path).map_err(|e| anyhow!(e))?;
-    program(port, &image, !arguments.manual, &path)?;
-    if arguments.manual {
-        eprintln!("connect BOOT0 to ground again, so that the program starts at every power-up");
-    }
-    Ok(())
+    program(port, &image, !arguments.manual, &path)
 }
 
 fn only_port() -> Result<String> {
@@ -135,11 +131,16 @@ fn program(port: impl BootPort, image: &Image, reset: bool, source: &str) -> Res
         eprint!("\r\x1b[K");
     }
     let outcome = outcome.with_context(|| source.to_owned())?;
-    bootloader
-        .start(FLASH_START, reset)
-        .with_context(|| source.to_owned())?;
+    // Without the lines only a hand can start it as it starts at power-up: the bootloader's own jump would leave its clocks set
+    // and BOOT0 high.
+    let state = if reset {
+        bootloader.start(FLASH_START, true).with_context(|| source.to_owned())?;
+        "it is running"
+    } else {
+        "connect BOOT0 to ground and press the reset button to start it"
+    };
     println!(
-        "{source}: programmed and verified: {} bytes written, {} were there already, {} sectors erased; it is running",
+        "{source}: programmed and verified: {} bytes written, {} were there already, {} sectors erased; {state}",
         outcome.written, outcome.kept, outcome.erased
     );
     Ok(())
