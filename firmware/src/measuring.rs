@@ -95,6 +95,9 @@ fn recipe<'b>(task: Task, settings: &'b Settings, probe: &'b Probe) -> Recipe<'b
     }
 }
 
+/// Amplitude of the source, in thousandths of full scale, that the converter's codes and the whole thousandths leave open.
+const ROUNDING_PERMILLE: u32 = 2;
+
 impl<F, L, S, M> Controller<'_, F, L, S, M>
 where
     F: FrontEnd,
@@ -390,11 +393,11 @@ where
         self.send(Outgoing::Heartbeat(beat));
     }
 
-    /// The source was measured: go on if it is within a tenth of what it is set to.
+    /// The source was measured: go on if it is within a tenth of what it is set to, and what rounding makes of a small one.
     fn source(&mut self) {
         let set = u32::from(self.memory.settings.excitation_permille);
         let measured = u32::from(self.source_permille());
-        if measured.abs_diff(set) * 10 > set {
+        if measured.abs_diff(set) > set / 10 + ROUNDING_PERMILLE {
             Counters::add(&mut self.counters.front_end_faults, 1);
             return self.halt(FrontEndFault::Source);
         }
