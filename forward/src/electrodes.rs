@@ -7,7 +7,7 @@
 //! - a relative rise of the contact impedance z gives `+ (1/z) integral over E_l of w_m w_n`,
 //! - a move along the rim by 1 mm gives `(1/z) (w_m w_n at the end left behind - w_m w_n at the leading end)`.
 
-use crate::geometry::{Geometry, Place, Sheet};
+use crate::geometry::{Electrode, Geometry, Place, Sheet};
 use crate::mesh::{ContactEdge, Mesh};
 use crate::sensitivity::Sensitivity;
 use crate::solver::Solver;
@@ -91,6 +91,28 @@ fn point(mesh: &Mesh, edge: &ContactEdge, t: f64) -> ([(usize, f64); 3], f64) {
 }
 
 impl Geometry {
+    /// The sheet with every electrode off by what `off` says: first the logarithms of the factors of the n contact
+    /// impedances, then the n moves along the rim, mm, as the regions of [`Sensitivity::by_electrode`]. `None` when `off`
+    /// does not have 2 n numbers.
+    pub fn displaced(&self, sheet: &Sheet, off: &[f64]) -> Option<Sheet> {
+        let n = sheet.electrodes.len();
+        if off.len() != 2 * n {
+            return None;
+        }
+        let electrodes = (0..n)
+            .map(|l| {
+                Some(Electrode {
+                    place: self.moved(sheet, l, off[n + l])?,
+                    contact_mm: sheet.electrodes[l].contact_mm * off[l].exp(),
+                })
+            })
+            .collect::<Option<Vec<_>>>()?;
+        Some(Sheet {
+            electrodes,
+            ..sheet.clone()
+        })
+    }
+
     /// An electrode moved along its rim by so many mm (in the sense in which the outline runs); one inside the sheet stays
     /// where it is.
     pub fn moved(&self, sheet: &Sheet, electrode: usize, along_mm: f64) -> Option<Place> {

@@ -4,9 +4,9 @@
 //!     cargo run --release -p host --example uneven_sheet [seed, default 77]
 
 use forward::field::conductivity_of;
-use forward::{Drive, Model, ModelOptions, Place, Sheet, Solver};
+use forward::{Drive, Model, ModelOptions, Solver};
 use host::electrodes;
-use host::study::scenes::{Kind, Score, imager, noisy, reconstructor, rng};
+use host::study::scenes::{Kind, Score, imager, misplaced, noisy, reconstructor, rng};
 use rand::Rng;
 use rand::rngs::StdRng;
 use rand_distr::StandardNormal;
@@ -17,19 +17,6 @@ const TOUCHES: usize = 15;
 /// Plane waves that make the unevenness, with at most this wave number, rad/mm: nothing shorter than 110 mm.
 const WAVES: usize = 6;
 const WAVE_NUMBER: f64 = 0.04;
-
-/// Electrodes off by 0.5 mm, contacts by up to 30 %.
-fn sheet(rng: &mut StdRng) -> Sheet {
-    let mut sheet = Sheet::paper();
-    for e in &mut sheet.electrodes {
-        if let Place::Angle { angle_deg, .. } = &mut e.place {
-            let off: f64 = rng.sample(StandardNormal);
-            *angle_deg += (0.5 * off / 97.5).to_degrees();
-        }
-        e.contact_mm *= 1.0 + 0.3 * rng.random_range(-1.0..=1.0);
-    }
-    sheet
-}
 
 /// A smooth field of unit variance.
 fn field(rng: &mut StdRng) -> impl Fn([f64; 2]) -> f64 + use<> {
@@ -58,7 +45,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let mut rng = rng(seed);
         let mut scores = [Score::default(), Score::default()];
         for _ in 0..SHEETS {
-            let sheet = sheet(&mut rng);
+            let sheet = misplaced(0.5, 0.3, &mut rng);
             let field = field(&mut rng);
             let options = ModelOptions {
                 accuracy: 1e-4,

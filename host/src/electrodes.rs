@@ -8,7 +8,7 @@
 //! is not like the model keeps its electrodes where they were said to be.
 
 use crate::imager::Imager;
-use forward::{Electrode, Sensitivity, Sheet, Solver};
+use forward::{Sensitivity, Solver};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 /// What the baseline says of the electrodes.
@@ -83,18 +83,7 @@ pub fn find(imager: &Imager, baseline: &[f64]) -> Option<ElectrodeFit> {
         let (mean, covariance) = linear.solve(&y, s)?;
         let step = (&mean - &at).rows(n, n).amax();
         at = mean;
-        let electrodes = (0..n)
-            .map(|l| {
-                Some(Electrode {
-                    place: geometry.moved(sheet, l, at[n + l])?,
-                    contact_mm: sheet.electrodes[l].contact_mm * at[l].exp(),
-                })
-            })
-            .collect::<Option<Vec<_>>>()?;
-        let found = Sheet {
-            electrodes,
-            ..sheet.clone()
-        };
+        let found = geometry.displaced(sheet, at.as_slice())?;
         here = Imager::new(&found, imager.drive, imager.pattern.clone(), imager.grid.cell_mm()).ok()?;
         here.electrode_covariance = Some(covariance);
         fit = Some(ElectrodeFit {

@@ -6,7 +6,7 @@
 //! answer to a touch taken in that model, and the model in use fitted to it to first order.
 
 use crate::imager::Imager;
-use forward::{Electrode, Model, ModelOptions, Sensitivity, Sheet, Solver};
+use forward::{Model, ModelOptions, Sensitivity, Solver};
 use nalgebra::{DMatrix, DVector, Matrix4, SymmetricEigen, Vector4};
 use std::sync::Arc;
 
@@ -72,20 +72,10 @@ impl Placement {
 
 /// The normalised sensitivity (volts of the imager's model) of the sheet with its electrodes off by this much.
 fn answers_with(imager: &Imager, off: &DVector<f64>) -> Option<DMatrix<f64>> {
-    let sheet = imager.model.sheet();
-    let n = sheet.electrodes.len();
-    let electrodes = (0..n)
-        .map(|l| {
-            Some(Electrode {
-                place: imager.model.geometry().moved(sheet, l, off[n + l])?,
-                contact_mm: sheet.electrodes[l].contact_mm * off[l].exp(),
-            })
-        })
-        .collect::<Option<Vec<_>>>()?;
-    let sheet = Sheet {
-        electrodes,
-        ..sheet.clone()
-    };
+    let sheet = imager
+        .model
+        .geometry()
+        .displaced(imager.model.sheet(), off.as_slice())?;
     let solver = Solver::new(Arc::new(Model::new(&sheet, &ModelOptions::default()).ok()?)).ok()?;
     let matrix = solver.electrode_matrix();
     let mut answers = Sensitivity::by_cell(&solver, &imager.grid).matrix_v(imager.drive, matrix, &imager.pattern);

@@ -145,14 +145,7 @@ impl Bench {
         contact: f64,
         rng: &mut StdRng,
     ) -> Result<Self, ForwardError> {
-        let mut sheet = Sheet::paper();
-        for e in &mut sheet.electrodes {
-            if let Place::Angle { angle_deg, .. } = &mut e.place {
-                let off: f64 = rng.sample(StandardNormal);
-                *angle_deg += (off_mm * off / RIM_MM).to_degrees();
-            }
-            e.contact_mm *= 1.0 + contact * rng.random_range(-1.0..=1.0);
-        }
+        let sheet = misplaced(off_mm, contact, rng);
         let options = ModelOptions {
             accuracy: 5e-5,
             ..ModelOptions::default()
@@ -222,6 +215,20 @@ impl Bench {
     pub fn empty(&self, sigma: f64, rng: &mut StdRng) -> Vec<f64> {
         noisy(self.baseline.clone(), sigma, rng)
     }
+}
+
+/// The paper's sheet with electrodes off by `off_mm` (standard deviation) and contacts off by up to `contact` of their
+/// resistance.
+pub fn misplaced(off_mm: f64, contact: f64, rng: &mut StdRng) -> Sheet {
+    let mut sheet = Sheet::paper();
+    for e in &mut sheet.electrodes {
+        if let Place::Angle { angle_deg, .. } = &mut e.place {
+            let off: f64 = rng.sample(StandardNormal);
+            *angle_deg += (off_mm * off / RIM_MM).to_degrees();
+        }
+        e.contact_mm *= 1.0 + contact * rng.random_range(-1.0..=1.0);
+    }
+    sheet
 }
 
 /// A frame with noise of this standard deviation, V, added.
