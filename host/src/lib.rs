@@ -8,6 +8,7 @@
 #![forbid(unsafe_code)]
 
 pub mod baseline;
+mod difference;
 pub mod electrodes;
 pub mod fit;
 pub mod flash;
