@@ -28,7 +28,7 @@ fn arguments() -> Arguments {
 
 fn print(name: &str, s: &Score) {
     println!(
-        "| {name:<28} | {:5.1} | {:5.1} | {:4.2} | {:5.2} | {:5.1} | {:4.2} / {:4.2} | {:4.0} / {:4.0} | {} |",
+        "| {name:<28} | {:5.1} | {:5.1} | {:4.2} | {:5.2} | {:5.1} | {:4.2} / {:4.2} | {:5.1} | {:4.0} / {:4.0} | {} |",
         100.0 * s.counted_part(),
         100.0 * s.resolved_part(),
         s.error_mm(0.5),
@@ -36,6 +36,7 @@ fn print(name: &str, s: &Score) {
         100.0 * s.honest_part(),
         quantile(&s.totals, 0.5),
         quantile(&s.totals.iter().map(|t| (t - 1.0).abs()).collect::<Vec<_>>(), 0.95),
+        100.0 * s.honest_total_part(),
         quantile(&s.times_us, 0.5),
         quantile(&s.times_us, 0.95),
         s.unfitted,
@@ -47,7 +48,7 @@ fn main() -> anyhow::Result<()> {
     println!("seed {}, {} scenes of every kind", a.seed, a.scenes);
     println!(
         "| scenes                       | count right % | and within 8 mm % | median mm | p95 mm | within 2 sd % \
-         | total, median / p95 off | frame us, median / p95 | not fitted |\n|---|---|---|---|---|---|---|---|---|"
+         | total, median / p95 off | total within 2 sd % | frame us, median / p95 | not fitted |\n|---|---|---|---|---|---|---|---|---|---|"
     );
     for (drive_name, drive) in [
         ("voltage", Drive::PAPER),

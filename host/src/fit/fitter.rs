@@ -97,6 +97,7 @@ impl Fitter {
             before,
             beyond,
             imager,
+            volts,
             ..
         } = self;
         let seeds: Discs = seeds.take(MOST_TOUCHES).map(|at| options.seed(at)).collect();
@@ -117,7 +118,7 @@ impl Fitter {
             if beyond.is_none() {
                 *beyond = Beyond::new(&imager.model, imager.drive, &imager.pattern);
             }
-            let more = reduce(&DVector::from_vec(beyond.as_mut()?.linear_v(&fitted.discs)?));
+            let more = reduce(&DVector::from_vec(beyond.as_mut()?.table_v(volts, &fitted.discs)?));
             let corrected: Vec<f64> = data.values.iter().zip(&more).map(|(v, m)| v - m).collect();
             std::mem::swap(before, fitted);
             let frame = Frame {
