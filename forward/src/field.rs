@@ -184,7 +184,7 @@ fn laminate(corners: [Point; 3], normal: Point, resistivity: impl Fn(Point) -> f
     }
     mean /= count;
     let harmonic = count / inverse;
-    let length = normal[0].hypot(normal[1]);
+    let length = libm::hypot(normal[0], normal[1]);
     if length <= f64::MIN_POSITIVE {
         return [mean, 0.0, mean];
     }
