@@ -27,8 +27,10 @@ mod rubber;
 mod scene;
 mod sheet;
 mod steps;
+mod stretch;
 mod touch;
 mod uart;
+mod variation;
 
 pub use board::{BoardError, SimBoard, SimConfig};
 pub use bootloader::{BootFaults, BootRom};
@@ -43,5 +45,7 @@ pub use port::{Pace, SimPort};
 pub use rubber::Rubber;
 pub use scene::{Probe, Scene, TouchNow};
 pub use sheet::{FixedSheet, SheetModel};
+pub use stretch::{Stretch, StretchField};
 pub use touch::{Key, Shape, Touch};
 pub use uart::Uart;
+pub use variation::{Ageing, Variation};
