@@ -2,7 +2,8 @@
 
 use crate::chip::Chip;
 use crate::clock::{Clock, PERIOD_SAMPLES, QUARTER_SAMPLES, TICKS_PER_SAMPLE, TIMER_HZ, samples, seconds};
-use crate::electronics::Electronics;
+use crate::electronics::{Electronics, ElectronicsError};
+use crate::fault::{Fault, FaultError};
 use crate::flash::Flash;
 use crate::front_end::{SimFrontEnd, SimFrontEndError};
 use crate::sheet::SheetModel;
@@ -17,6 +18,12 @@ pub enum BoardError {
     /// The front end does not come up.
     #[error(transparent)]
     FrontEnd(#[from] SimFrontEndError),
+    /// Its electronics cannot be.
+    #[error(transparent)]
+    Electronics(#[from] ElectronicsError),
+    /// A fault that it cannot have.
+    #[error(transparent)]
+    Fault(#[from] FaultError),
     /// The plan that it starts with does not suit it.
     #[error("the board cannot start with this plan: {0}")]
     Plan(PlanError),
@@ -38,6 +45,8 @@ const SECTOR_BYTES: u32 = 2048;
 pub struct SimConfig {
     /// The analogue part, with the seed of all noise.
     pub electronics: Electronics,
+    /// What breaks, and when.
+    pub faults: Vec<Fault>,
     /// What it measures until it is told otherwise; `None` is the adjacent plan for the sheet's electrodes.
     pub plan: Option<Plan>,
     /// What its flash memory holds; `None`: nothing yet.
@@ -64,11 +73,13 @@ impl<S: SheetModel> SimBoard<S> {
         let clock = Clock::new();
         let SimConfig {
             electronics,
+            faults,
             plan,
             flash,
             reset,
             look_samples,
         } = config;
+        electronics.validate()?;
         let mut gains_milli = [0; 4];
         for (place, gain) in gains_milli.iter_mut().zip(&electronics.gains_milli) {
             *place = *gain;
@@ -81,6 +92,7 @@ impl<S: SheetModel> SimBoard<S> {
             front = front.looking_every(samples);
         }
         let given = front.electrodes();
+        faults.iter().try_for_each(|fault| fault.validate(given))?;
         let electrodes = u8::try_from(given)
             .ok()
             .filter(|n| usize::from(*n) <= MAX_CHANNELS)

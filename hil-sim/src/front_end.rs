@@ -1,7 +1,8 @@
 //! The firmware's front-end traits on simulated electronics and a simulated sheet.
 
+use crate::analog::Routing;
 use crate::clock::{Clock, PERIOD_SAMPLES, QUARTER_SAMPLES, samples, seconds};
-use crate::electronics::{Electronics, Routing};
+use crate::electronics::Electronics;
 use crate::sheet::SheetModel;
 use firmware::{Block, Capture, Error, ErrorKind, ErrorType, Excitation, MAX_CHANNELS, Rails, Route, Router, Window};
 use forward::{ElectrodeMatrix, ForwardError};

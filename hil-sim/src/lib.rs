@@ -9,6 +9,7 @@
 //! configuration and the same commands give the same bytes.
 #![forbid(unsafe_code)]
 
+mod analog;
 mod board;
 mod bootloader;
 mod chip;
@@ -16,8 +17,10 @@ mod clock;
 mod creep;
 mod demo;
 mod electronics;
+mod fault;
 mod flash;
 mod front_end;
+mod interference;
 mod material;
 mod noise;
 mod port;
@@ -32,13 +35,16 @@ mod touch;
 mod uart;
 mod variation;
 
+pub use analog::Routing;
 pub use board::{BoardError, SimBoard, SimConfig};
 pub use bootloader::{BootFaults, BootRom};
 pub use chip::Chip;
 pub use clock::{Clock, PERIOD_SAMPLES, QUARTER_SAMPLES, TICKS_PER_SAMPLE, TIMER_HZ, samples, seconds};
-pub use electronics::{Electronics, Routing};
+pub use electronics::{Electronics, ElectronicsError};
+pub use fault::{Fault, FaultError, FaultKind, Multiplexer};
 pub use flash::{Flash, FlashError, Torn};
 pub use front_end::{SimFrontEnd, SimFrontEndError};
+pub use interference::Line;
 pub use material::Material;
 pub use noise::Noise;
 pub use port::{Pace, SimPort};
