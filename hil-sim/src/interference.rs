@@ -1,7 +1,10 @@
 //! What comes through the air: the mains, a motor.
 
 use crate::electronics::{ElectronicsError, in_range};
+use crate::wave::low_pass;
+use firmware::MAX_CHANNELS;
 use serde::{Deserialize, Serialize};
+use std::f64::consts::TAU;
 
 /// A line that interferes: a field across the sheet, whose voltage a sense pair picks up by how far its electrodes lie apart
 /// along the field. Its frequency is true, whatever the board's crystal makes of it.
@@ -114,5 +117,87 @@ impl Line {
             });
         }
         Ok(())
+    }
+}
+
+/// A line at work: its components behind the channels' low-pass.
+#[derive(Clone, Debug)]
+pub(crate) struct Running {
+    line: Line,
+    direction: [f64; 2],
+    components: Vec<Component>,
+}
+
+#[derive(Clone, Debug)]
+struct Component {
+    frequency_hz: f64,
+    phase: f64,
+    amplitude_v: f64,
+    /// Cosine and sine of how much later in its period each channel is converted.
+    late: [(f64, f64); MAX_CHANNELS],
+}
+
+/// Turns without the whole ones, so that the sine stays exact however long it runs.
+fn turns(cycles: f64) -> f64 {
+    cycles - cycles.floor()
+}
+
+impl Running {
+    /// `None` for a line that is absent.
+    pub(crate) fn new(line: &Line, settling_s: f64, late_s: &[f64; MAX_CHANNELS]) -> Option<Self> {
+        if line.amplitude_v == 0.0 {
+            return None;
+        }
+        let parts = std::iter::once(1.0).chain(line.harmonics.iter().copied());
+        let components = parts.zip(1u16..).filter(|(part, _)| *part != 0.0).map(|(part, order)| {
+            let frequency_hz = line.frequency_hz * f64::from(order);
+            let (re, im) = low_pass(frequency_hz, settling_s);
+            Component {
+                frequency_hz,
+                phase: line.phase_deg.to_radians() * f64::from(order) + libm::atan2(im, re),
+                amplitude_v: line.amplitude_v * part * (re * re + im * im).sqrt(),
+                late: late_s.map(|late| {
+                    let (sin, cos) = libm::sincos(TAU * frequency_hz * late);
+                    (cos, sin)
+                }),
+            }
+        });
+        let (sin, cos) = libm::sincos(line.direction_deg.to_radians());
+        Some(Self {
+            direction: [cos, sin],
+            components: components.collect(),
+            line: line.clone(),
+        })
+    }
+
+    /// Adds what the channels pick up at a time, given how far apart along x and y the electrodes of each lie.
+    pub(crate) fn add(&self, time_s: f64, chords: &[[f64; 2]; MAX_CHANNELS], out: &mut [f64]) {
+        let envelope = self.envelope(time_s);
+        if envelope == 0.0 {
+            return;
+        }
+        for c in &self.components {
+            let (sin, cos) = libm::sincos(TAU * turns(c.frequency_hz * time_s) + c.phase);
+            let amplitude = c.amplitude_v * envelope;
+            for ((v, chord), (late_cos, late_sin)) in out.iter_mut().zip(chords).zip(&c.late) {
+                let seen = chord[0] * self.direction[0] + chord[1] * self.direction[1];
+                *v += seen * amplitude * (sin * late_cos + cos * late_sin);
+            }
+        }
+    }
+
+    fn envelope(&self, time_s: f64) -> f64 {
+        let line = &self.line;
+        let since_s = time_s - line.from_s;
+        if since_s < 0.0 || line.for_s.is_some_and(|length| since_s >= length) {
+            return 0.0;
+        }
+        if line.burst_hz > 0.0 && turns(line.burst_hz * since_s) >= line.burst_duty {
+            return 0.0;
+        }
+        if line.modulation == 0.0 {
+            return 1.0;
+        }
+        1.0 + line.modulation * libm::cos(TAU * turns(line.modulation_hz * time_s))
     }
 }
