@@ -1,5 +1,5 @@
 //! Scenes as files: every one of the library is there, what is written is what happens, and mistakes are pointed at.
-#![allow(clippy::unwrap_used, reason = "a failure here is a failed test")]
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a failure here is a failed test")]
 
 use hil_sim::{SceneFile, SceneFileError, Shape, library};
 use std::path::Path;
