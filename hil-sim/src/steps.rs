@@ -51,7 +51,7 @@ impl Scene {
             let mut touches = self.during(local, duration);
             let farthest = touches.iter().map(|[a, b]| moved_mm(a, b)).fold(0.0, f64::max);
             if farthest > MOST_MM {
-                duration *= MOST_MM / farthest;
+                duration = (duration * MOST_MM / farthest).max(SAME_S);
                 touches = self.during(local, duration);
             }
             at += duration;
