@@ -20,11 +20,15 @@ mod electronics;
 mod fault;
 mod flash;
 mod front_end;
+#[cfg(target_os = "linux")]
+mod ftdi;
 mod interference;
 mod line;
 mod material;
 mod noise;
 mod port;
+#[cfg(target_os = "linux")]
+mod pty;
 mod real_time;
 mod rubber;
 mod scene;
@@ -48,6 +52,8 @@ pub use interference::Line;
 pub use material::Material;
 pub use noise::Noise;
 pub use port::{Pace, SimPort};
+#[cfg(target_os = "linux")]
+pub use pty::{Pty, PtyOptions};
 pub use rubber::Rubber;
 pub use scene::{Scene, TouchNow};
 pub use sheet::{FixedSheet, SheetModel};

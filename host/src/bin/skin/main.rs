@@ -10,6 +10,7 @@ mod method;
 mod reconstruct;
 mod run;
 mod sheet;
+mod sim;
 
 use clap::{Parser, Subcommand};
 use std::io::IsTerminal;
@@ -44,6 +45,8 @@ enum Command {
     Flash(flash::Arguments),
     /// Who the board is, and its self-test.
     Hello(hello::Arguments),
+    /// The simulated board behind a serial port of this machine.
+    Sim(sim::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -62,6 +65,7 @@ fn main() -> ExitCode {
         Some(Command::Bench(arguments)) => bench::run(&arguments),
         Some(Command::Flash(arguments)) => flash::run(&arguments),
         Some(Command::Hello(arguments)) => hello::run(&arguments),
+        Some(Command::Sim(arguments)) => sim::run(&arguments),
         Some(Command::Run(arguments)) => run::run(&arguments),
         None => run::run(&cli.run),
     };
