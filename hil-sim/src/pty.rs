@@ -266,14 +266,21 @@ impl Runner {
             return Ok(());
         }
         self.plugged = plugged;
+        // Whoever finds the port dead must not be told its old name.
+        self.tell(None);
         // What was open is dead from here on, even if the cable is back already.
         self.plug = None;
         if plugged.is_some() {
-            self.plug = Some(Plug::new(&self.options)?);
+            let plug = Plug::new(&self.options)?;
+            self.tell(Some(plug.path.clone()));
+            self.plug = Some(plug);
         }
-        locked(&self.shared.state).path = self.plug.as_ref().map(|p| p.path.clone());
-        self.shared.changed.notify_all();
         Ok(())
+    }
+
+    fn tell(&self, path: Option<PathBuf>) {
+        locked(&self.shared.state).path = path;
+        self.shared.changed.notify_all();
     }
 }
 
