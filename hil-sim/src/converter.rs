@@ -61,3 +61,60 @@ impl Converter {
         code
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Codes' widths and centres by a ramp in steps of 1/64 code.
+    fn ramp(e: &Electronics) -> (Vec<f64>, Vec<f64>) {
+        let converter = Converter::new(e);
+        let (mut width, mut first) = (vec![0.0; 4096], vec![f64::NAN; 4096]);
+        for k in -64..(4096 * 64) {
+            let level = f64::from(k) / 64.0;
+            let code = usize::from(converter.code(level));
+            width[code] += 1.0 / 64.0;
+            first[code] = first[code].min(level);
+        }
+        (width, first)
+    }
+
+    #[test]
+    fn a_ramps_histogram_has_the_widths_that_were_asked_for() {
+        let dnl_codes = 0.8;
+        let e = Electronics {
+            dnl_codes,
+            ..Electronics::ideal()
+        };
+        let (width, _) = ramp(&e);
+        let departures: Vec<f64> = width[1..4095].iter().map(|w| w - 1.0).collect();
+        let most = departures.iter().fold(0.0f64, |a, d| a.max(d.abs()));
+        assert!((0.9 * dnl_codes..=dnl_codes + 1.0 / 32.0).contains(&most), "{most}");
+        // The difference of two uniform departures of width d has the variance d^2 / 6; no code is missing.
+        let variance = departures.iter().map(|d| d * d).sum::<f64>() / 4094.0;
+        assert!(
+            (variance / (dnl_codes * dnl_codes / 6.0) - 1.0).abs() < 0.1,
+            "{variance}"
+        );
+        assert!(width.iter().all(|w| *w > 0.0));
+        // Another converter of the same make is another.
+        let other = ramp(&Electronics { seed: 2, ..e }).0;
+        assert!(other != width);
+    }
+
+    #[test]
+    fn the_integral_nonlinearity_is_an_s_of_its_height() {
+        let e = Electronics {
+            inl_codes: 3.0,
+            ..Electronics::ideal()
+        };
+        let (width, first) = ramp(&e);
+        for code in [512usize, 1024, 2048, 3072, 3584] {
+            let departs = first[code] - (code as f64 - 0.5);
+            let expected = 3.0 * (TAU * code as f64 / 4096.0).sin();
+            assert!((departs - expected).abs() < 1.0 / 32.0, "{code}: {departs}");
+        }
+        // Small and smooth: widths are one to 3 * 2 pi / 4096.
+        assert!(width[1..4095].iter().all(|w| (w - 1.0).abs() < 0.0047 + 1.0 / 32.0));
+    }
+}

@@ -21,6 +21,8 @@ mod electronics;
 mod fault;
 mod flash;
 mod front_end;
+#[cfg(target_os = "linux")]
+mod ftdi;
 mod interference;
 pub mod library;
 mod line;
@@ -28,6 +30,8 @@ mod material;
 mod noise;
 mod port;
 mod pressure;
+#[cfg(target_os = "linux")]
+mod pty;
 mod real_time;
 mod rubber;
 mod scene;
@@ -55,6 +59,8 @@ pub use interference::Line;
 pub use material::Material;
 pub use noise::Noise;
 pub use port::{Pace, SimPort};
+#[cfg(target_os = "linux")]
+pub use pty::{Pty, PtyOptions};
 pub use rubber::Rubber;
 pub use scene::{Probe, Scene, TouchNow};
 pub use scene_file::{Located, SceneFile, SceneFileError};

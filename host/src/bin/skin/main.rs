@@ -2,6 +2,7 @@
 #![forbid(unsafe_code)]
 
 mod bench;
+mod capture;
 mod fig7;
 mod flash;
 mod forward;
@@ -36,8 +37,6 @@ struct Cli {
 enum Command {
     /// Live pictures of the board, or of the simulated skin (what `skin` alone does).
     Run(run::Arguments),
-    /// A simulated board with a scene on its sheet: its frames as a table, or its bytes.
-    Sim(sim::Arguments),
     /// Touches and pictures from a table of measured frames.
     Reconstruct(reconstruct::Arguments),
     /// What a touched sheet gives: the table of measurements, simulated.
@@ -48,6 +47,8 @@ enum Command {
     Flash(flash::Arguments),
     /// Who the board is, and its self-test.
     Hello(hello::Arguments),
+    /// A simulated board with a scene on its sheet: its frames as a table, its bytes, or a serial port to read them from.
+    Sim(sim::Arguments),
 }
 
 fn main() -> ExitCode {

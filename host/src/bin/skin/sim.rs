@@ -1,17 +1,12 @@
-//! `skin sim`: a scene run through the simulated board as fast as it goes, for other programs to read.
+//! `skin sim`: a scene on the simulated board, for other programs: as fast as it goes, or behind a serial port of this
+//! machine as any program talks to the real one.
 
-use super::scene;
+use super::{capture, scene};
 use ::forward::Sheet;
-use anyhow::{Context, Result, anyhow};
+use anyhow::Result;
 use clap::Args;
-use hil_sim::{Fault, Pace, Rubber, SceneFile, SimBoard, SimPort};
-use host::session::{Session, adjacent_plan};
-use protocol::{MAX_TO_BOARD_LEN, ToBoard, encode};
-use serde::Serialize;
-use std::fs::File;
-use std::io::{BufWriter, Write};
-use std::path::{Path, PathBuf};
-use std::time::Duration;
+use hil_sim::{Fault, Rubber, SimBoard};
+use std::path::PathBuf;
 
 /// Arguments of `skin sim`.
 #[derive(Debug, Args)]
@@ -20,25 +15,41 @@ pub(crate) struct Arguments {
     /// fingers].
     #[arg(long, value_name = "FILE")]
     scene: Option<PathBuf>,
-    /// Something that breaks, for ever or for a time (s), such as electrode_open:3@5+10; repeatable, in addition to the
-    /// scene's.
+    /// Something that breaks, for ever or for a time (s), such as cable_pulled@5+2, bytes_lost:0.001@5, electrode_open:3@5+10 or
+    /// multiplexer_stuck:drive_plus,3@5; repeatable, in addition to the scene's (docs/simulator.md lists them).
     #[arg(long, value_name = "KIND@AT[+FOR]")]
     fault: Vec<Fault>,
     /// Seed of all that is random [default: the scene's].
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
+    /// Behind a pseudo-terminal, whose name is printed: open it as a serial port (`skin run --port NAME`). Until it is
+    /// interrupted.
+    #[arg(long, conflicts_with_all = ["duration_s", "every_s", "bytes", "truth"])]
+    pty: bool,
+    /// A symbolic link that always points to the port, whatever its name.
+    #[arg(long, value_name = "PATH", requires = "pty")]
+    link: Option<PathBuf>,
+    /// Latency timer of the simulated FTDI adapter, ms; 16 is its driver's default.
+    #[arg(
+        long,
+        value_name = "MS",
+        default_value_t = 16,
+        value_parser = clap::value_parser!(u64).range(1..=255),
+        requires = "pty"
+    )]
+    latency_ms: u64,
     /// How long it runs, s [default: as long as the scene].
     #[arg(long, value_name = "S", value_parser = positive)]
     duration_s: Option<f64>,
     /// Simulated time from one frame of the table to the next, s.
     #[arg(long, value_name = "S", default_value = "0.5", value_parser = positive)]
-    every_s: f64,
+    pub(crate) every_s: f64,
     /// Writes what the board sends, byte for byte, to this file, and no table.
     #[arg(long, value_name = "FILE")]
     bytes: Option<PathBuf>,
     /// Writes the touches that there really are at every frame of the table to this file, one JSON object a line.
     #[arg(long, value_name = "FILE", conflicts_with = "bytes")]
-    truth: Option<PathBuf>,
+    pub(crate) truth: Option<PathBuf>,
 }
 
 fn positive(text: &str) -> Result<f64, String> {
@@ -50,10 +61,10 @@ fn positive(text: &str) -> Result<f64, String> {
     }
 }
 
-/// Runs the command.
+/// Runs the command; behind a port until it is interrupted.
 ///
 /// # Errors
-/// A scene that makes no sense, a fault that cannot be, a file that cannot be written.
+/// A scene that makes no sense, a fault that cannot be, a file, port or link that cannot be made.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let mut file = match &arguments.scene {
         Some(path) => scene::load(path)?,
@@ -67,117 +78,50 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     file.duration_s = arguments.duration_s.unwrap_or(file.duration_s);
     let board = file.board()?;
     match &arguments.bytes {
-        Some(path) => capture(board, file.duration_s, path),
-        None => table(arguments, &file, board),
+        _ if arguments.pty => serve(arguments, board),
+        Some(path) => capture::bytes(board, file.duration_s, path),
+        None => capture::table(arguments, &file, board),
     }
 }
 
-fn create(path: &Path) -> Result<BufWriter<File>> {
-    let file = File::create(path).with_context(|| format!("{}: cannot be written", path.display()))?;
-    Ok(BufWriter::new(file))
-}
+#[cfg(target_os = "linux")]
+fn serve(arguments: &Arguments, board: SimBoard<Rubber>) -> Result<()> {
+    use anyhow::Context;
+    use hil_sim::{Pty, PtyOptions};
+    use std::io::Write;
+    use std::sync::Arc;
+    use std::sync::atomic::{AtomicBool, Ordering};
+    use std::time::Duration;
 
-/// What the board sends after it was told to start.
-fn capture(mut board: SimBoard<Rubber>, duration_s: f64, path: &Path) -> Result<()> {
-    let mut out = create(path)?;
-    let start = encode(&ToBoard::Start, &mut [0; MAX_TO_BOARD_LEN])
-        .map_err(|e| anyhow!("the command to start: {e:?}"))?
-        .to_vec();
-    board.receive(&start);
-    let mut bytes = Vec::new();
-    while board.now_s() < duration_s {
-        bytes.clear();
-        board.step(|byte| bytes.push(byte));
-        out.write_all(&bytes)?;
-    }
-    out.flush()?;
-    Ok(())
-}
-
-/// What there really is.
-#[derive(Serialize)]
-struct Truth {
-    time_s: f64,
-    touches: Vec<TrueTouch>,
-}
-
-#[derive(Serialize)]
-struct TrueTouch {
-    id: usize,
-    x_mm: f64,
-    y_mm: f64,
-    force_n: f64,
-    /// Relative rise in resistivity at the centre: now, of all that was.
-    rise: f64,
-}
-
-/// Prints frames at regular times as a table for `skin reconstruct`.
-fn table(arguments: &Arguments, file: &SceneFile, board: SimBoard<Rubber>) -> Result<()> {
-    let plan = file.config.plan.clone();
-    let port = SimPort::new(board, Pace::Unpaced).context("the simulated skin does not start")?;
-    let session = Session::start(Box::new(port), |hello| plan.map_or_else(|| adjacent_plan(hello), Ok))?;
-    let pattern = session.pattern()?;
-    let mut frames = Vec::new();
-    let mut next_s = 0.0;
-    loop {
-        let frame = session
-            .frame(Duration::from_secs(3))?
-            .ok_or_else(|| anyhow!("the simulated board sends no frame any more"))?;
-        if frame.time_s > file.duration_s {
-            break;
-        }
-        if frame.time_s >= next_s {
-            next_s = frame.time_s + arguments.every_s;
-            frames.push(frame);
-        }
-    }
-    if let Some(path) = &arguments.truth {
-        let mut out = create(path)?;
-        for frame in &frames {
-            let now = file.scene.truth(frame.time_s).into_iter().map(|t| {
-                let mut probe = file.scene.probe(t.x_mm, t.y_mm);
-                probe.advance(frame.time_s);
-                TrueTouch {
-                    id: t.id,
-                    x_mm: t.x_mm,
-                    y_mm: t.y_mm,
-                    force_n: t.force_n,
-                    rise: probe.rise(),
+    let stop = Arc::new(AtomicBool::new(false));
+    let flag = Arc::clone(&stop);
+    ctrlc::set_handler(move || flag.store(true, Ordering::Relaxed)).context("Ctrl-C cannot be caught")?;
+    let options = PtyOptions {
+        latency: Duration::from_millis(arguments.latency_ms),
+        link: arguments.link.clone(),
+    };
+    let port = Pty::start(board, options).context("the port cannot be made")?;
+    let mut shown = None;
+    while !stop.load(Ordering::Relaxed) {
+        let path = port
+            .wait(shown.as_deref(), Duration::from_millis(100))
+            .context("the port")?;
+        if path != shown {
+            match &path {
+                Some(path) => {
+                    let mut out = std::io::stdout().lock();
+                    writeln!(out, "{}", path.display())?;
+                    out.flush()?;
                 }
-            });
-            let truth = Truth {
-                time_s: frame.time_s,
-                touches: now.collect(),
-            };
-            serde_json::to_writer(&mut out, &truth)?;
-            writeln!(out)?;
+                None => eprintln!("the cable is pulled"),
+            }
+            shown = path;
         }
-        out.flush()?;
     }
-    let mut out = BufWriter::new(std::io::stdout().lock());
-    writeln!(
-        out,
-        "# simulated: {}, seed {}",
-        file.title, file.config.electronics.seed
-    )?;
-    writeln!(
-        out,
-        "# quantity: amplitude, V; the current enters at drive_a, the value is U(sense_b) - U(sense_a); columns are times, s"
-    )?;
-    write!(out, "drive_a,drive_b,sense_a,sense_b")?;
-    for frame in &frames {
-        write!(out, ",t{:.3}", frame.time_s)?;
-    }
-    writeln!(out)?;
-    for (k, m) in pattern.measurements().iter().enumerate() {
-        let [da, db, sa, sb] = [m.drive.plus, m.drive.minus, m.sense.minus, m.sense.plus].map(|e| e + 1);
-        write!(out, "{da},{db},{sa},{sb}")?;
-        for frame in &frames {
-            let value = frame.values_v.get(k).copied().unwrap_or(f64::NAN);
-            write!(out, ",{value:.6e}")?;
-        }
-        writeln!(out)?;
-    }
-    out.flush()?;
     Ok(())
+}
+
+#[cfg(not(target_os = "linux"))]
+fn serve(_arguments: &Arguments, _board: SimBoard<Rubber>) -> Result<()> {
+    anyhow::bail!("simulated serial ports need Linux; `skin run --simulate` shows the simulated skin here")
 }
