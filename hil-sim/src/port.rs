@@ -22,6 +22,10 @@ pub enum Pace {
 /// A board, whatever its sheet.
 pub(crate) trait AnyBoard: Send {
     fn now(&self) -> u64;
+    /// True time, s.
+    fn now_s(&self) -> f64;
+    /// How often the cable was put back; `None` while it is pulled.
+    fn plugged(&self) -> Option<u32>;
     fn is_idle(&mut self) -> bool;
     fn receive(&mut self, bytes: &[u8]);
     fn step(&mut self, out: &mut VecDeque<u8>);
@@ -30,6 +34,14 @@ pub(crate) trait AnyBoard: Send {
 impl<S: SheetModel> AnyBoard for SimBoard<S> {
     fn now(&self) -> u64 {
         SimBoard::now(self)
+    }
+
+    fn now_s(&self) -> f64 {
+        SimBoard::now_s(self)
+    }
+
+    fn plugged(&self) -> Option<u32> {
+        SimBoard::plugged(self)
     }
 
     fn is_idle(&mut self) -> bool {
@@ -47,10 +59,13 @@ impl<S: SheetModel> AnyBoard for SimBoard<S> {
 
 /// A serial port with a simulated board behind it. Reads wait for the first byte until the time-out, then fail with
 /// [`ErrorKind::TimedOut`]; writes never wait. Clones are the same port. The board is switched off with the last one.
+/// Once the cable was pulled, reads and writes fail with [`ErrorKind::BrokenPipe`], until it is opened anew.
 #[derive(Clone)]
 pub struct SimPort {
     engine: Engine,
     timeout: Duration,
+    /// How often the cable had been put back when it was opened.
+    plug: u32,
 }
 
 #[derive(Clone)]
@@ -69,6 +84,7 @@ impl SimPort {
         let engine = match pace {
             Pace::RealTime => Engine::RealTime(Arc::new(Running::start(board)?)),
             Pace::Unpaced => Engine::Unpaced(Arc::new(Mutex::new(Lazy {
+                plugged: board.plugged(),
                 board,
                 out: VecDeque::new(),
             }))),
@@ -76,6 +92,22 @@ impl SimPort {
         Ok(Self {
             engine,
             timeout: Duration::from_millis(100),
+            plug: 0,
+        })
+    }
+
+    /// Opens the port anew, as a program does that has found it dead.
+    ///
+    /// # Errors
+    /// [`ErrorKind::NotFound`] while the cable is pulled.
+    pub fn reopen(&self) -> io::Result<Self> {
+        let plugged = match &self.engine {
+            Engine::RealTime(running) => running.pipes.plugged(),
+            Engine::Unpaced(lazy) => locked(lazy).reopen(),
+        };
+        Ok(Self {
+            plug: plugged.ok_or(ErrorKind::NotFound)?,
+            ..self.clone()
         })
     }
 
@@ -91,8 +123,8 @@ impl Read for SimPort {
             return Ok(0);
         }
         match &self.engine {
-            Engine::RealTime(running) => running.pipes.read(buffer, self.timeout),
-            Engine::Unpaced(lazy) => locked(lazy).read(buffer, self.timeout),
+            Engine::RealTime(running) => running.pipes.read(buffer, self.timeout, self.plug),
+            Engine::Unpaced(lazy) => locked(lazy).read(buffer, self.timeout, self.plug),
         }
     }
 }
@@ -100,9 +132,11 @@ impl Read for SimPort {
 impl Write for SimPort {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         match &self.engine {
-            Engine::RealTime(running) => running.pipes.write(bytes),
+            Engine::RealTime(running) => running.pipes.write(bytes, self.plug),
             Engine::Unpaced(lazy) => {
-                locked(lazy).board.receive(bytes);
+                let mut lazy = locked(lazy);
+                lazy.look(self.plug)?;
+                lazy.board.receive(bytes);
                 Ok(bytes.len())
             }
         }
@@ -131,10 +165,36 @@ pub(crate) fn drain(queue: &mut VecDeque<u8>, buffer: &mut [u8]) -> usize {
 struct Lazy {
     board: Box<dyn AnyBoard>,
     out: VecDeque<u8>,
+    /// How often the cable was put back when somebody last looked; `None` while it was pulled.
+    plugged: Option<u32>,
 }
 
 impl Lazy {
-    fn read(&mut self, buffer: &mut [u8], timeout: Duration) -> io::Result<usize> {
+    /// Fails where the cable was pulled; what was under way is lost.
+    fn look(&mut self, plug: u32) -> io::Result<()> {
+        let plugged = self.board.plugged();
+        if plugged != self.plugged {
+            self.plugged = plugged;
+            self.out.clear();
+        }
+        if plugged == Some(plug) {
+            Ok(())
+        } else {
+            Err(ErrorKind::BrokenPipe.into())
+        }
+    }
+
+    /// Looks whether the cable is back, which takes a moment.
+    fn reopen(&mut self) -> Option<u32> {
+        if self.board.plugged().is_none() {
+            self.board.step(&mut self.out);
+            self.out.clear();
+        }
+        self.board.plugged()
+    }
+
+    fn read(&mut self, buffer: &mut [u8], timeout: Duration, plug: u32) -> io::Result<usize> {
+        self.look(plug)?;
         let end = self.board.now() + samples(timeout.as_secs_f64());
         while self.out.is_empty() {
             if self.board.is_idle() {
@@ -146,6 +206,7 @@ impl Lazy {
                 return Err(ErrorKind::TimedOut.into());
             }
             self.board.step(&mut self.out);
+            self.look(plug)?;
         }
         Ok(drain(&mut self.out, buffer))
     }

@@ -1,6 +1,5 @@
 //! A simulated board on a thread of its own, in step with the wall clock.
 
-use crate::clock::{samples, seconds};
 use crate::port::{AnyBoard, drain, locked};
 use std::collections::VecDeque;
 use std::io::{self, ErrorKind};
@@ -35,15 +34,22 @@ struct PipeState {
     closed: bool,
     /// The thread has ended.
     ended: bool,
+    /// How often the cable was put back; `None` while it is pulled.
+    plugged: Option<u32>,
 }
 
 impl Pipes {
-    pub(crate) fn read(&self, buffer: &mut [u8], timeout: Duration) -> io::Result<usize> {
+    pub(crate) fn read(&self, buffer: &mut [u8], timeout: Duration, plug: u32) -> io::Result<usize> {
         let state = locked(&self.state);
         let (mut state, _) = self
             .readable
-            .wait_timeout_while(state, timeout, |s| s.from_board.is_empty() && !s.ended)
+            .wait_timeout_while(state, timeout, |s| {
+                s.from_board.is_empty() && !s.ended && s.plugged == Some(plug)
+            })
             .unwrap_or_else(PoisonError::into_inner);
+        if state.plugged != Some(plug) {
+            return Err(ErrorKind::BrokenPipe.into());
+        }
         match drain(&mut state.from_board, buffer) {
             0 if state.ended => Err(ErrorKind::BrokenPipe.into()),
             0 => Err(ErrorKind::TimedOut.into()),
@@ -51,13 +57,18 @@ impl Pipes {
         }
     }
 
-    pub(crate) fn write(&self, bytes: &[u8]) -> io::Result<usize> {
+    pub(crate) fn write(&self, bytes: &[u8], plug: u32) -> io::Result<usize> {
         let mut state = locked(&self.state);
-        if state.ended {
+        if state.ended || state.plugged != Some(plug) {
             return Err(ErrorKind::BrokenPipe.into());
         }
         state.to_board.extend_from_slice(bytes);
         Ok(bytes.len())
+    }
+
+    /// How often the cable was put back; `None` while it is pulled.
+    pub(crate) fn plugged(&self) -> Option<u32> {
+        locked(&self.state).plugged
     }
 }
 
@@ -70,6 +81,7 @@ pub(crate) struct Running {
 impl Running {
     pub(crate) fn start(board: Box<dyn AnyBoard>) -> io::Result<Self> {
         let pipes = Arc::new(Pipes::default());
+        locked(&pipes.state).plugged = board.plugged();
         let shared = Arc::clone(&pipes);
         let thread = std::thread::Builder::new().name("skin-sim".to_owned()).spawn(move || {
             // Also when the board panics: a reader must not wait for it for ever.
@@ -104,12 +116,49 @@ impl Drop for Ended<'_> {
     }
 }
 
+/// Keeps a board in step with the wall clock.
+pub(crate) struct Pacer {
+    start: Instant,
+    bytes: VecDeque<u8>,
+}
+
+impl Pacer {
+    /// The board's time begins now.
+    pub(crate) fn new() -> Self {
+        Self {
+            start: Instant::now(),
+            bytes: VecDeque::new(),
+        }
+    }
+
+    /// Lets the board catch up with the clock, in slices, so that a slow machine still delivers and listens. `each` gets the
+    /// time and the bytes after each step.
+    pub(crate) fn run(&mut self, board: &mut dyn AnyBoard, mut each: impl FnMut(f64, &mut VecDeque<u8>)) {
+        let target_s = self.start.elapsed().as_secs_f64().min(board.now_s() + LAG_S / 8.0);
+        while board.now_s() < target_s {
+            board.step(&mut self.bytes);
+            each(board.now_s(), &mut self.bytes);
+        }
+        // A machine that was asleep or is too slow gets late frames, not a burst of old ones.
+        let behind_s = self.start.elapsed().as_secs_f64() - board.now_s();
+        if behind_s > LAG_S {
+            self.start += Duration::from_secs_f64(behind_s);
+        }
+    }
+}
+
 /// Runs a board in step with the wall clock until its port is closed.
 fn pace(mut board: Box<dyn AnyBoard>, pipes: &Pipes) {
-    let mut start = Instant::now();
+    let mut pacer = Pacer::new();
     let mut bytes = VecDeque::new();
     loop {
         let mut state = locked(&pipes.state);
+        let plugged = board.plugged();
+        if plugged != state.plugged {
+            state.plugged = plugged;
+            state.from_board.clear();
+            pipes.readable.notify_all();
+        }
         let room = PIPE_BYTES.saturating_sub(state.from_board.len());
         bytes.truncate(room);
         if !bytes.is_empty() {
@@ -127,16 +176,6 @@ fn pace(mut board: Box<dyn AnyBoard>, pipes: &Pipes) {
         let commands = std::mem::take(&mut state.to_board);
         drop(state);
         board.receive(&commands);
-        let due_s = start.elapsed().as_secs_f64();
-        // In slices, so that a slow machine still delivers and listens.
-        let target = samples(due_s.min(seconds(board.now()) + LAG_S / 8.0));
-        while board.now() < target {
-            board.step(&mut bytes);
-        }
-        // A machine that was asleep or is too slow gets late frames, not a burst of old ones.
-        let behind_s = start.elapsed().as_secs_f64() - seconds(board.now());
-        if behind_s > LAG_S {
-            start += Duration::from_secs_f64(behind_s);
-        }
+        pacer.run(board.as_mut(), |_, new| bytes.append(new));
     }
 }

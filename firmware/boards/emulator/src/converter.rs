@@ -92,8 +92,9 @@ impl Device for Converter {
         if self.unread || planned {
             self.status |= OVERRUN;
         } else {
-            let world = locked(&self.world);
-            registers.set(Register::Dr, world.sample(world.triggers - 1).into());
+            let mut world = locked(&self.world);
+            let time = world.triggers - 1;
+            registers.set(Register::Dr, world.sample(time).into());
             self.unread = true;
             self.status |= END;
         }

@@ -2,6 +2,7 @@
 #![forbid(unsafe_code)]
 
 mod bench;
+mod capture;
 mod fig7;
 mod flash;
 mod forward;
@@ -9,7 +10,9 @@ mod hello;
 mod method;
 mod reconstruct;
 mod run;
+mod scene;
 mod sheet;
+mod sim;
 
 use clap::{Parser, Subcommand};
 use std::io::IsTerminal;
@@ -44,6 +47,8 @@ enum Command {
     Flash(flash::Arguments),
     /// Who the board is, and its self-test.
     Hello(hello::Arguments),
+    /// A simulated board with a scene on its sheet: its frames as a table, its bytes, or a serial port to read them from.
+    Sim(sim::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -62,6 +67,7 @@ fn main() -> ExitCode {
         Some(Command::Bench(arguments)) => bench::run(&arguments),
         Some(Command::Flash(arguments)) => flash::run(&arguments),
         Some(Command::Hello(arguments)) => hello::run(&arguments),
+        Some(Command::Sim(arguments)) => sim::run(&arguments),
         Some(Command::Run(arguments)) => run::run(&arguments),
         None => run::run(&cli.run),
     };
