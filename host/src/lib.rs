@@ -3,11 +3,12 @@
 //! The way of a frame: [`link`] (bytes to messages), [`session`] (a board that introduced itself), [`baseline`] (the
 //! unpressed sheet), [`live`] (baseline, then pictures), [`health`] (what cannot be believed), [`reconstructor`] (gate,
 //! weigh, solve, find touches; on [`imager`]'s model, the noise told by [`noise`], with the solvers of [`reconstruct`]),
-//! [`electrodes`] (where they are), [`fit`] (touches to the measurements), [`tracker`] (numbers for touches), [`view`] (what
+//! [`electrodes`] (where they are), [`fit`] (touches to the measurements), [`tracker`] (numbers for touches), [`creep`] (their forces), [`view`] (what
 //! a person sees). Beside it: [`flash`] (a new program for the board), [`study`] (all that, measured on simulated frames).
 #![forbid(unsafe_code)]
 
 pub mod baseline;
+pub mod creep;
 pub mod electrodes;
 pub mod fit;
 pub mod flash;

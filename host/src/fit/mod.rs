@@ -170,6 +170,7 @@ pub fn fit(
                 total_mm2: rise * disc.area_mm2(),
                 x_sd_mm: sd(0),
                 y_sd_mm: sd(1),
+                force_n: None,
             };
             (touch, disc)
         })
