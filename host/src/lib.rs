@@ -4,7 +4,8 @@
 //! unpressed sheet), [`live`] (baseline, then pictures), [`health`] (what cannot be believed), [`reconstructor`] (gate,
 //! weigh, solve, find touches; on [`imager`]'s model, the noise told by [`noise`], with the solvers of [`reconstruct`]),
 //! [`electrodes`] (where they are), [`fit`] (touches to the measurements), [`tracker`] (numbers for touches), [`creep`] (their forces), [`view`] (what
-//! a person sees). Beside it: [`flash`] (a new program for the board), [`study`] (all that, measured on simulated frames).
+//! a person sees). Beside it: [`flash`] (a new program for the board), [`study`] (all that, measured on simulated frames), [`paper`] (the
+//! source paper's experiments again).
 #![forbid(unsafe_code)]
 
 pub mod baseline;
@@ -18,6 +19,7 @@ pub mod imager;
 pub mod link;
 pub mod live;
 pub mod noise;
+pub mod paper;
 pub mod picture;
 pub mod ports;
 pub mod reconstruct;

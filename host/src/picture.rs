@@ -205,6 +205,13 @@ pub struct Touch {
     pub force_n: Option<f64>,
 }
 
+impl Touch {
+    /// Whether anything presses there: not where the force is told and is none, as on a dent that was left.
+    pub fn is_pressed(&self) -> bool {
+        self.force_n != Some(0.0)
+    }
+}
+
 /// How the picture came about.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Stats {

@@ -8,11 +8,13 @@
 //!
 //! Strain is counted in units of the instant compliance, `s = e / J0` (MPa), so that the four parameters of [`Solid`] are
 //! all that can be told from outside. [`SolidState`] is the solid and its causal, exact inverse; [`force`] makes newtons of
-//! touches; [`calibration`] finds the parameters in a press-and-hold ([`recording`]), [`file`] keeps them.
+//! touches; [`calibration`] finds the parameters in a press-and-hold ([`press`] takes it, [`recording`] keeps it),
+//! and [`file`] holds them.
 
 pub mod calibration;
 pub mod file;
 pub mod force;
+pub mod press;
 pub mod recording;
 
 use thiserror::Error;
