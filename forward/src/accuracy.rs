@@ -30,8 +30,8 @@ pub(crate) fn sizes(
     }
     let k = QUADRATIC.iter().skip(1).position(|row| a >= row[0]).unwrap_or(2);
     let (coarse, fine) = (QUADRATIC[k], QUADRATIC[k + 1]);
-    let t = ((coarse[0] / a).log10() / (coarse[0] / fine[0]).log10()).max(0.0);
-    let between = |i: usize| coarse[i] * (fine[i] / coarse[i]).powf(t);
+    let t = (libm::log10(coarse[0] / a) / libm::log10(coarse[0] / fine[0])).max(0.0);
+    let between = |i: usize| coarse[i] * libm::pow(fine[i] / coarse[i], t);
     let (low, high) = geometry.bounding_box();
     let extent = (high[0] - low[0]).min(high[1] - low[1]);
     // Quadratic elements that follow the jump: energy error with the fourth power of the edge. Cut elements: the first.
@@ -40,7 +40,7 @@ pub(crate) fn sizes(
     let along: Vec<_> = touches
         .iter()
         .map(|(centre, radius)| {
-            let edge = radius * ALONG_A_TOUCH * finer.powf(0.25).min(1.5);
+            let edge = radius * ALONG_A_TOUCH * libm::pow(finer, 0.25).min(1.5);
             (*centre, *radius, edge)
         })
         .collect();
@@ -55,7 +55,7 @@ pub(crate) fn sizes(
     }
     Ok(MeshSizes {
         // The many electrodes' fields decay faster.
-        largest_mm: between(3) * extent * (32.0 / contact_mm.len() as f64).powf(0.25).min(1.0),
+        largest_mm: between(3) * extent * libm::pow(32.0 / contact_mm.len() as f64, 0.25).min(1.0),
         electrode_fraction: at_the_ends(geometry, contact_mm, between(1)),
         electrode_most_mm: 0.05 * extent,
         growth: between(2),

@@ -41,7 +41,7 @@ fn cubic_speed(p: &[Point; 4], t: f64) -> f64 {
     let s = 1.0 - t;
     let w = [3.0 * s * s, 6.0 * s * t, 3.0 * t * t];
     let sum = |k: usize| (0..3).map(|i| w[i] * (p[i + 1][k] - p[i][k])).sum::<f64>();
-    sum(0).hypot(sum(1))
+    libm::hypot(sum(0), sum(1))
 }
 
 /// Arc length between two nearby parameters, by two-point Gauss quadrature.
@@ -79,7 +79,10 @@ impl Piece {
             }
             Self::Arc { centre, radius } => {
                 let angle = s / radius;
-                [centre[0] + radius * angle.cos(), centre[1] + radius * angle.sin()]
+                [
+                    centre[0] + radius * libm::cos(angle),
+                    centre[1] + radius * libm::sin(angle),
+                ]
             }
             Self::Cubic { control, lengths } => {
                 let k = lengths.partition_point(|l| *l <= s).clamp(1, CUBIC_STEPS);
@@ -154,8 +157,8 @@ impl Curve {
         let corners = (0..n)
             .map(|k| {
                 let (before, here, after) = (v[(k + n - 1) % n], v[k], v[(k + 1) % n]);
-                let turn = cross(before, here, after)
-                    .atan2((here[0] - before[0]) * (after[0] - here[0]) + (here[1] - before[1]) * (after[1] - here[1]));
+                let along = (here[0] - before[0]) * (after[0] - here[0]) + (here[1] - before[1]) * (after[1] - here[1]);
+                let turn = libm::atan2(cross(before, here, after), along);
                 Some(std::f64::consts::PI - turn)
             })
             .collect();

@@ -87,7 +87,7 @@ fn point(mesh: &Mesh, edge: &ContactEdge, t: f64) -> ([(usize, f64); 3], f64) {
             .map(|((node, _), s)| s * mesh.nodes[*node][axis])
             .sum()
     };
-    (nodes, along(0).hypot(along(1)))
+    (nodes, libm::hypot(along(0), along(1)))
 }
 
 impl Geometry {
@@ -103,7 +103,7 @@ impl Geometry {
             .map(|l| {
                 Some(Electrode {
                     place: self.moved(sheet, l, off[n + l])?,
-                    contact_mm: sheet.electrodes[l].contact_mm * off[l].exp(),
+                    contact_mm: sheet.electrodes[l].contact_mm * libm::exp(off[l]),
                 })
             })
             .collect::<Option<Vec<_>>>()?;

@@ -42,6 +42,50 @@ const CUTS: usize = 16;
 /// along the edge, harmonic mean across it. The voltages then converge with the square of the element size although no
 /// element follows the edge.
 pub fn conductivity_of_discs(mesh: &Mesh, touches: &[DiscTouch]) -> Vec<Tensor> {
+    stepped(mesh, touches, |_, whole| 1.0 / (1.0 + whole), |_, whole| 1.0 + whole)
+}
+
+/// Points of an element at which a field on the sheet is known.
+pub const POINTS: usize = DEGREE_4.len();
+
+/// Where the points of an element are, mm.
+pub fn points(mesh: &Mesh, element: usize) -> [Point; POINTS] {
+    DEGREE_4.map(|(l, _)| position(mesh.corners(element), l))
+}
+
+/// Conductivity, relative to the unpressed sheet, of every element where the resistivity is a function of some quantity
+/// (a strain, say), given its relative value by `resistivity`: the quantity is the sum of a smooth field, known at the
+/// [`points`] of every element, and of steps over discs, whose [`DiscTouch::rise`] is what they add inside. Elements that a
+/// disc's edge cuts are averaged as by [`conductivity_of_discs`].
+pub fn conductivity_of_steps(
+    mesh: &Mesh,
+    steps: &[DiscTouch],
+    smooth: &[[f64; POINTS]],
+    resistivity: impl Fn(f64) -> f64,
+) -> Vec<Tensor> {
+    let field = |element: usize| smooth.get(element).unwrap_or(&[0.0; POINTS]);
+    stepped(
+        mesh,
+        steps,
+        |element, whole| {
+            let values = field(element).iter().zip(&DEGREE_4);
+            values.map(|(s, (_, w))| w / resistivity(s + whole)).sum()
+        },
+        |element, whole| {
+            let values = field(element).iter().zip(&DEGREE_4);
+            resistivity(whole + values.map(|(s, (_, w))| s * w).sum::<f64>())
+        },
+    )
+}
+
+/// Every element's conductivity: `even(element, sum of the steps around it)` where no disc's edge cuts it, else the
+/// laminate's of `resistivity(element, sum of the steps at a point)`.
+fn stepped(
+    mesh: &Mesh,
+    touches: &[DiscTouch],
+    even: impl Fn(usize, f64) -> f64,
+    resistivity: impl Fn(usize, f64) -> f64,
+) -> Vec<Tensor> {
     let mut near = Vec::new();
     (0..mesh.triangles.len())
         .map(|element| {
@@ -74,11 +118,11 @@ pub fn conductivity_of_discs(mesh: &Mesh, touches: &[DiscTouch]) -> Vec<Tensor> 
                 }
             }
             if near.is_empty() {
-                let s = 1.0 / (1.0 + whole);
+                let s = even(element, whole);
                 [s, 0.0, s]
             } else {
                 laminate(corners, normal, |p| {
-                    whole + near.iter().map(|t| t.rise_at(p)).sum::<f64>()
+                    resistivity(element, whole + near.iter().map(|t| t.rise_at(p)).sum::<f64>())
                 })
             }
         })
@@ -119,8 +163,8 @@ pub fn conductivity_of(mesh: &Mesh, rise: impl Fn(Point) -> f64) -> Vec<Tensor> 
         .collect()
 }
 
-/// The tensor of a triangle in which the conductivity varies along `normal` (of any length) only.
-fn laminate(corners: [Point; 3], normal: Point, rise: impl Fn(Point) -> f64) -> Tensor {
+/// The tensor of a triangle in which the resistivity varies along `normal` (of any length) only.
+fn laminate(corners: [Point; 3], normal: Point, resistivity: impl Fn(Point) -> f64) -> Tensor {
     let n = CUTS as f64;
     let (mut mean, mut inverse, mut count) = (0.0, 0.0, 0.0);
     for i in 0..CUTS {
@@ -131,7 +175,7 @@ fn laminate(corners: [Point; 3], normal: Point, rise: impl Fn(Point) -> f64) -> 
                     continue;
                 }
                 let (a, b) = ((i as f64 + turn) / n, (j as f64 + turn) / n);
-                let s = 1.0 / (1.0 + rise(position(corners, [1.0 - a - b, a, b])));
+                let s = 1.0 / resistivity(position(corners, [1.0 - a - b, a, b]));
                 mean += s;
                 inverse += 1.0 / s;
                 count += 1.0;
@@ -140,7 +184,7 @@ fn laminate(corners: [Point; 3], normal: Point, rise: impl Fn(Point) -> f64) -> 
     }
     mean /= count;
     let harmonic = count / inverse;
-    let length = normal[0].hypot(normal[1]);
+    let length = libm::hypot(normal[0], normal[1]);
     if length <= f64::MIN_POSITIVE {
         return [mean, 0.0, mean];
     }
@@ -157,7 +201,7 @@ mod tests {
     fn a_cut_triangle_is_a_laminate() {
         // Half-plane x > 0.5 (1 / (1 + 3) of the conductivity) over the unit right triangle: a quarter of its area.
         let t = laminate([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]], [2.0, 0.0], |p| {
-            if p[0] > 0.5 { 3.0 } else { 0.0 }
+            if p[0] > 0.5 { 4.0 } else { 1.0 }
         });
         let f = 0.25;
         assert!((t[0] - 1.0 / (1.0 - f + f * 4.0)).abs() < 0.02, "{t:?}");
@@ -166,7 +210,7 @@ mod tests {
 
     #[test]
     fn no_jump_no_tensor() {
-        let t = laminate([[0.0, 0.0], [1.0, 0.0], [0.3, 1.0]], [1.0, 1.0], |_| 1.0);
+        let t = laminate([[0.0, 0.0], [1.0, 0.0], [0.3, 1.0]], [1.0, 1.0], |_| 2.0);
         assert!(t.iter().zip([0.5, 0.0, 0.5]).all(|(a, b)| (a - b).abs() < 1e-12));
     }
 }

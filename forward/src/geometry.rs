@@ -533,7 +533,7 @@ impl Geometry {
         let rim = &self.rings[0];
         let (low, high) = self.bounding_box();
         let c = [0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1])];
-        let direction = [angle_deg.to_radians().cos(), angle_deg.to_radians().sin()];
+        let direction = [libm::cos(angle_deg.to_radians()), libm::sin(angle_deg.to_radians())];
         let points = rim.polyline();
         let far = distance(low, high);
         let mut best: Option<(f64, Point)> = None;

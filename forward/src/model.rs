@@ -7,7 +7,7 @@ use crate::fit::Neighbours;
 use crate::geometry::{Geometry, GeometryError, Sheet};
 use crate::mesh::{Mesh, MeshError, MeshSizes, Order};
 use crate::system::System;
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 use thiserror::Error;
 
 /// What can go wrong on the way from a sheet to its voltages.
@@ -60,6 +60,14 @@ pub enum ForwardError {
         /// How many there are.
         elements: usize,
     },
+    /// One contact impedance for every electrode was expected.
+    #[error("{given} contact impedances given for {electrodes} electrodes; give one for each")]
+    Contacts {
+        /// How many were given.
+        given: usize,
+        /// How many there are.
+        electrodes: usize,
+    },
     /// A curved element whose edges cross.
     #[error("the mesh is tangled at element {element}; ask for more accuracy, or straighten the outline there")]
     Tangled {
@@ -108,7 +116,7 @@ impl Default for ModelOptions {
 pub struct Model {
     sheet: Sheet,
     geometry: Geometry,
-    mesh: Mesh,
+    mesh: Arc<Mesh>,
     pub(crate) system: System,
     neighbours: OnceLock<Neighbours>,
     /// None where the mesh was asked for by lengths.
@@ -151,10 +159,35 @@ impl Model {
         Ok(Self {
             sheet: sheet.clone(),
             geometry,
-            mesh,
+            mesh: Arc::new(mesh),
             system,
             neighbours: OnceLock::new(),
             options: None,
+        })
+    }
+
+    /// The same sheet on the same mesh with other contact impedances (mm of sheet), one for each electrode: what changes
+    /// between the two is the contacts' doing alone.
+    ///
+    /// # Errors
+    /// A contact impedance that is none, or too many or too few.
+    pub fn with_contacts(&self, contact_mm: &[f64]) -> Result<Self, ForwardError> {
+        let mut sheet = self.sheet.clone();
+        let given = contact_mm.len();
+        if given != sheet.electrodes.len() {
+            let electrodes = sheet.electrodes.len();
+            return Err(ForwardError::Contacts { given, electrodes });
+        }
+        for (electrode, contact) in sheet.electrodes.iter_mut().zip(contact_mm) {
+            electrode.contact_mm = *contact;
+        }
+        Ok(Self {
+            geometry: Geometry::new(&sheet)?,
+            sheet,
+            mesh: Arc::clone(&self.mesh),
+            system: self.system.with_contacts(&self.mesh, contact_mm),
+            neighbours: OnceLock::new(),
+            options: self.options.clone(),
         })
     }
 

@@ -219,7 +219,7 @@ impl Solver {
     fn refresh(&mut self) -> Result<(), ForwardError> {
         let model = self.model.clone();
         let system = &model.system;
-        let stiffness = self.shape.as_ref().map_or(&system.stiffness, |s| &s.stiffness);
+        let stiffness = self.shape.as_ref().map_or(&*system.stiffness, |s| &s.stiffness);
         system.assemble(&self.conductivity, stiffness, &mut self.values);
         let symbolic = &system.symbolic;
         let span = precision::span(symbolic, &self.values);

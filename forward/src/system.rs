@@ -4,6 +4,7 @@ use crate::cholesky::{CholeskyError, Symbolic};
 use crate::curve::distance;
 use crate::element::{DEGREE_2, DEGREE_4, gradients};
 use crate::mesh::{ContactEdge, Mesh, Order};
+use std::sync::Arc;
 
 /// Conductivity of an element relative to the unpressed sheet: the symmetric tensor `[xx, xy, yy]`.
 pub type Tensor = [f64; 3];
@@ -14,11 +15,11 @@ pub type Tensor = [f64; 3];
 /// unpressed sheet has conductance 1 per square and contact conductance 1 / `contact_mm` per mm.
 #[derive(Debug)]
 pub(crate) struct System {
-    pub(crate) symbolic: Symbolic,
+    pub(crate) symbolic: Arc<Symbolic>,
     /// Value slots of every element's lower triangle, `entries` each.
-    slots: Vec<u32>,
+    slots: Arc<[u32]>,
     /// Per element and entry the integrals of d_x d_x, d_x d_y + d_y d_x, d_y d_y.
-    pub(crate) stiffness: Vec<[f64; 3]>,
+    pub(crate) stiffness: Arc<[[f64; 3]]>,
     /// Entries of an element's lower triangle.
     pub(crate) entries: usize,
     /// The values that do not depend on the sheet: contacts.
@@ -67,7 +68,38 @@ impl System {
             element_stiffness(mesh, element, &mut stiffness);
         }
 
-        let mut contacts = vec![0.0; symbolic.values()];
+        let mut this = Self {
+            symbolic: Arc::new(symbolic),
+            slots: slots.into(),
+            stiffness: stiffness.into(),
+            entries,
+            contacts: Vec::new(),
+            nodes,
+            electrodes,
+            ground: Vec::new(),
+        };
+        this.connect(mesh, contact_mm);
+        Ok(this)
+    }
+
+    /// The same with other contacts.
+    pub(crate) fn with_contacts(&self, mesh: &Mesh, contact_mm: &[f64]) -> Self {
+        let mut this = Self {
+            symbolic: Arc::clone(&self.symbolic),
+            slots: Arc::clone(&self.slots),
+            stiffness: Arc::clone(&self.stiffness),
+            contacts: Vec::new(),
+            ground: Vec::new(),
+            ..*self
+        };
+        this.connect(mesh, contact_mm);
+        this
+    }
+
+    /// Computes what the contacts give.
+    fn connect(&mut self, mesh: &Mesh, contact_mm: &[f64]) {
+        let (nodes, electrodes) = (self.nodes, self.electrodes);
+        let mut contacts = vec![0.0; self.symbolic.values()];
         let mut ground = Vec::new();
         for (l, (contact, length)) in mesh.contacts.iter().zip(contact_mm).enumerate() {
             for edge in contact {
@@ -83,20 +115,11 @@ impl System {
                         Term::NodeElectrode(i, v) => (i, nodes + l, -v),
                         Term::Electrode(v) => (nodes + l, nodes + l, v),
                     };
-                    contacts[symbolic.slot(i, j)] += value / length;
+                    contacts[self.symbolic.slot(i, j)] += value / length;
                 });
             }
         }
-        Ok(Self {
-            symbolic,
-            slots,
-            stiffness,
-            entries,
-            contacts,
-            nodes,
-            electrodes,
-            ground,
-        })
+        (self.contacts, self.ground) = (contacts, ground);
     }
 
     /// An element whose stiffness has a diagonal that is not positive: its mapping is folded.
@@ -108,7 +131,7 @@ impl System {
 
     /// The elements' integrals on a mesh whose `changed` elements have another shape.
     pub(crate) fn reshaped(&self, mesh: &Mesh, changed: &[usize]) -> Vec<[f64; 3]> {
-        let mut stiffness = self.stiffness.clone();
+        let mut stiffness = self.stiffness.to_vec();
         let mut one = Vec::with_capacity(self.entries);
         for element in changed {
             one.clear();
@@ -205,7 +228,7 @@ pub(crate) fn contact_terms(mesh: &Mesh, edge: &ContactEdge, mut add: impl FnMut
         let slope = [t - 0.5, -2.0 * t, t + 0.5];
         let ids = [a, m, b];
         let tangent = |k: usize| -> f64 { ids.iter().zip(slope).map(|(id, d)| mesh.nodes[*id][k] * d).sum() };
-        let w = w * tangent(0).hypot(tangent(1));
+        let w = w * libm::hypot(tangent(0), tangent(1));
         for i in 0..3 {
             for j in 0..=i {
                 add(Term::NodeNode(ids[i], ids[j], w * shape[i] * shape[j]));

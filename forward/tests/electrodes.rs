@@ -75,3 +75,29 @@ fn turning_the_sheet_changes_nothing() {
         );
     }
 }
+
+/// Other contacts on the same mesh: near the model made for them, and exactly itself with its own.
+#[test]
+fn other_contacts_on_the_same_mesh() {
+    let contacts: Vec<f64> = (0..16).map(|l| 0.5 + 0.3 * f64::from(l % 5)).collect();
+    let base = Model::new(&Sheet::paper(), &ModelOptions::default()).unwrap();
+    let mut sheet = Sheet::paper();
+    for (e, c) in sheet.electrodes.iter_mut().zip(&contacts) {
+        e.contact_mm = *c;
+    }
+    let z = |model: Model| Solver::new(Arc::new(model)).unwrap().electrode_matrix().clone();
+    let here = z(base.with_contacts(&contacts).unwrap());
+    let own = z(Model::new(&sheet, &ModelOptions::default()).unwrap());
+    let error = theory::worst(&here, &own);
+    assert!(error < 1e-3, "{error:.1e}");
+    assert_eq!(z(base.with_contacts(&[1.0; 16]).unwrap()), z(base));
+    let base = Model::new(&Sheet::paper(), &ModelOptions::default()).unwrap();
+    assert!(matches!(
+        base.with_contacts(&[1.0; 3]),
+        Err(forward::ForwardError::Contacts {
+            given: 3,
+            electrodes: 16
+        })
+    ));
+    assert!(base.with_contacts(&[-1.0; 16]).is_err());
+}

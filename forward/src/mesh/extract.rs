@@ -40,7 +40,7 @@ pub(super) fn extract(geometry: &Geometry, lines: &Lines, mut cdt: Cdt, order: O
         for k in 0..3 {
             let (a, b, c) = (p[k], p[(k + 1) % 3], p[(k + 2) % 3]);
             let dot = (b[0] - a[0]) * (c[0] - a[0]) + (b[1] - a[1]) * (c[1] - a[1]);
-            let angle = cross(a, b, c).atan2(dot).to_degrees();
+            let angle = libm::atan2(cross(a, b, c), dot).to_degrees();
             if angle < smallest.0 {
                 smallest = (angle, a);
             }

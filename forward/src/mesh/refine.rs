@@ -19,7 +19,7 @@ fn circumcircle(p: [Point; 3]) -> (Point, f64) {
     let (b2, c2) = (bx * bx + by * by, cx * cx + cy * cy);
     let x = (cy * b2 - by * c2) / d;
     let y = (bx * c2 - cx * b2) / d;
-    ([a[0] + x, a[1] + y], x.hypot(y))
+    ([a[0] + x, a[1] + y], libm::hypot(x, y))
 }
 
 /// A triangle waiting to be split, by how much too large it is. The corners tell whether it is still there.

@@ -97,9 +97,9 @@ impl<'a> SizeField<'a> {
 /// Short edges along a circle where a rim or another circle is nearer than its own edges are long.
 fn gaps(geometry: &Geometry, circles: &[(Point, f64, f64)], k: usize, points: &mut Vec<(Point, f64)>) {
     let (centre, radius, edge) = circles[k];
-    let towards = |p: Point| (p[1] - centre[1]).atan2(p[0] - centre[0]);
+    let towards = |p: Point| libm::atan2(p[1] - centre[1], p[0] - centre[0]);
     let on_circle = |angle: f64| {
-        let (sin, cos) = angle.sin_cos();
+        let (sin, cos) = libm::sincos(angle);
         [centre[0] + radius * cos, centre[1] + radius * sin]
     };
     let mut walk = |nearest: f64, gap: &dyn Fn(Point) -> f64| {

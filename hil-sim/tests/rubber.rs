@@ -1,0 +1,148 @@
+//! The rubber's electrode matrix against solutions on other meshes that know the truth at every point.
+#![allow(clippy::unwrap_used, reason = "a failure here is a failed test")]
+
+use forward::field::{conductivity_of, conductivity_of_discs};
+use forward::{DiscTouch, Drive, ElectrodeMatrix, Model, ModelOptions, Pattern, Sheet, Solver};
+use hil_sim::{Key, Material, Rubber, Scene, Shape, SheetModel, Touch};
+use std::sync::Arc;
+
+fn frame(z: &ElectrodeMatrix) -> Vec<f64> {
+    Drive::PAPER.frame_v(z, &Pattern::adjacent(16).unwrap())
+}
+
+/// Largest relative difference of a frame of 208 voltages.
+fn difference(a: &ElectrodeMatrix, b: &ElectrodeMatrix) -> f64 {
+    let [a, b] = [a, b].map(frame);
+    a.iter().zip(b).map(|(x, y)| (x / y - 1.0).abs()).fold(0.0, f64::max)
+}
+
+/// A finer solution of discs, by a mesh that follows their edges.
+fn reference(discs: &[DiscTouch]) -> ElectrodeMatrix {
+    let options = ModelOptions {
+        accuracy: 2e-4,
+        touches: discs.to_vec(),
+        ..ModelOptions::default()
+    };
+    let model = Arc::new(Model::new(&Sheet::paper(), &options).unwrap());
+    let conductivity = conductivity_of_discs(model.mesh(), discs);
+    Solver::new(model).unwrap().solve(&conductivity).unwrap().clone()
+}
+
+/// A finer solution of a smooth field.
+fn reference_field(rise: impl Fn([f64; 2]) -> f64) -> ElectrodeMatrix {
+    let options = ModelOptions {
+        accuracy: 3e-4,
+        ..ModelOptions::default()
+    };
+    let model = Arc::new(Model::new(&Sheet::paper(), &options).unwrap());
+    let conductivity = conductivity_of(model.mesh(), rise);
+    Solver::new(model).unwrap().solve(&conductivity).unwrap().clone()
+}
+
+fn creeping(touches: Vec<Touch>) -> Scene {
+    Scene {
+        material: Material::viscoelastic(),
+        ..Scene::still(touches)
+    }
+}
+
+/// Presses, creeps, lifts, keeps an imprint, is pressed again beside it: sharp edges all the time.
+#[test]
+fn a_tip_that_presses_again_and_again_leaves_discs() {
+    let forces = [
+        (0.0, 25.0),
+        (4.0, 25.0),
+        (4.1, 0.0),
+        (6.0, 0.0),
+        (6.1, 40.0),
+        (8.0, 40.0),
+    ];
+    let scene = creeping(vec![
+        Touch::pressed(Shape::Disc, 12.5, 20.0, -30.0, &forces),
+        Touch::pressed(Shape::Disc, 8.0, 31.0, -25.0, &[(5.0, 10.0), (9.0, 10.0)]),
+    ]);
+    let mut rubber = Rubber::new(&Sheet::paper(), scene.clone()).unwrap();
+    let mut probes = [scene.probe(12.0, -33.0), scene.probe(36.0, -23.0)];
+    for t in [0.0, 1.0, 4.0, 5.5, 7.0, 8.5, 12.0, 30.0] {
+        let z = rubber.electrode_matrix(t).unwrap();
+        let rises = [0, 1].map(|k| {
+            probes[k].advance(t);
+            probes[k].rise()
+        });
+        let disc = |x, y, radius_mm, rise| DiscTouch {
+            centre_mm: [x, y],
+            radius_mm,
+            rise,
+        };
+        let error = difference(
+            z,
+            &reference(&[disc(20.0, -30.0, 12.5, rises[0]), disc(31.0, -25.0, 8.0, rises[1])]),
+        );
+        println!("{t:4} s: rises {rises:.4?}, error {error:.1e}");
+        assert!(error < 1e-3, "{t} s: {error:.1e}");
+    }
+}
+
+/// What moving shapes leave behind is smooth: against a finer mesh that asks a probe at every point.
+#[test]
+fn trails_of_moving_shapes_are_there() {
+    let way = |shape, radius_mm, y: f64| {
+        let mut keys = vec![Key::new(0.0, -30.0, y, 200.0), Key::new(0.3, 30.0, y, 200.0)];
+        keys[1].angle_deg = 90.0;
+        Touch::new(shape, radius_mm, keys)
+    };
+    let scene = creeping(vec![
+        way(Shape::Disc, 12.5, 40.0),
+        way(Shape::Pad { aspect: 0.5 }, 14.0, -40.0),
+    ]);
+    // When all has lifted only the trails are there.
+    let mut rubber = Rubber::new(&Sheet::paper(), scene.clone()).unwrap();
+    for k in 1..35 {
+        rubber.electrode_matrix(0.01 * f64::from(k)).unwrap();
+    }
+    let z = rubber.electrode_matrix(0.35).unwrap().clone();
+    let truth = reference_field(|[x, y]| {
+        let mut probe = scene.probe(x, y);
+        probe.advance(0.35);
+        probe.rise()
+    });
+    // What the meshes differ by without a touch, and then each one's change.
+    let empty = Rubber::new(&Sheet::paper(), Scene::empty())
+        .unwrap()
+        .electrode_matrix(0.0)
+        .unwrap()
+        .clone();
+    let even = reference_field(|_| 0.0);
+    let [here, there, a, b] = [&z, &truth, &empty, &even].map(frame);
+    let changes: Vec<[f64; 2]> = (0..208)
+        .map(|k| [here[k] / a[k] - 1.0, there[k] / b[k] - 1.0])
+        .collect();
+    let largest = |f: &dyn Fn(&[f64; 2]) -> f64| changes.iter().map(|c| f(c).abs()).fold(0.0, f64::max);
+    let (effect, error) = (largest(&|c| c[1]), largest(&|c| c[0] - c[1]));
+    println!(
+        "effect {effect:.1e}, error {error:.1e}, of the meshes {:.1e}",
+        difference(&empty, &even)
+    );
+    assert!(effect > 2e-3 && error < 0.01 * effect, "{effect:.1e} {error:.1e}");
+}
+
+/// Looking seldom or often, the same history.
+#[test]
+fn when_it_is_looked_at_does_not_matter() {
+    let scene = creeping(vec![
+        Touch::finger(&[(0.1, -30.0, 0.0), (0.6, 30.0, 10.0)], 20.0, 0.1),
+        Touch::pressed(Shape::Disc, 10.0, 0.0, -40.0, &[(0.2, 0.0), (0.4, 30.0), (0.9, 0.0)]),
+    ]);
+    let model = Arc::new(Model::new(&Sheet::paper(), &ModelOptions::default()).unwrap());
+    let after = |looks: &[f64]| {
+        let mut rubber = Rubber::on_model(Arc::clone(&model), scene.clone()).unwrap();
+        for t in looks {
+            rubber.electrode_matrix(*t).unwrap();
+        }
+        rubber.electrode_matrix(1.5).unwrap().clone()
+    };
+    let often: Vec<f64> = (0..210).map(|k| 0.0071 * f64::from(k)).collect();
+    let error = difference(&after(&[]), &after(&often));
+    println!("{error:.1e}");
+    assert!(error < 1e-5, "{error:.1e}");
+}
