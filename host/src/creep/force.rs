@@ -20,9 +20,9 @@ pub struct Calibration {
 }
 
 /// A touch must have this many standard deviations of force.
-const LEAST_SD: f64 = 4.0;
+const LEAST_SD: f64 = 3.0;
 /// And this much of the dent below it, whose size is known no better.
-const LEAST_OF_DENT: f64 = 0.15;
+const LEAST_OF_DENT: f64 = 0.05;
 /// Points along the side of a cell at which its cover by a touch is looked at.
 const POINTS: usize = 4;
 
@@ -213,7 +213,7 @@ mod tests {
                 let told = seen[0].force_n.unwrap();
                 // What is below the dent's own uncertainty is told as nothing.
                 let dent = AREA_MM2 * rubber.delayed_mpa;
-                if force_n > 0.21 + 0.16 * dent {
+                if force_n > 0.16 + 0.06 * dent {
                     prop_assert!((told - force_n).abs() < 1e-9, "{told} {force_n}");
                 }
             }

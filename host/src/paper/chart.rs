@@ -28,9 +28,9 @@ pub(super) struct Chart<'a> {
 }
 
 const WIDTH: f64 = 520.0;
-const HEIGHT: f64 = 280.0;
+const HEIGHT: f64 = 290.0;
 /// Left, right, top, bottom.
-const MARGIN: [f64; 4] = [46.0, 12.0, 12.0, 40.0];
+const MARGIN: [f64; 4] = [50.0, 12.0, 12.0, 44.0];
 /// Points of a line that lie closer than this to the straight one are left out, px.
 const FINE: f64 = 0.25;
 
@@ -80,7 +80,8 @@ impl Chart<'_> {
                         (self.axes[1])
                     }
                     @for s in &self.series {
-                        @let points = thinned(s.points.iter().filter(|p| p[1].is_finite()).map(place).collect());
+                        @let all = s.points.iter().filter(|p| p[1].is_finite()).map(place).collect();
+                        @let points = if s.marked { all } else { thinned(all) };
                         polyline class=(format!("line {}", s.class))
                             points=(points.iter().map(|p| format!("{},{}", px(p[0]), px(p[1]))).collect::<Vec<_>>().join(" ")) {}
                         @if s.marked {

@@ -10,19 +10,11 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use maud::{Markup, html};
 
-/// What the colours of a field span.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Span {
-    /// From 0 to this relative rise.
-    Rise(f64),
-    /// From a fall to a rise of this size.
-    Signed(f64),
-}
-
 /// A map.
 #[derive(Clone, Debug, Default)]
 pub struct Map {
     image: String,
+    scale: [f64; 2],
     /// What the image covers: left, bottom, width, height, mm.
     area: [f64; 4],
     outline_mm: Vec<[f64; 2]>,
@@ -31,25 +23,38 @@ pub struct Map {
     truth_mm: Vec<[f64; 2]>,
     found_mm: Vec<[f64; 2]>,
     hexagons: Vec<([f64; 2], f64, Rgb)>,
+    fingers: bool,
 }
 
 /// Side of the image of a field, px.
 const IMAGE_PX: u32 = 196;
 
 impl Map {
-    /// The smoothed picture of cells.
-    pub(super) fn of_cells(imager: &Imager, x: &[f64], span: Span) -> Result<Self, PaperError> {
+    /// The smoothed picture of cells on a scale of its own: from 0, or where anything falls to both sides.
+    pub(super) fn of_cells(imager: &Imager, x: &[f64]) -> Result<Self, PaperError> {
         let values: Vec<f32> = x.iter().map(|v| *v as f32).collect();
         let field = Field::new(imager.shown_grid()?.as_ref(), &values);
-        // What is shown is smoothed: the scale is that of the cells all the same, as in the paper's pictures.
-        let (table, low, high) = match span {
-            Span::Rise(high) => (Palette::Viridis.table(), 0.0, high),
-            Span::Signed(high) => (Palette::Diverging.table(), -high, high),
+        let at = |p: [f64; 2]| f64::from(field.at(p[0], p[1]));
+        let shown = (0..imager.grid.len()).map(|k| at(imager.grid.centre(k)));
+        let [low, high] = shown.fold([0.0_f64; 2], |r, v| [r[0].min(v), r[1].max(v)]);
+        let falls = x.iter().any(|v| *v < 0.0);
+        let full = high.max(-low);
+        let (table, low, high) = if falls {
+            (Palette::Diverging.table(), -full, full)
+        } else {
+            (Palette::Viridis.table(), 0.0, full)
         };
         let wide = (high - low).max(f64::MIN_POSITIVE);
-        Self::of_colours(&imager.outline_mm, &imager.electrodes_mm, |p| {
-            table[index(((f64::from(field.at(p[0], p[1])) - low) / wide) as f32)]
-        })
+        let mut map = Self::of_colours(&imager.outline_mm, &imager.electrodes_mm, |p| {
+            table[index(((at(p) - low) / wide) as f32)]
+        })?;
+        map.scale = [low, high];
+        Ok(map)
+    }
+
+    /// What the first and the last colour stand for.
+    pub(super) fn scale(&self) -> [f64; 2] {
+        self.scale
     }
 
     /// Any colours at the points (mm) of a sheet.
@@ -95,6 +100,12 @@ impl Map {
         self
     }
 
+    /// Fingers instead of the rings.
+    pub(super) fn with_fingers(mut self) -> Self {
+        self.fingers = true;
+        self
+    }
+
     /// Electrodes that drive or sense, counted from 0.
     pub(super) fn with_active(mut self, active: &[usize]) -> Self {
         self.active = active.to_vec();
@@ -110,7 +121,7 @@ impl Map {
     /// The map as SVG. `id` is the document's own for it, `label` says what it shows to whoever cannot see it.
     pub(super) fn svg(&self, id: &str, label: &str) -> Markup {
         let [left, bottom, width, height] = self.area;
-        let margin = 0.09 * width.max(height);
+        let margin = 0.1 * width.max(height);
         let frame = [
             left - margin,
             -(bottom + height) - margin,
@@ -139,12 +150,13 @@ impl Map {
                         cx=(format!("{x:.1}")) cy=(format!("{:.1}", -y))
                         r=(format!("{:.1}", if self.active.contains(&k) { 0.024 * width } else { 0.014 * width })) {}
                     @if self.active.contains(&k) {
-                        text class="number" x=(format!("{:.1}", 1.085 * x)) y=(format!("{:.1}", -1.085 * y + 0.02 * width)) { (k + 1) }
+                        text class="number" x=(format!("{:.1}", 1.115 * x)) y=(format!("{:.1}", -1.1 * y + 0.02 * width)) { (k + 1) }
                     }
                 }
                 @for [x, y] in &self.truth_mm {
-                    circle class="truth-halo" cx=(format!("{x:.1}")) cy=(format!("{:.1}", -y)) r=(format!("{:.1}", 0.0641 * width)) {}
-                    circle class="truth" cx=(format!("{x:.1}")) cy=(format!("{:.1}", -y)) r=(format!("{:.1}", 0.0641 * width)) {}
+                    @for class in if self.fingers { &["finger"][..] } else { &["truth-halo", "truth"][..] } {
+                        circle class=(class) cx=(format!("{x:.1}")) cy=(format!("{:.1}", -y)) r=(format!("{:.1}", 0.0641 * width)) {}
+                    }
                 }
                 @for [x, y] in &self.found_mm {
                     @for class in ["found-halo", "found"] {

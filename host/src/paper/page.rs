@@ -11,7 +11,7 @@ use crate::view::palette::{Palette, index};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 /// Position errors that the map's colours span, mm, by their logarithms.
-const ERRORS_MM: [f64; 2] = [0.1, 30.0];
+const ERRORS_MM: [f64; 2] = [0.02, 20.0];
 
 pub(super) fn html(report: &Report) -> String {
     let page = html! {
@@ -49,12 +49,8 @@ fn head(r: &Report) -> Markup {
     let ours = update_ms(r, "ours", |s| &s.ours);
     let way = |name: &str| r.ways.iter().find(|w| w.name.starts_with(name));
     let found = |of: fn(&super::touches::Scene) -> &Outcome| {
-        let list = r
-            .touches
-            .scenes
-            .iter()
-            .map(|s| format!("{} of {}", of(s).found, s.truth_mm.len()));
-        list.collect::<Vec<_>>().join(", ")
+        let list = r.touches.scenes.iter().map(|s| format!("{}", of(s).found));
+        format!("told {}", list.collect::<Vec<_>>().join(", "))
     };
     let (fig10, fig11) = (&r.tracking.varying, &r.tracking.repeated);
     let panel = |name: &str| {
@@ -78,7 +74,7 @@ fn head(r: &Report) -> Markup {
                 ("time", "Noise and time"), ("apart", "Two touches"), ("position", "Position"),
             ] { a href=(format!("#{id}")) { (name) } }
         }
-        div.wide { table {
+        div.wide { table.summary {
             thead { tr { th { "quantity" } th { "the paper" } th { "here, their way" } th { "here, ours" } } }
             tbody {
                 tr { td { "signal to noise, 25 N" } td { "27 dB" }
@@ -86,11 +82,13 @@ fn head(r: &Report) -> Markup {
                     td.here { (way("ours").map_or(String::new(), |w| format!("{:.1} dB", w.snr_db))) } }
                 tr { td { "update time, measured and reconstructed" } td { "about 360 ms" }
                     td.here { (format!("{theirs:.0} ms")) } td.here { (format!("{ours:.1} ms")) } }
-                tr { td { "one to four touches told apart (Fig. 8)" } td { "yes" }
+                tr { td { "1, 2, 3 and 4 touches (Fig. 8)" } td { "told apart" }
                     td.here { (found(|s| &s.theirs)) } td.here { (found(|s| &s.ours)) } }
-                tr { td { "generalised inverse on three touches (Fig. 7)" } td { "fails" }
-                    td.here { (panel("generalised").map_or(String::new(), fall)) }
-                    td { "non-negative: " (panel("ours").map_or(String::new(), fall)) } }
+                tr { td { "three touches by the generalised inverse (Fig. 7), 20 mm" } td { "fails" }
+                    td.here { (panel("generalised").map_or(String::new(), worst)) } td { "–" } }
+                tr { td { "three touches, non-negative (Fig. 7)" } td { "works" }
+                    td.here { (panel("Lawson").map_or(String::new(), worst)) }
+                    td.here { (panel("ours").map_or(String::new(), worst)) } }
                 tr { td { "a force that goes up and down (Fig. 10), error rms" } td { "tracked" }
                     td.here { (percent(fig10.theirs.rms)) } td.here { (percent(fig10.after.rms)) } }
                 tr { td { "repeated loads (Fig. 11), left after a release" } td { "residual deformation" }
@@ -105,9 +103,14 @@ fn head(r: &Report) -> Markup {
     }
 }
 
-/// Greatest fall that a picture shows, which pressure cannot make.
-fn fall(o: &Outcome) -> String {
-    format!("falls to {:.0} %, {} peaks for 3", 100.0 * o.range[0], o.found)
+/// How far off the worst of the touches is, and how far the picture falls, which pressure cannot make it.
+fn worst(o: &Outcome) -> String {
+    let off = o.errors_mm.iter().flatten().copied().fold(0.0, f64::max);
+    if o.range[0] < 0.0 {
+        format!("{off:.0} mm off, falls to {:.0} %", 100.0 * o.range[0])
+    } else {
+        format!("{off:.1} mm off, no fall")
+    }
 }
 
 fn percent(part: f64) -> String {
@@ -135,7 +138,7 @@ fn gradients(r: &Report) -> Markup {
         p { "Product of the potential gradients of drive pair 1–2 and a sense pair. Red: a rise of the resistivity there raises the \
              voltage; blue: it lowers it. Each on its own scale of fourth roots. As in the paper the product is strong near the \
              electrodes in use and changes its sign in between." }
-        div.maps { @for g in &r.gradients { figure {
+        div.maps.six { @for g in &r.gradients { figure {
             (g.map.svg(&format!("g{}", g.sense), &format!("product of gradients, sense pair {}", g.sense)))
             figcaption { b { "sense " (g.sense) "–" (g.sense % 16 + 1) } br;
                 (format!("largest {:.2} mΩ/% mm²", 10.0 * g.largest_ohm_per_mm2)) br;
@@ -147,10 +150,9 @@ fn gradients(r: &Report) -> Markup {
 }
 
 fn scale(o: &Outcome) -> String {
-    if o.range[0] < 0.0 {
-        format!("±{:.0} %", 100.0 * o.range[1].max(-o.range[0]))
-    } else {
-        format!("0 … {:.0} %", 100.0 * o.range[1])
+    match o.map.scale() {
+        [0.0, high] => format!("0 … {:.1} %", 100.0 * high),
+        [_, high] => format!("±{:.0} %", 100.0 * high),
     }
 }
 
@@ -167,7 +169,7 @@ fn inverse(r: &Report) -> Markup {
         h2 id="fig7" { "Fig. 7: the generalised inverse fails where non-negative least squares works" }
         p { "The frame of three touches below, by every method, each on its own scale. Rings: where was pressed; crosses: the touches \
              told. The paper shows that the generalised inverse gives nothing to recognise, and so it is." }
-        div.maps { @for (k, p) in r.touches.panels.iter().enumerate() { figure {
+        div.maps.five { @for (k, p) in r.touches.panels.iter().enumerate() { figure {
             (p.outcome.map.svg(&format!("p{k}"), p.name))
             figcaption { b { (p.name) } br; (scale(&p.outcome)) br; (errors(&p.outcome, 3)) }
         } } }
@@ -184,7 +186,7 @@ fn scenes(r: &Report) -> Markup {
              stand for the paper's photographs." }
         p { b { "Where was pressed" } }
         div.maps.scenes { @for (k, s) in r.touches.scenes.iter().enumerate() { figure {
-            (empty.clone().with_truth(&s.truth_mm).svg(&format!("t{k}"), "true positions"))
+            (empty.clone().with_truth(&s.truth_mm).with_fingers().svg(&format!("t{k}"), "true positions"))
         } } }
         @for (title, id, of) in [
             ("The paper's method: Lawson–Hanson on 20 mm elements", "l", (|s| &s.theirs) as fn(&super::touches::Scene) -> &Outcome),
@@ -235,7 +237,14 @@ fn tracking(r: &Report) -> Markup {
 
 fn creep(r: &Report) -> Markup {
     let (t, h) = (&r.tracking, &r.tracking.hold);
-    let error = |e: &ForceError| format!("{:.1} / {:.1} %", 100.0 * e.rms, 100.0 * e.largest);
+    let error = |e: &ForceError| {
+        format!(
+            "{:.1} / {:.1} / {:.1} %",
+            100.0 * e.rms,
+            100.0 * e.p99,
+            100.0 * e.largest
+        )
+    };
     let names = [
         "delayed over instant compliance",
         "time constant, s",
@@ -262,7 +271,7 @@ fn creep(r: &Report) -> Markup {
             } } }
         } }
         div.wide { table {
-            thead { tr { th { "force error, rms / largest, of 25 N" } th.n { "Fig. 10" } th.n { "Fig. 11" } } }
+            thead { tr { th { "force error, rms / 99 % / largest, of 25 N" } th.n { "Fig. 10" } th.n { "Fig. 11" } } }
             tbody {
                 tr { td { "the paper's method, best gain" } td.n { (error(&t.varying.theirs)) } td.n { (error(&t.repeated.theirs)) } }
                 tr { td { "before: the instant gain" } td.n { (error(&t.varying.before)) } td.n { (error(&t.repeated.before)) } }
@@ -308,29 +317,32 @@ fn solve_ms(r: &Report, of: fn(&super::touches::Scene) -> &Outcome) -> f64 {
 }
 
 fn separation(r: &Report) -> Markup {
-    let points = |of: fn(&super::reach::Separation) -> f64| -> Vec<[f64; 2]> {
-        r.reach
-            .separations
-            .iter()
-            .map(|s| [s.apart_mm, 100.0 * of(s)])
-            .collect()
+    let points = |width_mm: f64, of: fn(&super::reach::Separation) -> f64| -> Vec<[f64; 2]> {
+        let list = r.reach.separations.iter().filter(|s| s.width_mm == width_mm);
+        list.map(|s| [s.apart_mm, 100.0 * of(s)]).collect()
     };
-    let marked = |name, class, of| Series {
+    let [tip, finger] = super::reach::WIDTHS_MM;
+    let marked = |name, class, width, of| Series {
         marked: true,
-        ..line(name, class, points(of))
+        ..line(name, class, points(width, of))
     };
     let frames = r.reach.separations.first().map_or(0, |s| s.frames);
     html! {
         h2 id="apart" { "Two touches closer and closer" }
-        p { "Not in the paper. Two tips of 25 mm and +20 % anywhere on the sheet; at 25 mm they touch. Told apart: two touches are found, \
-             both within 8 mm. " (frames) " frames at every distance, the same for both methods." }
+        p { (format!(
+            "Not in the paper. Two discs anywhere on the sheet, with the noise that 27 dB are in the middle: the paper's tips of \
+             {tip:.0} mm and +20 %, which touch at {tip:.0} mm, and fingertips of {finger:.0} mm and +25 %. Told apart: two touches \
+             are found, both within {:.0} mm or half of their distance. {frames} frames at every distance, the same for both methods.",
+            super::reach::TOLD_MM
+        )) }
         (Chart {
             label: "told apart against distance",
             axes: ["distance between the middles, mm", "told apart, %"],
             series: vec![
-                marked("ours", "s3", |s| s.ours.both),
-                marked("the paper's method", "s2", |s| s.theirs.both),
-                line("the paper's method, two found anywhere", "s4", points(|s| s.theirs.two)),
+                marked("ours, tips", "s3", tip, |s| s.ours.both),
+                marked("ours, fingertips", "s1", finger, |s| s.ours.both),
+                marked("the paper's method, tips", "s2", tip, |s| s.theirs.both),
+                marked("the paper's method, fingertips", "s4", finger, |s| s.theirs.both),
             ],
             range: Some([0.0, 105.0]),
         }.html())

@@ -14,9 +14,12 @@ use serde::Serialize;
 /// The sheet's radius and the tip's, mm.
 pub const RIM_MM: f64 = 97.5;
 const TIP_MM: f64 = 12.5;
-/// Distances between the middles of the two touches, mm: from where they touch.
-const APART_MM: [f64; 9] = [25.0, 27.5, 30.0, 32.5, 35.0, 40.0, 45.0, 50.0, 60.0];
-/// A touch further off than this is not told, mm.
+/// Widths of the pairs' discs, mm: the paper's tip, and a fingertip; with their rises.
+pub const WIDTHS_MM: [f64; 2] = [25.0, 14.0];
+const RISES: [f64; 2] = [0.2, 0.25];
+/// Distances between the middles of the two touches, mm; a pair begins where it touches.
+const APART_MM: [f64; 12] = [14.0, 16.0, 18.0, 20.0, 22.5, 25.0, 27.5, 30.0, 35.0, 40.0, 50.0, 60.0];
+/// A touch further off than this, or than half of the pair's distance, is not told, mm.
 pub const TOLD_MM: f64 = 8.0;
 
 /// What a method makes of pairs at one distance.
@@ -24,13 +27,15 @@ pub const TOLD_MM: f64 = 8.0;
 pub struct Told {
     /// Part of the frames in which two touches are found.
     pub two: f64,
-    /// Part in which both are also within 8 mm.
+    /// Part in which both are also near their places.
     pub both: f64,
 }
 
 /// Pairs of touches at one distance.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Separation {
+    /// Width of each, mm.
+    pub width_mm: f64,
     /// Distance between the middles, mm.
     pub apart_mm: f64,
     /// Frames.
@@ -104,10 +109,12 @@ pub(super) fn run(options: Options, progress: &dyn Fn(&str)) -> Result<Reach, Pa
     };
     progress("two touches closer and closer");
     let pairs = if options.quick { 4 } else { 60 };
-    let separations = APART_MM
-        .iter()
-        .map(|apart| both.separation(*apart, pairs))
-        .collect::<Result<_, _>>()?;
+    let mut separations = Vec::new();
+    for (width_mm, rise) in WIDTHS_MM.into_iter().zip(RISES) {
+        for apart_mm in APART_MM.into_iter().filter(|a| *a >= width_mm) {
+            separations.push(both.separation(width_mm, rise, apart_mm, pairs)?);
+        }
+    }
     progress("position error over the sheet");
     let (spacing_mm, frames) = if options.quick { (28.0, 1) } else { (11.0, 5) };
     let positions = both.positions(spacing_mm, frames)?;
@@ -145,31 +152,36 @@ impl Both {
         Ok([theirs, ours])
     }
 
-    fn separation(&mut self, apart_mm: f64, frames: usize) -> Result<Separation, PaperError> {
-        let mut told = [Told::default(); 2];
+    fn separation(&mut self, width_mm: f64, rise: f64, apart_mm: f64, frames: usize) -> Result<Separation, PaperError> {
+        let (mut two, mut both) = ([0_usize; 2], [0_usize; 2]);
         for _ in 0..frames {
-            let scene = Kind::Pair(apart_mm).scene(&mut self.rng, f64::INFINITY);
-            let truth: Vec<[f64; 2]> = scene.touches.iter().map(|t| t.centre_mm).collect();
-            let voltages = self.bench.frame(&clean(scene.touches), &mut self.rng)?;
-            for (told, found) in told.iter_mut().zip(self.look(&voltages)?) {
-                if found.len() == 2 {
-                    told.two += 1.0 / frames as f64;
-                    if matched(&truth, &found).iter().all(|e| e.is_some_and(|e| e <= TOLD_MM)) {
-                        told.both += 1.0 / frames as f64;
-                    }
-                }
+            let mut touches = Kind::Pair(apart_mm).scene(&mut self.rng, f64::INFINITY).touches;
+            for t in &mut touches {
+                (t.radius_mm, t.rise) = (0.5 * width_mm, rise);
+            }
+            let truth: Vec<[f64; 2]> = touches.iter().map(|t| t.centre_mm).collect();
+            let voltages = self.bench.frame(&clean(touches), &mut self.rng)?;
+            let near = TOLD_MM.min(0.5 * apart_mm);
+            for (k, found) in self.look(&voltages)?.iter().enumerate().filter(|(_, f)| f.len() == 2) {
+                two[k] += 1;
+                both[k] += usize::from(matched(&truth, found).iter().all(|e| e.is_some_and(|e| e <= near)));
             }
         }
+        let told = |k: usize| Told {
+            two: two[k] as f64 / frames as f64,
+            both: both[k] as f64 / frames as f64,
+        };
         Ok(Separation {
+            width_mm,
             apart_mm,
             frames,
-            theirs: told[0],
-            ours: told[1],
+            theirs: told(0),
+            ours: told(1),
         })
     }
 
     fn positions(&mut self, spacing_mm: f64, frames: usize) -> Result<Positions, PaperError> {
-        let (mut places, mut all, mut counted) = (Vec::new(), [Vec::new(), Vec::new()], [0.0; 2]);
+        let (mut places, mut all, mut counted) = (Vec::new(), [Vec::new(), Vec::new()], [0_usize; 2]);
         let honeycomb = honeycomb(spacing_mm, RIM_MM - TIP_MM);
         let total = (honeycomb.len() * frames) as f64;
         for at_mm in honeycomb {
@@ -183,7 +195,7 @@ impl Both {
                     // A touch that is not found counts as far away as in all of the project's tables.
                     let error = matched(&[truth], found)[0].unwrap_or(scenes::MISSED_MM);
                     errors[k].push(error);
-                    counted[k] += f64::from(u8::from(found.len() == 1)) / total;
+                    counted[k] += usize::from(found.len() == 1);
                 }
             }
             let median = |list: &[f64]| Some(quantile(list, 0.5)).filter(|m| *m < scenes::MISSED_MM);
@@ -203,7 +215,7 @@ impl Both {
             places,
             theirs_mm: pair(&all[0]),
             ours_mm: pair(&all[1]),
-            counted,
+            counted: counted.map(|n| n as f64 / total),
         })
     }
 }

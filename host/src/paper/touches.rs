@@ -1,7 +1,7 @@
 //! One to four touches (the paper's Fig. 8), and what the generalised inverse makes of three (Fig. 7): frames measured in the
 //! paper's way through the whole chain.
 
-use super::map::{Map, Span};
+use super::map::Map;
 use super::methods::Reader;
 use super::rig::{Press, Recording, Rig, Tip};
 use super::{Options, PaperError};
@@ -166,18 +166,13 @@ fn outcome(reader: &mut Reader, baseline: &[f64], frame: &[f64], truth: &[[f64; 
     }
     let result = reader.read(baseline, frame)?.clone();
     let range = result.x.iter().fold([0.0_f64; 2], |r, x| [r[0].min(*x), r[1].max(*x)]);
-    let span = if range[0] < 0.0 {
-        Span::Signed(range[1].max(-range[0]))
-    } else {
-        Span::Rise(range[1])
-    };
     let places_mm: Vec<[f64; 2]> = result.touches.iter().map(|t| [t.x_mm, t.y_mm]).collect();
     Ok(Outcome {
         found: result.touches.len(),
         errors_mm: matched(truth, &result.touches),
         range,
         frame_ms: quantile(&times, 0.5),
-        map: Map::of_cells(&reader.imager, &result.x, span)?
+        map: Map::of_cells(&reader.imager, &result.x)?
             .with_truth(truth)
             .with_found(&places_mm),
         places_mm,

@@ -11,6 +11,7 @@ use crate::creep::press::Recorder;
 use crate::creep::recording::Sample;
 use crate::live::{Live, LiveFrame, LiveOptions};
 use crate::picture::Touch;
+use crate::study::scenes::quantile;
 use serde::Serialize;
 use std::sync::Arc;
 
@@ -43,6 +44,8 @@ pub struct Moment {
 pub struct ForceError {
     /// Root of the mean square.
     pub rms: f64,
+    /// 99 % of the frames are within.
+    pub p99: f64,
     /// The largest.
     pub largest: f64,
 }
@@ -111,8 +114,8 @@ pub(super) fn run(rig: &dyn Rig, options: Options, progress: &dyn Fn(&str)) -> R
 
 /// When the baseline is taken, s.
 const START_S: f64 = 1.5;
-/// A tip comes down and lifts in this time, s.
-const RAMP_S: f64 = 0.3;
+/// A tip on a stand comes down and lifts in this time, s.
+const RAMP_S: f64 = 0.5;
 
 /// Up and down between levels, as a hand on the gauge would.
 fn varying(options: Options) -> Vec<[f64; 2]> {
@@ -262,8 +265,10 @@ fn best_gain(moments: &[Moment], read: impl Fn(&Moment) -> f64) -> f64 {
 fn error(moments: &[Moment], read: impl Fn(&Moment) -> f64) -> ForceError {
     let off = |m: &Moment| (read(m) - m.gauge_n).abs() / FULL_SCALE_N;
     let square: f64 = moments.iter().map(|m| off(m).powi(2)).sum();
+    let all: Vec<f64> = moments.iter().map(off).collect();
     ForceError {
         rms: (square / moments.len().max(1) as f64).sqrt(),
+        p99: quantile(&all, 0.99),
         largest: moments.iter().map(off).fold(0.0, f64::max),
     }
 }

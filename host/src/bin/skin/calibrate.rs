@@ -18,7 +18,6 @@ use serde::Serialize;
 use std::io::Write;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::time::Duration;
 
 /// Arguments of `skin calibrate`.
 #[derive(Debug, Args)]
@@ -156,7 +155,7 @@ fn words(fit: &Fit) -> String {
 
 /// When the simulated tip comes down (s), how fast, and for which part of the time it stays.
 const DOWN_S: f64 = 1.5;
-const RAMP_S: f64 = 0.3;
+const RAMP_S: f64 = 0.5;
 const HELD: f64 = 0.6;
 
 fn simulate(arguments: &Arguments) -> Result<Vec<Sample>> {

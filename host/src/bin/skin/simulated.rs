@@ -9,6 +9,10 @@ use std::sync::Arc;
 /// Relative accuracy of the simulated voltages, as for any simulated skin: finer than the reconstruction's mesh.
 const ACCURACY: f64 = 5e-4;
 
+/// How often the board's front end looks at the rubber, s: a force of 25 N comes down in half a second, and a look that is late
+/// by half of this is late by 1 % of it.
+const LOOK_S: f64 = 0.01;
+
 /// Skins of the paper's sheet. All share a mesh, none its rubber.
 pub(crate) struct SimulatedRig {
     model: Arc<Model>,
@@ -41,7 +45,10 @@ impl Rig for SimulatedRig {
             },
             ..Scene::empty()
         };
-        let mut config = SimConfig::default();
+        let mut config = SimConfig {
+            look_samples: Some(hil_sim::samples(LOOK_S)),
+            ..SimConfig::default()
+        };
         config.electronics.seed = seed;
         let rubber = Rubber::on_model(Arc::clone(&self.model), scene.clone())?;
         let port = SimPort::new(SimBoard::new(config, rubber)?, Pace::Unpaced)?;
@@ -62,18 +69,10 @@ impl Rig for SimulatedRig {
 }
 
 fn touch(press: &Press) -> Touch {
-    let key = |[t_s, x_mm, y_mm, force_n]: &[f64; 4]| Key {
-        t_s: *t_s,
-        x_mm: *x_mm,
-        y_mm: *y_mm,
-        force_n: *force_n,
+    let shape = match press.tip {
+        Tip::Disc => Shape::Disc,
+        Tip::Finger => Shape::Finger,
     };
-    Touch {
-        shape: match press.tip {
-            Tip::Disc => Shape::Disc,
-            Tip::Finger => Shape::Finger,
-        },
-        radius_mm: press.radius_mm,
-        keys: press.path.iter().map(key).collect(),
-    }
+    let keys = press.path.iter().map(|[t_s, x, y, n]| Key::new(*t_s, *x, *y, *n));
+    Touch::new(shape, press.radius_mm, keys.collect())
 }
