@@ -24,36 +24,46 @@ fn solve(sheet: &Sheet) -> Solver {
     solver
 }
 
-/// Central differences over other meshes, against the formula, on a sheet with a touch, for either drive.
+/// Central differences, against the formula, on a sheet with a touch, for either drive. Contacts change on the same mesh,
+/// places over other meshes.
 #[test]
 fn contacts_and_places_are_slopes() {
     let sheet = Sheet::paper();
     let solver = solve(&sheet);
     let pattern = Pattern::adjacent(16).unwrap();
     let slopes = Sensitivity::by_electrode(&solver);
+    let with_contact = |l: usize, factor: f64| {
+        let mut contacts = vec![1.0; 16];
+        contacts[l] *= factor;
+        let model = Arc::new(solver.model().with_contacts(&contacts).unwrap());
+        Solver::new(model)
+            .unwrap()
+            .solve(solver.conductivity())
+            .unwrap()
+            .clone()
+    };
+    let moved = |l: usize, along_mm: f64| {
+        let mut sheet = sheet.clone();
+        sheet.electrodes[l].place = solver.model().geometry().moved(&sheet, l, along_mm).unwrap();
+        solve(&sheet).electrode_matrix().clone()
+    };
     for drive in [Drive::PAPER, Drive::Current { amplitude_a: 1e-3 }] {
-        let frame = |sheet: &Sheet| drive.frame_v(solve(sheet).electrode_matrix(), &pattern);
         let matrix = slopes.matrix_v(drive, solver.electrode_matrix(), &pattern);
         for l in [0, 1, 15] {
-            for region in [l, 16 + l] {
-                let step = 0.4;
-                let changed = |sign: f64| {
-                    let mut sheet = sheet.clone();
-                    if region < 16 {
-                        sheet.electrodes[l].contact_mm *= 1.0 + 0.06 * sign;
-                    } else {
-                        sheet.electrodes[l].place =
-                            solver.model().geometry().moved(&sheet, l, 0.5 * step * sign).unwrap();
-                    }
-                    frame(&sheet)
-                };
-                let span = if region < 16 { 0.12 } else { step };
-                let (up, down) = (changed(1.0), changed(-1.0));
+            for (region, ends, span, tolerance) in [
+                (l, [with_contact(l, 1.001), with_contact(l, 0.999)], 0.002, 1e-5),
+                (16 + l, [moved(l, 0.2), moved(l, -0.2)], 0.4, 0.015),
+            ] {
+                let [up, down] = ends.map(|z| drive.frame_v(&z, &pattern));
                 let slope: Vec<f64> = up.iter().zip(&down).map(|(a, b)| (a - b) / span).collect();
                 let largest = slope.iter().fold(0.0_f64, |m, s| m.max(s.abs()));
                 for (row, s) in slope.iter().enumerate() {
                     let off = (s - matrix[(row, region)]).abs();
-                    assert!(off < 0.015 * largest, "{region} {row}: {s} {}", matrix[(row, region)]);
+                    assert!(
+                        off < tolerance * largest,
+                        "{region} {row}: {s} {}",
+                        matrix[(row, region)]
+                    );
                 }
             }
         }

@@ -1,14 +1,19 @@
 //! A whole board in simulated time: bytes in, bytes out.
 
+use crate::analog::Analog;
 use crate::chip::Chip;
-use crate::clock::{Clock, PERIOD_SAMPLES, QUARTER_SAMPLES, TICKS_PER_SAMPLE, TIMER_HZ, samples, seconds};
-use crate::electronics::Electronics;
+use crate::clock::{Clock, PERIOD_SAMPLES, QUARTER_SAMPLES, TICKS_PER_SAMPLE, TIMER_HZ, samples};
+use crate::electronics::{Electronics, ElectronicsError};
+use crate::fault::{Fault, FaultError};
 use crate::flash::Flash;
 use crate::front_end::{SimFrontEnd, SimFrontEndError};
-use crate::sheet::SheetModel;
+use crate::line::{Direction, Line};
+use crate::sheet::{Shared, SheetModel};
+use crate::timeline::Timeline;
 use crate::uart::Uart;
 use firmware::{Activity, BoardInfo, Controller, MAX_CHANNELS, Memory};
 use protocol::{Counters, Hello, Plan, PlanError, ResetCause};
+use std::ops::Deref;
 use thiserror::Error;
 
 /// Why there is no simulated board.
@@ -17,6 +22,12 @@ pub enum BoardError {
     /// The front end does not come up.
     #[error(transparent)]
     FrontEnd(#[from] SimFrontEndError),
+    /// Its electronics cannot be.
+    #[error(transparent)]
+    Electronics(#[from] ElectronicsError),
+    /// A fault that it cannot have.
+    #[error(transparent)]
+    Fault(#[from] FaultError),
     /// The plan that it starts with does not suit it.
     #[error("the board cannot start with this plan: {0}")]
     Plan(PlanError),
@@ -38,6 +49,8 @@ const SECTOR_BYTES: u32 = 2048;
 pub struct SimConfig {
     /// The analogue part, with the seed of all noise.
     pub electronics: Electronics,
+    /// What breaks, and when.
+    pub faults: Vec<Fault>,
     /// What it measures until it is told otherwise; `None` is the adjacent plan for the sheet's electrodes.
     pub plan: Option<Plan>,
     /// What its flash memory holds; `None`: nothing yet.
@@ -48,36 +61,47 @@ pub struct SimConfig {
     pub look_samples: Option<u64>,
 }
 
+/// Longest time that a reset waits for a frame to be half out, s.
+const MID_FRAME_S: f64 = 0.05;
+
 /// The firmware on simulated hardware. Time stands still between calls.
 #[derive(Debug)]
 pub struct SimBoard<S> {
-    clock: Clock,
-    controller: Controller<'static, SimFrontEnd<S>, Uart, Chip, Box<Memory>>,
+    /// What a restart needs; its flash memory is in the chip.
+    config: SimConfig,
+    sheet: Shared<S>,
+    faults: Timeline,
+    line: Line,
+    machine: Machine<S>,
+    /// Resets so far, and until when the reset line is held (s).
+    resets: usize,
+    held_until_s: Option<f64>,
+    /// The last byte from the board: 0 ends a message.
+    last_byte: u8,
 }
 
-impl<S: SheetModel> SimBoard<S> {
-    /// A board at power-up, with its introduction on the way out.
-    ///
-    /// # Errors
-    /// [`BoardError`] says what does not fit together.
-    pub fn new(config: SimConfig, sheet: S) -> Result<Self, BoardError> {
+/// What a reset replaces.
+#[derive(Debug)]
+struct Machine<S> {
+    /// Samples that the simulation was old at power-up.
+    origin: u64,
+    clock: Clock,
+    controller: Controller<'static, SimFrontEnd<Shared<S>>, Uart, Chip, Box<Memory>>,
+}
+
+impl<S: SheetModel> Machine<S> {
+    fn power_up(
+        config: &SimConfig,
+        flash: Flash,
+        sheet: Shared<S>,
+        faults: Timeline,
+        origin: u64,
+    ) -> Result<Self, BoardError> {
         let clock = Clock::new();
-        let SimConfig {
-            electronics,
-            plan,
-            flash,
-            reset,
-            look_samples,
-        } = config;
-        let mut gains_milli = [0; 4];
-        for (place, gain) in gains_milli.iter_mut().zip(&electronics.gains_milli) {
-            *place = *gain;
-        }
-        let microvolt = |v: f64| (v * 1e6).round() as u32;
-        let (span, excitation) = (microvolt(electronics.adc_span_v), microvolt(electronics.excitation_v));
-        let (source_gain_milli, skew_ticks) = (electronics.source_gain_milli, electronics.skew_ticks);
-        let mut front = SimFrontEnd::new(electronics, sheet, clock.clone())?;
-        if let Some(samples) = look_samples {
+        let electronics = &config.electronics;
+        let analog = Analog::new(electronics.clone(), origin)?;
+        let mut front = SimFrontEnd::powered_up(analog, sheet, clock.clone(), faults)?;
+        if let Some(samples) = config.look_samples {
             front = front.looking_every(samples);
         }
         let given = front.electrodes();
@@ -88,6 +112,12 @@ impl<S: SheetModel> SimBoard<S> {
                 given,
                 most: MAX_CHANNELS,
             })?;
+        config.faults.iter().try_for_each(|fault| fault.validate(given))?;
+        let mut gains_milli = [0; 4];
+        for (place, gain) in gains_milli.iter_mut().zip(&electronics.gains_milli) {
+            *place = *gain;
+        }
+        let microvolt = |v: f64| (v * 1e6).round() as u32;
         let info = BoardInfo {
             name: "skin-sim",
             serial: "sim",
@@ -96,94 +126,168 @@ impl<S: SheetModel> SimBoard<S> {
             channels: electrodes,
             timer_hz: TIMER_HZ,
             ticks_per_sample: TICKS_PER_SAMPLE,
-            skew_ticks,
-            adc_span_uv: span,
-            excitation_uv: excitation,
-            source_gain_milli,
+            skew_ticks: electronics.skew_ticks,
+            adc_span_uv: microvolt(electronics.adc_span_v),
+            excitation_uv: microvolt(electronics.excitation_v),
+            source_gain_milli: electronics.source_gain_milli,
             gains_milli,
-            reset,
+            reset: config.reset,
             last_panic: "",
         };
-        let plan = match plan {
-            Some(plan) => plan,
+        let plan = match &config.plan {
+            Some(plan) => plan.clone(),
             None => Plan::adjacent(electrodes).map_err(BoardError::Plan)?,
         };
         let uart = Uart::new(clock.clone());
-        let chip = Chip::new(clock.clone(), flash.unwrap_or_else(|| Flash::new(SECTOR_BYTES)));
+        let chip = Chip::new(clock.clone(), flash);
         let controller = Controller::new(info, plan, front, uart, chip, Box::default()).map_err(BoardError::Plan)?;
-        Ok(Self { clock, controller })
+        Ok(Self {
+            origin,
+            clock,
+            controller,
+        })
+    }
+}
+
+impl<S: SheetModel> SimBoard<S> {
+    /// A board at power-up, with its introduction on the way out.
+    ///
+    /// # Errors
+    /// [`BoardError`] says what does not fit together.
+    pub fn new(mut config: SimConfig, sheet: S) -> Result<Self, BoardError> {
+        let flash = config.flash.take().unwrap_or_else(|| Flash::new(SECTOR_BYTES));
+        let sheet = Shared::new(sheet);
+        let faults = Timeline::new(config.faults.clone());
+        let machine = Machine::power_up(&config, flash, sheet.clone(), faults.clone(), 0)?;
+        Ok(Self {
+            line: Line::new(faults.clone(), config.electronics.seed),
+            config,
+            sheet,
+            faults,
+            machine,
+            resets: 0,
+            held_until_s: None,
+            last_byte: 0,
+        })
     }
 
-    /// Samples since power-up.
+    /// Samples since the simulation began, as the board's timer makes them.
     pub fn now(&self) -> u64 {
-        self.clock.now()
+        self.machine.origin + self.machine.clock.now()
     }
 
-    /// Seconds since power-up.
+    /// True time since the simulation began, s.
     pub fn now_s(&self) -> f64 {
-        seconds(self.now())
+        let rate = 1.0 + 1e-6 * self.config.electronics.crystal_ppm;
+        crate::clock::seconds(self.now()) / rate
     }
 
     /// Who it says it is.
     pub fn hello(&self) -> Hello {
-        self.controller.hello()
+        self.machine.controller.hello()
     }
 
-    /// The sheet.
-    pub fn sheet(&mut self) -> &S {
-        self.controller.front_mut().sheet()
+    /// The sheet, for as long as the board stands still.
+    pub fn sheet(&self) -> impl Deref<Target = S> + '_ {
+        self.sheet.lock()
+    }
+
+    /// How often the cable was put back; `None` while it is pulled.
+    pub fn plugged(&self) -> Option<u32> {
+        self.faults.plugged(self.now_s())
     }
 
     /// Puts bytes on the wire to the board.
     pub fn receive(&mut self, bytes: &[u8]) {
-        self.controller.link_mut().transmit(bytes);
+        self.line.look(self.now_s());
+        if self.held_until_s.is_some() {
+            return;
+        }
+        let uart = self.machine.controller.link_mut();
+        for byte in bytes {
+            self.line.pass(Direction::ToBoard, *byte, |b| uart.transmit(&[b]));
+        }
     }
 
     /// Whether nothing will happen however long one waits: no scan, and no byte under way.
     pub fn is_idle(&mut self) -> bool {
-        self.controller.is_quiet() && self.controller.link_mut().is_idle()
+        let controller = &mut self.machine.controller;
+        self.held_until_s.is_none() && controller.is_quiet() && controller.link_mut().is_idle()
     }
 
     /// What it counted.
     pub fn counters(&self) -> &Counters {
-        self.controller.counters()
+        self.machine.controller.counters()
     }
 
     /// Samples that its converter made for the windows so far.
     pub fn conversions(&mut self) -> u64 {
-        self.controller.front_mut().conversions()
+        self.machine.controller.front_mut().conversions()
     }
 
     /// Its flash memory.
     pub fn flash(&mut self) -> &mut Flash {
-        &mut self.controller.support_mut().flash
+        &mut self.machine.controller.support_mut().flash
     }
 
     /// Whether its watchdog has bitten, which never happens while it is stepped.
     pub fn bitten(&mut self) -> bool {
-        self.controller.support_mut().bitten()
+        self.machine.controller.support_mut().bitten()
     }
 
     /// Lets a time pass in which the firmware hangs.
     pub fn hang(&mut self, duration_s: f64) {
-        self.clock.advance(samples(duration_s));
+        self.machine.clock.advance(samples(duration_s));
     }
 
-    /// Lets one period of the excitation pass, and hands over the bytes that left the board meanwhile.
-    pub fn step(&mut self, take: impl FnMut(u8)) {
+    /// Lets one period of the excitation pass, and hands over the bytes that arrive from the board meanwhile.
+    ///
+    /// # Errors
+    /// A board that is reset does not come up again, as it would not at power-up.
+    pub fn try_step(&mut self, mut take: impl FnMut(u8)) -> Result<(), BoardError> {
+        self.line.look(self.now_s());
+        if self.line.take_break() {
+            // What a receiver makes of a line that stays low.
+            take(0);
+        }
+        self.reset_if_due()?;
+        if let Some(until_s) = self.held_until_s {
+            self.machine.origin += PERIOD_SAMPLES;
+            if self.now_s() < until_s {
+                return Ok(());
+            }
+            // It comes up now, whatever time it is.
+            self.restart()?;
+            self.held_until_s = None;
+            return Ok(());
+        }
+        let Machine { clock, controller, .. } = &mut self.machine;
         for _ in 0..PERIOD_SAMPLES / QUARTER_SAMPLES {
-            self.clock.advance(QUARTER_SAMPLES);
+            clock.advance(QUARTER_SAMPLES);
             // One block of samples, the commands of a quarter period and their answers are a few polls.
             for _ in 0..16 {
-                if self.controller.poll() == Activity::Idle {
+                if controller.poll() == Activity::Idle {
                     break;
                 }
             }
         }
-        self.controller.link_mut().receive(take);
+        let (line, last) = (&mut self.line, &mut self.last_byte);
+        controller.link_mut().receive(|byte| {
+            *last = byte;
+            line.pass(Direction::FromBoard, byte, &mut take);
+        });
+        Ok(())
     }
 
-    /// Lets a time pass, to the next whole period, and collects the bytes that left the board meanwhile.
+    /// The same, of a board that comes up again after every reset.
+    pub fn step(&mut self, take: impl FnMut(u8)) {
+        // What could come up once can again: nothing of it has changed but the sheet, which is looked at all the time.
+        if let Err(error) = self.try_step(take) {
+            debug_assert!(false, "{error}");
+        }
+    }
+
+    /// Lets a time pass, to the next whole period, and collects the bytes that arrive from the board meanwhile.
     pub fn run(&mut self, duration_s: f64) -> Vec<u8> {
         let end = self.now() + samples(duration_s);
         let mut bytes = Vec::new();
@@ -191,5 +295,28 @@ impl<S: SheetModel> SimBoard<S> {
             self.step(|b| bytes.push(b));
         }
         bytes
+    }
+
+    fn reset_if_due(&mut self) -> Result<(), BoardError> {
+        let now_s = self.now_s();
+        let Some(fault) = self.faults.reset(now_s, self.resets) else {
+            return Ok(());
+        };
+        if self.last_byte == 0 && now_s < fault.at_s + MID_FRAME_S {
+            return Ok(());
+        }
+        self.held_until_s = fault.for_s.map(|length| now_s + length);
+        self.resets += 1;
+        self.config.reset = ResetCause::Pin;
+        self.restart()
+    }
+
+    /// All but the flash memory is new.
+    fn restart(&mut self) -> Result<(), BoardError> {
+        let flash = self.flash().clone();
+        let origin = self.now();
+        self.machine = Machine::power_up(&self.config, flash, self.sheet.clone(), self.faults.clone(), origin)?;
+        self.last_byte = 0;
+        Ok(())
     }
 }

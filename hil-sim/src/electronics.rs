@@ -1,34 +1,74 @@
-//! Source, switches, amplifiers and converter: from what the electrodes see to codes.
+//! Source, switches, amplifiers and converter: what they are, flaws and all. [`crate::Analog`] computes with it.
 
-use crate::clock::{PERIOD_SAMPLES, TICKS_PER_SAMPLE, seconds};
-use crate::noise::Noise;
-use firmware::{FULL_SCALE, MAX_CHANNELS, Route, Sense};
-use forward::{Drive, ElectrodeMatrix, Measurement, Pair};
-use std::f64::consts::TAU;
+use crate::interference::Line;
+use firmware::MAX_CHANNELS;
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
 
-/// The board's analogue part, constant while it runs.
-#[derive(Clone, Debug, PartialEq)]
+/// The board's analogue part, constant while it runs. Every flaw has a value with which it is absent, and costs nothing
+/// then.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct Electronics {
     /// Amplitude of the source at full scale, V.
     pub excitation_v: f64,
     /// Gain between the source and the converter where the source itself is measured, in thousandths.
     pub source_gain_milli: u32,
+    /// Steps of the source's DAC in a period; 0: a pure sine.
+    pub source_steps: u16,
+    /// Bits of the source's DAC, whose range is twice the full-scale amplitude; 0: as many as it takes.
+    pub source_bits: u8,
+    /// Corner of the second-order low-pass (Butterworth) behind the source's DAC, Hz; 0: none. The board makes up for its
+    /// loss and delay at the nominal excitation.
+    pub source_filter_hz: f64,
+    /// How much faster than it says the board's crystal runs, millionths.
+    pub crystal_ppm: f64,
+
     /// Timer ticks from the conversion of one channel to that of the next: one converter takes them in turn.
     pub skew_ticks: u16,
     /// Resistance of one closed switch, ohm; the drive current passes two.
     pub switch_ohm: f64,
-    /// Gains between sense pair and converter that a route chooses from, in thousandths, at most four. The amplifiers'
-    /// resting output is the middle of the converter's range.
-    pub gains_milli: Vec<u32>,
-    /// Voltage between the converter's lowest and highest code, V.
-    pub adc_span_v: f64,
-    /// Time constant with which a channel approaches its new voltage after a switch, s.
+    /// Time in which nothing is connected when the switches change (break before make), s. The amplifiers' inputs go
+    /// to their resting level meanwhile.
+    pub break_s: f64,
+    /// Time constant of the channels' low-pass: with it a channel approaches its new voltage after a switch, s. What it costs
+    /// at the nominal excitation is part of the gains.
     pub settling_s: f64,
     /// What the switches' charge adds to every channel at the moment of switching, V at the converter.
     pub injection_v: f64,
+
+    /// Gains between sense pair and converter that a route chooses from, in thousandths, at most four. The amplifiers'
+    /// resting output is the middle of the converter's range.
+    pub gains_milli: Vec<u32>,
+    /// Relative error of the amplifiers' gains: none, one for all channels, or one for each; what is missing is 0.
+    pub gain_error: Vec<f64>,
+    /// Offsets of the amplifiers, V at the converter: none, one for all channels, or one for each; what is missing is 0.
+    pub offset_v: Vec<f64>,
+    /// How far from its resting level an amplifier's output goes, V; absent: beyond the converter's range.
+    pub swing_v: Option<f64>,
+    /// Part of a channel's voltage that its two neighbours see in addition to their own.
+    pub crosstalk: f64,
+
     /// White noise of each sample, converter codes rms.
     pub noise_codes: f64,
-    /// Seed of the noise.
+    /// 1/f noise of each amplifier, converter codes rms in a decade of frequency.
+    pub flicker_codes: f64,
+    /// Random departure of each conversion from its time, s rms.
+    pub jitter_s: f64,
+    /// Interfering lines: the mains, a motor.
+    pub interference: Vec<Line>,
+
+    /// Voltage between the converter's lowest and highest code, V.
+    pub adc_span_v: f64,
+    /// Bits that the converter really has, of the 12 that it gives; the lower ones are 0.
+    pub adc_bits: u8,
+    /// Integral nonlinearity, codes: the peak of an S-shaped departure of the converter's characteristic.
+    pub inl_codes: f64,
+    /// Differential nonlinearity, codes: the largest departure of a code's width from one.
+    pub dnl_codes: f64,
+
+    /// Seed of all that is random. Not part of a file: a scene has one for everything.
+    #[serde(skip)]
     pub seed: u64,
 }
 
@@ -39,122 +79,159 @@ impl Default for Electronics {
     /// - 10 us of settling is an amplifier and filter of 16 kHz, and 40 mV a multiplexer of some picocoulomb;
     /// - 60 ticks of 84 MHz are a conversion of 15 clocks of a converter at 21 MHz;
     /// - the noise makes the paper's way of measuring have the paper's 27 dB.
+    ///
+    /// Everything else is absent.
     fn default() -> Self {
         Self {
             excitation_v: 2.25,
             source_gain_milli: 586,
+            source_steps: 0,
+            source_bits: 0,
+            source_filter_hz: 0.0,
+            crystal_ppm: 0.0,
             skew_ticks: 60,
             switch_ohm: 70.0,
-            gains_milli: vec![13_000, 600],
-            adc_span_v: 3.3,
+            break_s: 0.0,
             settling_s: 10e-6,
             injection_v: 0.04,
+            gains_milli: vec![13_000, 600],
+            gain_error: Vec::new(),
+            offset_v: Vec::new(),
+            swing_v: None,
+            crosstalk: 0.0,
             noise_codes: 0.365,
+            flicker_codes: 0.0,
+            jitter_s: 0.0,
+            interference: Vec::new(),
+            adc_span_v: 3.3,
+            adc_bits: 12,
+            inl_codes: 0.0,
+            dnl_codes: 0.0,
             seed: 1,
         }
     }
 }
 
-/// What the channels are connected to, and what is left of what they were connected to before.
-#[derive(Clone, Debug)]
-pub struct Routing {
-    /// Amplitude of each channel, V at the converter.
-    pub amplitude_v: [f64; MAX_CHANNELS],
-    /// How far each channel was from its new voltage when it was switched, V at the converter.
-    pub residue_v: [f64; MAX_CHANNELS],
-    /// When that was, in samples since power-up.
-    pub switched_at: u64,
+/// What is wrong with a description of electronics.
+#[derive(Clone, Debug, PartialEq, Error)]
+pub enum ElectronicsError {
+    /// A number that it cannot have.
+    #[error("electronics: {field} is {value}; it must be {allowed}")]
+    Range {
+        /// Which one.
+        field: &'static str,
+        /// What was given.
+        value: f64,
+        /// What it may be.
+        allowed: &'static str,
+    },
+    /// A list that is too long or too short.
+    #[error("electronics: {field} has {given} entries; {allowed}")]
+    Length {
+        /// Which one.
+        field: &'static str,
+        /// How many it has.
+        given: usize,
+        /// What it may have.
+        allowed: &'static str,
+    },
 }
 
-impl Default for Routing {
-    fn default() -> Self {
-        Self {
-            amplitude_v: [0.0; MAX_CHANNELS],
-            residue_v: [0.0; MAX_CHANNELS],
-            switched_at: 0,
-        }
+pub(crate) fn in_range(
+    field: &'static str,
+    value: f64,
+    range: impl std::ops::RangeBounds<f64>,
+    allowed: &'static str,
+) -> Result<(), ElectronicsError> {
+    if value.is_finite() && range.contains(&value) {
+        Ok(())
+    } else {
+        Err(ElectronicsError::Range { field, value, allowed })
     }
 }
+
+/// The smallest number above zero, for ranges without it.
+const SOME: f64 = f64::MIN_POSITIVE;
 
 impl Electronics {
-    /// Amplitude of every channel of a route on this sheet with the source at `permille` of full scale, V at the converter;
-    /// 0 for channels that do not exist. `None` for a gain that does not exist.
-    pub fn amplitudes_v(&self, sheet: &ElectrodeMatrix, route: &Route, permille: u16) -> Option<[f64; MAX_CHANNELS]> {
-        let source_v = self.excitation_v * f64::from(permille) / 1000.0;
-        let gain = f64::from(*self.gains_milli.get(usize::from(route.gain))?) / 1000.0;
-        let drive = Drive::Voltage {
-            amplitude_v: source_v,
-            switch_ohm: self.switch_ohm,
+    /// The same without any flaw: no noise, no transient, a pure sine; only the converter still rounds.
+    pub fn ideal() -> Self {
+        Self {
+            settling_s: 0.0,
+            injection_v: 0.0,
+            noise_codes: 0.0,
+            ..Self::default()
+        }
+    }
+
+    /// Whether such electronics can be.
+    ///
+    /// # Errors
+    /// [`ElectronicsError`] names the field and what it may be.
+    pub fn validate(&self) -> Result<(), ElectronicsError> {
+        let above = "above 0";
+        let not_below = "0 or more, and finite";
+        in_range(
+            "excitation_v",
+            self.excitation_v,
+            SOME..=1000.0,
+            "above 0, at most 1000",
+        )?;
+        in_range("adc_span_v", self.adc_span_v, SOME..=1000.0, "above 0, at most 1000")?;
+        in_range(
+            "crystal_ppm",
+            self.crystal_ppm,
+            -1e5..=1e5,
+            "between -100000 and 100000",
+        )?;
+        in_range("crosstalk", self.crosstalk, -0.5..=0.5, "between -0.5 and 0.5")?;
+        for (field, value) in [
+            ("source_filter_hz", self.source_filter_hz),
+            ("switch_ohm", self.switch_ohm),
+            ("break_s", self.break_s),
+            ("settling_s", self.settling_s),
+            ("noise_codes", self.noise_codes),
+            ("flicker_codes", self.flicker_codes),
+        ] {
+            in_range(field, value, 0.0.., not_below)?;
+        }
+        in_range("injection_v", self.injection_v, .., "finite")?;
+        // The signal is followed to the first order of the departure.
+        in_range("jitter_s", self.jitter_s, 0.0..=2e-6, "between 0 and 2e-6")?;
+        in_range("inl_codes", self.inl_codes, -64.0..=64.0, "between -64 and 64")?;
+        in_range("dnl_codes", self.dnl_codes, 0.0..=4.0, "between 0 and 4")?;
+        in_range("adc_bits", self.adc_bits.into(), 1.0..=12.0, "between 1 and 12")?;
+        in_range("source_bits", self.source_bits.into(), 0.0..=24.0, "between 0 and 24")?;
+        if self.source_steps != 0 {
+            in_range(
+                "source_steps",
+                self.source_steps.into(),
+                4.0..=4096.0,
+                "0, or between 4 and 4096",
+            )?;
+        }
+        if self.source_steps == 0 && self.source_bits != 0 {
+            let allowed = "0 for a pure sine: give source_steps, or leave the bits out";
+            in_range("source_bits", self.source_bits.into(), 0.0..=0.0, allowed)?;
+        }
+        if let Some(swing_v) = self.swing_v {
+            in_range("swing_v", swing_v, SOME.., above)?;
+        }
+        let length = |field, given, range: std::ops::RangeInclusive<usize>, allowed| {
+            if range.contains(&given) {
+                Ok(())
+            } else {
+                Err(ElectronicsError::Length { field, given, allowed })
+            }
         };
-        let pair = |p: protocol::Pair| Pair::new(p.plus.into(), p.minus.into());
-        let voltage = |sense| {
-            let drive_pair = pair(route.drive);
-            gain * drive.voltage_v(
-                sheet,
-                Measurement {
-                    drive: drive_pair,
-                    sense,
-                },
-            )
-        };
-        let mut out = [0.0; MAX_CHANNELS];
-        match route.sense {
-            Sense::Source => out[0] = source_v * f64::from(self.source_gain_milli) / 1000.0,
-            Sense::One(sense) => out[0] = voltage(pair(sense)),
-            Sense::All { step } => {
-                let electrodes = sheet.electrodes();
-                for (n, v) in out.iter_mut().enumerate().take(electrodes) {
-                    *v = voltage(Pair::new((n + usize::from(step)) % electrodes, n));
-                }
+        length("gains_milli", self.gains_milli.len(), 1..=4, "it must have one to four")?;
+        let channels = "it may have none, one for all channels, or one for each of 16";
+        for (field, list) in [("gain_error", &self.gain_error), ("offset_v", &self.offset_v)] {
+            length(field, list.len(), 0..=MAX_CHANNELS, channels)?;
+            for value in list {
+                in_range(field, *value, .., "finite")?;
             }
         }
-        Some(out)
-    }
-
-    /// Voltage of a channel when it is converted in the row of this time, V at the converter from the middle of its range,
-    /// without noise.
-    pub fn voltage_v(&self, time: u64, channel: usize, routing: &Routing) -> f64 {
-        let late = (channel * usize::from(self.skew_ticks)) as f64 / f64::from(TICKS_PER_SAMPLE);
-        self.voltage_at_v(time, late, channel, routing)
-    }
-
-    /// The same, `late` samples after a time.
-    fn voltage_at_v(&self, time: u64, late: f64, channel: usize, routing: &Routing) -> f64 {
-        let phase = TAU * ((time % PERIOD_SAMPLES) as f64 + late) / PERIOD_SAMPLES as f64;
-        let since_s = seconds(time.saturating_sub(routing.switched_at)) + late * seconds(1);
-        let left = if self.settling_s > 0.0 {
-            (-since_s / self.settling_s).exp()
-        } else {
-            0.0
-        };
-        routing.amplitude_v[channel] * phase.sin() + routing.residue_v[channel] * left
-    }
-
-    /// The routing after a switch at `time` to channels of these amplitudes.
-    pub fn switched(&self, time: u64, before: &Routing, amplitude_v: [f64; MAX_CHANNELS]) -> Routing {
-        let mut after = Routing {
-            amplitude_v,
-            residue_v: [0.0; MAX_CHANNELS],
-            switched_at: time,
-        };
-        for channel in 0..MAX_CHANNELS {
-            after.residue_v[channel] = self.voltage_at_v(time, 0.0, channel, before) + self.injection_v
-                - self.voltage_at_v(time, 0.0, channel, &after);
-        }
-        after
-    }
-
-    /// One row of samples: the codes of the channels at a time. The excitation's phase is the time's, since one timer makes
-    /// both.
-    pub fn sample(&self, time: u64, routing: &Routing, out: &mut [u16]) {
-        let mut noise = [0.0; MAX_CHANNELS];
-        let used = out.len().min(MAX_CHANNELS);
-        Noise::new(self.seed).fill(time, &mut noise[..used]);
-        let codes_per_volt = f64::from(FULL_SCALE) / self.adc_span_v;
-        for (channel, (code, noise)) in out.iter_mut().zip(noise).enumerate() {
-            let volts = self.voltage_v(time, channel, routing);
-            let level = volts * codes_per_volt + f64::from(FULL_SCALE) / 2.0 + self.noise_codes * noise;
-            *code = level.round().clamp(0.0, f64::from(FULL_SCALE)) as u16;
-        }
+        self.interference.iter().try_for_each(Line::validate)
     }
 }

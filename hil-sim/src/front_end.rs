@@ -1,8 +1,12 @@
 //! The firmware's front-end traits on simulated electronics and a simulated sheet.
 
-use crate::clock::{Clock, PERIOD_SAMPLES, QUARTER_SAMPLES, samples, seconds};
-use crate::electronics::{Electronics, Routing};
+use crate::analog::{Analog, Routing};
+use crate::clock::{Clock, PERIOD_SAMPLES, QUARTER_SAMPLES, samples};
+use crate::electronics::{Electronics, ElectronicsError};
+use crate::noise::{mix, unit};
 use crate::sheet::SheetModel;
+use crate::timeline::Timeline;
+use crate::wiring::Wiring;
 use firmware::{Block, Capture, Error, ErrorKind, ErrorType, Excitation, MAX_CHANNELS, Rails, Route, Router, Window};
 use forward::{ElectrodeMatrix, ForwardError};
 use thiserror::Error as ThisError;
@@ -25,6 +29,9 @@ pub enum SimFrontEndError {
     /// The sheet cannot be simulated.
     #[error(transparent)]
     Sheet(#[from] ForwardError),
+    /// Such electronics cannot be.
+    #[error(transparent)]
+    Electronics(#[from] ElectronicsError),
 }
 
 impl Error for SimFrontEndError {
@@ -32,7 +39,7 @@ impl Error for SimFrontEndError {
         match self {
             Self::Overrun => ErrorKind::Overrun,
             Self::Route(_) => ErrorKind::Route,
-            Self::Sheet(_) => ErrorKind::Other,
+            Self::Sheet(_) | Self::Electronics(_) => ErrorKind::Other,
         }
     }
 }
@@ -51,8 +58,13 @@ struct Open {
 /// capture buffer, two periods long, turns over, a block is cut in two.
 #[derive(Debug)]
 pub struct SimFrontEnd<S> {
-    electronics: Electronics,
+    analog: Analog,
     sheet: S,
+    faults: Timeline,
+    /// What is broken, until when that holds, and the sheet as the wires see it.
+    wiring: Wiring,
+    wiring_until_s: f64,
+    seen: ElectrodeMatrix,
     clock: Clock,
     /// Whether polling in vain lets a sample's time pass.
     self_clocked: bool,
@@ -62,7 +74,6 @@ pub struct SimFrontEnd<S> {
     /// Samples between two looks.
     look_samples: u64,
     excited: bool,
-    permille: u16,
     route: Option<Route>,
     routing: Routing,
     open: Option<Open>,
@@ -76,18 +87,31 @@ impl<S: SheetModel> SimFrontEnd<S> {
     ///
     /// # Errors
     /// The sheet cannot be simulated.
-    pub fn new(electronics: Electronics, mut sheet: S, clock: Clock) -> Result<Self, SimFrontEndError> {
-        let matrix = sheet.electrode_matrix(seconds(clock.now()))?.clone();
+    pub fn new(electronics: Electronics, sheet: S, clock: Clock) -> Result<Self, SimFrontEndError> {
+        Self::powered_up(Analog::new(electronics, 0)?, sheet, clock, Timeline::default())
+    }
+
+    /// A front end at power-up with faults to come.
+    pub(crate) fn powered_up(
+        analog: Analog,
+        mut sheet: S,
+        clock: Clock,
+        faults: Timeline,
+    ) -> Result<Self, SimFrontEndError> {
+        let matrix = sheet.electrode_matrix(analog.true_s(clock.now()))?.clone();
         Ok(Self {
-            electronics,
+            analog,
             sheet,
+            faults,
+            wiring: Wiring::default(),
+            wiring_until_s: f64::NEG_INFINITY,
+            seen: matrix.clone(),
             clock,
             self_clocked: false,
             matrix,
             look: 0,
             look_samples: samples(SHEET_S),
             excited: false,
-            permille: 1000,
             route: None,
             routing: Routing::default(),
             open: None,
@@ -127,36 +151,77 @@ impl<S: SheetModel> SimFrontEnd<S> {
     /// Amplitudes of the present route, with the excitation as it is.
     fn amplitudes_v(&self) -> Result<[f64; MAX_CHANNELS], SimFrontEndError> {
         match &self.route {
-            Some(route) if self.excited => self
-                .electronics
-                .amplitudes_v(&self.matrix, route, self.permille)
+            Some(route) if self.excited && !self.wiring.source_lost => self
+                .analog
+                .amplitudes_v(&self.seen, &self.wiring.routed(route), self.wiring.floating())
                 .ok_or(SimFrontEndError::Route(*route)),
             _ => Ok([0.0; MAX_CHANNELS]),
         }
     }
 
-    /// Looks at the sheet again if the time has come. A touch is slow: its change is no switching.
+    /// Looks at the sheet and at what is broken again if the time has come. A touch is slow: its change is no switching, and
+    /// what breaks finds the signal where it is.
     fn look(&mut self, time: u64) -> Result<(), SimFrontEndError> {
         let interval = self.look_samples;
         let look = time / interval;
+        let mut changed = false;
         if look != self.look {
             self.look = look;
-            let matrix = self.sheet.electrode_matrix(seconds(look * interval))?;
+            let matrix = self.sheet.electrode_matrix(self.analog.true_s(look * interval))?;
             if *matrix != self.matrix {
                 self.matrix = matrix.clone();
-                self.routing.amplitude_v = self.amplitudes_v()?;
+                changed = true;
             }
+        }
+        let time_s = self.analog.true_s(time);
+        if time_s >= self.wiring_until_s {
+            self.wiring_until_s = self.faults.next_change_s(time_s);
+            let wiring = Wiring::of(self.faults.active(time_s));
+            changed |= wiring != self.wiring;
+            self.wiring = wiring;
+        }
+        if changed {
+            self.seen = self.wiring.seen(&self.matrix);
+            self.routing.amplitude_v = self.amplitudes_v()?;
+            self.routing.chords = self.chords();
         }
         Ok(())
     }
 
-    /// Connects what is now set, with a transient.
+    fn chords(&self) -> [[f64; 2]; MAX_CHANNELS] {
+        let route = self.route.as_ref().map(|route| self.wiring.routed(route));
+        route.map_or([[0.0; 2]; MAX_CHANNELS], |route| {
+            self.analog.chords(&route, self.electrodes())
+        })
+    }
+
+    /// Connects the route that is now set, with a transient.
     fn switch(&mut self) -> Result<(), SimFrontEndError> {
         let now = self.clock.now();
         self.look(now)?;
         let amplitudes = self.amplitudes_v()?;
-        self.routing = self.electronics.switched(now, &self.routing, amplitudes);
+        self.routing = self.analog.switched(now, &self.routing, amplitudes);
+        self.routing.chords = self.chords();
         Ok(())
+    }
+
+    /// Lets the channels follow a source that is now set otherwise.
+    fn drive(&mut self) -> Result<(), SimFrontEndError> {
+        let now = self.clock.now();
+        self.look(now)?;
+        let amplitudes = self.amplitudes_v()?;
+        self.routing = self.analog.driven(now, &self.routing, amplitudes);
+        Ok(())
+    }
+
+    /// Whether the samples of a block are lost, at the rate that a fault gives.
+    fn overrun(&self, time: u64) -> bool {
+        let chance = || {
+            unit(mix(
+                mix(self.analog.electronics().seed ^ 0x0FE4) ^ self.analog.absolute(time)
+            ))
+        };
+        self.wiring.overrun > 0.0 && chance() <= self.wiring.overrun
     }
 }
 
@@ -184,17 +249,17 @@ impl<S: SheetModel> Router for SimFrontEnd<S> {
 impl<S: SheetModel> Excitation for SimFrontEnd<S> {
     fn switch_on(&mut self) -> Result<(), SimFrontEndError> {
         self.excited = true;
-        self.switch()
+        self.drive()
     }
 
     fn set_amplitude(&mut self, permille: u16) -> Result<(), SimFrontEndError> {
-        self.permille = permille.min(1000);
-        self.switch()
+        self.analog.set_amplitude(permille.min(1000));
+        self.drive()
     }
 
     fn switch_off(&mut self) -> Result<(), SimFrontEndError> {
         self.excited = false;
-        self.switch()
+        self.drive()
     }
 }
 
@@ -230,9 +295,14 @@ impl<S: SheetModel> Capture for SimFrontEnd<S> {
             return Err(nb::Error::Other(SimFrontEndError::Overrun));
         }
         self.look(open.next)?;
+        if self.overrun(open.next) {
+            self.open = None;
+            return Err(nb::Error::Other(SimFrontEndError::Overrun));
+        }
         self.block.resize(open.channels * length as usize, 0);
         for (time, row) in (open.next..).zip(self.block.chunks_exact_mut(open.channels.max(1))) {
-            self.electronics.sample(time, &self.routing, row);
+            self.analog.sample(time, &self.routing, row);
+            self.wiring.spoil(row);
         }
         let result = f(&Block {
             samples: &self.block,

@@ -1,5 +1,7 @@
-//! White noise that is a function of time: the same seed, sample and channel give the same value, whoever asks first.
+//! Noise that is a function of time: the same seed, sample and channel give the same value, whoever asks first, on any
+//! machine (the platforms' own logarithms and sines differ in their last bits).
 
+use firmware::MAX_CHANNELS;
 use std::f64::consts::TAU;
 
 /// A source of normal noise with mean 0 and variance 1.
@@ -21,8 +23,8 @@ impl Noise {
             // Box and Muller's transformation makes two of two.
             let a = mix(start.wrapping_add(2 * k as u64));
             let b = mix(start.wrapping_add(2 * k as u64 + 1));
-            let radius = (-2.0 * unit(a).ln()).sqrt();
-            let (sin, cos) = (TAU * unit(b)).sin_cos();
+            let radius = (-2.0 * libm::log(unit(a))).sqrt();
+            let (sin, cos) = libm::sincos(TAU * unit(b));
             for (value, part) in pair.iter_mut().zip([cos, sin]) {
                 *value = radius * part;
             }
@@ -30,13 +32,52 @@ impl Noise {
     }
 }
 
+/// Octaves of [`Flicker`]: at 59 kHz down to 1/142 Hz.
+const OCTAVES: usize = 24;
+
+/// Noise with a power density of 1/f and the same power, 1, in every decade (up to some 0.1 in ripple): a sum of white noises that hold their
+/// values for 1, 2, 4, ... samples (Voss, as told by Gardner 1978). Each with variance s has the one-sided density
+/// `2 s T sinc(f T)^2`, T its time; over all octaves that is `s / (f ln 2)`: s in every octave.
+#[derive(Clone, Debug)]
+pub(crate) struct Flicker {
+    octaves: [Noise; OCTAVES],
+    /// What each octave holds now, and in which of its times that is.
+    held: [(Option<u64>, [f64; MAX_CHANNELS]); OCTAVES],
+}
+
+impl Flicker {
+    pub(crate) fn new(seed: u64) -> Self {
+        Self {
+            octaves: std::array::from_fn(|k| Noise::new(mix(seed).wrapping_add(k as u64))),
+            held: [(None, [0.0; MAX_CHANNELS]); OCTAVES],
+        }
+    }
+
+    /// The noise of every channel at one sample.
+    pub(crate) fn fill(&mut self, sample: u64, out: &mut [f64; MAX_CHANNELS]) {
+        *out = [0.0; MAX_CHANNELS];
+        for (k, (octave, (time, values))) in self.octaves.iter().zip(&mut self.held).enumerate() {
+            if *time != Some(sample >> k) {
+                *time = Some(sample >> k);
+                octave.fill(sample >> k, values);
+            }
+            for (sum, v) in out.iter_mut().zip(values.iter()) {
+                *sum += v;
+            }
+        }
+        // A decade has log2(10) octaves.
+        let scale = 1.0 / std::f64::consts::LOG2_10.sqrt();
+        out.iter_mut().for_each(|v| *v *= scale);
+    }
+}
+
 /// Uniform in (0, 1].
-fn unit(bits: u64) -> f64 {
+pub(crate) fn unit(bits: u64) -> f64 {
     ((bits >> 11) + 1) as f64 / (1u64 << 53) as f64
 }
 
 /// A permutation of the 64-bit numbers that scatters neighbours (the finaliser of SplitMix64, Steele et al. 2014).
-fn mix(x: u64) -> u64 {
+pub(crate) fn mix(x: u64) -> u64 {
     let x = x.wrapping_add(0x9E37_79B9_7F4A_7C15);
     let x = (x ^ (x >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
     let x = (x ^ (x >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);

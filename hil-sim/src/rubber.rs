@@ -3,8 +3,9 @@
 use crate::creep::{Creep, Points};
 use crate::scene::{Scene, TouchNow};
 use crate::sheet::SheetModel;
-use forward::field::{POINTS, conductivity_of_steps};
-use forward::{DiscTouch, ElectrodeMatrix, ForwardError, Model, ModelOptions, Sheet, Solver, Tensor};
+use crate::variation::{Ageing, Variation};
+use forward::field::{POINTS, conductivity_of, conductivity_of_steps};
+use forward::{DiscTouch, Electrode, ElectrodeMatrix, ForwardError, Model, ModelOptions, Sheet, Solver, Tensor};
 use std::sync::Arc;
 
 /// Relative accuracy of the simulated voltages. Finer than the reconstruction's mesh, so that the two do not share their
@@ -15,14 +16,31 @@ const ACCURACY: f64 = 5e-4;
 /// voltage by more than that, and mostly by far less.
 const UNCHANGED: f64 = 1e-5;
 
+/// Largest relative change of a contact impedance that is not worth a new model; it moves the sense voltages by a fraction
+/// of itself.
+const SAME_CONTACT: f64 = 1e-4;
+
 /// A sheet of rubber and what happens on it.
 pub struct Rubber {
     scene: Scene,
     solver: Solver,
     points: Points,
     creep: Creep,
-    /// The touches and whether anything crept when the state was last computed.
-    seen: (Vec<TouchNow>, bool),
+    /// Conductance of every element by unevenness; empty for an even sheet.
+    uneven: Vec<f64>,
+    /// Contact impedances of the new sheet, mm.
+    contact_mm: Vec<f64>,
+    /// What changes from look to look, as it was when the state was last computed.
+    seen: Seen,
+    /// What the electrodes see of the aged sheet.
+    matrix: ElectrodeMatrix,
+}
+
+#[derive(Default, PartialEq)]
+struct Seen {
+    touches: Vec<TouchNow>,
+    stretches: Vec<f64>,
+    crept: bool,
 }
 
 impl Rubber {
@@ -44,12 +62,41 @@ impl Rubber {
     /// As for [`Solver::new`].
     pub fn on_model(model: Arc<Model>, scene: Scene) -> Result<Self, ForwardError> {
         let points = Points::new(model.mesh());
+        let Variation {
+            resistivity_sd,
+            contact_sd,
+            ..
+        } = scene.variation;
+        let mut uneven = Vec::new();
+        if resistivity_sd > 0.0 {
+            let resistivity = scene.variation.resistivity();
+            let conductivity = conductivity_of(model.mesh(), |p| resistivity(p) - 1.0);
+            uneven = conductivity.iter().map(|s| s[0]).collect();
+        }
+        let mut contact_mm: Vec<f64> = model.sheet().electrodes.iter().map(|e| e.contact_mm).collect();
+        let mut model = model;
+        if contact_sd > 0.0 {
+            let factors = scene.variation.contacts(contact_mm.len());
+            contact_mm.iter_mut().zip(factors).for_each(|(c, f)| *c *= f);
+            model = Arc::new(model.with_contacts(&contact_mm)?);
+        }
+        let mut solver = Solver::new(model)?;
+        if !uneven.is_empty() {
+            let conductivity: Vec<Tensor> = uneven.iter().map(|s| [*s, 0.0, *s]).collect();
+            solver.solve(&conductivity)?;
+        }
         Ok(Self {
             creep: Creep::new(&scene, &points),
+            seen: Seen {
+                stretches: vec![0.0; scene.stretches.len()],
+                ..Seen::default()
+            },
             scene,
-            solver: Solver::new(model)?,
+            matrix: solver.electrode_matrix().clone(),
+            solver,
             points,
-            seen: (Vec::new(), false),
+            uneven,
+            contact_mm,
         })
     }
 
@@ -59,7 +106,7 @@ impl Rubber {
     }
 
     /// Strain of discs with sharp edges, and of all else at the points of every element.
-    fn strain(&self, touches: &[TouchNow]) -> (Vec<DiscTouch>, Vec<[f64; POINTS]>) {
+    fn strain(&self, Seen { touches, stretches, .. }: &Seen) -> (Vec<DiscTouch>, Vec<[f64; POINTS]>) {
         let material = &self.scene.material;
         let mut discs: Vec<DiscTouch> = Vec::new();
         let mut disc = |centre_mm, radius_mm, strain| {
@@ -94,6 +141,14 @@ impl Rubber {
                 }
             });
         }
+        for (stretch, strain) in self.scene.stretches.iter().zip(stretches) {
+            smooth.resize(self.points.elements.len(), [0.0; POINTS]);
+            for (values, element) in smooth.iter_mut().zip(&self.points.elements) {
+                for (s, p) in values.iter_mut().zip(&element.points) {
+                    *s -= strain * stretch.share(*p);
+                }
+            }
+        }
         for imprint in self.creep.imprints() {
             disc(
                 imprint.centre_mm,
@@ -105,23 +160,67 @@ impl Rubber {
     }
 }
 
-impl SheetModel for Rubber {
-    fn electrode_matrix(&mut self, t_s: f64) -> Result<&ElectrodeMatrix, ForwardError> {
-        let touches = self.scene.truth(t_s);
+impl Rubber {
+    /// Solves for what presses now, if that is anything new.
+    fn press(&mut self, t_s: f64) -> Result<(), ForwardError> {
         self.creep.advance(&self.scene, &self.points, t_s);
-        let crept = self.creep.field().is_some() || !self.creep.imprints().is_empty();
-        if touches == self.seen.0 && !crept && !self.seen.1 {
-            return Ok(self.solver.electrode_matrix());
+        let local_s = self.scene.local_s(t_s);
+        let now = Seen {
+            touches: self.scene.truth(t_s),
+            stretches: self.scene.stretches.iter().map(|s| s.strain(local_s)).collect(),
+            crept: self.creep.field().is_some() || !self.creep.imprints().is_empty(),
+        };
+        if now == self.seen && !now.crept {
+            return Ok(());
         }
-        let (discs, smooth) = self.strain(&touches);
+        let (discs, smooth) = self.strain(&now);
         let material = &self.scene.material;
         let mesh = self.solver.model().mesh();
-        let conductivity = conductivity_of_steps(mesh, &discs, &smooth, |s| 1.0 + material.rise_of_strain(s));
+        let mut conductivity = conductivity_of_steps(mesh, &discs, &smooth, |s| 1.0 + material.rise_of_strain(s));
+        for (tensor, even) in conductivity.iter_mut().zip(&self.uneven) {
+            tensor.iter_mut().for_each(|s| *s *= even);
+        }
         if changed(self.solver.conductivity(), &conductivity) {
             self.solver.solve(&conductivity)?;
         }
-        self.seen = (touches, crept);
-        Ok(self.solver.electrode_matrix())
+        self.seen = now;
+        Ok(())
+    }
+
+    /// Takes other contacts where those there have aged, relative to a sheet of `resistivity` times the new one's.
+    fn age(&mut self, t_s: f64, resistivity: f64) -> Result<(), ForwardError> {
+        let aged = self
+            .scene
+            .ageing
+            .contacts(self.contact_mm.len(), self.scene.variation.seed, t_s);
+        let contact_mm: Vec<f64> = aged
+            .iter()
+            .zip(&self.contact_mm)
+            .map(|(factor, new)| new * factor / resistivity)
+            .collect();
+        let there = &self.solver.model().sheet().electrodes;
+        let same = |(e, c): (&Electrode, &f64)| (c / e.contact_mm - 1.0).abs() < SAME_CONTACT;
+        if !there.iter().zip(&contact_mm).all(same) {
+            let model = self.solver.model().with_contacts(&contact_mm)?;
+            let mut solver = Solver::new(Arc::new(model))?;
+            solver.solve(self.solver.conductivity())?;
+            self.solver = solver;
+        }
+        Ok(())
+    }
+}
+
+impl SheetModel for Rubber {
+    fn electrode_matrix(&mut self, t_s: f64) -> Result<&ElectrodeMatrix, ForwardError> {
+        self.press(t_s)?;
+        if self.scene.ageing == Ageing::default() {
+            return Ok(self.solver.electrode_matrix());
+        }
+        let resistivity = self.scene.ageing.resistivity(t_s);
+        self.age(t_s, resistivity)?;
+        let potentials = self.solver.electrode_matrix().potentials_ohm() * resistivity;
+        self.matrix = ElectrodeMatrix::from_potentials(potentials);
+        Ok(&self.matrix)
     }
 }
 

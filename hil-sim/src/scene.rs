@@ -2,7 +2,9 @@
 
 use crate::material::{Kernel, Material};
 use crate::pressure::Bump;
+use crate::stretch::Stretch;
 use crate::touch::{Key, Shape, Touch};
+use crate::variation::{Ageing, Variation};
 
 /// One touch as it is at one time.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -53,7 +55,7 @@ impl TouchNow {
     }
 }
 
-/// Touches on a time line, and the rubber they press.
+/// Touches on a time line, and the rubber they press, with all that is its own.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Scene {
     /// The touches.
@@ -64,6 +66,12 @@ pub struct Scene {
     pub material: Material,
     /// Whether what presses at power-up has pressed for ever; else it begins to press then.
     pub preloaded: bool,
+    /// How the sheet itself is stretched.
+    pub stretches: Vec<Stretch>,
+    /// How it differs from an even sheet.
+    pub variation: Variation,
+    /// How it ages.
+    pub ageing: Ageing,
 }
 
 impl Scene {
@@ -82,12 +90,24 @@ impl Scene {
 
     /// The touches that press at `t_s` seconds after power-up, in the order of the scene.
     pub fn truth(&self, t_s: f64) -> Vec<TouchNow> {
-        let t_s = match self.loop_s {
-            Some(length) if length > 0.0 => t_s.rem_euclid(length),
-            _ => t_s,
-        };
+        let t_s = self.local_s(t_s);
         let now = |(id, touch): (usize, &Touch)| Some(TouchNow::new(id, touch, &touch.at(t_s)?, &self.material));
         self.touches.iter().enumerate().filter_map(now).collect()
+    }
+
+    /// Time since the scene began, or began again, s.
+    pub(crate) fn local_s(&self, t_s: f64) -> f64 {
+        match self.loop_s {
+            Some(length) if length > 0.0 => t_s.rem_euclid(length),
+            _ => t_s,
+        }
+    }
+
+    /// Strain at a place and time by which the sheet is stretched: stretching positive.
+    pub fn stretch(&self, x_mm: f64, y_mm: f64, t_s: f64) -> f64 {
+        let t_s = self.local_s(t_s);
+        let each = self.stretches.iter().map(|s| s.strain(t_s) * s.share([x_mm, y_mm]));
+        each.sum()
     }
 
     /// Pressure at a place and time, MPa: those of touches that overlap add.
@@ -95,9 +115,10 @@ impl Scene {
         self.truth(t_s).iter().map(|t| t.pressure_mpa(x_mm, y_mm)).sum()
     }
 
-    /// Relative rise in resistivity at a place and time that the touches make at once.
+    /// Relative rise in resistivity at a place and time by what is there at once: touches and stretching.
     pub fn rise(&self, x_mm: f64, y_mm: f64, t_s: f64) -> f64 {
-        self.material.rise(self.pressure_mpa(x_mm, y_mm, t_s))
+        let pressed = self.material.instant_per_mpa * self.pressure_mpa(x_mm, y_mm, t_s);
+        self.material.rise_of_strain(pressed - self.stretch(x_mm, y_mm, t_s))
     }
 
     /// Follows the rubber at a place from power-up on.
@@ -140,17 +161,17 @@ impl Probe<'_> {
         self.t_s = self.t_s.max(t_s);
     }
 
-    /// Strain now: what came at once, and what came with time.
+    /// Strain now: what came at once (less any stretching), and what came with time.
     pub fn strains(&self) -> [f64; 2] {
         let material = &self.scene.material;
         let [x, y] = self.place_mm;
         [
-            material.instant_per_mpa * self.scene.pressure_mpa(x, y, self.t_s),
+            material.instant_per_mpa * self.scene.pressure_mpa(x, y, self.t_s) - self.scene.stretch(x, y, self.t_s),
             material.delayed_per_mpa * self.delayed_mpa,
         ]
     }
 
-    /// Relative rise in resistivity now.
+    /// Relative rise in resistivity now, by strain: over the untouched sheet at the same place and of the same age.
     pub fn rise(&self) -> f64 {
         self.scene.material.rise_of_strain(self.strains().iter().sum())
     }

@@ -129,7 +129,7 @@ impl Touch {
     }
 }
 
-fn between(a: &Key, b: &Key, t_s: f64) -> Key {
+pub(crate) fn between(a: &Key, b: &Key, t_s: f64) -> Key {
     // An endless stretch never gets anywhere.
     let u = if b.t_s.is_finite() {
         ((t_s - a.t_s) / (b.t_s - a.t_s)).clamp(0.0, 1.0)

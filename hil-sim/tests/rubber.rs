@@ -3,7 +3,7 @@
 
 use forward::field::{conductivity_of, conductivity_of_discs};
 use forward::{DiscTouch, Drive, ElectrodeMatrix, Model, ModelOptions, Pattern, Sheet, Solver};
-use hil_sim::{Key, Material, Rubber, Scene, Shape, SheetModel, Touch};
+use hil_sim::{Ageing, Key, Material, Rubber, Scene, Shape, SheetModel, Stretch, StretchField, Touch, Variation};
 use std::sync::Arc;
 
 fn frame(z: &ElectrodeMatrix) -> Vec<f64> {
@@ -145,4 +145,118 @@ fn when_it_is_looked_at_does_not_matter() {
     let error = difference(&after(&[]), &after(&often));
     println!("{error:.1e}");
     assert!(error < 1e-5, "{error:.1e}");
+}
+
+/// Stretching raises the resistivity as pressing does, and where both are they are against each other.
+#[test]
+fn stretching_is_strain_of_the_other_sign() {
+    let field = |x: f64, y: f64| Stretch {
+        field: StretchField::Bump {
+            centre_mm: [x, y],
+            radius_mm: 45.0,
+        },
+        keys: vec![(0.0, 0.0), (1.0, 0.05)],
+    };
+    let scene = Scene {
+        stretches: vec![field(10.0, 20.0)],
+        ..Scene::still(vec![Touch::still(Shape::Finger, 10.0, 20.0, 10.0, 20.0)])
+    };
+    let mut rubber = Rubber::new(&Sheet::paper(), scene.clone()).unwrap();
+    for t in [0.5, 1.0, 2.0] {
+        let z = rubber.electrode_matrix(t).unwrap();
+        let truth = reference_field(|[x, y]| scene.rise(x, y, t));
+        let error = difference(z, &truth);
+        println!("{t} s: {error:.1e}");
+        assert!(error < 1e-3, "{error:.1e}");
+    }
+    // All over alike: the sheet is one of higher resistance, less the contacts.
+    let even = Scene {
+        stretches: vec![Stretch {
+            field: StretchField::Uniform,
+            keys: vec![(0.0, 0.03)],
+        }],
+        ..Scene::empty()
+    };
+    let rise = even.material.rise_of_strain(0.03);
+    let z = Rubber::new(&Sheet::paper(), even)
+        .unwrap()
+        .electrode_matrix(0.0)
+        .unwrap()
+        .clone();
+    let mut thinner = Sheet::paper();
+    thinner.sheet_resistance_ohm *= 1.0 + rise;
+    thinner.electrodes.iter_mut().for_each(|e| e.contact_mm /= 1.0 + rise);
+    let same = Rubber::new(&thinner, Scene::empty())
+        .unwrap()
+        .electrode_matrix(0.0)
+        .unwrap()
+        .clone();
+    assert!(difference(&z, &same) < 1e-3);
+}
+
+/// An old sheet against a new one made with its resistance and contacts.
+#[test]
+fn an_aged_sheet_is_one_of_other_resistance_and_contacts() {
+    let scene = Scene {
+        ageing: Ageing {
+            resistivity_per_hour: 0.02,
+            contact_per_hour: 0.5,
+            contact_spread_per_hour: 0.2,
+            acceleration: 3600.0,
+        },
+        variation: Variation {
+            contact_sd: 0.3,
+            seed: 5,
+            ..Variation::default()
+        },
+        ..Scene::still(vec![Touch::tip(30.0, 0.0, 25.0)])
+    };
+    let mut rubber = Rubber::new(&Sheet::paper(), scene.clone()).unwrap();
+    let new = rubber.electrode_matrix(0.0).unwrap().clone();
+    for t in [0.01, 0.5, 2.0] {
+        let old = rubber.electrode_matrix(t).unwrap().clone();
+        let mut sheet = Sheet::paper();
+        let aged = scene.ageing.resistivity(t);
+        sheet.sheet_resistance_ohm *= aged;
+        let factors = scene.variation.contacts(16);
+        let ages = scene.ageing.contacts(16, 5, t);
+        for ((e, factor), age) in sheet.electrodes.iter_mut().zip(factors).zip(ages) {
+            e.contact_mm *= factor * age / aged;
+        }
+        let made = Rubber::new(&sheet, Scene::still(scene.touches.clone()))
+            .unwrap()
+            .electrode_matrix(0.0)
+            .unwrap()
+            .clone();
+        let error = difference(&old, &made);
+        println!("{t} s: {error:.1e}, aged by {:.1e}", difference(&old, &new));
+        assert!(error < 1e-3, "{error:.1e}");
+    }
+    assert!(difference(rubber.electrode_matrix(2.0).unwrap(), &new) > 0.01);
+}
+
+/// Unevenness against a finer mesh with the same field, and a touch on top of it.
+#[test]
+fn an_uneven_sheet_is_what_its_field_says() {
+    let scene = Scene {
+        variation: Variation {
+            resistivity_sd: 0.1,
+            correlation_mm: 30.0,
+            contact_sd: 0.0,
+            seed: 3,
+        },
+        ..Scene::still(vec![Touch::still(Shape::Finger, 8.0, -20.0, 30.0, 20.0)])
+    };
+    let mut rubber = Rubber::new(&Sheet::paper(), scene.clone()).unwrap();
+    let field = scene.variation.resistivity();
+    let truth = reference_field(|[x, y]| field([x, y]) * (1.0 + scene.rise(x, y, 0.0)) - 1.0);
+    let z = rubber.electrode_matrix(0.0).unwrap();
+    let even = Rubber::new(&Sheet::paper(), Scene::still(scene.touches.clone()))
+        .unwrap()
+        .electrode_matrix(0.0)
+        .unwrap()
+        .clone();
+    let (error, effect) = (difference(z, &truth), difference(z, &even));
+    println!("error {error:.1e} of an effect of {effect:.1e}");
+    assert!(error < 1e-3 && effect > 0.02, "{error:.1e} {effect:.1e}");
 }

@@ -2,7 +2,7 @@
 
 use firmware::{Route, SAMPLES_PER_PERIOD, Sense};
 use forward::ElectrodeMatrix;
-use hil_sim::{Electronics, Routing};
+use hil_sim::{Analog, Electronics, Routing};
 use protocol::Pair;
 use std::f64::consts::TAU;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -56,7 +56,7 @@ struct Ports {
 /// The analogue world.
 #[derive(Debug)]
 pub struct World {
-    electronics: Electronics,
+    analog: Analog,
     sheet: ElectrodeMatrix,
     ports: Ports,
     /// What is connected now.
@@ -90,7 +90,7 @@ impl World {
     /// A board that is not powered yet.
     pub fn new(electronics: Electronics, sheet: ElectrodeMatrix) -> Self {
         Self {
-            electronics,
+            analog: Analog::new(electronics, 0).expect("electronics that can be"),
             sheet,
             ports: Ports::default(),
             connected: None,
@@ -109,7 +109,7 @@ impl World {
     pub fn reset(&mut self) {
         *self = Self {
             without_break: self.without_break,
-            ..Self::new(self.electronics.clone(), self.sheet.clone())
+            ..Self::new(self.analog.electronics().clone(), self.sheet.clone())
         };
     }
 
@@ -166,12 +166,9 @@ impl World {
             return;
         };
         self.route = Some(route);
-        let full = self
-            .electronics
-            .amplitudes_v(&self.sheet, &route, 1000)
-            .unwrap_or_default();
+        let full = self.analog.amplitudes_v(&self.sheet, &route, 0).unwrap_or_default();
         let amplitudes = full.map(|v| v * self.source.0);
-        self.routing = self.electronics.switched(self.triggers, &self.routing, amplitudes);
+        self.routing = self.analog.switched(self.triggers, &self.routing, amplitudes);
     }
 
     /// The timer's pulse steps the DAC to this code.
@@ -186,10 +183,7 @@ impl World {
         if source != self.source {
             self.source = source;
             if let Some(route) = self.route {
-                let full = self
-                    .electronics
-                    .amplitudes_v(&self.sheet, &route, 1000)
-                    .unwrap_or_default();
+                let full = self.analog.amplitudes_v(&self.sheet, &route, 0).unwrap_or_default();
                 self.routing.amplitude_v = full.map(|v| v * source.0);
             }
         }
@@ -214,14 +208,14 @@ impl World {
     }
 
     /// The converter's code for the sample of a time.
-    pub fn sample(&self, time: u64) -> u16 {
+    pub fn sample(&mut self, time: u64) -> u16 {
         let full_scale = f64::from(firmware::FULL_SCALE);
         if self.present_route().is_none() {
             // Nothing connected, or an input that is open.
             return firmware::FULL_SCALE / 2;
         }
         let mut code = [0];
-        self.electronics.sample(time, &self.routing, &mut code);
+        self.analog.sample(time, &self.routing, &mut code);
         // What of the source is not in phase, a quarter period ahead.
         let ahead = if self.source.1 == 0.0 {
             0.0
@@ -231,9 +225,9 @@ impl World {
                 ..self.routing.clone()
             };
             let quarter = SAMPLES_PER_PERIOD as u64 / 4;
-            self.electronics.voltage_v(time + quarter, 0, &quiet) / self.source.0 * self.source.1
+            self.analog.voltage_v(time + quarter, 0, &quiet) / self.source.0 * self.source.1
         };
-        let level = f64::from(code[0]) + ahead * full_scale / self.electronics.adc_span_v;
+        let level = f64::from(code[0]) + ahead * full_scale / self.analog.electronics().adc_span_v;
         level.round().clamp(0.0, full_scale) as u16
     }
 }

@@ -1,10 +1,11 @@
 //! `skin calibrate`: the rubber's parameters from a press-and-hold.
 
 use super::simulated::SimulatedRig;
-use super::{run, sheet};
+use super::{run, scene, sheet};
 use ::forward::{Drive, Sheet};
 use anyhow::{Context, Result, anyhow, bail};
 use clap::{ArgGroup, Args};
+use hil_sim::{Pace, SimPort};
 use host::creep::calibration::{self, Fit};
 use host::creep::file;
 use host::creep::press::Recorder;
@@ -16,7 +17,7 @@ use host::ports;
 use host::session::{Session, adjacent_plan};
 use serde::Serialize;
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// Arguments of `skin calibrate`.
@@ -32,10 +33,13 @@ pub(crate) struct Arguments {
     /// A press-and-hold of the paper's tip on the simulated skin.
     #[arg(long, group = "source")]
     simulate: bool,
+    /// A scene with one touch at a time, a TOML file or a name of the library such as creep; its forces are the gauge's.
+    #[arg(long, group = "source", value_name = "FILE")]
+    scene: Option<PathBuf>,
     /// The force that is held, N [default: the table's forces; simulated: 25].
     #[arg(long, value_name = "N", value_parser = newtons)]
     force_n: Option<f64>,
-    /// How long to record after the baseline, s.
+    /// How long to record after the baseline, s; a scene has its own length.
     #[arg(long, default_value_t = 45.0, value_name = "S", value_parser = seconds)]
     seconds: f64,
     /// Fit the exponent of the resistivity too; it takes a recording of more than one force.
@@ -90,10 +94,11 @@ struct Line {
 /// # Errors
 /// A recording that cannot be read or made, or that does not tell the parameters; a file that cannot be written.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
-    let samples = match (&arguments.file, &arguments.port) {
-        (Some(table), _) => recording::read(table, arguments.force_n)?,
-        (None, Some(port)) => record(arguments, port)?,
-        (None, None) => simulate(arguments)?,
+    let samples = match (&arguments.file, &arguments.port, &arguments.scene) {
+        (Some(table), ..) => recording::read(table, arguments.force_n)?,
+        (_, Some(port), _) => record(arguments, port)?,
+        (.., Some(file)) => play(arguments, file)?,
+        _ => simulate(arguments)?,
     };
     if let Some(path) = &arguments.save {
         file::write(path, &recording::text(&samples))?;
@@ -184,6 +189,24 @@ fn simulate(arguments: &Arguments) -> Result<Vec<Sample>> {
         .map_err(|e| anyhow!(e))?;
     let session = Session::start(port, adjacent_plan)?;
     take(&session, &Sheet::paper(), Some(at), end, |t_s| gauge(t_s), |_| ())
+}
+
+fn play(arguments: &Arguments, file: &Path) -> Result<Vec<Sample>> {
+    let mut file = scene::load(file)?;
+    file.config.electronics.seed = arguments.seed;
+    let most = (0..=1000)
+        .map(|k| file.scene.truth(1e-3 * f64::from(k) * file.duration_s).len())
+        .max();
+    if most != Some(1) {
+        bail!(
+            "the scene \"{}\" has {} touches at a time; calibrate with one that has one",
+            file.title,
+            most.unwrap_or(0)
+        );
+    }
+    let session = Session::start(Box::new(SimPort::new(file.board()?, Pace::Unpaced)?), adjacent_plan)?;
+    let gauge = |t_s: f64| file.scene.truth(t_s).iter().map(|t| t.force_n).sum();
+    take(&session, &file.sheet, None, file.duration_s, gauge, |_| ())
 }
 
 fn record(arguments: &Arguments, path: &str) -> Result<Vec<Sample>> {

@@ -11,7 +11,9 @@ mod method;
 mod paper;
 mod reconstruct;
 mod run;
+mod scene;
 mod sheet;
+mod sim;
 mod simulated;
 
 use clap::{Parser, Subcommand};
@@ -37,6 +39,8 @@ struct Cli {
 enum Command {
     /// Live pictures of the board, or of the simulated skin (what `skin` alone does).
     Run(run::Arguments),
+    /// A simulated board with a scene on its sheet: its frames as a table, or its bytes.
+    Sim(sim::Arguments),
     /// Touches and pictures from a table of measured frames.
     Reconstruct(reconstruct::Arguments),
     /// What a touched sheet gives: the table of measurements, simulated.
@@ -71,6 +75,7 @@ fn main() -> ExitCode {
         Some(Command::Calibrate(arguments)) => calibrate::run(&arguments),
         Some(Command::Flash(arguments)) => flash::run(&arguments),
         Some(Command::Hello(arguments)) => hello::run(&arguments),
+        Some(Command::Sim(arguments)) => sim::run(&arguments),
         Some(Command::Run(arguments)) => run::run(&arguments),
         None => run::run(&cli.run),
     };

@@ -1,11 +1,11 @@
 //! `skin run`, and `skin` alone: live pictures of the board, or of the simulated skin when there is no board.
 
-use super::sheet;
+use super::{scene, sheet};
 use ::forward::{Drive, Geometry, Sheet};
 use anyhow::{Context, Result, anyhow, bail};
 use clap::Args;
 use clap::builder::RangedU64ValueParser;
-use hil_sim::{Pace, Rubber, Scene, SimBoard, SimConfig, SimPort};
+use hil_sim::{Pace, SceneFile, SimPort};
 use host::creep::file as calibration_file;
 use host::imager::Imager;
 use host::link::Port;
@@ -34,6 +34,10 @@ pub(crate) struct Arguments {
     /// The simulated skin, whether there is a board or not.
     #[arg(long, conflicts_with = "port")]
     simulate: bool,
+    /// The simulated skin with this scene, a TOML file (docs/scenes.md) or a name of the library, such as hand or fast-tap;
+    /// over and over.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["port", "sheet"])]
+    scene: Option<PathBuf>,
     /// End after so many pictures.
     #[arg(long, value_name = "N", value_parser = RangedU64ValueParser::<u64>::new().range(1..))]
     frames: Option<u64>,
@@ -84,19 +88,23 @@ pub(crate) const SILENCE: Duration = Duration::from_secs(3);
 /// # Errors
 /// It does not start.
 pub(crate) fn simulated_board() -> Result<Box<dyn Port>> {
-    simulated(&Sheet::paper())
+    simulated(&scene::demo(&Sheet::paper()))
 }
 
-fn simulated(sheet: &Sheet) -> Result<Box<dyn Port>> {
-    let rubber = Rubber::new(sheet, Scene::demo())?;
-    let board = SimBoard::new(SimConfig::default(), rubber)?;
-    let mut port = SimPort::new(board, Pace::RealTime).context("the simulated skin does not start")?;
+fn simulated(scene: &SceneFile) -> Result<Box<dyn Port>> {
+    let mut port = SimPort::new(scene.board()?, Pace::RealTime).context("the simulated skin does not start")?;
     port.set_timeout(Duration::from_millis(20));
     Ok(Box::new(port))
 }
 
 /// The board asked for, the first that answers, or the simulated skin; with its name.
-fn connect(arguments: &Arguments, sheet: &Sheet) -> Result<(Session, String)> {
+fn connect(arguments: &Arguments, sheet: &Sheet, scene: Option<&SceneFile>) -> Result<(Session, String)> {
+    if let Some(scene) = scene {
+        let plan = scene.config.plan.clone();
+        let session = Session::start(simulated(scene)?, |hello| plan.map_or_else(|| adjacent_plan(hello), Ok))?;
+        let name = if scene.title.is_empty() { "scene" } else { &scene.title };
+        return Ok((session, format!("simulated skin: {name}")));
+    }
     if let Some(path) = &arguments.port {
         let port = ports::open(path).map_err(|e| anyhow!(e))?;
         let session = Session::start(port, adjacent_plan).with_context(|| path.clone())?;
@@ -121,7 +129,7 @@ fn connect(arguments: &Arguments, sheet: &Sheet) -> Result<(Session, String)> {
         eprintln!("no board found ({why}): showing the simulated skin; name a port with --port if there is one");
     }
     Ok((
-        Session::start(simulated(sheet)?, adjacent_plan)?,
+        Session::start(simulated(&scene::demo(sheet))?, adjacent_plan)?,
         "simulated skin".to_owned(),
     ))
 }
@@ -150,8 +158,15 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         .as_deref()
         .map(calibration_file::read)
         .transpose()?;
-    let (sheet, _) = sheet::load(arguments.sheet.as_deref())?;
-    let (session, source) = connect(arguments, &sheet)?;
+    let scene = arguments.scene.as_deref().map(scene::load).transpose()?.map(|mut s| {
+        s.scene.loop_s.get_or_insert(s.duration_s);
+        s
+    });
+    let sheet = match &scene {
+        Some(scene) => scene.sheet.clone(),
+        None => sheet::load(arguments.sheet.as_deref())?.0,
+    };
+    let (session, source) = connect(arguments, &sheet, scene.as_ref())?;
     let (wired, described) = (usize::from(session.hello().electrodes), sheet.electrodes.len());
     if wired != described {
         bail!(

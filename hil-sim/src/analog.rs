@@ -1,0 +1,328 @@
+//! The electronics at work: from what the electrodes see to codes.
+
+use crate::clock::{PERIOD_SAMPLES, TICKS_PER_SAMPLE, TIMER_HZ};
+use crate::converter::Converter;
+use crate::electronics::{Electronics, ElectronicsError};
+use crate::interference::Running;
+use crate::noise::{Flicker, Noise};
+use crate::wave::Wave;
+use firmware::{FULL_SCALE, MAX_CHANNELS, Route, Sense};
+use forward::ElectrodeMatrix;
+use std::f64::consts::TAU;
+
+/// After so many time constants a transient is less than 10^-17 of what it was.
+const OVER: f64 = 40.0;
+
+/// Electronics at work.
+#[derive(Clone, Debug)]
+pub struct Analog {
+    electronics: Electronics,
+    /// Samples that the simulation was old when the board was powered up.
+    origin: u64,
+    /// True time from one sample to the next, and of each channel after the first, s.
+    sample_s: f64,
+    late_s: [f64; MAX_CHANNELS],
+    /// What a transient decays by until each channel's turn.
+    late_decay: [f64; MAX_CHANNELS],
+    permille: u16,
+    wave: Wave,
+    white: Noise,
+    jitter: Noise,
+    flicker: Option<Box<Flicker>>,
+    lines: Vec<Running>,
+    converter: Converter,
+}
+
+/// What the channels are connected to, and what is left of what they were connected to before.
+#[derive(Clone, Debug)]
+pub struct Routing {
+    /// Amplitude of each channel, V at the converter.
+    pub amplitude_v: [f64; MAX_CHANNELS],
+    /// How far apart along x and y the electrodes of each channel's pair lie, of the rim's diameter, times the gain.
+    pub chords: [[f64; 2]; MAX_CHANNELS],
+    /// When the switches opened, in samples since power-up.
+    pub switched_at: u64,
+    /// How long they stayed open, s.
+    pub open_s: f64,
+    /// Voltage of each channel when they opened, V at the converter.
+    pub before_v: [f64; MAX_CHANNELS],
+    /// How far each channel was from its new voltage when they closed, V at the converter.
+    pub residue_v: [f64; MAX_CHANNELS],
+}
+
+impl Default for Routing {
+    fn default() -> Self {
+        Self {
+            amplitude_v: [0.0; MAX_CHANNELS],
+            chords: [[0.0; 2]; MAX_CHANNELS],
+            switched_at: 0,
+            open_s: 0.0,
+            before_v: [0.0; MAX_CHANNELS],
+            residue_v: [0.0; MAX_CHANNELS],
+        }
+    }
+}
+
+/// Of a list with none, one for all, or one for each.
+fn of_channel(list: &[f64], channel: usize) -> f64 {
+    match list {
+        [all] => *all,
+        each => each.get(channel).copied().unwrap_or(0.0),
+    }
+}
+
+impl Analog {
+    /// Electronics that are powered up `origin` samples after the simulation began: noise and interference go on from there.
+    ///
+    /// # Errors
+    /// As for [`Electronics::validate`].
+    pub fn new(electronics: Electronics, origin: u64) -> Result<Self, ElectronicsError> {
+        electronics.validate()?;
+        let e = &electronics;
+        let rate = 1.0 + 1e-6 * e.crystal_ppm;
+        let tick_s = 1.0 / (f64::from(TIMER_HZ) * rate);
+        let late_s = std::array::from_fn(|channel| (channel * usize::from(e.skew_ticks)) as f64 * tick_s);
+        Ok(Self {
+            origin,
+            sample_s: f64::from(TICKS_PER_SAMPLE) * tick_s,
+            late_decay: late_s.map(|late| decay(late, e.settling_s)),
+            permille: 1000,
+            wave: Wave::new(e, 1000),
+            white: Noise::new(e.seed),
+            jitter: Noise::new(e.seed ^ 0x6A17_7E12),
+            flicker: (e.flicker_codes > 0.0).then(|| Box::new(Flicker::new(e.seed ^ 0xF11C_4E12))),
+            lines: e
+                .interference
+                .iter()
+                .filter_map(|line| Running::new(line, e.settling_s, &late_s))
+                .collect(),
+            converter: Converter::new(e),
+            late_s,
+            electronics,
+        })
+    }
+
+    /// What they are.
+    pub fn electronics(&self) -> &Electronics {
+        &self.electronics
+    }
+
+    /// True time of a sample, s since the simulation began.
+    pub fn true_s(&self, time: u64) -> f64 {
+        self.absolute(time) as f64 * self.sample_s
+    }
+
+    /// Samples since the simulation began.
+    pub(crate) fn absolute(&self, time: u64) -> u64 {
+        self.origin + time
+    }
+
+    /// Sets the source to so many thousandths of full scale.
+    pub fn set_amplitude(&mut self, permille: u16) {
+        if self.permille != permille {
+            self.permille = permille;
+            // A coarse DAC's steps are larger against a smaller sine.
+            if self.electronics.source_bits > 0 {
+                self.wave = Wave::new(&self.electronics, permille);
+            }
+        }
+    }
+
+    /// Amplitude of every channel of a route on this sheet with the source as it is set, V at the converter; 0 for channels
+    /// that do not exist. `None` for a gain that does not exist. An amplifier on an electrode of the set `open` (bit n for
+    /// electrode n) sees the middle of the source there, unless the source is connected to it.
+    pub fn amplitudes_v(&self, sheet: &ElectrodeMatrix, route: &Route, open: u64) -> Option<[f64; MAX_CHANNELS]> {
+        let e = &self.electronics;
+        let source_v = e.excitation_v * f64::from(self.permille) / 1000.0;
+        let gain = self.gain(route)?;
+        let r = sheet.potentials_ohm();
+        let (plus, minus) = (usize::from(route.drive.plus), usize::from(route.drive.minus));
+        // Potential of an electrode for 1 A, ohm. Both ends of the source on one electrode drive nothing.
+        let potential = |n: usize| r[(n, plus)] - r[(n, minus)];
+        let own_ohm = potential(plus) - potential(minus);
+        let current_a = if plus == minus {
+            0.0
+        } else {
+            source_v / (own_ohm + 2.0 * e.switch_ohm)
+        };
+        let middle = 0.5 * (potential(plus) + potential(minus));
+        let seen = |n: usize| {
+            if open >> n & 1 == 1 && n != plus && n != minus {
+                middle
+            } else {
+                potential(n)
+            }
+        };
+        if route.sense == Sense::Source {
+            let mut out = [0.0; MAX_CHANNELS];
+            out[0] = source_v * f64::from(e.source_gain_milli) / 1000.0;
+            return Some(out);
+        }
+        Some(self.channels(route, sheet.electrodes(), |a, b| gain * current_a * (seen(a) - seen(b))))
+    }
+
+    /// [`Routing::chords`] of a route with so many electrodes on the rim.
+    pub fn chords(&self, route: &Route, electrodes: usize) -> [[f64; 2]; MAX_CHANNELS] {
+        if self.lines.is_empty() {
+            return [[0.0; 2]; MAX_CHANNELS];
+        }
+        let gain = self.gain(route).unwrap_or(0.0);
+        let place = |n: usize| {
+            let (sin, cos) = libm::sincos(TAU * n as f64 / electrodes.max(1) as f64);
+            (0.5 * cos, 0.5 * sin)
+        };
+        let x = self.channels(route, electrodes, |a, b| gain * (place(a).0 - place(b).0));
+        let y = self.channels(route, electrodes, |a, b| gain * (place(a).1 - place(b).1));
+        std::array::from_fn(|n| [x[n], y[n]])
+    }
+
+    fn gain(&self, route: &Route) -> Option<f64> {
+        let milli = self.electronics.gains_milli.get(usize::from(route.gain))?;
+        Some(f64::from(*milli) / 1000.0)
+    }
+
+    /// A voltage of every channel's pair behind its own amplifier, with what it gets of its neighbours'.
+    fn channels(&self, route: &Route, electrodes: usize, voltage: impl Fn(usize, usize) -> f64) -> [f64; MAX_CHANNELS] {
+        let e = &self.electronics;
+        let behind = |channel, v: f64| v * (1.0 + of_channel(&e.gain_error, channel));
+        let mut out = [0.0; MAX_CHANNELS];
+        match route.sense {
+            Sense::Source => {}
+            Sense::One(pair) => out[0] = behind(0, voltage(pair.plus.into(), pair.minus.into())),
+            Sense::All { step } => {
+                for (n, v) in out.iter_mut().enumerate().take(electrodes) {
+                    *v = behind(n, voltage((n + usize::from(step)) % electrodes, n));
+                }
+                if e.crosstalk != 0.0 {
+                    let own = out;
+                    let last = electrodes.min(MAX_CHANNELS);
+                    for (n, v) in out.iter_mut().enumerate().take(last) {
+                        let below = n.checked_sub(1).map_or(0.0, |k| own[k]);
+                        let above = own.get(n + 1).copied().unwrap_or(0.0);
+                        *v += e.crosstalk * (below + above);
+                    }
+                }
+            }
+        }
+        out
+    }
+
+    /// Signal of a channel when it is converted in the row of this time, V at the converter from the middle of its range:
+    /// the excitation and what is left of a switch.
+    pub fn voltage_v(&self, time: u64, channel: usize, routing: &Routing) -> f64 {
+        let since_s = time.saturating_sub(routing.switched_at) as f64 * self.sample_s;
+        let decay = decay(since_s - routing.open_s, self.electronics.settling_s);
+        self.connected_v(time, channel, since_s, decay, routing)
+    }
+
+    /// The same, given how long ago the switches opened and the decay since they closed, both for the first channel.
+    fn connected_v(&self, time: u64, channel: usize, since_s: f64, decayed: f64, routing: &Routing) -> f64 {
+        let tau = self.electronics.settling_s;
+        let own_s = since_s + self.late_s[channel];
+        if own_s < routing.open_s {
+            return routing.before_v[channel] * decay(own_s, tau);
+        }
+        let left = if since_s < routing.open_s {
+            decay(own_s - routing.open_s, tau)
+        } else {
+            decayed * self.late_decay[channel]
+        };
+        let wave = self.wave.value(channel, (time % PERIOD_SAMPLES) as usize);
+        routing.amplitude_v[channel] * wave + routing.residue_v[channel] * left
+    }
+
+    /// The routing after the switches opened at `time` and closed on channels of these amplitudes.
+    pub fn switched(&self, time: u64, before: &Routing, amplitude_v: [f64; MAX_CHANNELS]) -> Routing {
+        let e = &self.electronics;
+        self.changed(time, before, amplitude_v, e.break_s, e.injection_v)
+    }
+
+    /// The routing after the source was changed at `time`, and the channels' amplitudes with it.
+    pub fn driven(&self, time: u64, before: &Routing, amplitude_v: [f64; MAX_CHANNELS]) -> Routing {
+        self.changed(time, before, amplitude_v, 0.0, 0.0)
+    }
+
+    fn changed(
+        &self,
+        time: u64,
+        before: &Routing,
+        amplitude_v: [f64; MAX_CHANNELS],
+        open_s: f64,
+        injection_v: f64,
+    ) -> Routing {
+        let tau = self.electronics.settling_s;
+        let turns = |time_s: f64| (time % PERIOD_SAMPLES) as f64 / PERIOD_SAMPLES as f64 + time_s / self.period_s();
+        let since_s = time.saturating_sub(before.switched_at) as f64 * self.sample_s;
+        let (then, now) = (self.wave.fundamental(turns(0.0)), self.wave.fundamental(turns(open_s)));
+        let mut after = Routing {
+            amplitude_v,
+            chords: before.chords,
+            switched_at: time,
+            open_s,
+            ..Routing::default()
+        };
+        for (channel, amplitude_v) in amplitude_v.iter().enumerate() {
+            after.before_v[channel] = if since_s < before.open_s {
+                before.before_v[channel] * decay(since_s, tau)
+            } else {
+                before.amplitude_v[channel] * then + before.residue_v[channel] * decay(since_s - before.open_s, tau)
+            };
+            after.residue_v[channel] = after.before_v[channel] * decay(open_s, tau) + injection_v - amplitude_v * now;
+        }
+        after
+    }
+
+    fn period_s(&self) -> f64 {
+        self.sample_s * PERIOD_SAMPLES as f64
+    }
+
+    /// One row of samples: the codes of the channels at a time. The excitation's phase is the time's, since one timer makes
+    /// both.
+    pub fn sample(&mut self, time: u64, routing: &Routing, out: &mut [u16]) {
+        let e = &self.electronics;
+        let used = out.len().min(MAX_CHANNELS);
+        let absolute = self.absolute(time);
+        let mut volts = [0.0; MAX_CHANNELS];
+        let since_s = time.saturating_sub(routing.switched_at) as f64 * self.sample_s;
+        let decayed = decay(since_s - routing.open_s, e.settling_s);
+        for (channel, v) in volts.iter_mut().enumerate().take(used) {
+            *v = self.connected_v(time, channel, since_s, decayed, routing) + of_channel(&e.offset_v, channel);
+        }
+        let mut noise = [0.0; MAX_CHANNELS];
+        if e.jitter_s > 0.0 {
+            self.jitter.fill(absolute, &mut noise[..used]);
+            let phase = (time % PERIOD_SAMPLES) as usize;
+            for (channel, (v, noise)) in volts.iter_mut().zip(noise).enumerate().take(used) {
+                *v += routing.amplitude_v[channel] * self.wave.slope_per_s(channel, phase) * e.jitter_s * noise;
+            }
+        }
+        for line in &self.lines {
+            line.add(self.true_s(time), &routing.chords, &mut volts[..used]);
+        }
+        let codes_per_volt = f64::from(FULL_SCALE) / e.adc_span_v;
+        if let Some(flicker) = &mut self.flicker {
+            flicker.fill(absolute, &mut noise);
+            let scale = e.flicker_codes / codes_per_volt;
+            volts.iter_mut().zip(noise).for_each(|(v, noise)| *v += scale * noise);
+        }
+        if let Some(swing_v) = e.swing_v {
+            volts.iter_mut().for_each(|v| *v = v.clamp(-swing_v, swing_v));
+        }
+        noise = [0.0; MAX_CHANNELS];
+        if e.noise_codes > 0.0 {
+            self.white.fill(absolute, &mut noise[..used]);
+        }
+        for ((code, volts), noise) in out.iter_mut().zip(volts).zip(noise) {
+            let level = volts * codes_per_volt + f64::from(FULL_SCALE) / 2.0 + e.noise_codes * noise;
+            *code = self.converter.code(level);
+        }
+    }
+}
+
+/// What is left of a transient after a time.
+fn decay(since_s: f64, settling_s: f64) -> f64 {
+    if settling_s == 0.0 || since_s > OVER * settling_s {
+        return 0.0;
+    }
+    libm::exp(-since_s / settling_s)
+}

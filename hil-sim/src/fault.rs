@@ -1,0 +1,289 @@
+//! What breaks, and when.
+
+use serde::{Deserialize, Serialize};
+use std::str::FromStr;
+use thiserror::Error;
+
+/// Something that breaks at a time, and perhaps mends itself. On the command line: [`Fault::from_str`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Fault {
+    /// When, s after the simulation began.
+    pub at_s: f64,
+    /// How long, s; absent: for ever, but a reset only for a moment.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub for_s: Option<f64>,
+    /// What.
+    pub kind: FaultKind,
+}
+
+/// One of the board's multiplexers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Multiplexer {
+    /// Where the source enters the sheet.
+    DrivePlus,
+    /// Where it leaves the sheet.
+    DriveMinus,
+    /// Positive input of the amplifier that measures one pair after the other.
+    SensePlus,
+    /// Its negative input.
+    SenseMinus,
+}
+
+/// What breaks. In a TOML file `kind = "cable_pulled"`, or `kind = { electrode_open = { electrode = 5 } }`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum FaultKind {
+    /// Bytes vanish on the line, in both directions.
+    BytesLost {
+        /// Chance for each byte, 0 to 1.
+        rate: f64,
+    },
+    /// One bit of a byte is inverted on the line, in both directions.
+    BytesFlipped {
+        /// Chance for each byte, 0 to 1.
+        rate: f64,
+    },
+    /// Bytes arrive twice, in both directions.
+    BytesDoubled {
+        /// Chance for each byte, 0 to 1.
+        rate: f64,
+    },
+    /// The line from the board is held at 0: a break condition. A reader gets one 0 byte for all of it.
+    LineBreak,
+    /// The cable of the serial adapter is pulled: the port is gone, and whoever holds it open finds it dead. The board has a
+    /// supply of its own and goes on.
+    CablePulled,
+    /// The board's reset line is pulled, as soon as a frame is half out. It then starts anew.
+    BoardReset,
+    /// A wire is off an electrode. The amplifier's input then rests at the middle of its supply.
+    ElectrodeOpen {
+        /// Which one.
+        electrode: u8,
+    },
+    /// An electrode's contact has become worse.
+    ContactRaised {
+        /// Which one.
+        electrode: u8,
+        /// By this, ohm.
+        ohm: f64,
+    },
+    /// The wires of two electrodes touch each other.
+    ElectrodesShort {
+        /// Which ones.
+        electrodes: [u8; 2],
+        /// Resistance between them, ohm.
+        #[serde(default)]
+        ohm: f64,
+    },
+    /// The source gives nothing.
+    SourceLost,
+    /// The converter gives the same code whatever it measures.
+    AdcStuck {
+        /// Which one, 0 to 4095.
+        code: u16,
+    },
+    /// A multiplexer stays on one electrode.
+    MultiplexerStuck {
+        /// Which multiplexer.
+        multiplexer: Multiplexer,
+        /// Where it stays.
+        electrode: u8,
+    },
+    /// An amplifier is against its upper rail.
+    Saturation {
+        /// Which channel's; absent: all of them.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        channel: Option<u8>,
+    },
+    /// The converter's samples are overwritten before they are fetched.
+    ConverterOverrun {
+        /// Chance for each period of samples, 0 to 1.
+        rate: f64,
+    },
+}
+
+/// What is wrong with a fault.
+#[derive(Clone, Debug, PartialEq, Error)]
+pub enum FaultError {
+    /// A number that it cannot have.
+    #[error("fault: {field} is {value}; it must be {allowed}")]
+    Range {
+        /// Which one.
+        field: &'static str,
+        /// What was given.
+        value: f64,
+        /// What it may be.
+        allowed: &'static str,
+    },
+    /// An electrode that the sheet has not.
+    #[error("fault: there is no electrode {given} on a sheet with {count}; they count from 0")]
+    Electrode {
+        /// The number given.
+        given: u8,
+        /// How many there are.
+        count: usize,
+    },
+    /// A text that is none.
+    #[error(
+        "`{0}` is no fault: write KIND@SECONDS or KIND@SECONDS+SECONDS, such as cable_pulled@5+2, bytes_lost:0.001@5, \
+         electrode_open:3@5+10, electrodes_short:3,4@5 or multiplexer_stuck:drive_plus,3@5"
+    )]
+    Text(String),
+}
+
+impl Fault {
+    /// A fault for ever.
+    pub fn new(at_s: f64, kind: FaultKind) -> Self {
+        Self {
+            at_s,
+            for_s: None,
+            kind,
+        }
+    }
+
+    /// A fault for a time.
+    pub fn lasting(at_s: f64, for_s: f64, kind: FaultKind) -> Self {
+        Self {
+            at_s,
+            for_s: Some(for_s),
+            kind,
+        }
+    }
+
+    /// When it is over, s.
+    pub fn end_s(&self) -> f64 {
+        let natural_s = match self.kind {
+            FaultKind::BoardReset => 0.0,
+            _ => f64::INFINITY,
+        };
+        self.at_s + self.for_s.unwrap_or(natural_s)
+    }
+
+    /// Whether a sheet with so many electrodes can have it.
+    ///
+    /// # Errors
+    /// [`FaultError`] names what cannot be.
+    pub fn validate(&self, electrodes: usize) -> Result<(), FaultError> {
+        let number = |field, value: f64, most: f64, allowed| {
+            if (0.0..=most).contains(&value) {
+                Ok(())
+            } else {
+                Err(FaultError::Range { field, value, allowed })
+            }
+        };
+        let known = |given: u8| {
+            if usize::from(given) < electrodes {
+                Ok(())
+            } else {
+                Err(FaultError::Electrode {
+                    given,
+                    count: electrodes,
+                })
+            }
+        };
+        number("at_s", self.at_s, f64::MAX, "0 or more, and finite")?;
+        number("for_s", self.for_s.unwrap_or(0.0), f64::INFINITY, "0 or more")?;
+        let not_below = "0 or more, and finite";
+        match self.kind {
+            FaultKind::BytesLost { rate }
+            | FaultKind::BytesFlipped { rate }
+            | FaultKind::BytesDoubled { rate }
+            | FaultKind::ConverterOverrun { rate } => number("rate", rate, 1.0, "between 0 and 1"),
+            FaultKind::ElectrodeOpen { electrode } | FaultKind::MultiplexerStuck { electrode, .. } => known(electrode),
+            FaultKind::ContactRaised { electrode, ohm } => {
+                known(electrode)?;
+                number("ohm", ohm, f64::MAX, not_below)
+            }
+            FaultKind::ElectrodesShort {
+                electrodes: [a, b],
+                ohm,
+            } => {
+                known(a)?;
+                known(b)?;
+                if a == b {
+                    let allowed = "another electrode than the first";
+                    return Err(FaultError::Range {
+                        field: "the second electrode",
+                        value: b.into(),
+                        allowed,
+                    });
+                }
+                number("ohm", ohm, f64::MAX, not_below)
+            }
+            FaultKind::AdcStuck { code } => number("code", code.into(), 4095.0, "between 0 and 4095"),
+            FaultKind::Saturation { channel } => {
+                let most = firmware::MAX_CHANNELS as f64 - 1.0;
+                number("channel", channel.unwrap_or(0).into(), most, "between 0 and 15")
+            }
+            FaultKind::LineBreak | FaultKind::CablePulled | FaultKind::BoardReset | FaultKind::SourceLost => Ok(()),
+        }
+    }
+}
+
+impl FromStr for Fault {
+    type Err = FaultError;
+
+    /// `KIND@AT` or `KIND@AT+FOR`, times in seconds; a kind with parameters is `kind:first,second`.
+    fn from_str(text: &str) -> Result<Self, FaultError> {
+        parsed(text).ok_or_else(|| FaultError::Text(text.to_owned()))
+    }
+}
+
+fn parsed(text: &str) -> Option<Fault> {
+    let (what, when) = text.split_once('@')?;
+    let (at_s, for_s) = match when.split_once('+') {
+        Some((at, length)) => (at.parse().ok()?, Some(length.parse().ok()?)),
+        None => (when.parse().ok()?, None),
+    };
+    let (name, given) = what.split_once(':').unwrap_or((what, ""));
+    let mut given = given.split(',').filter(|word| !word.is_empty());
+    let kind = match name {
+        "bytes_lost" => FaultKind::BytesLost {
+            rate: given.next()?.parse().ok()?,
+        },
+        "bytes_flipped" => FaultKind::BytesFlipped {
+            rate: given.next()?.parse().ok()?,
+        },
+        "bytes_doubled" => FaultKind::BytesDoubled {
+            rate: given.next()?.parse().ok()?,
+        },
+        "line_break" => FaultKind::LineBreak,
+        "cable_pulled" => FaultKind::CablePulled,
+        "board_reset" => FaultKind::BoardReset,
+        "electrode_open" => FaultKind::ElectrodeOpen {
+            electrode: given.next()?.parse().ok()?,
+        },
+        "contact_raised" => FaultKind::ContactRaised {
+            electrode: given.next()?.parse().ok()?,
+            ohm: given.next()?.parse().ok()?,
+        },
+        "electrodes_short" => FaultKind::ElectrodesShort {
+            electrodes: [given.next()?.parse().ok()?, given.next()?.parse().ok()?],
+            ohm: given.next().map_or(Ok(0.0), str::parse).ok()?,
+        },
+        "source_lost" => FaultKind::SourceLost,
+        "adc_stuck" => FaultKind::AdcStuck {
+            code: given.next()?.parse().ok()?,
+        },
+        "multiplexer_stuck" => FaultKind::MultiplexerStuck {
+            multiplexer: match given.next()? {
+                "drive_plus" => Multiplexer::DrivePlus,
+                "drive_minus" => Multiplexer::DriveMinus,
+                "sense_plus" => Multiplexer::SensePlus,
+                "sense_minus" => Multiplexer::SenseMinus,
+                _ => return None,
+            },
+            electrode: given.next()?.parse().ok()?,
+        },
+        "saturation" => FaultKind::Saturation {
+            channel: given.next().map(str::parse).transpose().ok()?,
+        },
+        "converter_overrun" => FaultKind::ConverterOverrun {
+            rate: given.next()?.parse().ok()?,
+        },
+        _ => return None,
+    };
+    given.next().is_none().then_some(Fault { at_s, for_s, kind })
+}
