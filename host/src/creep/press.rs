@@ -18,11 +18,17 @@ pub struct Recorder {
     /// Half of the time over which a frame is measured, s.
     half_s: f64,
     near_mm: Option<[f64; 2]>,
+    /// Largest integrated rise so far, mm², and whether the dent of that press was lost in the noise since.
+    largest_mm2: f64,
+    lost: bool,
     samples: Vec<Sample>,
 }
 
 /// A touch this far from where the tip is, as a part of the sheet, is another.
 const NEAR: f64 = 0.25;
+
+/// A touch of this part of the largest so far is another press.
+const AGAIN: f64 = 0.25;
 
 impl Recorder {
     /// Waits for `baseline_frames` frames of the unpressed sheet. `frame_s` is how long one takes; `near_mm` where the tip
@@ -34,6 +40,8 @@ impl Recorder {
             ready: None,
             half_s: 0.5 * frame_s,
             near_mm,
+            largest_mm2: 0.0,
+            lost: false,
             samples: Vec::new(),
         }
     }
@@ -65,12 +73,18 @@ impl Recorder {
         };
         let pressed = touches.iter().filter(|t| off(t) < reach);
         let strongest = pressed.max_by(|a, b| a.total_mm2.total_cmp(&b.total_mm2));
+        let total_mm2 = strongest.map_or(0.0, |t| t.total_mm2);
+        // A dent that is no longer found is not 0, and of those found after that only the larger ones are seen: none of
+        // them is used until the next press.
+        let pressed_before = self.largest_mm2 > 0.0;
+        self.largest_mm2 = self.largest_mm2.max(total_mm2);
+        self.lost = (self.lost || pressed_before && strongest.is_none()) && total_mm2 < AGAIN * self.largest_mm2;
         self.samples.push(Sample {
             time_s: frame.time_s + self.half_s,
             force_n,
-            total_mm2: strongest.map_or(0.0, |t| t.total_mm2),
+            total_mm2,
             area_mm2: strongest.map(|t| t.area_mm2),
-            used: true,
+            used: !self.lost,
         });
         Ok(())
     }

@@ -50,14 +50,14 @@ pub struct Sample {
     pub total_mm2: f64,
     /// Area of the touch, mm², where one was found.
     pub area_mm2: Option<f64>,
-    /// Whether it takes part in a fit: not while the force is only guessed.
+    /// Whether it takes part in a fit: not while the force is only guessed, nor where a dent is too small to be found.
     pub used: bool,
 }
 
 const COLUMNS: [&str; 4] = ["time_s", "rise_mm2", "force_n", "area_mm2"];
 
-/// Reads a recording: CSV with a header; columns `time_s` (rising) and `rise_mm2` (integrated rise), and where they are known
-/// `force_n` and `area_mm2`. Lines that begin with # are comments. Without forces, a force held is given.
+/// Reads a recording: CSV with a header; columns `time_s` (rising) and `rise_mm2` (integrated rise; empty: not known),
+/// and where they are known `force_n` and `area_mm2`. Lines that begin with # are comments. Without forces, a force held is given.
 ///
 /// # Errors
 /// [`RecordingError`] with the line and the column.
@@ -113,7 +113,7 @@ pub fn parse(file: &str, text: &str, held_n: Option<f64>) -> Result<Vec<Sample>,
             };
             match text.parse::<f64>() {
                 Ok(v) if v.is_finite() => Ok(Some(v)),
-                _ if text.is_empty() && k == 3 => Ok(None),
+                _ if text.is_empty() && (k == 1 || k == 3) => Ok(None),
                 _ => Err(malformed(line, COLUMNS[k], "a finite number", &format!("'{text}'"))),
             }
         };
@@ -126,12 +126,13 @@ pub fn parse(file: &str, text: &str, held_n: Option<f64>) -> Result<Vec<Sample>,
                 &time_s.to_string(),
             ));
         }
+        let total_mm2 = number(1)?;
         samples.push(Sample {
             time_s,
             force_n: number(2)?.unwrap_or_default(),
-            total_mm2: number(1)?.unwrap_or_default(),
+            total_mm2: total_mm2.unwrap_or_default(),
             area_mm2: number(3)?,
-            used: true,
+            used: total_mm2.is_some(),
         });
     }
     match (at[2], held_n) {
@@ -146,7 +147,12 @@ pub fn text(samples: &[Sample]) -> String {
     let mut out = "time_s,force_n,rise_mm2,area_mm2\n".to_owned();
     for s in samples {
         let area = s.area_mm2.map_or(String::new(), |a| format!("{a:.2}"));
-        out.push_str(&format!("{:.6},{:.4},{:.5},{area}\n", s.time_s, s.force_n, s.total_mm2));
+        let rise = if s.used {
+            format!("{:.5}", s.total_mm2)
+        } else {
+            String::new()
+        };
+        out.push_str(&format!("{:.6},{:.4},{rise},{area}\n", s.time_s, s.force_n));
     }
     out
 }
@@ -190,7 +196,7 @@ pub fn hold(samples: &mut [Sample], force_n: f64) -> Result<(), RecordingError> 
     }
     for s in samples {
         let t = s.time_s;
-        s.used = (t - on_s).abs() > EDGE_S && (t - off_s).abs() > EDGE_S;
+        s.used = s.used && (t - on_s).abs() > EDGE_S && (t - off_s).abs() > EDGE_S;
         s.force_n = if t > on_s && t <= off_s { force_n } else { 0.0 };
     }
     Ok(())
@@ -204,11 +210,12 @@ mod tests {
     fn a_recording_is_read_back_and_its_faults_are_named() {
         let samples = parse(
             "r.csv",
-            "# gauge\ntime_s,force_n,rise_mm2,area_mm2\n0,0,0.1,\n0.03,25,97.5,490\n",
+            "# gauge\ntime_s,force_n,rise_mm2,area_mm2\n0,0,0.1,\n0.03,25,97.5,490\n0.06,25,,\n",
             None,
         )
         .unwrap();
-        assert_eq!(samples.len(), 2);
+        assert_eq!(samples.len(), 3);
+        assert!(samples[1].used && !samples[2].used);
         assert_eq!((samples[0].area_mm2, samples[1].area_mm2), (None, Some(490.0)));
         assert_eq!(parse("r.csv", &text(&samples), None).unwrap(), samples);
         for (text, words) in [

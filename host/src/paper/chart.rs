@@ -80,7 +80,7 @@ impl Chart<'_> {
                         (self.axes[1])
                     }
                     @for s in &self.series {
-                        @let all = s.points.iter().filter(|p| p[1].is_finite()).map(place).collect();
+                        @let all = s.points.iter().filter(|p| p[0].is_finite() && p[1].is_finite()).map(place).collect();
                         @let points = if s.marked { all } else { thinned(all) };
                         polyline class=(format!("line {}", s.class))
                             points=(points.iter().map(|p| format!("{},{}", px(p[0]), px(p[1]))).collect::<Vec<_>>().join(" ")) {}

@@ -346,7 +346,7 @@ pub(super) mod tests {
             assert_eq!(decode(&bytes[..cut]), None, "{cut}");
         }
         let mut other = bytes.clone();
-        other[3] = b'2';
+        other[3] = b'1';
         assert_eq!(decode(&other), None);
         let mut many = bytes;
         many[56..60].fill(0xff);
