@@ -98,7 +98,10 @@ fn numbers(r: &Value) {
         );
         assert!(of("before/rms") > 3.0 * of("after/rms"));
         // The residual of the paper shows, and is gone.
-        assert!(of("residual_n/0") > 2.0 && of("residual_n/1") == 0.0, "{name}");
+        assert!(
+            of("residual_n/0") > 1.5 && of("residual_n/1") > 2.0 && of("residual_n/2") == 0.0,
+            "{name}"
+        );
     }
     // Signal to noise and time: the paper's way is 1248 periods at 3684 Hz and has 27 dB; a sixth of the samples has a sixth of
     // the information, 7.8 dB, less what rounding adds to both.
@@ -135,15 +138,14 @@ fn numbers(r: &Value) {
 }
 
 fn page(html: &str, r: &Value) {
-    // Nothing is fetched and nothing runs.
-    for foreign in ["http:", "https:", "//", "<script", "<link", "@import", "src="] {
-        let allowed = |at: usize| foreign == "//" && html[..at].ends_with("base64,") || in_data(html, at);
-        let found = html.match_indices(foreign).find(|(at, _)| !allowed(*at));
-        assert!(found.is_none(), "{foreign} at {found:?}");
+    // The pictures are in the page itself; without their data, nothing is fetched and nothing runs.
+    let mut pieces = html.split("\"data:image/png;base64,");
+    let before = pieces.next().unwrap().to_owned();
+    let html = pieces.fold(before, |text, piece| text + piece.split_once('"').unwrap().1);
+    for foreign in ["http:", "https:", "//", "<script", "<link", "@import", "src=", "data:"] {
+        assert!(!html.contains(foreign), "{foreign}");
     }
-    for (at, _) in html.match_indices("url(") {
-        assert!(html[at..].starts_with("url(#"), "{}", &html[at..at + 40]);
-    }
+    assert!(html.split("url(").skip(1).all(|rest| rest.starts_with('#')));
     for figure in [
         "Fig. 4",
         "Fig. 7",
@@ -174,12 +176,6 @@ fn page(html: &str, r: &Value) {
         assert!(html.contains(&text), "{path} {text}");
     }
     assert!(!html.contains("NaN") && !html.contains(">inf"));
-}
-
-/// Whether a place in a page is inside an image's data.
-fn in_data(html: &str, at: usize) -> bool {
-    let quote = html[..at].rfind('"').unwrap_or(0);
-    html[quote + 1..].starts_with("data:image/png;base64,")
 }
 
 fn calibrated(folder: &Path, arguments: &[&str]) -> (Value, String) {

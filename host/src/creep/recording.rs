@@ -81,34 +81,26 @@ pub fn parse(file: &str, text: &str, held_n: Option<f64>) -> Result<Vec<Sample>,
         expected,
         found: found.to_owned(),
     };
-    let mut reader = csv::ReaderBuilder::new()
-        .comment(Some(b'#'))
-        .trim(csv::Trim::All)
-        .flexible(true)
-        .from_reader(text.as_bytes());
-    let header = reader.headers().cloned().unwrap_or_default();
-    let column = |name: &str| header.iter().position(|h| h == name);
-    let at = COLUMNS.map(column);
+    // Numbers and plain names: nothing is quoted. Spreadsheets begin a file with a byte order mark.
+    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
+    let numbered = text.lines().enumerate().map(|(k, line)| (k as u64 + 1, line.trim()));
+    let mut lines = numbered.filter(|(_, line)| !line.is_empty() && !line.starts_with('#'));
+    let (header_line, header) = lines.next().unwrap_or((1, ""));
+    let names: Vec<&str> = header.split(',').map(str::trim).collect();
+    let at = COLUMNS.map(|name| names.iter().position(|n| *n == name));
     for needed in [0, 1] {
         if at[needed].is_none() {
-            return Err(malformed(
-                1,
-                COLUMNS[needed],
-                "a column of this name",
-                &header.iter().collect::<Vec<_>>().join(","),
-            ));
+            return Err(malformed(header_line, COLUMNS[needed], "a column of this name", header));
         }
     }
     if at[2].is_none() && held_n.is_none() {
         return Err(RecordingError::NoForce(file.to_owned()));
     }
     let mut samples: Vec<Sample> = Vec::new();
-    for record in reader.records() {
-        let record =
-            record.map_err(|e| malformed(e.position().map_or(0, csv::Position::line), "1", "text", &e.to_string()))?;
-        let line = record.position().map_or(0, csv::Position::line);
+    for (line, record) in lines {
+        let fields: Vec<&str> = record.split(',').map(str::trim).collect();
         let number = |k: usize| -> Result<Option<f64>, RecordingError> {
-            let Some(text) = at[k].map(|c| record.get(c).unwrap_or("")) else {
+            let Some(text) = at[k].map(|c| fields.get(c).copied().unwrap_or("")) else {
                 return Ok(None);
             };
             match text.parse::<f64>() {
@@ -135,9 +127,8 @@ pub fn parse(file: &str, text: &str, held_n: Option<f64>) -> Result<Vec<Sample>,
             used: total_mm2.is_some(),
         });
     }
-    match (at[2], held_n) {
-        (None, Some(force_n)) => hold(&mut samples, force_n)?,
-        _ => {}
+    if let (None, Some(force_n)) = (at[2], held_n) {
+        hold(&mut samples, force_n)?;
     }
     Ok(samples)
 }
@@ -219,7 +210,7 @@ mod tests {
         assert_eq!((samples[0].area_mm2, samples[1].area_mm2), (None, Some(490.0)));
         assert_eq!(parse("r.csv", &text(&samples), None).unwrap(), samples);
         for (text, words) in [
-            ("time_s,force_n\n", ["r.csv:1", "rise_mm2"]),
+            ("# a comment\n\ntime_s,force_n\n", ["r.csv:3", "rise_mm2"]),
             ("time_s,rise_mm2\n0,1\n", ["r.csv", "--force-n"]),
             ("time_s,rise_mm2,force_n\n0,1,0\n1,x,0\n", ["r.csv:3", "rise_mm2"]),
             ("time_s,rise_mm2,force_n\n1,1,0\n0,1,0\n", ["r.csv:3", "not before"]),

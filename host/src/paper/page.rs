@@ -92,14 +92,15 @@ fn head(r: &Report) -> Markup {
                 tr { td { "a force that goes up and down (Fig. 10), error rms" } td { "tracked" }
                     td.here { (percent(fig10.theirs.rms)) } td.here { (percent(fig10.after.rms)) } }
                 tr { td { "repeated loads (Fig. 11), left after a release" } td { "residual deformation" }
-                    td.here { (format!("{:.1} N", fig11.residual_n[0])) } td.here { (format!("{:.1} N", fig11.residual_n[1])) } }
+                    td.here { (format!("{:.1} N", fig11.residual_n[0])) } td.here { (format!("{:.1} N", fig11.residual_n[2])) } }
                 tr { td { "repeated loads, largest force error" } td { "not given" }
-                    td.here { (percent(fig11.before.largest)) } td.here { (percent(fig11.after.largest)) } }
+                    td.here { (percent(fig11.theirs.largest)) } td.here { (percent(fig11.after.largest)) } }
                 tr { td { "position of one touch, median / 95 %" } td { "not given" }
                     td.here { (pair_mm(r.reach.positions.theirs_mm)) } td.here { (pair_mm(r.reach.positions.ours_mm)) } }
             }
         } }
-        p.note { "Force errors are parts of the full scale of 25 N. “Their way” of a force is the reading without any correction." }
+        p.note { "Force errors are parts of the full scale of 25 N. Their way of a force is the picture of their method at the tip, by the gain \
+             that fits the gauge best; ours is the fitted touch with the creep taken out." }
     }
 }
 
@@ -107,7 +108,7 @@ fn head(r: &Report) -> Markup {
 fn worst(o: &Outcome) -> String {
     let off = o.errors_mm.iter().flatten().copied().fold(0.0, f64::max);
     if o.range[0] < 0.0 {
-        format!("{off:.0} mm off, falls to {:.0} %", 100.0 * o.range[0])
+        format!("{off:.0} mm off, falls to −{:.0} %", -100.0 * o.range[0])
     } else {
         format!("{off:.1} mm off, no fall")
     }
@@ -141,7 +142,7 @@ fn gradients(r: &Report) -> Markup {
         div.maps.six { @for g in &r.gradients { figure {
             (g.map.svg(&format!("g{}", g.sense), &format!("product of gradients, sense pair {}", g.sense)))
             figcaption { b { "sense " (g.sense) "–" (g.sense % 16 + 1) } br;
-                (format!("largest {:.2} mΩ/% mm²", 10.0 * g.largest_ohm_per_mm2)) br;
+                (format!("largest {:.2} mΩ per % mm²", 10.0 * g.largest_ohm_per_mm2)) br;
                 (format!("sum {:.2} Ω, transfer {:.2} Ω", g.sum_ohm, g.transfer_ohm)) }
         } } }
         (bar(Palette::Diverging, "lowers", "", "raises"))
@@ -280,7 +281,7 @@ fn creep(r: &Report) -> Markup {
                 tr { td { "after" } td.n.here { (error(&t.varying.after)) } td.n.here { (error(&t.repeated.after)) } }
                 tr { td { "left half a second after a release, before → after" }
                     @for e in [&t.varying, &t.repeated] {
-                        td.n { (format!("{:.2} → {:.2} N", e.residual_n[0], e.residual_n[1])) }
+                        td.n { (format!("{:.2} → {:.2} N", e.residual_n[1], e.residual_n[2])) }
                     } }
                 tr { td { "correlation with the gauge, before" }
                     td.n { (format!("{:.4}", t.varying.correlation)) } td.n { (format!("{:.4}", t.repeated.correlation)) } }

@@ -65,8 +65,9 @@ pub struct Experiment {
     pub after: ForceError,
     /// Correlation of the uncorrected reading with the gauge.
     pub correlation: f64,
-    /// Largest reading, uncorrected and corrected, from half a second after each release to the next press, N.
-    pub residual_n: [f64; 2],
+    /// Largest reading from half a second after each release to the next press, N: by the paper's method, uncorrected and
+    /// corrected.
+    pub residual_n: [f64; 3],
 }
 
 /// A press-and-hold of its own, and what `calibrate` told from it.
@@ -248,7 +249,7 @@ fn experiment(rig: &dyn Rig, path: &[[f64; 2]], calibration: Calibration, seed: 
         before_best_gain: error(&moments, |m| best * m.before_n),
         after: error(&moments, |m| m.after_n),
         correlation: correlation(&moments),
-        residual_n: [left(|m| m.before_n), left(|m| m.after_n)],
+        residual_n: [left(|m| m.theirs_n), left(|m| m.before_n), left(|m| m.after_n)],
         moments,
     })
 }

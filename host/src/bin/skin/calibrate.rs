@@ -37,10 +37,10 @@ pub(crate) struct Arguments {
     #[arg(long, group = "source", value_name = "FILE")]
     scene: Option<PathBuf>,
     /// The force that is held, N [default: the table's forces; simulated: 25].
-    #[arg(long, value_name = "N", value_parser = newtons)]
+    #[arg(long, allow_negative_numbers = true, value_name = "N", value_parser = newtons)]
     force_n: Option<f64>,
     /// How long to record after the baseline, s; a scene has its own length.
-    #[arg(long, default_value_t = 45.0, value_name = "S", value_parser = seconds)]
+    #[arg(long, allow_negative_numbers = true, default_value_t = 45.0, value_name = "S", value_parser = seconds)]
     seconds: f64,
     /// Fit the exponent of the resistivity too; it takes a recording of more than one force.
     #[arg(long)]
