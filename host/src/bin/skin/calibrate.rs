@@ -188,7 +188,7 @@ fn simulate(arguments: &Arguments) -> Result<Vec<Sample>> {
         .mount(&[Press::tip(at, &path)], true, arguments.seed)
         .map_err(|e| anyhow!(e))?;
     let session = Session::start(port, adjacent_plan)?;
-    take(&session, &Sheet::paper(), Some(at), end, |t_s| gauge(t_s), |_| ())
+    take(&session, &Sheet::paper(), Some(at), end, gauge, |_| ())
 }
 
 fn play(arguments: &Arguments, file: &Path) -> Result<Vec<Sample>> {
