@@ -67,10 +67,18 @@ fn main() -> anyhow::Result<()> {
         kinds.push(("unequal".into(), Kind::Unequal, 27.0));
         kinds.push(("unequal, 60 dB".into(), Kind::Unequal, 60.0));
         for rise in [1.0, 3.0] {
-            kinds.push((format!("strong +{:.0} %", 100.0 * rise), Kind::Strong(rise), 27.0));
+            let name = format!("strong +{:.0} %", 100.0 * rise);
+            kinds.push((name, Kind::Strong(rise), 27.0));
         }
         for fault in [Fault::Electrode, Fault::Missing, Fault::Stuck] {
             kinds.push((format!("fault {fault:?}"), Kind::Broken(fault), 27.0));
+        }
+        // The same board: its noise does not grow with the touch. A disc answers with 2 c / (2 + c).
+        for rise in [1.0, 3.0] {
+            let answer = |c: f64| 2.0 * c / (2.0 + c);
+            let db = 27.0 + 20.0 * (answer(rise) / answer(0.2)).log10();
+            let name = format!("strong +{:.0} %, {db:.1} dB (as +20 % at 27)", 100.0 * rise);
+            kinds.push((name, Kind::Strong(rise), db));
         }
         for (k, (name, kind, db)) in kinds.iter().enumerate() {
             let name = format!("{drive_name} {name}");

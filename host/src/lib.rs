@@ -10,6 +10,7 @@
 
 pub mod baseline;
 pub mod creep;
+mod difference;
 pub mod electrodes;
 pub mod fit;
 pub mod flash;
