@@ -87,6 +87,12 @@ fn main() -> Outcome {
         solver.solve(&vec![[1.0 + k, 0.0, 1.0]; elements])?;
         Ok(())
     })?;
+    let mut portable = Solver::portable(model.clone())?;
+    best("re-solve, alike on every machine", repeats, || {
+        k += 1e-6;
+        portable.solve(&vec![[1.0 + k, 0.0, 1.0]; elements])?;
+        Ok(())
+    })?;
     best("re-solve, mesh fitted to a touch", repeats, || {
         k += 0.01;
         let centre_mm = [60.0 * k.cos(), 60.0 * k.sin()];

@@ -52,6 +52,8 @@ pub struct Solver {
     corner: DMatrix<f64>,
     update: Option<Update>,
     refine: bool,
+    /// Whether to round alike on every machine.
+    portable: bool,
     matrix: ElectrodeMatrix,
     work: Work,
     /// The solver of a mesh made for the touches, where this one's could not be fitted to them.
@@ -65,6 +67,20 @@ impl Solver {
     /// [`ForwardError::Cholesky`] or [`ForwardError::Precision`] when contacts or conductivities span more than double
     /// precision holds.
     pub fn new(model: Arc<Model>) -> Result<Self, ForwardError> {
+        Self::rounding(model, false)
+    }
+
+    /// The same whose results are alike to the last bit on every machine, for a little more time: neither vector
+    /// instructions nor a library's choice of them change what is rounded where. So are the mesh and the conductivities of
+    /// [`crate::field`].
+    ///
+    /// # Errors
+    /// As for [`Solver::new`].
+    pub fn portable(model: Arc<Model>) -> Result<Self, ForwardError> {
+        Self::rounding(model, true)
+    }
+
+    fn rounding(model: Arc<Model>, portable: bool) -> Result<Self, ForwardError> {
         let conductivity = vec![UNPRESSED; model.mesh().triangles.len()];
         let factor = Factor::new(&model.system.symbolic)?;
         let electrodes = model.electrodes();
@@ -79,6 +95,7 @@ impl Solver {
             corner: DMatrix::zeros(0, 0),
             update: None,
             refine: false,
+            portable,
             matrix: ElectrodeMatrix::from_potentials(DMatrix::zeros(electrodes, electrodes)),
             work: Work::Factorisation,
             own: None,
@@ -190,7 +207,7 @@ impl Solver {
     ) -> Result<&ElectrodeMatrix, ForwardError> {
         let model = Model::new(self.model.sheet(), options)?;
         let conductivity = conductivity_of_discs(model.mesh(), touches);
-        let mut own = Self::new(Arc::new(model))?;
+        let mut own = Self::rounding(Arc::new(model), self.portable)?;
         own.solve(&conductivity)?;
         self.touches = Some(touches.to_vec());
         self.work = Work::OwnMesh;
@@ -223,7 +240,7 @@ impl Solver {
         system.assemble(&self.conductivity, stiffness, &mut self.values);
         let symbolic = &system.symbolic;
         let span = precision::span(symbolic, &self.values);
-        if span < precision::TRUSTED && !self.refine {
+        if span < precision::TRUSTED && !self.refine && !self.portable {
             let update = Update::new(symbolic, &self.factor, &self.corner, &self.reference, &self.values);
             if let Some((update, inverse)) = update {
                 self.work = Work::LowRank {
@@ -236,7 +253,11 @@ impl Solver {
         }
         self.update = None;
         self.reference.clear();
-        self.factor.factorize(symbolic, &self.values)?;
+        if self.portable {
+            self.factor.factorize_portably(symbolic, &self.values)?;
+        } else {
+            self.factor.factorize(symbolic, &self.values)?;
+        }
         let free = system.electrodes - 1;
         let mut inverse = DMatrix::identity(free, free);
         let corner = self.factor.corner(symbolic, free);
@@ -250,7 +271,7 @@ impl Solver {
         let product = if self.refine {
             precision::refined(system, &self.factor, &self.values)?
         } else {
-            inverse.transpose() * &inverse
+            square(&inverse)
         };
         self.corner = inverse;
         self.matrix = self.grounded(product);
@@ -312,6 +333,17 @@ impl Solver {
         }
         out
     }
+}
+
+/// `A^T A`, in an order of its own.
+fn square(a: &DMatrix<f64>) -> DMatrix<f64> {
+    DMatrix::from_fn(a.ncols(), a.ncols(), |i, j| {
+        let mut sum = 0.0;
+        for (x, y) in a.column(i).iter().zip(a.column(j).iter()) {
+            sum += x * y;
+        }
+        sum
+    })
 }
 
 fn check(conductivity: &[Tensor]) -> Result<(), ForwardError> {

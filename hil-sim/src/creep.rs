@@ -177,7 +177,7 @@ impl Points {
         let element = |element| {
             let corners = mesh.corners(element);
             let centre = [0, 1].map(|k| corners.iter().map(|c| c[k]).sum::<f64>() / 3.0);
-            let reach = corners.iter().map(|c| (c[0] - centre[0]).hypot(c[1] - centre[1]));
+            let reach = corners.iter().map(|c| libm::hypot(c[0] - centre[0], c[1] - centre[1]));
             Element {
                 points: points(mesh, element),
                 centre,

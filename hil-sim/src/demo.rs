@@ -33,7 +33,7 @@ impl Scene {
             let k = f64::from(k);
             let place = |degrees: f64| {
                 let angle = (45.0 + 90.0 * k + degrees).to_radians();
-                (58.0 * angle.cos(), 58.0 * angle.sin())
+                (58.0 * libm::cos(angle), 58.0 * libm::sin(angle))
             };
             let mut path = vec![(12.5 + 0.8 * k, place(0.0).0, place(0.0).1)];
             for step in 0..=12 {

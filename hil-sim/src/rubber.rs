@@ -80,7 +80,7 @@ impl Rubber {
             contact_mm.iter_mut().zip(factors).for_each(|(c, f)| *c *= f);
             model = Arc::new(model.with_contacts(&contact_mm)?);
         }
-        let mut solver = Solver::new(model)?;
+        let mut solver = Solver::portable(model)?;
         if !uneven.is_empty() {
             let conductivity: Vec<Tensor> = uneven.iter().map(|s| [*s, 0.0, *s]).collect();
             solver.solve(&conductivity)?;
@@ -202,7 +202,7 @@ impl Rubber {
         let same = |(e, c): (&Electrode, &f64)| (c / e.contact_mm - 1.0).abs() < SAME_CONTACT;
         if !there.iter().zip(&contact_mm).all(same) {
             let model = self.solver.model().with_contacts(&contact_mm)?;
-            let mut solver = Solver::new(Arc::new(model))?;
+            let mut solver = Solver::portable(Arc::new(model))?;
             solver.solve(self.solver.conductivity())?;
             self.solver = solver;
         }

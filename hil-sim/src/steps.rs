@@ -51,7 +51,7 @@ impl Scene {
             let mut touches = self.during(local, duration);
             let farthest = touches.iter().map(|[a, b]| moved_mm(a, b)).fold(0.0, f64::max);
             if farthest > MOST_MM {
-                duration *= MOST_MM / farthest;
+                duration = (duration * MOST_MM / farthest).max(SAME_S);
                 touches = self.during(local, duration);
             }
             at += duration;
@@ -76,7 +76,7 @@ impl Scene {
 
 /// How far a touch goes, or its rim when it turns.
 fn moved_mm(a: &TouchNow, b: &TouchNow) -> f64 {
-    let along = (b.x_mm - a.x_mm).hypot(b.y_mm - a.y_mm);
+    let along = libm::hypot(b.x_mm - a.x_mm, b.y_mm - a.y_mm);
     let reach = a.radius_mm.max(b.radius_mm);
     along + reach * (b.angle_deg - a.angle_deg).to_radians().abs()
 }

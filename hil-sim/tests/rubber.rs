@@ -260,3 +260,33 @@ fn an_uneven_sheet_is_what_its_field_says() {
     println!("error {error:.1e} of an effect of {effect:.1e}");
     assert!(error < 1e-3 && effect > 0.02, "{error:.1e} {effect:.1e}");
 }
+
+/// What creeps so little that it is not solved for again shows nowhere: against a sheet that is looked at for the first time.
+#[test]
+fn creep_that_is_not_worth_solving_for_moves_no_voltage() {
+    let scene = creeping(vec![
+        Touch::tip(20.0, 30.0, 25.0),
+        Touch::pressed(Shape::Finger, 8.0, -75.0, 5.0, &[(0.0, 20.0), (1.0, 20.0)]),
+    ]);
+    let model = Arc::new(Model::new(&Sheet::paper(), &ModelOptions::default()).unwrap());
+    let mut watched = Rubber::on_model(Arc::clone(&model), scene.clone()).unwrap();
+    let mut worst = 0.0_f64;
+    let mut solved = 0;
+    let mut last = watched.electrode_matrix(0.0).unwrap().clone();
+    for k in 1..=2000 {
+        let t = 0.0174 * f64::from(k);
+        let now = watched.electrode_matrix(t).unwrap().clone();
+        solved += usize::from(now != last);
+        if k % 100 == 37 {
+            let fresh = Rubber::on_model(Arc::clone(&model), scene.clone())
+                .unwrap()
+                .electrode_matrix(t)
+                .unwrap()
+                .clone();
+            worst = worst.max(difference(&now, &fresh));
+        }
+        last = now;
+    }
+    println!("solved at {solved} of 2000 looks, largest error {worst:.1e}");
+    assert!(worst < 2e-6 && solved < 1900, "{solved} {worst:.1e}");
+}

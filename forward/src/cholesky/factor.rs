@@ -10,7 +10,7 @@ use nalgebra::DMatrix;
 
 /// The numbers of a factorisation; as many as wanted can share one [`Symbolic`].
 pub(crate) struct Factor {
-    values: Vec<f64>,
+    pub(super) values: Vec<f64>,
     memory: MemBuffer,
 }
 

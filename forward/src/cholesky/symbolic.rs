@@ -127,6 +127,11 @@ impl Symbolic {
         (0..reached.len()).filter(|s| reached[*s]).collect()
     }
 
+    /// The supernode of a column.
+    pub(super) fn supernode_of(&self, column: usize) -> usize {
+        self.supernode_of[column] as usize
+    }
+
     /// Columns of a supernode and entries of one of them.
     pub(crate) fn supernode_shape(&self, s: usize) -> (usize, usize) {
         self.supernodal().map_or((0, 0), |structure| {

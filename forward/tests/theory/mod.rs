@@ -1,6 +1,8 @@
 //! Closed solutions to hold the program against, and what several tests need.
 #![allow(dead_code, unreachable_pub, clippy::unwrap_used)]
 
+pub mod polar;
+
 use forward::{Electrode, ElectrodeMatrix, Model, ModelOptions, Outline, Pair, Pattern, Place, Sheet, Solver};
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
