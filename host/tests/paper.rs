@@ -271,3 +271,66 @@ fn run_shows_newtons_with_a_calibration_and_none_without() {
     let last = with.last().copied().flatten().unwrap();
     near(last, 20.0, 1.5, "the finger's force");
 }
+
+/// Frames of a table, a second apart: 25 N on creeping rubber, held, and gone.
+#[test]
+fn a_table_whose_times_are_known_gives_newtons_too() {
+    let folder = tempfile::tempdir().unwrap();
+    let (table, file) = (folder.path().join("frames.csv"), folder.path().join("c.toml"));
+    let (k, tau_s, unit) = (0.4, 2.0, 0.2546);
+    std::fs::write(
+        &file,
+        format!("delayed_ratio = {k}\ntau_s = {tau_s:?}\nexponent = 1.0\nunit_rise_mpa = {unit}\nforce_sd_n = 0.1\n"),
+    )
+    .unwrap();
+    // The lag of a force that rises over the first second, is held for two, falls over one and is gone.
+    let solid = host::creep::Solid {
+        delayed_ratio: k,
+        tau_s,
+        exponent: 1.0,
+        unit_rise_mpa: unit,
+    };
+    let (mut rubber, area) = (host::creep::SolidState::default(), std::f64::consts::PI * 12.5 * 12.5);
+    let forces = [0.0, 25.0, 25.0, 25.0, 0.0, 0.0];
+    let rises = forces.map(|f| solid.rise(rubber.press(&solid.step(1.0), f / area)));
+    let columns: Vec<String> = rises
+        .iter()
+        .map(|rise| skin(&["forward", "--csv", "--touch", &format!("10,-5,12.5,{rise}")]))
+        .collect();
+    let rows: Vec<Vec<&str>> = columns.iter().map(|c| c.lines().collect()).collect();
+    let mut text = "drive_a,drive_b,sense_a,sense_b,rest,f1,f2,f3,f4,f5\n".to_owned();
+    for line in 1..rows[0].len() {
+        text.push_str(rows[0][line]);
+        for column in &rows[1..] {
+            text.push(',');
+            text.push_str(column[line].rsplit(',').next().unwrap());
+        }
+        text.push('\n');
+    }
+    std::fs::write(&table, text).unwrap();
+    let (table, file) = (table.to_str().unwrap(), file.to_str().unwrap());
+    let out = skin(&[
+        "reconstruct",
+        table,
+        "--baseline",
+        "rest",
+        "--json",
+        "--calibration",
+        file,
+        "--frame-s",
+        "1",
+    ]);
+    let found: Vec<Vec<f64>> = out
+        .lines()
+        .map(|l| serde_json::from_str::<Value>(l).unwrap())
+        .map(|v| list(&v, "/touches").iter().map(|t| number(t, "/force_n")).collect())
+        .collect();
+    for (k, touches) in found.iter().enumerate() {
+        let force = forces[k + 1];
+        assert_eq!(touches.len(), usize::from(force > 0.0), "frame {k}: {touches:?}");
+        assert!(
+            touches.iter().all(|t| (t - force).abs() < 0.02 * 25.0),
+            "frame {k}: {touches:?}"
+        );
+    }
+}
