@@ -235,6 +235,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let mut results = Vec::new();
     for (k, column) in table.columns.iter().enumerate() {
         if baselines.contains(&k) {
+            // Nothing pressed then: what presses in the next frame came down since.
+            if let (Some(meter), Some(frame_s)) = (&mut meter, arguments.frame_s) {
+                meter.tell(k as f64 * frame_s, &mut []);
+            }
             continue;
         }
         let mut result = reconstructor.frame(&baseline, &column.values)?.clone();
