@@ -177,8 +177,16 @@ impl Session {
 /// # Errors
 /// [`PlanError`] when the board has too few electrodes to measure anything, or more than a frame holds.
 pub fn adjacent_plan(hello: &Hello) -> Result<Plan, PlanError> {
-    let plan = Plan::adjacent(hello.electrodes)?;
-    Ok(if hello.limits.channels >= hello.electrodes {
+    adjacent_plan_for(hello.electrodes, hello.limits.channels)
+}
+
+/// The same for a board of so many electrodes and channels.
+///
+/// # Errors
+/// As for [`adjacent_plan`].
+pub fn adjacent_plan_for(electrodes: u8, channels: u8) -> Result<Plan, PlanError> {
+    let plan = Plan::adjacent(electrodes)?;
+    Ok(if channels >= electrodes {
         Plan {
             id: 3,
             integrate_periods: 6,

@@ -225,6 +225,7 @@ fn fit_whitened(
                 x_sd_mm: of(0, 0).map(sd),
                 y_sd_mm: of(1, 1).map(sd),
                 total_sd_mm2: total_variance().map(sd),
+                force_n: None,
             };
             (touch, disc)
         })

@@ -3,16 +3,19 @@
 
 mod bench;
 mod capture;
+mod calibrate;
 mod fig7;
 mod flash;
 mod forward;
 mod hello;
 mod method;
+mod paper;
 mod reconstruct;
 mod run;
 mod scene;
 mod sheet;
 mod sim;
+mod simulated;
 
 use clap::{Parser, Subcommand};
 use std::io::IsTerminal;
@@ -43,6 +46,10 @@ enum Command {
     Forward(forward::Arguments),
     /// What the reconstruction costs and how good it is, measured on this machine with simulated frames.
     Bench(bench::Arguments),
+    /// The source paper's experiments again, on the simulated skin: one report with every figure and number.
+    Paper(paper::Arguments),
+    /// The rubber's creep and the force of a touch, from a press-and-hold: for `run --calibration`.
+    Calibrate(calibrate::Arguments),
     /// Programs a board over its serial cable.
     Flash(flash::Arguments),
     /// Who the board is, and its self-test.
@@ -65,6 +72,8 @@ fn main() -> ExitCode {
         Some(Command::Reconstruct(arguments)) => reconstruct::run(&arguments),
         Some(Command::Forward(arguments)) => forward::run(&arguments),
         Some(Command::Bench(arguments)) => bench::run(&arguments),
+        Some(Command::Paper(arguments)) => paper::run(&arguments),
+        Some(Command::Calibrate(arguments)) => calibrate::run(&arguments),
         Some(Command::Flash(arguments)) => flash::run(&arguments),
         Some(Command::Hello(arguments)) => hello::run(&arguments),
         Some(Command::Sim(arguments)) => sim::run(&arguments),

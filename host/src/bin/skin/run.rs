@@ -6,6 +6,7 @@ use anyhow::{Context, Result, anyhow, bail};
 use clap::Args;
 use clap::builder::RangedU64ValueParser;
 use hil_sim::{Pace, SceneFile, SimPort};
+use host::creep::file as calibration_file;
 use host::imager::Imager;
 use host::link::Port;
 use host::live::{Live, LiveFrame, LiveOptions};
@@ -57,6 +58,9 @@ pub(crate) struct Arguments {
         value_parser = RangedU64ValueParser::<usize>::new().range(2..)
     )]
     baseline_frames: usize,
+    /// Forces in newtons with the creep of the rubber taken out, by what `skin calibrate` wrote.
+    #[arg(long, value_name = "FILE")]
+    calibration: Option<PathBuf>,
     /// Port of the page on 127.0.0.1 [default: 8477, or a free one when that is taken].
     #[arg(long, value_name = "PORT", conflicts_with = "json")]
     listen: Option<u16>,
@@ -69,7 +73,7 @@ pub(crate) struct Arguments {
 struct Line<'a> {
     frame: u32,
     time_s: f64,
-    touches: &'a [Touch],
+    touches: Vec<&'a Touch>,
     residual: f64,
     gap: f64,
     solve_us: f64,
@@ -77,7 +81,7 @@ struct Line<'a> {
 }
 
 /// A board that says nothing for so long is gone.
-const SILENCE: Duration = Duration::from_secs(3);
+pub(crate) const SILENCE: Duration = Duration::from_secs(3);
 
 /// The simulated skin with the paper's sheet.
 ///
@@ -149,6 +153,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let flag = Arc::clone(&stop);
     ctrlc::set_handler(move || flag.store(true, Ordering::Relaxed)).context("Ctrl-C cannot be caught")?;
 
+    let calibration = arguments
+        .calibration
+        .as_deref()
+        .map(calibration_file::read)
+        .transpose()?;
     let scene = arguments.scene.as_deref().map(scene::load).transpose()?.map(|mut s| {
         s.scene.loop_s.get_or_insert(s.duration_s);
         s
@@ -169,6 +178,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         imager,
         LiveOptions {
             baseline_frames: arguments.baseline_frames,
+            calibration,
             ..LiveOptions::default()
         },
     );
@@ -195,7 +205,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
 }
 
 /// 39 cells across: 5 mm on the paper's disc.
-fn cell_mm(sheet: &Sheet) -> Result<f64> {
+pub(crate) fn cell_mm(sheet: &Sheet) -> Result<f64> {
     let (low, high) = Geometry::new(sheet)?.bounding_box();
     Ok((high[0] - low[0]).min(high[1] - low[1]) / 39.0)
 }
@@ -273,7 +283,7 @@ fn pump(
                     let line = Line {
                         frame: frame.sequence,
                         time_s: frame.time_s,
-                        touches: &result.touches,
+                        touches: result.touches.iter().filter(|t| t.is_pressed()).collect(),
                         residual: result.residual,
                         gap: result.gap,
                         solve_us: result.solve_us,
@@ -333,7 +343,9 @@ impl Output {
         {
             return Ok(());
         }
-        let picture = imager.picture(result, frame.sequence.into(), frame.time_s, stats)?;
+        let mut picture = imager.picture(result, frame.sequence.into(), frame.time_s, stats)?;
+        // A dent that somebody left is in the picture, but it is no touch.
+        picture.touches.retain(Touch::is_pressed);
         if let Some(page) = &self.page {
             page.publish(picture.clone())?;
         }
@@ -350,7 +362,11 @@ impl Output {
         let list: Vec<String> = result
             .touches
             .iter()
-            .map(|t| format!("({:.0}, {:.0}) mm {:+.0} %", t.x_mm, t.y_mm, 100.0 * t.rise))
+            .filter(|t| t.is_pressed())
+            .map(|t| {
+                let force = t.force_n.map_or(String::new(), |f| format!(" {f:.1} N"));
+                format!("({:.0}, {:.0}) mm {:+.0} %{force}", t.x_mm, t.y_mm, 100.0 * t.rise)
+            })
             .collect();
         let text = if list.is_empty() {
             "no touch".to_owned()
