@@ -12,7 +12,7 @@ use core::ops::DerefMut;
 use embedded_hal_nb::serial::{Read, Write};
 use protocol::{
     BoardError, Command, Counters, Decoder, Hello, Limits, MAX_TO_BOARD_LEN, Outgoing, PeriodRequest, Plan, PlanError,
-    Refusal, SelfTest, ToBoard, Watch, WatchNumber, Watching,
+    Refusal, SelfTest, Status, Stored, ToBoard, Watch, WatchNumber, Watching,
 };
 
 /// Bytes of messages that can wait for the link: two frames of 208 values, or one with quadrature and some answers.
@@ -89,6 +89,8 @@ pub struct Controller<'a, F, L, S, M> {
     /// Scans since the last heartbeat, and the highest level of them.
     pub(crate) beat_scans: u16,
     pub(crate) beat_level: u16,
+    /// How the store goes together with the settings.
+    stored: Stored,
 }
 
 impl<'a, F, L, S, M> Controller<'a, F, L, S, M>
@@ -140,6 +142,7 @@ where
             quiet: 0,
             beat_scans: 0,
             beat_level: 0,
+            stored: Stored::Nothing,
         };
         this.memory
             .scan
@@ -163,11 +166,21 @@ where
     #[inline(never)]
     fn remember(&mut self) {
         let (info, settings) = (&self.info, &mut self.memory.settings);
-        let _ = settings::load_with(&mut self.support, |stored| {
-            if suits(&stored, info, &info.limits()) {
-                *settings = stored;
+        let mut stored = Stored::Nothing;
+        let read = settings::load_with(&mut self.support, |found| {
+            stored = Stored::Unusable;
+            if found.is_some_and(|f| suits(&f, info, &info.limits()).then(|| *settings = f).is_some()) {
+                stored = Stored::InForce;
             }
         });
+        self.stored = if read.is_ok() { stored } else { Stored::Unusable };
+    }
+
+    /// Something of the settings was changed.
+    fn changed(&mut self) {
+        if self.stored == Stored::InForce {
+            self.stored = Stored::Others;
+        }
     }
 
     /// Does what can be done now and returns; never waits, except for the store.
@@ -210,6 +223,18 @@ where
     /// What was counted so far.
     pub fn counters(&self) -> &Counters {
         &self.counters
+    }
+
+    /// What the board is set to and does.
+    pub fn status(&self) -> Status {
+        let settings = &self.memory.settings;
+        Status {
+            running: self.running,
+            watching: self.watching,
+            autostart: settings.autostart,
+            excitation_permille: settings.excitation_permille,
+            stored: self.stored,
+        }
     }
 
     /// Who the board says it is.
@@ -342,6 +367,9 @@ where
                     .recipe()
                     .check(self.info.electrodes, self.info.gains(), &self.info.limits());
                 check.map_err(BoardError::Plan)?;
+                if self.memory.settings.plan != plan {
+                    self.changed();
+                }
                 self.memory.settings.plan = plan;
                 self.send_plan();
                 if self.task == Task::Frames {
@@ -365,6 +393,9 @@ where
             ToBoard::SetWatch(watch) => {
                 if let Some(watch) = &watch {
                     check_watch(watch, &self.info, &self.info.limits())?;
+                }
+                if self.memory.settings.watch != watch {
+                    self.changed();
                 }
                 self.memory.settings.watch = watch;
                 self.forget_baseline();
@@ -400,6 +431,9 @@ where
                 if given == 0 || given > 1000 {
                     return Err(BoardError::Refused(Refusal::Excitation { given }));
                 }
+                if self.memory.settings.excitation_permille != given {
+                    self.changed();
+                }
                 self.memory.settings.excitation_permille = given;
                 self.forget_baseline();
                 if self.running && !self.start() {
@@ -408,6 +442,9 @@ where
                 Command::SetExcitation
             }
             ToBoard::SetAutostart(on) => {
+                if self.memory.settings.autostart != on {
+                    self.changed();
+                }
                 self.memory.settings.autostart = on;
                 Command::SetAutostart
             }
@@ -415,11 +452,18 @@ where
                 self.only_at_rest()?;
                 settings::save(&mut self.support, &self.memory.settings)
                     .map_err(|_| BoardError::Refused(Refusal::Store))?;
+                self.stored = Stored::InForce;
                 Command::SaveSettings
+            }
+            ToBoard::GetStatus => {
+                let status = self.status();
+                self.send(Outgoing::Status(status));
+                return Ok(());
             }
             ToBoard::ForgetSettings => {
                 self.only_at_rest()?;
                 settings::forget(&mut self.support).map_err(|_| BoardError::Refused(Refusal::Store))?;
+                self.stored = Stored::Nothing;
                 Command::ForgetSettings
             }
         };

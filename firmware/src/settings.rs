@@ -78,15 +78,16 @@ struct Log {
 /// The store cannot be read.
 pub fn load<S: Store>(store: &mut S) -> Result<Option<Settings>, StoreFault> {
     let mut out = None;
-    load_with(store, |settings| out = Some(settings))?;
+    load_with(store, |settings| out = settings)?;
     Ok(out)
 }
 
-/// The same, handed over where they are: they are large for a stack.
+/// The same, handed over where they are: they are large for a stack. `take` is called if something is stored, with `None`
+/// when it cannot be read: another firmware wrote it.
 ///
 /// # Errors
 /// As [`load`].
-pub fn load_with<S: Store>(store: &mut S, take: impl FnOnce(Settings)) -> Result<(), StoreFault> {
+pub fn load_with<S: Store>(store: &mut S, take: impl FnOnce(Option<Settings>)) -> Result<(), StoreFault> {
     let Some(record) = newest(store)? else {
         return Ok(());
     };
@@ -97,10 +98,8 @@ pub fn load_with<S: Store>(store: &mut S, take: impl FnOnce(Settings)) -> Result
         end: record.offset + record.len,
     };
     let mut de = postcard::Deserializer::from_flavor(reader);
-    // The sum was right: what cannot be read was written by another firmware.
-    if let Ok(settings) = Settings::deserialize(&mut de) {
-        take(settings);
-    }
+    // The sum was right, so it was written whole.
+    take(Settings::deserialize(&mut de).ok());
     Ok(())
 }
 
