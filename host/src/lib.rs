@@ -4,7 +4,8 @@
 //! unpressed sheet), [`live`] (baseline, then pictures), [`health`] (what cannot be believed), [`reconstructor`] (gate,
 //! weigh, solve, find touches; on [`imager`]'s model, the noise told by [`noise`], with the solvers of [`reconstruct`]),
 //! [`electrodes`] (where they are), [`fit`] (touches to the measurements), [`tracker`] (numbers for touches), [`view`] (what
-//! a person sees). Beside it: [`flash`] (a new program for the board), [`study`] (all that, measured on simulated frames).
+//! a person sees). Beside it: [`plans`] (what a frame
+//! measures), [`settings`] (what the board keeps), [`flash`] (a new program for the board), [`study`] (all that, measured on simulated frames).
 #![forbid(unsafe_code)]
 
 pub mod baseline;
@@ -19,10 +20,12 @@ pub mod link;
 pub mod live;
 pub mod noise;
 pub mod picture;
+pub mod plans;
 pub mod ports;
 pub mod reconstruct;
 pub mod reconstructor;
 pub mod session;
+pub mod settings;
 pub mod study;
 pub mod table;
 pub mod touches;

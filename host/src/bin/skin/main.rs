@@ -2,13 +2,16 @@
 #![forbid(unsafe_code)]
 
 mod bench;
+mod board;
 mod fig7;
 mod flash;
 mod forward;
 mod hello;
 mod method;
+mod plan;
 mod reconstruct;
 mod run;
+mod settings;
 mod sheet;
 
 use clap::{Parser, Subcommand};
@@ -44,6 +47,8 @@ enum Command {
     Flash(flash::Arguments),
     /// Who the board is, and its self-test.
     Hello(hello::Arguments),
+    /// What a board measures, watches and does at power-up: shows, sets, stores and forgets it.
+    Settings(settings::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -62,6 +67,7 @@ fn main() -> ExitCode {
         Some(Command::Bench(arguments)) => bench::run(&arguments),
         Some(Command::Flash(arguments)) => flash::run(&arguments),
         Some(Command::Hello(arguments)) => hello::run(&arguments),
+        Some(Command::Settings(arguments)) => settings::run(&arguments),
         Some(Command::Run(arguments)) => run::run(&arguments),
         None => run::run(&cli.run),
     };
