@@ -11,7 +11,7 @@ use crate::support::Support;
 use core::ops::DerefMut;
 use embedded_hal_nb::serial::{Read, Write};
 use protocol::{
-    BoardError, Command, Counters, Decoder, Hello, Limits, MAX_TO_BOARD_LEN, Outgoing, PeriodRequest, Plan, PlanError,
+    BoardError, Command, Counters, Decoder, FrameError, Hello, Limits, MAX_TO_BOARD_LEN, Outgoing, PeriodRequest, Plan, PlanError,
     Refusal, SelfTest, Status, Stored, ToBoard, Watch, WatchNumber, Watching,
 };
 
@@ -166,14 +166,18 @@ where
     #[inline(never)]
     fn remember(&mut self) {
         let (info, settings) = (&self.info, &mut self.memory.settings);
-        let mut stored = Stored::Nothing;
-        let read = settings::load_with(&mut self.support, |found| {
-            stored = Stored::Unusable;
-            if found.is_some_and(|f| suits(&f, info, &info.limits()).then(|| *settings = f).is_some()) {
-                stored = Stored::InForce;
+        let mut taken = false;
+        let found = settings::load_with(&mut self.support, |stored| {
+            if suits(stored, info, &info.limits()) {
+                settings.copy_from(stored);
+                taken = true;
             }
         });
-        self.stored = if read.is_ok() { stored } else { Stored::Unusable };
+        self.stored = match (found, taken) {
+            (Ok(false), _) => Stored::Nothing,
+            (Ok(true), true) => Stored::InForce,
+            (Ok(true), false) | (Err(_), _) => Stored::Unusable,
+        };
     }
 
     /// Something of the settings was changed.
@@ -313,7 +317,8 @@ where
 
     #[inline(never)]
     fn take(&mut self, byte: u8) {
-        match self.memory.decoder.push_byte::<ToBoard>(byte) {
+        // Looked at where it is: the largest commands are too large for a stack twice.
+        match &self.decoded(byte) {
             None => {}
             Some(Ok(command)) => {
                 Counters::add(&mut self.counters.commands, 1);
@@ -321,8 +326,14 @@ where
                     self.refuse(&e);
                 }
             }
-            Some(Err(e)) => self.refuse(&BoardError::Command(e)),
+            Some(Err(e)) => self.refuse(&BoardError::Command(*e)),
         }
+    }
+
+    // In a function of its own, whose stack is free again when the command is carried out.
+    #[inline(never)]
+    fn decoded(&mut self, byte: u8) -> Option<Result<ToBoard, FrameError>> {
+        self.memory.decoder.push_byte(byte)
     }
 
     fn refuse(&mut self, error: &BoardError) {
@@ -330,7 +341,7 @@ where
         self.send(Outgoing::Error(error));
     }
 
-    fn obey(&mut self, command: ToBoard) -> Result<(), BoardError> {
+    fn obey(&mut self, command: &ToBoard) -> Result<(), BoardError> {
         let done = match command {
             ToBoard::Hello => {
                 self.introduce();
@@ -362,21 +373,7 @@ where
                 }
                 Command::Stop
             }
-            ToBoard::SetPlan(plan) => {
-                let check = plan
-                    .recipe()
-                    .check(self.info.electrodes, self.info.gains(), &self.info.limits());
-                check.map_err(BoardError::Plan)?;
-                if self.memory.settings.plan != plan {
-                    self.changed();
-                }
-                self.memory.settings.plan = plan;
-                self.send_plan();
-                if self.task == Task::Frames {
-                    self.begin(Task::Frames);
-                }
-                return Ok(());
-            }
+            ToBoard::SetPlan(plan) => return self.set_plan(plan),
             ToBoard::GetPlan => {
                 self.send_plan();
                 return Ok(());
@@ -390,19 +387,7 @@ where
                 self.counters = Counters::default();
                 Command::ResetCounters
             }
-            ToBoard::SetWatch(watch) => {
-                if let Some(watch) = &watch {
-                    check_watch(watch, &self.info, &self.info.limits())?;
-                }
-                if self.memory.settings.watch != watch {
-                    self.changed();
-                }
-                self.memory.settings.watch = watch;
-                self.forget_baseline();
-                self.send_watch();
-                self.resume_unless_testing();
-                return Ok(());
-            }
+            ToBoard::SetWatch(watch) => return self.set_watch(watch.as_ref()),
             ToBoard::GetWatch => {
                 self.send_watch();
                 return Ok(());
@@ -426,8 +411,8 @@ where
                 self.test();
                 return Ok(());
             }
-            ToBoard::GetPeriod(request) => return self.measure_period(request),
-            ToBoard::SetExcitation(given) => {
+            ToBoard::GetPeriod(request) => return self.measure_period(*request),
+            &ToBoard::SetExcitation(given) => {
                 if given == 0 || given > 1000 {
                     return Err(BoardError::Refused(Refusal::Excitation { given }));
                 }
@@ -441,7 +426,7 @@ where
                 }
                 Command::SetExcitation
             }
-            ToBoard::SetAutostart(on) => {
+            &ToBoard::SetAutostart(on) => {
                 if self.memory.settings.autostart != on {
                     self.changed();
                 }
@@ -468,6 +453,38 @@ where
             }
         };
         self.send(Outgoing::Ack(done));
+        Ok(())
+    }
+
+    #[inline(never)]
+    fn set_plan(&mut self, plan: &Plan) -> Result<(), BoardError> {
+        let check = plan
+            .recipe()
+            .check(self.info.electrodes, self.info.gains(), &self.info.limits());
+        check.map_err(BoardError::Plan)?;
+        if self.memory.settings.plan != *plan {
+            self.changed();
+        }
+        settings::copy_plan(&mut self.memory.settings.plan, plan);
+        self.send_plan();
+        if self.task == Task::Frames {
+            self.begin(Task::Frames);
+        }
+        Ok(())
+    }
+
+    #[inline(never)]
+    fn set_watch(&mut self, watch: Option<&Watch>) -> Result<(), BoardError> {
+        if let Some(watch) = watch {
+            check_watch(watch, &self.info, &self.info.limits())?;
+        }
+        if self.memory.settings.watch.as_ref() != watch {
+            self.changed();
+        }
+        self.memory.settings.watch = watch.cloned();
+        self.forget_baseline();
+        self.send_watch();
+        self.resume_unless_testing();
         Ok(())
     }
 

@@ -93,7 +93,7 @@ fn it_starts_from_stored_settings() {
         autostart: true,
         excitation_permille: 700,
         plan: Plan::sequential_fast(),
-        watch: None,
+        watch: Some(Watch::sequential()),
     };
     // Of two the newer counts, and of the two sectors the first.
     let older = Settings {
@@ -111,20 +111,22 @@ fn it_starts_from_stored_settings() {
         flash: Some((0x0800_8000, bytes)),
         ..Setup::default()
     };
-    let outcome = run_in(&program("f446"), world(), setup, 1, 500_000_000).unwrap();
+    let outcome = run_in(&program("f446"), world().touched_at(50_000, touched()), setup, 1, 2_000_000_000).unwrap();
     let status = outcome.messages.iter().find_map(|(_, m)| match m {
         FromBoard::Status(s) => Some(*s),
         _ => None,
     });
     let expected = Status {
         running: true,
-        watching: Watching::Off,
+        watching: Watching::Learning,
         autostart: true,
         excitation_permille: 700,
         stored: Stored::InForce,
     };
     assert_eq!(status, Some(expected));
-    // Nobody told it to start.
+    println!("{} of {} bytes of stack used", outcome.stack, outcome.stack_size);
+    assert!(outcome.stack + 256 <= outcome.stack_size);
+    // Nobody told it to start, and something touches what it learned.
     let list = frames(&outcome);
     assert_eq!((list.len(), list[0].plan, outcome.damaged), (1, Plan::sequential_fast().id, 0));
     assert_eq!(hellos(&outcome)[0].reset, ResetCause::PowerOn);
