@@ -11,8 +11,8 @@ use crate::support::Support;
 use core::ops::DerefMut;
 use embedded_hal_nb::serial::{Read, Write};
 use protocol::{
-    BoardError, Command, Counters, Decoder, FrameError, Hello, Limits, MAX_TO_BOARD_LEN, Outgoing, PeriodRequest, Plan, PlanError,
-    Refusal, SelfTest, Status, Stored, ToBoard, Watch, WatchNumber, Watching,
+    BoardError, Command, Counters, Decoder, FrameError, Hello, Limits, MAX_TO_BOARD_LEN, Outgoing, PeriodRequest, Plan,
+    PlanError, Refusal, SelfTest, Status, Stored, ToBoard, Watch, WatchNumber, Watching,
 };
 
 /// Bytes of messages that can wait for the link: two frames of 208 values, or one with quadrature and some answers.
