@@ -174,7 +174,9 @@ where
         self.survived(started)
     }
 
-    /// One step of what is measured; whether it did anything.
+    /// One step of what is measured; whether it did anything. In a function of its own, so that a board's test can look at what
+    /// is reached from here.
+    #[inline(never)]
     pub(crate) fn measure(&mut self) -> bool {
         if self.task == Task::Off {
             return false;

@@ -401,7 +401,7 @@ fn many_channels_are_summed_exactly_to_the_bound() {
         0 => FULL_SCALE,
         1 => 0,
         2 => FULL_SCALE - (c as u16),
-        _ => (257 * k + 31 * c) as u16,
+        _ => ((257 * k + 31 * c) % usize::from(FULL_SCALE)) as u16,
     };
     for channels in [2, 5, 16] {
         let period: Vec<u16> = (0..N).flat_map(|k| (0..channels).map(move |c| code(k, c))).collect();
