@@ -185,7 +185,8 @@ where
         let recipe = recipe(self.task, &memory.settings, &self.probe);
         match memory.scan.step(recipe, &mut self.front) {
             Ok(progress) => {
-                self.went_on = self.support.now();
+                // As good as the time now, which costs more to ask for.
+                self.went_on = self.memory.scan.reached();
                 match (progress, self.task) {
                     (Progress::Working, _) => {}
                     (Progress::Slot, Task::Watch) => self.watch_slot(),

@@ -18,7 +18,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut map = fs::read_to_string("memory_map.x")?;
     if env::var_os("CARGO_FEATURE_LAWS").is_some() {
         // The laws' bench keeps whole periods on the stack, and no controller beside it.
-        map = map.replace("STACK = 2560", "STACK = 6656");
+        map = map.replace("STACK = 2304", "STACK = 6656");
     }
     fs::write(out.join("memory.x"), map)?;
     println!("cargo:rustc-link-search={}", out.display());
