@@ -182,7 +182,11 @@ pub fn run_in(
         chip.supply(millivolts);
     }
     let machine = Machine {
-        chip: if setup.dead_crystal { chip.without_crystal() } else { chip },
+        chip: if setup.dead_crystal {
+            chip.without_crystal()
+        } else {
+            chip
+        },
     };
     let mut commands = setup.commands.into_iter();
     let watcher = Watcher {

@@ -65,7 +65,10 @@ fn with_one_channel_it_learns_sleeps_and_wakes_with_the_next_value() {
     use Watching::{Asleep, Awake, Learning};
     assert_eq!(kinds, [Learning, Asleep, Awake], "{:?}", outcome.messages);
     let list = frames(&outcome);
-    assert_eq!((list.len(), outcome.damaged, outcome.resets, outcome.without_break), (2, 0, 0, 0));
+    assert_eq!(
+        (list.len(), outcome.damaged, outcome.resets, outcome.without_break),
+        (2, 0, 0, 0)
+    );
     // The first frame begins with the touch on the sheet, a rest and a scan of the watch later at most.
     let begun = list[0].time;
     let latest = contact + ((1.25 + 20.0 + 10.0 + 0.25) * 16.0) as u64;
@@ -111,7 +114,14 @@ fn it_starts_from_stored_settings() {
         flash: Some((0x0800_8000, bytes)),
         ..Setup::default()
     };
-    let outcome = run_in(&program("f446"), world().touched_at(50_000, touched()), setup, 1, 2_000_000_000).unwrap();
+    let outcome = run_in(
+        &program("f446"),
+        world().touched_at(50_000, touched()),
+        setup,
+        1,
+        2_000_000_000,
+    )
+    .unwrap();
     let status = outcome.messages.iter().find_map(|(_, m)| match m {
         FromBoard::Status(s) => Some(*s),
         _ => None,
@@ -128,7 +138,10 @@ fn it_starts_from_stored_settings() {
     assert!(outcome.stack + 256 <= outcome.stack_size);
     // Nobody told it to start, and something touches what it learned.
     let list = frames(&outcome);
-    assert_eq!((list.len(), list[0].plan, outcome.damaged), (1, Plan::sequential_fast().id, 0));
+    assert_eq!(
+        (list.len(), list[0].plan, outcome.damaged),
+        (1, Plan::sequential_fast().id, 0)
+    );
     assert_eq!(hellos(&outcome)[0].reset, ResetCause::PowerOn);
 }
 
@@ -161,11 +174,23 @@ fn a_supply_that_sags_restarts_it_and_the_cause_is_told() {
         ..Setup::default()
     };
     let outcome = run_in(&program("f446"), world(), setup, 99, sag + 100_000_000).unwrap();
-    let causes: Vec<_> = hellos(&outcome).iter().map(|h| (h.reset, h.last_panic.is_empty())).collect();
+    let causes: Vec<_> = hellos(&outcome)
+        .iter()
+        .map(|h| (h.reset, h.last_panic.is_empty()))
+        .collect();
     assert_eq!(causes, [(ResetCause::PowerOn, true), (ResetCause::BrownOut, true)]);
-    let last = outcome.messages.iter().rfind(|(_, m)| matches!(m, FromBoard::Hello(_))).unwrap().0;
+    let last = outcome
+        .messages
+        .iter()
+        .rfind(|(_, m)| matches!(m, FromBoard::Hello(_)))
+        .unwrap()
+        .0;
     // Only once the supply is back.
-    assert!(last > sag + 50_000_000 && outcome.resets == 1, "{last} {}", outcome.resets);
+    assert!(
+        last > sag + 50_000_000 && outcome.resets == 1,
+        "{last} {}",
+        outcome.resets
+    );
 }
 
 #[test]
@@ -183,10 +208,15 @@ fn a_supply_that_never_is_good_is_told_and_does_not_stop_it() {
     let [hello] = &hellos(&outcome)[..] else {
         panic!("{:?}", outcome.messages);
     };
-    assert!(hello.last_panic.starts_with("the supply is below"), "{}", hello.last_panic);
-    let refused = outcome.messages.iter().any(|(_, m)| {
-        *m == FromBoard::Error(protocol::BoardError::Refused(protocol::Refusal::Store))
-    });
+    assert!(
+        hello.last_panic.starts_with("the supply is below"),
+        "{}",
+        hello.last_panic
+    );
+    let refused = outcome
+        .messages
+        .iter()
+        .any(|(_, m)| *m == FromBoard::Error(protocol::BoardError::Refused(protocol::Refusal::Store)));
     assert!(refused, "{:?}", outcome.messages);
     assert_eq!((frames(&outcome).len(), outcome.resets), (1, 0));
 }

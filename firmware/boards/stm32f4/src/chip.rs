@@ -131,7 +131,9 @@ static WATCHED: AtomicBool = AtomicBool::new(false);
 /// restarts ([`Watchdog::feed`]); without that it works, and writes no flash memory.
 fn wait_for_supply(power: &pac::PWR) -> bool {
     // Level 6.
-    power.cr().modify(|r, w| unsafe { w.bits(r.bits() & !(7 << 5) | 6 << 5 | 1 << 4) });
+    power
+        .cr()
+        .modify(|r, w| unsafe { w.bits(r.bits() & !(7 << 5) | 6 << 5 | 1 << 4) });
     // The clock is the internal one of 16 MHz: some 50 ms.
     let mut patience = 100_000;
     while !supply_is_good() && patience > 0 {
@@ -163,7 +165,8 @@ fn reset_below_2_7_volt(flash: &pac::FLASH) {
 /// Starts the oscillator of the crystal, or the input for the Nucleo's clock; whether it runs after 50 ms at most.
 fn hse_runs(rcc: &pac::RCC) -> bool {
     let on = 1 << 16 | u32::from(NUCLEO) << 18;
-    rcc.cr().modify(|r, w| unsafe { w.bits(r.bits() & !(1 << 16) | on & 1 << 18) });
+    rcc.cr()
+        .modify(|r, w| unsafe { w.bits(r.bits() & !(1 << 16) | on & 1 << 18) });
     rcc.cr().modify(|r, w| unsafe { w.bits(r.bits() | on) });
     let runs = || rcc.cr().read().bits() & 1 << 17 != 0;
     let mut patience = 100_000;

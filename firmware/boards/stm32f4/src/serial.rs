@@ -94,7 +94,9 @@ impl Serial {
         usart
             .cr1()
             .write(|w| unsafe { w.bits(1 << 13 | 1 << 5 | 1 << 3 | 1 << 2) });
-        dma.st(port::STREAM).par().write(|w| unsafe { w.bits(usart.dr().as_ptr() as u32) });
+        dma.st(port::STREAM)
+            .par()
+            .write(|w| unsafe { w.bits(usart.dr().as_ptr() as u32) });
         // SAFETY: everything that the interrupt uses is set up.
         unsafe { cortex_m::peripheral::NVIC::unmask(port::INTERRUPT) };
         Self { filling: 0, filled: 0 }
@@ -157,7 +159,9 @@ impl serial::Write for Serial {
     fn flush(&mut self) -> nb::Result<(), serial::ErrorKind> {
         self.kick();
         let (usart, dma) = registers();
-        let busy = self.filled > 0 || dma.st(port::STREAM).cr().read().bits() & 1 != 0 || usart.sr().read().bits() & 1 << 6 == 0;
+        let busy = self.filled > 0
+            || dma.st(port::STREAM).cr().read().bits() & 1 != 0
+            || usart.sr().read().bits() & 1 << 6 == 0;
         if busy { Err(nb::Error::WouldBlock) } else { Ok(()) }
     }
 }

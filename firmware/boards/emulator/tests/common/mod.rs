@@ -75,4 +75,3 @@ pub(crate) fn in_process(plan: &Plan, first: u64, count: usize) -> Vec<Frame> {
         })
         .collect()
 }
-

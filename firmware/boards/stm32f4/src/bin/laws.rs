@@ -91,7 +91,11 @@ fn front_end(both: &mut Both, found: &mut PanicText) {
         periods: 1,
         channels: 1,
     };
-    if let Err(e) = both.0.switch_on().and_then(|()| Blocking(&mut both.0).capture(settle, |_| {})) {
+    if let Err(e) = both
+        .0
+        .switch_on()
+        .and_then(|()| Blocking(&mut both.0).capture(settle, |_| {}))
+    {
         let _ = write!(found, "{e:?}");
     }
     // The watchdog must not bite: a stall is short, all else polls.
