@@ -11,6 +11,7 @@ use rigless::machine::{Board, Target};
 use rigless::mcu::{Mcu, Operate};
 use rigless::snapshot::Store;
 use rigless::soc::stm32f427::Stm32f427;
+use rigless::soc::stm32f427::generated::flash::{Register as Options, optcr};
 use rigless::soc::stm32f427::generated::rcc::{Register, cr};
 use rigless::soc::stm32f427::peripherals::dma::{Dma, Wire};
 use rigless::soc::stm32f427::peripherals::usart::TRANSMIT_REQUEST;
@@ -86,6 +87,12 @@ impl Chip {
     pub fn without_crystal(mut self) -> Self {
         self.dead_crystal = true;
         self
+    }
+
+    /// The brown-out reset's level in the option bytes: 3 is off, 0 the highest.
+    pub fn brown_out(&self) -> u64 {
+        let registers = self.inner.bus().registers("FLASH");
+        registers.map_or(3, |r| optcr::BOR_LEV.get(r.get(Options::Optcr)))
     }
 
     /// The supply is so many millivolts from now on.

@@ -35,6 +35,8 @@ pub struct Outcome {
     pub triggers: u64,
     /// Restarts.
     pub resets: usize,
+    /// The brown-out reset's level in the option bytes: 3 is off, 0 the highest.
+    pub brown_out: u64,
     /// What the emulator could not stand in for: addresses without a register, refused accesses, registers without a model.
     pub gaps: Vec<String>,
     /// Instructions from the start of the work on a block to its end, of every block.
@@ -223,6 +225,7 @@ pub fn run_in(
         without_break: world.without_break,
         triggers: world.triggers,
         resets: session.resets().len(),
+        brown_out: session.board().chip.brown_out(),
         gaps,
         work: watcher.work,
         stack: watcher.stack.0,

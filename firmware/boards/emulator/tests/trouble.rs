@@ -185,6 +185,8 @@ fn a_supply_that_sags_restarts_it_and_the_cause_is_told() {
         .rfind(|(_, m)| matches!(m, FromBoard::Hello(_)))
         .unwrap()
         .0;
+    // The first start has switched the chip's own brown-out reset on, at its highest level.
+    assert_eq!(outcome.brown_out, 0);
     // Only once the supply is back.
     assert!(
         last > sag + 50_000_000 && outcome.resets == 1,

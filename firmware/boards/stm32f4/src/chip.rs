@@ -152,14 +152,27 @@ fn reset_below_2_7_volt(flash: &pac::FLASH) {
     if flash.optcr().read().bits() & LEVEL == 0 {
         return;
     }
+    // A reset in the middle would leave the option bytes half written.
+    let finish = || {
+        while flash.sr().read().bits() & 1 << 16 != 0 {
+            feed();
+        }
+    };
     flash.optkeyr().write(|w| unsafe { w.bits(0x0819_2A3B) });
     flash.optkeyr().write(|w| unsafe { w.bits(0x4C5D_6E7F) });
-    while flash.sr().read().bits() & 1 << 16 != 0 {}
+    finish();
     // All other bits stay as they are; level 3 is 0. Then the start bit.
     flash.optcr().modify(|r, w| unsafe { w.bits(r.bits() & !LEVEL) });
     flash.optcr().modify(|r, w| unsafe { w.bits(r.bits() | 1 << 1) });
-    while flash.sr().read().bits() & 1 << 16 != 0 {}
+    finish();
     flash.optcr().modify(|r, w| unsafe { w.bits(r.bits() | 1) });
+}
+
+/// Feeds the watchdog.
+fn feed() {
+    // SAFETY: a key register, for writing only.
+    let watchdog = unsafe { &*pac::IWDG::ptr() };
+    watchdog.kr().write(|w| unsafe { w.bits(0xAAAA) });
 }
 
 /// Starts the oscillator of the crystal, or the input for the Nucleo's clock; whether it runs after 50 ms at most.
@@ -222,9 +235,6 @@ impl Watchdog for Chip {
     fn feed(&mut self) {
         // However long nobody measures, the time is asked before the cycle counter came round: every tenth of a second.
         sampler::keep_up();
-        // SAFETY: a key register, for writing only.
-        let watchdog = unsafe { &*pac::IWDG::ptr() };
-        let feed = || watchdog.kr().write(|w| unsafe { w.bits(0xAAAA) });
         feed();
         if WATCHED.load(Ordering::Relaxed) && !supply_is_good() {
             // What is measured now is wrong, and worse may come: the sheet without voltage until the supply is back, or until the
