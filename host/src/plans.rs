@@ -147,18 +147,19 @@ impl FromStr for PlanName {
 
 /// The plan for live pictures, the fastest whose noise the pictures bear: all pairs of a drive at once, one period to
 /// settle and one to integrate (115 frames/s on 16 electrodes), where the board has a channel for every electrode; else one
-/// pair after the other, a quarter period to settle and one to integrate (14 frames/s).
+/// pair after the other, a quarter period to settle and one to integrate (14 frames/s); half of the pairs where not all fit.
 ///
 /// # Errors
-/// [`PlanError`] when the board has too few electrodes to measure anything, or more than a frame holds.
+/// [`PlanError`] when the board has too few electrodes to measure anything, or can carry none of them out.
 pub fn live_plan(board: &Hello) -> Result<Plan, PlanError> {
-    let simultaneous = board.limits.channels >= board.electrodes;
-    let name = if simultaneous {
-        PlanName::Fast
-    } else {
-        PlanName::SequentialFast
-    };
-    name.unchecked(board)
+    let mut refusal = None;
+    for name in [PlanName::Fast, PlanName::SequentialFast, PlanName::Independent] {
+        match name.plan(board) {
+            Ok(plan) => return Ok(plan),
+            Err(e) => _ = refusal.get_or_insert(e),
+        }
+    }
+    Err(refusal.unwrap_or(PlanError::Empty))
 }
 
 /// What a plan or a watch measures, in a line.
@@ -272,7 +273,13 @@ mod tests {
         }
         assert_eq!(live_plan(&board(16, 16)), Ok(Plan::fast()));
         assert_eq!(live_plan(&board(16, 1)), Ok(Plan::sequential_fast()));
+        let mut small = board(16, 1);
+        small.limits.values = 120;
+        assert_eq!(live_plan(&small), Ok(Plan::independent()));
         // And what it cannot do is said.
+        small.limits.values = 100;
+        assert_eq!(live_plan(&small), PlanName::Fast.plan(&small));
+        assert!(live_plan(&board(3, 3)).is_err());
         assert!(PlanName::Fast.plan(&board(16, 1)).is_err());
     }
 

@@ -223,6 +223,8 @@ fn the_host_program_shows_the_touches_of_the_emulated_board() {
         .args([
             "run",
             "--json",
+            "--plan",
+            "quiet",
             "--baseline-frames",
             "20",
             "--frames",
