@@ -2,17 +2,20 @@
 #![forbid(unsafe_code)]
 
 mod bench;
-mod capture;
+mod board;
 mod calibrate;
+mod capture;
 mod fig7;
 mod flash;
 mod forward;
 mod hello;
 mod method;
 mod paper;
+mod plan;
 mod reconstruct;
 mod run;
 mod scene;
+mod settings;
 mod sheet;
 mod sim;
 mod simulated;
@@ -56,6 +59,8 @@ enum Command {
     Hello(hello::Arguments),
     /// A simulated board with a scene on its sheet: its frames as a table, its bytes, or a serial port to read them from.
     Sim(sim::Arguments),
+    /// What a board measures, watches and does at power-up: shows, sets, stores and forgets it.
+    Settings(settings::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -77,6 +82,7 @@ fn main() -> ExitCode {
         Some(Command::Flash(arguments)) => flash::run(&arguments),
         Some(Command::Hello(arguments)) => hello::run(&arguments),
         Some(Command::Sim(arguments)) => sim::run(&arguments),
+        Some(Command::Settings(arguments)) => settings::run(&arguments),
         Some(Command::Run(arguments)) => run::run(&arguments),
         None => run::run(&cli.run),
     };
