@@ -9,7 +9,7 @@
 //! Strain is counted in units of the instant compliance, `s = e / J0` (MPa), so that the four parameters of [`Solid`] are
 //! all that can be told from outside. [`SolidState`] is the solid and its causal, exact inverse; [`force`] makes newtons of
 //! touches; [`calibration`] finds the parameters in a press-and-hold ([`press`] takes it, [`recording`] keeps it),
-//! and [`file`] holds them.
+//! and [`mod@file`] holds them.
 
 pub mod calibration;
 pub mod file;
