@@ -35,9 +35,10 @@ impl Noise {
 /// Octaves of [`Flicker`]: at 59 kHz down to 1/142 Hz.
 const OCTAVES: usize = 24;
 
-/// Noise with a power density of 1/f and the same power, 1, in every decade (up to some 0.1 in ripple): a sum of white noises that hold their
-/// values for 1, 2, 4, ... samples (Voss, as told by Gardner 1978). Each with variance s has the one-sided density
-/// `2 s T sinc(f T)^2`, T its time; over all octaves that is `s / (f ln 2)`: s in every octave.
+/// Noise with a power density of 1/f and the same power, 1, in every decade (with some 5 % of ripple, and a fifth less just
+/// below half the sample rate): a sum of white noises that hold their values for 1, 2, 4, ... samples (Voss, as told by
+/// Gardner 1978). Each with variance s has the one-sided density `2 s T sinc(f T)^2`, T its time; over all octaves that is
+/// `s / (f ln 2)`: s in every octave.
 #[derive(Clone, Debug)]
 pub(crate) struct Flicker {
     octaves: [Noise; OCTAVES],

@@ -544,6 +544,11 @@ fn all_flaws_together_are_a_function_of_seed_and_time() {
     // A board that is powered up later, at the same phase, finds the noise where it is.
     late.sample(16, &routing, &mut row);
     assert_eq!(row.map(|c| f64::from(c) - MIDDLE), rows[4016]);
+    // On every machine: a sum over all codes (FNV-1a).
+    let sum = rows.iter().flatten().fold(0xCBF2_9CE4_8422_2325u64, |hash, code| {
+        (hash ^ (code + MIDDLE) as u64).wrapping_mul(0x0100_0000_01B3)
+    });
+    assert_eq!(sum, 17_718_160_245_715_963_425);
     // Different channels have different noise.
     assert!(rows.iter().any(|r| r[0] != r[2]));
 }
