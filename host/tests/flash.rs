@@ -150,7 +150,6 @@ fn with_the_lines_joined_it_is_programmed_too_and_a_terminal_does_not_hold_it() 
     let mut bootloader = Bootloader::connect(joined(&mut rom), true).unwrap();
     flash(&mut bootloader, &image, |_, _, _| {}).unwrap();
     bootloader.start(FLASH_START, true).unwrap();
-    let _ = bootloader;
     assert!(rom.runs_program() && holds(&rom, &image));
     // A terminal: both lines as it opens the port, neither as it closes it, in either order. Whatever it does on the way, the
     // program runs while it is open, and afterwards.

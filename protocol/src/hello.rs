@@ -115,7 +115,7 @@ pub struct Hello {
     pub skew_ticks: u16,
     /// Why it started.
     pub reset: ResetCause,
-    /// The last bug that its firmware met, told once; empty when there was none.
+    /// The last bug that its firmware met, told once, or what the board found wrong as it started; empty when there was none.
     pub last_panic: PanicText,
 }
 

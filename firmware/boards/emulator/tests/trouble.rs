@@ -41,7 +41,8 @@ fn touched() -> ElectrodeMatrix {
 
 #[test]
 fn with_one_channel_it_learns_sleeps_and_wakes_with_the_next_value() {
-    let (plan, watch) = (Plan::sequential_fast(), Watch::sequential());
+    // A whole period to settle, so that nothing rings and the frames can be compared.
+    let (plan, watch) = (Plan::sequential(), Watch::sequential());
     // It has learned from 128 scans of 10 periods half a second after the start, and sleeps; then the touch.
     let contact = 40_000;
     let setup = Setup {
@@ -71,16 +72,20 @@ fn with_one_channel_it_learns_sleeps_and_wakes_with_the_next_value() {
     );
     // The first frame begins with the touch on the sheet, a rest and a scan of the watch later at most.
     let begun = list[0].time;
-    let latest = contact + ((1.25 + 20.0 + 10.0 + 0.25) * 16.0) as u64;
+    let latest = contact + ((1.25 + 20.0 + 10.0 + 1.0) * 16.0) as u64;
     assert!((contact..=latest).contains(&begun), "{contact} {begun} {latest}");
     println!(
         "contact to the first frame's first sample {:.1} ms, to its end {:.1} ms; {} wakes",
         (begun - contact) as f64 / 16.0 * PERIOD_NS * 1e-6,
-        (begun + 260 * 16 - contact) as f64 / 16.0 * PERIOD_NS * 1e-6,
+        (begun + 416 * 16 - contact) as f64 / 16.0 * PERIOD_NS * 1e-6,
         kinds.len() - 2
     );
-    // And shows it: unlike what the untouched sheet gives.
-    assert_ne!(list[0].values, common::in_process(&plan, begun, 1)[0].values);
+    // And shows it, value for value, as the one after the watch's next scan does; but for the first, which may still ring.
+    for there in &list {
+        let here = &common::in_process_on(touched(), &plan, there.time, 1)[0];
+        let different = here.values.iter().zip(&there.values).filter(|(a, b)| a != b).count();
+        assert!(different <= 1, "{different} of 208 values differ");
+    }
     let scans = outcome.messages.iter().find_map(|(_, m)| match m {
         FromBoard::Counters(c) => Some((c.watch_scans > 128, c.wakes, c.overruns)),
         _ => None,

@@ -194,9 +194,21 @@ impl Sampler {
 
     /// Which of the converter's inputs is sampled from the next sample on.
     pub fn set_input(&mut self, input: u32) {
-        self.wait_until_converted();
-        let (_, adc, _) = registers();
-        adc.sqr3().write(|w| unsafe { w.bits(input) });
+        let (timer, adc, _) = registers();
+        if adc.sqr3().read().bits() == input {
+            return;
+        }
+        // Written while the converter is at work it would cost that sample, and every later one would be counted one too early:
+        // not until it has converted, and not just before it begins.
+        const QUIET: core::ops::Range<u32> = CONVERTED_TICKS..TICKS_PER_SAMPLE - 60;
+        let write = |_: &interrupt::CriticalSection| {
+            let quiet = QUIET.contains(&timer.cnt().read().bits());
+            if quiet {
+                adc.sqr3().write(|w| unsafe { w.bits(input) });
+            }
+            quiet
+        };
+        while !interrupt::free(write) {}
     }
 
     /// Lets a conversion under way end: 2.4 us at most.

@@ -50,9 +50,14 @@ pub(crate) fn hellos(outcome: &Outcome) -> Vec<Hello> {
 
 /// What the same firmware measures in process, the first sample of the first frame at a time.
 pub(crate) fn in_process(plan: &Plan, first: u64, count: usize) -> Vec<Frame> {
+    in_process_on(sheet(), plan, first, count)
+}
+
+/// The same on another sheet.
+pub(crate) fn in_process_on(sheet: ElectrodeMatrix, plan: &Plan, first: u64, count: usize) -> Vec<Frame> {
     let clock = Clock::new();
     clock.advance(first - u64::from(plan.settle_quarters) * 4);
-    let mut front = SimFrontEnd::new(Electronics::default(), FixedSheet(sheet()), clock)
+    let mut front = SimFrontEnd::new(Electronics::default(), FixedSheet(sheet), clock)
         .unwrap()
         .self_clocked();
     front.switch_on().unwrap();
