@@ -12,6 +12,7 @@
 pub mod baseline;
 pub mod creep;
 mod difference;
+pub mod doubt;
 pub mod electrodes;
 pub mod fit;
 pub mod flash;

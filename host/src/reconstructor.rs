@@ -1,6 +1,7 @@
 //! From a frame to a picture and its touches: gate, weigh, solve, find.
 
 use crate::difference::{Difference, Differences};
+use crate::doubt::Doubt;
 use crate::fit::FitOptions;
 use crate::fit::fitter::{Data, Fitter};
 use crate::fit::table::TouchTable;
@@ -94,6 +95,8 @@ pub struct FrameResult {
     /// Mean squared misfit of the touches' fit, in variances of the noise; none where the touches are the picture's peaks
     /// because discs do not explain the frame.
     pub misfit: Option<f64>,
+    /// What speaks against the touches.
+    pub doubt: Option<Doubt>,
     /// Whether this frame was reconstructed. Otherwise it differs from an earlier one by nothing but noise, and the rest is
     /// that one's result.
     pub anew: bool,
@@ -113,6 +116,7 @@ impl FrameResult {
             changed: false,
             status: Status::Converged,
             misfit: None,
+            doubt: None,
             anew: true,
         }
     }
@@ -126,7 +130,7 @@ impl FrameResult {
             (self.residual, self.gap, self.solve_us) = (0.0, 0.0, 0.0);
             (self.changed, self.status, self.misfit) = (false, Status::Converged, None);
         }
-        (self.noise, self.used) = (noise, used);
+        (self.noise, self.used, self.doubt) = (noise, used, None);
     }
 }
 
@@ -262,6 +266,8 @@ impl Reconstructor {
             .health
             .judge(&mut self.reciprocity, &self.imager.model_v, difference);
         self.solve(difference, known.or(judged));
+        let unexplained = self.fitter.is_some() && self.result.misfit.is_none() && !self.result.touches.is_empty();
+        self.result.doubt = Doubt::of(difference, &self.imager.model_v).or(unexplained.then_some(Doubt::NotTouches));
         self.differences = differences;
         Ok(&mut self.result)
     }

@@ -6,6 +6,7 @@ use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
 use host::creep::file as calibration_file;
 use host::creep::force::ForceMeter;
+use host::doubt::Doubt;
 use host::imager::Imager;
 use host::picture::{Stats, Touch};
 use host::reconstruct::{Method, Status};
@@ -113,6 +114,9 @@ struct FrameLine<'a> {
     changed: bool,
     /// How many values took part.
     used: usize,
+    /// What speaks against the touches.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    doubt: Option<Doubt>,
 }
 
 fn status(status: Status) -> &'static str {
@@ -246,8 +250,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
             meter.tell(k as f64 * frame_s, &mut result.touches);
             result.touches.retain(Touch::is_pressed);
         }
-        if result.used == 0 {
-            eprintln!("warning: frame {} has no value that can be used", column.name);
+        if let Some(doubt) = result.doubt {
+            eprintln!("warning: frame {}: {doubt}", column.name);
         }
         match result.status {
             Status::Converged => {}
@@ -367,6 +371,7 @@ fn print(results: &[(&str, FrameResult)], json: bool) -> Result<()> {
                 status: status(result.status),
                 changed: result.changed,
                 used: result.used,
+                doubt: result.doubt,
             };
             serde_json::to_writer(&mut out, &line)?;
             writeln!(out)?;

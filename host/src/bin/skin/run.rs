@@ -7,6 +7,7 @@ use clap::Args;
 use clap::builder::RangedU64ValueParser;
 use hil_sim::{Pace, SceneFile, SimPort};
 use host::creep::file as calibration_file;
+use host::doubt::Doubt;
 use host::imager::Imager;
 use host::link::Port;
 use host::live::{Live, LiveFrame, LiveOptions};
@@ -81,6 +82,9 @@ struct Line<'a> {
     gap: f64,
     solve_us: f64,
     lost_frames: u64,
+    /// What speaks against the touches.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    doubt: Option<Doubt>,
 }
 
 /// A board that says nothing for so long is gone.
@@ -266,6 +270,8 @@ fn pump(
         None
     };
     let mut last: Option<session::MeasuredFrame> = None;
+    // What was said of the frame before.
+    let mut doubt: Option<Doubt> = None;
     // Frames that the baseline still wants.
     let mut wanted = 0;
     while !stop.load(Ordering::Relaxed) && arguments.frames.is_none_or(|n| pictures < n) {
@@ -318,7 +324,13 @@ fn pump(
             }
             LiveFrame::Picture(result) => {
                 pictures += 1;
-                output.show(&imager, result, &frame, lost, None)?;
+                if result.doubt != doubt
+                    && let Some(said) = result.doubt
+                {
+                    eprintln!("warning: frame {}: {said}", frame.sequence);
+                }
+                doubt = result.doubt;
+                output.show(&imager, result, &frame, lost, doubt.map(|d| d.to_string()))?;
                 if output.json {
                     let mut out = std::io::stdout().lock();
                     let line = Line {
@@ -329,6 +341,7 @@ fn pump(
                         gap: result.gap,
                         solve_us: result.solve_us,
                         lost_frames: lost,
+                        doubt,
                     };
                     serde_json::to_writer(&mut out, &line)?;
                     writeln!(out)?;
