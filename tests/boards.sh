@@ -32,6 +32,12 @@ for chip in f446 f427 f405; do
     cp "$boards_target/$TARGET/release/skin-board" "$programs/$chip"
 done
 
+say "the same for the serial port of a Nucleo's debugger, and the laws of its front end"
+in_board stm32f4 build --release --locked --bin skin-board --no-default-features --features f446,st-link || fail "stm32f4 (st-link) does not build"
+cp "$boards_target/$TARGET/release/skin-board" "$programs/st-link"
+in_board stm32f4 build --release --locked --bin laws --features laws || fail "the laws do not build"
+cp "$boards_target/$TARGET/release/laws" "$programs/laws"
+
 say "its hot path links without a way to panic, and not with one planted"
 in_board stm32f4 build --release --locked --bin hot-path || fail "the hot path can panic"
 if in_board stm32f4 build --release --locked --bin hot-path --features fault-hot-path >"$programs/hot-path.log" 2>&1; then

@@ -95,7 +95,8 @@ impl ChangeTest {
 
     /// From sums to baselines and variances.
     fn finish(&mut self, slot_ends: impl Iterator<Item = usize>) {
-        let n = i64::from(self.learned);
+        // Two or more, as is asked for; the compiler cannot know.
+        let n = i64::from(self.learned.max(2));
         for channel in &mut self.channels {
             let (sum, squares) = (i64::from(channel.mean), i64::from(channel.spread));
             let mean = (i64::from(channel.first) << FRACTION) + (sum << FRACTION) / n;

@@ -11,8 +11,8 @@ use crate::support::Support;
 use core::ops::DerefMut;
 use embedded_hal_nb::serial::{Read, Write};
 use protocol::{
-    BoardError, Command, Counters, Decoder, Hello, Limits, MAX_TO_BOARD_LEN, Outgoing, PeriodRequest, Plan, PlanError,
-    Refusal, SelfTest, ToBoard, Watch, WatchNumber, Watching,
+    BoardError, Command, Counters, Decoder, FrameError, Hello, Limits, MAX_TO_BOARD_LEN, Outgoing, PeriodRequest, Plan,
+    PlanError, Refusal, SelfTest, Status, Stored, ToBoard, Watch, WatchNumber, Watching,
 };
 
 /// Bytes of messages that can wait for the link: two frames of 208 values, or one with quadrature and some answers.
@@ -89,6 +89,8 @@ pub struct Controller<'a, F, L, S, M> {
     /// Scans since the last heartbeat, and the highest level of them.
     pub(crate) beat_scans: u16,
     pub(crate) beat_level: u16,
+    /// How the store goes together with the settings.
+    stored: Stored,
 }
 
 impl<'a, F, L, S, M> Controller<'a, F, L, S, M>
@@ -140,6 +142,7 @@ where
             quiet: 0,
             beat_scans: 0,
             beat_level: 0,
+            stored: Stored::Nothing,
         };
         this.memory
             .scan
@@ -163,11 +166,25 @@ where
     #[inline(never)]
     fn remember(&mut self) {
         let (info, settings) = (&self.info, &mut self.memory.settings);
-        let _ = settings::load_with(&mut self.support, |stored| {
-            if suits(&stored, info, &info.limits()) {
-                *settings = stored;
+        let mut taken = false;
+        let found = settings::load_with(&mut self.support, |stored| {
+            if suits(stored, info, &info.limits()) {
+                settings.copy_from(stored);
+                taken = true;
             }
         });
+        self.stored = match (found, taken) {
+            (Ok(false), _) => Stored::Nothing,
+            (Ok(true), true) => Stored::InForce,
+            (Ok(true), false) | (Err(_), _) => Stored::Unusable,
+        };
+    }
+
+    /// Something of the settings was changed.
+    fn changed(&mut self) {
+        if self.stored == Stored::InForce {
+            self.stored = Stored::Others;
+        }
     }
 
     /// Does what can be done now and returns; never waits, except for the store.
@@ -210,6 +227,18 @@ where
     /// What was counted so far.
     pub fn counters(&self) -> &Counters {
         &self.counters
+    }
+
+    /// What the board is set to and does.
+    pub fn status(&self) -> Status {
+        let settings = &self.memory.settings;
+        Status {
+            running: self.running,
+            watching: self.watching,
+            autostart: settings.autostart,
+            excitation_permille: settings.excitation_permille,
+            stored: self.stored,
+        }
     }
 
     /// Who the board says it is.
@@ -288,7 +317,8 @@ where
 
     #[inline(never)]
     fn take(&mut self, byte: u8) {
-        match self.memory.decoder.push_byte::<ToBoard>(byte) {
+        // Looked at where it is: the largest commands are too large for a stack twice.
+        match &self.decoded(byte) {
             None => {}
             Some(Ok(command)) => {
                 Counters::add(&mut self.counters.commands, 1);
@@ -296,8 +326,14 @@ where
                     self.refuse(&e);
                 }
             }
-            Some(Err(e)) => self.refuse(&BoardError::Command(e)),
+            Some(Err(e)) => self.refuse(&BoardError::Command(*e)),
         }
+    }
+
+    // In a function of its own, whose stack is free again when the command is carried out.
+    #[inline(never)]
+    fn decoded(&mut self, byte: u8) -> Option<Result<ToBoard, FrameError>> {
+        self.memory.decoder.push_byte(byte)
     }
 
     fn refuse(&mut self, error: &BoardError) {
@@ -305,7 +341,7 @@ where
         self.send(Outgoing::Error(error));
     }
 
-    fn obey(&mut self, command: ToBoard) -> Result<(), BoardError> {
+    fn obey(&mut self, command: &ToBoard) -> Result<(), BoardError> {
         let done = match command {
             ToBoard::Hello => {
                 self.introduce();
@@ -337,18 +373,7 @@ where
                 }
                 Command::Stop
             }
-            ToBoard::SetPlan(plan) => {
-                let check = plan
-                    .recipe()
-                    .check(self.info.electrodes, self.info.gains(), &self.info.limits());
-                check.map_err(BoardError::Plan)?;
-                self.memory.settings.plan = plan;
-                self.send_plan();
-                if self.task == Task::Frames {
-                    self.begin(Task::Frames);
-                }
-                return Ok(());
-            }
+            ToBoard::SetPlan(plan) => return self.set_plan(plan),
             ToBoard::GetPlan => {
                 self.send_plan();
                 return Ok(());
@@ -362,16 +387,7 @@ where
                 self.counters = Counters::default();
                 Command::ResetCounters
             }
-            ToBoard::SetWatch(watch) => {
-                if let Some(watch) = &watch {
-                    check_watch(watch, &self.info, &self.info.limits())?;
-                }
-                self.memory.settings.watch = watch;
-                self.forget_baseline();
-                self.send_watch();
-                self.resume_unless_testing();
-                return Ok(());
-            }
+            ToBoard::SetWatch(watch) => return self.set_watch(watch.as_ref()),
             ToBoard::GetWatch => {
                 self.send_watch();
                 return Ok(());
@@ -395,10 +411,13 @@ where
                 self.test();
                 return Ok(());
             }
-            ToBoard::GetPeriod(request) => return self.measure_period(request),
-            ToBoard::SetExcitation(given) => {
+            ToBoard::GetPeriod(request) => return self.measure_period(*request),
+            &ToBoard::SetExcitation(given) => {
                 if given == 0 || given > 1000 {
                     return Err(BoardError::Refused(Refusal::Excitation { given }));
+                }
+                if self.memory.settings.excitation_permille != given {
+                    self.changed();
                 }
                 self.memory.settings.excitation_permille = given;
                 self.forget_baseline();
@@ -407,7 +426,10 @@ where
                 }
                 Command::SetExcitation
             }
-            ToBoard::SetAutostart(on) => {
+            &ToBoard::SetAutostart(on) => {
+                if self.memory.settings.autostart != on {
+                    self.changed();
+                }
                 self.memory.settings.autostart = on;
                 Command::SetAutostart
             }
@@ -415,15 +437,54 @@ where
                 self.only_at_rest()?;
                 settings::save(&mut self.support, &self.memory.settings)
                     .map_err(|_| BoardError::Refused(Refusal::Store))?;
+                self.stored = Stored::InForce;
                 Command::SaveSettings
+            }
+            ToBoard::GetStatus => {
+                let status = self.status();
+                self.send(Outgoing::Status(status));
+                return Ok(());
             }
             ToBoard::ForgetSettings => {
                 self.only_at_rest()?;
                 settings::forget(&mut self.support).map_err(|_| BoardError::Refused(Refusal::Store))?;
+                self.stored = Stored::Nothing;
                 Command::ForgetSettings
             }
         };
         self.send(Outgoing::Ack(done));
+        Ok(())
+    }
+
+    #[inline(never)]
+    fn set_plan(&mut self, plan: &Plan) -> Result<(), BoardError> {
+        let check = plan
+            .recipe()
+            .check(self.info.electrodes, self.info.gains(), &self.info.limits());
+        check.map_err(BoardError::Plan)?;
+        if self.memory.settings.plan != *plan {
+            self.changed();
+        }
+        settings::copy_plan(&mut self.memory.settings.plan, plan);
+        self.send_plan();
+        if self.task == Task::Frames {
+            self.begin(Task::Frames);
+        }
+        Ok(())
+    }
+
+    #[inline(never)]
+    fn set_watch(&mut self, watch: Option<&Watch>) -> Result<(), BoardError> {
+        if let Some(watch) = watch {
+            check_watch(watch, &self.info, &self.info.limits())?;
+        }
+        if self.memory.settings.watch.as_ref() != watch {
+            self.changed();
+        }
+        self.memory.settings.watch = watch.cloned();
+        self.forget_baseline();
+        self.send_watch();
+        self.resume_unless_testing();
         Ok(())
     }
 

@@ -10,6 +10,8 @@
 //! |---|---|---|---|
 //! | sample | 4095 | 12 | u16 |
 //! | bin: sum of one phase's samples | 4095 * 65535 | 28 | u32 |
+//! | low part of a bin: what 4096 leaves of it, and 15 samples | 4095 + 15 * 4095 | 16 | half a u32 |
+//! | high part of a bin, in 4096s | 4095 * 65535 / 4096 | 16 | half a u32 |
 //! | odd part: bin less the bin half a period later | the same, signed | 29 | i32 |
 //! | reference | 2^30 | 31 signed | i32 |
 //! | sum or difference of two odd parts | 2 * 4095 * 65535 | 30 signed | i32 |
@@ -17,6 +19,9 @@
 //! | even part: bin and the bin half a period later | 2 * 4095 * 65535 | 29 | u32 |
 //! | sum of 8 even parts | 16 * 4095 * 65535 | 32 | u32 |
 //! | 8 times the sum of the squares of 8 even parts | 64 * (2 * 4095 * 65535)^2 | 64 | u64 |
+//!
+//! Where several channels are sampled at once their bins are in two parts, each of two channels in one word: two samples are
+//! one addition, as they come from memory. After 15 periods at the latest what is above 12 bits goes over to the high part.
 
 use crate::FULL_SCALE;
 use crate::capture::{Block, Rails};
@@ -33,7 +38,15 @@ pub const MAX_PERIODS: u16 = u16::MAX;
 /// Largest sum in a bin.
 const MAX_BIN: u64 = FULL_SCALE as u64 * MAX_PERIODS as u64;
 
+/// Periods that the low part of a bin takes before what is above [`LOW_BITS`] goes over to the high part.
+const PERIODS_A_SPILL: u32 = 15;
+const LOW_BITS: u32 = 12;
+/// Words of the low and of the high parts of a phase's bins.
+const WORDS: usize = MAX_CHANNELS / 2;
+
 // The budget of the table above.
+const _: () = assert!((1 << LOW_BITS) - 1 + PERIODS_A_SPILL * FULL_SCALE as u32 <= u16::MAX as u32);
+const _: () = assert!(MAX_BIN >> LOW_BITS <= u16::MAX as u64);
 const _: () = assert!(2 * MAX_BIN <= i32::MAX as u64);
 const _: () = assert!(2 * MAX_BIN as i64 <= i64::MAX / (HALF as i64 / 2 * ONE as i64));
 const _: () = assert!(SAMPLES_PER_PERIOD as u64 * MAX_BIN <= u32::MAX as u64);
@@ -52,8 +65,12 @@ pub enum FoldError {
 /// One period, each sample the sum of that phase's samples in all periods folded, for up to [`MAX_CHANNELS`] channels.
 #[derive(Clone, Debug)]
 pub struct Folded {
-    /// By phase, then by channel: the order in which samples come.
+    /// By phase. Of one channel its bin; of several the low parts, two channels in a word in the order in which samples come,
+    /// and from [`WORDS`] on the high parts in the same way, once there are any.
     bins: [[u32; MAX_CHANNELS]; SAMPLES_PER_PERIOD],
+    /// Most samples added to any low part since the last spill, and whether there was one.
+    unspilled: u32,
+    spilled: bool,
     /// A bit for each channel: whether any sample touched a rail.
     railed: u32,
     channels: u8,
@@ -71,6 +88,8 @@ impl Folded {
     pub const fn new() -> Self {
         Self {
             bins: [[0; MAX_CHANNELS]; SAMPLES_PER_PERIOD],
+            unspilled: 0,
+            spilled: false,
             railed: 0,
             channels: 1,
             quarters: 0,
@@ -80,10 +99,11 @@ impl Folded {
     /// Empties all bins and makes ready for blocks of `channels` (1 to [`MAX_CHANNELS`]).
     pub fn reset(&mut self, channels: u8) {
         match channels {
-            // The others stay zero as long as there is one channel only.
-            1 if self.channels == 1 => self.bins.iter_mut().for_each(|bins| bins[0] = 0),
-            _ => self.bins.as_flattened_mut().fill(0),
+            1 => self.bins.iter_mut().for_each(|bins| bins[0] = 0),
+            // The high parts are written before they are read.
+            _ => self.bins.iter_mut().for_each(|bins| bins[..WORDS].fill(0)),
         }
+        (self.unspilled, self.spilled) = (0, false);
         self.railed = 0;
         self.channels = channels;
         self.quarters = 0;
@@ -107,15 +127,13 @@ impl Folded {
             .ok_or(FoldError::TooManyPeriods)?;
         let phase = (block.time % SAMPLES_PER_PERIOD as u64) as usize;
         // A rail is rare and costs a look at every sample to name its channel; that there is none, two instructions each.
-        let sixteen = || block.samples.as_chunks::<MAX_CHANNELS>().0.iter().map(|row| &row[..]);
         let touched = match (self.channels, block.rails) {
+            (1, _) => self.add_one(phase, block.samples),
             // The loops that count: their length is known.
-            (16, Rails::Clear) => self.add_rows::<false>(phase, sixteen()),
-            (16, Rails::Unknown) => self.add_rows::<true>(phase, sixteen()),
-            (1, Rails::Unknown) => self.add_one(phase, block.samples),
-            (_, Rails::Clear) => self.add_rows::<false>(phase, block.samples.chunks_exact(channels.max(1))),
-            (_, Rails::Unknown) => self.add_rows::<true>(phase, block.samples.chunks_exact(channels.max(1))),
-        };
+            (16, Rails::Clear) => self.add_rows::<MAX_CHANNELS, false>(phase, block.samples),
+            (16, Rails::Unknown) => self.add_rows::<MAX_CHANNELS, true>(phase, block.samples),
+            (_, _) => self.add_any(phase, block.samples, channels.max(1)),
+        } && block.rails == Rails::Unknown;
         if touched {
             self.name_railed(block.samples, channels);
         }
@@ -123,13 +141,14 @@ impl Folded {
         Ok(())
     }
 
-    /// The same as `add_rows::<true>` for rows of one sample, which need no loop over a row.
+    /// Adds samples of one channel, the first at `phase`; whether any touched a rail.
     fn add_one(&mut self, phase: usize, samples: &[u16]) -> bool {
         let mut touched = 0;
         let (mut samples, mut phase) = (samples.iter(), phase % SAMPLES_PER_PERIOD);
         while samples.len() > 0 {
             for (bins, sample) in self.bins.iter_mut().skip(phase).zip(&mut samples) {
                 let code = u32::from(*sample);
+                // Cannot wrap while the duties are kept; a wrapped sum is better than a stopped board.
                 bins[0] = bins[0].wrapping_add(code);
                 // Bit 12 of code + 1 is set from full scale on, that of code - 1 for 0.
                 touched |= (code + 1) | code.wrapping_sub(1);
@@ -139,38 +158,83 @@ impl Folded {
         touched & (u32::from(FULL_SCALE) + 1) != 0
     }
 
-    /// Adds rows, the first at `phase`; whether any sample touched a rail, if it is to look.
+    /// Adds rows of `N` samples, an even number, the first at `phase`; whether any sample touched a rail, if it is to look.
     #[inline(always)]
-    fn add_rows<'a, const LOOK: bool>(&mut self, mut phase: usize, rows: impl Iterator<Item = &'a [u16]>) -> bool {
-        // Two samples in a word. Bit 12 of code + 1 is set from full scale on, that of code + 4095 for all but 0; neither
-        // sum carries into the other half of the word.
-        const RAIL: u32 = 0x1000_1000;
-        let (mut any, mut all) = (0, RAIL);
-        for row in rows {
-            if let Some(bins) = self.bins.get_mut(phase % SAMPLES_PER_PERIOD) {
-                let (pairs, last) = row.as_chunks::<2>();
-                for ([a, b], [low, high]) in bins.as_chunks_mut::<2>().0.iter_mut().zip(pairs) {
-                    let word = u32::from(*low) | u32::from(*high) << 16;
-                    // Cannot wrap while the duties are kept; a wrapped sum is better than a stopped board.
-                    *a = a.wrapping_add(word & 0xFFFF);
-                    *b = b.wrapping_add(word >> 16);
-                    if LOOK {
-                        any |= word.wrapping_add(0x0001_0001);
-                        all &= word.wrapping_add(0x0FFF_0FFF);
+    fn add_rows<const N: usize, const LOOK: bool>(&mut self, mut phase: usize, samples: &[u16]) -> bool {
+        let mut rails = RailCheck::NONE;
+        for rows in samples
+            .as_chunks::<N>()
+            .0
+            .chunks(PERIODS_A_SPILL as usize * SAMPLES_PER_PERIOD)
+        {
+            self.make_room(rows.len());
+            for row in rows {
+                if let Some(bins) = self.bins.get_mut(phase % SAMPLES_PER_PERIOD) {
+                    for (bin, pair) in bins.iter_mut().take(WORDS).zip(row.as_chunks::<2>().0) {
+                        let word = pack(pair);
+                        *bin = bin.wrapping_add(word);
+                        if LOOK {
+                            rails.look(word);
+                        }
                     }
                 }
-                if let (Some(bin), [last]) = (bins.get_mut(row.len() - last.len()), last) {
-                    let code = u32::from(*last);
-                    *bin = bin.wrapping_add(code);
-                    if LOOK {
-                        any |= code.wrapping_add(1);
-                        all &= code.wrapping_add(0x0FFF) | 0xFFFF_0000;
-                    }
-                }
+                phase += 1;
             }
-            phase += 1;
         }
-        LOOK && (any & RAIL != 0 || all & RAIL != RAIL)
+        LOOK && rails.touched()
+    }
+
+    /// The same for any number of channels.
+    fn add_any(&mut self, mut phase: usize, samples: &[u16], channels: usize) -> bool {
+        let mut rails = RailCheck::NONE;
+        for rows in samples.chunks(PERIODS_A_SPILL as usize * SAMPLES_PER_PERIOD * channels) {
+            self.make_room(rows.len() / channels);
+            for row in rows.chunks_exact(channels) {
+                if let Some(bins) = self.bins.get_mut(phase % SAMPLES_PER_PERIOD) {
+                    let (pairs, last) = row.as_chunks::<2>();
+                    let mut bins = bins.iter_mut().take(WORDS);
+                    for (pair, bin) in pairs.iter().zip(&mut bins) {
+                        let word = pack(pair);
+                        *bin = bin.wrapping_add(word);
+                        rails.look(word);
+                    }
+                    if let (Some(bin), [last]) = (bins.next(), last) {
+                        *bin = bin.wrapping_add(u32::from(*last));
+                        // Beside it a code that touches nothing.
+                        rails.look(pack(&[*last, 1]));
+                    }
+                }
+                phase += 1;
+            }
+        }
+        rails.touched()
+    }
+
+    /// Makes sure that so many rows more, [`PERIODS_A_SPILL`] periods at most, can be added to the low parts.
+    #[inline]
+    fn make_room(&mut self, rows: usize) {
+        let more = rows.div_ceil(SAMPLES_PER_PERIOD) as u32;
+        if self.unspilled + more > PERIODS_A_SPILL {
+            self.spill();
+            self.unspilled = 0;
+        }
+        self.unspilled += more;
+    }
+
+    /// Carries what is above [`LOW_BITS`] over to the high parts.
+    #[inline(never)]
+    fn spill(&mut self) {
+        const REST: u32 = 0x0FFF_0FFF;
+        for bins in &mut self.bins {
+            let (low, high) = bins.split_at_mut(WORDS);
+            for (low, high) in low.iter_mut().zip(high) {
+                let over = (*low >> LOW_BITS) & !(REST << (16 - LOW_BITS));
+                let before = if self.spilled { *high } else { 0 };
+                *high = before.wrapping_add(over);
+                *low &= REST;
+            }
+        }
+        self.spilled = true;
     }
 
     #[cold]
@@ -197,7 +261,20 @@ impl Folded {
 
     /// The folded period of a channel, beginning with phase 0; zeros for a channel that is not there.
     pub fn period(&self, channel: usize) -> [u32; SAMPLES_PER_PERIOD] {
-        self.bins.each_ref().map(|bins| bins.get(channel).copied().unwrap_or(0))
+        match self.channels {
+            1 if channel == 0 => self.bins.each_ref().map(|bins| bins[0]),
+            channels if channel < usize::from(channels) => self.bins.each_ref().map(|bins| self.bin(bins, channel)),
+            _ => [0; SAMPLES_PER_PERIOD],
+        }
+    }
+
+    /// One of several channels' bin of a phase.
+    #[inline]
+    fn bin(&self, bins: &[u32; MAX_CHANNELS], channel: usize) -> u32 {
+        let (word, shift) = (channel / 2 % WORDS, 16 * (channel % 2));
+        let half = |word: usize| word_of(bins, word) >> shift & 0xFFFF;
+        let high = if self.spilled { half(WORDS + word) } else { 0 };
+        half(word) + (high << LOW_BITS)
     }
 
     /// Whether any sample of the channel touched a rail of the converter.
@@ -208,58 +285,104 @@ impl Folded {
     /// Correlates a channel's period with the reference, and scatters what the reference cannot see.
     #[inline]
     pub fn correlate(&self, channel: usize) -> (Phasor, Scatter) {
-        let [zero, one, two, three, four, five, six, seven] = self.parts(channel);
-        let ([_, s1, s2, s3, s4, ..], product) = (SINE, |a: i32, b: i32| i64::from(a) * i64::from(b));
-        // The sine is the same at k and 8 - k, the cosine the opposite, and one is the other a quarter period later.
-        let phasor = Phasor {
-            in_phase: product(one.odd.wrapping_add(seven.odd), s1)
-                + product(two.odd.wrapping_add(six.odd), s2)
-                + product(three.odd.wrapping_add(five.odd), s3)
-                + product(four.odd, s4),
-            quadrature: product(zero.odd, s4)
-                + product(one.odd.wrapping_sub(seven.odd), s3)
-                + product(two.odd.wrapping_sub(six.odd), s2)
-                + product(three.odd.wrapping_sub(five.odd), s1),
+        // The same in four ways of reading a bin, so that none of them is asked for in the loop.
+        let word = channel / 2 % WORDS;
+        if channel >= usize::from(self.channels) {
+            (Phasor::default(), Scatter { sum: 0, channels: 1 })
+        } else if self.channels == 1 {
+            self.correlated(|bins| bins[0])
+        } else if self.spilled {
+            self.correlated(|bins| self.bin(bins, channel))
+        } else if channel.is_multiple_of(2) {
+            self.correlated(|bins| word_of(bins, word) & 0xFFFF)
+        } else {
+            self.correlated(|bins| word_of(bins, word) >> 16)
+        }
+    }
+
+    #[inline(always)]
+    fn correlated(&self, bin: impl Fn(&[u32; MAX_CHANNELS]) -> u32) -> (Phasor, Scatter) {
+        let (early, late) = self.bins.split_at(HALF);
+        let [zero, one, two, three, four, five, six, seven] = early else {
+            return (Phasor::default(), Scatter::NONE);
+        };
+        let [eight, nine, ten, eleven, twelve, thirteen, fourteen, fifteen] = late else {
+            return (Phasor::default(), Scatter::NONE);
         };
         let (mut sum, mut squares) = (0u32, 0u64);
-        for part in [zero, one, two, three, four, five, six, seven] {
-            sum = sum.wrapping_add(part.even);
-            squares = squares.wrapping_add(u64::from(part.even) * u64::from(part.even));
+        // Two bins half a period apart: what they have in common goes to the scatter; of their difference equal samples are
+        // gone, to the last bit.
+        let mut odd = |a, b| {
+            let (a, b): (u32, u32) = (bin(a), bin(b));
+            let even = a.wrapping_add(b);
+            sum = sum.wrapping_add(even);
+            squares = squares.wrapping_add(u64::from(even) * u64::from(even));
+            a.wrapping_sub(b) as i32
+        };
+        let [_, s1, s2, s3, s4, ..] = SINE;
+        let product = |a: i32, b: i32| i64::from(a) * i64::from(b);
+        let mut phasor = Phasor {
+            in_phase: product(odd(four, twelve), s4),
+            quadrature: product(odd(zero, eight), s4),
+        };
+        // The sine is the same at k and 8 - k, the cosine the opposite, and one is the other a quarter period later. Two bins
+        // after the other: what they give is added at once, so that few numbers wait.
+        for (a, b, sine, cosine) in [
+            ((one, nine), (seven, fifteen), s1, s3),
+            ((two, ten), (six, fourteen), s2, s2),
+            ((three, eleven), (five, thirteen), s3, s1),
+        ] {
+            let (a, b) = (odd(a.0, a.1), odd(b.0, b.1));
+            phasor.in_phase += product(a.wrapping_add(b), sine);
+            phasor.quadrature += product(a.wrapping_sub(b), cosine);
         }
         // Eight times the sum of squares about the mean: Cauchy says that it is not negative.
         let square = u64::from(sum) * u64::from(sum);
-        let scatter = squares.wrapping_mul(HALF as u64).wrapping_sub(square);
-        (
-            phasor,
-            Scatter {
-                sum: scatter,
-                channels: 1,
-            },
-        )
-    }
-
-    /// The odd and the even part of a channel's period. In the odd part equal samples cancel, to the last bit.
-    #[inline]
-    fn parts(&self, channel: usize) -> [Part; HALF] {
-        let (early, late) = self.bins.split_at(HALF);
-        let mut out = [Part { odd: 0, even: 0 }; HALF];
-        for ((part, a), b) in out.iter_mut().zip(early).zip(late) {
-            if let (Some(a), Some(b)) = (a.get(channel), b.get(channel)) {
-                *part = Part {
-                    odd: a.wrapping_sub(*b) as i32,
-                    even: a.wrapping_add(*b),
-                };
-            }
-        }
-        out
+        let scatter = Scatter {
+            sum: squares.wrapping_mul(HALF as u64).wrapping_sub(square),
+            channels: 1,
+        };
+        (phasor, scatter)
     }
 }
 
-/// Two bins half a period apart: their difference and their sum.
+/// A word of a phase's bins; there are so many.
+#[inline]
+fn word_of(bins: &[u32; MAX_CHANNELS], word: usize) -> u32 {
+    bins.get(word).copied().unwrap_or(0)
+}
+
+/// Two samples in a word, as they are in memory.
+#[inline]
+fn pack([low, high]: &[u16; 2]) -> u32 {
+    u32::from(*low) | u32::from(*high) << 16
+}
+
+/// Whether any sample touched a rail, two at a time.
 #[derive(Clone, Copy)]
-struct Part {
-    odd: i32,
-    even: u32,
+struct RailCheck {
+    any: u32,
+    all: u32,
+}
+
+impl RailCheck {
+    /// Bit 12 of code + 1 is set from full scale on, that of code + 4095 for all but 0; neither sum carries into the other half
+    /// of the word.
+    const RAIL: u32 = 0x1000_1000;
+    const NONE: Self = Self {
+        any: 0,
+        all: Self::RAIL,
+    };
+
+    #[inline]
+    fn look(&mut self, word: u32) {
+        self.any |= word.wrapping_add(0x0001_0001);
+        self.all &= word.wrapping_add(0x0FFF_0FFF);
+    }
+
+    fn touched(self) -> bool {
+        self.any & Self::RAIL != 0 || self.all & Self::RAIL != Self::RAIL
+    }
 }
 
 /// How much the even part of folded periods scatters about its mean. A sine in step with the excitation has no even part,

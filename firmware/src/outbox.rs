@@ -1,5 +1,6 @@
 //! Messages waiting for the link. The scan never waits for it.
 
+use core::cell::Cell;
 use embedded_hal_nb::serial::Write;
 use heapless::Vec;
 use protocol::{MAX_FROM_BOARD_LEN, Outgoing, encode};
@@ -79,7 +80,7 @@ impl<const N: usize> Outbox<N> {
                     return dropped;
                 }
                 if self.start > 0 {
-                    self.bytes.copy_within(self.start..end, 0);
+                    self.move_bytes(self.start, end, 0);
                     self.start = 0;
                     continue;
                 }
@@ -107,9 +108,32 @@ impl<const N: usize> Outbox<N> {
         let before: usize = self.packets.iter().take(victim).map(|p| usize::from(p.len)).sum();
         let end = self.start + self.used();
         let from = self.start + before;
-        let packet = self.packets.remove(victim);
-        self.bytes.copy_within(from + usize::from(packet.len)..end, from);
+        if let Some(packet) = self.take_out(victim) {
+            self.move_bytes(from + usize::from(packet.len), end, from);
+        }
         true
+    }
+
+    // The slices' and vectors' own ways for the next two can panic, as far as the compiler knows: the hot path must not.
+
+    /// Moves the bytes of a range to another place before it.
+    fn move_bytes(&mut self, start: usize, end: usize, to: usize) {
+        let bytes = Cell::from_mut(&mut self.bytes[..]).as_slice_of_cells();
+        let from = bytes.get(start..end).unwrap_or_default();
+        for (to, from) in bytes.iter().skip(to).zip(from) {
+            to.set(from.get());
+        }
+    }
+
+    /// Takes a packet out of the list; those behind it move up.
+    fn take_out(&mut self, index: usize) -> Option<Packet> {
+        let tail = Cell::from_mut(self.packets.get_mut(index..)?).as_slice_of_cells();
+        let taken = tail.first()?.get();
+        for (place, next) in tail.iter().zip(tail.iter().skip(1)) {
+            place.set(next.get());
+        }
+        self.packets.pop();
+        Some(taken)
     }
 
     /// Hands bytes to the link until it takes no more. Returns how many it took.
@@ -142,7 +166,7 @@ impl<const N: usize> Outbox<N> {
             if self.sent >= len {
                 self.sent = 0;
                 self.start += len;
-                self.packets.remove(0);
+                self.take_out(0);
                 if self.packets.is_empty() {
                     self.start = 0;
                 }

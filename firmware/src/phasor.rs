@@ -62,6 +62,9 @@ impl Phasor {
     /// quadrature is not wanted.
     #[inline]
     pub fn in_phase_turned_back(self, by: Rotation) -> i64 {
+        if by == Rotation::NONE {
+            return self.in_phase;
+        }
         scaled(self.in_phase, by.cos) + scaled(self.quadrature, by.sin)
     }
 

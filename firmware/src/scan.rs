@@ -1,6 +1,6 @@
 //! From a recipe to amplitudes: routes in order, blocks folded, values written down.
 
-use crate::capture::Window;
+use crate::capture::{QUARTER_SAMPLES, Window};
 use crate::fold::{FoldError, Folded, MAX_CHANNELS, Scatter};
 use crate::front_end::FrontEnd;
 use crate::phasor::{Phasor, Rotation};
@@ -77,6 +77,8 @@ pub struct Scan {
     /// When the first sample was taken: of the values, and of the window under way.
     time: u64,
     window_time: u64,
+    /// When the last block ended.
+    reached: u64,
     clipped: Flags,
     /// The in-phase values, and from `count` on the quadrature in the same order.
     amplitudes: [Value; MAX_AMPLITUDES],
@@ -109,6 +111,7 @@ impl Scan {
             stale: false,
             time: 0,
             window_time: 0,
+            reached: 0,
             clipped: Flags::new(),
             amplitudes: [Value::new(0); MAX_AMPLITUDES],
             count: 0,
@@ -192,12 +195,13 @@ impl Scan {
             return Err(nb::Error::WouldBlock);
         }
         let folded = &mut self.folded;
-        let first = folded.quarters() == 0;
+        let before = folded.quarters();
         let (result, time) = front
             .poll_block(|block| (folded.add(block), block.time))
             .map_err(|e| e.map(ScanError::FrontEnd))?;
         result.map_err(ScanError::Block)?;
-        if first {
+        self.reached = time + u64::from(folded.quarters() - before) * QUARTER_SAMPLES as u64;
+        if before == 0 {
             self.window_time = time;
         }
         if self.folded.quarters() < QUARTERS * u32::from(recipe.integrate_periods) {
@@ -258,6 +262,11 @@ impl Scan {
     /// Quarter periods that the window under way takes.
     pub fn window_quarters(&self) -> u32 {
         self.window_quarters
+    }
+
+    /// When the last block ended, in samples since power-up.
+    pub fn reached(&self) -> u64 {
+        self.reached
     }
 
     /// Values that are there, in order.

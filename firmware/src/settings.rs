@@ -38,6 +38,28 @@ impl Settings {
     };
 }
 
+impl Settings {
+    /// Takes over all of another's, without another copy on the stack.
+    pub(crate) fn copy_from(&mut self, other: &Self) {
+        self.autostart = other.autostart;
+        self.excitation_permille = other.excitation_permille;
+        copy_plan(&mut self.plan, &other.plan);
+        self.watch.clone_from(&other.watch);
+    }
+}
+
+/// Makes a plan the same as another, without another copy on the stack.
+pub(crate) fn copy_plan(to: &mut Plan, from: &Plan) {
+    to.id = from.id;
+    to.settle_quarters = from.settle_quarters;
+    to.integrate_periods = from.integrate_periods;
+    to.sampling = from.sampling;
+    to.quadrature = from.quadrature;
+    to.slots.clear();
+    // Cannot fail: it is as long.
+    let _ = to.slots.extend_from_slice(&from.slots);
+}
+
 /// Version of the stored format. A firmware that knows another one starts with its own settings.
 const FORMAT: u8 = 1;
 const MARK: u8 = 0xA5;
@@ -78,17 +100,18 @@ struct Log {
 /// The store cannot be read.
 pub fn load<S: Store>(store: &mut S) -> Result<Option<Settings>, StoreFault> {
     let mut out = None;
-    load_with(store, |settings| out = Some(settings))?;
+    load_with(store, |settings| out = Some(settings.clone()))?;
     Ok(out)
 }
 
-/// The same, handed over where they are: they are large for a stack.
+/// The same, lent where they are: they are large for a stack. Whether anything is stored; what another firmware wrote
+/// may be nothing that can be taken.
 ///
 /// # Errors
 /// As [`load`].
-pub fn load_with<S: Store>(store: &mut S, take: impl FnOnce(Settings)) -> Result<(), StoreFault> {
+pub fn load_with<S: Store>(store: &mut S, take: impl FnOnce(&Settings)) -> Result<bool, StoreFault> {
     let Some(record) = newest(store)? else {
-        return Ok(());
+        return Ok(false);
     };
     let reader = Reader {
         store,
@@ -97,11 +120,11 @@ pub fn load_with<S: Store>(store: &mut S, take: impl FnOnce(Settings)) -> Result
         end: record.offset + record.len,
     };
     let mut de = postcard::Deserializer::from_flavor(reader);
-    // The sum was right: what cannot be read was written by another firmware.
-    if let Ok(settings) = Settings::deserialize(&mut de) {
+    // The sum was right, so it was written whole.
+    if let Ok(settings) = &Settings::deserialize(&mut de) {
         take(settings);
     }
-    Ok(())
+    Ok(true)
 }
 
 /// Writes settings. After an error, or a power cut before this returns, either these count or those before.

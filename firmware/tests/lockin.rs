@@ -393,6 +393,56 @@ fn the_scatter_is_the_variance_of_a_sample() {
     assert!(folded(&tail, 1).correlate(0).1.variance(1).codes2() > 100.0);
 }
 
+/// Two channels share a word while they are summed: at the bound, with all that codes can be beside each other, nothing of one
+/// gets into the other, and what is read is the sum.
+#[test]
+fn many_channels_are_summed_exactly_to_the_bound() {
+    let code = |k: usize, c: usize| match (k + c) % 4 {
+        0 => FULL_SCALE,
+        1 => 0,
+        2 => FULL_SCALE - (c as u16),
+        _ => ((257 * k + 31 * c) % usize::from(FULL_SCALE)) as u16,
+    };
+    for channels in [2, 5, 16] {
+        let period: Vec<u16> = (0..N).flat_map(|k| (0..channels).map(move |c| code(k, c))).collect();
+        let mut f = Folded::new();
+        f.reset(channels as u8);
+        let chunk = period.repeat(1024);
+        let mut left = usize::from(MAX_PERIODS);
+        // Pieces of all sizes: whatever is carried over to the high part is carried at other times.
+        for size in [1, 14, 15, 16, 31, 1, 1, 7, 1000].into_iter().cycle() {
+            let now = left.min(size);
+            f.add(&block(&chunk[..now * N * channels], channels as u8)).unwrap();
+            left -= now;
+            if left == 0 {
+                break;
+            }
+        }
+        for c in 0..channels {
+            let sums: [u32; N] = std::array::from_fn(|k| u32::from(code(k, c)) * u32::from(MAX_PERIODS));
+            assert_eq!(f.period(c), sums, "{channels} {c}");
+            // The same as of a single channel that sees the same.
+            let alone: Vec<u16> = (0..N).map(|k| code(k, c)).collect();
+            assert_eq!(
+                f.correlate(c),
+                full(&alone.try_into().unwrap()).correlate(0),
+                "{channels} {c}"
+            );
+        }
+        assert_eq!(f.period(channels), [0; N]);
+        // And nothing of it is left afterwards.
+        f.reset(channels as u8);
+        f.add(&block(&chunk[..40 * N * channels], channels as u8)).unwrap();
+        for c in 0..channels {
+            assert_eq!(
+                f.period(c),
+                std::array::from_fn(|k| 40 * u32::from(code(k, c))),
+                "{channels} {c}"
+            );
+        }
+    }
+}
+
 proptest! {
     #[test]
     fn amplitude_and_phase_are_right(amplitude in 0.0..2040.0f64, phase in -4.0..4.0f64, offset in -5.0..5.0f64) {

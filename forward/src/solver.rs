@@ -200,6 +200,23 @@ impl Solver {
         self.replace(conductivity, Some(shape), Some(touches.to_vec()))
     }
 
+    /// Solves for the untouched sheet on the mesh of the last solution, as touches moved it or made it. What touches change is
+    /// best told on one mesh: against the untouched sheet on another, the meshes' own errors do not cancel.
+    ///
+    /// # Errors
+    /// A system beyond double precision.
+    pub fn solve_untouched_there(&mut self) -> Result<&ElectrodeMatrix, ForwardError> {
+        self.touches = None;
+        let Some(own) = &mut self.own else {
+            let shape = self.shape.take();
+            return self.replace(vec![UNPRESSED; self.conductivity.len()], shape, None);
+        };
+        let untouched = vec![UNPRESSED; own.conductivity.len()];
+        own.solve(&untouched)?;
+        self.work = Work::Factorisation;
+        Ok(self.electrode_matrix())
+    }
+
     fn solve_on_own_mesh(
         &mut self,
         touches: &[DiscTouch],

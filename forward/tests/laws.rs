@@ -5,7 +5,8 @@ mod theory;
 
 use forward::field::conductivity_of_discs;
 use forward::mesh::ContactEdge;
-use forward::{DiscTouch, Mesh, Outline, Pair, Pattern, Sheet, Solver};
+use forward::{DiscTouch, Mesh, Model, ModelOptions, Outline, Pair, Pattern, Sheet, Solver};
+use std::sync::Arc;
 use theory::*;
 
 const TOUCHES: [DiscTouch; 2] = [
@@ -186,4 +187,31 @@ fn outlines_of_any_shape_obey_van_der_pauw() {
         centre_mm: [100.0, 0.0],
     };
     assert!(van_der_pauw("disc", disc, 50.0 * std::f64::consts::PI, [0.0, 0.1, 0.45, 0.7]) < 1e-3);
+}
+
+/// The untouched sheet on the mesh that touches moved differs from that on the mesh before by the meshes' own error, and the
+/// change that touches make is the same on both to that error's part of it.
+#[test]
+fn the_untouched_sheet_is_the_same_on_a_mesh_that_touches_moved() {
+    let model = Arc::new(Model::new(&Sheet::paper(), &ModelOptions::default()).unwrap());
+    let mut solver = Solver::new(model).unwrap();
+    let before = solver.electrode_matrix().potentials_ohm().clone();
+    let mut touch = DiscTouch {
+        centre_mm: [31.0, -17.0],
+        radius_mm: 12.5,
+        rise: 3.0,
+    };
+    // The second needs a mesh of its own.
+    for centre in [[31.0, -17.0], [91.3, 3.1]] {
+        touch.centre_mm = centre;
+        let touched = solver.solve_touches(&[touch]).unwrap().potentials_ohm().clone();
+        let untouched = solver.solve_untouched_there().unwrap().potentials_ohm().clone();
+        let scale = before.amax();
+        assert!((&untouched - &before).amax() < 1e-3 * scale);
+        assert!((&touched - &untouched).amax() > 1e-2 * scale);
+        assert!(solver.conductivity().iter().all(|c| *c == forward::field::UNPRESSED));
+        // The touches are forgotten: the same again is solved again.
+        let again = solver.solve_touches(&[touch]).unwrap().potentials_ohm().clone();
+        assert!((&again - &touched).amax() < 1e-12 * scale);
+    }
 }

@@ -72,6 +72,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let plans = [
         ("the paper's: 208 values one by one, 6 periods", Plan::paper()),
         ("208 values one by one, 1 + 1", Plan::sequential()),
+        ("208 values one by one, 1/4 + 1", Plan::sequential_fast()),
         ("104 independent values, 1 + 1", Plan::independent()),
         ("16 drives, all pairs at once, 1 + 6", six(Plan::fast())),
         ("16 drives, all pairs at once, 1 + 1", Plan::fast()),

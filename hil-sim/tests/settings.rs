@@ -7,7 +7,7 @@ use common::{Bench, disc};
 use firmware::settings::{self, Settings};
 use firmware::{Store, laws};
 use hil_sim::{Chip, Clock, FixedSheet, Flash, SimConfig, Torn};
-use protocol::{BoardError, Command, FromBoard, Plan, Refusal, ResetCause, ToBoard, Watch};
+use protocol::{BoardError, Command, FromBoard, Plan, Refusal, ResetCause, Status, Stored, ToBoard, Watch, Watching};
 
 const TORN: [Torn; 3] = [Torn::Before, Torn::Mixed, Torn::After];
 
@@ -177,4 +177,87 @@ fn settings_that_do_not_suit_the_board_are_left_alone() {
     let said = bench.run(0.1);
     assert!(said.contains(&FromBoard::Plan(Plan::adjacent(8).unwrap())), "{said:?}");
     assert!(!said.iter().any(|m| matches!(m, FromBoard::Frame(_))));
+}
+
+fn status(bench: &mut Bench<FixedSheet>) -> Status {
+    bench.send(&ToBoard::GetStatus);
+    let said = bench.run(0.05);
+    let found = said.iter().find_map(|m| match m {
+        FromBoard::Status(s) => Some(*s),
+        _ => None,
+    });
+    found.unwrap()
+}
+
+#[test]
+fn the_status_says_what_is_set_and_whether_it_is_stored() {
+    let mut bench = Bench::new(SimConfig::default(), FixedSheet(disc(16)));
+    bench.run(0.01);
+    let fresh = Status {
+        excitation_permille: 1000,
+        ..Status::default()
+    };
+    assert_eq!(status(&mut bench), fresh);
+    bench.send(&ToBoard::SetAutostart(true));
+    bench.send(&ToBoard::SetExcitation(700));
+    bench.send(&ToBoard::SaveSettings);
+    let kept = Status {
+        autostart: true,
+        excitation_permille: 700,
+        stored: Stored::InForce,
+        ..fresh
+    };
+    assert_eq!(status(&mut bench), kept);
+    // The same once more is no change; another is.
+    bench.send(&ToBoard::SetPlan(Plan::fast()));
+    bench.send(&ToBoard::SetExcitation(700));
+    assert_eq!(status(&mut bench), kept);
+    for change in [
+        ToBoard::SetPlan(Plan::fastest()),
+        ToBoard::SetWatch(Some(Watch::paper())),
+    ] {
+        bench.send(&ToBoard::SaveSettings);
+        assert_eq!(status(&mut bench), kept);
+        bench.send(&change);
+        let others = Stored::Others;
+        assert_eq!(status(&mut bench), Status { stored: others, ..kept }, "{change:?}");
+    }
+    // After a restart what was stored is in force, and the board measures; what it does about its watch is told.
+    bench.send(&ToBoard::SaveSettings);
+    bench.run(0.05);
+    let flash = bench.board.flash().clone();
+    let config = |flash: &Flash| SimConfig {
+        flash: Some(flash.clone()),
+        ..SimConfig::default()
+    };
+    let mut bench = Bench::new(config(&flash), FixedSheet(disc(16)));
+    let running = Status {
+        running: true,
+        watching: Watching::Asleep,
+        ..kept
+    };
+    bench.run(0.1);
+    assert_eq!(status(&mut bench), running);
+    bench.run(1.0);
+    bench.send(&ToBoard::Stop);
+    assert_eq!(status(&mut bench), kept);
+    bench.send(&ToBoard::ForgetSettings);
+    let forgotten = Stored::Nothing;
+    assert_eq!(
+        status(&mut bench),
+        Status {
+            stored: forgotten,
+            ..kept
+        }
+    );
+    // Sixteen electrodes' settings on a board of eight.
+    let mut bench = Bench::new(config(&flash), FixedSheet(disc(8)));
+    let unusable = Stored::Unusable;
+    assert_eq!(
+        status(&mut bench),
+        Status {
+            stored: unusable,
+            ..fresh
+        }
+    );
 }

@@ -56,17 +56,26 @@ struct Bench {
 impl Bench {
     /// A board that watches, after it was told to start.
     fn new(sheet: Pressed, seed: u64) -> Self {
+        Self::watching(Watch::paper(), Plan::fastest(), sheet, seed)
+    }
+
+    /// The same by a single channel.
+    fn sequential(sheet: Pressed, seed: u64) -> Self {
+        Self::watching(Watch::sequential(), Plan::sequential_fast(), sheet, seed)
+    }
+
+    fn watching(watch: Watch, plan: Plan, sheet: Pressed, seed: u64) -> Self {
         let config = SimConfig {
             electronics: Electronics {
                 seed,
                 ..Electronics::default()
             },
-            plan: Some(Plan::fastest()),
+            plan: Some(plan),
             look_samples: Some(4),
             ..SimConfig::default()
         };
         let mut board = SimBoard::new(config, sheet).unwrap();
-        board.receive(&framed(&ToBoard::SetWatch(Some(Watch::paper()))));
+        board.receive(&framed(&ToBoard::SetWatch(Some(watch))));
         board.receive(&framed(&ToBoard::Start));
         Self {
             board,
@@ -153,6 +162,85 @@ fn a_touch_brings_the_first_whole_frame_within_fifteen_milliseconds() {
     assert!(worst(|l| l.0) < 33.75 * period + 1e-4, "{latencies:?}");
     // And 460 bytes of 10 us behind a heartbeat of 20.
     assert!(worst(|l| l.1) < 33.75 * period + 0.0052, "{latencies:?}");
+}
+
+#[test]
+fn a_single_channel_wakes_with_the_next_value() {
+    let period = seconds(PERIOD_SAMPLES);
+    let (mut first, mut whole) = (Vec::new(), Vec::new());
+    for seed in 0..40 {
+        // At all phases of the watch: 30 periods are 8.1 ms. It has learned by 0.4 s.
+        let contact = 0.6 + 0.000_205 * seed as f64;
+        let mut bench = Bench::sequential(pressed(25.0, vec![(contact, 9.0)]), seed);
+        let said = bench.until(contact + 0.12);
+        assert_eq!(bench.board.counters().wakes, 1);
+        let (there, begun) = frames(&said)[0];
+        // Measured with the touch on the sheet from its first sample on.
+        assert!(seconds(begun) > contact, "{contact} {begun}");
+        first.push(seconds(begun) - contact);
+        whole.push(there - contact);
+    }
+    let worst = |list: &[f64]| list.iter().copied().fold(0.0, f64::max);
+    let mean = |list: &[f64]| list.iter().sum::<f64>() / list.len() as f64;
+    println!(
+        "contact to the first frame's first sample: mean {:.1} ms, worst {:.1} ms; to that frame received: mean {:.1} ms, worst {:.1} ms",
+        1e3 * mean(&first),
+        1e3 * worst(&first),
+        1e3 * mean(&whole),
+        1e3 * worst(&whole),
+    );
+    // At worst the touch comes in the middle of the value that would have shown it: that one, the rest, and all eight; and the
+    // frame's own settling.
+    assert!(worst(&first) < (1.25 + 20.0 + 10.0 + 0.25) * period + 1e-4, "{first:?}");
+    // A frame of 260 periods, and 460 bytes of 10 us behind a heartbeat of 20.
+    assert!(worst(&whole) < worst(&first) + 260.0 * period + 0.0052, "{whole:?}");
+}
+
+#[test]
+fn a_single_channel_at_rest_sends_heartbeats_and_saves_conversions() {
+    // For a minute: 7,400 scans.
+    let mut bench = Bench::sequential(pressed(25.0, vec![]), 3);
+    bench.until(1.0);
+    let (bytes, conversions) = (bench.bytes, bench.board.conversions());
+    let said = bench.until(61.0);
+    let asleep = |m: &FromBoard| matches!(m, FromBoard::Heartbeat(h) if h.state == Watching::Asleep);
+    assert!(said.iter().all(|(_, m)| asleep(m)), "{said:?}");
+    assert_eq!(bench.board.counters().wakes, 0);
+    let idle = (bench.bytes - bytes) as f64 / 60.0;
+    let converted = (bench.board.conversions() - conversions) as f64 / 60.0;
+
+    let mut busy = Bench::sequential(pressed(25.0, vec![(0.9, 99.0)]), 3);
+    busy.until(2.0);
+    let (bytes, conversions) = (busy.bytes, busy.board.conversions());
+    let frames = busy.until(12.0).len();
+    let awake = (busy.bytes - bytes) as f64 / 10.0;
+    let awake_converted = (busy.board.conversions() - conversions) as f64 / 10.0;
+    println!("one channel: bytes a second: {idle:.0} asleep, {awake:.0} awake");
+    println!("conversions a second: {converted:.0} asleep, {awake_converted:.0} awake");
+    println!(
+        "frames in ten seconds: {frames}; scans of the watch in a minute without a wake: {}",
+        bench.board.counters().watch_scans
+    );
+    assert!((0.9..1.2).contains(&(said.len() as f64 / 60.0)));
+    assert!(idle < 30.0 && awake > 5_000.0);
+    // Eight windows of one period in 30 periods, against one in 1.25.
+    let theory = f64::from(TIMER_HZ) / f64::from(TICKS_PER_SAMPLE) * 8.0 / 30.0;
+    assert!((converted / theory - 1.0).abs() < 0.02, "{converted} {theory}");
+}
+
+#[test]
+fn a_single_channel_feels_a_light_touch_and_a_release() {
+    for force_n in [5.0, 2.5] {
+        let touches: Vec<(f64, f64)> = (0..4)
+            .map(|k| (1.0 + 1.5 * f64::from(k), 1.7 + 1.5 * f64::from(k)))
+            .collect();
+        let mut bench = Bench::sequential(pressed(force_n, touches), 5);
+        let said = bench.until(7.5);
+        use Watching::{Asleep, Awake, Learning};
+        let wakes = [Awake, Asleep].repeat(4);
+        assert_eq!(states(&said), [vec![Learning, Asleep], wakes].concat(), "{force_n} N");
+        assert_eq!(bench.board.counters().wakes, 4);
+    }
 }
 
 #[test]

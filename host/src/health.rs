@@ -5,7 +5,7 @@
 //! would not do it (Fisher's test), and the search goes on with the rest.
 
 use crate::imager::Difference;
-use crate::noise::{Disagreement, Reciprocity};
+use crate::noise::{Disagreement, LEAST_FREEDOM, NoiseEstimate, Reciprocity};
 use forward::Pattern;
 use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 
@@ -23,6 +23,29 @@ const WORTH_A_LOOK: f64 = 2.5;
 pub struct Health {
     /// Measurements of every suspect, the smaller suspects first: pairs of electrodes, then electrodes.
     suspects: Vec<Vec<bool>>,
+    /// Freedom and pairs, and the limit of a single pair at them.
+    limit: Option<((usize, usize), f64)>,
+    /// A frame without each of the suspects.
+    without: Vec<Without>,
+}
+
+/// A frame without a suspect: what does not change from frame to frame.
+#[derive(Clone, Debug)]
+struct Without {
+    used: Vec<bool>,
+    reciprocity: Reciprocity,
+    /// Values left out, freedom and tries, and the limit at them.
+    limit: Option<((usize, usize, usize), f64)>,
+}
+
+impl Without {
+    fn new(reciprocity: &Reciprocity) -> Self {
+        Self {
+            used: Vec::new(),
+            reciprocity: reciprocity.clone(),
+            limit: None,
+        }
+    }
 }
 
 impl Health {
@@ -45,16 +68,32 @@ impl Health {
         });
         Self {
             suspects: pairs.chain(electrodes).collect(),
+            limit: None,
+            without: Vec::new(),
         }
     }
 
-    /// Takes the values that cannot be believed out of a difference (their `used` becomes false). Returns what the rest
-    /// disagrees by, `None` where the pattern has no reciprocal pairs.
-    pub fn judge(&self, reciprocity: &Reciprocity, model_v: &[f64], d: &mut Difference) -> Option<Disagreement> {
-        let look = |d: &Difference, used: &[bool]| reciprocity.disagreement(&d.y, model_v, &d.spread, used);
-        let mut now = look(d, &d.used)?;
+    /// Takes the values that cannot be believed out of a difference (their `used` becomes false). Returns the noise that the
+    /// rest tells, `None` where the pattern has too few reciprocal pairs.
+    ///
+    /// Nothing is allocated where all can be believed and the same values take part as in the frame before.
+    pub fn judge(
+        &mut self,
+        reciprocity: &mut Reciprocity,
+        model_v: &[f64],
+        d: &mut Difference,
+    ) -> Option<NoiseEstimate> {
+        if self.without.len() != self.suspects.len() {
+            self.without = self.suspects.iter().map(|_| Without::new(reciprocity)).collect();
+        }
+        let (now, leverage) = reciprocity.look(&d.y, model_v, &d.spread, &d.used)?;
+        if !self.suspicious(now, leverage, model_v, d) {
+            return now.noise();
+        }
+        let mut now = now.clone();
         for _ in 0..MOST_FAULTS {
-            let Some((used, better)) = self.worst(&now, &d.used, |used| look(d, used)) else {
+            let look = |used: &[bool]| reciprocity.disagreement(&d.y, model_v, &d.spread, used);
+            let Some((used, better)) = self.worst(&now, &d.used, look) else {
                 break;
             };
             for (y, used) in d.y.iter_mut().zip(&used) {
@@ -65,7 +104,73 @@ impl Health {
             d.used = used;
             now = better;
         }
-        Some(now)
+        now.noise()
+    }
+
+    /// Whether anything might be left out: a single pair by chance alone, or a suspect that is worth a look.
+    fn suspicious(&mut self, now: &Disagreement, leverage: &[f64], model_v: &[f64], d: &Difference) -> bool {
+        let worst = now
+            .left
+            .iter()
+            .zip(leverage)
+            .max_by(|a, b| a.0.abs().total_cmp(&b.0.abs()));
+        let Some((left, leverage)) = worst else { return false };
+        if now.freedom < 2 {
+            return false;
+        }
+        let gone = left * left / (1.0 - leverage).max(f64::EPSILON);
+        let freedom = now.freedom - 1;
+        let rest = (now.square - gone).max(0.0) / freedom as f64;
+        let limit = match self.limit {
+            Some((known, limit)) if known == (freedom, now.pairs.len()) => limit,
+            _ => limit(1, freedom, self.suspects.len() + now.pairs.len()),
+        };
+        self.limit = Some(((freedom, now.pairs.len()), limit));
+        let believed = gone <= limit * rest;
+        // What is no number is not.
+        !believed || (0..self.suspects.len()).any(|k| self.worth_a_look(k, now) && self.guilty(k, now, model_v, d))
+    }
+
+    /// Whether a frame agrees better without a suspect than by chance.
+    fn guilty(&mut self, suspect: usize, now: &Disagreement, model_v: &[f64], d: &Difference) -> bool {
+        let tries = self.suspects.len() + now.pairs.len();
+        let Some(without) = self.without.get_mut(suspect) else {
+            return true;
+        };
+        without.used.clear();
+        without
+            .used
+            .extend(d.used.iter().zip(&self.suspects[suspect]).map(|(used, s)| *used && !s));
+        let rest = without
+            .reciprocity
+            .look(&d.y, model_v, &d.spread, &without.used)
+            .map(|(rest, _)| (rest.square, rest.freedom));
+        let Some((square, freedom)) = rest.filter(|(_, freedom)| *freedom >= LEAST_FREEDOM) else {
+            return false;
+        };
+        let gone = now.freedom.saturating_sub(freedom);
+        let limit = match without.limit {
+            Some((known, limit)) if known == (gone, freedom, tries) => limit,
+            _ => limit(gone, freedom, tries),
+        };
+        without.limit = Some(((gone, freedom, tries), limit));
+        let chance = (now.square - square) / gone as f64 <= limit * square / freedom as f64;
+        gone > 0 && !chance
+    }
+
+    fn worth_a_look(&self, suspect: usize, now: &Disagreement) -> bool {
+        let suspect = &self.suspects[suspect];
+        let (mut inside, mut outside, mut count) = (0.0, 0.0, 0);
+        for (pair, left) in now.pairs.iter().zip(&now.left) {
+            if suspect[pair[0]] || suspect[pair[1]] {
+                inside += left * left;
+                count += 1;
+            } else {
+                outside += left * left;
+            }
+        }
+        let others = now.pairs.len() - count;
+        count > 0 && others > 0 && inside / count as f64 > WORTH_A_LOOK * outside / others as f64
     }
 
     /// The suspect without which the rest agrees best, if that is more than chance.
@@ -84,9 +189,7 @@ impl Health {
                 return;
             }
             let ratio = (now.square - rest.square) / gone as f64 / noise.sigma.powi(2).max(f64::MIN_POSITIVE);
-            let tries = (self.suspects.len() + now.pairs.len()) as f64;
-            let limit = FisherSnedecor::new(gone as f64, rest.freedom as f64)
-                .map_or(f64::INFINITY, |f| f.inverse_cdf(1.0 - FALSE_ALARM / tries));
+            let limit = limit(gone, rest.freedom, self.suspects.len() + now.pairs.len());
             if ratio > limit && chosen.as_ref().is_none_or(|(sigma, ..)| noise.sigma * AS_GOOD < *sigma) {
                 chosen = Some((noise.sigma, without, rest));
             }
@@ -102,23 +205,19 @@ impl Health {
             now.pairs[k].iter().for_each(|m| without[*m] = false);
             consider(without);
         }
-        for suspect in &self.suspects {
-            let (mut inside, mut outside, mut count) = (0.0, 0.0, 0);
-            for (pair, left) in now.pairs.iter().zip(&now.left) {
-                if suspect[pair[0]] || suspect[pair[1]] {
-                    inside += left * left;
-                    count += 1;
-                } else {
-                    outside += left * left;
-                }
-            }
-            let others = now.pairs.len() - count;
-            if count > 0 && others > 0 && inside / count as f64 > WORTH_A_LOOK * outside / others as f64 {
+        for (k, suspect) in self.suspects.iter().enumerate() {
+            if self.worth_a_look(k, now) {
                 consider(used.iter().zip(suspect).map(|(u, s)| *u && !s).collect());
             }
         }
         chosen.map(|(_, used, rest)| (used, rest))
     }
+}
+
+/// How many times the noise the mean square of what is left out may be by chance.
+fn limit(gone: usize, freedom: usize, tries: usize) -> f64 {
+    FisherSnedecor::new(gone as f64, freedom as f64)
+        .map_or(f64::INFINITY, |f| f.inverse_cdf(1.0 - FALSE_ALARM / tries as f64))
 }
 
 #[cfg(test)]
@@ -157,11 +256,9 @@ mod tests {
         }
 
         fn judge(&self, d: &mut Difference) -> f64 {
-            let reciprocity = Reciprocity::new(&self.pattern, Drive::PAPER);
-            let rest = Health::new(&self.pattern)
-                .judge(&reciprocity, &self.model_v, d)
-                .unwrap();
-            rest.noise().unwrap().sigma
+            let mut reciprocity = Reciprocity::new(&self.pattern, Drive::PAPER);
+            let rest = Health::new(&self.pattern).judge(&mut reciprocity, &self.model_v, d);
+            rest.unwrap().sigma
         }
     }
 
@@ -192,6 +289,26 @@ mod tests {
             let sigma = frames.judge(&mut d);
             assert!((sigma / 1e-4 - 1.0).abs() < 0.35, "{l}: {sigma}");
             assert!(d.used.iter().zip(&touches).all(|(u, t)| *u != *t), "{l}");
+        }
+    }
+
+    /// Leverage tells what leaving a pair out would.
+    #[test]
+    fn a_pair_left_out_takes_what_its_leverage_says() {
+        let mut frames = Frames::new();
+        let d = frames.quiet();
+        let mut reciprocity = Reciprocity::new(&frames.pattern, Drive::PAPER);
+        let (all, leverage) = reciprocity.look(&d.y, &frames.model_v, &d.spread, &d.used).unwrap();
+        let (all, leverage) = (all.clone(), leverage.to_vec());
+        for k in [0, 17, 103] {
+            let mut used = d.used.clone();
+            all.pairs[k].iter().for_each(|m| used[*m] = false);
+            let rest = reciprocity
+                .disagreement(&d.y, &frames.model_v, &d.spread, &used)
+                .unwrap();
+            let fall = all.left[k].powi(2) / (1.0 - leverage[k]);
+            assert!((all.square - rest.square - fall).abs() < 1e-9 * all.square, "{k}");
+            assert_eq!((all.freedom, rest.freedom), (89, 88));
         }
     }
 

@@ -1,11 +1,12 @@
 //! The model side of a picture: what the unpressed sheet gives, how it answers to every cell, and the normalised
 //! difference that connects a measured frame to both.
 
+pub use crate::difference::Difference;
 use crate::picture::{Grid, Picture, PictureError, Stats};
 use crate::reconstruct::Method;
 use crate::reconstructor::FrameResult;
 use forward::{CellError, CellGrid, Drive, ForwardError, Model, ModelOptions, Pattern, Sensitivity, Sheet, Solver};
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DMatrix;
 use std::sync::Arc;
 use thiserror::Error;
 
@@ -62,20 +63,6 @@ pub struct Imager {
     /// along the rim (mm). None where they are taken as certain.
     pub electrode_covariance: Option<DMatrix<f64>>,
 }
-
-/// A normalised difference: what changed against the baseline, in volts of the model.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Difference {
-    /// `V_model (V / V_baseline - 1)`; 0 where the value is not used.
-    pub y: DVector<f64>,
-    /// Which values take part.
-    pub used: Vec<bool>,
-    /// Noise of every value relative to the others: `V_model / V_baseline` over its median.
-    pub spread: Vec<f64>,
-}
-
-/// A baseline below this fraction of its median is too small to divide by.
-const LEAST_BASELINE: f64 = 1e-3;
 
 impl Imager {
     /// Models a sheet.
@@ -145,45 +132,22 @@ impl Imager {
     /// # Errors
     /// [`ImagerError::Baseline`] when the lengths do not match the pattern.
     pub fn difference(&self, baseline: &[f64], frame: &[f64]) -> Result<Difference, ImagerError> {
-        for given in [baseline.len(), frame.len()] {
-            if given != self.pattern.len() {
-                return Err(ImagerError::Baseline {
-                    given,
-                    expected: self.pattern.len(),
-                });
-            }
+        self.fits(baseline, frame)?;
+        Ok(Difference::new(&self.model_v, baseline, frame))
+    }
+
+    /// Whether a baseline and a frame have a value for every measurement.
+    pub(crate) fn fits(&self, baseline: &[f64], frame: &[f64]) -> Result<(), ImagerError> {
+        match [baseline.len(), frame.len()]
+            .into_iter()
+            .find(|n| *n != self.pattern.len())
+        {
+            Some(given) => Err(ImagerError::Baseline {
+                given,
+                expected: self.pattern.len(),
+            }),
+            None => Ok(()),
         }
-        let mut sizes: Vec<f64> = baseline.iter().map(|v| v.abs()).filter(|v| v.is_finite()).collect();
-        sizes.sort_by(f64::total_cmp);
-        let least = sizes.get(sizes.len() / 2).map_or(f64::INFINITY, |m| LEAST_BASELINE * m);
-        let used: Vec<bool> = baseline
-            .iter()
-            .zip(frame)
-            .map(|(b, v)| b.is_finite() && v.is_finite() && b.abs() > least)
-            .collect();
-        let y = DVector::from_fn(self.pattern.len(), |k, _| {
-            if used[k] {
-                self.model_v[k] * (frame[k] / baseline[k] - 1.0)
-            } else {
-                0.0
-            }
-        });
-        let mut spread: Vec<f64> = (0..used.len())
-            .map(|k| {
-                if used[k] {
-                    (self.model_v[k] / baseline[k]).abs()
-                } else {
-                    1.0
-                }
-            })
-            .collect();
-        let mut gains: Vec<f64> = spread.iter().zip(&used).filter(|(_, u)| **u).map(|(s, _)| *s).collect();
-        gains.sort_by(f64::total_cmp);
-        let median = gains.get(gains.len() / 2).copied().unwrap_or(1.0);
-        for (s, used) in spread.iter_mut().zip(&used) {
-            *s = if *used { *s / median } else { 1.0 };
-        }
-        Ok(Difference { y, used, spread })
     }
 
     /// Volts of the model for one volt of a baseline: the median over its values.

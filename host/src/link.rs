@@ -65,8 +65,10 @@ pub struct LinkCounters {
 /// the sequence numbers tell.
 const WAITING_MESSAGES: usize = 256;
 
-/// An open link. Dropping it stops the board's stream and closes the port.
+/// An open link. Dropping it stops the board's stream, unless it was [left running](Link::leave_running), and closes the
+/// port.
 pub struct Link {
+    stop_at_end: bool,
     commands: Option<Sender<ToBoard>>,
     messages: Option<Receiver<Result<FromBoard, LinkError>>>,
     counters: Arc<Mutex<LinkCounters>>,
@@ -88,6 +90,7 @@ impl Link {
             .spawn(move || pump(port, &command_queue, &message_queue, &shared))
             .map_err(|e| LinkError::Lost(e.to_string()))?;
         Ok(Self {
+            stop_at_end: true,
             commands: Some(commands),
             messages: Some(messages),
             counters,
@@ -101,6 +104,11 @@ impl Link {
             // A link that has ended says so at the next message.
             let _ = queue.send(command);
         }
+    }
+
+    /// Lets the board go on as it is when the link is closed.
+    pub fn leave_running(&mut self) {
+        self.stop_at_end = false;
     }
 
     /// The next message, or `None` when none came in time.
@@ -159,7 +167,9 @@ impl Link {
 
 impl Drop for Link {
     fn drop(&mut self) {
-        self.send(ToBoard::Stop);
+        if self.stop_at_end {
+            self.send(ToBoard::Stop);
+        }
         self.commands = None;
         // The thread may be waiting for a place in the queue.
         self.messages = None;

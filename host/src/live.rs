@@ -1,6 +1,7 @@
-//! Frames to pictures, live: takes the baseline, then reconstructs and follows touches.
+//! Frames to pictures, live: takes the baseline, then reconstructs, follows touches and tells their forces.
 
 use crate::baseline::{Baseline, BaselineTaker};
+use crate::creep::force::{Calibration, ForceMeter};
 use crate::electrodes;
 use crate::imager::{Imager, ImagerError};
 use crate::reconstruct::Method;
@@ -18,6 +19,8 @@ pub struct LiveOptions {
     pub method: Method,
     /// Whether the electrodes are looked for in the baseline, or taken to be where the sheet says.
     pub find_electrodes: bool,
+    /// What the forces of the touches are computed with; none: no forces.
+    pub calibration: Option<Calibration>,
 }
 
 impl Default for LiveOptions {
@@ -26,6 +29,7 @@ impl Default for LiveOptions {
             baseline_frames: 24,
             method: Method::Nnls,
             find_electrodes: true,
+            calibration: None,
         }
     }
 }
@@ -50,6 +54,7 @@ pub struct Live {
     options: LiveOptions,
     reconstructor: Reconstructor,
     tracker: Tracker,
+    meter: Option<ForceMeter>,
     taker: Option<BaselineTaker>,
     baseline: Option<Baseline>,
 }
@@ -70,6 +75,7 @@ impl Live {
                 ReconstructorOptions::for_imager(&imager, options.method),
             ),
             tracker: Tracker::new(2.0 * REACH * extent, PATIENCE),
+            meter: options.calibration.map(|c| ForceMeter::new(&imager, c)),
             taker: Some(BaselineTaker::new(values, options.baseline_frames)),
             baseline: None,
             nominal: Arc::clone(&imager),
@@ -108,6 +114,10 @@ impl Live {
                 return Ok(LiveFrame::Baseline { left });
             };
             self.taker = None;
+            if let Some(meter) = &mut self.meter {
+                // What is pressed in now belongs to the baseline.
+                meter.rest();
+            }
             if self.options.find_electrodes
                 && let Some(found) = electrodes::find(&self.nominal, &baseline.values_v)
             {
@@ -129,6 +139,9 @@ impl Live {
         };
         let result = self.reconstructor.frame(&baseline.values_v, &frame.values_v)?;
         self.tracker.update(&mut result.touches);
+        if let Some(meter) = &mut self.meter {
+            meter.tell(frame.time_s, &mut result.touches);
+        }
         Ok(LiveFrame::Picture(result))
     }
 }

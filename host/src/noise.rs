@@ -6,7 +6,7 @@
 //! of freedom are left.
 
 use forward::{Drive, Pair, Pattern};
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
 /// Reciprocal pairs of a pattern, ready to judge frames.
 #[derive(Clone, Debug)]
@@ -17,6 +17,20 @@ pub struct Reciprocity {
     drives: usize,
     /// Whether the drive currents are unknown.
     scales: bool,
+    prepared: Option<Prepared>,
+}
+
+/// What does not change while the same values take part with the same spread.
+#[derive(Clone, Debug)]
+struct Prepared {
+    used: Vec<bool>,
+    spread: Vec<f64>,
+    weights: Vec<f64>,
+    /// Orthonormal columns: what the drive currents can explain, `pairs x rank`.
+    explained: DMatrix<f64>,
+    /// Part of every pair that it is itself explained by.
+    leverage: Vec<f64>,
+    now: Disagreement,
 }
 
 /// What the reciprocal pairs say of a frame.
@@ -44,6 +58,7 @@ impl Reciprocity {
             drive_of,
             drives: pattern.drives().len(),
             scales: matches!(drive, Drive::Voltage { .. }),
+            prepared: None,
         }
     }
 
@@ -63,57 +78,107 @@ impl Reciprocity {
         spread: &[f64],
         used: &[bool],
     ) -> Option<Disagreement> {
+        let mut prepared = self.prepare(model_v, spread, used)?;
+        prepared.look(y, model_v);
+        Some(prepared.now)
+    }
+
+    /// The same, with every pair's leverage: by how much the square falls without a pair is `left² / (1 - leverage)`.
+    ///
+    /// Nothing is allocated while the same values take part with the same spread.
+    pub fn look(
+        &mut self,
+        y: &DVector<f64>,
+        model_v: &[f64],
+        spread: &[f64],
+        used: &[bool],
+    ) -> Option<(&Disagreement, &[f64])> {
+        if !self
+            .prepared
+            .as_ref()
+            .is_some_and(|p| p.used == used && p.spread == spread)
+        {
+            self.prepared = self.prepare(model_v, spread, used);
+        }
+        let prepared = self.prepared.as_mut()?;
+        prepared.look(y, model_v);
+        Some((&prepared.now, &prepared.leverage))
+    }
+
+    fn prepare(&self, model_v: &[f64], spread: &[f64], used: &[bool]) -> Option<Prepared> {
         let pairs: Vec<[usize; 2]> = self
             .pairs
             .iter()
             .copied()
             .filter(|[a, b]| used[*a] && used[*b])
             .collect();
+        let noise = |k: usize| spread[k] / model_v[k].abs();
+        let weights: Vec<f64> = pairs.iter().map(|[a, b]| 1.0 / noise(*a).hypot(noise(*b))).collect();
+        let explained = if self.scales && !pairs.is_empty() {
+            let mut design = DMatrix::<f64>::zeros(pairs.len(), self.drives);
+            for ((row, p), w) in pairs.iter().enumerate().zip(&weights) {
+                design[(row, self.drive_of[p[1]])] += w;
+                design[(row, self.drive_of[p[0]])] -= w;
+            }
+            let normal = design.tr_mul(&design);
+            if !normal.iter().all(|v| v.is_finite()) {
+                return None;
+            }
+            // The scales are told up to a common one, and drives without pairs are not told: their eigenvalues are 0.
+            let eigen = SymmetricEigen::new(normal);
+            let least = LEAST_EIGENVALUE * eigen.eigenvalues.amax();
+            let kept: Vec<usize> = (0..self.drives).filter(|k| eigen.eigenvalues[*k] > least).collect();
+            let mut explained = design * eigen.eigenvectors.select_columns(&kept);
+            for (mut column, k) in explained.column_iter_mut().zip(&kept) {
+                column /= eigen.eigenvalues[*k].sqrt();
+            }
+            explained
+        } else {
+            DMatrix::zeros(pairs.len(), 0)
+        };
+        Some(Prepared {
+            used: used.to_vec(),
+            spread: spread.to_vec(),
+            leverage: explained.row_iter().map(|r| r.norm_squared()).collect(),
+            now: Disagreement {
+                left: DVector::zeros(pairs.len()),
+                square: 0.0,
+                freedom: pairs.len().saturating_sub(explained.ncols()),
+                pairs,
+            },
+            weights,
+            explained,
+        })
+    }
+}
+
+impl Prepared {
+    fn look(&mut self, y: &DVector<f64>, model_v: &[f64]) {
         // With ratios of voltages reciprocity is exact: ln r[a] - ln r[b] = e[drive of b] - e[drive of a] + noise. (The
         // voltages themselves are not equal on a sheet that is not the same all around: their drive currents differ.)
         let ratio = |k: usize| {
             let change = y[k] / model_v[k];
             if change > LEAST_CHANGE { change.ln_1p() } else { change }
         };
-        let noise = |k: usize| spread[k] / model_v[k].abs();
-        let weight = |[a, b]: [usize; 2]| 1.0 / noise(a).hypot(noise(b));
-        let rhs = DVector::from_iterator(
-            pairs.len(),
-            pairs.iter().map(|p| (ratio(p[0]) - ratio(p[1])) * weight(*p)),
-        );
-        let mut freedom = pairs.len();
-        let mut left = rhs;
-        if self.scales {
-            // The scales are fitted up to a common one; a tiny ridge picks it (and any drive without pairs).
-            let mut design = DMatrix::zeros(pairs.len(), self.drives);
-            for (row, p) in pairs.iter().enumerate() {
-                let w = weight(*p);
-                design[(row, self.drive_of[p[1]])] += w;
-                design[(row, self.drive_of[p[0]])] -= w;
-            }
-            let mut normal = design.tr_mul(&design);
-            let ridge = 1e-10 * normal.diagonal().amax();
-            let fitted = normal.diagonal().iter().filter(|d| **d > ridge).count();
-            for k in 0..self.drives {
-                normal[(k, k)] += ridge;
-            }
-            let scales = normal.cholesky()?.solve(&design.tr_mul(&left));
-            left -= design * scales;
-            freedom = freedom.saturating_sub(fitted.saturating_sub(1));
+        let now = &mut self.now;
+        for ((left, [a, b]), weight) in now.left.iter_mut().zip(&now.pairs).zip(&self.weights) {
+            *left = (ratio(*a) - ratio(*b)) * weight;
         }
-        Some(Disagreement {
-            square: left.norm_squared(),
-            pairs,
-            left,
-            freedom,
-        })
+        // The columns are orthonormal: one after the other takes away what all of them explain.
+        for column in self.explained.column_iter() {
+            let part = column.dot(&now.left);
+            now.left.axpy(-part, &column, 1.0);
+        }
+        now.square = now.left.norm_squared();
     }
 }
 
+/// Eigenvalues of the drive currents' normal equations below this part of the largest are rounding.
+const LEAST_EIGENVALUE: f64 = 1e-10;
 /// A change of a voltage below this is no touch: the voltage is gone or turned round.
 const LEAST_CHANGE: f64 = -0.9;
 /// Fewest degrees of freedom that noise is told from.
-const LEAST_FREEDOM: usize = 8;
+pub(crate) const LEAST_FREEDOM: usize = 8;
 
 /// By how much reciprocal pairs disagree.
 #[derive(Clone, Debug, PartialEq)]

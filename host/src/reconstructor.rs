@@ -1,18 +1,19 @@
 //! From a frame to a picture and its touches: gate, weigh, solve, find.
 
+use crate::difference::{Difference, Differences};
+use crate::fit::FitOptions;
 use crate::fit::fitter::{Data, Fitter};
 use crate::fit::table::TouchTable;
-use crate::fit::{FitOptions, Fitted};
 use crate::health::Health;
-use crate::imager::{Difference, Imager, ImagerError};
+use crate::imager::{Imager, ImagerError};
 use crate::noise::{NoiseEstimate, Reciprocity};
 use crate::picture::Touch;
 use crate::reconstruct::{
-    Method, Nnls, NnlsOptions, Problem, Solution, Status, discrepancy_ridge, lawson_hanson, pseudo_inverse, tikhonov,
+    Method, Nnls, NnlsOptions, Problem, Projector, Status, discrepancy_ridge, lawson_hanson, pseudo_inverse, tikhonov,
 };
 use crate::touches::{TouchFinder, TouchOptions};
 use crate::watch::{Seen, Watch};
-use nalgebra::DVector;
+use nalgebra::{DMatrix, DVector};
 use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 use std::sync::Arc;
 use std::time::Instant;
@@ -28,8 +29,8 @@ pub struct ReconstructorOptions {
     /// How the expected rise falls with a cell's sensitivity: `(sensitivity / median) ^ -depth`. 0 is the same for all
     /// cells; larger keeps what the model gets wrong from being drawn at the rim, where the sensitivity is greatest.
     pub depth: f64,
-    /// Relative error of the model against the change measured, as a standard deviation: a strong touch is not fitted
-    /// more closely than the linear model can be right.
+    /// Relative error of the linear model against the change measured, as a standard deviation: the picture is not fitted
+    /// more closely than that, however little noise there is.
     pub model_error: f64,
     /// Directions of the weighted sensitivity whose singular value is below this fraction of the largest are left out.
     pub drop: f64,
@@ -53,7 +54,7 @@ impl ReconstructorOptions {
             method,
             expected_rise: 0.07,
             depth: 0.3,
-            model_error: 0.0,
+            model_error: 0.004,
             drop: 0.0,
             drop_below_ridge: 0.1,
             false_alarm: 1e-6,
@@ -69,7 +70,7 @@ impl ReconstructorOptions {
 }
 
 /// What became of a frame.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct FrameResult {
     /// Relative rise in resistivity of every cell; all zero when the gate found nothing.
     pub x: Vec<f64>,
@@ -134,6 +135,8 @@ struct Weighted {
     used: Vec<bool>,
     spread: Vec<f64>,
     problem: Problem,
+    /// Onto its rows.
+    projector: Projector,
     /// What is left of it for the solve, and the ridge that it was made for.
     solving: Option<(f64, Problem)>,
     /// Expected rise of every cell over `expected_rise`: the problem's columns are scaled by it.
@@ -159,6 +162,10 @@ pub struct Reconstructor {
     /// Noise of one value known from a recording of the unpressed sheet, V of the model.
     known_noise: Option<f64>,
     watch: Option<Watch>,
+    differences: Differences,
+    /// The frame weighted, and reduced.
+    values: Vec<f64>,
+    reduced: Vec<f64>,
     result: FrameResult,
 }
 
@@ -191,6 +198,9 @@ impl Reconstructor {
             }),
             known_noise: None,
             watch: None,
+            differences: Differences::default(),
+            values: Vec::new(),
+            reduced: Vec::new(),
             result: FrameResult::nothing(&imager),
             imager,
             options,
@@ -245,11 +255,14 @@ impl Reconstructor {
                 }
             }
         }
-        let mut difference = self.imager.difference(baseline, frame)?;
+        self.imager.fits(baseline, frame)?;
+        let mut differences = std::mem::take(&mut self.differences);
+        let difference = differences.to(&self.imager.model_v, baseline, frame);
         let judged = self
             .health
-            .judge(&self.reciprocity, &self.imager.model_v, &mut difference);
-        self.result = self.solve(&difference, known.or_else(|| judged.and_then(|d| d.noise())));
+            .judge(&mut self.reciprocity, &self.imager.model_v, difference);
+        self.solve(difference, known.or(judged));
+        self.differences = differences;
         Ok(&mut self.result)
     }
 
@@ -283,109 +296,108 @@ impl Reconstructor {
         ))
     }
 
-    /// The reduced, weighted difference; `None` when no value is left.
-    fn reduce(&mut self, difference: &Difference) -> Option<DVector<f64>> {
+    /// Weighs and reduces a difference, into `weighted` and `reduced`; false when no value is left.
+    fn reduce(&mut self, difference: &Difference) -> bool {
         self.weigh(difference);
-        let problem = &self.weighted.as_ref()?.problem;
-        (problem.rank() > 0).then(|| problem.reduce(&weighted(difference)).0)
+        let Some(weighted) = &mut self.weighted else {
+            return false;
+        };
+        self.values.clear();
+        self.values
+            .extend(difference.y.iter().zip(&difference.spread).map(|(y, s)| y / s));
+        let values = &self.values;
+        let reduced = weighted
+            .projector
+            .project(|to| to[..values.len()].copy_from_slice(values));
+        self.reduced.clear();
+        self.reduced.extend_from_slice(reduced);
+        !self.reduced.is_empty()
     }
 
-    /// Whether a frame holds more than noise. A quiet one makes the next solve start afresh.
-    fn passes(&mut self, reduced: &DVector<f64>, noise: NoiseEstimate) -> bool {
-        let arguments = [reduced.len(), noise.freedom];
+    /// Whether the reduced frame holds more than noise. A quiet one makes the next solve start afresh.
+    fn passes(&mut self, noise: NoiseEstimate) -> bool {
+        let arguments = [self.reduced.len(), noise.freedom];
         let limit = match self.gate {
             Some((known, limit)) if known == arguments => limit,
-            _ => gate(reduced.len(), noise.freedom, self.options.false_alarm),
+            _ => gate(self.reduced.len(), noise.freedom, self.options.false_alarm),
         };
         self.gate = Some((arguments, limit));
-        let passes = reduced.norm_squared() > reduced.len() as f64 * noise.sigma * noise.sigma * limit;
+        let passes = self.power() > noise.sigma * noise.sigma * limit;
         if !passes {
             self.nnls.reset();
         }
         passes
     }
 
-    fn solve(&mut self, difference: &Difference, noise: Option<NoiseEstimate>) -> FrameResult {
-        let used = difference.used.iter().filter(|u| **u).count();
-        let empty = |imager: &Imager| FrameResult {
-            noise,
-            used,
-            ..FrameResult::nothing(imager)
-        };
-        let Some(reduced) = self.reduce(difference) else {
-            return empty(&self.imager);
-        };
-        // What the watch let through has something in it, unless it was in the values that are left out now.
-        let watched = self.known_noise.is_some() && self.watch.as_ref().is_some_and(|w| w.used() == used);
-        if let Some(n) = noise
-            && !watched
-            && !self.passes(&reduced, n)
-        {
-            return empty(&self.imager);
-        }
-        // Without a way to tell the noise everything counts as a change, at a noise that keeps the solve well posed.
-        let power = reduced.norm_squared() / reduced.len() as f64;
-        let sigma = noise.map_or(1e-2 * power.sqrt(), |n| n.sigma);
-        let sigma = sigma.hypot(self.options.model_error * power.sqrt());
-        let b = weighted(difference);
-        let start = Instant::now();
-        let (solution, ridge) = self.picture(&b, sigma);
-        let solve_us = start.elapsed().as_secs_f64() * 1e6;
-        let mut result = FrameResult {
-            noise,
-            used,
-            changed: true,
-            solve_us,
-            residual: solution.residual,
-            gap: solution.gap,
-            status: solution.status,
-            touches: self.finder.find(solution.x.as_slice()),
-            x: solution.x.as_slice().to_vec(),
-            misfit: None,
-            anew: true,
-        };
-        if let Some(fitted) = self.fit(&reduced, sigma, noise, &result.touches) {
-            result.touches = fitted.touches;
-            result.misfit = Some(fitted.misfit);
-            // Only a frame of which all values took part lies in the space that the watch looks at.
-            if let Some(watch) = self.watch.as_mut().filter(|w| w.used() == used) {
-                watch.remember(&reduced, Some(&fitted.slopes));
-            }
-        } else if let Some(ridge) = ridge.filter(|_| self.fitter.is_some()) {
-            self.with_falls(&b, ridge, &mut result);
-        }
-        result
+    /// Mean square of the reduced frame.
+    fn power(&self) -> f64 {
+        self.reduced.iter().map(|v| v * v).sum::<f64>() / self.reduced.len() as f64
     }
 
-    /// Touches fitted from the picture's; `None` when discs do not explain the frame.
-    fn fit(
-        &mut self,
-        reduced: &DVector<f64>,
-        sigma: f64,
-        noise: Option<NoiseEstimate>,
-        seeds: &[Touch],
-    ) -> Option<Fitted> {
-        let fitter = self.fitter.as_mut()?;
-        let weighted = self.weighted.as_mut()?;
-        let (used, spread, problem) = (&weighted.used, &weighted.spread, &weighted.problem);
-        let reduce = |v: &DVector<f64>| {
-            let weight = |k: usize| if used[k] { 1.0 / spread[k] } else { 0.0 };
-            problem.reduce(&DVector::from_fn(v.len(), |k, _| v[k] * weight(k))).0
+    /// Reconstructs a difference into the result.
+    fn solve(&mut self, difference: &Difference, noise: Option<NoiseEstimate>) {
+        let used = difference.used.iter().filter(|u| **u).count();
+        // What the watch let through has something in it, unless it was in the values that are left out now.
+        let watched = self.known_noise.is_some() && self.watch.as_ref().is_some_and(|w| w.used() == used);
+        if !self.reduce(difference) || noise.is_some_and(|n| !watched && !self.passes(n)) {
+            self.result.clear(noise, used);
+            self.result.anew = true;
+            return;
+        }
+        // Without a way to tell the noise everything counts as a change, at a noise that keeps the solve well posed.
+        let power = self.power();
+        let sigma = noise.map_or(1e-2 * power.sqrt(), |n| n.sigma);
+        let mut result = std::mem::take(&mut self.result);
+        (result.noise, result.used, result.changed, result.anew) = (noise, used, true, true);
+        result.misfit = None;
+        let start = Instant::now();
+        let ridge = self.picture(sigma.hypot(self.options.model_error * power.sqrt()), &mut result);
+        result.solve_us = start.elapsed().as_secs_f64() * 1e6;
+        self.finder.find(&result.x, &mut result.touches);
+        if !self.fit(sigma, noise, &mut result)
+            && let Some(ridge) = ridge.filter(|_| self.fitter.is_some())
+        {
+            self.with_falls(ridge, &mut result);
+        }
+        self.result = result;
+    }
+
+    /// Fits touches from the picture's; false when discs do not explain the frame.
+    fn fit(&mut self, sigma: f64, noise: Option<NoiseEstimate>, result: &mut FrameResult) -> bool {
+        let (Some(fitter), Some(weighted)) = (&mut self.fitter, &mut self.weighted) else {
+            return false;
         };
-        let table = weighted.table.get_or_insert_with(|| fitter.volts().map(reduce));
-        let seeds: Vec<[f64; 2]> = seeds.iter().map(|t| [t.x_mm, t.y_mm]).collect();
+        let (used, spread, problem) = (&weighted.used, &weighted.spread, &weighted.problem);
+        let weight = |k: usize| if used[k] { 1.0 / spread[k] } else { 0.0 };
+        let reduce = |v: &DVector<f64>| problem.reduce(&DVector::from_fn(v.len(), |k, _| v[k] * weight(k))).0;
+        let table = weighted.table.get_or_insert_with(|| {
+            fitter.volts().map(|volts| {
+                let weighted = DMatrix::from_fn(volts.nrows(), volts.ncols(), |k, c| volts[(k, c)] * weight(k));
+                problem.reduce_all(&weighted)
+            })
+        });
         let data = Data {
-            values: reduced,
+            values: &self.reduced,
             sigma,
             noise,
         };
-        fitter.fit(table, reduce, data, &seeds)
+        let seeds = result.touches.iter().map(|t| [t.x_mm, t.y_mm]);
+        let Some(fitted) = fitter.fit(table, reduce, data, seeds) else {
+            return false;
+        };
+        // Only a frame of which all values took part lies in the space that the watch looks at.
+        if let Some(watch) = self.watch.as_mut().filter(|w| w.used() == result.used) {
+            watch.remember(&self.reduced, &fitted.slopes, table.stride());
+        }
+        result.touches.clone_from(&fitted.touches);
+        result.misfit = Some(fitted.misfit);
+        true
     }
 
     /// Lets the picture fall as well as rise: where no touches explain a frame, nothing says that it only rises (metal
     /// beside a finger, say). With a voltage drive a fall somewhere looks much like a rise everywhere else, so that a
     /// picture of rises alone can explain it well and be wrong.
-    fn with_falls(&mut self, b: &DVector<f64>, ridge: f64, result: &mut FrameResult) {
+    fn with_falls(&mut self, ridge: f64, result: &mut FrameResult) {
         let Some(weighted) = self.weighted.as_mut() else {
             return;
         };
@@ -395,61 +407,71 @@ impl Reconstructor {
             ridge,
             ..self.nnls.options()
         })
-        .solve(both, b);
-        let x = weighted.rise(&solution);
+        .solve(both, &DVector::from_column_slice(&self.values));
+        let mut x = solution.x;
+        scale(x.as_mut_slice(), &weighted.prior);
         let (rises, falls) = x.as_slice().split_at(self.imager.grid.len());
-        let fall = self.finder.find(falls).iter().map(|t| t.total_mm2).fold(0.0, f64::max);
-        result.x = rises.to_vec();
+        self.finder.find(falls, &mut result.touches);
+        let fall = result.touches.iter().map(|t| t.total_mm2).fold(0.0, f64::max);
+        result.x.copy_from_slice(rises);
         result.residual = solution.residual;
         result.gap = solution.gap;
         result.status = solution.status;
-        result.touches = self.finder.find(rises);
+        self.finder.find(rises, &mut result.touches);
         result.touches.retain(|t| t.total_mm2 >= LEAST_OVER_FALL * fall);
     }
 
-    /// Solves by the method asked for, x in relative rise; with the ridge where there is one to go on with.
-    fn picture(&mut self, b: &DVector<f64>, sigma: f64) -> (Solution, Option<f64>) {
+    /// Solves by the method asked for, x in relative rise; returns the ridge where there is one to go on with.
+    fn picture(&mut self, sigma: f64, result: &mut FrameResult) -> Option<f64> {
+        result.x.resize(self.imager.grid.len(), 0.0);
         let Some(weighted) = &mut self.weighted else {
-            return (Solution::zero(self.imager.grid.len(), Status::BadInput), None);
+            result.x.fill(0.0);
+            result.status = Status::BadInput;
+            return None;
         };
         let problem = &weighted.problem;
         let mut expected = self.options.expected_rise;
-        let mut solution = match self.options.method {
-            Method::LawsonHanson => return (lawson_hanson(problem, b), None),
-            Method::PseudoInverse => return (pseudo_inverse(problem, b), None),
-            Method::Tikhonov => {
-                // What the model gets wrong cannot be explained by any ridge: then that of the expected rise.
-                let ridge = discrepancy_ridge(problem, b, sigma).max(sigma / expected);
-                let mut solution = tikhonov(problem, b, ridge);
-                solution.x = weighted.rise(&solution);
-                return (solution, None);
-            }
-            Method::Nnls => {
-                let ridge = sigma / expected;
-                let known = weighted.solving.as_ref().map_or(0.0, |(made_for, _)| ridge / made_for);
-                // A ridge told from frame after frame scatters; a larger one loses less by what is left out, not more.
-                if !(0.5..8.0).contains(&known) {
-                    let fraction = self.options.drop_below_ridge * ridge / problem.singular().max();
-                    weighted.solving = Some((ridge, problem.without(fraction)));
+        if self.options.method != Method::Nnls {
+            let b = DVector::from_column_slice(&self.values);
+            let solution = match self.options.method {
+                Method::LawsonHanson => lawson_hanson(problem, &b),
+                Method::PseudoInverse => pseudo_inverse(problem, &b),
+                _ => {
+                    // What the model gets wrong cannot be explained by any ridge: then that of the expected rise.
+                    let ridge = discrepancy_ridge(problem, &b, sigma).max(sigma / expected);
+                    let mut solution = tikhonov(problem, &b, ridge);
+                    scale(solution.x.as_mut_slice(), &weighted.prior);
+                    solution
                 }
-                self.nnls.set_ridge(ridge);
-                let problem = weighted.solving.as_ref().map_or(problem, |(_, p)| p);
-                self.nnls.solve(problem, b)
-            }
-        };
+            };
+            result.x.copy_from_slice(solution.x.as_slice());
+            (result.residual, result.gap, result.status) = (solution.residual, solution.gap, solution.status);
+            return None;
+        }
+        let ridge = sigma / expected;
+        let known = weighted.solving.as_ref().map_or(0.0, |(made_for, _)| ridge / made_for);
+        // A ridge told from frame after frame scatters; a larger one loses less by what is left out, not more.
+        if !(0.5..8.0).contains(&known) {
+            let fraction = self.options.drop_below_ridge * ridge / problem.singular().max();
+            weighted.solving = Some((ridge, problem.without(fraction)));
+        }
         let problem = weighted.solving.as_ref().map_or(problem, |(_, p)| p);
+        self.nnls.set_ridge(ridge);
+        let mut outcome = self.nnls.solve_into(problem, &self.values, &mut result.x);
         // A picture far beyond what was expected was held down by the ridge: expect more and solve again.
         for _ in 0..MOST_RESCALINGS {
-            let largest = weighted.rise(&solution).amax();
+            let rises = result.x.iter().zip(&weighted.prior).map(|(x, prior)| x * prior);
+            let largest = rises.fold(0.0, f64::max);
             if largest <= LARGEST_OVER_EXPECTED * expected {
                 break;
             }
             expected = largest / LARGEST_OVER_EXPECTED;
             self.nnls.set_ridge(sigma / expected);
-            solution = self.nnls.solve(problem, b);
+            outcome = self.nnls.solve_into(problem, &self.values, &mut result.x);
         }
-        solution.x = weighted.rise(&solution);
-        (solution, Some(sigma / expected))
+        scale(&mut result.x, &weighted.prior);
+        (result.residual, result.gap, result.status) = (outcome.residual, outcome.gap, outcome.status);
+        Some(sigma / expected)
     }
 
     /// Prepares the reduced problem for the values in use and their weights; kept while they stay the same.
@@ -483,10 +505,12 @@ impl Reconstructor {
             column *= *prior;
         }
         self.nnls.reset();
+        let problem = Problem::new(&a, self.options.drop);
         self.weighted = Some(Weighted {
             used: difference.used.clone(),
             spread: difference.spread.clone(),
-            problem: Problem::new(&a, self.options.drop),
+            projector: Projector::new(&problem, problem.rank()),
+            problem,
             solving: None,
             prior,
             with_falls: None,
@@ -495,17 +519,11 @@ impl Reconstructor {
     }
 }
 
-impl Weighted {
-    /// A solution of the scaled problem as relative rises (and falls).
-    fn rise(&self, solution: &Solution) -> DVector<f64> {
-        let cells = self.prior.len();
-        DVector::from_fn(solution.x.len(), |k, _| solution.x[k] * self.prior[k % cells])
+/// Makes a solution of the scaled problem relative rises (and falls, where it holds both).
+fn scale(x: &mut [f64], prior: &DVector<f64>) {
+    for part in x.chunks_exact_mut(prior.len().max(1)) {
+        part.iter_mut().zip(prior).for_each(|(x, prior)| *x *= prior);
     }
-}
-
-/// The difference with every value over its spread.
-fn weighted(difference: &Difference) -> DVector<f64> {
-    DVector::from_fn(difference.y.len(), |k, _| difference.y[k] / difference.spread[k])
 }
 
 /// How many times its noise the mean power of a frame may be by chance: the quantile of Fisher's distribution (of

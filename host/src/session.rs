@@ -2,12 +2,14 @@
 
 use crate::link::{Link, LinkError, Port};
 use forward::{Measurement, Pair, Pattern, PatternError};
-use protocol::{BoardError, Command, Frame, FromBoard, Hello, Plan, PlanError, Sampling, ToBoard, Version};
-use std::cell::Cell;
+use protocol::{
+    BoardError, Command, Frame, FromBoard, Hello, Plan, PlanError, Sampling, ToBoard, Version, Watch, Watching,
+};
+use std::cell::{Cell, RefCell};
 use std::time::{Duration, Instant};
 
 /// How long a board that is there may take to answer, and how often it is reminded of what it was told.
-const PATIENCE: Duration = Duration::from_millis(1000);
+pub(crate) const PATIENCE: Duration = Duration::from_millis(1000);
 /// How often a command is sent before its answer is given up.
 const TRIES: u32 = 3;
 
@@ -18,6 +20,11 @@ pub struct Session {
     plan: Plan,
     /// When the board was last told what to do.
     told: Cell<Instant>,
+    /// The watch in force.
+    watch: RefCell<Option<Watch>>,
+    /// What the board does about it, and when it last said so.
+    watching: Cell<Watching>,
+    beat: Cell<Instant>,
 }
 
 /// One measured frame as numbers.
@@ -32,7 +39,8 @@ pub struct MeasuredFrame {
 }
 
 impl Session {
-    /// Greets the board behind a port, gives it the plan that `choose` makes for it and starts it.
+    /// Greets the board behind a port, gives it the plan that `choose` makes for it and starts it, without a watch: it sends
+    /// frames all the time until [`Session::set_watch`].
     ///
     /// # Errors
     /// [`LinkError`]: no answer, another protocol, a plan that the board cannot carry out.
@@ -53,6 +61,9 @@ impl Session {
                 _ => None,
             },
         )?;
+        insist(&link, "the watch", &ToBoard::SetWatch(None), PATIENCE, |m| {
+            matches!(m, FromBoard::Watch(None)).then_some(())
+        })?;
         insist(&link, "the start", &ToBoard::Start, PATIENCE, |m| {
             matches!(m, FromBoard::Ack(Command::Start)).then_some(())
         })?;
@@ -61,6 +72,9 @@ impl Session {
             hello,
             plan,
             told: Cell::new(Instant::now()),
+            watch: RefCell::new(None),
+            watching: Cell::new(Watching::Off),
+            beat: Cell::new(Instant::now()),
         })
     }
 
@@ -77,6 +91,20 @@ impl Session {
     /// The link, for its counters.
     pub fn link(&self) -> &Link {
         &self.link
+    }
+
+    /// Lets the board watch while nothing touches, or send frames all the time (`None`). It learns the watch's baseline now:
+    /// nothing may touch. While it is asleep no frames come, but signs of life.
+    pub fn set_watch(&self, watch: Option<Watch>) {
+        self.told.set(Instant::now());
+        self.watching.set(Watching::Off);
+        self.link.send(ToBoard::SetWatch(watch.clone()));
+        self.watch.replace(watch);
+    }
+
+    /// What the board does about its watch, as it last said, and how long ago.
+    pub fn watching(&self) -> (Watching, Duration) {
+        (self.watching.get(), self.beat.get().elapsed())
     }
 
     /// The measurements of a frame, in order.
@@ -96,7 +124,7 @@ impl Session {
         Pattern::from_list(self.hello.electrodes.into(), list)
     }
 
-    /// The next frame of the plan in force, or `None` when none came in time. A board that was reset meanwhile (its
+    /// The next frame of the plan in force, or `None` when none came in time, or the board said that it watches. A board that was reset meanwhile (its
     /// sequence and its time begin anew) is given the plan again and started.
     ///
     /// # Errors
@@ -116,6 +144,12 @@ impl Session {
                 Some(FromBoard::Frame(frame)) if self.fits(&frame) => return Ok(Some(self.measured(&frame))),
                 Some(FromBoard::Hello(hello)) if !hello.is_same_board(&self.hello) => {
                     return Err(LinkError::Lost("another board is behind the port now".to_owned()));
+                }
+                Some(FromBoard::Heartbeat(beat)) => {
+                    self.told.set(Instant::now());
+                    self.beat.set(Instant::now());
+                    self.watching.set(beat.state);
+                    return Ok(None);
                 }
                 // It was reset: every time it is, at once.
                 Some(FromBoard::Hello(_)) => self.resume(),
@@ -138,6 +172,7 @@ impl Session {
     /// Tells the board again what to do.
     fn resume(&self) {
         self.told.set(Instant::now());
+        self.link.send(ToBoard::SetWatch(self.watch.borrow().clone()));
         self.link.send(ToBoard::SetPlan(self.plan.clone()));
         self.link.send(ToBoard::Start);
     }
@@ -177,8 +212,16 @@ impl Session {
 /// # Errors
 /// [`PlanError`] when the board has too few electrodes to measure anything, or more than a frame holds.
 pub fn adjacent_plan(hello: &Hello) -> Result<Plan, PlanError> {
-    let plan = Plan::adjacent(hello.electrodes)?;
-    Ok(if hello.limits.channels >= hello.electrodes {
+    adjacent_plan_for(hello.electrodes, hello.limits.channels)
+}
+
+/// The same for a board of so many electrodes and channels.
+///
+/// # Errors
+/// As for [`adjacent_plan`].
+pub fn adjacent_plan_for(electrodes: u8, channels: u8) -> Result<Plan, PlanError> {
+    let plan = Plan::adjacent(electrodes)?;
+    Ok(if channels >= electrodes {
         Plan {
             id: 3,
             integrate_periods: 6,
@@ -213,7 +256,7 @@ pub fn greet(link: &Link) -> Result<Hello, LinkError> {
 
 /// Asks up to [`TRIES`] times for an answer that `accept` takes, each time for a while: a command or its answer may be
 /// damaged on the way.
-fn insist<T>(
+pub(crate) fn insist<T>(
     link: &Link,
     what: &'static str,
     command: &ToBoard,

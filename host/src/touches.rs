@@ -21,8 +21,7 @@ pub struct TouchOptions {
 #[derive(Clone, Debug)]
 pub struct TouchFinder {
     options: TouchOptions,
-    /// For every cell its neighbours (itself included) with their weights.
-    kernel: Vec<Vec<(u32, f64)>>,
+    smoothing: Smoothing,
     /// The eight neighbours of every cell.
     neighbours: Vec<Vec<u32>>,
     centres: Vec<[f64; 2]>,
@@ -31,6 +30,7 @@ pub struct TouchFinder {
     order: Vec<u32>,
     /// Peak whose ground a cell belongs to, and every peak's height at the saddle where it met a higher one.
     ground: Vec<u32>,
+    peaks: Vec<Peak>,
 }
 
 const NONE: u32 = u32::MAX;
@@ -38,77 +38,49 @@ const NONE: u32 = u32::MAX;
 impl TouchFinder {
     /// Prepares for a grid.
     pub fn new(grid: &CellGrid, options: TouchOptions) -> Self {
-        let reach = (3.0 * options.smoothing_mm / grid.cell_mm()).ceil() as i64;
-        let near = |cell: usize, reach: i64| {
+        let near = |cell: usize| {
             let [c, r] = grid.cells()[cell].map(i64::from);
-            let mut out = Vec::new();
-            for dr in -reach..=reach {
-                for dc in -reach..=reach {
-                    if let (Ok(c), Ok(r)) = (usize::try_from(c + dc), usize::try_from(r + dr))
-                        && let Some(other) = grid.at(c, r)
-                    {
-                        out.push((other as u32, (dc * dc + dr * dr) as f64));
-                    }
-                }
-            }
-            out
+            let around = (-1..=1).flat_map(move |dr| (-1..=1).map(move |dc| (c + dc, r + dr)));
+            around.filter_map(|(c, r)| grid.at(usize::try_from(c).ok()?, usize::try_from(r).ok()?))
         };
-        let variance = (options.smoothing_mm / grid.cell_mm()).powi(2);
-        let kernel = (0..grid.len())
-            .map(|cell| {
-                // Normalised over the cells there are, so that a touch at the rim is not dimmed.
-                let mut weights: Vec<(u32, f64)> = near(cell, reach)
-                    .into_iter()
-                    .map(|(k, d2)| (k, (-0.5 * d2 / variance.max(1e-12)).exp()))
-                    .collect();
-                let sum: f64 = weights.iter().map(|w| w.1).sum();
-                weights.iter_mut().for_each(|w| w.1 /= sum);
-                weights
-            })
-            .collect();
         let neighbours = (0..grid.len())
-            .map(|cell| {
-                near(cell, 1)
-                    .into_iter()
-                    .filter(|(k, _)| *k as usize != cell)
-                    .map(|(k, _)| k)
-                    .collect()
-            })
+            .map(|cell| near(cell).filter(|k| *k != cell).map(|k| k as u32).collect())
             .collect();
         Self {
             options,
-            kernel,
+            smoothing: Smoothing::new(grid, options.smoothing_mm),
             neighbours,
             centres: (0..grid.len()).map(|k| grid.centre(k)).collect(),
             area_mm2: grid.cell_mm().powi(2),
             smooth: vec![0.0; grid.len()],
-            order: (0..grid.len() as u32).collect(),
+            order: Vec::with_capacity(grid.len()),
+            peaks: Vec::new(),
             ground: vec![NONE; grid.len()],
         }
     }
 
-    /// The touches of a picture (relative rise of every cell), strongest first.
-    pub fn find(&mut self, x: &[f64]) -> Vec<Touch> {
-        for (out, kernel) in self.smooth.iter_mut().zip(&self.kernel) {
-            *out = kernel.iter().map(|(k, w)| w * x[*k as usize]).sum();
-        }
+    /// The touches of a picture (relative rise of every cell), strongest first; `touches` is emptied before.
+    pub fn find(&mut self, x: &[f64], touches: &mut Vec<Touch>) {
+        touches.clear();
+        self.smoothing.smooth(x, &mut self.smooth);
         let smooth = &self.smooth;
         let highest = smooth.iter().copied().fold(0.0, f64::max);
         let least = (self.options.least_of_strongest * highest).max(self.options.least_rise);
         if highest <= 0.0 || highest < self.options.least_rise {
-            return Vec::new();
+            return;
         }
+        self.order.clear();
+        self.order
+            .extend((0..smooth.len() as u32).filter(|k| smooth[*k as usize] >= 0.5 * least));
         self.order
             .sort_unstable_by(|a, b| smooth[*b as usize].total_cmp(&smooth[*a as usize]).then(a.cmp(b)));
         self.ground.fill(NONE);
         // Flood from the top: a cell without a higher neighbour starts a peak, one between two joins them, and the lower
         // peak is judged there by how far it stands above the saddle.
-        let mut peaks: Vec<Peak> = Vec::new();
+        let mut peaks = std::mem::take(&mut self.peaks);
+        peaks.clear();
         for cell in &self.order {
             let here = *cell as usize;
-            if smooth[here] < 0.5 * least {
-                break;
-            }
             let mut own: Option<usize> = None;
             for n in &self.neighbours[here] {
                 let g = self.ground[*n as usize];
@@ -143,20 +115,22 @@ impl TouchFinder {
             });
             self.ground[here] = mine as u32;
         }
-        let mut touches: Vec<Touch> = (0..peaks.len())
-            .filter(|k| peaks[*k].merged.is_none() && peaks[*k].height >= least)
-            .map(|k| self.measure(k, &peaks, x))
-            .collect();
-        touches.sort_by(|a, b| b.rise.total_cmp(&a.rise));
-        touches
+        let stand = (0..peaks.len()).filter(|k| peaks[*k].merged.is_none() && peaks[*k].height >= least);
+        touches.extend(stand.map(|k| self.measure(k, &peaks, x)));
+        touches.sort_unstable_by(|a, b| b.rise.total_cmp(&a.rise));
+        self.peaks = peaks;
     }
 
     /// Centroid, area and height of one peak over its ground above half its height.
     fn measure(&self, peak: usize, peaks: &[Peak], x: &[f64]) -> Touch {
         let half = 0.5 * peaks[peak].height;
         let (mut sum, mut sx, mut sy, mut cells, mut rise) = (0.0, 0.0, 0.0, 0.0, 0.0_f64);
-        for (cell, ground) in self.ground.iter().enumerate() {
-            if *ground == NONE || root(peaks, *ground as usize) != peak || self.smooth[cell] < half {
+        for cell in self.order.iter().map(|cell| *cell as usize) {
+            // In falling order.
+            if self.smooth[cell] < half {
+                break;
+            }
+            if root(peaks, self.ground[cell] as usize) != peak {
                 continue;
             }
             let w = x[cell].max(0.0);
@@ -179,6 +153,76 @@ impl TouchFinder {
     }
 }
 
+/// A bell of a standard deviation over the cells there are, normalised so that a touch at the rim is not dimmed. Rows and
+/// columns of the lattice are smoothed one after the other.
+#[derive(Clone, Debug)]
+struct Smoothing {
+    taps: Vec<f64>,
+    /// Columns of the lattice, with the bell's reach on both sides.
+    columns: usize,
+    /// Place of every cell in the padded lattice, and one over the weight of the cells around it.
+    places: Vec<u32>,
+    scale: Vec<f64>,
+    lattice: Vec<f64>,
+    half: Vec<f64>,
+}
+
+impl Smoothing {
+    fn new(grid: &CellGrid, deviation_mm: f64) -> Self {
+        let reach = (3.0 * deviation_mm / grid.cell_mm()).ceil() as i32;
+        let variance = (deviation_mm / grid.cell_mm()).powi(2).max(1e-12);
+        let taps: Vec<f64> = (-reach..=reach)
+            .map(|d| (-0.5 * f64::from(d * d) / variance).exp())
+            .collect();
+        let pad = reach as usize;
+        let (columns, rows) = grid.shape();
+        let (columns, rows) = (columns + 2 * pad, rows + 2 * pad);
+        let places = grid
+            .cells()
+            .iter()
+            .map(|[c, r]| ((*r as usize + pad) * columns + *c as usize + pad) as u32)
+            .collect();
+        let mut smoothing = Self {
+            taps,
+            columns,
+            places,
+            scale: vec![1.0; grid.len()],
+            lattice: vec![0.0; columns * rows],
+            half: vec![0.0; columns * rows],
+        };
+        let mut weights = vec![0.0; grid.len()];
+        smoothing.smooth(&vec![1.0; grid.len()], &mut weights);
+        smoothing.scale = weights.iter().map(|w| 1.0 / w).collect();
+        smoothing
+    }
+
+    fn smooth(&mut self, x: &[f64], out: &mut [f64]) {
+        for (place, x) in self.places.iter().zip(x) {
+            self.lattice[*place as usize] = *x;
+        }
+        convolve(&self.lattice, &self.taps, 1, &mut self.half);
+        convolve(&self.half, &self.taps, self.columns, &mut self.lattice);
+        for ((place, scale), out) in self.places.iter().zip(&self.scale).zip(out) {
+            *out = scale * self.lattice[*place as usize];
+        }
+        self.lattice.fill(0.0);
+    }
+}
+
+/// `out_k = sum of taps_i x_(k + (i - middle) step)`, where all of these exist.
+fn convolve(x: &[f64], taps: &[f64], step: usize, out: &mut [f64]) {
+    let reach = taps.len() / 2 * step;
+    let end = x.len().saturating_sub(reach);
+    out.fill(0.0);
+    let Some(inner) = out.get_mut(reach..end) else { return };
+    for (i, tap) in taps.iter().enumerate() {
+        for (out, x) in inner.iter_mut().zip(&x[i * step..]) {
+            *out += tap * x;
+        }
+    }
+}
+
+#[derive(Clone, Debug)]
 struct Peak {
     height: f64,
     merged: Option<usize>,
@@ -208,6 +252,12 @@ mod tests {
         (grid, finder)
     }
 
+    fn find(finder: &mut TouchFinder, x: &[f64]) -> Vec<Touch> {
+        let mut touches = vec![Touch::default()];
+        finder.find(x, &mut touches);
+        touches
+    }
+
     fn bumps(grid: &CellGrid, at: &[[f64; 3]]) -> Vec<f64> {
         (0..grid.len())
             .map(|k| {
@@ -223,7 +273,7 @@ mod tests {
     fn separate_bumps_are_found_where_they_are_strongest_first() {
         let (grid, mut finder) = finder();
         let truth = [[-40.0, 11.0, 0.1], [33.0, 42.0, 0.3], [20.0, -51.0, 0.2]];
-        let touches = finder.find(&bumps(&grid, &truth));
+        let touches = find(&mut finder, &bumps(&grid, &truth));
         assert_eq!(touches.len(), 3);
         for (t, k) in touches.iter().zip([1, 2, 0]) {
             assert!((t.x_mm - truth[k][0]).hypot(t.y_mm - truth[k][1]) < 0.7, "{t:?}");
@@ -235,19 +285,46 @@ mod tests {
     fn two_bumps_that_run_into_one_another_are_one() {
         let (grid, mut finder) = finder();
         assert_eq!(
-            finder.find(&bumps(&grid, &[[0.0, 0.0, 0.2], [12.0, 0.0, 0.2]])).len(),
+            find(&mut finder, &bumps(&grid, &[[0.0, 0.0, 0.2], [12.0, 0.0, 0.2]])).len(),
             1
         );
         assert_eq!(
-            finder.find(&bumps(&grid, &[[0.0, 0.0, 0.2], [32.0, 0.0, 0.2]])).len(),
+            find(&mut finder, &bumps(&grid, &[[0.0, 0.0, 0.2], [32.0, 0.0, 0.2]])).len(),
             2
         );
     }
 
     #[test]
+    fn smoothing_keeps_what_is_even_and_spreads_a_cell_as_a_bell() {
+        let grid = CellGrid::new(&Geometry::new(&Sheet::paper()).unwrap(), 5.0).unwrap();
+        let mut smoothing = Smoothing::new(&grid, 5.0);
+        let mut out = vec![0.0; grid.len()];
+        smoothing.smooth(&vec![0.3; grid.len()], &mut out);
+        assert!(out.iter().all(|v| (v - 0.3).abs() < 1e-14));
+        let from_middle = |k: usize| grid.centre(k)[0].hypot(grid.centre(k)[1]);
+        let middle = (0..grid.len())
+            .min_by(|a, b| from_middle(*a).total_cmp(&from_middle(*b)))
+            .unwrap();
+        let mut one = vec![0.0; grid.len()];
+        one[middle] = 1.0;
+        smoothing.smooth(&one, &mut out);
+        let along = (-3..=3).map(|d| (-0.5 * f64::from(d * d)).exp()).sum::<f64>();
+        for (k, v) in out.iter().enumerate() {
+            let [x, y] = [0, 1].map(|i| (grid.centre(k)[i] - grid.centre(middle)[i]) / 5.0);
+            let inside = x.abs().max(y.abs()) < 3.5;
+            let bell = if inside {
+                (-0.5 * (x * x + y * y)).exp() / (along * along)
+            } else {
+                0.0
+            };
+            assert!((v - bell).abs() < 1e-15, "{x} {y}: {v} {bell}");
+        }
+    }
+
+    #[test]
     fn nothing_is_nothing() {
         let (grid, mut finder) = finder();
-        assert!(finder.find(&vec![0.0; grid.len()]).is_empty());
-        assert!(finder.find(&vec![0.001; grid.len()]).is_empty());
+        assert!(find(&mut finder, &vec![0.0; grid.len()]).is_empty());
+        assert!(find(&mut finder, &vec![0.001; grid.len()]).is_empty());
     }
 }

@@ -9,7 +9,6 @@
 //! too many costs time, a touch that lags behind costs accuracy.
 
 use crate::reconstruct::{Problem, Projector};
-use nalgebra::{DMatrix, DVector};
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
 /// Directions in which a cell of the expected rise gives less than this part of the noise are not looked at.
@@ -19,6 +18,8 @@ const LEAST_DIRECTIONS: usize = 8;
 /// along the touches.
 const ANEW_ANYWHERE: f64 = 0.01;
 const ANEW_ALONG: f64 = 0.1;
+/// A direction of which less than this part (of its square) is new lies in those before it.
+const DEPENDENT: f64 = 1e-18;
 
 /// What a frame turns out to be.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -32,11 +33,11 @@ pub(crate) enum Seen {
 }
 
 /// The frame reconstructed last.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 struct Last {
     reduced: Vec<f64>,
     /// Orthonormal directions along the touches' parameters, one after the other.
-    along: Vec<Vec<f64>>,
+    along: Vec<f64>,
     limit_along: f64,
 }
 
@@ -52,7 +53,11 @@ pub(crate) struct Watch {
     projector: Projector,
     limit: f64,
     limit_same: f64,
-    last: Option<Last>,
+    last: Last,
+    /// Whether `last` is meant.
+    remembers: bool,
+    /// Limits along so many directions, as far as they were needed.
+    limits_along: Vec<f64>,
 }
 
 impl Watch {
@@ -83,7 +88,9 @@ impl Watch {
             gain,
             offset,
             projector,
-            last: None,
+            last: Last::default(),
+            remembers: false,
+            limits_along: Vec::new(),
         })
     }
 
@@ -118,16 +125,17 @@ impl Watch {
         if square(reduced) <= self.limit {
             return Seen::Nothing;
         }
-        let Some(last) = &self.last else {
+        if !self.remembers {
             return Seen::New;
-        };
+        }
+        let last = &self.last;
         let mut change = 0.0;
         for (a, b) in reduced.iter().zip(&last.reduced) {
             change += (a - b) * (a - b);
         }
         let along: f64 = last
             .along
-            .iter()
+            .chunks_exact(reduced.len())
             .map(|q| {
                 let dot: f64 = q
                     .iter()
@@ -146,28 +154,56 @@ impl Watch {
     }
 
     /// Remembers the frame looked at last as reconstructed, with the directions (in the problem's reduced space) in which
-    /// the parameters of its touches move it.
-    pub(crate) fn remember(&mut self, reduced: &DVector<f64>, slopes: Option<&DMatrix<f64>>) {
+    /// the parameters of its touches move it: columns of `stride` entries.
+    pub(crate) fn remember(&mut self, reduced: &[f64], slopes: &[f64], stride: usize) {
         let directions = self.projector.directions();
-        self.last = slopes
-            .filter(|s| s.nrows() >= directions && s.ncols() > 0)
-            .and_then(|slopes| {
-                let q = slopes.rows(0, directions).into_owned().qr().q();
-                let limit = ChiSquared::new(q.ncols() as f64).ok()?.inverse_cdf(1.0 - ANEW_ALONG);
-                Some(Last {
-                    reduced: reduced.iter().take(directions).copied().collect(),
-                    along: q.column_iter().map(|c| c.iter().copied().collect()).collect(),
-                    limit_along: 2.0 * limit * self.sigma * self.sigma,
-                })
-            });
+        self.remembers = stride >= directions && reduced.len() >= directions && !slopes.is_empty();
+        if !self.remembers {
+            return;
+        }
+        let last = &mut self.last;
+        last.reduced.clear();
+        last.reduced.extend_from_slice(&reduced[..directions]);
+        last.along.clear();
+        for column in slopes.chunks_exact(stride) {
+            let start = last.along.len();
+            last.along.extend_from_slice(&column[..directions]);
+            let (earlier, this) = last.along.split_at_mut(start);
+            let before = square(this);
+            // Gram and Schmidt, twice: then they are orthogonal to rounding.
+            for _ in 0..2 {
+                for q in earlier.chunks_exact(directions) {
+                    let part = dot(q, this);
+                    this.iter_mut().zip(q).for_each(|(t, q)| *t -= part * q);
+                }
+            }
+            let length = square(this);
+            if length > DEPENDENT * before {
+                let scale = 1.0 / length.sqrt();
+                this.iter_mut().for_each(|t| *t *= scale);
+            } else {
+                last.along.truncate(start);
+            }
+        }
+        let count = last.along.len() / directions.max(1);
+        while self.limits_along.len() <= count {
+            let freedom = self.limits_along.len().max(1) as f64;
+            let limit = ChiSquared::new(freedom).map_or(0.0, |c| c.inverse_cdf(1.0 - ANEW_ALONG));
+            self.limits_along.push(2.0 * limit * self.sigma * self.sigma);
+        }
+        last.limit_along = self.limits_along[count];
     }
 
     /// Forgets it: the next frame that is not nothing is new.
     pub(crate) fn forget(&mut self) {
-        self.last = None;
+        self.remembers = false;
     }
 }
 
 fn square(values: &[f64]) -> f64 {
-    values.iter().map(|v| v * v).sum()
+    dot(values, values)
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }

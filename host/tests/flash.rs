@@ -48,6 +48,54 @@ impl BootPort for Wire<'_> {
     }
 }
 
+/// The two lines joined by a transistor, as drawn in docs/board.md: reset while RTS is asserted and DTR is not. BOOT0 follows
+/// DTR at once, the reset some milliseconds after its line.
+struct Joined<'a> {
+    chip: Wire<'a>,
+    rts: bool,
+    dtr: bool,
+}
+
+impl Joined<'_> {
+    fn lines(&mut self, rts: bool, dtr: bool) -> io::Result<()> {
+        (self.rts, self.dtr) = (rts, dtr);
+        self.chip.set_boot(dtr)?;
+        self.chip.set_reset(rts && !dtr)
+    }
+}
+
+impl Read for Joined<'_> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        self.chip.read(buffer)
+    }
+}
+
+impl Write for Joined<'_> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.chip.write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.chip.flush()
+    }
+}
+
+impl BootPort for Joined<'_> {
+    fn set_boot(&mut self, high: bool) -> io::Result<()> {
+        self.lines(self.rts, high)
+    }
+
+    fn set_reset(&mut self, held: bool) -> io::Result<()> {
+        self.lines(held, self.dtr)
+    }
+
+    fn wait(&mut self, _: Duration) {}
+
+    fn clear(&mut self) -> io::Result<()> {
+        self.chip.clear()
+    }
+}
+
 const F446: u16 = 0x421;
 
 /// A program like the board's: vectors at the start, the rest from 64 KiB on, bytes of no pattern.
@@ -89,6 +137,32 @@ fn a_bare_chip_is_programmed_and_started() {
     let again = programmed(&mut rom, &image).unwrap();
     assert_eq!((again.written, again.erased), (0, 0));
     assert_eq!(again.kept, outcome.written);
+}
+
+#[test]
+fn with_the_lines_joined_it_is_programmed_too_and_a_terminal_does_not_hold_it() {
+    let image = image(F446, 5_000, 9);
+    let mut rom = BootRom::new(F446, 512);
+    fn joined(rom: &mut BootRom) -> Joined<'_> {
+        let (chip, rts, dtr) = (Wire(rom), false, false);
+        Joined { chip, rts, dtr }
+    }
+    let mut bootloader = Bootloader::connect(joined(&mut rom), true).unwrap();
+    flash(&mut bootloader, &image, |_, _, _| {}).unwrap();
+    bootloader.start(FLASH_START, true).unwrap();
+    drop(bootloader);
+    assert!(rom.runs_program() && holds(&rom, &image));
+    // A terminal: both lines as it opens the port, neither as it closes it, in either order. Whatever it does on the way, the
+    // program runs while it is open, and afterwards.
+    for close in [[(true, false), (false, false)], [(false, true), (false, false)]] {
+        let mut port = joined(&mut rom);
+        port.lines(true, true).unwrap();
+        assert!(port.chip.0.runs_program());
+        for (rts, dtr) in close {
+            port.lines(rts, dtr).unwrap();
+        }
+        assert!(rom.runs_program());
+    }
 }
 
 #[test]

@@ -76,6 +76,37 @@ fn an_untouched_sheet_costs_no_reconstruction_and_no_allocation() {
     }
 }
 
+/// Everything that a frame needs is there once frames like it have come: picture, peaks, fit, noise, what the watch keeps.
+#[test]
+fn touches_that_move_are_reconstructed_without_allocation() {
+    let mut w = Watched::new(75);
+    let frames: Vec<Vec<f64>> = (0..40)
+        .map(|k| {
+            let angle = 0.05 * f64::from(k);
+            let touches: Vec<DiscTouch> = (0..3)
+                .map(|t| {
+                    let angle = angle + 2.1 * f64::from(t);
+                    touch(45.0 * angle.cos(), 45.0 * angle.sin())
+                })
+                .collect();
+            let clean = w.clean(&touches);
+            w.noisy(&clean)
+        })
+        .collect();
+    for pass in 0..2 {
+        for (k, frame) in frames.iter().enumerate() {
+            let (r, baseline) = (&mut w.reconstructor, &w.bench.baseline);
+            let mut found = (0, false);
+            let used = allocation_counter::measure(|| {
+                let result = r.frame(baseline, frame).unwrap();
+                found = (result.touches.len(), result.anew);
+            });
+            assert_eq!(found, (3, true), "{k}");
+            assert!(pass == 0 || used.count_total == 0, "{k}: {used:?}");
+        }
+    }
+}
+
 #[test]
 fn a_scene_at_rest_keeps_its_result() {
     let mut w = Watched::new(72);

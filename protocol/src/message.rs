@@ -2,7 +2,7 @@
 
 use crate::{
     Baseline, BoardError, Counters, FoldedPeriod, Frame, FrameRef, Heartbeat, Hello, PeriodRequest, Plan, SelfTest,
-    Watch,
+    Status, Watch,
 };
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
@@ -48,6 +48,8 @@ pub enum ToBoard {
     /// Forget what is in the store: from the next power-up on the board begins as it was made. Not while frames are being
     /// measured.
     ForgetSettings,
+    /// Answered by [`FromBoard::Status`].
+    GetStatus,
 }
 
 /// Which command an acknowledgement is for.
@@ -97,6 +99,8 @@ pub enum FromBoard {
     SelfTest(SelfTest),
     /// One folded period.
     Period(FoldedPeriod),
+    /// What it is set to and does.
+    Status(Status),
 }
 
 /// A [`FromBoard`] to send, borrowed from where it is: the same bytes on the wire without a copy in memory. Variants as in
@@ -115,6 +119,7 @@ pub enum Outgoing<'a> {
     Baseline(&'a Baseline),
     SelfTest(&'a SelfTest),
     Period(&'a FoldedPeriod),
+    Status(Status),
 }
 
 impl<'a> From<&'a FromBoard> for Outgoing<'a> {
@@ -131,6 +136,7 @@ impl<'a> From<&'a FromBoard> for Outgoing<'a> {
             FromBoard::Baseline(m) => Self::Baseline(m),
             FromBoard::SelfTest(m) => Self::SelfTest(m),
             FromBoard::Period(m) => Self::Period(m),
+            FromBoard::Status(m) => Self::Status(*m),
         }
     }
 }

@@ -205,6 +205,15 @@ impl Plan {
         }
     }
 
+    /// The same 208 values one after the other, a quarter period to settle and one to integrate: 260 periods, 70.6 ms.
+    pub fn sequential_fast() -> Self {
+        Self {
+            id: 11,
+            settle_quarters: 1,
+            ..Self::sequential()
+        }
+    }
+
     /// One value of each of the 104 pairs of values that reciprocity joins, that of the drive pair with the lower number;
     /// one after the other, one period to settle and one to integrate: 208 periods, 56 ms.
     pub fn independent() -> Self {

@@ -1,5 +1,6 @@
 //! What the board does while nothing touches, and what it says meanwhile.
 
+use crate::hello::Hello;
 use crate::plan::{Pair, Recipe, Sampling, Slot};
 use crate::value::Value;
 use heapless::Vec;
@@ -65,6 +66,46 @@ impl Watch {
             heartbeat_scans: 295,
             slots: [slot(0), slot(8)].into_iter().collect(),
         }
+    }
+
+    /// For a board with one channel, on the paper's disc: eight drives 90 degrees wide all round, and of each one sense pair
+    /// across them. Each of the eight values takes a quarter period and one, and the board can wake after each. A scan of
+    /// 10 periods shows the least visible touch of 25 N at 202 times its noise; then it rests 20 periods. The threshold
+    /// is passed by chance once in 10^11. `hil-sim/examples/watch.rs` chooses the pairs.
+    pub fn sequential() -> Self {
+        let slot = |plus: u8| Slot {
+            drive: Pair {
+                plus,
+                minus: (plus + 4) % 16,
+            },
+            sense_step: 6,
+            sense: 1 << ((plus + 2) % 16),
+            gain: 0,
+        };
+        Self {
+            settle_quarters: 1,
+            integrate_periods: 1,
+            sampling: Sampling::Sequential,
+            rest_quarters: 80,
+            learn_scans: 128,
+            threshold: 2304,
+            frames_between: 1,
+            quiet_scans: 4,
+            heartbeat_scans: 123,
+            slots: (0..8).map(|k| slot(2 * k)).collect(),
+        }
+    }
+
+    /// The watch for a board that samples so many channels at once: [`Watch::paper`] where there is one for every electrode,
+    /// else [`Watch::sequential`]. `None` for other than the paper's 16 electrodes, for which none was chosen.
+    pub fn for_board(board: &Hello) -> Option<Self> {
+        (board.electrodes == 16).then(|| {
+            if board.limits.channels >= board.electrodes {
+                Self::paper()
+            } else {
+                Self::sequential()
+            }
+        })
     }
 
     /// What a scan needs to know.

@@ -8,6 +8,7 @@ use host::link::Port;
 use host::live::{Live, LiveFrame, LiveOptions};
 use host::picture::Touch;
 use host::session::{Session, adjacent_plan};
+use protocol::{Hello, Plan, PlanError};
 use std::error::Error;
 use std::sync::Arc;
 use std::time::Duration;
@@ -36,7 +37,20 @@ pub fn simulated(scene: Scene, config: SimConfig) -> Result<SimPort, Box<dyn Err
 /// # Errors
 /// Whatever goes wrong on the way.
 pub fn run(port: Box<dyn Port>, baseline_frames: usize, until_s: f64) -> Result<Run, Box<dyn Error>> {
-    let session = Session::start(port, adjacent_plan)?;
+    run_by(port, adjacent_plan, baseline_frames, until_s)
+}
+
+/// The same by the plan that `choose` makes for the board.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_by(
+    port: Box<dyn Port>,
+    choose: impl FnOnce(&Hello) -> Result<Plan, PlanError>,
+    baseline_frames: usize,
+    until_s: f64,
+) -> Result<Run, Box<dyn Error>> {
+    let session = Session::start(port, choose)?;
     let imager = Arc::new(Imager::new(&Sheet::paper(), Drive::PAPER, session.pattern()?, 5.0)?);
     let options = LiveOptions {
         baseline_frames,

@@ -2,8 +2,9 @@
 #![allow(clippy::unwrap_used, reason = "a test")]
 
 use hil_sim::{Scene, SimConfig, Touch};
+use host::plans::live_plan;
 use rand::{Rng, SeedableRng};
-use tests::{run, simulated};
+use tests::{run, run_by, simulated};
 
 /// Fingers come down after this time, s: before it the baseline is taken.
 const DOWN_S: f64 = 0.9;
@@ -103,5 +104,39 @@ fn a_touch_keeps_its_number_while_it_moves() {
         let now = truth.truth(t + 0.015)[0];
         let off = (touches[0].x_mm - now.x_mm).hypot(touches[0].y_mm - now.y_mm);
         assert!(off < 4.0, "{off} mm at {t} s");
+    }
+}
+
+/// By the plan of live pictures: 115 frames/s, one period for every value.
+#[test]
+fn at_the_rate_of_live_pictures_the_touches_are_as_right() {
+    let truth = [[35.0, 20.0], [-40.0, -25.0]];
+    let scene = Scene {
+        touches: truth
+            .iter()
+            .map(|p| Touch::finger(&[(DOWN_S + 0.1, p[0], p[1]), (9.0, p[0], p[1])], 20.0, 0.1))
+            .collect(),
+        ..Scene::empty()
+    };
+    let port = simulated(scene, SimConfig::default()).unwrap();
+    // The frames of 0.7 s make the baseline.
+    let run = run_by(Box::new(port), live_plan, 80, DOWN_S + 0.8).unwrap();
+    assert_eq!((run.lost_frames, run.values_missing), (0, 0));
+    let before: Vec<_> = run.pictures.iter().filter(|(t, _)| *t < DOWN_S - 0.1).collect();
+    assert!(
+        !before.is_empty() && before.iter().all(|(_, touches)| touches.is_empty()),
+        "{before:?}"
+    );
+    let after: Vec<_> = run.pictures.iter().filter(|(t, _)| *t > DOWN_S + 0.2).collect();
+    assert!(after.len() > 60, "{}", after.len());
+    for (t, touches) in after {
+        assert_eq!(touches.len(), truth.len(), "at {t} s: {touches:?}");
+        for p in &truth {
+            let off = touches
+                .iter()
+                .map(|q| (q.x_mm - p[0]).hypot(q.y_mm - p[1]))
+                .fold(f64::INFINITY, f64::min);
+            assert!(off < 3.0, "at {t} s: {off:.1} mm off {p:?}: {touches:?}");
+        }
     }
 }

@@ -1,60 +1,59 @@
 //! What the linear model of discs leaves out: touches that see one another, the rim's image of a touch, the current that a
 //! voltage drive loses.
 //!
-//! The difference of two solutions on one mesh: the discs with their true rises, and the same discs so weak that they answer
-//! linearly, scaled up. What the mesh gets wrong of a disc's edge is in both and cancels. Taken off the data, it leaves
-//! what the linear model can fit; a second round, from the touches of the first, is enough for +300 %.
+//! The sheet is solved with the discs and without, on one mesh that follows their edges; the difference, less what the table
+//! says, is left out. Taken off the data, it leaves what the table can fit; a second round, from the touches of the first, is
+//! enough for +300 %. What the table's interpolation gets wrong goes with it.
 
 use super::Disc;
-use forward::field::conductivity_of_discs;
+use super::table::TouchTable;
 use forward::{DiscTouch, Drive, Model, Pattern, Solver};
 use std::f64::consts::PI;
 use std::sync::Arc;
 
-/// Scale of the weak discs.
-const WEAK: f64 = 0.02;
-
-/// Solves for discs on the imager's own mesh.
+/// Solves for discs on the imager's own mesh, moved onto their edges.
 pub struct Beyond {
     solver: Solver,
     drive: Drive,
     pattern: Pattern,
-    unpressed_v: Vec<f64>,
 }
 
 impl Beyond {
     /// Prepares the solver; `None` when the model cannot be solved.
     pub fn new(model: &Arc<Model>, drive: Drive, pattern: &Pattern) -> Option<Self> {
-        let solver = Solver::new(Arc::clone(model)).ok()?;
-        let unpressed_v = drive.frame_v(solver.electrode_matrix(), pattern);
         Some(Self {
-            solver,
+            solver: Solver::new(Arc::clone(model)).ok()?,
             drive,
             pattern: pattern.clone(),
-            unpressed_v,
         })
     }
 
-    /// What the discs (strengths in mm²) change beyond the linear model, V.
-    pub fn linear_v(&mut self, discs: &[Disc]) -> Option<Vec<f64>> {
-        let strong = self.change_v(discs, |d| d.rise())?;
-        let weak = self.change_v(discs, |d| WEAK * d.contrast())?;
-        Some(strong.iter().zip(&weak).map(|(s, w)| s - w / WEAK).collect())
-    }
-
-    fn change_v(&mut self, discs: &[Disc], rise: impl Fn(&Disc) -> f64) -> Option<Vec<f64>> {
+    /// What the discs (strengths in mm²) change beyond what the table (volts of the model) says, V.
+    pub fn table_v(&mut self, table: &TouchTable, discs: &[Disc]) -> Option<Vec<f64>> {
         let touches: Vec<DiscTouch> = discs
             .iter()
             .map(|d| DiscTouch {
                 centre_mm: d.at,
                 radius_mm: d.radius,
-                rise: rise(d),
+                rise: d.rise(),
             })
             .collect();
-        let conductivity = conductivity_of_discs(self.solver.model().mesh(), &touches);
-        let matrix = self.solver.solve(&conductivity).ok()?;
-        let v = self.drive.frame_v(matrix, &self.pattern);
-        Some(v.iter().zip(&self.unpressed_v).map(|(v, u)| v - u).collect())
+        let mut more = self
+            .drive
+            .frame_v(self.solver.solve_touches(&touches).ok()?, &self.pattern);
+        let untouched = self.solver.solve_untouched_there().ok()?;
+        for (m, unpressed) in more.iter_mut().zip(self.drive.frame_v(untouched, &self.pattern)) {
+            *m -= unpressed;
+        }
+        let mut answers: [Vec<f64>; 4] = std::array::from_fn(|_| vec![0.0; table.stride()]);
+        for d in discs {
+            let [value, x, y, radius] = &mut answers;
+            table.at(d.at, d.radius, [value, x, y, radius]);
+            for (m, v) in more.iter_mut().zip(value) {
+                *m -= d.strength * *v;
+            }
+        }
+        Some(more)
     }
 }
 

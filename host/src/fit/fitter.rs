@@ -1,9 +1,10 @@
 //! Fits frame after frame: keeps what only depends on the sheet, and goes beyond the linear model where it shows.
 
 use super::beyond::{self, Beyond};
+use super::order::{self, Scratch};
 use super::placement::Placement;
 use super::table::TouchTable;
-use super::{Disc, FitOptions, Fitted, fit, order};
+use super::{Discs, FitOptions, Fitted, Frame, MOST_TOUCHES, fit};
 use crate::imager::Imager;
 use crate::noise::NoiseEstimate;
 use nalgebra::DVector;
@@ -28,7 +29,7 @@ const MOST_RESIDUAL: f64 = 0.06;
 #[derive(Clone, Copy, Debug)]
 pub struct Data<'a> {
     /// The difference, V.
-    pub values: &'a DVector<f64>,
+    pub values: &'a [f64],
     /// Standard deviation of one of them, V.
     pub sigma: f64,
     /// What that was told from; none where it is a guess.
@@ -47,6 +48,9 @@ pub struct Fitter {
     placement: Option<Placement>,
     /// Degrees of freedom of the noise, and what a touch must bring at them.
     drop: Option<(usize, f64)>,
+    scratch: Scratch,
+    fitted: Fitted,
+    before: Fitted,
 }
 
 impl Fitter {
@@ -59,6 +63,9 @@ impl Fitter {
             options,
             beyond: None,
             drop: None,
+            scratch: Scratch::default(),
+            fitted: Fitted::default(),
+            before: Fitted::default(),
         })
     }
 
@@ -74,46 +81,63 @@ impl Fitter {
         table: &TouchTable,
         reduce: impl Fn(&DVector<f64>) -> DVector<f64>,
         data: Data,
-        seeds: &[[f64; 2]],
-    ) -> Option<Fitted> {
+        seeds: impl Iterator<Item = [f64; 2]>,
+    ) -> Option<&Fitted> {
         let options = self.options;
         let drop = self.drop(table, data.noise.map_or(1, |n| n.freedom));
-        let run = |values: &DVector<f64>, error: f64, seeds: &[Disc]| {
-            fit(table, &options, values, data.sigma, drop, error, seeds)
+        let frame = |error| Frame {
+            values: data.values,
+            sigma: data.sigma,
+            drop,
+            error,
         };
-        let seeds: Vec<Disc> = seeds.iter().map(|at| options.seed(*at)).collect();
+        let Self {
+            scratch,
+            fitted,
+            before,
+            beyond,
+            imager,
+            volts,
+            ..
+        } = self;
+        let seeds: Discs = seeds.take(MOST_TOUCHES).map(|at| options.seed(at)).collect();
         // Where the linear model's error shows, no touch may be added for it before it is corrected.
-        let norm = data.values.norm() / data.sigma;
+        let norm = data.values.iter().map(|v| v * v).sum::<f64>().sqrt() / data.sigma;
         let shows = LINEAR_ERROR * norm > 1.5 * WORTH_A_SOLUTION;
         let first = if shows { LINEAR_ERROR } else { options.model_error };
-        let mut fitted = run(data.values, first, &seeds)?;
+        fit(table, &options, frame(first), &seeds, scratch, fitted)?;
         for round in 0..MOST_ROUNDS {
-            let error = beyond::expected(&fitted.discs, &self.imager.outline_mm);
+            let error = beyond::expected(&fitted.discs, &imager.outline_mm);
             if error * norm <= WORTH_A_SOLUTION {
                 if round == 0 && shows {
-                    fitted = run(data.values, options.model_error, &fitted.discs)?;
+                    let discs = fitted.discs.clone();
+                    fit(table, &options, frame(options.model_error), &discs, scratch, fitted)?;
                 }
                 break;
             }
-            if self.beyond.is_none() {
-                self.beyond = Beyond::new(&self.imager.model, self.imager.drive, &self.imager.pattern);
+            if beyond.is_none() {
+                *beyond = Beyond::new(&imager.model, imager.drive, &imager.pattern);
             }
-            let more = self.beyond.as_mut()?.linear_v(&fitted.discs)?;
-            let corrected = data.values - reduce(&DVector::from_vec(more));
-            let before = fitted;
-            fitted = run(&corrected, options.model_error, &before.discs)?;
-            if settled(&before, &fitted) {
+            let more = reduce(&DVector::from_vec(beyond.as_mut()?.table_v(volts, &fitted.discs)?));
+            let corrected: Vec<f64> = data.values.iter().zip(&more).map(|(v, m)| v - m).collect();
+            std::mem::swap(before, fitted);
+            let frame = Frame {
+                values: &corrected,
+                ..frame(options.model_error)
+            };
+            fit(table, &options, frame, &before.discs, scratch, fitted)?;
+            if settled(before, fitted) {
                 break;
             }
         }
         if let Some(placement) = &self.placement {
             for t in &mut fitted.touches {
-                let [x, y] = placement.variance(&self.imager, [t.x_mm, t.y_mm]);
+                let [x, y] = placement.variance(imager, [t.x_mm, t.y_mm]);
                 t.x_sd_mm = t.x_sd_mm.map(|sd| sd.hypot(x.sqrt()));
                 t.y_sd_mm = t.y_sd_mm.map(|sd| sd.hypot(y.sqrt()));
             }
         }
-        (fitted.misfit <= MOST_MISFIT || fitted.residual <= MOST_RESIDUAL).then_some(fitted)
+        (fitted.misfit <= MOST_MISFIT || fitted.residual <= MOST_RESIDUAL).then_some(&*fitted)
     }
 
     /// What a touch must bring, kept for as long as the noise is told as well.
@@ -141,6 +165,7 @@ fn settled(before: &Fitted, after: &Fitted) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use super::super::Disc;
     use super::*;
     use forward::{Drive, Pattern, Sheet};
     use rand::{Rng, SeedableRng};
@@ -157,10 +182,10 @@ mod tests {
         let n = table.length();
         let mut sum = DVector::zeros(n);
         for d in discs {
-            let mut out: [Vec<f64>; 4] = std::array::from_fn(|_| vec![0.0; n]);
+            let mut out: [Vec<f64>; 4] = std::array::from_fn(|_| vec![0.0; table.stride()]);
             let [a, b, c, e] = &mut out;
             table.at(d.at, d.radius, [a, b, c, e]);
-            sum += DVector::from_column_slice(&out[0]) * d.strength;
+            sum += DVector::from_column_slice(&out[0][..n]) * d.strength;
         }
         let sigma = if discs.is_empty() {
             1e-6
@@ -169,6 +194,18 @@ mod tests {
         };
         let mut rng = rand::rngs::StdRng::seed_from_u64(seed);
         (sum.map(|v| v + sigma * rng.sample::<f64, _>(StandardNormal)), sigma)
+    }
+
+    fn fitted(f: &Fitter, values: &DVector<f64>, sigma: f64, drop: f64, seeds: &[Disc]) -> Option<Fitted> {
+        let frame = Frame {
+            values: values.as_slice(),
+            sigma,
+            drop,
+            error: 0.0,
+        };
+        let mut found = Fitted::default();
+        fit(f.volts(), &f.options, frame, seeds, &mut Scratch::default(), &mut found)?;
+        Some(found)
     }
 
     #[test]
@@ -196,7 +233,7 @@ mod tests {
             vec![[-25.0, 25.0], [30.0, -30.0], [60.0, 60.0]],
         ] {
             let seeds: Vec<Disc> = seeds.into_iter().map(|at| options.seed(at)).collect();
-            let found = fit(f.volts(), &options, &values, sigma, drop, 0.0, &seeds).unwrap();
+            let found = fitted(&f, &values, sigma, drop, &seeds).unwrap();
             assert_eq!(found.discs.len(), 2, "{seeds:?} {found:?}");
             for t in &truth {
                 let near = found
@@ -217,7 +254,7 @@ mod tests {
         for seed in 0..200 {
             let (values, sigma) = data(f.volts(), &[], seed);
             let seeds = [f.options.seed([10.0, 20.0])];
-            let found = fit(f.volts(), &f.options, &values, sigma, drop, 0.0, &seeds).unwrap();
+            let found = fitted(&f, &values, sigma, drop, &seeds).unwrap();
             assert!(found.touches.is_empty(), "{seed}: {:?}", found.touches);
         }
     }
@@ -226,10 +263,7 @@ mod tests {
     fn numbers_that_are_none_end_without_a_fit() {
         let f = fitter();
         let values = DVector::from_element(f.volts().length(), f64::NAN);
-        assert_eq!(fit(f.volts(), &f.options, &values, 1.0, 30.0, 0.0, &[]), None);
-        assert_eq!(
-            fit(f.volts(), &f.options, &DVector::zeros(3), 1.0, 30.0, 0.0, &[]),
-            None
-        );
+        assert_eq!(fitted(&f, &values, 1.0, 30.0, &[]), None);
+        assert_eq!(fitted(&f, &DVector::zeros(3), 1.0, 30.0, &[]), None);
     }
 }

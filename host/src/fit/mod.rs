@@ -12,14 +12,15 @@
 
 pub mod beyond;
 pub mod fitter;
+mod kernels;
 pub mod order;
 pub mod placement;
 pub mod solve;
 pub mod table;
 
 use crate::picture::Touch;
-use nalgebra::{DMatrix, DVector};
-use order::Search;
+use arrayvec::ArrayVec;
+use order::{Scratch, Search};
 use std::f64::consts::PI;
 use table::TouchTable;
 
@@ -97,70 +98,123 @@ impl Disc {
         let s = self.contrast();
         2.0 * s / (2.0 - s)
     }
+
+    /// Derivatives of the integrated rise, `2 S / (2 - s)`, by the radius (mm²/mm) and by the strength.
+    fn total_slopes(&self) -> [f64; 2] {
+        let s = self.contrast();
+        let below = (2.0 - s) * (2.0 - s);
+        [-4.0 * s * self.strength / self.radius / below, 4.0 / below]
+    }
 }
 
+/// Most touches that can be fitted together.
+pub const MOST_TOUCHES: usize = 24;
+
+/// Touches as they are fitted together.
+pub type Discs = ArrayVec<Disc, MOST_TOUCHES>;
+
 /// The outcome of a fit.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Fitted {
     /// The touches with their standard uncertainties, strongest (by peak rise) first.
     pub touches: Vec<Touch>,
     /// The discs behind, in the same order.
-    pub discs: Vec<Disc>,
+    pub discs: Discs,
     /// Misfit over what the noise explains: mean square of the whitened residual per degree of freedom.
     pub misfit: f64,
     /// Norm of the residual over the norm of the data.
     pub residual: f64,
-    /// How the data answer to the parameters of all discs that were fitted, a column each.
-    pub slopes: DMatrix<f64>,
+    /// How the data answer to the parameters of all discs that were fitted, a column each of [`TouchTable::stride`] entries.
+    pub slopes: Vec<f64>,
 }
 
-/// Fits touches to data in the space of the table (volts), whose values scatter by `sigma`.
+/// What is to be fitted.
+#[derive(Clone, Copy, Debug)]
+pub struct Frame<'a> {
+    /// The data in the space of the table (volts).
+    pub values: &'a [f64],
+    /// Standard deviation of one of them.
+    pub sigma: f64,
+    /// Fall of chi-square that makes a touch believed (see [`order::drop`]).
+    pub drop: f64,
+    /// Part of the data that the model may get wrong: no touch is added for less.
+    pub error: f64,
+}
+
+/// Fits touches to a frame, from touches to start with (those without a strength get one).
 ///
-/// `seeds` are touches to start from (those without a strength get one), `drop` the fall of chi-square that makes a touch
-/// believed (see [`order::drop`]), `error` the part of the data that the model may get wrong: no touch is added for less.
-/// `None` when lengths do not match or a number is not finite.
+/// `None` when lengths do not match or a number is not finite; `out` is then what it was.
 pub fn fit(
     table: &TouchTable,
     options: &FitOptions,
-    data: &DVector<f64>,
-    sigma: f64,
-    drop: f64,
-    error: f64,
+    frame: Frame,
     seeds: &[Disc],
-) -> Option<Fitted> {
-    let whitened = data / sigma;
-    let norm = whitened.norm();
-    let drop = drop + (error * norm).powi(2);
-    let search = Search::new(table, options, whitened.as_slice(), drop)?;
-    let seeds: Vec<Disc> = seeds
+    scratch: &mut Scratch,
+    out: &mut Fitted,
+) -> Option<()> {
+    let mut whitened = std::mem::take(&mut scratch.whitened);
+    whitened.clear();
+    whitened.extend(frame.values.iter().map(|v| v / frame.sigma));
+    let fits = whitened.len() == table.length();
+    whitened.resize(table.stride(), 0.0);
+    let outcome = if fits {
+        fit_whitened(table, options, frame, &whitened, seeds, scratch, out)
+    } else {
+        None
+    };
+    scratch.whitened = whitened;
+    outcome
+}
+
+fn fit_whitened(
+    table: &TouchTable,
+    options: &FitOptions,
+    frame: Frame,
+    whitened: &[f64],
+    seeds: &[Disc],
+    scratch: &mut Scratch,
+    out: &mut Fitted,
+) -> Option<()> {
+    let sigma = frame.sigma;
+    let norm = whitened.iter().map(|v| v * v).sum::<f64>().sqrt();
+    let drop = frame.drop + (frame.error * norm).powi(2);
+    let start: Discs = seeds
         .iter()
+        .take(MOST_TOUCHES)
         .map(|d| Disc {
             strength: d.strength / sigma,
             ..*d
         })
         .collect();
-    let best = search.run(&seeds)?;
-    let freedom = (whitened.len() as f64 - 3.0 * best.discs.len() as f64).max(1.0);
+    let best = Search::new(table, options, whitened, drop, scratch)?.run(&start)?;
+    let freedom = (table.length() as f64 - 3.0 * best.discs.len() as f64).max(1.0);
     let misfit = best.square / freedom;
     // Variance of one value over sigma²: the noise, or the misfit where that is larger, and the model's own error.
-    let model = options.model_error.max(error) * norm;
+    let model = options.model_error.max(frame.error) * norm;
     let variance = misfit.max(1.0) + model * model / freedom;
-    let covariance = best.covariance();
-    let mut found: Vec<(Touch, Disc)> = best
+    let covariance = scratch.work.covariance(table.arch(), &best);
+    let mut found: ArrayVec<(Touch, Disc), MOST_TOUCHES> = best
         .discs
         .iter()
         .enumerate()
         .map(|(k, d)| {
-            let sd = |p: usize| {
-                covariance
-                    .as_ref()
-                    .map(|c| (c[(4 * k + p, 4 * k + p)].max(0.0) * variance).sqrt())
-            };
             let disc = Disc {
                 strength: d.strength * sigma,
                 ..*d
             };
             let rise = disc.rise();
+            let sd = |variance_of: f64| (variance_of.max(0.0) * variance).sqrt();
+            let of = |i: usize, j: usize| covariance.as_ref().map(|c| c.of(4 * k + i, 4 * k + j));
+            let [by_radius, by_strength] = disc.total_slopes();
+            let by_strength = by_strength * sigma;
+            let total_variance = || {
+                let (radius, strength, both) = (of(2, 2)?, of(3, 3)?, of(2, 3)?);
+                Some(
+                    by_radius * by_radius * radius
+                        + by_strength * by_strength * strength
+                        + 2.0 * by_radius * by_strength * both,
+                )
+            };
             let touch = Touch {
                 id: None,
                 x_mm: disc.at[0],
@@ -168,21 +222,24 @@ pub fn fit(
                 rise,
                 area_mm2: disc.area_mm2(),
                 total_mm2: rise * disc.area_mm2(),
-                x_sd_mm: sd(0),
-                y_sd_mm: sd(1),
+                x_sd_mm: of(0, 0).map(sd),
+                y_sd_mm: of(1, 1).map(sd),
+                total_sd_mm2: total_variance().map(sd),
+                force_n: None,
             };
             (touch, disc)
         })
         .collect();
-    found.sort_by(|a, b| b.0.rise.total_cmp(&a.0.rise));
+    found.sort_unstable_by(|a, b| b.0.rise.total_cmp(&a.0.rise));
     let strongest = found.iter().map(|(t, _)| t.total_mm2).fold(0.0, f64::max);
     found.retain(|(t, _)| t.total_mm2 >= options.least_of_strongest * strongest && t.rise >= options.least_rise);
-    let (touches, discs) = found.into_iter().unzip();
-    Some(Fitted {
-        touches,
-        discs,
-        misfit,
-        slopes: best.slopes(),
-        residual: best.square.sqrt() / norm.max(f64::MIN_POSITIVE),
-    })
+    out.touches.clear();
+    out.touches.extend(found.iter().map(|(t, _)| *t));
+    out.discs = found.iter().map(|(_, d)| *d).collect();
+    out.misfit = misfit;
+    out.residual = best.square.sqrt() / norm.max(f64::MIN_POSITIVE);
+    out.slopes.clear();
+    out.slopes.extend_from_slice(&best.jacobian);
+    scratch.work.put(best);
+    Some(())
 }

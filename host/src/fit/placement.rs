@@ -59,14 +59,22 @@ impl Placement {
 
     /// Variance of x and y at a place, mm².
     pub fn variance(&self, imager: &Imager, at: [f64; 2]) -> [f64; 2] {
-        let nearest = (0..self.variance.len()).min_by(|a, b| {
-            let d = |cell: usize| {
-                let [x, y] = imager.grid.centre(cell);
-                (x - at[0]).powi(2) + (y - at[1]).powi(2)
-            };
-            d(*a).total_cmp(&d(*b))
-        });
-        nearest.map_or([0.0; 2], |cell| self.variance[cell])
+        let grid = &imager.grid;
+        let corner = grid.low_mm();
+        let [column, row] = [0, 1].map(|k| (at[k] - corner[k]) / grid.cell_mm());
+        let under = (column >= 0.0 && row >= 0.0)
+            .then(|| grid.at(column as usize, row as usize))
+            .flatten();
+        let nearest = || {
+            (0..self.variance.len()).min_by(|a, b| {
+                let d = |cell: usize| {
+                    let [x, y] = grid.centre(cell);
+                    (x - at[0]).powi(2) + (y - at[1]).powi(2)
+                };
+                d(*a).total_cmp(&d(*b))
+            })
+        };
+        under.or_else(nearest).map_or([0.0; 2], |cell| self.variance[cell])
     }
 }
 

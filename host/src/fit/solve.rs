@@ -1,8 +1,11 @@
 //! A given number of touches fitted to whitened data: Levenberg's and Marquardt's method on their parameters.
 
+use super::kernels::{add_scaled, normal};
 use super::table::TouchTable;
-use super::{Disc, FitOptions};
-use nalgebra::{DMatrix, DVector};
+use super::{Disc, Discs, FitOptions, MOST_TOUCHES};
+use crate::reconstruct::dense::{backward, cholesky, forward};
+use crate::reconstruct::kernels::{LANES, padded};
+use pulp::Arch;
 
 /// Parameters of a touch, in the order of the Jacobian's columns: x, y, radius, strength.
 pub const PARAMETERS: usize = 4;
@@ -11,158 +14,232 @@ const LEAST_GAIN: f64 = 1e-3;
 const MOST_STEPS: usize = 24;
 /// A touch moves at most this part of its expected radius in one step.
 const LONGEST_STEP: f64 = 0.5;
+/// A whisker of damping keeps a singular problem solvable.
+const WHISKER: f64 = 1e-12;
 
 /// A fit of some touches.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Fit {
     /// The touches, strengths in units of the noise.
-    pub discs: Vec<Disc>,
+    pub discs: Discs,
     /// Sum of squares of the residual, in units of the noise's variance.
     pub square: f64,
     /// The same with the penalty of the priors: what is minimised.
     pub objective: f64,
-    /// What is left of the data.
+    /// What is left of the data, with the zeros that follow.
     pub residual: Vec<f64>,
-    /// Columns of the Jacobian, one after the other.
-    jacobian: Vec<f64>,
-    normal: DMatrix<f64>,
+    /// Columns of the Jacobian, one after the other, of the residual's length.
+    pub jacobian: Vec<f64>,
+    /// Normal equations: lower triangle, column by column; and the right-hand side.
+    normal: Vec<f64>,
+    gradient: Vec<f64>,
 }
 
-impl Fit {
-    /// How the data answer to the parameters: a column each, touch by touch in the order of [`PARAMETERS`].
-    pub fn slopes(&self) -> DMatrix<f64> {
-        DMatrix::from_column_slice(self.residual.len(), PARAMETERS * self.discs.len(), &self.jacobian)
+/// Fits that are not in use, and what a fit needs besides: nothing is allocated once they are as large as they get.
+#[derive(Clone, Debug, Default)]
+pub struct Workspace {
+    spare: Vec<Fit>,
+    factor: Factor,
+}
+
+impl Workspace {
+    fn take(&mut self, stride: usize, most: usize) -> Fit {
+        let mut fit = self.spare.pop().unwrap_or_default();
+        // Room for as many touches as there can be: a fit that grew later would be the one frame that takes longer.
+        let count = PARAMETERS * most;
+        for (numbers, room) in [
+            (&mut fit.residual, stride),
+            (&mut fit.jacobian, stride * count),
+            (&mut fit.normal, count * count),
+            (&mut fit.gradient, count),
+        ] {
+            numbers.reserve(room.saturating_sub(numbers.len()));
+        }
+        fit
     }
 
-    /// Covariance of all parameters for noise of unit variance, touch by touch in the order of [`PARAMETERS`].
-    pub fn covariance(&self) -> Option<DMatrix<f64>> {
-        scaled_cholesky(&self.normal, 0.0).map(|(factor, scale)| {
-            let mut inverse = factor.inverse();
-            for i in 0..inverse.nrows() {
-                for j in 0..inverse.ncols() {
-                    inverse[(i, j)] *= scale[i] * scale[j];
-                }
+    /// Takes a fit back.
+    pub fn put(&mut self, fit: Fit) {
+        self.spare.push(fit);
+    }
+
+    /// Covariances of the parameters of a fit for noise of unit variance; `None` where the data do not determine them.
+    pub fn covariance(&mut self, arch: Arch, fit: &Fit) -> Option<Covariance<'_>> {
+        self.factor.covariance(arch, fit)
+    }
+}
+
+/// Covariances of a fit's parameters, counted touch by touch in the order of [`PARAMETERS`].
+#[derive(Clone, Copy, Debug)]
+pub struct Covariance<'a> {
+    /// Columns of the inverse of the factor.
+    columns: &'a [f64],
+    rows: usize,
+    scale: &'a [f64],
+}
+
+impl Covariance<'_> {
+    /// Of the parameters i and j.
+    pub fn of(&self, i: usize, j: usize) -> f64 {
+        // The inverse of L L^T holds the products of the columns of L^-1.
+        let column = |k: usize| &self.columns[k * self.rows..(k + 1) * self.rows];
+        let product: f64 = column(i).iter().zip(column(j)).map(|(a, b)| a * b).sum();
+        product * self.scale[i] * self.scale[j]
+    }
+}
+
+/// Cholesky factor of a fit's normal equations with the diagonal scaled to 1 and damped.
+#[derive(Clone, Debug, Default)]
+struct Factor {
+    l: Vec<f64>,
+    inverse: Vec<f64>,
+    scale: Vec<f64>,
+    step: Vec<f64>,
+    columns: Vec<f64>,
+}
+
+impl Factor {
+    fn set(&mut self, arch: Arch, fit: &Fit, damping: f64) -> bool {
+        let count = fit.gradient.len();
+        let rows = padded(count, LANES);
+        self.scale.clear();
+        self.scale.extend((0..count).map(|k| {
+            let d = fit.normal[k * count + k];
+            if d > 0.0 { 1.0 / d.sqrt() } else { 1.0 }
+        }));
+        self.l.clear();
+        self.l.resize(rows * rows, 0.0);
+        self.inverse.clear();
+        self.inverse.resize(rows, 0.0);
+        for (j, column) in self.l.chunks_exact_mut(rows.max(1)).enumerate() {
+            if j >= count {
+                column[j] = 1.0;
+                continue;
             }
-            inverse
+            let below = column[j..count].iter_mut().zip(&self.scale[j..]);
+            for ((out, scale), v) in below.zip(&fit.normal[j * count + j..(j + 1) * count]) {
+                *out = v * scale * self.scale[j];
+            }
+            column[j] += damping + WHISKER;
+        }
+        cholesky(arch, &mut self.l, &mut self.inverse)
+    }
+
+    /// Solves for a right-hand side; the step is left in `step`.
+    fn solve(&mut self, arch: Arch, right: &[f64]) {
+        self.step.clear();
+        self.step.extend(right.iter().zip(&self.scale).map(|(r, s)| r * s));
+        self.step.resize(self.inverse.len(), 0.0);
+        forward(arch, &self.l, &self.inverse, &mut self.step);
+        backward(arch, &self.l, &self.inverse, &mut self.step);
+        self.step.truncate(right.len());
+        for (step, scale) in self.step.iter_mut().zip(&self.scale) {
+            *step *= scale;
+        }
+    }
+
+    fn covariance(&mut self, arch: Arch, fit: &Fit) -> Option<Covariance<'_>> {
+        if !self.set(arch, fit, 0.0) {
+            return None;
+        }
+        let rows = self.inverse.len();
+        self.columns.clear();
+        self.columns.resize(fit.gradient.len() * rows, 0.0);
+        for (k, column) in self.columns.chunks_exact_mut(rows.max(1)).enumerate() {
+            column[k] = 1.0;
+            forward(arch, &self.l, &self.inverse, column);
+        }
+        Some(Covariance {
+            columns: &self.columns,
+            rows,
+            scale: &self.scale,
         })
     }
 }
 
-/// Cholesky factor of the matrix with its diagonal scaled to `1 + damping`, and the scales.
-fn scaled_cholesky(
-    normal: &DMatrix<f64>,
-    damping: f64,
-) -> Option<(nalgebra::Cholesky<f64, nalgebra::Dyn>, DVector<f64>)> {
-    let scale = normal.diagonal().map(|d| if d > 0.0 { 1.0 / d.sqrt() } else { 1.0 });
-    let mut a = normal.clone();
-    for i in 0..a.nrows() {
-        for j in 0..a.ncols() {
-            a[(i, j)] *= scale[i] * scale[j];
+impl Fit {
+    /// The touches' model against the data: residual, Jacobian, normal equations.
+    fn evaluate(&mut self, table: &TouchTable, options: &FitOptions, data: &[f64], discs: &[Disc]) {
+        let n = table.stride();
+        let arch = table.arch();
+        let count = PARAMETERS * discs.len();
+        self.discs.clear();
+        self.discs.extend(discs.iter().copied());
+        self.residual.clear();
+        self.residual.extend_from_slice(data);
+        self.jacobian.resize(count * n, 0.0);
+        self.normal.resize(count * count, 0.0);
+        self.gradient.resize(count, 0.0);
+        let mut penalty = 0.0;
+        self.square = data.iter().map(|v| v * v).sum();
+        for (d, block) in discs.iter().zip(self.jacobian.chunks_exact_mut(PARAMETERS * n)) {
+            let (x, rest) = block.split_at_mut(n);
+            let (y, rest) = rest.split_at_mut(n);
+            let (radius, strength) = rest.split_at_mut(n);
+            table.at(d.at, d.radius, [&mut *strength, &mut *x, &mut *y, &mut *radius]);
+            self.square = add_scaled(arch, strength, -d.strength, &mut self.residual);
+            for column in [x, y, radius] {
+                column.iter_mut().for_each(|v| *v *= d.strength);
+            }
+            penalty += ((d.radius - options.radius_mm) / options.radius_sd_mm).powi(2);
         }
-        // A whisker of damping keeps a singular problem solvable.
-        a[(i, i)] += damping + 1e-12;
-    }
-    a.cholesky().map(|c| (c, scale))
-}
-
-/// The touches' model against the data: residual, Jacobian, normal equations.
-pub(super) fn evaluate(table: &TouchTable, options: &FitOptions, data: &[f64], discs: &[Disc]) -> Fit {
-    let n = table.length();
-    let mut jacobian = vec![0.0; PARAMETERS * n * discs.len()];
-    let mut residual = data.to_vec();
-    let mut penalty = 0.0;
-    for (d, block) in discs.iter().zip(jacobian.chunks_exact_mut(PARAMETERS * n)) {
-        let (x, rest) = block.split_at_mut(n);
-        let (y, rest) = rest.split_at_mut(n);
-        let (radius, strength) = rest.split_at_mut(n);
-        table.at(d.at, d.radius, [&mut *strength, &mut *x, &mut *y, &mut *radius]);
-        for (r, t) in residual.iter_mut().zip(strength.iter()) {
-            *r -= d.strength * t;
+        self.objective = self.square + penalty;
+        normal(
+            arch,
+            &self.jacobian,
+            &self.residual,
+            &mut self.normal,
+            &mut self.gradient,
+        );
+        for (k, d) in discs.iter().enumerate() {
+            let at = PARAMETERS * k + 2;
+            self.normal[at * count + at] += options.radius_sd_mm.powi(-2);
+            self.gradient[at] -= (d.radius - options.radius_mm) / options.radius_sd_mm.powi(2);
         }
-        for column in [x, y, radius] {
-            column.iter_mut().for_each(|v| *v *= d.strength);
-        }
-        penalty += ((d.radius - options.radius_mm) / options.radius_sd_mm).powi(2);
-    }
-    let columns = PARAMETERS * discs.len();
-    let mut normal = DMatrix::zeros(columns, columns);
-    for i in 0..columns {
-        for j in 0..=i {
-            let v = dot(&jacobian[i * n..(i + 1) * n], &jacobian[j * n..(j + 1) * n]);
-            normal[(i, j)] = v;
-            normal[(j, i)] = v;
-        }
-    }
-    for k in 0..discs.len() {
-        normal[(PARAMETERS * k + 2, PARAMETERS * k + 2)] += options.radius_sd_mm.powi(-2);
-    }
-    let square = dot(&residual, &residual);
-    Fit {
-        discs: discs.to_vec(),
-        square,
-        objective: square + penalty,
-        residual,
-        jacobian,
-        normal,
     }
 }
 
-pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
-    // Four sums side by side: the compiler may not reorder one.
-    let (mut s, mut i) = ([0.0; 4], 0);
-    let n = a.len().min(b.len());
-    while i + 4 <= n {
-        for k in 0..4 {
-            s[k] += a[i + k] * b[i + k];
-        }
-        i += 4;
-    }
-    let tail: f64 = a[i..n].iter().zip(&b[i..n]).map(|(a, b)| a * b).sum();
-    s[0] + s[1] + s[2] + s[3] + tail
-}
-
-/// Fits touches from a start. `None` when a number is not finite.
-pub fn fit(table: &TouchTable, options: &FitOptions, data: &[f64], start: &[Disc]) -> Option<Fit> {
-    let mut best = evaluate(table, options, data, start);
-    let n = table.length();
+/// Fits touches from a start to data of [`TouchTable::stride`] entries. `None` when a number is not finite.
+pub fn fit(
+    table: &TouchTable,
+    options: &FitOptions,
+    data: &[f64],
+    start: &[Disc],
+    work: &mut Workspace,
+) -> Option<Fit> {
+    let arch = table.arch();
+    let most = options.most_touches.min(MOST_TOUCHES);
+    let mut best = work.take(data.len(), most);
+    best.evaluate(table, options, data, start);
+    let mut next = work.take(data.len(), most);
     let [smallest, largest] = table.radii_mm();
     let mut damping = 1e-3;
     for _ in 0..MOST_STEPS {
-        if best.discs.is_empty() || !best.objective.is_finite() {
+        if best.discs.is_empty() || !best.objective.is_finite() || !work.factor.set(arch, &best, damping) {
             break;
         }
-        let columns = best.normal.nrows();
-        let mut gradient = DVector::from_fn(columns, |k, _| dot(&best.jacobian[k * n..(k + 1) * n], &best.residual));
-        for (k, d) in best.discs.iter().enumerate() {
-            gradient[PARAMETERS * k + 2] -= (d.radius - options.radius_mm) / options.radius_sd_mm.powi(2);
-        }
-        let (factor, scale) = scaled_cholesky(&best.normal, damping)?;
-        let step = factor.solve(&gradient.component_mul(&scale)).component_mul(&scale);
-        let promise = step.dot(&gradient);
+        work.factor.solve(arch, &best.gradient);
+        let step = &work.factor.step;
+        let promise: f64 = step.iter().zip(&best.gradient).map(|(s, g)| s * g).sum();
         if !promise.is_finite() || promise < LEAST_GAIN {
             break;
         }
-        let discs: Vec<Disc> = best
-            .discs
-            .iter()
-            .enumerate()
-            .map(|(k, d)| {
-                let s = &step.as_slice()[PARAMETERS * k..PARAMETERS * (k + 1)];
-                let length = s[0].hypot(s[1]);
-                let shorten = (LONGEST_STEP * options.radius_mm / length.max(f64::MIN_POSITIVE)).min(1.0);
-                let moved = [d.at[0] + shorten * s[0], d.at[1] + shorten * s[1]];
-                Disc {
-                    at: if table.holds(moved) { moved } else { d.at },
-                    radius: (d.radius + s[2]).clamp(smallest, largest),
-                    // A strength stays positive: it may fall to a tenth in one step.
-                    strength: (d.strength + s[3]).max(0.1 * d.strength),
-                }
-            })
-            .collect();
-        let next = evaluate(table, options, data, &discs);
+        let mut discs = best.discs.clone();
+        for (d, s) in discs.iter_mut().zip(step.chunks_exact(PARAMETERS)) {
+            let length = s[0].hypot(s[1]);
+            let shorten = (LONGEST_STEP * options.radius_mm / length.max(f64::MIN_POSITIVE)).min(1.0);
+            let moved = [d.at[0] + shorten * s[0], d.at[1] + shorten * s[1]];
+            *d = Disc {
+                at: if table.holds(moved) { moved } else { d.at },
+                radius: (d.radius + s[2]).clamp(smallest, largest),
+                // A strength stays positive: it may fall to a tenth in one step.
+                strength: (d.strength + s[3]).max(0.1 * d.strength),
+            };
+        }
+        next.evaluate(table, options, data, &discs);
         if next.objective < best.objective {
             let gain = best.objective - next.objective;
-            best = next;
+            std::mem::swap(&mut best, &mut next);
             damping = (0.2 * damping).max(1e-7);
             if gain < LEAST_GAIN {
                 break;
@@ -174,5 +251,10 @@ pub fn fit(table: &TouchTable, options: &FitOptions, data: &[f64], start: &[Disc
             }
         }
     }
-    best.objective.is_finite().then_some(best)
+    work.put(next);
+    if best.objective.is_finite() {
+        return Some(best);
+    }
+    work.put(best);
+    None
 }

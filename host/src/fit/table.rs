@@ -4,19 +4,26 @@
 //! the nodes cubic convolution (Keys 1981), between the radii a parabola in R²: for the smooth fields away from the
 //! electrodes the mean over a disc is a power series in R² (f + R²/8 lap f + R⁴/192 lap lap f + ...).
 
+use super::kernels::{Radii, Stencil, add_scaled, dot, interpolate};
+use crate::reconstruct::aligned::Aligned;
+use crate::reconstruct::kernels::{LANES, dots_of, padded};
 use forward::{CellGrid, Drive, Model, Pattern, Sensitivity, Solver};
-use nalgebra::DVector;
+use nalgebra::DMatrix;
+use pulp::Arch;
 use std::sync::Arc;
 
 /// Radii tabulated, over the expected radius.
 const RADII: [f64; 3] = [0.5, 1.0, 1.5];
+/// Which of them is the expected one.
+const EXPECTED: usize = 1;
 /// Nodes beyond the rim that the interpolation needs.
 const MARGIN: i64 = 2;
 /// Lattice steps from the sheet's middle to its farthest point.
 const STEPS: f64 = 40.0;
+/// Columns mapped at once.
+const COLUMNS_MAPPED: usize = 768;
 /// Divisions of a cell's side when its part inside a disc is measured.
 const CUTS: i32 = 16;
-const NONE: u32 = u32::MAX;
 
 /// Where the nodes are; shared by the tables of one sheet.
 #[derive(Debug)]
@@ -25,11 +32,15 @@ struct Lattice {
     step_mm: f64,
     columns: usize,
     rows: usize,
-    /// Place of every node in the table.
+    /// Place of every node in the table; that of nothing for nodes off the sheet.
     slot: Vec<u32>,
+    /// The place of nothing, which is the last.
+    nothing: u32,
     outline_mm: Vec<[f64; 2]>,
     /// Nodes on the sheet, every other column and row: where a touch is looked for.
-    coarse: Vec<(u32, [f64; 2])>,
+    coarse: Vec<[f64; 2]>,
+    /// Column of the table of every one of them, for the expected radius.
+    coarse_columns: Vec<usize>,
     radius_mm: f64,
 }
 
@@ -37,12 +48,20 @@ struct Lattice {
 #[derive(Clone, Debug)]
 pub struct TouchTable {
     lattice: Arc<Lattice>,
+    arch: Arch,
     length: usize,
-    /// For every slot the three radii, each `length` values.
-    values: Vec<f64>,
+    /// For every slot the three radii, each a column of `length` values and zeros up to a multiple of [`LANES`].
+    values: Aligned,
     /// Norm of the values of every coarse node at the expected radius.
     norms: Vec<f64>,
+    /// Norm of what a split there changes, for every direction of [`SPLITS`].
+    split_norms: Vec<[f64; SPLITS]>,
 }
+
+/// Directions in which a touch is tried to be split, evenly spread over half a turn.
+pub const SPLITS: usize = 4;
+/// Half distance between the halves of a touch that is split, over the expected radius.
+const HALF_SPLIT: f64 = 1.1;
 
 /// Weights of the four nodes around a fraction of a step, and their derivatives per step.
 fn keys(t: f64) -> ([f64; 4], [f64; 4]) {
@@ -109,33 +128,29 @@ impl TouchTable {
         let near =
             |c: i64, r: i64| (-MARGIN..=MARGIN).any(|dr| (-MARGIN..=MARGIN).any(|dc| at(c + dc, r + dr).is_some()));
         let stencils = RADII.map(|k| coverage(k * radius_mm / grid.cell_mm()));
-        let mut slot = vec![NONE; nc * nr];
-        let mut values = Vec::new();
-        let mut coarse = Vec::new();
-        let mut count = 0u32;
-        for row in 0..nr as i64 {
-            for column in 0..nc as i64 {
-                let (c, r) = (column - MARGIN, row - MARGIN);
-                if !near(c, r) {
-                    continue;
-                }
-                slot[row as usize * nc + column as usize] = count;
-                if at(c, r).is_some() && column % 2 == 0 && row % 2 == 0 {
-                    let p = [column, row];
-                    coarse.push((count, [0, 1].map(|k| first_mm[k] + p[k] as f64 * step)));
-                }
-                count += 1;
-                for stencil in &stencils {
-                    let start = values.len();
-                    values.resize(start + length, 0.0);
-                    let out = &mut values[start..];
-                    for (dc, dr, part) in stencil {
-                        if let Some(cell) = at(c + dc, r + dr) {
-                            // Per mm² of strength: the disc's mean of the cells' sensitivity over their area.
-                            let weight = part / (step * step);
-                            for (o, v) in out.iter_mut().zip(cells.column(cell).as_slice()) {
-                                *o += weight * v;
-                            }
+        let on_sheet = (0..(nc * nr) as i64).filter(|k| near(k % nc as i64 - MARGIN, k / nc as i64 - MARGIN));
+        let nothing = on_sheet.clone().count() as u32;
+        let mut slot = vec![nothing; nc * nr];
+        let stride = padded(length, LANES);
+        let mut values = Aligned::zeros((nothing as usize + 1) * RADII.len() * stride);
+        let (mut coarse, mut coarse_columns) = (Vec::new(), Vec::new());
+        let columns_of_nodes = values.chunks_exact_mut(RADII.len() * stride);
+        for (count, (node, columns)) in on_sheet.zip(columns_of_nodes).enumerate() {
+            let (column, row) = (node % nc as i64, node / nc as i64);
+            let (c, r) = (column - MARGIN, row - MARGIN);
+            slot[node as usize] = count as u32;
+            if at(c, r).is_some() && column % 2 == 0 && row % 2 == 0 {
+                let p = [column, row];
+                coarse.push([0, 1].map(|k| first_mm[k] + p[k] as f64 * step));
+                coarse_columns.push(RADII.len() * count + EXPECTED);
+            }
+            for (stencil, out) in stencils.iter().zip(columns.chunks_exact_mut(stride)) {
+                for (dc, dr, part) in stencil {
+                    if let Some(cell) = at(c + dc, r + dr) {
+                        // Per mm² of strength: the disc's mean of the cells' sensitivity over their area.
+                        let weight = part / (step * step);
+                        for (o, v) in out.iter_mut().zip(cells.column(cell).as_slice()) {
+                            *o += weight * v;
                         }
                     }
                 }
@@ -147,51 +162,132 @@ impl TouchTable {
             columns: nc,
             rows: nr,
             slot,
+            nothing,
             outline_mm: model.geometry().outline().polyline().to_vec(),
             coarse,
+            coarse_columns,
             radius_mm,
         };
-        Some(
-            Self {
-                lattice: Arc::new(lattice),
-                length,
-                values,
-                norms: Vec::new(),
-            }
-            .with_norms(),
-        )
+        Some(Self::with_norms(Arc::new(lattice), length, values))
     }
 
-    fn with_norms(mut self) -> Self {
-        let norms = self
-            .coarse()
-            .map(|(_, v)| v.iter().map(|x| x * x).sum::<f64>().sqrt())
-            .collect();
-        self.norms = norms;
-        self
-    }
-
-    /// The table with every column of values replaced by another: the reduced and weighted measurements, say.
-    pub fn map(&self, mut f: impl FnMut(&DVector<f64>) -> DVector<f64>) -> Self {
-        let mut values = Vec::new();
-        let mut length = 0;
-        for column in self.values.chunks_exact(self.length.max(1)) {
-            let out = f(&DVector::from_column_slice(column));
-            length = out.len();
-            values.extend_from_slice(out.as_slice());
-        }
-        Self {
-            lattice: Arc::clone(&self.lattice),
+    fn with_norms(lattice: Arc<Lattice>, length: usize, values: Aligned) -> Self {
+        let stride = padded(length, LANES);
+        let norm = |column: &usize| {
+            let v = &values[column * stride..][..length];
+            v.iter().map(|x| x * x).sum::<f64>().sqrt()
+        };
+        let mut table = Self {
+            norms: lattice.coarse_columns.iter().map(norm).collect(),
+            split_norms: Vec::new(),
+            lattice,
+            arch: Arch::new(),
             length,
             values,
-            norms: Vec::new(),
+        };
+        table.split_norms = table.coarse().iter().map(|at| table.split_norms_at(*at)).collect();
+        table
+    }
+
+    /// The ends of a split in a direction.
+    pub fn split(&self, at: [f64; 2], direction: usize) -> [[f64; 2]; 2] {
+        let reach = HALF_SPLIT * self.lattice.radius_mm;
+        let (sin, cos) = (direction as f64 * std::f64::consts::PI / SPLITS as f64).sin_cos();
+        [1.0, -1.0].map(|s| [at[0] + s * reach * cos, at[1] + s * reach * sin])
+    }
+
+    fn split_norms_at(&self, at: [f64; 2]) -> [f64; SPLITS] {
+        let n = self.stride();
+        let mut sum = vec![0.0; n];
+        std::array::from_fn(|direction| {
+            sum.fill(0.0);
+            let [a, b] = self.split(at, direction);
+            for (place, weight) in [(at, -2.0), (a, 1.0), (b, 1.0)] {
+                let stencil = self.stencil(place);
+                for (k, column) in stencil.columns.iter().enumerate() {
+                    let weight = weight * stencil.across[k % 4] * stencil.up[k / 4];
+                    add_scaled(
+                        self.arch,
+                        &self.values[(column + EXPECTED) * n..][..n],
+                        weight,
+                        &mut sum,
+                    );
+                }
+            }
+            sum.iter().map(|v| v * v).sum::<f64>().sqrt()
+        })
+    }
+
+    /// How much of a vector of [`TouchTable::stride`] entries lies along what splitting a touch of unit strength changes, in
+    /// the direction where that is most, with that direction; none where no split stays on the sheet.
+    pub fn best_split(&self, v: &[f64], at: [f64; 2]) -> Option<(f64, usize)> {
+        let l = &*self.lattice;
+        let nearest = l.coarse.iter().map(|c| (c[0] - at[0]).powi(2) + (c[1] - at[1]).powi(2));
+        let (nearest, _) = nearest.enumerate().min_by(|a, b| a.1.total_cmp(&b.1))?;
+        let middle = self.product(v, at);
+        (0..SPLITS)
+            .filter_map(|direction| {
+                let ends = self.split(at, direction);
+                let change = self.product(v, ends[0]) + self.product(v, ends[1]) - 2.0 * middle;
+                let norm = self.split_norms[nearest][direction].max(f64::MIN_POSITIVE);
+                ends.iter()
+                    .all(|e| self.holds(*e))
+                    .then_some((change / norm, direction))
+            })
+            .max_by(|a, b| a.0.total_cmp(&b.0))
+    }
+
+    /// Product of a vector with the values of a touch of unit strength and the expected radius.
+    fn product(&self, v: &[f64], at: [f64; 2]) -> f64 {
+        let stencil = self.stencil(at);
+        let n = self.stride();
+        stencil
+            .columns
+            .iter()
+            .enumerate()
+            .map(|(k, column)| {
+                let values = &self.values[(column + EXPECTED) * n..][..n];
+                stencil.across[k % 4] * stencil.up[k / 4] * dot(self.arch, values, v)
+            })
+            .sum()
+    }
+
+    /// The table with its values (a matrix of a column each) replaced by others: the reduced and weighted measurements, say.
+    pub fn map(&self, f: impl Fn(&DMatrix<f64>) -> DMatrix<f64>) -> Self {
+        let stride = self.stride();
+        let count = self.values.len() / stride.max(1);
+        let (mut length, mut values) = (0, Aligned::zeros(0));
+        for first in (0..count).step_by(COLUMNS_MAPPED) {
+            let columns = COLUMNS_MAPPED.min(count - first);
+            let block = &self.values[first * stride..(first + columns) * stride];
+            let out = f(&DMatrix::from_fn(self.length, columns, |k, c| block[c * stride + k]));
+            if first == 0 {
+                length = out.nrows();
+                values = Aligned::zeros(count * padded(length, LANES));
+            }
+            let to = values[first * padded(length, LANES)..].chunks_exact_mut(padded(length, LANES));
+            for (to, from) in to.zip(out.column_iter()) {
+                for (to, from) in to.iter_mut().zip(&from) {
+                    *to = *from;
+                }
+            }
         }
-        .with_norms()
+        Self::with_norms(Arc::clone(&self.lattice), length, values)
     }
 
     /// Values of one touch: the length of the data.
     pub fn length(&self) -> usize {
         self.length
+    }
+
+    /// The same with the zeros that follow.
+    pub fn stride(&self) -> usize {
+        padded(self.length, LANES)
+    }
+
+    /// The vector unit in use.
+    pub(super) fn arch(&self) -> Arch {
+        self.arch
     }
 
     /// Distance between two nodes, mm.
@@ -209,81 +305,73 @@ impl TouchTable {
         [0.4 * self.lattice.radius_mm, 1.8 * self.lattice.radius_mm]
     }
 
-    /// Places where a touch is looked for, with the values of one of unit strength and the expected radius there.
-    pub fn coarse(&self) -> impl Iterator<Item = ([f64; 2], &[f64])> + '_ {
-        self.lattice.coarse.iter().map(|(slot, at)| {
-            let start = (*slot as usize * 3 + 1) * self.length;
-            (*at, &self.values[start..start + self.length])
-        })
+    /// Places where a touch is looked for, mm.
+    pub fn coarse(&self) -> &[[f64; 2]] {
+        &self.lattice.coarse
     }
 
-    /// Norms of the values of [`TouchTable::coarse`].
+    /// Norms of the values of a touch of unit strength and the expected radius at those places.
     pub fn coarse_norms(&self) -> &[f64] {
         &self.norms
     }
 
-    /// Values of a touch of unit strength with their derivatives by x, y (per mm) and radius (per mm), each `length` long;
-    /// zero off the sheet.
-    pub fn at(&self, at: [f64; 2], radius: f64, out: [&mut [f64]; 4]) {
-        let [value, by_x, by_y, by_radius] = out;
-        let n = self.length;
-        let (value, by_x, by_y, by_radius) = (&mut value[..n], &mut by_x[..n], &mut by_y[..n], &mut by_radius[..n]);
-        for o in [&mut *value, &mut *by_x, &mut *by_y, &mut *by_radius] {
-            o.fill(0.0);
+    /// Products of those values with a vector of [`TouchTable::stride`] entries; `out` is emptied first.
+    pub fn coarse_products(&self, v: &[f64], out: &mut Vec<f64>) {
+        if v.len() == self.stride() && !v.is_empty() {
+            dots_of(self.arch, &self.values, &self.lattice.coarse_columns, v, out);
+        } else {
+            out.clear();
         }
+    }
+
+    fn stencil(&self, at: [f64; 2]) -> Stencil {
         let l = &*self.lattice;
         let u = [0, 1].map(|k| (at[k] - l.first_mm[k]) / l.step_mm);
         let base = u.map(|v| v.floor());
-        let (wx, dx) = keys(u[0] - base[0]);
-        let (wy, dy) = keys(u[1] - base[1]);
+        let (across, across_slope) = keys(u[0] - base[0]);
+        let (up, up_slope) = keys(u[1] - base[1]);
+        Stencil {
+            columns: std::array::from_fn(|k| {
+                let (column, row) = (base[0] as i64 + (k % 4) as i64 - 1, base[1] as i64 + (k / 4) as i64 - 1);
+                let inside = column >= 0 && row >= 0 && column < l.columns as i64 && row < l.rows as i64;
+                let slot = if inside {
+                    l.slot[row as usize * l.columns + column as usize]
+                } else {
+                    l.nothing
+                };
+                slot as usize * RADII.len()
+            }),
+            across,
+            across_slope: across_slope.map(|d| d / l.step_mm),
+            up,
+            up_slope: up_slope.map(|d| d / l.step_mm),
+        }
+    }
+
+    /// Values of a touch of unit strength with their derivatives by x, y (per mm) and radius (per mm), each
+    /// [`TouchTable::stride`] long; zero off the sheet.
+    pub fn at(&self, at: [f64; 2], radius: f64, out: [&mut [f64]; 4]) {
+        let l = &*self.lattice;
+        let stencil = self.stencil(at);
         // A parabola in q = R² through the three radii.
         let q = (radius / l.radius_mm).powi(2);
         let [a, b, c] = RADII.map(|r| r * r);
         let dq = 2.0 * radius / (l.radius_mm * l.radius_mm);
-        let basis = [
-            (
-                (q - b) * (q - c) / ((a - b) * (a - c)),
-                (2.0 * q - b - c) / ((a - b) * (a - c)) * dq,
-            ),
-            (
-                (q - a) * (q - c) / ((b - a) * (b - c)),
-                (2.0 * q - a - c) / ((b - a) * (b - c)) * dq,
-            ),
-            (
-                (q - a) * (q - b) / ((c - a) * (c - b)),
-                (2.0 * q - a - b) / ((c - a) * (c - b)) * dq,
-            ),
-        ];
-        for (j, (wy, dy)) in wy.into_iter().zip(dy).enumerate() {
-            let row = base[1] as i64 + j as i64 - 1;
-            for (i, (wx, dx)) in wx.into_iter().zip(dx).enumerate() {
-                let column = base[0] as i64 + i as i64 - 1;
-                let inside = column >= 0 && row >= 0 && column < l.columns as i64 && row < l.rows as i64;
-                if !inside {
-                    continue;
-                }
-                let slot = l.slot[row as usize * l.columns + column as usize];
-                if slot == NONE {
-                    continue;
-                }
-                for (k, (b, db)) in basis.into_iter().enumerate() {
-                    let start = (slot as usize * 3 + k) * n;
-                    let values = &self.values[start..start + n];
-                    let w = [
-                        wx * wy * b,
-                        dx * wy * b / l.step_mm,
-                        wx * dy * b / l.step_mm,
-                        wx * wy * db,
-                    ];
-                    for (m, v) in values.iter().enumerate() {
-                        value[m] += w[0] * v;
-                        by_x[m] += w[1] * v;
-                        by_y[m] += w[2] * v;
-                        by_radius[m] += w[3] * v;
-                    }
-                }
-            }
-        }
+        let below = [(a - b) * (a - c), (b - a) * (b - c), (c - a) * (c - b)];
+        let radii = Radii {
+            value: [
+                (q - b) * (q - c) / below[0],
+                (q - a) * (q - c) / below[1],
+                (q - a) * (q - b) / below[2],
+            ],
+            slope: [
+                (2.0 * q - b - c) / below[0] * dq,
+                (2.0 * q - a - c) / below[1] * dq,
+                (2.0 * q - a - b) / below[2] * dq,
+            ],
+        };
+        let n = self.stride();
+        interpolate(self.arch, &self.values, &radii, &stencil, out.map(|o| &mut o[..n]));
     }
 }
 
@@ -304,7 +392,7 @@ mod tests {
     }
 
     fn at(table: &TouchTable, p: [f64; 2], radius: f64) -> [Vec<f64>; 4] {
-        let mut out: [Vec<f64>; 4] = std::array::from_fn(|_| vec![0.0; table.length()]);
+        let mut out: [Vec<f64>; 4] = std::array::from_fn(|_| vec![0.0; table.stride()]);
         let [a, b, c, d] = &mut out;
         table.at(p, radius, [a, b, c, d]);
         out

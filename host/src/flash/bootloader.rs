@@ -32,7 +32,8 @@ pub trait BootPort: Read + Write {
     /// The port's.
     fn set_boot(&mut self, high: bool) -> io::Result<()>;
 
-    /// Drives the reset (through RTS).
+    /// Drives the reset (through RTS). Where a transistor joins the two lines it is only held while BOOT0 is chosen low, and
+    /// ends as it is chosen high: a program that asserts both lines as it opens the port does not hold the board.
     ///
     /// # Errors
     /// The port's.
@@ -107,9 +108,13 @@ impl<P: BootPort> Bootloader<P> {
         const TRIES: u32 = 5;
         for _ in 0..TRIES {
             if reset {
-                port.set_boot(true)?;
+                // In this order for both wirings of docs/board.md: with DTR alone the reset of the one ends, with RTS that of
+                // the other; BOOT0 is high at both.
+                port.set_boot(false)?;
                 port.set_reset(true)?;
                 port.wait(Duration::from_millis(20));
+                port.set_boot(true)?;
+                port.wait(Duration::from_millis(1));
                 port.set_reset(false)?;
                 port.wait(Duration::from_millis(50));
             }

@@ -6,7 +6,7 @@ const NUMBERS: usize = LINE / size_of::<f64>();
 
 /// A fixed number of `f64` of which the first lies on a line's boundary: no vector load straddles two lines.
 #[derive(Debug)]
-pub(super) struct Aligned {
+pub(crate) struct Aligned {
     values: Vec<f64>,
     start: usize,
     length: usize,
@@ -14,7 +14,7 @@ pub(super) struct Aligned {
 
 impl Aligned {
     /// All zero.
-    pub(super) fn zeros(length: usize) -> Self {
+    pub(crate) fn zeros(length: usize) -> Self {
         let values = vec![0.0; length + NUMBERS - 1];
         // Where the pointer's alignment cannot be told the numbers are right all the same, only slower to load.
         let start = values.as_ptr().align_offset(LINE);

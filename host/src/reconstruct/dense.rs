@@ -10,10 +10,10 @@ use pulp::{Arch, Simd, WithSimd};
 const TILE: usize = 4;
 const PANEL: usize = 8;
 /// Columns packed before they are used: they fit the first level of cache.
-pub(super) const PACK: usize = 24;
+pub(crate) const PACK: usize = 24;
 
 /// `h += p p^T` or, with `MINUS`, `h -= p p^T` for `p` of `p.len() / rows` columns.
-pub(super) fn add_outer<const MINUS: bool>(arch: Arch, h: &mut [f64], rows: usize, p: &[f64]) {
+pub(crate) fn add_outer<const MINUS: bool>(arch: Arch, h: &mut [f64], rows: usize, p: &[f64]) {
     arch.dispatch(AddOuter::<MINUS> { h, rows, p, first: 0 });
 }
 
@@ -83,7 +83,7 @@ fn tile<S: Simd, const MINUS: bool, const N: usize>(
 
 /// Replaces the lower triangle by its Cholesky factor and fills `inverse` with one over the factor's diagonal; entries of
 /// the upper triangle become 0. False when the matrix is not positive definite.
-pub(super) fn cholesky(arch: Arch, l: &mut [f64], inverse: &mut [f64]) -> bool {
+pub(crate) fn cholesky(arch: Arch, l: &mut [f64], inverse: &mut [f64]) -> bool {
     arch.dispatch(Cholesky { l, inverse })
 }
 
@@ -160,7 +160,7 @@ fn factor_panel<S: Simd>(simd: S, panel: &mut [f64], inverse: &mut [f64], rows: 
 }
 
 /// `y = L^-1 y`.
-pub(super) fn forward(arch: Arch, l: &[f64], inverse: &[f64], y: &mut [f64]) {
+pub(crate) fn forward(arch: Arch, l: &[f64], inverse: &[f64], y: &mut [f64]) {
     arch.dispatch(Triangular {
         l,
         inverse,
@@ -170,7 +170,7 @@ pub(super) fn forward(arch: Arch, l: &[f64], inverse: &[f64], y: &mut [f64]) {
 }
 
 /// `y = L^-T y`.
-pub(super) fn backward(arch: Arch, l: &[f64], inverse: &[f64], y: &mut [f64]) {
+pub(crate) fn backward(arch: Arch, l: &[f64], inverse: &[f64], y: &mut [f64]) {
     arch.dispatch(Triangular {
         l,
         inverse,

@@ -5,18 +5,18 @@
 use pulp::{Arch, Simd, WithSimd};
 
 /// Lengths are padded to a multiple of this many `f64`: one register of the widest vector unit.
-pub(super) const LANES: usize = 8;
+pub(crate) const LANES: usize = 8;
 
 /// Columns that [`dots`] takes at once; the number of columns is padded to a multiple of it.
-pub(super) const COLUMNS_AT_ONCE: usize = 8;
+pub(crate) const COLUMNS_AT_ONCE: usize = 8;
 
 /// Next multiple of `step`.
-pub(super) const fn padded(length: usize, step: usize) -> usize {
+pub(crate) const fn padded(length: usize, step: usize) -> usize {
     length.div_ceil(step) * step
 }
 
 /// `out_j = column_j . v`.
-pub(super) fn dots(arch: Arch, columns: &[f64], v: &[f64], out: &mut [f64]) {
+pub(crate) fn dots(arch: Arch, columns: &[f64], v: &[f64], out: &mut [f64]) {
     arch.dispatch(Dots { columns, v, out });
 }
 
@@ -54,7 +54,7 @@ impl WithSimd for Dots<'_> {
 }
 
 /// `out_k = column_j . v` for the k-th j of a list; `out` is emptied first.
-pub(super) fn dots_of(arch: Arch, columns: &[f64], list: &[usize], v: &[f64], out: &mut Vec<f64>) {
+pub(crate) fn dots_of(arch: Arch, columns: &[f64], list: &[usize], v: &[f64], out: &mut Vec<f64>) {
     arch.dispatch(DotsOf { columns, list, v, out });
 }
 
@@ -100,7 +100,7 @@ impl WithSimd for DotsOf<'_> {
 }
 
 /// `y += sum of x_j column_j` over a list of `(j, x_j)`.
-pub(super) fn add_columns(arch: Arch, columns: &[f64], list: &[(usize, f64)], y: &mut [f64]) {
+pub(crate) fn add_columns(arch: Arch, columns: &[f64], list: &[(usize, f64)], y: &mut [f64]) {
     arch.dispatch(AddColumns { columns, list, y });
 }
 
@@ -148,7 +148,7 @@ impl WithSimd for AddColumns<'_> {
 
 /// What the entries that change sides between g and `g + t q` add to the derivative of `1/2 |max(0, g + t q)|^2` with
 /// respect to t over the straight line it has at t = 0, and the slope of that.
-pub(super) fn crossings(arch: Arch, g: &[f64], q: &[f64], t: f64) -> (f64, f64) {
+pub(crate) fn crossings(arch: Arch, g: &[f64], q: &[f64], t: f64) -> (f64, f64) {
     arch.dispatch(Crossings { g, q, t })
 }
 

@@ -7,12 +7,12 @@
     reason = "a comparison with a number that is none must fail"
 )]
 
-mod aligned;
+pub(crate) mod aligned;
 mod block;
 mod columns;
-mod dense;
+pub(crate) mod dense;
 mod factor;
-mod kernels;
+pub(crate) mod kernels;
 mod lawson_hanson;
 mod linear;
 mod method;
@@ -37,9 +37,10 @@ pub use projector::Projector;
 use nalgebra::DVector;
 
 /// How a solve ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Status {
     /// To the tolerance asked for.
+    #[default]
     Converged,
     /// The iteration limit came first; the proof tells how far off the solution is.
     Stopped,

@@ -157,6 +157,11 @@ impl Problem {
         (reduced, dropped)
     }
 
+    /// The reduced right-hand sides, a column each.
+    pub fn reduce_all(&self, b: &DMatrix<f64>) -> DMatrix<f64> {
+        self.basis.transpose() * b
+    }
+
     /// `|A x - b| / |b|` of the whole problem from the reduced residual and what was dropped.
     pub fn relative_residual(reduced: f64, dropped: f64, b: &DVector<f64>) -> f64 {
         let norm = b.norm();

@@ -7,8 +7,8 @@ use crate::imager::Imager;
 use crate::picture::Touch;
 use crate::reconstruct::Method;
 use crate::reconstructor::{FrameResult, Reconstructor, ReconstructorOptions};
-use forward::field::{conductivity_of, conductivity_of_discs};
-use forward::{DiscTouch, Drive, ForwardError, Model, ModelOptions, Pattern, Place, Sheet, Solver};
+use forward::field::conductivity_of;
+use forward::{DiscTouch, Drive, ElectrodeMatrix, ForwardError, Model, ModelOptions, Pattern, Place, Sheet, Solver};
 use rand::rngs::StdRng;
 use rand::{Rng, SeedableRng};
 use rand_distr::StandardNormal;
@@ -164,9 +164,10 @@ impl Bench {
     /// # Errors
     /// [`ForwardError`] where the model has no solution: a touch with a rise of -1 or less.
     pub fn frame(&mut self, scene: &Scene, rng: &mut StdRng) -> Result<Vec<f64>, ForwardError> {
-        let mesh = self.solver.model().mesh();
-        let conductivity = if scene.smooth {
-            conductivity_of(mesh, |p| {
+        let (drive, pattern) = (self.drive, &self.imager.pattern);
+        let frame_v = |matrix: &ElectrodeMatrix| drive.frame_v(matrix, pattern);
+        let mut v = if scene.smooth {
+            let conductivity = conductivity_of(self.solver.model().mesh(), |p| {
                 scene
                     .touches
                     .iter()
@@ -175,12 +176,15 @@ impl Bench {
                         t.rise * (-0.5 * (dx * dx + dy * dy) / (0.5 * t.radius_mm).powi(2)).exp()
                     })
                     .sum()
-            })
+            });
+            frame_v(self.solver.solve(&conductivity)?)
         } else {
-            conductivity_of_discs(mesh, &scene.touches)
+            // The mesh follows the discs' edges, and the change is that on one mesh.
+            let touched = frame_v(self.solver.solve_touches(&scene.touches)?);
+            let untouched = frame_v(self.solver.solve_untouched_there()?);
+            let change = touched.iter().zip(&untouched).map(|(t, u)| t - u);
+            self.baseline.iter().zip(change).map(|(b, c)| b + c).collect()
         };
-        self.solver.solve(&conductivity)?;
-        let mut v = self.drive.frame_v(self.solver.electrode_matrix(), &self.imager.pattern);
         let change: f64 = v.iter().zip(&self.baseline).map(|(a, b)| (a - b).powi(2)).sum::<f64>();
         let sigma = (change / v.len() as f64).sqrt() * 10.0_f64.powf(-scene.snr_db / 20.0);
         add_noise(&mut v, sigma, rng);
@@ -297,6 +301,8 @@ pub struct Score {
     pub over_sd: Vec<f64>,
     /// Integrated rise over the true one.
     pub totals: Vec<f64>,
+    /// Error of the integrated rise over its stated uncertainty.
+    pub total_over_sd: Vec<f64>,
     /// Time of every frame from its voltages to its touches, us.
     pub times_us: Vec<f64>,
     /// Scenes whose touches are the picture's, not fitted ones.
@@ -334,6 +340,8 @@ impl Score {
                 let peak = t.rise * std::f64::consts::PI * t.radius_mm * t.radius_mm;
                 let total = if truth.smooth { 0.5 * peak } else { peak };
                 self.totals.push(f.total_mm2 / total);
+                self.total_over_sd
+                    .extend(f.total_sd_mm2.map(|sd| (f.total_mm2 - total).abs() / sd));
                 if let (Some(sx), Some(sy)) = (f.x_sd_mm, f.y_sd_mm) {
                     self.over_sd.push((f.x_mm - t.centre_mm[0]).abs() / sx);
                     self.over_sd.push((f.y_mm - t.centre_mm[1]).abs() / sy);
@@ -364,8 +372,17 @@ impl Score {
 
     /// Part of the coordinates that lie within two of their standard uncertainties.
     pub fn honest_part(&self) -> f64 {
-        self.over_sd.iter().filter(|v| **v <= 2.0).count() as f64 / self.over_sd.len().max(1) as f64
+        within_two(&self.over_sd)
     }
+
+    /// Part of the integrated rises that lie within two of their standard uncertainties.
+    pub fn honest_total_part(&self) -> f64 {
+        within_two(&self.total_over_sd)
+    }
+}
+
+fn within_two(over_sd: &[f64]) -> f64 {
+    over_sd.iter().filter(|v| **v <= 2.0).count() as f64 / over_sd.len().max(1) as f64
 }
 
 /// The value below which this part of the values lies; not a number for none.

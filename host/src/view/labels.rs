@@ -132,6 +132,12 @@ pub fn rise_text(rise: f64) -> String {
     format!("{:+.0} %", 100.0 * rise).replace('-', "\u{2212}")
 }
 
+/// How strong a touch is: "+20 %", and where the force is known "+20 %  12.3 N".
+pub fn strength_text(touch: &Touch) -> String {
+    let force = touch.force_n.map(|f| format!("  {f:.1} N")).unwrap_or_default();
+    rise_text(touch.rise) + &force
+}
+
 /// A place: "12.3, −40.1 mm".
 pub fn place_text(touch: &Touch) -> String {
     // Adding 0 turns a rounded "-0.0" into "0.0".
@@ -210,6 +216,14 @@ mod tests {
         assert_eq!(
             (rise_text(0.204), rise_text(-0.5)),
             ("+20 %".into(), "\u{2212}50 %".into())
+        );
+        let pressed = Touch {
+            force_n: Some(12.34),
+            ..touch
+        };
+        assert_eq!(
+            (strength_text(&touch), strength_text(&pressed)),
+            ("+20 %".into(), "+20 %  12.3 N".into())
         );
     }
 }

@@ -182,10 +182,10 @@ pub fn draw_touches(canvas: &mut Canvas, layout: &Layout, touches: &[Touch], mar
     }
 }
 
-/// The label of a touch: "1  12.3, −40.1 mm  +20 %", without the number if it has none.
+/// The label of a touch: "1  12.3, −40.1 mm  +20 %", without the number if it has none, and with its force if that is known.
 pub fn touch_label(touch: &Touch) -> String {
     let id = touch.id.map(|id| format!("{id}  ")).unwrap_or_default();
-    format!("{id}{}  {}", labels::place_text(touch), labels::rise_text(touch.rise))
+    format!("{id}{}  {}", labels::place_text(touch), labels::strength_text(touch))
 }
 
 /// Draws the colour bar from `low` to `high` under a short title, its ticks written by `text`.

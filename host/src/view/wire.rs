@@ -21,7 +21,7 @@
 //! | 60 | u16 | m, number of touches |
 //! | 62 | u16 | s, bytes of the status line |
 //! | 64 | n x u16 | values, then padding to a multiple of 4 |
-//! | | m x 20 | touches: u32 id (4294967295 = none), f32 x and y in mm, f32 rise, f32 area in mm² |
+//! | | m x 24 | touches: u32 id (4294967295 = none), f32 x and y in mm, f32 rise, f32 area in mm², f32 force in N or NaN |
 //! | | s | status line, UTF-8 |
 
 use serde::{Deserialize, Serialize};
@@ -29,10 +29,10 @@ use serde::{Deserialize, Serialize};
 use crate::picture::{Picture, Touch};
 
 /// First bytes of a frame; the last one is the version of this format.
-pub const MAGIC: [u8; 4] = *b"SKN1";
+pub const MAGIC: [u8; 4] = *b"SKN2";
 
 const HEADER: usize = 64;
-const TOUCH: usize = 20;
+const TOUCH: usize = 24;
 const NO_ID: u32 = u32::MAX;
 
 /// What stays the same from frame to frame, as the page is told.
@@ -172,7 +172,8 @@ pub fn encode(picture: &Picture, scene: u32, published_ms: f64) -> Vec<u8> {
     out.resize(out.len().next_multiple_of(4), 0);
     for touch in touches {
         out.extend(touch.id.unwrap_or(NO_ID).to_le_bytes());
-        for number in [touch.x_mm, touch.y_mm, touch.rise, touch.area_mm2] {
+        let force = touch.force_n.unwrap_or(f64::NAN);
+        for number in [touch.x_mm, touch.y_mm, touch.rise, touch.area_mm2, force] {
             out.extend((number as f32).to_le_bytes());
         }
     }
@@ -215,6 +216,7 @@ pub fn decode(bytes: &[u8]) -> Option<Frame> {
             y_mm: number()?,
             rise: number()?,
             area_mm2: number()?,
+            force_n: number().map(|f| Some(f).filter(|f| !f.is_nan()))?,
             ..Touch::default()
         })
     };
@@ -344,7 +346,7 @@ pub(super) mod tests {
             assert_eq!(decode(&bytes[..cut]), None, "{cut}");
         }
         let mut other = bytes.clone();
-        other[3] = b'2';
+        other[3] = b'1';
         assert_eq!(decode(&other), None);
         let mut many = bytes;
         many[56..60].fill(0xff);

@@ -11,7 +11,10 @@ use rigless::machine::{Board, Target};
 use rigless::mcu::{Mcu, Operate};
 use rigless::snapshot::Store;
 use rigless::soc::stm32f427::Stm32f427;
+use rigless::soc::stm32f427::generated::flash::{Register as Options, optcr};
+use rigless::soc::stm32f427::generated::rcc::{Register, cr};
 use rigless::soc::stm32f427::peripherals::dma::{Dma, Wire};
+use rigless::soc::stm32f427::peripherals::usart::TRANSMIT_REQUEST;
 use rigless::soc::{Bus, Error};
 use rigless::time::VirtualNanos;
 use std::num::{NonZeroU32, NonZeroU64};
@@ -19,13 +22,22 @@ use std::num::{NonZeroU32, NonZeroU64};
 /// Instructions a second of virtual time: the clock of 168 MHz at 1.4 cycles an instruction.
 const INSTRUCTIONS_PER_SECOND: u64 = 120_000_000;
 
-/// The DAC's first channel asks stream 5 of the first controller, channel 7 (RM0090 table 42).
-static DMA1_WIRES: [Wire; 1] = [Wire {
-    instance: "DAC",
-    request: DMA_REQUEST,
-    channel: 7,
-    streams: &[5],
-}];
+/// The DAC's first channel asks stream 5 of the first controller, channel 7, and the transmitter of the second serial port
+/// stream 6, channel 4 (RM0090 table 42).
+static DMA1_WIRES: [Wire; 2] = [
+    Wire {
+        instance: "DAC",
+        request: DMA_REQUEST,
+        channel: 7,
+        streams: &[5],
+    },
+    Wire {
+        instance: "USART2",
+        request: TRANSMIT_REQUEST,
+        channel: 4,
+        streams: &[6],
+    },
+];
 
 /// The chip.
 #[derive(Debug)]
@@ -35,11 +47,14 @@ pub struct Chip {
     converter: Converter,
     source: Source,
     slots: [usize; 3],
+    /// Of the clock controller, and whether the crystal is dead.
+    clocks: usize,
+    dead_crystal: bool,
     world: Shared,
 }
 
 impl Chip {
-    /// Powered up, with this world on its pins and this line on its first serial port.
+    /// Powered up, with this world on its pins and this line on its first two serial ports, of which a program uses one.
     ///
     /// # Errors
     /// rigless's, when the chip does not fit together.
@@ -52,7 +67,9 @@ impl Chip {
         ];
         inner.rcc.attach_crystals(8_000_000, 0);
         inner.set_supply(3300);
-        inner.usart[0].attach(line);
+        inner.usart[0].attach(line.clone());
+        inner.usart[1].attach(line);
+        let clocks = inner.bus().slot("RCC")?;
         inner.dma[0] = Dma::new(&DMA1_WIRES, &[], false);
         Ok(Self {
             inner,
@@ -60,8 +77,27 @@ impl Chip {
             converter: Converter::new(world.clone()),
             source: Source::new(world.clone()),
             slots,
+            clocks,
+            dead_crystal: false,
             world,
         })
+    }
+
+    /// The crystal never swings.
+    pub fn without_crystal(mut self) -> Self {
+        self.dead_crystal = true;
+        self
+    }
+
+    /// The brown-out reset's level in the option bytes: 3 is off, 0 the highest.
+    pub fn brown_out(&self) -> u64 {
+        let registers = self.inner.bus().registers("FLASH");
+        registers.map_or(3, |r| optcr::BOR_LEV.get(r.get(Options::Optcr)))
+    }
+
+    /// The supply is so many millivolts from now on.
+    pub fn supply(&mut self, millivolts: u32) {
+        self.inner.set_supply(millivolts);
     }
 }
 
@@ -90,6 +126,11 @@ impl Mcu for Chip {
 
     fn split(&mut self, slot: usize) -> (&mut Bus, Option<&mut dyn ErasedDevice>) {
         let [timer, converter, source] = self.slots;
+        if self.dead_crystal && slot == self.clocks {
+            // rigless's oscillator is ready some time after it was switched on, whatever is soldered to it.
+            let (_, registers) = self.inner.clocks();
+            registers.set(Register::Cr, cr::HSERDY.set(registers.get(Register::Cr), 0));
+        }
         let (bus, model) = self.inner.split(slot);
         if slot == timer {
             (bus, Some(&mut self.timer))

@@ -11,6 +11,7 @@ use rigless::image::Image;
 use rigless::session::Session;
 use rigless::soc::Width;
 use rigless::time::VirtualNanos;
+use std::collections::VecDeque;
 use std::error::Error;
 use std::path::Path;
 use std::sync::{Arc, Mutex};
@@ -34,6 +35,8 @@ pub struct Outcome {
     pub triggers: u64,
     /// Restarts.
     pub resets: usize,
+    /// The brown-out reset's level in the option bytes: 3 is off, 0 the highest.
+    pub brown_out: u64,
     /// What the emulator could not stand in for: addresses without a register, refused accesses, registers without a model.
     pub gaps: Vec<String>,
     /// Instructions from the start of the work on a block to its end, of every block.
@@ -56,6 +59,7 @@ struct Watcher {
     commands: std::vec::IntoIter<(u64, ToBoard)>,
     next: Option<(u64, ToBoard)>,
     restart: Option<u64>,
+    supply: VecDeque<(u64, u32)>,
     until: u64,
     frames: usize,
     busy_since: Option<u64>,
@@ -85,6 +89,9 @@ impl Driver<Machine> for Watcher {
         if self.restart.is_some_and(|at| at <= now) {
             self.restart = None;
             session.reset_by_pin(stop.at, stop.instruction_count, host);
+        }
+        while let Some((_, millivolts)) = self.supply.pop_front_if(|(at, _)| *at <= now) {
+            session.board_mut().chip.supply(millivolts);
         }
         while let Some((at, command)) = self.next.take() {
             if at > now {
@@ -124,6 +131,21 @@ impl Driver<Machine> for Watcher {
     }
 }
 
+/// What is around a program besides the world: all as it should be, unless it is set otherwise.
+#[derive(Debug, Default)]
+pub struct Setup {
+    /// Commands and when they are sent, ns.
+    pub commands: Vec<(u64, ToBoard)>,
+    /// When the reset button is pressed, ns.
+    pub restart: Option<u64>,
+    /// The supply from a time (ns) on, mV.
+    pub supply: Vec<(u64, u32)>,
+    /// What the flash memory holds beside the program: where, and what.
+    pub flash: Option<(u64, Vec<u8>)>,
+    /// The crystal does not swing.
+    pub dead_crystal: bool,
+}
+
 /// Runs a program on a sheet: sends commands at times (ns), and ends when so many frames came or at a time.
 ///
 /// # Errors
@@ -136,28 +158,39 @@ pub fn run(
     frames: usize,
     until_ns: u64,
 ) -> Result<Outcome, Box<dyn Error>> {
-    let world = World::new(electronics, sheet);
-    run_in(program, world, commands, None, frames, until_ns)
+    let setup = Setup {
+        commands,
+        ..Setup::default()
+    };
+    run_in(program, World::new(electronics, sheet), setup, frames, until_ns)
 }
 
-/// The same in a world that is set up already, with the reset button pressed at a time (ns), if at any.
+/// The same in a world and with all around it set up already.
 ///
 /// # Errors
 /// As of [`run`].
 pub fn run_in(
     program: &Path,
     world: World,
-    commands: Vec<(u64, ToBoard)>,
-    restart: Option<u64>,
+    setup: Setup,
     frames: usize,
     until_ns: u64,
 ) -> Result<Outcome, Box<dyn Error>> {
     let world: Shared = Arc::new(Mutex::new(world));
     let line = Line::default();
+    let mut chip = Chip::new(world.clone(), line.clone())?;
+    let mut supply = VecDeque::from(setup.supply);
+    if let Some((_, millivolts)) = supply.pop_front_if(|(at, _)| *at == 0) {
+        chip.supply(millivolts);
+    }
     let machine = Machine {
-        chip: Chip::new(world.clone(), line.clone())?,
+        chip: if setup.dead_crystal {
+            chip.without_crystal()
+        } else {
+            chip
+        },
     };
-    let mut commands = commands.into_iter();
+    let mut commands = setup.commands.into_iter();
     let watcher = Watcher {
         line,
         decoder: Decoder::new(),
@@ -166,14 +199,18 @@ pub fn run_in(
         damaged: 0,
         next: commands.next(),
         commands,
-        restart,
+        restart: setup.restart,
+        supply,
         until: until_ns,
         frames,
         busy_since: None,
         work: Vec::new(),
         stack: (0, 0),
     };
-    let images = [Image::read(program, None)?];
+    let mut images = vec![Image::read(program, None)?];
+    if let Some((address, bytes)) = setup.flash {
+        images.push(Image::new(Path::new("settings"), bytes, Some(address))?);
+    }
     let session = Session::new(Box::new(machine), 0, VirtualNanos(LOOK_NS))?;
     let finished = rigless::emulator::run(session, &Start::new(&images), watcher)?;
     let (session, watcher) = (finished.session, finished.driver);
@@ -188,6 +225,7 @@ pub fn run_in(
         without_break: world.without_break,
         triggers: world.triggers,
         resets: session.resets().len(),
+        brown_out: session.board().chip.brown_out(),
         gaps,
         work: watcher.work,
         stack: watcher.stack.0,

@@ -8,7 +8,7 @@ use std::f64::consts::TAU;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// DAC codes of the source's amplitude at full scale.
-const FULL_SCALE: f64 = 2000.0;
+const FULL_SCALE: f64 = 1788.0;
 /// How much later than the DAC's steps the fundamental arrives at the electrodes, in periods: half a step of the DAC, and the
 /// second-order low-pass at 10 kHz (Butterworth) of docs/board.md.
 fn lag_turns() -> f64 {
@@ -58,6 +58,8 @@ struct Ports {
 pub struct World {
     analog: Analog,
     sheet: ElectrodeMatrix,
+    /// The sheet from a trigger on, once.
+    touched: Option<(u64, ElectrodeMatrix)>,
     ports: Ports,
     /// What is connected now.
     connected: Option<(Pair, Option<Pair>)>,
@@ -92,6 +94,7 @@ impl World {
         Self {
             analog: Analog::new(electronics, 0).expect("electronics that can be"),
             sheet,
+            touched: None,
             ports: Ports::default(),
             connected: None,
             input: 0,
@@ -105,10 +108,17 @@ impl World {
         }
     }
 
+    /// Something touches the sheet from a trigger on.
+    pub fn touched_at(mut self, trigger: u64, sheet: ElectrodeMatrix) -> Self {
+        self.touched = Some((trigger, sheet));
+        self
+    }
+
     /// The board restarts.
     pub fn reset(&mut self) {
         *self = Self {
             without_break: self.without_break,
+            touched: self.touched.take(),
             ..Self::new(self.analog.electronics().clone(), self.sheet.clone())
         };
     }
@@ -171,8 +181,20 @@ impl World {
         self.routing = self.analog.switched(self.triggers, &self.routing, amplitudes);
     }
 
+    /// The amplitude of the present route, whatever is on its way there.
+    fn refresh(&mut self) {
+        if let Some(route) = self.route {
+            let full = self.analog.amplitudes_v(&self.sheet, &route, 0).unwrap_or_default();
+            self.routing.amplitude_v = full.map(|v| v * self.source.0);
+        }
+    }
+
     /// The timer's pulse steps the DAC to this code.
     pub fn step(&mut self, code: u16) {
+        if let Some((_, sheet)) = self.touched.take_if(|(at, _)| *at <= self.triggers) {
+            self.sheet = sheet;
+            self.refresh();
+        }
         // The trigger was counted before.
         let phase = (self.triggers.wrapping_sub(1) % SAMPLES_PER_PERIOD as u64) as usize;
         self.codes[phase] = code;
@@ -182,10 +204,7 @@ impl World {
         let source = self.fundamental();
         if source != self.source {
             self.source = source;
-            if let Some(route) = self.route {
-                let full = self.analog.amplitudes_v(&self.sheet, &route, 0).unwrap_or_default();
-                self.routing.amplitude_v = full.map(|v| v * source.0);
-            }
+            self.refresh();
         }
     }
 

@@ -2,41 +2,17 @@
 //! `tests/boards.sh` builds the programs and says where they are.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
-use emulator::run::{Outcome, run, run_in};
-use emulator::world::World;
-use firmware::{Excitation, Pace, Progress, Scan};
-use forward::ElectrodeMatrix;
-use hil_sim::{Clock, Electronics, FixedSheet, SimFrontEnd};
-use nalgebra::DMatrix;
-use protocol::{Frame, FromBoard, Hello, Plan, ResetCause, Sampling, ToBoard};
-use std::f64::consts::PI;
-use std::path::PathBuf;
+mod common;
 
-/// When the first command is sent, ns: the board is up long before.
-const AWAKE_NS: u64 = 20_000_000;
+use common::{AWAKE_NS, frames, hellos, in_process, program, sheet};
+use emulator::run::{Outcome, Setup, run, run_in};
+use emulator::world::World;
+use hil_sim::Electronics;
+use protocol::{FromBoard, Plan, ResetCause, Sampling, ToBoard};
 
 /// Instructions that the work on a block may take: a twentieth of the cycles of one period at 168 MHz, which is the time
 /// between blocks when nothing settles, at 1.4 cycles an instruction.
 const BUDGET: u64 = (0.05 * 16.0 * 2850.0 / 1.4) as u64;
-
-fn program(name: &str) -> PathBuf {
-    let folder = std::env::var_os("SKIN_STM32_PROGRAMS").expect("SKIN_STM32_PROGRAMS: run tests/boards.sh");
-    PathBuf::from(folder).join(name)
-}
-
-/// The homogeneous disc with small electrodes on its rim, one place of it lifted so that no symmetry hides a wrong route.
-fn sheet() -> ElectrodeMatrix {
-    let potential = |distance: f64| -1000.0 / PI * distance.ln();
-    ElectrodeMatrix::from_potentials(DMatrix::from_fn(16, 16, |i, j| {
-        let uneven = 3.0 * ((i * j) as f64).sqrt() + 2.0 * (i + j) as f64;
-        if i == j {
-            potential(2.5) + 100.0 + uneven
-        } else {
-            let half = PI * (i as f64 - j as f64) / 16.0;
-            potential(195.0 * half.sin().abs()) + uneven
-        }
-    }))
-}
 
 fn start(name: &str, plan: &Plan, frames: usize, until_ns: u64) -> Outcome {
     let commands = vec![
@@ -52,50 +28,6 @@ fn start(name: &str, plan: &Plan, frames: usize, until_ns: u64) -> Outcome {
         until_ns,
     )
     .unwrap()
-}
-
-fn frames(outcome: &Outcome) -> Vec<Frame> {
-    let frame = |(_, m): &(u64, FromBoard)| match m {
-        FromBoard::Frame(f) => Some(f.clone()),
-        _ => None,
-    };
-    outcome.messages.iter().filter_map(frame).collect()
-}
-
-fn hellos(outcome: &Outcome) -> Vec<Hello> {
-    let hello = |(_, m): &(u64, FromBoard)| match m {
-        FromBoard::Hello(h) => Some(h.clone()),
-        _ => None,
-    };
-    outcome.messages.iter().filter_map(hello).collect()
-}
-
-/// What the same firmware measures in process, the first sample of the first frame at a time.
-fn in_process(plan: &Plan, first: u64, count: usize) -> Vec<Frame> {
-    let clock = Clock::new();
-    clock.advance(first - u64::from(plan.settle_quarters) * 4);
-    let mut front = SimFrontEnd::new(Electronics::default(), FixedSheet(sheet()), clock)
-        .unwrap()
-        .self_clocked();
-    front.switch_on().unwrap();
-    let mut scan = Scan::new();
-    scan.wire(16, 0, 1425);
-    (0..count as u32)
-        .map(|sequence| {
-            scan.start(plan.recipe(), Pace::Ahead, 0, &mut front).unwrap();
-            while nb::block!(scan.step(plan.recipe(), &mut front)).unwrap() != Progress::Complete {}
-            let frame = scan.frame(sequence, plan.id, plan.quadrature);
-            let mut bytes = [0; protocol::MAX_FROM_BOARD_LEN];
-            let framed = protocol::encode(&protocol::Outgoing::Frame(frame), &mut bytes).unwrap();
-            let mut decoder = protocol::Decoder::<{ protocol::MAX_FROM_BOARD_LEN }>::new();
-            let mut out = None;
-            decoder.push::<FromBoard>(framed, |m| out = Some(m.unwrap()));
-            match out {
-                Some(FromBoard::Frame(f)) => f,
-                other => panic!("{other:?}"),
-            }
-        })
-        .collect()
 }
 
 fn plans() -> [Plan; 2] {
@@ -171,7 +103,8 @@ fn faults(name: &str, plan: &Plan) -> Vec<String> {
 
 #[test]
 fn every_chips_program_measures_what_the_firmware_measures_in_process_value_for_value() {
-    for name in ["f446", "f427", "f405"] {
+    // The last speaks over the Nucleo's own serial port.
+    for name in ["f446", "f427", "f405", "st-link"] {
         for plan in plans() {
             assert_eq!(faults(name, &plan), Vec::<String>::new(), "{name}, {:?}", plan.id);
         }
@@ -260,7 +193,7 @@ fn the_stack_has_room_to_spare() {
         ToBoard::SaveSettings,
         ToBoard::SelfTest,
         // Here it is restarted. What the emulated flash memory was told to keep it does not hold, so that the board begins as
-        // it was made; hil-sim's tests start from stored settings.
+        // it was made.
         ToBoard::GetPlan,
         ToBoard::SelfTest,
         ToBoard::GetCounters,
@@ -273,8 +206,11 @@ fn the_stack_has_room_to_spare() {
     let outcome = run_in(
         &program("f446"),
         World::new(Electronics::default(), sheet()),
-        commands,
-        Some(restart),
+        Setup {
+            commands,
+            restart: Some(restart),
+            ..Setup::default()
+        },
         2,
         3_000_000_000,
     )
@@ -307,7 +243,11 @@ fn an_overrun_of_the_converter_costs_one_frame() {
         (AWAKE_NS + 10_000_000, ToBoard::Start),
         (AWAKE_NS + 250_000_000, ToBoard::GetCounters),
     ];
-    let outcome = run_in(&program("f446"), world, commands, None, 2, 1_000_000_000).unwrap();
+    let setup = Setup {
+        commands,
+        ..Setup::default()
+    };
+    let outcome = run_in(&program("f446"), world, setup, 2, 1_000_000_000).unwrap();
     let sequences: Vec<u32> = frames(&outcome).iter().map(|f| f.sequence).collect();
     assert_eq!((sequences, outcome.resets), (vec![1, 2], 0), "{:?}", outcome.messages);
     let counted = outcome.messages.iter().find_map(|(_, m)| match m {

@@ -2,7 +2,9 @@
 
 use crate::flash;
 use crate::multiplexer;
+use crate::panic_record;
 use crate::sampler;
+use core::sync::atomic::{AtomicBool, Ordering};
 use firmware::{Clock, Sector, Store, Watchdog};
 use protocol::ResetCause;
 use stm32f4xx_hal::pac;
@@ -30,8 +32,19 @@ pub fn hexadecimal(value: u32, digits: &mut [u8]) {
     }
 }
 
-/// Sets the chip up: watchdog first, then clocks and pins. Why it was started.
-pub fn start(device: pac::Peripherals, mut core: cortex_m::Peripherals) -> ResetCause {
+/// What the chip says as it starts.
+pub struct Started {
+    /// Why.
+    pub cause: ResetCause,
+    /// What is not as it should be; empty when all is.
+    pub note: &'static str,
+}
+
+const NO_CRYSTAL: &str = "no 8 MHz clock: on the internal one, up to 1 % off";
+const LOW_SUPPLY: &str = "the supply is below 3.0 V: settings cannot be stored";
+
+/// Sets the chip up: watchdog first, then clocks and pins.
+pub fn start(device: pac::Peripherals, mut core: cortex_m::Peripherals) -> Started {
     // A program that is being debugged is not bitten.
     device
         .DBGMCU
@@ -56,23 +69,22 @@ pub fn start(device: pac::Peripherals, mut core: cortex_m::Peripherals) -> Reset
     device
         .RCC
         .apb1enr()
-        .modify(|r, w| unsafe { w.bits(r.bits() | 1 | 1 << 28 | 1 << 29) });
+        .modify(|r, w| unsafe { w.bits(r.bits() | 1 | 1 << 28 | 1 << 29 | u32::from(ST_LINK) << 17) });
     device
         .RCC
         .apb2enr()
-        .modify(|r, w| unsafe { w.bits(r.bits() | 1 << 8 | 1 << 4) });
-    // Supply monitor at 2.9 V: below it no flash memory is written.
-    device
-        .PWR
-        .cr()
-        .modify(|r, w| unsafe { w.bits(r.bits() | 7 << 5 | 1 << 4) });
+        .modify(|r, w| unsafe { w.bits(r.bits() | 1 << 8 | u32::from(!ST_LINK) << 4) });
+    let supplied = wait_for_supply(&device.PWR);
+    if supplied {
+        reset_below_2_7_volt(&device.FLASH);
+    }
 
-    let crystal = Config::hse(8.MHz());
-    // A Nucleo gets its 8 MHz from the debugger on it, without a crystal.
-    let clock = if cfg!(feature = "f446") {
-        crystal.bypass_hse_oscillator()
-    } else {
-        crystal
+    let crystal = hse_runs(&device.RCC);
+    let clock = match (crystal, NUCLEO) {
+        (true, false) => Config::hse(8.MHz()),
+        (true, true) => Config::hse(8.MHz()).bypass_hse_oscillator(),
+        // Its serial line works and so does the lock-in, which has no other clock to compare with.
+        (false, _) => Config::hsi(),
     };
     let rcc = device
         .RCC
@@ -80,7 +92,9 @@ pub fn start(device: pac::Peripherals, mut core: cortex_m::Peripherals) -> Reset
     // From here on a crystal that stops is a non-maskable interrupt, not a frequency that silently changes.
     // SAFETY: one bit of a register that nothing else writes any more.
     let registers = unsafe { &*pac::RCC::ptr() };
-    registers.cr().modify(|r, w| unsafe { w.bits(r.bits() | 1 << 19) });
+    if crystal {
+        registers.cr().modify(|r, w| unsafe { w.bits(r.bits() | 1 << 19) });
+    }
     drop(rcc);
 
     core.DCB.enable_trace();
@@ -98,7 +112,85 @@ pub fn start(device: pac::Peripherals, mut core: cortex_m::Peripherals) -> Reset
         .ADC_COMMON
         .ccr()
         .modify(|r, w| unsafe { w.bits(r.bits() & !(3 << 16) | 1 << 16) });
-    cause
+    let note = match (crystal, supplied) {
+        (false, _) => NO_CRYSTAL,
+        (true, false) => LOW_SUPPLY,
+        (true, true) => "",
+    };
+    Started { cause, note }
+}
+
+/// A Nucleo gets its 8 MHz from the debugger on it, without a crystal.
+const NUCLEO: bool = cfg!(feature = "f446");
+const ST_LINK: bool = cfg!(feature = "st-link");
+
+/// Whether the supply is watched: it was good once.
+static WATCHED: AtomicBool = AtomicBool::new(false);
+
+/// Starts the supply monitor and waits a while for the supply to be good: above 3.03 V. From then on below 2.93 V the board
+/// restarts ([`Watchdog::feed`]); without that it works, and writes no flash memory.
+fn wait_for_supply(power: &pac::PWR) -> bool {
+    // Level 6.
+    power
+        .cr()
+        .modify(|r, w| unsafe { w.bits(r.bits() & !(7 << 5) | 6 << 5 | 1 << 4) });
+    // The clock is the internal one of 16 MHz: some 50 ms.
+    let mut patience = 100_000;
+    while !supply_is_good() && patience > 0 {
+        patience -= 1;
+    }
+    let good = supply_is_good();
+    WATCHED.store(good, Ordering::Relaxed);
+    good
+}
+
+/// Sets the chip's own brown-out reset to its highest level (3, some 2.8 V) where it is not: as delivered it is off, and
+/// between 1.8 V and there the processor may do anything. One of the option bytes, kept for ever, so written once in a
+/// chip's life.
+fn reset_below_2_7_volt(flash: &pac::FLASH) {
+    const LEVEL: u32 = 3 << 2;
+    if flash.optcr().read().bits() & LEVEL == 0 {
+        return;
+    }
+    // A reset in the middle would leave the option bytes half written.
+    let finish = || {
+        while flash.sr().read().bits() & 1 << 16 != 0 {
+            feed();
+        }
+    };
+    flash.optkeyr().write(|w| unsafe { w.bits(0x0819_2A3B) });
+    flash.optkeyr().write(|w| unsafe { w.bits(0x4C5D_6E7F) });
+    finish();
+    // All other bits stay as they are; level 3 is 0. Then the start bit.
+    flash.optcr().modify(|r, w| unsafe { w.bits(r.bits() & !LEVEL) });
+    flash.optcr().modify(|r, w| unsafe { w.bits(r.bits() | 1 << 1) });
+    finish();
+    flash.optcr().modify(|r, w| unsafe { w.bits(r.bits() | 1) });
+}
+
+/// Feeds the watchdog.
+fn feed() {
+    // SAFETY: a key register, for writing only.
+    let watchdog = unsafe { &*pac::IWDG::ptr() };
+    watchdog.kr().write(|w| unsafe { w.bits(0xAAAA) });
+}
+
+/// Starts the oscillator of the crystal, or the input for the Nucleo's clock; whether it runs after 50 ms at most.
+fn hse_runs(rcc: &pac::RCC) -> bool {
+    let on = 1 << 16 | u32::from(NUCLEO) << 18;
+    rcc.cr()
+        .modify(|r, w| unsafe { w.bits(r.bits() & !(1 << 16) | on & 1 << 18) });
+    rcc.cr().modify(|r, w| unsafe { w.bits(r.bits() | on) });
+    let runs = || rcc.cr().read().bits() & 1 << 17 != 0;
+    let mut patience = 100_000;
+    while !runs() && patience > 0 {
+        patience -= 1;
+    }
+    let found = runs();
+    if !found {
+        rcc.cr().modify(|r, w| unsafe { w.bits(r.bits() & !on) });
+    }
+    found
 }
 
 fn reset_cause(flags: u32) -> ResetCause {
@@ -123,7 +215,7 @@ unsafe fn NonMaskableInt() {
     panic!("the crystal stopped");
 }
 
-/// Whether the supply is above 2.9 V.
+/// Whether the supply is above 2.93 V, and above 3.03 V once it was below.
 pub fn supply_is_good() -> bool {
     // SAFETY: a status register.
     let power = unsafe { &*pac::PWR::ptr() };
@@ -141,11 +233,18 @@ impl Clock for Chip {
 
 impl Watchdog for Chip {
     fn feed(&mut self) {
-        // However long nobody measures, the time is asked before the cycle counter came round.
-        sampler::now();
-        // SAFETY: a key register, for writing only.
-        let watchdog = unsafe { &*pac::IWDG::ptr() };
-        watchdog.kr().write(|w| unsafe { w.bits(0xAAAA) });
+        // However long nobody measures, the time is asked before the cycle counter came round: every tenth of a second.
+        sampler::keep_up();
+        feed();
+        if WATCHED.load(Ordering::Relaxed) && !supply_is_good() {
+            // What is measured now is wrong, and worse may come: the sheet without voltage until the supply is back, or until the
+            // brown-out reset.
+            multiplexer::release();
+            while !supply_is_good() {
+                feed();
+            }
+            panic_record::restart_after_a_sag();
+        }
     }
 }
 

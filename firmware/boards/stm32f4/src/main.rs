@@ -96,17 +96,21 @@ fn start() -> Result<Board, PlanError> {
             &mut *(&raw mut LAST_PANIC),
         )
     };
-    let reset = chip::start(device, core);
-    // Taken only now: where the crystal does not come back the watchdog restarts the board, and the record stays.
-    *last_panic = panic_record::take();
+    let started = chip::start(device, core);
     let mut info = BoardInfo {
         serial: chip::serial_number(serial_number),
-        reset,
+        reset: started.cause,
+        last_panic: started.note,
         ..INFO
     };
-    if let Some(report) = &*last_panic {
-        info.reset = ResetCause::Panic;
-        info.last_panic = report.text();
+    // Taken only now, so that it stays if the start does not succeed.
+    match panic_record::take() {
+        Some(panic_record::Past::Panic(report)) => {
+            info.reset = ResetCause::Panic;
+            info.last_panic = last_panic.insert(report).text();
+        }
+        Some(panic_record::Past::Sag) => info.reset = ResetCause::BrownOut,
+        None => {}
     }
     Controller::asleep(info, first_plan(), FrontEnd::start(), Serial::start(), Chip, memory)
 }

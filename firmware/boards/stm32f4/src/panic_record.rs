@@ -10,6 +10,16 @@ use core::ptr::{addr_of, addr_of_mut};
 const LONGEST: usize = 64;
 /// Marks a record; anything else is what memory holds after power-up.
 const MAGIC: u32 = 0x534B_494E;
+/// In its place: the board restarted because its supply sagged.
+const SAGGED: u32 = 0x5341_4744;
+
+/// Why the run before ended, if it said so.
+pub enum Past {
+    /// By a bug.
+    Panic(Report),
+    /// The supply sagged.
+    Sag,
+}
 
 /// A report of the run before.
 #[derive(Clone, Copy)]
@@ -50,13 +60,23 @@ impl Report {
 #[unsafe(link_section = ".uninit.record")]
 static mut RECORD: MaybeUninit<Report> = MaybeUninit::uninit();
 
-/// The report of the run before, once.
-pub fn take() -> Option<Report> {
+/// What the run before left, once.
+pub fn take() -> Option<Past> {
     // SAFETY: nothing else looks at it but `keep`, which never returns. Any bytes are a report, if perhaps not a valid one.
     let report = unsafe { addr_of!(RECORD).cast::<Report>().read_volatile() };
     unsafe { addr_of_mut!(RECORD).cast::<u32>().write_volatile(0) };
     let valid = report.magic == MAGIC && report.len as usize <= LONGEST && report.sum == report.summed();
-    valid.then_some(report)
+    if report.magic == SAGGED {
+        return Some(Past::Sag);
+    }
+    valid.then_some(Past::Panic(report))
+}
+
+/// Restarts, and lets the next run say why.
+pub fn restart_after_a_sag() -> ! {
+    // SAFETY: as in `take`.
+    unsafe { addr_of_mut!(RECORD).cast::<u32>().write_volatile(SAGGED) };
+    cortex_m::peripheral::SCB::sys_reset()
 }
 
 /// Keeps a report and restarts.

@@ -7,6 +7,7 @@
 use crate::ring::Shared;
 use crate::source::Source;
 use core::cell::Cell;
+use core::sync::atomic::{AtomicBool, Ordering};
 use cortex_m::interrupt::{self, Mutex};
 use cortex_m::peripheral::DWT;
 use firmware::{Block, ErrorKind, QUARTER_SAMPLES, Rails, SAMPLES_PER_PERIOD, Window};
@@ -74,7 +75,24 @@ fn registers() -> (
 /// Samples taken and in memory since power-up. Has to be asked again within 25 s, in which the cycle counter goes round once.
 /// Goes on, twice as fast, when the sampling does not, so that a wait for samples has an end.
 pub fn now() -> u64 {
-    timed(|time| time.total)
+    interrupt::free(|key| {
+        let cell = TIME.borrow(key);
+        let mut time = cell.get();
+        if time.advance() {
+            cell.set(time);
+        }
+        time.total
+    })
+}
+
+/// Asks now and then, so that nobody else has to.
+pub fn keep_up() {
+    static TENTH: AtomicBool = AtomicBool::new(false);
+    let tenth = DWT::cycle_count() & 1 << 24 != 0;
+    if TENTH.load(Ordering::Relaxed) != tenth {
+        TENTH.store(tenth, Ordering::Relaxed);
+        now();
+    }
 }
 
 /// Brings the time up to date, and lets it be looked at and changed.
@@ -90,11 +108,17 @@ fn timed<R>(f: impl FnOnce(&mut Timebase) -> R) -> R {
 }
 
 impl Timebase {
-    fn advance(&mut self) {
+    /// Whether anything changed.
+    #[inline]
+    fn advance(&mut self) -> bool {
         let (.., dma) = registers();
         let cycles = DWT::cycle_count();
         let left = dma.st(0).ndtr().read().bits() as usize;
         let position = (2 * RING - left) % RING;
+        // Most of the time: it is asked some ten times a sample.
+        if position == self.position && cycles.wrapping_sub(self.cycles) < RING as u32 / 2 * CYCLES_PER_SAMPLE {
+            return false;
+        }
         let further = (RING + position - self.position) % RING;
         // The cycle counter tells how many whole rounds that leaves out; it may be off by a few samples, not by half a ring.
         let about = (cycles.wrapping_sub(self.cycles) / CYCLES_PER_SAMPLE) as usize;
@@ -106,6 +130,7 @@ impl Timebase {
             self.position = position;
             self.cycles = cycles;
         }
+        samples > 0
     }
 }
 

@@ -1,4 +1,5 @@
-//! The serial port to the host, 1 Mbit/s: USART1 on PA9 (out) and PA10 (in), where the chip's own bootloader listens too.
+//! The serial port to the host, 1 Mbit/s: USART1 on PA9 (out) and PA10 (in), where the chip's own bootloader listens too; with
+//! the feature `st-link` USART2 on PA2 and PA3, which a Nucleo's debugger makes a serial port of its USB.
 //! Bytes go out by DMA from two buffers in turn and come in by interrupt.
 
 use crate::ring::Shared;
@@ -27,47 +28,88 @@ pub struct Serial {
     filled: usize,
 }
 
+/// Which port: its registers, and how it is wired inside the chip.
+#[cfg(not(feature = "st-link"))]
+mod port {
+    pub use super::pac::{DMA2 as Dma, USART1 as Usart};
+    /// The interrupt.
+    pub const INTERRUPT: super::pac::Interrupt = super::pac::Interrupt::USART1;
+    /// Stream of the transmitter, and where its flags begin in the upper flag register. Its channel is 4.
+    pub const STREAM: usize = 7;
+    pub const FLAGS: u32 = 22;
+    /// 84 MHz / 84.
+    pub const DIVISOR: u16 = 84;
+    /// Pin of port A that transmits; the next one receives.
+    pub const PIN: u32 = 9;
+}
+
+/// Which port: its registers, and how it is wired inside the chip.
+#[cfg(feature = "st-link")]
+mod port {
+    pub use super::pac::{DMA1 as Dma, USART2 as Usart};
+    /// The interrupt.
+    pub const INTERRUPT: super::pac::Interrupt = super::pac::Interrupt::USART2;
+    /// Stream of the transmitter, and where its flags begin in the upper flag register. Its channel is 4.
+    pub const STREAM: usize = 6;
+    pub const FLAGS: u32 = 16;
+    /// 42 MHz / 42.
+    pub const DIVISOR: u16 = 42;
+    /// Pin of port A that transmits; the next one receives.
+    pub const PIN: u32 = 2;
+}
+
 fn registers() -> (&'static pac::usart1::RegisterBlock, &'static pac::dma2::RegisterBlock) {
-    // SAFETY: USART1 and stream 7 of DMA2 are this module's alone; of DMA2 it writes no register that others write, save the
-    // flags' clear registers, which do nothing to bits written 0.
-    unsafe { (&*pac::USART1::ptr(), &*pac::DMA2::ptr()) }
+    // SAFETY: the port and the stream are this module's alone; of the controller it writes no register that others write, save
+    // the flags' clear registers, which do nothing to bits written 0.
+    unsafe { (&*port::Usart::ptr(), &*port::Dma::ptr()) }
 }
 
 impl Serial {
     /// Sets pins, port and DMA up, and lets bytes in.
     pub fn start() -> Self {
         // SAFETY: these pins are this module's alone; `start` runs before interrupts of it are on.
-        let port = unsafe { &*pac::GPIOA::ptr() };
-        // Alternate function 7 on PA9 and PA10, with a pull-up on the latter: an open line is idle.
-        port.afrh().modify(|r, w| unsafe { w.bits(r.bits() & !0xFF0 | 0x770) });
-        port.pupdr()
-            .modify(|r, w| unsafe { w.bits(r.bits() & !(3 << 20) | 1 << 20) });
-        port.ospeedr().modify(|r, w| unsafe { w.bits(r.bits() | 2 << 18) });
-        port.moder()
-            .modify(|r, w| unsafe { w.bits(r.bits() & !(0xF << 18) | 0xA << 18) });
+        let gpio = unsafe { &*pac::GPIOA::ptr() };
+        // Alternate function 7 on both pins, with a pull-up on the receiver's: an open line is idle.
+        let function = |bits: u32| {
+            let shift = 4 * (port::PIN % 8);
+            bits & !(0xFF << shift) | 0x77 << shift
+        };
+        if port::PIN < 8 {
+            gpio.afrl().modify(|r, w| unsafe { w.bits(function(r.bits())) });
+        } else {
+            gpio.afrh().modify(|r, w| unsafe { w.bits(function(r.bits())) });
+        }
+        let two = 2 * port::PIN;
+        gpio.pupdr()
+            .modify(|r, w| unsafe { w.bits(r.bits() & !(0xF << two) | 0b0100 << two) });
+        gpio.ospeedr()
+            .modify(|r, w| unsafe { w.bits(r.bits() & !(3 << two) | 2 << two) });
+        gpio.moder()
+            .modify(|r, w| unsafe { w.bits(r.bits() & !(0xF << two) | 0b1010 << two) });
         let (usart, dma) = registers();
-        // 84 MHz / 84.
-        usart.brr().write(|w| unsafe { w.bits(84) });
+        usart.brr().write(|w| unsafe { w.bits(port::DIVISOR) });
         // DMA for what goes out.
         usart.cr3().write(|w| unsafe { w.bits(1 << 7) });
         // On, interrupt on reception, transmitter, receiver.
         usart
             .cr1()
             .write(|w| unsafe { w.bits(1 << 13 | 1 << 5 | 1 << 3 | 1 << 2) });
-        dma.st(7).par().write(|w| unsafe { w.bits(usart.dr().as_ptr() as u32) });
+        dma.st(port::STREAM)
+            .par()
+            .write(|w| unsafe { w.bits(usart.dr().as_ptr() as u32) });
         // SAFETY: everything that the interrupt uses is set up.
-        unsafe { cortex_m::peripheral::NVIC::unmask(pac::Interrupt::USART1) };
+        unsafe { cortex_m::peripheral::NVIC::unmask(port::INTERRUPT) };
         Self { filling: 0, filled: 0 }
     }
 
     /// Sends what was filled, if nothing is on its way.
     fn kick(&mut self) {
         let (_, dma) = registers();
-        let stream = dma.st(7);
+        let stream = dma.st(port::STREAM);
         if self.filled == 0 || stream.cr().read().bits() & 1 != 0 {
             return;
         }
-        dma.hifcr().write(|w| unsafe { w.bits(0x3D << 22) });
+        dma.hifcr().write(|w| unsafe { w.bits(0x3D << port::FLAGS) });
         let buffer = OUT.get(self.filling).unwrap_or(&OUT[0]);
         stream.m0ar().write(|w| unsafe { w.bits(buffer.address()) });
         stream.ndtr().write(|w| unsafe { w.bits(self.filled as u32) });
@@ -117,13 +159,28 @@ impl serial::Write for Serial {
     fn flush(&mut self) -> nb::Result<(), serial::ErrorKind> {
         self.kick();
         let (usart, dma) = registers();
-        let busy = self.filled > 0 || dma.st(7).cr().read().bits() & 1 != 0 || usart.sr().read().bits() & 1 << 6 == 0;
+        let busy = self.filled > 0
+            || dma.st(port::STREAM).cr().read().bits() & 1 != 0
+            || usart.sr().read().bits() & 1 << 6 == 0;
         if busy { Err(nb::Error::WouldBlock) } else { Ok(()) }
     }
 }
 
+#[cfg(not(feature = "st-link"))]
 #[interrupt]
 fn USART1() {
+    received();
+}
+
+#[cfg(feature = "st-link")]
+#[interrupt]
+fn USART2() {
+    received();
+}
+
+/// Takes a byte in.
+#[inline]
+fn received() {
     let (usart, _) = registers();
     // Reading status and data in this order takes the byte and clears every error.
     let status = usart.sr().read().bits();

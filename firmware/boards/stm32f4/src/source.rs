@@ -8,8 +8,9 @@ use stm32f4xx_hal::pac;
 
 /// Middle of the DAC's range.
 const MIDDLE: i32 = 2048;
-/// Amplitude at full scale, DAC codes.
-const AMPLITUDE: i32 = 2000;
+/// Amplitude at full scale, DAC codes: 1.44 V. The buffered output is linear to 0.2 V, 248 codes, from either end.
+const AMPLITUDE: i32 = 1788;
+const _: () = assert!(MIDDLE - AMPLITUDE > 248 && MIDDLE + AMPLITUDE < 4095 - 248);
 
 /// The sine runs ahead of the samples by what the way to the electrodes holds it back at 3.684 kHz: half a step of the DAC
 /// (1/32 of a period) and the second-order low-pass at 10 kHz behind it (31.1 degrees), 42.3 degrees together.

@@ -1,11 +1,9 @@
 //! `skin hello`: who the board is, and how it is.
 
-use super::run::simulated_board;
-use anyhow::{Context, Result, anyhow, bail};
+use super::board::{Choice, Connected};
+use anyhow::{Result, bail};
 use clap::Args;
-use host::link::{Link, Port};
-use host::ports;
-use host::session::greet;
+use host::link::Link;
 use protocol::{Check, FromBoard, Hello, SelfTest, ToBoard};
 use serde_json::json;
 use std::time::Duration;
@@ -13,12 +11,8 @@ use std::time::Duration;
 /// Arguments of `skin hello`.
 #[derive(Debug, Args)]
 pub(crate) struct Arguments {
-    /// Serial port of the board [default: the first on USB that answers].
-    #[arg(long, value_name = "PORT")]
-    port: Option<String>,
-    /// The simulated skin.
-    #[arg(long, conflicts_with = "port")]
-    simulate: bool,
+    #[command(flatten)]
+    board: Choice,
     /// One JSON object on stdout.
     #[arg(long)]
     json: bool,
@@ -56,7 +50,7 @@ const CHECKS: [(Check, &str, &str); 5] = [
 /// # Errors
 /// No board, or a failed self-test.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
-    let (link, hello, source) = connect(arguments)?;
+    let Connected { link, hello, source } = arguments.board.connect()?;
     let test = if arguments.no_test {
         None
     } else {
@@ -95,32 +89,6 @@ fn suspects(name: &str, bits: u32) -> String {
     }
     let pairs: Vec<String> = (0..32).filter(|m| bits >> m & 1 == 1).map(|m| m.to_string()).collect();
     format!(" (drive pairs {})", pairs.join(", "))
-}
-
-fn connect(arguments: &Arguments) -> Result<(Link, Hello, String)> {
-    let greeted = |port: Box<dyn Port>, source: &str| -> Result<(Link, Hello, String)> {
-        let link = Link::open(port)?;
-        let hello = greet(&link)?;
-        Ok((link, hello, source.to_owned()))
-    };
-    if arguments.simulate {
-        return greeted(simulated_board()?, "simulated skin");
-    }
-    if let Some(path) = &arguments.port {
-        return greeted(ports::open(path).map_err(|e| anyhow!(e))?, path).with_context(|| path.clone());
-    }
-    let candidates = ports::candidates().context("the serial ports cannot be listed")?;
-    for candidate in &candidates {
-        let path = &candidate.port_name;
-        match ports::open(path)
-            .map_err(|e| anyhow!(e))
-            .and_then(|port| greeted(port, path))
-        {
-            Ok(found) => return Ok(found),
-            Err(e) => eprintln!("{path}: {e:#}"),
-        }
-    }
-    bail!("no board found; name its port with --port, or ask the simulated skin with --simulate")
 }
 
 fn self_test(link: &Link) -> Result<SelfTest> {

@@ -2,17 +2,23 @@
 #![forbid(unsafe_code)]
 
 mod bench;
+mod board;
+mod calibrate;
 mod capture;
 mod fig7;
 mod flash;
 mod forward;
 mod hello;
 mod method;
+mod paper;
+mod plan;
 mod reconstruct;
 mod run;
 mod scene;
+mod settings;
 mod sheet;
 mod sim;
+mod simulated;
 
 use clap::{Parser, Subcommand};
 use std::io::IsTerminal;
@@ -43,12 +49,18 @@ enum Command {
     Forward(forward::Arguments),
     /// What the reconstruction costs and how good it is, measured on this machine with simulated frames.
     Bench(bench::Arguments),
+    /// The source paper's experiments again, on the simulated skin: one report with every figure and number.
+    Paper(paper::Arguments),
+    /// The rubber's creep and the force of a touch, from a press-and-hold: for `run --calibration`.
+    Calibrate(calibrate::Arguments),
     /// Programs a board over its serial cable.
     Flash(flash::Arguments),
     /// Who the board is, and its self-test.
     Hello(hello::Arguments),
     /// A simulated board with a scene on its sheet: its frames as a table, its bytes, or a serial port to read them from.
     Sim(sim::Arguments),
+    /// What a board measures, watches and does at power-up: shows, sets, stores and forgets it.
+    Settings(settings::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -65,9 +77,12 @@ fn main() -> ExitCode {
         Some(Command::Reconstruct(arguments)) => reconstruct::run(&arguments),
         Some(Command::Forward(arguments)) => forward::run(&arguments),
         Some(Command::Bench(arguments)) => bench::run(&arguments),
+        Some(Command::Paper(arguments)) => paper::run(&arguments),
+        Some(Command::Calibrate(arguments)) => calibrate::run(&arguments),
         Some(Command::Flash(arguments)) => flash::run(&arguments),
         Some(Command::Hello(arguments)) => hello::run(&arguments),
         Some(Command::Sim(arguments)) => sim::run(&arguments),
+        Some(Command::Settings(arguments)) => settings::run(&arguments),
         Some(Command::Run(arguments)) => run::run(&arguments),
         None => run::run(&cli.run),
     };

@@ -4,8 +4,10 @@ use ::forward::file::MOST_ELECTRODES;
 use ::forward::{Drive, Electrode, Outline, Pattern, Place, Sheet};
 use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
+use host::creep::file as calibration_file;
+use host::creep::force::ForceMeter;
 use host::imager::Imager;
-use host::picture::Stats;
+use host::picture::{Stats, Touch};
 use host::reconstruct::{Method, Status};
 use host::reconstructor::{FrameResult, Reconstructor, ReconstructorOptions};
 use host::table::MeasurementTable;
@@ -65,9 +67,23 @@ pub(crate) struct Arguments {
     /// Writes the cells of every frame, FRAME.csv with x_mm, y_mm and relative rise, into this folder.
     #[arg(long, value_name = "DIR")]
     cells: Option<PathBuf>,
+    /// Forces in newtons with the creep of the rubber taken out, by what `skin calibrate` wrote; the frames are those of one
+    /// recording in the order of the columns.
+    #[arg(long, requires = "frame_s", value_name = "FILE")]
+    calibration: Option<PathBuf>,
+    /// Time from one frame to the next, s.
+    #[arg(long, requires = "calibration", value_name = "S", value_parser = interval)]
+    frame_s: Option<f64>,
     /// One JSON object a line.
     #[arg(long)]
     json: bool,
+}
+
+fn interval(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(v) if v.is_finite() && v > 0.0 => Ok(v),
+        _ => Err("give a time in seconds above 0".to_owned()),
+    }
 }
 
 #[derive(Serialize)]
@@ -80,6 +96,8 @@ struct TouchLine {
     /// Standard uncertainties; null where the touch is a peak of the picture only.
     x_sd_mm: Option<f64>,
     y_sd_mm: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    force_n: Option<f64>,
 }
 
 #[derive(Serialize)]
@@ -153,6 +171,11 @@ fn baseline(table: &MeasurementTable, frames: &[usize]) -> Vec<f64> {
 /// # Errors
 /// A table or a sheet that makes no sense, a frame that is not there, a picture that cannot be written.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
+    let calibration = arguments
+        .calibration
+        .as_deref()
+        .map(calibration_file::read)
+        .transpose()?;
     let table = MeasurementTable::read(&arguments.file)?;
     let baselines = arguments
         .baseline
@@ -208,12 +231,21 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         Arc::new(found.imager)
     });
     let mut reconstructor = Reconstructor::new(imager.clone(), ReconstructorOptions::for_imager(&imager, method));
+    let mut meter = calibration.map(|c| ForceMeter::new(&imager, c));
     let mut results = Vec::new();
     for (k, column) in table.columns.iter().enumerate() {
         if baselines.contains(&k) {
+            // Nothing pressed then: what presses in the next frame came down since.
+            if let (Some(meter), Some(frame_s)) = (&mut meter, arguments.frame_s) {
+                meter.tell(k as f64 * frame_s, &mut []);
+            }
             continue;
         }
-        let result = reconstructor.frame(&baseline, &column.values)?.clone();
+        let mut result = reconstructor.frame(&baseline, &column.values)?.clone();
+        if let (Some(meter), Some(frame_s)) = (&mut meter, arguments.frame_s) {
+            meter.tell(k as f64 * frame_s, &mut result.touches);
+            result.touches.retain(Touch::is_pressed);
+        }
         if result.used == 0 {
             eprintln!("warning: frame {} has no value that can be used", column.name);
         }
@@ -326,6 +358,7 @@ fn print(results: &[(&str, FrameResult)], json: bool) -> Result<()> {
                         total_mm2: t.total_mm2,
                         x_sd_mm: t.x_sd_mm,
                         y_sd_mm: t.y_sd_mm,
+                        force_n: t.force_n,
                     })
                     .collect(),
                 residual: result.residual,
@@ -362,11 +395,12 @@ fn print(results: &[(&str, FrameResult)], json: bool) -> Result<()> {
         for t in &result.touches {
             writeln!(
                 out,
-                "    x {:7.1} mm  y {:7.1} mm  rise {:6.1} %  area {:6.0} mm2",
+                "    x {:7.1} mm  y {:7.1} mm  rise {:6.1} %  area {:6.0} mm2{}",
                 t.x_mm,
                 t.y_mm,
                 100.0 * t.rise,
-                t.area_mm2
+                t.area_mm2,
+                t.force_n.map_or(String::new(), |f| format!("  force {f:6.2} N"))
             )?;
         }
     }

@@ -1,20 +1,23 @@
 //! `skin run`, and `skin` alone: live pictures of the board, or of the simulated skin when there is no board.
 
-use super::{scene, sheet};
+use super::{plan, scene, sheet};
 use ::forward::{Drive, Geometry, Sheet};
 use anyhow::{Context, Result, anyhow, bail};
 use clap::Args;
 use clap::builder::RangedU64ValueParser;
 use hil_sim::{Pace, SceneFile, SimPort};
+use host::creep::file as calibration_file;
 use host::imager::Imager;
 use host::link::Port;
 use host::live::{Live, LiveFrame, LiveOptions};
 use host::picture::{Picture, Stats, Touch};
+use host::plans::PlanName;
 use host::reconstructor::FrameResult;
-use host::session::{Session, adjacent_plan};
+use host::session::Session;
 use host::view::png;
 use host::view::web::{Command as PageCommand, DEFAULT_PORT, LiveOptions as PageOptions, LiveView};
 use host::{ports, session};
+use protocol::{Hello, QUARTERS, Watch, Watching};
 use serde::Serialize;
 use std::collections::VecDeque;
 use std::io::{IsTerminal, Write};
@@ -46,17 +49,21 @@ pub(crate) struct Arguments {
     /// Writes the last picture to this file at the end.
     #[arg(long, value_name = "FILE")]
     png: Option<PathBuf>,
+    /// What a frame measures.
+    #[arg(long, value_name = "PLAN", value_parser = plan::parser(), default_value_t = PlanName::Auto)]
+    plan: PlanName,
+    /// Let the board watch: while nothing touches it sends no frames, and a touch brings them with the next drive.
+    #[arg(long)]
+    watch: bool,
     /// The sheet, a TOML file as for `skin forward` [default: the paper's disc].
     #[arg(long, value_name = "FILE")]
     sheet: Option<PathBuf>,
-    /// Frames of the unpressed sheet that make the baseline, at least 2.
-    #[arg(
-        long,
-        default_value_t = LiveOptions::default().baseline_frames,
-        value_name = "N",
-        value_parser = RangedU64ValueParser::<usize>::new().range(2..)
-    )]
-    baseline_frames: usize,
+    /// Frames of the unpressed sheet that make the baseline, at least 2 [default: those of 0.7 s, at least 24].
+    #[arg(long, value_name = "N", value_parser = RangedU64ValueParser::<usize>::new().range(2..))]
+    baseline_frames: Option<usize>,
+    /// Forces in newtons with the creep of the rubber taken out, by what `skin calibrate` wrote.
+    #[arg(long, value_name = "FILE")]
+    calibration: Option<PathBuf>,
     /// Port of the page on 127.0.0.1 [default: 8477, or a free one when that is taken].
     #[arg(long, value_name = "PORT", conflicts_with = "json")]
     listen: Option<u16>,
@@ -69,7 +76,7 @@ pub(crate) struct Arguments {
 struct Line<'a> {
     frame: u32,
     time_s: f64,
-    touches: &'a [Touch],
+    touches: Vec<&'a Touch>,
     residual: f64,
     gap: f64,
     solve_us: f64,
@@ -77,7 +84,7 @@ struct Line<'a> {
 }
 
 /// A board that says nothing for so long is gone.
-const SILENCE: Duration = Duration::from_secs(3);
+pub(crate) const SILENCE: Duration = Duration::from_secs(3);
 
 /// The simulated skin with the paper's sheet.
 ///
@@ -95,15 +102,17 @@ fn simulated(scene: &SceneFile) -> Result<Box<dyn Port>> {
 
 /// The board asked for, the first that answers, or the simulated skin; with its name.
 fn connect(arguments: &Arguments, sheet: &Sheet, scene: Option<&SceneFile>) -> Result<(Session, String)> {
+    let choose = |hello: &Hello| arguments.plan.plan(hello);
     if let Some(scene) = scene {
-        let plan = scene.config.plan.clone();
-        let session = Session::start(simulated(scene)?, |hello| plan.map_or_else(|| adjacent_plan(hello), Ok))?;
+        // What a scene says itself is only overruled by a plan that is asked for.
+        let plan = scene.config.plan.clone().filter(|_| arguments.plan == PlanName::Auto);
+        let session = Session::start(simulated(scene)?, |hello| plan.map_or_else(|| choose(hello), Ok))?;
         let name = if scene.title.is_empty() { "scene" } else { &scene.title };
         return Ok((session, format!("simulated skin: {name}")));
     }
     if let Some(path) = &arguments.port {
         let port = ports::open(path).map_err(|e| anyhow!(e))?;
-        let session = Session::start(port, adjacent_plan).with_context(|| path.clone())?;
+        let session = Session::start(port, choose).with_context(|| path.clone())?;
         return Ok((session, path.clone()));
     }
     if !arguments.simulate {
@@ -112,7 +121,7 @@ fn connect(arguments: &Arguments, sheet: &Sheet, scene: Option<&SceneFile>) -> R
             let path = &candidate.port_name;
             match ports::open(path)
                 .map_err(|e| anyhow!(e))
-                .and_then(|port| Ok(Session::start(port, adjacent_plan)?))
+                .and_then(|port| Ok(Session::start(port, choose)?))
             {
                 Ok(session) => return Ok((session, path.clone())),
                 Err(e) => eprintln!("{path}: {e:#}"),
@@ -125,7 +134,7 @@ fn connect(arguments: &Arguments, sheet: &Sheet, scene: Option<&SceneFile>) -> R
         eprintln!("no board found ({why}): showing the simulated skin; name a port with --port if there is one");
     }
     Ok((
-        Session::start(simulated(&scene::demo(sheet))?, adjacent_plan)?,
+        Session::start(simulated(&scene::demo(sheet))?, choose)?,
         "simulated skin".to_owned(),
     ))
 }
@@ -149,6 +158,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let flag = Arc::clone(&stop);
     ctrlc::set_handler(move || flag.store(true, Ordering::Relaxed)).context("Ctrl-C cannot be caught")?;
 
+    let calibration = arguments
+        .calibration
+        .as_deref()
+        .map(calibration_file::read)
+        .transpose()?;
     let scene = arguments.scene.as_deref().map(scene::load).transpose()?.map(|mut s| {
         s.scene.loop_s.get_or_insert(s.duration_s);
         s
@@ -168,7 +182,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let mut live = Live::new(
         imager,
         LiveOptions {
-            baseline_frames: arguments.baseline_frames,
+            baseline_frames: arguments.baseline_frames.unwrap_or_else(|| baseline_frames(&session)),
+            calibration,
             ..LiveOptions::default()
         },
     );
@@ -194,8 +209,17 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     outcome.and(written)
 }
 
+/// The frames of so long make the baseline, if they are more than so many: fast plans have more noise in each.
+const BASELINE_S: f64 = 0.7;
+
+fn baseline_frames(session: &Session) -> usize {
+    let frame_s = f64::from(session.plan().quarters()) / f64::from(QUARTERS) / session.hello().excitation_hz().max(1.0);
+    let frames = (BASELINE_S / frame_s.max(1e-3)).round() as usize;
+    frames.max(LiveOptions::default().baseline_frames)
+}
+
 /// 39 cells across: 5 mm on the paper's disc.
-fn cell_mm(sheet: &Sheet) -> Result<f64> {
+pub(crate) fn cell_mm(sheet: &Sheet) -> Result<f64> {
     let (low, high) = Geometry::new(sheet)?.bounding_box();
     Ok((high[0] - low[0]).min(high[1] - low[1]) / 39.0)
 }
@@ -235,12 +259,31 @@ fn pump(
 ) -> Result<()> {
     let mut pictures = 0;
     let mut heard = Instant::now();
+    let watch = if arguments.watch {
+        let watch = Watch::for_board(session.hello());
+        Some(watch.ok_or_else(|| anyhow!("there is no watch for this number of electrodes; leave --watch out"))?)
+    } else {
+        None
+    };
+    let mut last: Option<session::MeasuredFrame> = None;
+    // Frames that the baseline still wants.
+    let mut wanted = 0;
     while !stop.load(Ordering::Relaxed) && arguments.frames.is_none_or(|n| pictures < n) {
         if let Some(PageCommand::Tare) = output.page.as_ref().and_then(LiveView::command) {
+            // The baseline is made of frames.
+            session.set_watch(None);
             live.tare();
         }
         let Some(frame) = session.frame(Duration::from_millis(100))? else {
-            if heard.elapsed() > SILENCE {
+            let (watching, said) = session.watching();
+            if matches!(watching, Watching::Asleep | Watching::Learning)
+                && let Some(last) = &last
+            {
+                let lost = session.link().counters().lost_frames;
+                let status = Some("nothing touches: the board watches".to_owned());
+                output.show(live.imager(), &FrameResult::nothing(live.imager()), last, lost, status)?;
+            }
+            if heard.elapsed() > SILENCE && said > SILENCE {
                 bail!(
                     "the board has sent no frame for {} s; look at its cable and power",
                     SILENCE.as_secs()
@@ -249,10 +292,18 @@ fn pump(
             continue;
         };
         heard = Instant::now();
+        if watch.is_some() {
+            last = Some(frame.clone());
+        }
         let lost = session.link().counters().lost_frames;
         let imager = Arc::clone(live.imager());
+        if let (1, Some(watch)) = (wanted, &watch) {
+            // The last one. What follows here takes a while: the board learns its own baseline meanwhile.
+            session.set_watch(Some(watch.clone()));
+        }
         match live.frame(&frame)? {
             LiveFrame::Baseline { left } => {
+                wanted = left;
                 let status = (left > 0).then(|| "taking the baseline, do not touch".to_owned());
                 if let (0, Some(baseline)) = (left, live.baseline()) {
                     sheet::look_at_baseline(live.imager(), &baseline.values_v);
@@ -273,7 +324,7 @@ fn pump(
                     let line = Line {
                         frame: frame.sequence,
                         time_s: frame.time_s,
-                        touches: &result.touches,
+                        touches: result.touches.iter().filter(|t| t.is_pressed()).collect(),
                         residual: result.residual,
                         gap: result.gap,
                         solve_us: result.solve_us,
@@ -333,7 +384,9 @@ impl Output {
         {
             return Ok(());
         }
-        let picture = imager.picture(result, frame.sequence.into(), frame.time_s, stats)?;
+        let mut picture = imager.picture(result, frame.sequence.into(), frame.time_s, stats)?;
+        // A dent that somebody left is in the picture, but it is no touch.
+        picture.touches.retain(Touch::is_pressed);
         if let Some(page) = &self.page {
             page.publish(picture.clone())?;
         }
@@ -350,7 +403,11 @@ impl Output {
         let list: Vec<String> = result
             .touches
             .iter()
-            .map(|t| format!("({:.0}, {:.0}) mm {:+.0} %", t.x_mm, t.y_mm, 100.0 * t.rise))
+            .filter(|t| t.is_pressed())
+            .map(|t| {
+                let force = t.force_n.map_or(String::new(), |f| format!(" {f:.1} N"));
+                format!("({:.0}, {:.0}) mm {:+.0} %{force}", t.x_mm, t.y_mm, 100.0 * t.rise)
+            })
             .collect();
         let text = if list.is_empty() {
             "no touch".to_owned()

@@ -14,6 +14,12 @@ export const number = (value, digits) => signed((Number(value.toFixed(digits)) |
 /** "+20 %" */
 export const riseText = (rise) => (rise < 0 ? "" : "+") + number(100 * rise, 0) + "\u202f%";
 
+/** "12.3 N" */
+export const forceText = (force) => number(force, 1) + "\u202fN";
+
+/** "+20 %", and where the force is known "+20 %  12.3 N" */
+export const strengthText = (touch) => riseText(touch.rise) + (touch.force === null ? "" : "  " + forceText(touch.force));
+
 /** "12.3, −40.1 mm" */
 export const placeText = (touch) => `${number(touch.x, 1)}, ${number(touch.y, 1)} mm`;
 

@@ -1,6 +1,6 @@
 // The page: takes frames, draws the newest one when the screen is ready, and keeps the readings.
 
-import { idColour, number, riseText } from "./labels.js";
+import { forceText, idColour, number, riseText } from "./labels.js";
 import { Sheet } from "./sheet.js";
 import { Trace } from "./trace.js";
 import { Connection } from "./wire.js";
@@ -116,10 +116,12 @@ function showTouches(touches) {
   $("list").hidden = n === 0;
   const body = $("touches");
   const rows = Math.min(n, ROWS);
+  const forces = touches.some((touch) => touch.force !== null);
+  $("force-head").hidden = !forces;
   while (body.rows.length > rows) body.deleteRow(-1);
   while (body.rows.length < rows) {
     const row = body.insertRow();
-    for (let k = 0; k < 5; k++) row.insertCell();
+    for (let k = 0; k < 6; k++) row.insertCell();
     row.cells[0].innerHTML = '<span class="id"></span>';
   }
   for (let k = 0; k < rows; k++) {
@@ -132,6 +134,8 @@ function showTouches(touches) {
     set(cells[2], number(touch.y, 1));
     set(cells[3], riseText(touch.rise));
     set(cells[4], number(touch.area, 0));
+    set(cells[5], touch.force === null ? "" : forceText(touch.force));
+    cells[5].hidden = !forces;
   }
   $("more").hidden = n <= ROWS;
   set("more", `and ${n - ROWS} weaker`);

@@ -1,7 +1,7 @@
 // Draws the sheet: the field within its outline, the electrodes, the touches, the colour bar and the scale.
 
 import { css, Field, table } from "./field.js";
-import { idColour, Labels, number, placeText, ringRadius, riseText } from "./labels.js";
+import { idColour, Labels, number, placeText, ringRadius, strengthText } from "./labels.js";
 
 const FONT = 'system-ui, "Segoe UI", "Helvetica Neue", Arial, sans-serif';
 const FAINT = "#98a1b3";
@@ -146,7 +146,7 @@ export class Sheet {
       const [x, y] = this.px([touch.x, touch.y]);
       c.font = strong;
       const chip = touch.id === null ? 0 : (0.9 + 0.6 * String(touch.id).length) * t;
-      const first = c.measureText(riseText(touch.rise)).width + (chip && chip + 0.4 * t);
+      const first = c.measureText(strengthText(touch)).width + (chip && chip + 0.4 * t);
       c.font = plain;
       const second = c.measureText(placeText(touch)).width;
       // Rounded up, so that a digit more or less does not make it jump.
@@ -188,7 +188,7 @@ export class Sheet {
       }
       c.font = strong;
       c.fillStyle = "#fff";
-      c.fillText(riseText(touch.rise), at, y + 1.36 * t);
+      c.fillText(strengthText(touch), at, y + 1.36 * t);
       c.font = plain;
       c.fillStyle = "#dfe3ec";
       c.fillText(placeText(touch), x + 0.6 * t, y + 2.65 * t);

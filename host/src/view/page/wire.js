@@ -1,7 +1,7 @@
 // The connection to the program: frames in, acknowledgements and requests out, and a new try whenever it breaks.
 // The format is documented in the program's source (view/wire.rs).
 
-const VERSION = 1;
+const VERSION = 2;
 const NO_ID = 0xffffffff;
 const text = new TextDecoder();
 
@@ -11,16 +11,16 @@ export function decode(buffer) {
   if (buffer.byteLength < 64 || view.getUint32(0) !== 0x534b4e30 + VERSION) return null;
   const [n, m, s] = [view.getUint32(56, true), view.getUint16(60, true), view.getUint16(62, true)];
   const touchesAt = Math.ceil((64 + 2 * n) / 4) * 4;
-  const statusAt = touchesAt + 20 * m;
+  const statusAt = touchesAt + 24 * m;
   if (buffer.byteLength !== statusAt + s) return null;
   const steps = view.getFloat32(44, true) / 65535;
   const values = new Float32Array(n);
   for (let k = 0; k < n; k++) values[k] = view.getUint16(64 + 2 * k, true) * steps;
   const touches = [];
-  for (let k = 0, at = touchesAt; k < m; k++, at += 20) {
+  for (let k = 0, at = touchesAt; k < m; k++, at += 24) {
     const id = view.getUint32(at, true);
-    const [x, y, rise, area] = [4, 8, 12, 16].map((offset) => view.getFloat32(at + offset, true));
-    touches.push({ id: id === NO_ID ? null : id, x, y, rise, area });
+    const [x, y, rise, area, force] = [4, 8, 12, 16, 20].map((offset) => view.getFloat32(at + offset, true));
+    touches.push({ id: id === NO_ID ? null : id, x, y, rise, area, force: Number.isNaN(force) ? null : force });
   }
   return {
     scene: view.getUint32(4, true),

@@ -1,0 +1,77 @@
+//! What the tests of the emulated board share.
+#![allow(dead_code, reason = "each test its own part")]
+
+use emulator::run::Outcome;
+use firmware::{Excitation, Pace, Progress, Scan};
+use forward::ElectrodeMatrix;
+use hil_sim::{Clock, Electronics, FixedSheet, SimFrontEnd};
+use nalgebra::DMatrix;
+use protocol::{Frame, FromBoard, Hello, Plan};
+use std::f64::consts::PI;
+use std::path::PathBuf;
+
+/// When the first command is sent, ns: the board is up long before.
+pub(crate) const AWAKE_NS: u64 = 20_000_000;
+
+pub(crate) fn program(name: &str) -> PathBuf {
+    let folder = std::env::var_os("SKIN_STM32_PROGRAMS").expect("SKIN_STM32_PROGRAMS: run tests/boards.sh");
+    PathBuf::from(folder).join(name)
+}
+
+/// The homogeneous disc with small electrodes on its rim, one place of it lifted so that no symmetry hides a wrong route.
+pub(crate) fn sheet() -> ElectrodeMatrix {
+    let potential = |distance: f64| -1000.0 / PI * distance.ln();
+    ElectrodeMatrix::from_potentials(DMatrix::from_fn(16, 16, |i, j| {
+        let uneven = 3.0 * ((i * j) as f64).sqrt() + 2.0 * (i + j) as f64;
+        if i == j {
+            potential(2.5) + 100.0 + uneven
+        } else {
+            let half = PI * (i as f64 - j as f64) / 16.0;
+            potential(195.0 * half.sin().abs()) + uneven
+        }
+    }))
+}
+
+pub(crate) fn frames(outcome: &Outcome) -> Vec<Frame> {
+    let frame = |(_, m): &(u64, FromBoard)| match m {
+        FromBoard::Frame(f) => Some(f.clone()),
+        _ => None,
+    };
+    outcome.messages.iter().filter_map(frame).collect()
+}
+
+pub(crate) fn hellos(outcome: &Outcome) -> Vec<Hello> {
+    let hello = |(_, m): &(u64, FromBoard)| match m {
+        FromBoard::Hello(h) => Some(h.clone()),
+        _ => None,
+    };
+    outcome.messages.iter().filter_map(hello).collect()
+}
+
+/// What the same firmware measures in process, the first sample of the first frame at a time.
+pub(crate) fn in_process(plan: &Plan, first: u64, count: usize) -> Vec<Frame> {
+    let clock = Clock::new();
+    clock.advance(first - u64::from(plan.settle_quarters) * 4);
+    let mut front = SimFrontEnd::new(Electronics::default(), FixedSheet(sheet()), clock)
+        .unwrap()
+        .self_clocked();
+    front.switch_on().unwrap();
+    let mut scan = Scan::new();
+    scan.wire(16, 0, 1425);
+    (0..count as u32)
+        .map(|sequence| {
+            scan.start(plan.recipe(), Pace::Ahead, 0, &mut front).unwrap();
+            while nb::block!(scan.step(plan.recipe(), &mut front)).unwrap() != Progress::Complete {}
+            let frame = scan.frame(sequence, plan.id, plan.quadrature);
+            let mut bytes = [0; protocol::MAX_FROM_BOARD_LEN];
+            let framed = protocol::encode(&protocol::Outgoing::Frame(frame), &mut bytes).unwrap();
+            let mut decoder = protocol::Decoder::<{ protocol::MAX_FROM_BOARD_LEN }>::new();
+            let mut out = None;
+            decoder.push::<FromBoard>(framed, |m| out = Some(m.unwrap()));
+            match out {
+                Some(FromBoard::Frame(f)) => f,
+                other => panic!("{other:?}"),
+            }
+        })
+        .collect()
+}

@@ -1,0 +1,234 @@
+//! The board's program where something around it is not as it should be, and with one channel's watch: on the emulated chip.
+//! `tests/boards.sh` builds the programs and says where they are.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
+
+mod common;
+
+use common::{AWAKE_NS, frames, hellos, program, sheet};
+use emulator::run::{Outcome, Setup, run_in};
+use emulator::world::World;
+use firmware::Sector;
+use firmware::settings::{self, Settings};
+use forward::ElectrodeMatrix;
+use hil_sim::{Electronics, Flash};
+use protocol::{FromBoard, Plan, ResetCause, Status, Stored, ToBoard, Watch, Watching};
+
+/// One period of the excitation, ns.
+const PERIOD_NS: f64 = 16.0 * 1425.0 / 84e-3;
+
+fn world() -> World {
+    World::new(Electronics::default(), sheet())
+}
+
+fn states(outcome: &Outcome) -> Vec<(u64, Watching)> {
+    let beat = |(at, m): &(u64, FromBoard)| match m {
+        FromBoard::Heartbeat(h) => Some((*at, h.state)),
+        _ => None,
+    };
+    let mut list: Vec<_> = outcome.messages.iter().filter_map(beat).collect();
+    list.dedup_by_key(|(_, state)| *state);
+    list
+}
+
+/// The sheet with a touch: potentials near one place rise by a little.
+fn touched() -> ElectrodeMatrix {
+    let rest = sheet();
+    ElectrodeMatrix::from_potentials(nalgebra::DMatrix::from_fn(16, 16, |i, j| {
+        let near = |k: usize| (-(k as f64 - 5.0).powi(2) / 8.0).exp();
+        rest.potentials_ohm()[(i, j)] + 4.0 * near(i) * near(j)
+    }))
+}
+
+#[test]
+fn with_one_channel_it_learns_sleeps_and_wakes_with_the_next_value() {
+    let (plan, watch) = (Plan::sequential_fast(), Watch::sequential());
+    // It has learned from 128 scans of 10 periods half a second after the start, and sleeps; then the touch.
+    let contact = 40_000;
+    let setup = Setup {
+        commands: vec![
+            (AWAKE_NS, ToBoard::SetPlan(plan.clone())),
+            (AWAKE_NS + 10_000_000, ToBoard::SetWatch(Some(watch))),
+            (AWAKE_NS + 20_000_000, ToBoard::Start),
+            (AWAKE_NS + 780_000_000, ToBoard::GetCounters),
+        ],
+        ..Setup::default()
+    };
+    let outcome = run_in(
+        &program("f446"),
+        world().touched_at(contact, touched()),
+        setup,
+        2,
+        2_000_000_000,
+    )
+    .unwrap();
+    let kinds: Vec<Watching> = states(&outcome).iter().map(|(_, s)| *s).collect();
+    use Watching::{Asleep, Awake, Learning};
+    assert_eq!(kinds, [Learning, Asleep, Awake], "{:?}", outcome.messages);
+    let list = frames(&outcome);
+    assert_eq!(
+        (list.len(), outcome.damaged, outcome.resets, outcome.without_break),
+        (2, 0, 0, 0)
+    );
+    // The first frame begins with the touch on the sheet, a rest and a scan of the watch later at most.
+    let begun = list[0].time;
+    let latest = contact + ((1.25 + 20.0 + 10.0 + 0.25) * 16.0) as u64;
+    assert!((contact..=latest).contains(&begun), "{contact} {begun} {latest}");
+    println!(
+        "contact to the first frame's first sample {:.1} ms, to its end {:.1} ms; {} wakes",
+        (begun - contact) as f64 / 16.0 * PERIOD_NS * 1e-6,
+        (begun + 260 * 16 - contact) as f64 / 16.0 * PERIOD_NS * 1e-6,
+        kinds.len() - 2
+    );
+    // And shows it: unlike what the untouched sheet gives.
+    assert_ne!(list[0].values, common::in_process(&plan, begun, 1)[0].values);
+    let scans = outcome.messages.iter().find_map(|(_, m)| match m {
+        FromBoard::Counters(c) => Some((c.watch_scans > 128, c.wakes, c.overruns)),
+        _ => None,
+    });
+    assert!(matches!(scans, Some((true, _, 0))), "{scans:?}");
+}
+
+#[test]
+fn it_starts_from_stored_settings() {
+    // Written by the same library to the simulator's flash memory of the same size.
+    let mut flash = Flash::new(16 * 1024);
+    let stored = Settings {
+        autostart: true,
+        excitation_permille: 700,
+        plan: Plan::sequential_fast(),
+        watch: Some(Watch::sequential()),
+    };
+    // Of two the newer counts, and of the two sectors the first.
+    let older = Settings {
+        autostart: false,
+        ..stored.clone()
+    };
+    settings::save(&mut flash, &older).unwrap();
+    settings::save(&mut flash, &stored).unwrap();
+    let mut bytes = vec![0; 32 * 1024];
+    let (a, b) = bytes.split_at_mut(16 * 1024);
+    firmware::Store::read(&mut flash, Sector::A, 0, a).unwrap();
+    firmware::Store::read(&mut flash, Sector::B, 0, b).unwrap();
+    let setup = Setup {
+        commands: vec![(AWAKE_NS, ToBoard::GetStatus)],
+        flash: Some((0x0800_8000, bytes)),
+        ..Setup::default()
+    };
+    let outcome = run_in(
+        &program("f446"),
+        world().touched_at(50_000, touched()),
+        setup,
+        1,
+        2_000_000_000,
+    )
+    .unwrap();
+    let status = outcome.messages.iter().find_map(|(_, m)| match m {
+        FromBoard::Status(s) => Some(*s),
+        _ => None,
+    });
+    let expected = Status {
+        running: true,
+        watching: Watching::Learning,
+        autostart: true,
+        excitation_permille: 700,
+        stored: Stored::InForce,
+    };
+    assert_eq!(status, Some(expected));
+    println!("{} of {} bytes of stack used", outcome.stack, outcome.stack_size);
+    assert!(outcome.stack + 256 <= outcome.stack_size);
+    // Nobody told it to start, and something touches what it learned.
+    let list = frames(&outcome);
+    assert_eq!(
+        (list.len(), list[0].plan, outcome.damaged),
+        (1, Plan::sequential_fast().id, 0)
+    );
+    assert_eq!(hellos(&outcome)[0].reset, ResetCause::PowerOn);
+}
+
+#[test]
+fn without_its_crystal_it_works_on_the_internal_clock_and_says_so() {
+    let setup = Setup {
+        commands: vec![
+            (3 * AWAKE_NS, ToBoard::SetPlan(Plan::sequential_fast())),
+            (4 * AWAKE_NS, ToBoard::Start),
+        ],
+        dead_crystal: true,
+        ..Setup::default()
+    };
+    let outcome = run_in(&program("f427"), world(), setup, 1, 1_000_000_000).unwrap();
+    let [hello] = &hellos(&outcome)[..] else {
+        panic!("{:?}", outcome.messages);
+    };
+    assert_eq!(hello.reset, ResetCause::PowerOn);
+    assert!(hello.last_panic.starts_with("no 8 MHz clock"), "{}", hello.last_panic);
+    assert_eq!((frames(&outcome).len(), outcome.damaged, outcome.resets), (1, 0, 0));
+}
+
+#[test]
+fn a_supply_that_sags_restarts_it_and_the_cause_is_told() {
+    let sag = 10 * AWAKE_NS;
+    let setup = Setup {
+        commands: vec![(AWAKE_NS, ToBoard::Start)],
+        // For 50 ms.
+        supply: vec![(sag, 2900), (sag + 50_000_000, 3300)],
+        ..Setup::default()
+    };
+    let outcome = run_in(&program("f446"), world(), setup, 99, sag + 100_000_000).unwrap();
+    let causes: Vec<_> = hellos(&outcome)
+        .iter()
+        .map(|h| (h.reset, h.last_panic.is_empty()))
+        .collect();
+    assert_eq!(causes, [(ResetCause::PowerOn, true), (ResetCause::BrownOut, true)]);
+    let last = outcome
+        .messages
+        .iter()
+        .rfind(|(_, m)| matches!(m, FromBoard::Hello(_)))
+        .unwrap()
+        .0;
+    // The first start has switched the chip's own brown-out reset on, at its highest level.
+    assert_eq!(outcome.brown_out, 0);
+    // Only once the supply is back.
+    assert!(
+        last > sag + 50_000_000 && outcome.resets == 1,
+        "{last} {}",
+        outcome.resets
+    );
+}
+
+#[test]
+fn a_supply_that_never_is_good_is_told_and_does_not_stop_it() {
+    let setup = Setup {
+        commands: vec![
+            (3 * AWAKE_NS, ToBoard::SaveSettings),
+            (4 * AWAKE_NS, ToBoard::SetPlan(Plan::sequential_fast())),
+            (5 * AWAKE_NS, ToBoard::Start),
+        ],
+        supply: vec![(0, 2900)],
+        ..Setup::default()
+    };
+    let outcome = run_in(&program("f446"), world(), setup, 1, 1_000_000_000).unwrap();
+    let [hello] = &hellos(&outcome)[..] else {
+        panic!("{:?}", outcome.messages);
+    };
+    assert!(
+        hello.last_panic.starts_with("the supply is below"),
+        "{}",
+        hello.last_panic
+    );
+    let refused = outcome
+        .messages
+        .iter()
+        .any(|(_, m)| *m == FromBoard::Error(protocol::BoardError::Refused(protocol::Refusal::Store)));
+    assert!(refused, "{:?}", outcome.messages);
+    assert_eq!((frames(&outcome).len(), outcome.resets), (1, 0));
+}
+
+#[test]
+fn the_front_end_and_the_clock_keep_their_duties_on_the_chip() {
+    let outcome = run_in(&program("laws"), world(), Setup::default(), 1, 1_000_000_000).unwrap();
+    let [hello] = &hellos(&outcome)[..] else {
+        panic!("{:?} {}", outcome.messages, outcome.resets);
+    };
+    assert_eq!((hello.board.as_str(), hello.last_panic.as_str()), ("laws", ""));
+    assert_eq!((outcome.resets, outcome.without_break), (0, 0));
+}

@@ -1,0 +1,64 @@
+//! Which board a command is for.
+
+use super::run::simulated_board;
+use anyhow::{Context, Result, anyhow, bail};
+use clap::Args;
+use host::link::{Link, Port};
+use host::ports;
+use host::session::greet;
+use protocol::Hello;
+
+/// The board's port, on the command line.
+#[derive(Debug, Args)]
+pub(crate) struct Choice {
+    /// Serial port of the board [default: the first on USB that answers].
+    #[arg(long, value_name = "PORT", global = true)]
+    port: Option<String>,
+    /// The simulated skin.
+    #[arg(long, conflicts_with = "port", global = true)]
+    simulate: bool,
+}
+
+/// A board that has introduced itself.
+pub(crate) struct Connected {
+    pub(crate) link: Link,
+    pub(crate) hello: Hello,
+    /// Its port's name.
+    pub(crate) source: String,
+}
+
+impl Choice {
+    /// Greets the board.
+    ///
+    /// # Errors
+    /// There is none, or it does not answer.
+    pub(crate) fn connect(&self) -> Result<Connected> {
+        let greeted = |port: Box<dyn Port>, source: &str| -> Result<Connected> {
+            let link = Link::open(port)?;
+            let hello = greet(&link)?;
+            Ok(Connected {
+                link,
+                hello,
+                source: source.to_owned(),
+            })
+        };
+        if self.simulate {
+            return greeted(simulated_board()?, "simulated skin");
+        }
+        if let Some(path) = &self.port {
+            return greeted(ports::open(path).map_err(|e| anyhow!(e))?, path).with_context(|| path.clone());
+        }
+        let candidates = ports::candidates().context("the serial ports cannot be listed")?;
+        for candidate in &candidates {
+            let path = &candidate.port_name;
+            match ports::open(path)
+                .map_err(|e| anyhow!(e))
+                .and_then(|port| greeted(port, path))
+            {
+                Ok(found) => return Ok(found),
+                Err(e) => eprintln!("{path}: {e:#}"),
+            }
+        }
+        bail!("no board found; name its port with --port, or ask the simulated skin with --simulate")
+    }
+}
