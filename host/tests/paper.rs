@@ -252,7 +252,7 @@ fn run_shows_newtons_with_a_calibration_and_none_without() {
         "delayed_ratio = 0.0\ntau_s = 1.0\nexponent = 1.0\nunit_rise_mpa = 0.2546\nforce_sd_n = 0.2\n",
     )
     .unwrap();
-    let mut all = vec!["run", "--simulate", "--json", "--frames", "75"];
+    let mut all = vec!["run", "--simulate", "--json", "--plan", "quiet", "--frames", "75"];
     let forces = |out: &str| -> Vec<Option<f64>> {
         let line = |l: &str| serde_json::from_str::<Value>(l).unwrap();
         let touches = |v: Value| v["touches"].as_array().unwrap().clone();
