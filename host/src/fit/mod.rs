@@ -107,6 +107,10 @@ impl Disc {
     }
 }
 
+/// Relative error of the integrated rise that more measurements would not lessen: where the linear model is good enough for the
+/// places of touches, it is off by as much for their strengths.
+const TOTAL_ERROR: f64 = 0.01;
+
 /// Most touches that can be fitted together.
 pub const MOST_TOUCHES: usize = 24;
 
@@ -224,7 +228,7 @@ fn fit_whitened(
                 total_mm2: rise * disc.area_mm2(),
                 x_sd_mm: of(0, 0).map(sd),
                 y_sd_mm: of(1, 1).map(sd),
-                total_sd_mm2: total_variance().map(sd),
+                total_sd_mm2: total_variance().map(|v| sd(v).hypot(TOTAL_ERROR * rise * disc.area_mm2())),
                 force_n: None,
             };
             (touch, disc)

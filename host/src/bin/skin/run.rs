@@ -22,6 +22,7 @@ use protocol::{Hello, QUARTERS, Watch, Watching};
 use serde::Serialize;
 use std::collections::VecDeque;
 use std::io::{IsTerminal, Write};
+use std::mem::Discriminant;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -87,6 +88,8 @@ struct Line<'a> {
     doubt: Option<Doubt>,
 }
 
+/// A doubt that lasts is said again after so long.
+const SAID_AGAIN: Duration = Duration::from_secs(10);
 /// A board that says nothing for so long is gone.
 pub(crate) const SILENCE: Duration = Duration::from_secs(3);
 
@@ -270,8 +273,8 @@ fn pump(
         None
     };
     let mut last: Option<session::MeasuredFrame> = None;
-    // What was said of the frame before.
-    let mut doubt: Option<Doubt> = None;
+    // The kind of doubt that was said last, and when.
+    let mut said: Option<(Discriminant<Doubt>, Instant)> = None;
     // Frames that the baseline still wants.
     let mut wanted = 0;
     while !stop.load(Ordering::Relaxed) && arguments.frames.is_none_or(|n| pictures < n) {
@@ -324,13 +327,14 @@ fn pump(
             }
             LiveFrame::Picture(result) => {
                 pictures += 1;
-                if result.doubt != doubt
-                    && let Some(said) = result.doubt
-                {
-                    eprintln!("warning: frame {}: {said}", frame.sequence);
+                if let Some(doubt) = result.doubt {
+                    let kind = std::mem::discriminant(&doubt);
+                    if said.is_none_or(|(last, at)| last != kind || at.elapsed() > SAID_AGAIN) {
+                        eprintln!("warning: frame {}: {doubt}", frame.sequence);
+                        said = Some((kind, Instant::now()));
+                    }
                 }
-                doubt = result.doubt;
-                output.show(&imager, result, &frame, lost, doubt.map(|d| d.to_string()))?;
+                output.show(&imager, result, &frame, lost, result.doubt.map(|d| d.to_string()))?;
                 if output.json {
                     let mut out = std::io::stdout().lock();
                     let line = Line {
@@ -341,7 +345,7 @@ fn pump(
                         gap: result.gap,
                         solve_us: result.solve_us,
                         lost_frames: lost,
-                        doubt,
+                        doubt: result.doubt,
                     };
                     serde_json::to_writer(&mut out, &line)?;
                     writeln!(out)?;
