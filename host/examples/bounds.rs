@@ -86,10 +86,6 @@ fn draw(
 }
 
 fn main() -> anyhow::Result<()> {
-    tracing_subscriber::fmt()
-        .with_env_filter(tracing_subscriber::EnvFilter::from_default_env())
-        .with_writer(std::io::stderr)
-        .init();
     let given: Vec<String> = std::env::args().collect();
     let after = |name: &str| given.iter().position(|a| a == name).and_then(|k| given.get(k + 1));
     let number = |name: &str, default: u64| after(name).and_then(|v| v.parse().ok()).unwrap_or(default);
@@ -129,7 +125,6 @@ fn main() -> anyhow::Result<()> {
                 let scene = kind.scene(&mut rng, db);
                 let frame = bench.frame(&scene, &mut rng)?;
                 let found = reconstructor.frame(&bench.baseline, &frame)?;
-                tracing::debug!(?found.contacts, ?found.misfit, ?found.touches, ?scene.touches, "frame");
                 score.add(&scene, &found.touches);
                 let clean = bench.clean_frame(&scene.touches)?;
                 let change: f64 = clean.iter().zip(&bench.baseline).map(|(a, b)| (a - b).powi(2)).sum();

@@ -203,8 +203,9 @@ const MOST_RESCALINGS: usize = 2;
 /// A peak whose integrated rise is less than this fraction of the greatest integrated fall is what the fall leaves around
 /// it.
 const LEAST_OVER_FALL: f64 = 0.5;
-/// A contact that changed is asked after again after so many frames, and one that did not is not for as many.
+/// A contact that changed is asked after again after so many frames, and one that did not is not for so many.
 const ASKED_AGAIN: usize = 16;
+const NOT_ASKED: usize = 6;
 /// Least relative sensitivity of a cell, against the median, that its expected rise follows.
 const LEAST_SENSITIVITY: f64 = 1e-3;
 
@@ -423,7 +424,8 @@ impl Reconstructor {
                 continue;
             }
             self.changed.pop();
-            self.innocent = Some((suspect, ASKED_AGAIN));
+            self.innocent = Some((suspect, NOT_ASKED));
+            tracing::debug!(suspect, ?with, ?without, "no contact");
             self.result = result;
             self.fitter.iter_mut().for_each(Fitter::forget);
             return;

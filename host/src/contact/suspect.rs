@@ -22,6 +22,9 @@ const OF_UNEXPLAINED: f64 = 0.15;
 const OF_ALL: f64 = 0.5;
 /// Mean squared misfit, in noise variances, from which contacts are asked after wherever the touches are.
 pub(crate) const EXPLAINED: f64 = 1.3;
+/// Mean squared misfit of touches, in noise variances, from which a contact is tried that leaves at most this part of the data.
+const UNEXPLAINED: f64 = 4.0;
+const OF_DATA: f64 = 0.7;
 /// Without the others' freedom a contact leaves at most this many times what noise does, where touches explain the frame.
 const QUICK: f64 = 8.0;
 /// Most linear fits in a frame.
@@ -146,6 +149,24 @@ impl Suspects {
             let explains = explained || with - freedom - chance < part * (square - freedom);
             if gain > margin && explains && best.is_none_or(|(most, _)| gain > most) {
                 best = Some((gain, l));
+            }
+        }
+        let poor = square > UNEXPLAINED * freedom;
+        let by_itself = || poor.then(|| self.by_itself(known, judged)).flatten();
+        best.map(|(_, l)| l).or_else(by_itself)
+    }
+
+    /// The electrode whose contact alone takes away a good part of the data: where a fit found no touches that explain them, it says
+    /// little.
+    fn by_itself(&mut self, known: &[usize], judged: Judged) -> Option<usize> {
+        let all: f64 = judged.data.iter().map(|v| v * v).sum();
+        let mut best: Option<(f64, usize)> = None;
+        for (l, (_, basis)) in self.signatures.iter().enumerate().filter(|(l, _)| !known.contains(l)) {
+            self.whole.clear();
+            self.whole.extend_from_slice(judged.data);
+            let left = basis.outside(&mut self.whole);
+            if left < OF_DATA * all && best.is_none_or(|(least, _)| left < least) {
+                best = Some((left, l));
             }
         }
         best.map(|(_, l)| l)

@@ -137,6 +137,15 @@ impl Disc {
         (self.strength / self.area_mm2()).min(LARGEST_CONTRAST)
     }
 
+    /// The same strength on as large a disc as makes its contrast believable.
+    pub fn believable(&self) -> Self {
+        let least = (self.strength.max(0.0) / (PI * LARGEST_CONTRAST)).sqrt();
+        Self {
+            radius: self.radius.max(least),
+            ..*self
+        }
+    }
+
     /// Relative rise of the resistivity inside: `2 s / (2 - s)`.
     pub fn rise(&self) -> f64 {
         let s = self.contrast();
