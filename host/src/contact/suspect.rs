@@ -26,7 +26,7 @@ pub(crate) const EXPLAINED: f64 = 1.3;
 const UNEXPLAINED: f64 = 4.0;
 const OF_DATA: f64 = 0.7;
 /// Without the others' freedom a contact leaves at most this many times what noise does, where touches explain the frame.
-const QUICK: f64 = 8.0;
+const QUICK: f64 = 3.0;
 /// Most linear fits in a frame.
 const MOST_TRIES: usize = 6;
 
@@ -44,8 +44,16 @@ pub(crate) struct Judged<'a> {
 
 /// Whether any touch is so near to an electrode that it may be its contact.
 pub(crate) fn near(imager: &Imager, discs: &[Disc]) -> bool {
-    let near = NEAR[1] * imager.reach_mm();
-    let of = |e: &[f64; 2]| discs.iter().any(|d| (d.at[0] - e[0]).hypot(d.at[1] - e[1]) < near);
+    let reach = imager
+        .electrodes_mm
+        .iter()
+        .map(|e| e[0].hypot(e[1]))
+        .fold(0.0, f64::max);
+    let of = |e: &[f64; 2]| {
+        discs
+            .iter()
+            .any(|d| (d.at[0] - e[0]).hypot(d.at[1] - e[1]) < NEAR[1] * reach)
+    };
     imager.electrodes_mm.iter().any(of)
 }
 
@@ -54,6 +62,8 @@ pub(crate) fn near(imager: &Imager, discs: &[Disc]) -> bool {
 pub(crate) struct Suspects {
     /// Columns, one after the other, and an orthonormal basis of them, for every electrode.
     signatures: Vec<(DMatrix<f64>, Basis)>,
+    /// How far the sheet reaches, mm.
+    reach_mm: f64,
     basis: Basis,
     left: Vec<f64>,
     whole: Vec<f64>,
@@ -72,6 +82,7 @@ impl Suspects {
         };
         Self {
             signatures: (0..contacts.electrodes()).map(signature).collect(),
+            reach_mm: imager.reach_mm(),
             basis: Basis::default(),
             left: Vec::new(),
             whole: Vec::new(),
@@ -87,9 +98,10 @@ impl Suspects {
         let freedom = (length as f64 - 3.0 * fitted.all.len() as f64).max(1.0);
         let chance = 3.0 * (2.0 * freedom).sqrt();
         let explained = square <= freedom + chance;
+        let reach = self.reach_mm;
         let apart = |d: &Disc, l: usize| {
             let at = imager.electrodes_mm[l];
-            (d.at[0] - at[0]).hypot(d.at[1] - at[1]) / imager.reach_mm()
+            (d.at[0] - at[0]).hypot(d.at[1] - at[1]) / reach
         };
         let gone = |l: usize, near: f64| fitted.all.iter().filter(|d| apart(d, l) < near).count();
         self.tries.clear();
@@ -101,7 +113,8 @@ impl Suspects {
                 let gone = gone(l, near);
                 // What a touch at an electrode leaves may be its own doing.
                 let beside = gone == 0 && (explained || close > 0);
-                if gone == replaced || beside {
+                let far = explained && near > NEAR[1];
+                if gone == replaced || beside || far {
                     continue;
                 }
                 replaced = gone;

@@ -13,7 +13,7 @@ use std::sync::Arc;
 /// Part of the data that the linear model of touches may get wrong before it is corrected.
 const LINEAR_ERROR: f64 = 0.02;
 /// Most corrections of a frame.
-const MOST_ROUNDS: usize = 6;
+const MOST_ROUNDS: usize = 4;
 /// Change of the integrated rises from one correction to the next, relative, that ends them.
 const SETTLED: f64 = 0.01;
 /// Error of the linear model, in standard deviations of the noise over the whole frame, that is worth two solutions of the
