@@ -22,8 +22,6 @@ pub(super) struct Passive {
     members: Vec<usize>,
     /// Values of the members, in units of columns of norm 1.
     values: Vec<f64>,
-    /// Where the members' rows of products begin.
-    rows: Vec<usize>,
     /// Lower triangle, row by row with a stride; zero from the diagonal to the next multiple of [`LANES`].
     inverse: Aligned,
     stride: usize,
@@ -31,10 +29,13 @@ pub(super) struct Passive {
     moves: usize,
     /// `b - A x`.
     residual: Aligned,
-    products: Products,
+    /// One over the norms of all columns; 0 for a column of zeros.
+    scales: Vec<f64>,
+    products: Option<Products>,
     list: Vec<(usize, f64)>,
-    /// Gradients of the members while they are on their way to 0.
+    /// Gradients of the members while all are on their way to 0.
     gradients: Vec<f64>,
+    dots: Vec<f64>,
     right: Aligned,
     half: Aligned,
     step: Aligned,
@@ -48,15 +49,20 @@ impl Passive {
         Self {
             members: Vec::with_capacity(most),
             values: Vec::with_capacity(most),
-            rows: Vec::with_capacity(most),
             inverse: Aligned::zeros(most * stride),
             stride,
             most,
             moves: 0,
             residual: Aligned::zeros(most),
+            scales: columns
+                .norms()
+                .iter()
+                .map(|n| if *n >= f64::MIN_POSITIVE { 1.0 / n } else { 0.0 })
+                .collect(),
             products: Products::new(columns),
             list: Vec::with_capacity(most),
             gradients: Vec::with_capacity(most),
+            dots: Vec::with_capacity(most),
             right: Aligned::zeros(stride),
             half: Aligned::zeros(stride),
             step: Aligned::zeros(stride + LANES),
@@ -67,7 +73,6 @@ impl Passive {
     pub(super) fn clear(&mut self) {
         self.members.clear();
         self.values.clear();
-        self.rows.clear();
     }
 
     /// Indices of the columns.
@@ -91,7 +96,7 @@ impl Passive {
     /// One over the norm of every column; 0 for a column of zeros.
     #[inline(always)]
     pub(super) fn scales(&self) -> &[f64] {
-        self.products.scales()
+        &self.scales
     }
 
     /// Computes the residual afresh.
@@ -99,7 +104,7 @@ impl Passive {
     pub(super) fn update(&mut self, columns: &Columns, b: &[f64]) {
         self.list.clear();
         let each = self.members.iter().zip(&self.values);
-        self.list.extend(each.map(|(j, x)| (*j, -x * self.products.scale(*j))));
+        self.list.extend(each.map(|(j, x)| (*j, -x * self.scales[*j])));
         self.residual.copy_from_slice(b);
         columns.add(&self.list, &mut self.residual);
     }
@@ -107,31 +112,38 @@ impl Passive {
     /// `a_j . (b - A x)` for a column scaled to norm 1 and the values as they are now.
     #[inline(always)]
     pub(super) fn gradient(&self, columns: &Columns, b: &[f64], j: usize) -> f64 {
-        let direct = dot(columns.column(j), b) * self.products.scale(j);
+        let Some(products) = &self.products else {
+            return dot(columns.column(j), &self.residual) * self.scales[j];
+        };
         // Four sums, so that none waits for the one before.
         let mut sums = [0.0; 4];
-        let (rows, rest) = self.rows.as_chunks::<4>();
-        for (rows, values) in rows.iter().zip(self.values.as_chunks::<4>().0) {
+        let (members, rest) = self.members.as_chunks::<4>();
+        let (values, values_of_rest) = self.values.as_chunks::<4>();
+        for (members, values) in members.iter().zip(values) {
             for k in 0..4 {
-                sums[k] += values[k] * self.products.at(rows[k], j);
+                sums[k] += values[k] * products.of(members[k], j);
             }
         }
-        let values = &self.values[self.rows.len() - rest.len()..];
-        let rest: f64 = rest
-            .iter()
-            .zip(values)
-            .map(|(row, x)| x * self.products.at(*row, j))
-            .sum();
-        direct - ((sums[0] + sums[1]) + (sums[2] + sums[3]) + rest)
+        for (member, value) in rest.iter().zip(values_of_rest) {
+            sums[0] += value * products.of(*member, j);
+        }
+        dot(columns.column(j), b) * self.scales[j] - ((sums[0] + sums[1]) + (sums[2] + sums[3]))
     }
 
     /// Lets a column in whose gradient is this, above 0 while that of the members is 0, and goes to the least squares values; members
     /// that would fall below zero are taken out on the way. False when the column depends on those chosen, or nothing moves.
     #[inline(always)]
-    pub(super) fn enter(&mut self, columns: &Columns, j: usize, gradient: f64) -> bool {
-        if !self.insert(columns, j) {
-            return false;
+    pub(super) fn enter(&mut self, columns: &Columns, b: &[f64], j: usize, gradient: f64) -> bool {
+        let moved = self.insert(columns, j) && self.go(j, gradient);
+        if self.products.is_none() {
+            self.update(columns, b);
         }
+        moved
+    }
+
+    /// Goes to the least squares values after the j-th column has entered.
+    #[inline(always)]
+    fn go(&mut self, j: usize, gradient: f64) -> bool {
         let (mut left, mut moved) = (gradient, false);
         loop {
             let count = self.members.len();
@@ -158,16 +170,19 @@ impl Passive {
     #[inline(always)]
     fn insert(&mut self, columns: &Columns, j: usize) -> bool {
         let count = self.members.len();
-        if count == self.most || !(self.products.scale(j) > 0.0) {
+        if count == self.most || !(self.scales[j] > 0.0) {
             return false;
         }
-        if self.products.want(columns, j, &self.members) {
-            for (row, member) in self.rows.iter_mut().zip(&self.members) {
-                *row = self.products.start(*member);
+        if let Some(products) = &mut self.products {
+            products.want(columns, &self.scales, j);
+            for (right, member) in self.right.iter_mut().zip(&self.members) {
+                *right = products.of(*member, j);
             }
-        }
-        for (right, row) in self.right.iter_mut().zip(&self.rows) {
-            *right = self.products.at(*row, j);
+        } else {
+            columns.dots_of(&self.members, columns.column(j), &mut self.dots);
+            for (right, (member, dot)) in self.right.iter_mut().zip(self.members.iter().zip(&self.dots)) {
+                *right = dot * self.scales[*member] * self.scales[j];
+            }
         }
         self.right[count..padded(count, LANES)].fill(0.0);
         self.halve();
@@ -184,7 +199,6 @@ impl Passive {
         row[count] = one_over;
         self.members.push(j);
         self.values.push(0.0);
-        self.rows.push(self.products.start(j));
         self.moves += 1;
         true
     }
@@ -244,7 +258,6 @@ impl Passive {
         }
         self.members.remove(k);
         self.values.remove(k);
-        self.rows.remove(k);
         if k < self.gradients.len() {
             self.gradients.remove(k);
         }
@@ -258,7 +271,7 @@ impl Passive {
         self.update(columns, b);
         columns.dots_of(&self.members, &self.residual, &mut self.gradients);
         for (gradient, j) in self.gradients.iter_mut().zip(&self.members) {
-            *gradient *= self.products.scale(*j);
+            *gradient *= self.scales[*j];
         }
         let mut solves = 0;
         loop {
@@ -270,6 +283,7 @@ impl Passive {
             solves += 1;
             let share = advance(&mut self.values, &self.step);
             if !(share < 1.0) {
+                self.gradients.clear();
                 return solves;
             }
             // A part of the way takes the same part of every member's gradient.
@@ -290,7 +304,6 @@ impl Passive {
         let count = self.members.len();
         self.list.clear();
         self.list.extend(self.members.drain(..).zip(self.values.drain(..)));
-        self.rows.clear();
         for k in 0..count {
             let (j, value) = self.list[k];
             if self.insert(columns, j)

@@ -146,7 +146,7 @@ impl Plain {
             exact = false;
             while let Some((j, gradient)) = self.next(columns, b, (PROMISING * largest).max(0.5 * tolerance)) {
                 steps += 1;
-                if self.passive.enter(columns, j, gradient) {
+                if self.passive.enter(columns, b, j, gradient) {
                     if self.any_refused {
                         self.refused.fill(false);
                         self.any_refused = false;
