@@ -115,6 +115,28 @@ fn an_unpaced_board_waits_for_its_reader() {
     listen(&mut port, |said| frames(said) >= 3);
 }
 
+/// The system's pseudo-terminals have no way to tell of a break. A break of the time line is the way to give one.
+#[test]
+fn a_break_through_the_port_does_nothing_and_one_of_the_time_line_is_counted() {
+    for (fault, errors) in [(&[][..], 0), (&["break_to_board@0.2+0.01"], 1)] {
+        let pty = pty(fault, PtyOptions::default());
+        let mut port = open(&pty.path().unwrap());
+        nix::sys::termios::tcsendbreak(&port, 0).unwrap();
+        ask(&mut port, &ToBoard::Start, |m| *m == FromBoard::Ack(Command::Start));
+        listen(&mut port, |said| frames(said) >= 40);
+        port.write_all(&framed(&ToBoard::GetCounters)).unwrap();
+        let mut counted = None;
+        listen(&mut port, |said| {
+            counted = said.iter().find_map(|m| match m {
+                FromBoard::Counters(c) => Some(c.receive_errors),
+                _ => None,
+            });
+            counted.is_some()
+        });
+        assert_eq!(counted, Some(errors));
+    }
+}
+
 #[test]
 fn nothing_is_echoed_to_the_board_while_nobody_sets_the_port_up() {
     let pty = pty(&[], PtyOptions::default());
