@@ -45,9 +45,9 @@ impl Default for PtyOptions {
     }
 }
 
-/// A board behind a pseudo-terminal, on a thread of its own and in step with the wall clock. As on a port of an FT232R, what
-/// the board says while nobody has the port open is lost, and the port is gone while its cable is pulled. Dropping it
-/// switches the board off.
+/// A board behind a pseudo-terminal, on a thread of its own, in step with the wall clock or with its reader. As on a port of
+/// an FT232R, what the board says while nobody has the port open is lost, and the port is gone while its cable is pulled.
+/// Dropping it switches the board off.
 pub struct Pty {
     shared: Arc<Shared>,
     thread: Option<JoinHandle<()>>,
