@@ -136,6 +136,14 @@ fn a_frame_of_water_predicts_the_others_within_the_tanks_own_reciprocity_error()
         );
     }
     println!("all six: {reciprocal:.5}, own {own:.5}; values {all:.5}");
+    let sheet = Tank {
+        depth: 0.0,
+        height: 1.0,
+        half_angle: 0.1,
+        off: [0.0; COUNT],
+    };
+    let flat = squared(&Differences::new(&water()[0], &simulated(&sheet)).0).sqrt();
+    println!("a flat sheet: values {flat:.3}");
     assert!(reciprocal < own, "{reciprocal} {own}");
 }
 
