@@ -52,6 +52,9 @@ pub enum FaultKind {
     },
     /// The line from the board is held at 0: a break condition. A reader gets one 0 byte for all of it.
     LineBreak,
+    /// The line to the board is held at 0, as by a host that sends a break: the board's receiver gets a 0 byte with a framing
+    /// error, and nothing that is sent meanwhile.
+    BreakToBoard,
     /// The cable of the serial adapter is pulled: the port is gone, and whoever holds it open finds it dead. The board has a
     /// supply of its own and goes on.
     CablePulled,
@@ -217,7 +220,11 @@ impl Fault {
                 let most = firmware::MAX_CHANNELS as f64 - 1.0;
                 number("channel", channel.unwrap_or(0).into(), most, "between 0 and 15")
             }
-            FaultKind::LineBreak | FaultKind::CablePulled | FaultKind::BoardReset | FaultKind::SourceLost => Ok(()),
+            FaultKind::LineBreak
+            | FaultKind::BreakToBoard
+            | FaultKind::CablePulled
+            | FaultKind::BoardReset
+            | FaultKind::SourceLost => Ok(()),
         }
     }
 }
@@ -250,6 +257,7 @@ fn parsed(text: &str) -> Option<Fault> {
             rate: given.next()?.parse().ok()?,
         },
         "line_break" => FaultKind::LineBreak,
+        "break_to_board" => FaultKind::BreakToBoard,
         "cable_pulled" => FaultKind::CablePulled,
         "board_reset" => FaultKind::BoardReset,
         "electrode_open" => FaultKind::ElectrodeOpen {

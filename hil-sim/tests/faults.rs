@@ -270,6 +270,42 @@ fn a_break_is_one_zero_and_costs_what_was_under_way() {
     assert!((11..=14).contains(&(a - b)), "{a} {b}");
 }
 
+/// What a board counted by 0.7 s that got half a command, and then a whole one, with something between them or not.
+fn after_half_a_command(faults: &[&str]) -> Option<Counters> {
+    let mut board = SimBoard::new(config(faults), FixedSheet(disc(16))).unwrap();
+    let command = framed(&ToBoard::GetCounters);
+    board.run(0.4);
+    board.receive(&command[..command.len() / 2]);
+    board.run(0.105);
+    board.receive(&framed(&ToBoard::Start));
+    board.run(0.095);
+    board.receive(&command);
+    let bytes = board.run(0.1);
+    let mut counters = None;
+    Decoder::<MAX_FROM_BOARD_LEN>::new().push(&bytes, |m| match m {
+        Ok(FromBoard::Counters(c)) => counters = Some(c),
+        other => assert!(!matches!(other, Ok(FromBoard::Frame(_))), "it was not started"),
+    });
+    counters
+}
+
+/// A break ends half a command, as a delimiter does, and is counted; what is sent while it lasts is lost. (The Start in the
+/// midst of it ends the half command too, where there is no break, and is lost with it.)
+#[test]
+fn a_break_to_the_board_ends_half_a_command_and_is_counted() {
+    let with = after_half_a_command(&["break_to_board@0.5+0.01"]).unwrap();
+    assert_eq!((with.receive_errors, with.refused, with.commands), (1, 1, 1));
+    let without = after_half_a_command(&[]).unwrap();
+    assert_eq!((without.receive_errors, without.refused, without.commands), (0, 1, 1));
+    let idle = {
+        let mut board = SimBoard::new(config(&["break_to_board@0.5+0.01"]), FixedSheet(disc(16))).unwrap();
+        board.run(0.7);
+        board.counters().clone()
+    };
+    // Between commands it does nothing but be counted.
+    assert_eq!((idle.receive_errors, idle.refused), (1, 0));
+}
+
 #[test]
 fn a_reset_in_mid_frame_cuts_the_frame_and_begins_with_an_introduction() {
     for length in ["", "+0.2"] {

@@ -38,6 +38,10 @@ pub(crate) struct Arguments {
         requires = "pty"
     )]
     latency_ms: u64,
+    /// Behind the port time passes as fast as the port is read, and stands still while nobody reads or the board is idle: for
+    /// tests of other programs, on however slow a machine.
+    #[arg(long, requires = "pty")]
+    unpaced: bool,
     /// How long it runs, s [default: as long as the scene].
     #[arg(long, value_name = "S", value_parser = positive)]
     duration_s: Option<f64>,
@@ -87,7 +91,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
 #[cfg(target_os = "linux")]
 fn serve(arguments: &Arguments, board: SimBoard<Rubber>) -> Result<()> {
     use anyhow::Context;
-    use hil_sim::{Pty, PtyOptions};
+    use hil_sim::{Pace, Pty, PtyOptions};
     use std::io::Write;
     use std::sync::Arc;
     use std::sync::atomic::{AtomicBool, Ordering};
@@ -99,6 +103,11 @@ fn serve(arguments: &Arguments, board: SimBoard<Rubber>) -> Result<()> {
     let options = PtyOptions {
         latency: Duration::from_millis(arguments.latency_ms),
         link: arguments.link.clone(),
+        pace: if arguments.unpaced {
+            Pace::Unpaced
+        } else {
+            Pace::RealTime
+        },
     };
     let port = Pty::start(board, options).context("the port cannot be made")?;
     let mut shown = None;
