@@ -19,6 +19,7 @@ pub mod flash;
 pub mod greit;
 pub mod health;
 pub mod imager;
+mod inbox;
 pub mod link;
 pub mod live;
 pub mod noise;

@@ -6,6 +6,11 @@ import { idColour, Labels, number, placeText, ringRadius, strengthText } from ".
 const FONT = 'system-ui, "Segoe UI", "Helvetica Neue", Arial, sans-serif';
 const FAINT = "#98a1b3";
 const METAL = "#d6a068";
+// --back of style.css
+const BACK = "#0b0d12";
+
+const strongFont = (t) => `650 ${t + 1}px ${FONT}`;
+const plainFont = (t) => `400 ${t - 1}px ${FONT}`;
 
 /** Round values from 0 to `high`, about `count` of them. */
 export function ticks(high, count) {
@@ -20,26 +25,33 @@ function roundBelow(limit) {
   return [5 * power, 2 * power].find((v) => v <= limit) ?? power;
 }
 
-/** Makes the canvas as fine as the screen; returns its context in CSS pixels and its size. */
+/** Makes the canvas as fine as the screen; returns its context in CSS pixels, its size, and whether that is another now. */
 export function fit(canvas) {
   const [w, h, dpr] = [canvas.clientWidth, canvas.clientHeight, window.devicePixelRatio || 1];
   const [pw, ph] = [Math.max(1, Math.round(w * dpr)), Math.max(1, Math.round(h * dpr))];
-  if (canvas.width !== pw || canvas.height !== ph) [canvas.width, canvas.height] = [pw, ph];
+  const anew = canvas.width !== pw || canvas.height !== ph;
+  if (anew) [canvas.width, canvas.height] = [pw, ph];
   const context = canvas.getContext("2d");
   context.setTransform(dpr, 0, 0, dpr, 0, 0);
-  context.clearRect(0, 0, w, h);
-  return { context, w, h };
+  return { context, w, h, anew };
 }
 
+/**
+ * Three canvases on top of each other, each drawn only where and when something changed: the field, in pixels of its own;
+ * what stands around it; the touches.
+ */
 export class Sheet {
-  constructor(canvas) {
-    this.canvas = canvas;
+  constructor(field, frame, marks) {
+    [this.fieldCanvas, this.frame, this.marks] = [field, frame, marks];
     this.labels = new Labels();
+    // What is drawn now.
+    this.drawn = { frame: "", marks: "", area: null };
   }
 
   setScene(scene) {
     this.scene = scene;
-    this.field = new Field(scene);
+    this.field = new Field(scene, this.fieldCanvas);
+    this.drawn.frame = this.drawn.marks = "";
     const [xs, ys] = [0, 1].map((k) => scene.outline_mm.map((p) => p[k]));
     this.box = { left: Math.min(...xs), right: Math.max(...xs), bottom: Math.min(...ys), top: Math.max(...ys) };
     this.electrodes = scene.electrodes_mm.map((p) => ({ p, n: outward(scene.outline_mm, p) }));
@@ -50,28 +62,68 @@ export class Sheet {
     this.apart = Math.min(1e3, ...apart);
   }
 
-  /** Takes the values of a frame; returns the greatest of the smooth field. */
-  take(values) {
-    return this.field.take(values);
+  /** Takes the cells of a frame. */
+  take(cells) {
+    this.field.take(cells.steps, cells.news());
   }
 
-  /** Draws a frame. `full`: the rise of the last colour; `live`: whether the frame is fresh. */
-  draw(frame, palette, full, live) {
-    const { context: c, w, h } = fit(this.canvas);
-    this.layout(w, h);
-    c.globalAlpha = live ? 1 : 0.45;
-    this.drawField(c, palette, full);
+  /** Draws what changed. `live`: whether the frame is fresh. */
+  draw(frame, palette, live) {
+    if (this.palette !== palette) [this.palette, this.colours] = [palette, table(palette)];
+    this.field.paint(this.colours);
+    const around = fit(this.frame);
+    const key = [around.w, around.h, palette, frame.full, live].join();
+    if (around.anew || key !== this.drawn.frame) {
+      this.drawn.frame = key;
+      this.layout(around.w, around.h);
+      this.drawFrame(around, palette, frame.full, live);
+      this.drawn.marks = "";
+    }
+    this.drawMarks(frame, live);
+  }
+
+  drawFrame({ context: c, w, h }, palette, full, live) {
+    c.clearRect(0, 0, w, h);
+    // The page's colour outside the sheet, over the corners of the field.
+    c.fillStyle = BACK;
+    c.beginPath();
+    c.rect(0, 0, w, h);
+    const hole = new Path2D();
+    hole.rect(0, 0, w, h);
+    hole.addPath(this.outline);
+    c.fill(hole, "evenodd");
+    this.fieldCanvas.style.opacity = c.globalAlpha = live ? 1 : 0.45;
+    c.lineWidth = 1.6;
+    c.lineJoin = "round";
+    c.strokeStyle = "#5c6373";
+    c.stroke(this.outline);
     this.drawElectrodes(c);
-    if (frame.touches.length) this.drawTouches(c, frame.touches);
-    else if (live && !frame.status) this.drawQuiet(c);
     c.globalAlpha = 1;
     this.drawBar(c, palette, full, w, h);
     this.drawScale(c, w, h);
   }
 
+  /** The touches, or that there are none, where they are not what they were. */
+  drawMarks(frame, live) {
+    const { context: c, w, h, anew } = fit(this.marks);
+    const quiet = live && !frame.status && !frame.touches.length;
+    const rings = this.rings(c, frame.touches);
+    const looks = (ring) => [ring.x.toFixed(1), ring.y.toFixed(1), ring.r.toFixed(1), ring.key, ring.first, ring.second].join();
+    const key = [w, h, live, quiet, ...rings.map(looks)].join(";");
+    if (!anew && key === this.drawn.marks) return;
+    const old = this.drawn.marks ? this.drawn.area : { x: 0, y: 0, w, h };
+    if (old) c.clearRect(old.x, old.y, old.w, old.h);
+    this.drawn.marks = key;
+    c.globalAlpha = live ? 1 : 0.45;
+    if (quiet) this.drawn.area = this.drawQuiet(c);
+    else this.drawn.area = this.drawTouches(c, rings);
+    c.globalAlpha = 1;
+  }
+
   layout(w, h) {
     const { left, right, bottom, top } = this.box;
     this.wide = w >= 620;
+    this.widths = new Map();
     const text = (this.text = Math.max(11, Math.min(15, Math.min(w, h) / 48)));
     // Room for the electrodes' numbers all round, the banner above, the colour bar beside or below.
     const edge = 2.5 * text;
@@ -86,34 +138,20 @@ export class Sheet {
     for (const p of this.scene.outline_mm) this.outline.lineTo(...this.px(p));
     this.outline.closePath();
     this.middle = [cx, cy];
+    const { field, fieldCanvas } = this;
+    const [x, y] = this.px([field.left, field.bottom + field.heightMm]);
+    const [fw, fh] = [field.widthMm * scale, field.heightMm * scale];
+    Object.assign(fieldCanvas.style, { left: `${x}px`, top: `${y}px`, width: `${fw}px`, height: `${fh}px` });
     this.numbers = this.electrodes.map(({ p, n }) => {
       const [x, y] = this.px(p);
       return [x + 1.3 * text * n[0], y - 1.3 * text * n[1]];
     });
     // Each electrode with its number, for the labels to keep off.
-    this.marks = this.numbers.map(([x, y], k) => {
+    this.keepOff = this.numbers.map(([x, y], k) => {
       const [ex, ey] = this.px(this.electrodes[k].p);
       const [half, cx, cy] = [1.2 * text, (x + ex) / 2, (y + ey) / 2];
       return { x: cx - half, y: cy - half, w: 2 * half, h: 2 * half };
     });
-  }
-
-  drawField(c, palette, full) {
-    const { field } = this;
-    this.colours = this.palette === palette ? this.colours : table(palette);
-    this.palette = palette;
-    c.save();
-    c.fillStyle = css(palette, 0);
-    c.fill(this.outline);
-    c.clip(this.outline);
-    c.imageSmoothingEnabled = true;
-    const [x, y] = this.px([field.left, field.bottom + field.heightMm]);
-    c.drawImage(field.paint(this.colours, full), x, y, field.widthMm * this.scale, field.heightMm * this.scale);
-    c.restore();
-    c.lineWidth = 1.6;
-    c.lineJoin = "round";
-    c.strokeStyle = "#5c6373";
-    c.stroke(this.outline);
   }
 
   drawElectrodes(c) {
@@ -139,21 +177,42 @@ export class Sheet {
     });
   }
 
-  drawTouches(c, touches) {
-    const t = this.text + (this.wide ? 0.5 : 0);
-    const [strong, plain] = [`650 ${t + 1}px ${FONT}`, `400 ${t - 1}px ${FONT}`];
-    const rings = touches.map((touch, k) => {
+  /** The touches as rings with what their labels say and the labels' sizes. */
+  rings(c, touches) {
+    const t = this.letters();
+    return touches.map((touch, k) => {
       const [x, y] = this.px([touch.x, touch.y]);
-      c.font = strong;
+      const [first, second] = [strengthText(touch), placeText(touch)];
       const chip = touch.id === null ? 0 : (0.9 + 0.6 * String(touch.id).length) * t;
-      const first = c.measureText(strengthText(touch)).width + (chip && chip + 0.4 * t);
-      c.font = plain;
-      const second = c.measureText(placeText(touch)).width;
-      // Rounded up, so that a digit more or less does not make it jump.
-      const w = Math.ceil((Math.max(first, second) + 1.2 * t) / 8) * 8;
-      return { key: touch.id ?? `#${k}`, x, y, r: ringRadius(touch) * this.scale, w, h: 3.1 * t, touch, chip };
+      const ring = { key: touch.id ?? `#${k}`, id: touch.id, x, y, r: ringRadius(touch) * this.scale, first, second, chip };
+      return { ...ring, ...this.labelSize(c, ring, t), h: 3.1 * t };
     });
-    const places = this.labels.place(rings, this.bounds, this.marks);
+  }
+
+  /** Size of the labels' letters, px. */
+  letters() {
+    return this.text + (this.wide ? 0.5 : 0);
+  }
+
+  labelSize(c, { first, second, chip }, t) {
+    // Digits are as wide as each other in the page's fonts, or nearly; the width is rounded up, so that it does not jump.
+    const width = (font, text) => {
+      const key = font + text.replace(/[0-9]/g, "0");
+      if (!this.widths.has(key)) {
+        c.font = font;
+        this.widths.set(key, c.measureText(text.replace(/[0-9]/g, "0")).width);
+      }
+      return this.widths.get(key);
+    };
+    const wide = width(strongFont(t), first) + (chip && chip + 0.4 * t);
+    return { w: Math.ceil((Math.max(wide, width(plainFont(t), second)) + 1.2 * t) / 8) * 8 };
+  }
+
+  /** Returns the rectangle that holds all of it; null for nothing. */
+  drawTouches(c, rings) {
+    if (!rings.length) return null;
+    const t = this.letters();
+    const places = this.labels.place(rings, this.bounds, this.keepOff);
     c.lineCap = "round";
     rings.forEach((ring, k) => {
       const lead = leader(ring, places[k]);
@@ -164,7 +223,7 @@ export class Sheet {
     });
     c.textBaseline = "alphabetic";
     c.textAlign = "left";
-    rings.forEach(({ touch, chip }, k) => {
+    rings.forEach(({ id, first, second, chip }, k) => {
       const { x, y, w, h } = places[k];
       c.beginPath();
       c.roundRect(x, y, w, h, 0.55 * t);
@@ -177,30 +236,35 @@ export class Sheet {
       if (chip) {
         c.beginPath();
         c.roundRect(at, y + 0.38 * t, chip, 1.18 * t, 0.59 * t);
-        c.fillStyle = idColour(touch.id);
+        c.fillStyle = idColour(id);
         c.fill();
         c.font = `700 ${0.85 * t}px ${FONT}`;
         c.fillStyle = "#0b0d12";
         c.textAlign = "center";
-        c.fillText(touch.id, at + chip / 2, y + 1.28 * t);
+        c.fillText(id, at + chip / 2, y + 1.28 * t);
         c.textAlign = "left";
         at += chip + 0.4 * t;
       }
-      c.font = strong;
+      c.font = strongFont(t);
       c.fillStyle = "#fff";
-      c.fillText(strengthText(touch), at, y + 1.36 * t);
-      c.font = plain;
+      c.fillText(first, at, y + 1.36 * t);
+      c.font = plainFont(t);
       c.fillStyle = "#dfe3ec";
-      c.fillText(placeText(touch), x + 0.6 * t, y + 2.65 * t);
+      c.fillText(second, x + 0.6 * t, y + 2.65 * t);
     });
+    const circle = (ring) => ({ x: ring.x - ring.r, y: ring.y - ring.r, w: 2 * ring.r, h: 2 * ring.r });
+    return around([...rings.map(circle), ...places], 4);
   }
 
   drawQuiet(c) {
-    c.font = `500 ${1.6 * this.text}px ${FONT}`;
+    const size = 1.6 * this.text;
+    c.font = `500 ${size}px ${FONT}`;
     c.textAlign = "center";
     c.textBaseline = "middle";
     c.fillStyle = "#ffffff66";
     c.fillText("no touch", ...this.middle);
+    const half = c.measureText("no touch").width / 2;
+    return around([{ x: this.middle[0] - half, y: this.middle[1] - size, w: 2 * half, h: 2 * size }], 4);
   }
 
   drawBar(c, palette, full, w, h) {
@@ -259,6 +323,13 @@ export class Sheet {
     c.fillStyle = "#c3cad8";
     c.fillText(`${mm} mm`, x + length + 9, y);
   }
+}
+
+/** The rectangle around others, so much larger. */
+function around(all, edge) {
+  const [left, top] = ["x", "y"].map((k) => Math.min(...all.map((r) => r[k])) - edge);
+  const [right, bottom] = [["x", "w"], ["y", "h"]].map(([k, n]) => Math.max(...all.map((r) => r[k] + r[n])) + edge);
+  return { x: left, y: top, w: right - left, h: bottom - top };
 }
 
 /** A white line with a dark edge, to be seen on every colour. */
