@@ -79,9 +79,10 @@ fn template() -> Picture {
     }
 }
 
-/// Every pixel of the three canvases of the sheet.
+/// Every pixel of the canvases of the sheet, and where those are that move.
 fn pixels(page: &mut Page) -> String {
-    let canvases = r#"["field", "frame", "marks"].map((id) => document.getElementById(id)?.toDataURL() ?? "").join()"#;
+    let canvases = r##"[...document.querySelectorAll("#field, #frame, #marks canvas:not([hidden])")]
+        .map((canvas) => canvas.toDataURL() + canvas.style.left + canvas.style.top).join()"##;
     page.ask(canvases).as_str().unwrap_or_default().to_owned()
 }
 
@@ -179,6 +180,7 @@ fn what_a_frame_costs() {
     let finger = |keys: &str| format!("[[touch]]\nshape = \"finger\"\nkeys = [{keys}]\n");
     let comes =
         |x: i32, y: i32| format!("{{ t_s = 2.0, x_mm = {x}, y_mm = {y}, force_n = 0 }}, {{ t_s = 2.3, force_n = 20 }}");
+    let stays = ", { t_s = 60.0 }";
     // There and back, 60 mm in 2 s.
     let moving = |x: i32, y: i32| {
         let there = (2..20).map(|k| format!(", {{ t_s = {}.5, x_mm = {}, y_mm = {y} }}", 2 * k - 1, x + 60 * (k % 2)));
@@ -187,7 +189,10 @@ fn what_a_frame_costs() {
     let corners = [(-70, -35), (10, -35), (-70, 35), (10, 35)];
     let scenes = [
         ("idle", String::new()),
-        ("four still", corners.map(|(x, y)| finger(&comes(x, y))).concat()),
+        (
+            "four still",
+            corners.map(|(x, y)| finger(&(comes(x, y) + stays))).concat(),
+        ),
         ("one moving", moving(-30, 20)),
         ("four moving", corners.map(|(x, y)| moving(x, y)).concat()),
     ];

@@ -21,16 +21,16 @@
 //! | 56 | u64 | skipped frames |
 //! | 64 | u64 | number of the picture |
 //! | 72 | u64 | number of the picture that the cells build on: the page's last, 0 in the beginning |
-//! | 80 | u32 | n, number of 16-bit words that follow |
+//! | 80 | u32 | n, bytes of the cells |
 //! | 84 | u16 | m, number of touches |
 //! | 86 | u16 | s, bytes of the status line |
-//! | 88 | n x u16 | runs of cells: how many to skip, how many follow, their steps; then padding to a multiple of 4 |
+//! | 88 | n | runs of cells: how many to skip, how many follow, their steps; LEB128, low bits first |
 //! | | m x 24 | touches: u32 id (4294967295 = none), f32 x and y in mm, f32 rise, f32 area in mm², f32 force in N or NaN |
 //! | | s | status line, UTF-8 |
 
 use serde::{Deserialize, Serialize};
 
-use super::shown::{Run, Shown};
+use super::shown::Shown;
 use crate::picture::{Picture, Touch};
 
 /// First bytes of a frame; the last one is the version of this format.
@@ -200,14 +200,16 @@ pub fn encode(picture: &Picture, shown: &Shown, scene: u32, published_ms: f64, b
     let status = stats.status.as_deref().unwrap_or_default();
     let status = &status[..status.floor_char_boundary(usize::from(u16::MAX))];
     let touches = &picture.touches[..picture.touches.len().min(usize::from(u16::MAX))];
-    let mut words = Vec::new();
+    let mut cells = Vec::new();
     let mut end = 0;
     for run in shown.changes(base) {
-        write_run(&mut words, run.start - end, &run);
+        write(&mut cells, run.start - end);
+        write(&mut cells, run.steps.len());
+        run.steps.iter().for_each(|s| write(&mut cells, usize::from(*s)));
         end = run.start + run.steps.len();
     }
 
-    let mut out = Vec::with_capacity(HEADER + 2 * words.len() + 2 + TOUCH * touches.len() + status.len());
+    let mut out = Vec::with_capacity(HEADER + cells.len() + TOUCH * touches.len() + status.len());
     out.extend(MAGIC);
     out.extend(scene.to_le_bytes());
     out.extend(picture.sequence.to_le_bytes());
@@ -221,11 +223,10 @@ pub fn encode(picture: &Picture, shown: &Shown, scene: u32, published_ms: f64, b
     out.extend(stats.skipped_frames.to_le_bytes());
     out.extend(shown.number().to_le_bytes());
     out.extend(base.to_le_bytes());
-    out.extend((words.len() as u32).to_le_bytes());
+    out.extend((cells.len() as u32).to_le_bytes());
     out.extend((touches.len() as u16).to_le_bytes());
     out.extend((status.len() as u16).to_le_bytes());
-    out.extend(words.iter().flat_map(|w| w.to_le_bytes()));
-    out.resize(out.len().next_multiple_of(4), 0);
+    out.extend(cells);
     for touch in touches {
         out.extend(touch.id.unwrap_or(NO_ID).to_le_bytes());
         let force = touch.force_n.unwrap_or(f64::NAN);
@@ -237,18 +238,13 @@ pub fn encode(picture: &Picture, shown: &Shown, scene: u32, published_ms: f64, b
     out
 }
 
-/// A run `skip` cells after the one before, in pieces that 16 bits can count.
-fn write_run(words: &mut Vec<u16>, mut skip: usize, run: &Run<'_>) {
-    const MOST: usize = u16::MAX as usize;
-    while skip > MOST {
-        words.extend([u16::MAX, 0]);
-        skip -= MOST;
+/// A number in groups of seven bits, the lowest first; every byte but the last has its highest bit set (LEB128).
+fn write(out: &mut Vec<u8>, mut number: usize) {
+    while number > 0x7f {
+        out.push(number as u8 | 0x80);
+        number >>= 7;
     }
-    for piece in run.steps.chunks(MOST) {
-        words.extend([skip as u16, piece.len() as u16]);
-        words.extend(piece);
-        skip = 0;
-    }
+    out.push(number as u8);
 }
 
 /// Reads a frame; none if the bytes are not one.
@@ -270,14 +266,12 @@ pub fn decode(bytes: &[u8]) -> Option<Frame> {
         usize::from(reader.u16()?),
     );
     // Checked before anything of that size is made.
-    if reader.0.len() != (2 * n).next_multiple_of(4) + TOUCH * m + s {
+    if reader.0.len() != n + TOUCH * m + s {
         return None;
     }
-    let words = (0..n).map(|_| reader.u16()).collect::<Option<Vec<_>>>()?;
-    let runs = read_runs(&words)?;
-    if n % 2 == 1 {
-        reader.u16()?;
-    }
+    let (cells, rest) = reader.0.split_at_checked(n)?;
+    let runs = read_runs(Reader(cells))?;
+    reader.0 = rest;
     let touch = |r: &mut Reader| {
         let id = Some(r.u32()?).filter(|id| *id != NO_ID);
         let mut number = || r.f32().map(f64::from);
@@ -313,15 +307,18 @@ pub fn decode(bytes: &[u8]) -> Option<Frame> {
     })
 }
 
-fn read_runs(mut words: &[u16]) -> Option<Vec<(usize, Vec<u16>)>> {
-    let (mut runs, mut at) = (Vec::new(), 0);
-    while !words.is_empty() {
-        let ([skip, count], rest) = words.split_first_chunk()?;
-        let (steps, rest) = rest.split_at_checked(usize::from(*count))?;
-        at += usize::from(*skip);
-        runs.push((at, steps.to_vec()));
-        at += steps.len();
-        words = rest;
+fn read_runs(mut cells: Reader) -> Option<Vec<(usize, Vec<u16>)>> {
+    let (mut runs, mut at) = (Vec::new(), 0_usize);
+    while !cells.0.is_empty() {
+        at = at.checked_add(cells.number()?)?;
+        let count = cells.number()?;
+        // A step takes a byte at least: checked before anything of that size is made.
+        if count > cells.0.len() {
+            return None;
+        }
+        let step = |_| cells.number().and_then(|s| u16::try_from(s).ok());
+        runs.push((at, (0..count).map(step).collect::<Option<Vec<_>>>()?));
+        at += count;
     }
     Some(runs)
 }
@@ -334,6 +331,19 @@ impl Reader<'_> {
         let (head, rest) = self.0.split_first_chunk::<N>()?;
         self.0 = rest;
         Some(*head)
+    }
+
+    /// What [`write`] wrote, of at most 28 bits.
+    fn number(&mut self) -> Option<usize> {
+        let mut number = 0;
+        for group in 0..4 {
+            let [byte] = self.take()?;
+            number |= usize::from(byte & 0x7f) << (7 * group);
+            if byte < 0x80 {
+                return Some(number);
+            }
+        }
+        None
     }
 
     fn u16(&mut self) -> Option<u16> {

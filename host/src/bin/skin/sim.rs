@@ -16,7 +16,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "FILE")]
     scene: Option<PathBuf>,
     /// Something that breaks, for ever or for a time (s), such as cable_pulled@5+2, bytes_lost:0.001@5, electrode_open:3@5+10 or
-    /// multiplexer_stuck:drive_plus,3@5; repeatable, in addition to the scene's (docs/simulator.md lists them).
+    /// multiplexer_stuck:drive_plus,3@5; repeatable, in addition to the scene's (docs/simulator.md lists them); electrodes count from 1.
     #[arg(long, value_name = "KIND@AT[+FOR]")]
     fault: Vec<Fault>,
     /// Seed of all that is random [default: the scene's].

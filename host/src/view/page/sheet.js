@@ -37,21 +37,22 @@ export function fit(canvas) {
 }
 
 /**
- * Three canvases on top of each other, each drawn only where and when something changed: the field, in pixels of its own;
- * what stands around it; the touches.
+ * Canvases on top of each other, each drawn only where and when something changed: the field, in pixels of its own; what stands
+ * around it; and a small one for each touch.
  */
 export class Sheet {
   constructor(field, frame, marks) {
     [this.fieldCanvas, this.frame, this.marks] = [field, frame, marks];
     this.labels = new Labels();
-    // What is drawn now.
-    this.drawn = { frame: "", marks: "", area: null };
+    // What is drawn around the field now, and on the canvas of every touch.
+    this.drawn = "";
+    this.pool = [];
   }
 
   setScene(scene) {
     this.scene = scene;
     this.field = new Field(scene, this.fieldCanvas);
-    this.drawn.frame = this.drawn.marks = "";
+    this.drawn = "";
     const [xs, ys] = [0, 1].map((k) => scene.outline_mm.map((p) => p[k]));
     this.box = { left: Math.min(...xs), right: Math.max(...xs), bottom: Math.min(...ys), top: Math.max(...ys) };
     this.electrodes = scene.electrodes_mm.map((p) => ({ p, n: outward(scene.outline_mm, p) }));
@@ -73,13 +74,12 @@ export class Sheet {
     this.field.paint(this.colours);
     const around = fit(this.frame);
     const key = [around.w, around.h, palette, frame.full, live].join();
-    if (around.anew || key !== this.drawn.frame) {
-      this.drawn.frame = key;
+    if (around.anew || key !== this.drawn) {
+      this.drawn = key;
       this.layout(around.w, around.h);
       this.drawFrame(around, palette, frame.full, live);
-      this.drawn.marks = "";
     }
-    this.drawMarks(frame, live);
+    this.drawMarks(around.context, frame, live);
   }
 
   drawFrame({ context: c, w, h }, palette, full, live) {
@@ -104,20 +104,34 @@ export class Sheet {
   }
 
   /** The touches, or that there are none, where they are not what they were. */
-  drawMarks(frame, live) {
-    const { context: c, w, h, anew } = fit(this.marks);
-    const quiet = live && !frame.status && !frame.touches.length;
+  drawMarks(c, frame, live) {
     const rings = this.rings(c, frame.touches);
-    const looks = (ring) => [ring.x.toFixed(1), ring.y.toFixed(1), ring.r.toFixed(1), ring.key, ring.first, ring.second].join();
-    const key = [w, h, live, quiet, ...rings.map(looks)].join(";");
-    if (!anew && key === this.drawn.marks) return;
-    const old = this.drawn.marks ? this.drawn.area : { x: 0, y: 0, w, h };
-    if (old) c.clearRect(old.x, old.y, old.w, old.h);
-    this.drawn.marks = key;
-    c.globalAlpha = live ? 1 : 0.45;
-    if (quiet) this.drawn.area = this.drawQuiet(c);
-    else this.drawn.area = this.drawTouches(c, rings);
-    c.globalAlpha = 1;
+    const places = rings.length ? this.labels.place(rings, this.bounds, this.keepOff) : [];
+    const marks = rings.map((ring, k) => this.touchMark(ring, places[k]));
+    if (live && !frame.status && !rings.length) marks.push(this.quietMark());
+    while (this.pool.length < marks.length) {
+      const canvas = document.createElement("canvas");
+      this.pool.push({ canvas, drawn: "" });
+      this.marks.append(canvas);
+    }
+    const dpr = window.devicePixelRatio || 1;
+    this.pool.forEach((own, k) => {
+      own.canvas.hidden = k >= marks.length;
+      if (k >= marks.length) return;
+      const { area, looks, draw } = marks[k];
+      const key = [area.x, area.y, area.w, area.h, dpr, live, looks].join();
+      if (key === own.drawn) return;
+      own.drawn = key;
+      const [w, h] = [Math.round(area.w * dpr), Math.round(area.h * dpr)];
+      if (own.canvas.width !== w || own.canvas.height !== h) [own.canvas.width, own.canvas.height] = [w, h];
+      const size = { left: `${area.x}px`, top: `${area.y}px`, width: `${area.w}px`, height: `${area.h}px` };
+      Object.assign(own.canvas.style, size, { opacity: live ? 1 : 0.45 });
+      const context = own.canvas.getContext("2d");
+      context.setTransform(dpr, 0, 0, dpr, 0, 0);
+      context.clearRect(0, 0, area.w, area.h);
+      context.translate(-area.x, -area.y);
+      draw(context);
+    });
   }
 
   layout(w, h) {
@@ -208,63 +222,62 @@ export class Sheet {
     return { w: Math.ceil((Math.max(wide, width(plainFont(t), second)) + 1.2 * t) / 8) * 8 };
   }
 
-  /** Returns the rectangle that holds all of it; null for nothing. */
-  drawTouches(c, rings) {
-    if (!rings.length) return null;
-    const t = this.letters();
-    const places = this.labels.place(rings, this.bounds, this.keepOff);
-    c.lineCap = "round";
-    rings.forEach((ring, k) => {
-      const lead = leader(ring, places[k]);
-      if (lead) twice(c, lead, 4, 1.4);
-      const circle = new Path2D();
-      circle.arc(ring.x, ring.y, ring.r, 0, 2 * Math.PI);
-      twice(c, circle, 5, 2);
-    });
-    c.textBaseline = "alphabetic";
-    c.textAlign = "left";
-    rings.forEach(({ id, first, second, chip }, k) => {
-      const { x, y, w, h } = places[k];
-      c.beginPath();
-      c.roundRect(x, y, w, h, 0.55 * t);
-      c.fillStyle = "#0a0c10d9";
-      c.fill();
-      c.lineWidth = 1;
-      c.strokeStyle = "#ffffff2e";
-      c.stroke();
-      let at = x + 0.6 * t;
-      if (chip) {
-        c.beginPath();
-        c.roundRect(at, y + 0.38 * t, chip, 1.18 * t, 0.59 * t);
-        c.fillStyle = idColour(id);
-        c.fill();
-        c.font = `700 ${0.85 * t}px ${FONT}`;
-        c.fillStyle = "#0b0d12";
-        c.textAlign = "center";
-        c.fillText(id, at + chip / 2, y + 1.28 * t);
-        c.textAlign = "left";
-        at += chip + 0.4 * t;
-      }
-      c.font = strongFont(t);
-      c.fillStyle = "#fff";
-      c.fillText(first, at, y + 1.36 * t);
-      c.font = plainFont(t);
-      c.fillStyle = "#dfe3ec";
-      c.fillText(second, x + 0.6 * t, y + 2.65 * t);
-    });
-    const circle = (ring) => ({ x: ring.x - ring.r, y: ring.y - ring.r, w: 2 * ring.r, h: 2 * ring.r });
-    return around([...rings.map(circle), ...places], 4);
+  /** A ring and its label: where, what can be seen of it, how to draw it. */
+  touchMark(ring, place) {
+    const circle = { x: ring.x - ring.r, y: ring.y - ring.r, w: 2 * ring.r, h: 2 * ring.r };
+    const looks = [ring.x, ring.y, ring.r, place.x, place.y].map((v) => v.toFixed(1)).join() + ring.id + ring.first + ring.second;
+    return { area: around([circle, place], 4), looks, draw: (c) => this.drawTouch(c, ring, place) };
   }
 
-  drawQuiet(c) {
+  drawTouch(c, ring, { x, y, w, h }) {
+    const t = this.letters();
+    c.lineCap = "round";
+    const lead = leader(ring, { x, y, w, h });
+    if (lead) twice(c, lead, 4, 1.4);
+    const circle = new Path2D();
+    circle.arc(ring.x, ring.y, ring.r, 0, 2 * Math.PI);
+    twice(c, circle, 5, 2);
+    c.textBaseline = "alphabetic";
+    c.textAlign = "left";
+    c.beginPath();
+    c.roundRect(x, y, w, h, 0.55 * t);
+    c.fillStyle = "#0a0c10d9";
+    c.fill();
+    c.lineWidth = 1;
+    c.strokeStyle = "#ffffff2e";
+    c.stroke();
+    let at = x + 0.6 * t;
+    if (ring.chip) {
+      c.beginPath();
+      c.roundRect(at, y + 0.38 * t, ring.chip, 1.18 * t, 0.59 * t);
+      c.fillStyle = idColour(ring.id);
+      c.fill();
+      c.font = `700 ${0.85 * t}px ${FONT}`;
+      c.fillStyle = "#0b0d12";
+      c.textAlign = "center";
+      c.fillText(ring.id, at + ring.chip / 2, y + 1.28 * t);
+      c.textAlign = "left";
+      at += ring.chip + 0.4 * t;
+    }
+    c.font = strongFont(t);
+    c.fillStyle = "#fff";
+    c.fillText(ring.first, at, y + 1.36 * t);
+    c.font = plainFont(t);
+    c.fillStyle = "#dfe3ec";
+    c.fillText(ring.second, x + 0.6 * t, y + 2.65 * t);
+  }
+
+  quietMark() {
     const size = 1.6 * this.text;
-    c.font = `500 ${size}px ${FONT}`;
-    c.textAlign = "center";
-    c.textBaseline = "middle";
-    c.fillStyle = "#ffffff66";
-    c.fillText("no touch", ...this.middle);
-    const half = c.measureText("no touch").width / 2;
-    return around([{ x: this.middle[0] - half, y: this.middle[1] - size, w: 2 * half, h: 2 * size }], 4);
+    const [x, y] = this.middle;
+    const draw = (c) => {
+      c.font = `500 ${size}px ${FONT}`;
+      c.textAlign = "center";
+      c.textBaseline = "middle";
+      c.fillStyle = "#ffffff66";
+      c.fillText("no touch", x, y);
+    };
+    return { area: around([{ x: x - 3 * size, y: y - size, w: 6 * size, h: 2 * size }], 0), looks: "no touch", draw };
   }
 
   drawBar(c, palette, full, w, h) {
@@ -325,11 +338,11 @@ export class Sheet {
   }
 }
 
-/** The rectangle around others, so much larger. */
+/** The rectangle of whole pixels around others, so much larger. */
 function around(all, edge) {
-  const [left, top] = ["x", "y"].map((k) => Math.min(...all.map((r) => r[k])) - edge);
-  const [right, bottom] = [["x", "w"], ["y", "h"]].map(([k, n]) => Math.max(...all.map((r) => r[k] + r[n])) + edge);
-  return { x: left, y: top, w: right - left, h: bottom - top };
+  const [x, y] = ["x", "y"].map((k) => Math.floor(Math.min(...all.map((r) => r[k])) - edge));
+  const [right, bottom] = [["x", "w"], ["y", "h"]].map(([k, n]) => Math.ceil(Math.max(...all.map((r) => r[k] + r[n])) + edge));
+  return { x, y, w: right - x, h: bottom - y };
 }
 
 /** A white line with a dark edge, to be seen on every colour. */

@@ -5,16 +5,14 @@ const VERSION = 3;
 const NO_ID = 0xffffffff;
 const text = new TextDecoder();
 
-/** Reads a frame; null if the bytes are not one of this version. Its `words` are for Cells. */
+/** Reads a frame; null if the bytes are not one of this version. Its `news` are for Cells. */
 export function decode(buffer) {
   const view = new DataView(buffer);
   if (buffer.byteLength < 88 || view.getUint32(0) !== 0x534b4e30 + VERSION) return null;
   const [n, m, s] = [view.getUint32(80, true), view.getUint16(84, true), view.getUint16(86, true)];
-  const touchesAt = Math.ceil((88 + 2 * n) / 4) * 4;
+  const touchesAt = 88 + n;
   const statusAt = touchesAt + 24 * m;
   if (buffer.byteLength !== statusAt + s) return null;
-  const words = new Uint16Array(n);
-  for (let k = 0; k < n; k++) words[k] = view.getUint16(88 + 2 * k, true);
   const touches = [];
   for (let k = 0, at = touchesAt; k < m; k++, at += 24) {
     const id = view.getUint32(at, true);
@@ -34,7 +32,7 @@ export function decode(buffer) {
     skipped: Number(view.getBigUint64(56, true)),
     number: Number(view.getBigUint64(64, true)),
     base: Number(view.getBigUint64(72, true)),
-    words,
+    news: new Uint8Array(buffer, 88, n),
     touches: touches.sort((a, b) => b.rise - a.rise),
     status: text.decode(new Uint8Array(buffer, statusAt, s)),
   };
@@ -51,14 +49,23 @@ export class Cells {
   /** Takes a frame; false if it builds on another picture than this. */
   apply(frame) {
     if (frame.base !== this.number) return false;
-    const { words } = frame;
-    for (let k = 0, at = 0; k < words.length; ) {
-      at += words[k];
-      const count = words[k + 1];
-      k += 2;
-      for (const end = k + count; k < end; k++, at++) {
-        if (this.steps[at] === words[k]) continue;
-        this.steps[at] = words[k];
+    const { news } = frame;
+    let k = 0;
+    // Groups of seven bits, the lowest first.
+    const number = () => {
+      let value = 0;
+      for (let shift = 0; ; shift += 7) {
+        const byte = news[k++];
+        value |= (byte & 0x7f) << shift;
+        if (byte < 0x80 || shift > 21) return value;
+      }
+    };
+    for (let at = 0; k < news.length; ) {
+      at += number();
+      for (let count = number(); count > 0; count--, at++) {
+        const step = number();
+        if (this.steps[at] === step) continue;
+        this.steps[at] = step;
         this.changed.add(at);
       }
     }
