@@ -82,7 +82,7 @@ fn template() -> Picture {
 /// Every pixel of the canvases of the sheet, and where those are that move.
 fn pixels(page: &mut Page) -> String {
     let canvases = r##"[...document.querySelectorAll("#field, #frame, #marks canvas:not([hidden])")]
-        .map((canvas) => canvas.toDataURL() + canvas.style.left + canvas.style.top).join()"##;
+        .map((canvas) => canvas.toDataURL() + canvas.style.transform).join()"##;
     page.ask(canvases).as_str().unwrap_or_default().to_owned()
 }
 
@@ -142,7 +142,9 @@ fn a_field_painted_where_it_changed_is_the_whole_field() {
                 const all = Array.from({ length: columns * rows }, (_, k) => k);
                 const cells = all.filter(() => random(10) > 2);
                 if (!cells.length) continue;
-                const scene = { columns, rows, cells, left_mm: 0, bottom_mm: 0, cell_mm: 5 };
+                const corner = () => [random(5 * columns), random(5 * rows)];
+                const outline_mm = [corner(), corner(), corner()];
+                const scene = { columns, rows, cells, left_mm: 0, bottom_mm: 0, cell_mm: 5, outline_mm };
                 const canvas = () => document.createElement("canvas");
                 const field = new Field(scene, canvas());
                 const steps = new Uint16Array(cells.length);

@@ -70,6 +70,19 @@ export class Field {
     this.bottom = scene.bottom_mm - start;
     this.widthMm = this.blockColumns * scene.cell_mm;
     this.heightMm = this.blockRows * scene.cell_mm;
+    this.opacity = this.inside(scene.outline_mm);
+  }
+
+  /** How much of every pixel is inside the outline, 0 to 255. */
+  inside(outline) {
+    const c = this.context;
+    c.beginPath();
+    for (const [x, y] of outline) {
+      c.lineTo(((x - this.left) / this.widthMm) * this.columns, (1 - (y - this.bottom) / this.heightMm) * this.rows);
+    }
+    c.fill();
+    const { data } = c.getImageData(0, 0, this.columns, this.rows);
+    return Uint8Array.from({ length: this.pixels.length }, (_, k) => data[4 * k + 3]);
   }
 
   /** Cells outside the sheet continue the mean of their neighbours: [target, sources...] in the order to be filled. */
@@ -165,7 +178,7 @@ export class Field {
   }
 
   paintArea(left, right, low, high) {
-    const { coefficients, width, factor, weights: w, columns, rows, across, pixels, colours } = this;
+    const { coefficients, width, factor, weights: w, columns, rows, across, pixels, colours, opacity } = this;
     for (let row = low; row < high + 3; row++) {
       for (let block = left; block < right; block++) {
         const from = row * width + block;
@@ -176,6 +189,7 @@ export class Field {
         }
       }
     }
+    const { data } = this.image;
     const [start, end] = [left * factor, right * factor];
     for (let r = low * factor; r < high * factor; r++) {
       const from = Math.floor(r / factor) * columns;
@@ -189,6 +203,7 @@ export class Field {
           w0 * across[at] + w1 * across[at + columns] + w2 * across[at + 2 * columns] + w3 * across[at + 3 * columns];
         const shade = (value / STEPS_A_COLOUR + 0.5) | 0;
         pixels[to + c] = colours[shade > 255 ? 255 : shade];
+        if (opacity[to + c] < 255) data[4 * (to + c) + 3] = opacity[to + c];
       }
     }
     this.context.putImageData(this.image, 0, 0, start, rows - high * factor, end - start, (high - low) * factor);

@@ -6,8 +6,6 @@ import { idColour, Labels, number, placeText, ringRadius, strengthText } from ".
 const FONT = 'system-ui, "Segoe UI", "Helvetica Neue", Arial, sans-serif';
 const FAINT = "#98a1b3";
 const METAL = "#d6a068";
-// --back of style.css
-const BACK = "#0b0d12";
 
 const strongFont = (t) => `650 ${t + 1}px ${FONT}`;
 const plainFont = (t) => `400 ${t - 1}px ${FONT}`;
@@ -37,8 +35,8 @@ export function fit(canvas) {
 }
 
 /**
- * Canvases on top of each other, each drawn only where and when something changed: the field, in pixels of its own; what stands
- * around it; and a small one for each touch.
+ * Canvases on top of each other, each drawn only where and when something changed: what stands around the field; the field, in
+ * pixels of its own; and a small one for each touch.
  */
 export class Sheet {
   constructor(field, frame, marks) {
@@ -84,16 +82,9 @@ export class Sheet {
 
   drawFrame({ context: c, w, h }, palette, full, live) {
     c.clearRect(0, 0, w, h);
-    // The page's colour outside the sheet, over the corners of the field.
-    c.fillStyle = BACK;
-    c.beginPath();
-    c.rect(0, 0, w, h);
-    const hole = new Path2D();
-    hole.rect(0, 0, w, h);
-    hole.addPath(this.outline);
-    c.fill(hole, "evenodd");
     this.fieldCanvas.style.opacity = c.globalAlpha = live ? 1 : 0.45;
-    c.lineWidth = 1.6;
+    // The field lies over the half of it that is inside.
+    c.lineWidth = 3;
     c.lineJoin = "round";
     c.strokeStyle = "#5c6373";
     c.stroke(this.outline);
@@ -119,16 +110,18 @@ export class Sheet {
       own.canvas.hidden = k >= marks.length;
       if (k >= marks.length) return;
       const { area, looks, draw } = marks[k];
-      const key = [area.x, area.y, area.w, area.h, dpr, live, looks].join();
+      const key = [area.x, area.y, dpr, live, looks].join();
       if (key === own.drawn) return;
       own.drawn = key;
-      const [w, h] = [Math.round(area.w * dpr), Math.round(area.h * dpr)];
-      if (own.canvas.width !== w || own.canvas.height !== h) [own.canvas.width, own.canvas.height] = [w, h];
-      const size = { left: `${area.x}px`, top: `${area.y}px`, width: `${area.w}px`, height: `${area.h}px` };
-      Object.assign(own.canvas.style, size, { opacity: live ? 1 : 0.45 });
+      // Rounded up, so that it seldom needs other memory.
+      const [w, h] = [area.w, area.h].map((v) => Math.ceil(v / 64) * 64);
+      const [pw, ph] = [w, h].map((v) => Math.round(v * dpr));
+      if (own.canvas.width !== pw || own.canvas.height !== ph) [own.canvas.width, own.canvas.height] = [pw, ph];
+      const at = `translate(${area.x}px, ${area.y}px)`;
+      Object.assign(own.canvas.style, { transform: at, width: `${w}px`, height: `${h}px`, opacity: live ? 1 : 0.45 });
       const context = own.canvas.getContext("2d");
       context.setTransform(dpr, 0, 0, dpr, 0, 0);
-      context.clearRect(0, 0, area.w, area.h);
+      context.clearRect(0, 0, w, h);
       context.translate(-area.x, -area.y);
       draw(context);
     });
@@ -177,8 +170,9 @@ export class Sheet {
     c.textBaseline = "middle";
     c.lineCap = "round";
     this.electrodes.forEach(({ p, n }, k) => {
-      const [x, y] = this.px(p);
       const [nx, ny] = [n[0], -n[1]];
+      // On the rim from outside.
+      const [x, y] = this.px(p).map((v, axis) => v + 2.2 * [nx, ny][axis]);
       c.beginPath();
       c.moveTo(x - ny * half, y + nx * half);
       c.lineTo(x + ny * half, y - nx * half);
