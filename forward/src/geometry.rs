@@ -592,6 +592,11 @@ impl Geometry {
         self.rings[0].contains(p) && !self.rings[1..].iter().any(|r| r.contains(p))
     }
 
+    /// Whether any of a disc (mm) is on the sheet.
+    pub fn reaches(&self, centre: Point, radius_mm: f64) -> bool {
+        self.contains(centre) || self.rings.iter().any(|r| r.nearest(centre).1 < radius_mm)
+    }
+
     /// The outer rim.
     pub fn outline(&self) -> &Curve {
         &self.rings[0]
@@ -744,6 +749,7 @@ mod tests {
             }
         })
         .to_string();
-        assert!(message.contains("electrodes 2 and 3"), "{message}");
+        // The third and the fourth.
+        assert!(message.contains("electrodes 3 and 4"), "{message}");
     }
 }

@@ -102,7 +102,7 @@ fn a_short_and_a_worse_contact_are_what_the_circuit_says() {
     assert!((of(1, 9) / of(9, 1) * of(9, 3) / of(3, 9) * of(3, 1) / of(1, 3) - 1.0).abs() < 2e-2);
 
     let ohm = 500.0;
-    let (good, faulty) = pair("contact_raised:5,500");
+    let (good, faulty) = pair("contact_raised:6,500");
     let sheet = disc(16);
     let own = |n: usize| sheet.transfer_ohm(forward::Pair::new(n, n + 1), forward::Pair::new(n, n + 1)) + 140.0;
     for (drive, sense, a, b) in values(&good, &faulty) {

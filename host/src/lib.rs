@@ -22,6 +22,7 @@ pub mod imager;
 mod inbox;
 pub mod link;
 pub mod live;
+pub mod malformed;
 pub mod noise;
 pub mod paper;
 pub mod picture;

@@ -7,7 +7,7 @@ use std::process::{Child, Command, Stdio};
 use serde_json::{Value, json};
 use tungstenite::{Message, WebSocket};
 
-pub struct Browser {
+pub(crate) struct Browser {
     child: Child,
     port: u16,
     _profile: tempfile::TempDir,
@@ -15,7 +15,7 @@ pub struct Browser {
 
 impl Browser {
     /// None where there is none.
-    pub fn start() -> Option<Self> {
+    pub(crate) fn start() -> Option<Self> {
         let profile = tempfile::tempdir().unwrap();
         let mut child = ["chromium", "chromium-browser", "google-chrome"]
             .iter()
@@ -50,7 +50,7 @@ impl Browser {
         })
     }
 
-    pub fn open(&self, url: &str) -> Page {
+    pub(crate) fn open(&self, url: &str) -> Page {
         let mut stream = TcpStream::connect(("127.0.0.1", self.port)).unwrap();
         write!(
             stream,
@@ -92,7 +92,7 @@ impl Browser {
     }
 
     /// Time that all its processes were on a processor, s.
-    pub fn processor_s(&self) -> f64 {
+    pub(crate) fn processor_s(&self) -> f64 {
         let stats: Vec<(u32, u32, u64)> = std::fs::read_dir("/proc")
             .unwrap()
             .filter_map(|entry| {
@@ -120,12 +120,12 @@ impl Drop for Browser {
     }
 }
 
-pub struct Page {
+pub(crate) struct Page {
     socket: WebSocket<TcpStream>,
     asked: u64,
     /// Binary messages that it has received over its own WebSocket, and their bytes.
-    pub frames: u64,
-    pub bytes: u64,
+    pub(crate) frames: u64,
+    pub(crate) bytes: u64,
 }
 
 impl Page {
@@ -152,7 +152,7 @@ impl Page {
     }
 
     /// What an expression is, when its promise is kept.
-    pub fn ask(&mut self, expression: &str) -> Value {
+    pub(crate) fn ask(&mut self, expression: &str) -> Value {
         let parameters = json!({ "expression": expression, "awaitPromise": true, "returnByValue": true });
         let answer = self.call("Runtime.evaluate", parameters);
         assert!(answer.get("exceptionDetails").is_none(), "{expression}: {answer}");
@@ -160,7 +160,7 @@ impl Page {
     }
 
     /// Time that the page's main thread worked, s; and of this in scripts.
-    pub fn worked_s(&mut self) -> [f64; 2] {
+    pub(crate) fn worked_s(&mut self) -> [f64; 2] {
         self.call("Performance.enable", json!({}));
         let metrics = self.call("Performance.getMetrics", json!({}));
         ["TaskDuration", "ScriptDuration"].map(|name| {

@@ -1,6 +1,6 @@
 //! `skin run`, and `skin` alone: live pictures of the board, or of the simulated skin when there is no board.
 
-use super::{plan, scene, sheet};
+use super::{board, plan, scene, sheet};
 use ::forward::{Drive, Geometry, Sheet};
 use anyhow::{Context, Result, anyhow, bail};
 use clap::Args;
@@ -32,7 +32,8 @@ use std::time::{Duration, Instant};
 /// Arguments of `skin run`.
 #[derive(Debug, Args)]
 pub(crate) struct Arguments {
-    /// Serial port of the board, such as /dev/ttyUSB0 [default: the first that answers, else the simulated skin].
+    /// Serial port of the board, such as /dev/ttyUSB0 [default: the first on USB that may be one and answers, else the simulated
+    /// skin].
     #[arg(long, value_name = "PORT")]
     port: Option<String>,
     /// The simulated skin, whether there is a board or not.
@@ -128,20 +129,10 @@ fn connect(arguments: &Arguments, sheet: &Sheet, scene: Option<&SceneFile>) -> R
         return Ok((session, path.clone()));
     }
     if !arguments.simulate {
-        let candidates = ports::candidates().context("the serial ports cannot be listed")?;
-        for candidate in &candidates {
-            let path = &candidate.port_name;
-            match ports::open(path)
-                .map_err(|e| anyhow!(e))
-                .and_then(|port| Ok(Session::start(port, choose)?))
-            {
-                Ok(session) => return Ok((session, path.clone())),
-                Err(e) => eprintln!("{path}: {e:#}"),
-            }
-        }
-        let why = match candidates.len() {
-            0 => "there is no serial port on USB".to_owned(),
-            n => format!("none of {n} serial ports on USB answered as one"),
+        let started = board::first(|port, path| Ok((Session::start(port, choose)?, path.to_owned())))?;
+        let why = match started {
+            Ok(found) => return Ok(found),
+            Err(why) => why,
         };
         eprintln!("no board found ({why}): showing the simulated skin; name a port with --port if there is one");
     }
