@@ -248,6 +248,7 @@ impl Reconstructor {
                     Seen::Nothing => {
                         watch.forget();
                         self.nnls.reset();
+                        self.fitter.iter_mut().for_each(Fitter::forget);
                         self.result.clear(known, watch.used());
                         return Ok(&mut self.result);
                     }
@@ -331,6 +332,7 @@ impl Reconstructor {
         let passes = self.power() > noise.sigma * noise.sigma * limit;
         if !passes {
             self.nnls.reset();
+            self.fitter.iter_mut().for_each(Fitter::forget);
         }
         passes
     }

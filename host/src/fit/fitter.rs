@@ -1,10 +1,10 @@
 //! Fits frame after frame: keeps what only depends on the sheet, and goes beyond the linear model where it shows.
 
 use super::beyond::{self, Beyond};
-use super::order::{self, Scratch};
+use super::order::{self, Before, Scratch};
 use super::placement::Placement;
 use super::table::TouchTable;
-use super::{Discs, FitOptions, Fitted, Frame, MOST_TOUCHES, fit};
+use super::{Disc, Discs, FitOptions, Fitted, Frame, MOST_TOUCHES, Start, fit};
 use crate::imager::Imager;
 use crate::noise::NoiseEstimate;
 use nalgebra::DVector;
@@ -19,6 +19,8 @@ const SETTLED: f64 = 0.01;
 /// Error of the linear model, in standard deviations of the noise over the whole frame, that is worth two solutions of the
 /// nonlinear model. At 27 dB a touch of +20 % alone is below, two of them side by side are above.
 const WORTH_A_SOLUTION: f64 = 6.0;
+/// After so many frames one after the other whose search did not come to its end, the next one's has no limit.
+const MOST_UNFINISHED: usize = 8;
 /// Mean squared misfit, in noise variances, up to which discs explain a frame.
 const MOST_MISFIT: f64 = 4.0;
 /// Part of a frame (norm of the residual over that of the data) that fitted touches may leave, whatever the noise: beyond,
@@ -51,6 +53,13 @@ pub struct Fitter {
     scratch: Scratch,
     fitted: Fitted,
     before: Fitted,
+    /// Whether `fitted` is what the next frame is to be followed from, and how many frames there were.
+    follows: bool,
+    turn: usize,
+    /// The least misfit since the touches were searched for.
+    least_misfit: f64,
+    /// Frames one after the other in which a search did not come to its end.
+    unfinished: usize,
 }
 
 impl Fitter {
@@ -66,7 +75,16 @@ impl Fitter {
             scratch: Scratch::default(),
             fitted: Fitted::default(),
             before: Fitted::default(),
+            follows: false,
+            turn: 0,
+            least_misfit: f64::INFINITY,
+            unfinished: 0,
         })
+    }
+
+    /// Forgets the touches of the frame before: they have gone.
+    pub fn forget(&mut self) {
+        self.follows = false;
     }
 
     /// Answers to touches, V of the model: to be reduced and weighted as the data are.
@@ -85,12 +103,17 @@ impl Fitter {
     ) -> Option<&Fitted> {
         let options = self.options;
         let drop = self.drop(table, data.noise.map_or(1, |n| n.freedom));
+        let live = data.noise.is_some_and(|n| n.freedom == usize::MAX);
+        let limited = live && self.unfinished < MOST_UNFINISHED;
         let frame = |error| Frame {
             values: data.values,
             sigma: data.sigma,
             drop,
             error,
+            most_work: if limited { options.most_work } else { usize::MAX },
         };
+        self.turn = self.turn.wrapping_add(1);
+        let follows = std::mem::replace(&mut self.follows, false);
         let Self {
             scratch,
             fitted,
@@ -98,6 +121,8 @@ impl Fitter {
             beyond,
             imager,
             volts,
+            turn,
+            least_misfit,
             ..
         } = self;
         let seeds: Discs = seeds.take(MOST_TOUCHES).map(|at| options.seed(at)).collect();
@@ -105,13 +130,28 @@ impl Fitter {
         let norm = data.values.iter().map(|v| v * v).sum::<f64>().sqrt() / data.sigma;
         let shows = LINEAR_ERROR * norm > 1.5 * WORTH_A_SOLUTION;
         let first = if shows { LINEAR_ERROR } else { options.model_error };
-        fit(table, &options, frame(first), &seeds, scratch, fitted)?;
+        std::mem::swap(before, fitted);
+        fit(
+            table,
+            &options,
+            frame(first),
+            start(&seeds, before, follows.then_some(*least_misfit), *turn),
+            scratch,
+            fitted,
+        )?;
         for round in 0..MOST_ROUNDS {
-            let error = beyond::expected(&fitted.discs, &imager.outline_mm);
-            if error * norm <= WORTH_A_SOLUTION {
+            let error = beyond::expected(&fitted.discs, &fitted.norms, &imager.outline_mm);
+            if error <= WORTH_A_SOLUTION {
                 if round == 0 && shows {
-                    let discs = fitted.discs.clone();
-                    fit(table, &options, frame(options.model_error), &discs, scratch, fitted)?;
+                    std::mem::swap(before, fitted);
+                    fit(
+                        table,
+                        &options,
+                        frame(options.model_error),
+                        start(&before.discs, before, before.followed.then_some(*least_misfit), *turn),
+                        scratch,
+                        fitted,
+                    )?;
                 }
                 break;
             }
@@ -125,7 +165,14 @@ impl Fitter {
                 values: &corrected,
                 ..frame(options.model_error)
             };
-            fit(table, &options, frame, &before.discs, scratch, fitted)?;
+            fit(
+                table,
+                &options,
+                frame,
+                start(&before.discs, before, before.followed.then_some(*least_misfit), *turn),
+                scratch,
+                fitted,
+            )?;
             if settled(before, fitted) {
                 break;
             }
@@ -137,7 +184,12 @@ impl Fitter {
                 t.y_sd_mm = t.y_sd_mm.map(|sd| sd.hypot(y.sqrt()));
             }
         }
-        (fitted.misfit <= MOST_MISFIT || fitted.residual <= MOST_RESIDUAL).then_some(&*fitted)
+        let least = if fitted.followed { *least_misfit } else { f64::INFINITY };
+        *least_misfit = fitted.misfit.min(least);
+        let explained = fitted.misfit <= MOST_MISFIT || fitted.residual <= MOST_RESIDUAL;
+        self.unfinished = if fitted.finished { 0 } else { self.unfinished + 1 };
+        self.follows = explained || !fitted.finished;
+        self.follows.then_some(&self.fitted)
     }
 
     /// What a touch must bring, kept for as long as the noise is told as well.
@@ -153,6 +205,20 @@ impl Fitter {
     }
 }
 
+/// Where a fit begins: at these places, or following an earlier one.
+fn start<'a>(seeds: &'a [Disc], from: &'a Fitted, least_misfit: Option<f64>, turn: usize) -> Start<'a> {
+    let before = |misfit| Before {
+        discs: &from.all,
+        misfit,
+        finished: from.finished,
+        turn,
+    };
+    Start {
+        seeds,
+        before: least_misfit.map(before),
+    }
+}
+
 /// Whether a correction changed nothing that matters.
 fn settled(before: &Fitted, after: &Fitted) -> bool {
     before.touches.len() == after.touches.len()
@@ -165,7 +231,6 @@ fn settled(before: &Fitted, after: &Fitted) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Disc;
     use super::*;
     use forward::{Drive, Pattern, Sheet};
     use rand::{Rng, SeedableRng};
@@ -202,9 +267,11 @@ mod tests {
             sigma,
             drop,
             error: 0.0,
+            most_work: usize::MAX,
         };
         let mut found = Fitted::default();
-        fit(f.volts(), &f.options, frame, seeds, &mut Scratch::default(), &mut found)?;
+        let start = Start { seeds, before: None };
+        fit(f.volts(), &f.options, frame, start, &mut Scratch::default(), &mut found)?;
         Some(found)
     }
 

@@ -4,9 +4,11 @@
 
 use pulp::{Arch, Simd, WithSimd};
 
-/// Weights of the three tabulated radii, and their derivatives by the radius.
+/// Weights of three neighbouring tabulated radii, and their derivatives by the radius.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Radii {
+    /// Which is the first of them.
+    pub(super) first: usize,
     pub(super) value: [f64; 3],
     pub(super) slope: [f64; 3],
 }
@@ -22,7 +24,7 @@ pub(super) struct Stencil {
     pub(super) up_slope: [f64; 4],
 }
 
-/// Interpolates a table of columns (three radii at every node): the value and its derivatives by x, y and radius, each of the
+/// Interpolates a table of columns (a few radii at every node): the value and its derivatives by x, y and radius, each of the
 /// length of a column.
 pub(super) fn interpolate(arch: Arch, table: &[f64], radii: &Radii, stencil: &Stencil, out: [&mut [f64]; 4]) {
     arch.dispatch(Interpolate {
@@ -56,7 +58,7 @@ impl WithSimd for Interpolate<'_> {
         let length = value.len();
         let (by_x, by_y, by_radius) = (&mut by_x[..length], &mut by_y[..length], &mut by_radius[..length]);
         let columns: [&[S::f64s]; 48] = std::array::from_fn(|k| {
-            let start = (stencil.columns[k / 3] + k % 3) * rows;
+            let start = (stencil.columns[k / 3] + radii.first + k % 3) * rows;
             &S::as_simd_f64s(&table[start..start + rows]).0[..length]
         });
         let zero = simd.splat_f64s(0.0);

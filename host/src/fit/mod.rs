@@ -20,7 +20,8 @@ pub mod table;
 
 use crate::picture::Touch;
 use arrayvec::ArrayVec;
-use order::{Scratch, Search};
+use order::{Before, Scratch, Search};
+use solve::PARAMETERS;
 use std::f64::consts::PI;
 use table::TouchTable;
 
@@ -31,6 +32,12 @@ pub struct FitOptions {
     pub radius_mm: f64,
     /// Standard deviation of a touch's radius, mm.
     pub radius_sd_mm: f64,
+    /// Radius of a wide touch, mm: a palm. It is a second possibility beside the expected radius.
+    pub wide_mm: f64,
+    /// Standard deviation of a wide touch's radius, mm.
+    pub wide_sd_mm: f64,
+    /// How many wide touches there are for one of the expected radius.
+    pub wide_odds: f64,
     /// Probability that noise adds a touch to a frame.
     pub false_touch: f64,
     /// Weakest touch, as a fraction of the strongest one's integrated rise.
@@ -41,6 +48,10 @@ pub struct FitOptions {
     pub model_error: f64,
     /// Most touches in a frame.
     pub most_touches: usize,
+    /// What the search in one frame of many may cost, in evaluations of the answer to a touch (3 to 5 us each): more is left to the
+    /// next frame. Four touches take 50 to 300, a hand that lands 1,500. There is no limit where the noise has to be told from the
+    /// frame: it may be the only one.
+    pub most_work: usize,
 }
 
 impl FitOptions {
@@ -50,11 +61,15 @@ impl FitOptions {
         Self {
             radius_mm: 12.5 * scale,
             radius_sd_mm: 2.5 * scale,
+            wide_mm: 26.0 * scale,
+            wide_sd_mm: 6.0 * scale,
+            wide_odds: 0.01,
             false_touch: 1e-3,
             least_of_strongest: 0.02,
             least_rise: 0.005,
             model_error: 0.006,
             most_touches: 12,
+            most_work: 600,
         }
     }
 
@@ -64,6 +79,35 @@ impl FitOptions {
             at,
             radius: self.radius_mm,
             strength: 0.0,
+        }
+    }
+}
+
+/// What is known of a radius before the measurement, at one radius: minus twice the logarithm of its probability against that of the
+/// expected radius, half its derivative (per mm), and half its second derivative without what would make it negative (per mm²).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct RadiusPrior {
+    pub(crate) penalty: f64,
+    pub(crate) slope: f64,
+    pub(crate) curvature: f64,
+}
+
+impl FitOptions {
+    /// A mixture of two normal distributions, tips and palms. Near the expected radius the second does not matter.
+    pub(crate) fn radius_prior(&self, radius_mm: f64) -> RadiusPrior {
+        let tip = (radius_mm - self.radius_mm) / self.radius_sd_mm;
+        let wide = (radius_mm - self.wide_mm) / self.wide_sd_mm;
+        let odds = self.wide_odds * self.radius_sd_mm / self.wide_sd_mm;
+        // Minus the logarithms of both parts; the smaller one is taken out of the sum, which may underflow.
+        let (tip_log, wide_log) = (0.5 * tip * tip, 0.5 * wide * wide - odds.ln());
+        let least = tip_log.min(wide_log);
+        let parts = [(least - tip_log).exp(), (least - wide_log).exp()];
+        let sum = parts[0] + parts[1];
+        let [tips, wides] = parts.map(|p| p / sum);
+        RadiusPrior {
+            penalty: 2.0 * (least - sum.ln()),
+            slope: tips * tip / self.radius_sd_mm + wides * wide / self.wide_sd_mm,
+            curvature: tips * self.radius_sd_mm.powi(-2) + wides * self.wide_sd_mm.powi(-2),
         }
     }
 }
@@ -124,6 +168,14 @@ pub struct Fitted {
     pub touches: Vec<Touch>,
     /// The discs behind, in the same order.
     pub discs: Discs,
+    /// Norm of the answer to every one of them over the noise.
+    pub norms: ArrayVec<f64, MOST_TOUCHES>,
+    /// All discs that were fitted, also those too weak for touches: where the next frame's fit begins.
+    pub all: Discs,
+    /// Whether they are those that the fit began with, followed.
+    pub followed: bool,
+    /// Whether the search for them came to its end.
+    pub finished: bool,
     /// Misfit over what the noise explains: mean square of the whitened residual per degree of freedom.
     pub misfit: f64,
     /// Norm of the residual over the norm of the data.
@@ -143,16 +195,27 @@ pub struct Frame<'a> {
     pub drop: f64,
     /// Part of the data that the model may get wrong: no touch is added for less.
     pub error: f64,
+    /// What the search may cost: see [`FitOptions::most_work`].
+    pub most_work: usize,
 }
 
-/// Fits touches to a frame, from touches to start with (those without a strength get one).
+/// Where a fit begins.
+#[derive(Clone, Copy, Debug)]
+pub struct Start<'a> {
+    /// Touches to start with (those without a strength get one).
+    pub seeds: &'a [Disc],
+    /// The frame before, to be followed from.
+    pub before: Option<Before<'a>>,
+}
+
+/// Fits touches to a frame.
 ///
 /// `None` when lengths do not match or a number is not finite; `out` is then what it was.
 pub fn fit(
     table: &TouchTable,
     options: &FitOptions,
     frame: Frame,
-    seeds: &[Disc],
+    start: Start,
     scratch: &mut Scratch,
     out: &mut Fitted,
 ) -> Option<()> {
@@ -162,7 +225,7 @@ pub fn fit(
     let fits = whitened.len() == table.length();
     whitened.resize(table.stride(), 0.0);
     let outcome = if fits {
-        fit_whitened(table, options, frame, &whitened, seeds, scratch, out)
+        fit_whitened(table, options, frame, &whitened, start, scratch, out)
     } else {
         None
     };
@@ -175,29 +238,41 @@ fn fit_whitened(
     options: &FitOptions,
     frame: Frame,
     whitened: &[f64],
-    seeds: &[Disc],
+    start: Start,
     scratch: &mut Scratch,
     out: &mut Fitted,
 ) -> Option<()> {
     let sigma = frame.sigma;
     let norm = whitened.iter().map(|v| v * v).sum::<f64>().sqrt();
     let drop = frame.drop + (frame.error * norm).powi(2);
-    let start: Discs = seeds
-        .iter()
-        .take(MOST_TOUCHES)
-        .map(|d| Disc {
+    let in_noise = |discs: &[Disc]| -> Discs {
+        let of = |d: &Disc| Disc {
             strength: d.strength / sigma,
             ..*d
-        })
-        .collect();
-    let best = Search::new(table, options, whitened, drop, scratch)?.run(&start)?;
+        };
+        discs.iter().take(MOST_TOUCHES).map(of).collect()
+    };
+    let discs_before = start.before.map_or_else(Discs::new, |b| in_noise(b.discs));
+    let before = start.before.map(|b| Before {
+        discs: &discs_before,
+        ..b
+    });
+    let search = Search::new(table, options, whitened, drop, scratch)?.within(frame.most_work);
+    let found = search.run(&in_noise(start.seeds), before)?;
+    let best = found.fit;
     let freedom = (table.length() as f64 - 3.0 * best.discs.len() as f64).max(1.0);
     let misfit = best.square / freedom;
     // Variance of one value over sigma²: the noise, or the misfit where that is larger, and the model's own error.
     let model = options.model_error.max(frame.error) * norm;
     let variance = misfit.max(1.0) + model * model / freedom;
     let covariance = scratch.work.covariance(table.arch(), &best);
-    let mut found: ArrayVec<(Touch, Disc), MOST_TOUCHES> = best
+    let n = table.stride();
+    let norm_of = |k: usize, d: &Disc| {
+        let answer = &best.jacobian[(PARAMETERS * k + 3) * n..][..n];
+        d.strength * kernels::dot(table.arch(), answer, answer).sqrt()
+    };
+    (out.followed, out.finished) = (found.followed, found.finished);
+    let mut found: ArrayVec<(Touch, Disc, f64), MOST_TOUCHES> = best
         .discs
         .iter()
         .enumerate()
@@ -231,15 +306,17 @@ fn fit_whitened(
                 total_sd_mm2: total_variance().map(|v| sd(v).hypot(TOTAL_ERROR * rise * disc.area_mm2())),
                 force_n: None,
             };
-            (touch, disc)
+            (touch, disc, norm_of(k, d))
         })
         .collect();
+    out.all = found.iter().map(|f| f.1).collect();
     found.sort_unstable_by(|a, b| b.0.rise.total_cmp(&a.0.rise));
-    let strongest = found.iter().map(|(t, _)| t.total_mm2).fold(0.0, f64::max);
-    found.retain(|(t, _)| t.total_mm2 >= options.least_of_strongest * strongest && t.rise >= options.least_rise);
+    let strongest = found.iter().map(|f| f.0.total_mm2).fold(0.0, f64::max);
+    found.retain(|(t, ..)| t.total_mm2 >= options.least_of_strongest * strongest && t.rise >= options.least_rise);
     out.touches.clear();
-    out.touches.extend(found.iter().map(|(t, _)| *t));
-    out.discs = found.iter().map(|(_, d)| *d).collect();
+    out.touches.extend(found.iter().map(|f| f.0));
+    out.discs = found.iter().map(|f| f.1).collect();
+    out.norms = found.iter().map(|f| f.2).collect();
     out.misfit = misfit;
     out.residual = best.square.sqrt() / norm.max(f64::MIN_POSITIVE);
     out.slopes.clear();

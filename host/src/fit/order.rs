@@ -5,9 +5,13 @@
 //! over a touch's) where chance could have put it; and by more than the model may be wrong by. Where a fit still explains
 //! the data less well than the noise allows, a touch must have taken away more than is left: what a wrong model leaves
 //! can be lessened by touches that are not there, but not made to go.
+//!
+//! Touches that move a little from frame to frame are followed: a few steps from where they were, a look at the residual for what is new,
+//! and one of the changes that would make them fewer, in turn. Only where that does not explain the frame as well as the one
+//! before, the search begins again. A search has a limit; one that reaches it goes on in the next frame.
 
 use super::kernels::{add_scaled, dot};
-use super::solve::{Fit, PARAMETERS, Workspace, fit};
+use super::solve::{FEW_STEPS, Fit, MOST_STEPS, PARAMETERS, Workspace, fit};
 use super::table::TouchTable;
 use super::{Disc, Discs, FitOptions};
 use statrs::distribution::{ContinuousCDF, FisherSnedecor};
@@ -24,6 +28,13 @@ const MOST_AHEAD: usize = 3;
 const PLACES: usize = 2;
 /// Two touches nearer than this many expected radii may be one.
 const NEAR: f64 = 2.6;
+/// A touch that is followed moves at most this part of its expected radius from one frame to the next.
+const LONGEST_MOVE: f64 = 0.6;
+/// A frame is explained as well as those before when its misfit is no more than this many times theirs.
+const AS_WELL: f64 = 1.3;
+/// Part of what makes a touch believed that is enough for one that was there in the frame before: touches stay far longer than a
+/// frame.
+const TO_STAY: f64 = 0.35;
 
 /// Sets of touches to try, best first.
 type Candidates = Vec<(f64, Discs)>;
@@ -52,6 +63,31 @@ pub struct Search<'a> {
     /// Drop of chi-square that a touch must bring: by chance, and by the model's error.
     drop: f64,
     scratch: &'a mut Scratch,
+    /// What fits may still cost, in evaluations of a touch.
+    left: usize,
+}
+
+/// Where a search begins besides the picture's peaks.
+#[derive(Clone, Copy, Debug)]
+pub struct Before<'a> {
+    /// The touches of the frame before.
+    pub discs: &'a [Disc],
+    /// The least misfit (mean square of the residual per degree of freedom) since they were searched for.
+    pub misfit: f64,
+    /// Whether that search came to its end.
+    pub finished: bool,
+    /// Counts the frames: says which of the changes is tried.
+    pub turn: usize,
+}
+
+/// What a search ends with.
+pub struct Found {
+    /// The touches.
+    pub fit: Fit,
+    /// Whether they are those of the frame before.
+    pub followed: bool,
+    /// Whether the search came to its end.
+    pub finished: bool,
 }
 
 /// Whether two touches lie in one another: nearer than half the sum of their radii. Fingers do not.
@@ -89,12 +125,17 @@ impl<'a> Search<'a> {
             data,
             drop,
             scratch,
+            left: usize::MAX,
         })
+    }
+
+    fn freedom(&self, fit: &Fit) -> f64 {
+        (self.table.length() as f64 - 3.0 * fit.discs.len() as f64).max(1.0)
     }
 
     /// Part of a fit's misfit that noise does not explain.
     fn unexplained(&self, fit: &Fit) -> f64 {
-        let freedom = (self.table.length() as f64 - 3.0 * fit.discs.len() as f64).max(1.0);
+        let freedom = self.freedom(fit);
         // The misfit scatters by chance; only what is above three of its standard deviations counts.
         (fit.square - freedom - 3.0 * (2.0 * freedom).sqrt()).max(0.0)
     }
@@ -106,28 +147,132 @@ impl<'a> Search<'a> {
 
     /// Whether a fit with more touches is worth them.
     fn earns(&self, fewer: &Fit, more: &Fit) -> bool {
+        self.earns_part(fewer, more, 1.0)
+    }
+
+    /// Whether it brings this part of what makes its touches believed.
+    fn earns_part(&self, fewer: &Fit, more: &Fit, part: f64) -> bool {
         let touches = more.discs.len().saturating_sub(fewer.discs.len()) as f64;
-        !overlap(&more.discs) && fewer.objective - more.objective > touches * self.need(more)
+        !overlap(&more.discs) && fewer.objective - more.objective > part * touches * self.need(more)
     }
 
+    /// A fit from a start; none beyond what the search may cost.
     fn fit(&mut self, start: &[Disc]) -> Option<Fit> {
-        fit(self.table, self.options, self.data, start, &mut self.scratch.work)
+        if self.left == 0 {
+            return None;
+        }
+        self.fit_in(start, MOST_STEPS)
     }
 
-    /// Finds the touches, from a picture's peaks or an earlier fit.
-    pub fn run(&mut self, seeds: &[Disc]) -> Option<Fit> {
+    fn fit_in(&mut self, start: &[Disc], most_steps: usize) -> Option<Fit> {
+        let work = &mut self.scratch.work;
+        let fit = fit(self.table, self.options, self.data, start, most_steps, work)?;
+        self.left = self.left.saturating_sub(fit.work);
+        Some(fit)
+    }
+
+    /// Limits what the search may cost, in evaluations of the answer to a touch.
+    pub fn within(self, most_work: usize) -> Self {
+        Self {
+            left: most_work,
+            ..self
+        }
+    }
+
+    /// Finds the touches, from a picture's peaks and the touches of the frame before.
+    pub fn run(mut self, seeds: &[Disc], before: Option<Before>) -> Option<Found> {
+        let mut rival = None;
+        if let Some(before) = before.filter(|b| !b.discs.is_empty()) {
+            let fit = self.fit_in(before.discs, FEW_STEPS)?;
+            if self.are_those(&before, &fit) {
+                let (fit, followed) = self.followed(fit, before.turn);
+                return Some(self.found(fit, followed));
+            }
+            rival = Some(fit);
+        }
         let most = self.options.most_touches.min(Discs::new_const().capacity());
         let mut start: Discs = seeds.iter().copied().take(most).collect();
         self.strengthen(&mut start);
-        let mut best = self.fit(&start)?;
+        let mut best = self.fit_in(&start, MOST_STEPS)?;
+        // Whatever has changed, most of it may have stayed.
+        if let Some(mut rival) = rival {
+            let cost = |fit: &Fit| fit.objective + self.drop * fit.discs.len() as f64;
+            if cost(&rival) < cost(&best) {
+                std::mem::swap(&mut best, &mut rival);
+            }
+            self.scratch.work.put(rival);
+        }
+        let fit = self.improved(best);
+        Some(self.found(fit, false))
+    }
+
+    fn found(&self, fit: Fit, followed: bool) -> Found {
+        Found {
+            fit,
+            followed,
+            finished: self.left > 0,
+        }
+    }
+
+    /// Changes the number of touches until no change is worth it.
+    fn improved(&mut self, mut best: Fit) -> Fit {
         for _ in 0..MOST_CHANGES {
-            let fewer = self.fewer(&best);
+            let fewer = self.fewer(&best, None);
             let Some(next) = fewer.or_else(|| self.more(&best)) else {
                 break;
             };
             self.scratch.work.put(std::mem::replace(&mut best, next));
         }
-        Some(best)
+        best
+    }
+
+    /// Whether a fit from the touches of the frame before is of the same ones: none went far, and they explain as much.
+    fn are_those(&self, before: &Before, fit: &Fit) -> bool {
+        let far = LONGEST_MOVE * self.options.radius_mm;
+        let near = |(a, b): (&Disc, &Disc)| (a.at[0] - b.at[0]).hypot(a.at[1] - b.at[1]) <= far;
+        let freedom = self.freedom(fit);
+        // By chance the misfit of either scatters.
+        let most = (AS_WELL * before.misfit).max(1.0) * freedom + 3.0 * (2.0 * freedom).sqrt();
+        before.finished && before.discs.iter().zip(&fit.discs).all(near) && !overlap(&fit.discs) && fit.square <= most
+    }
+
+    /// Looks whether touches that were followed have become more or fewer.
+    fn followed(&mut self, fit: Fit, turn: usize) -> (Fit, bool) {
+        let change = if self.news(&fit) {
+            self.more(&fit)
+        } else {
+            self.fewer(&fit, Some(turn))
+        };
+        match change {
+            Some(changed) => {
+                self.scratch.work.put(fit);
+                (self.improved(changed), false)
+            }
+            None => (fit, true),
+        }
+    }
+
+    /// Whether the residual asks for a touch more, or for one to be split.
+    fn news(&mut self, fit: &Fit) -> bool {
+        let worth = WORTH_A_TRY * self.drop;
+        let apart = LONGEST_MOVE * self.options.radius_mm;
+        let Scratch { products, .. } = &mut *self.scratch;
+        self.table.coarse_products(&fit.residual, products);
+        let far = |at: &[f64; 2]| {
+            fit.discs
+                .iter()
+                .all(|d| (d.at[0] - at[0]).hypot(d.at[1] - at[1]) > apart)
+        };
+        let mut places = self.table.coarse().iter().zip(products).zip(self.table.coarse_norms());
+        let further = places.any(|((at, product), norm)| {
+            let along = *product / norm.max(f64::MIN_POSITIVE);
+            along > 0.0 && along * along > worth && far(at)
+        });
+        let long = |d: &Disc| {
+            let split = self.table.best_split(&fit.residual, d.at);
+            split.is_some_and(|(gain, _)| gain > 0.0 && gain * gain > worth)
+        };
+        further || fit.discs.iter().any(long)
     }
 
     /// First strengths of the touches that have none, one after the other by what is left of the data.
@@ -152,9 +297,10 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// A fit without a touch that is not worth it, or with one in place of two.
-    fn fewer(&mut self, best: &Fit) -> Option<Fit> {
-        let need = self.need(best);
+    /// A fit without a touch that is not worth it, or with one in place of two. With a turn, only one of the changes is tried.
+    fn fewer(&mut self, best: &Fit, turn: Option<usize>) -> Option<Fit> {
+        let part = if turn.is_some() { TO_STAY } else { 1.0 };
+        let need = part * self.need(best);
         let mut candidates = self.scratch.spare.pop().unwrap_or_default();
         let covariance = self.scratch.work.covariance(self.table.arch(), best)?;
         for (k, d) in best.discs.iter().enumerate() {
@@ -184,10 +330,17 @@ impl<'a> Search<'a> {
             }
         }
         candidates.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+        if let Some(turn) = turn
+            && !candidates.is_empty()
+        {
+            let one = turn % candidates.len();
+            candidates.swap(0, one);
+            candidates.truncate(1);
+        }
         let mut chosen = None;
         for (_, discs) in &candidates {
             let Some(fewer) = self.fit(discs) else { continue };
-            if self.earns(&fewer, best) {
+            if self.earns_part(&fewer, best, part) {
                 self.scratch.work.put(fewer);
             } else {
                 chosen = Some(fewer);

@@ -11,7 +11,10 @@ use pulp::Arch;
 pub const PARAMETERS: usize = 4;
 /// A step that promises less than this of chi-square ends the fit: a thirtieth of a standard deviation.
 const LEAST_GAIN: f64 = 1e-3;
-const MOST_STEPS: usize = 24;
+/// Most steps of a fit from a rough start.
+pub const MOST_STEPS: usize = 24;
+/// Most steps of a fit from the touches of the frame before.
+pub const FEW_STEPS: usize = 8;
 /// A touch moves at most this part of its expected radius in one step.
 const LONGEST_STEP: f64 = 0.5;
 /// A whisker of damping keeps a singular problem solvable.
@@ -26,6 +29,8 @@ pub struct Fit {
     pub square: f64,
     /// The same with the penalty of the priors: what is minimised.
     pub objective: f64,
+    /// What it cost: evaluations of the model, one for every touch.
+    pub work: usize,
     /// What is left of the data, with the zeros that follow.
     pub residual: Vec<f64>,
     /// Columns of the Jacobian, one after the other, of the residual's length.
@@ -181,7 +186,7 @@ impl Fit {
             for column in [x, y, radius] {
                 column.iter_mut().for_each(|v| *v *= d.strength);
             }
-            penalty += ((d.radius - options.radius_mm) / options.radius_sd_mm).powi(2);
+            penalty += options.radius_prior(d.radius).penalty;
         }
         self.objective = self.square + penalty;
         normal(
@@ -193,18 +198,21 @@ impl Fit {
         );
         for (k, d) in discs.iter().enumerate() {
             let at = PARAMETERS * k + 2;
-            self.normal[at * count + at] += options.radius_sd_mm.powi(-2);
-            self.gradient[at] -= (d.radius - options.radius_mm) / options.radius_sd_mm.powi(2);
+            let prior = options.radius_prior(d.radius);
+            self.normal[at * count + at] += prior.curvature;
+            self.gradient[at] -= prior.slope;
         }
     }
 }
 
-/// Fits touches from a start to data of [`TouchTable::stride`] entries. `None` when a number is not finite.
+/// Fits touches from a start to data of [`TouchTable::stride`] entries, in at most so many steps. `None` when a number is not
+/// finite.
 pub fn fit(
     table: &TouchTable,
     options: &FitOptions,
     data: &[f64],
     start: &[Disc],
+    most_steps: usize,
     work: &mut Workspace,
 ) -> Option<Fit> {
     let arch = table.arch();
@@ -214,7 +222,8 @@ pub fn fit(
     let mut next = work.take(data.len(), most);
     let [smallest, largest] = table.radii_mm();
     let mut damping = 1e-3;
-    for _ in 0..MOST_STEPS {
+    let mut evaluations = 1;
+    for _ in 0..most_steps {
         if best.discs.is_empty() || !best.objective.is_finite() || !work.factor.set(arch, &best, damping) {
             break;
         }
@@ -237,6 +246,7 @@ pub fn fit(
             };
         }
         next.evaluate(table, options, data, &discs);
+        evaluations += 1;
         if next.objective < best.objective {
             let gain = best.objective - next.objective;
             std::mem::swap(&mut best, &mut next);
@@ -252,6 +262,7 @@ pub fn fit(
         }
     }
     work.put(next);
+    best.work = evaluations * start.len();
     if best.objective.is_finite() {
         return Some(best);
     }

@@ -1,8 +1,9 @@
 //! The answer of every measurement to a disc touch of unit strength, anywhere on the sheet and of any radius.
 //!
-//! Tabulated at the nodes of a square lattice for three radii: the mean over the disc of the sensitivity's density. Between
-//! the nodes cubic convolution (Keys 1981), between the radii a parabola in R²: for the smooth fields away from the
-//! electrodes the mean over a disc is a power series in R² (f + R²/8 lap f + R⁴/192 lap lap f + ...).
+//! Tabulated at the nodes of a square lattice for a few radii, from a finger's tip to a palm: the mean over the disc of the
+//! sensitivity's density. Between the nodes cubic convolution (Keys 1981), between the radii a parabola in R² through three of
+//! them: for the smooth fields away from the electrodes the mean over a disc is a power series in R²
+//! (f + R²/8 lap f + R⁴/192 lap lap f + ...).
 
 use super::kernels::{Radii, Stencil, add_scaled, dot, interpolate};
 use crate::reconstruct::aligned::Aligned;
@@ -13,7 +14,12 @@ use pulp::Arch;
 use std::sync::Arc;
 
 /// Radii tabulated, over the expected radius.
-const RADII: [f64; 3] = [0.5, 1.0, 1.5];
+const RADII: [f64; 5] = [0.5, 1.0, 1.5, 2.0, 2.7];
+/// How many of them are interpolated between.
+const AT_ONCE: usize = 3;
+/// Smallest and largest radius that the interpolation is good for, over the expected radius.
+const SMALLEST: f64 = 0.4;
+const LARGEST: f64 = 3.0;
 /// Which of them is the expected one.
 const EXPECTED: usize = 1;
 /// Nodes beyond the rim that the interpolation needs.
@@ -50,7 +56,7 @@ pub struct TouchTable {
     lattice: Arc<Lattice>,
     arch: Arch,
     length: usize,
-    /// For every slot the three radii, each a column of `length` values and zeros up to a multiple of [`LANES`].
+    /// For every slot the radii, each a column of `length` values and zeros up to a multiple of [`LANES`].
     values: Aligned,
     /// Norm of the values of every coarse node at the expected radius.
     norms: Vec<f64>,
@@ -82,10 +88,44 @@ fn keys(t: f64) -> ([f64; 4], [f64; 4]) {
     )
 }
 
-/// Part of every cell around a disc's centre (itself a cell's centre) that the disc covers; the parts sum up to the disc.
-fn coverage(radius_cells: f64) -> Vec<(i64, i64, f64)> {
+/// A parabola in q = R² through three of the radii (R over the expected radius, `unit` mm): the lowest three up to the third, then
+/// those around R. At the third and the fourth radius one parabola hands over to the next: all pass through these.
+fn radii_at(r: f64, unit: f64) -> Radii {
+    let first = RADII[AT_ONCE - 1..RADII.len() - 1]
+        .iter()
+        .filter(|top| r > **top)
+        .count();
+    let [a, b, c] = [0, 1, 2].map(|k| RADII[first + k].powi(2));
+    let (q, dq) = (r * r, 2.0 * r / unit);
+    let below = [(a - b) * (a - c), (b - a) * (b - c), (c - a) * (c - b)];
+    Radii {
+        first,
+        value: [
+            (q - b) * (q - c) / below[0],
+            (q - a) * (q - c) / below[1],
+            (q - a) * (q - b) / below[2],
+        ],
+        slope: [
+            (2.0 * q - b - c) / below[0] * dq,
+            (2.0 * q - a - c) / below[1] * dq,
+            (2.0 * q - a - b) / below[2] * dq,
+        ],
+    }
+}
+
+/// Cells of one row, beside one another, of which a disc covers the same part.
+struct Span {
+    /// Columns from the first to before the last, and the row, all counted from the disc's centre.
+    first: i64,
+    last: i64,
+    row: i64,
+    part: f64,
+}
+
+/// What a disc around the centre of a cell covers; the parts sum up to 1.
+fn coverage(radius_cells: f64) -> Vec<Span> {
     let reach = radius_cells.ceil() as i64 + 1;
-    let mut out = Vec::new();
+    let mut out: Vec<Span> = Vec::new();
     for row in -reach..=reach {
         for column in -reach..=reach {
             let offset = |k: i32| (f64::from(k) + 0.5) / f64::from(CUTS) - 0.5;
@@ -96,14 +136,69 @@ fn coverage(radius_cells: f64) -> Vec<(i64, i64, f64)> {
                     inside += i32::from(d < radius_cells);
                 }
             }
-            if inside > 0 {
-                out.push((column, row, f64::from(inside)));
+            let part = f64::from(inside);
+            match out.last_mut() {
+                Some(span) if span.row == row && span.last == column && span.part == part => span.last += 1,
+                _ if inside > 0 => out.push(Span {
+                    first: column,
+                    last: column + 1,
+                    row,
+                    part,
+                }),
+                _ => {}
             }
         }
     }
-    let sum: f64 = out.iter().map(|o| o.2).sum();
-    out.iter_mut().for_each(|o| o.2 /= sum);
+    let sum: f64 = out.iter().map(|s| s.part * (s.last - s.first) as f64).sum();
+    out.iter_mut().for_each(|s| s.part /= sum);
     out
+}
+
+/// Sums of the cells' columns along every row of the grid, so that a span costs two of them however long it is.
+struct RowSums {
+    length: usize,
+    columns: usize,
+    rows: usize,
+    /// For every row `columns + 1` sums, of the cells before each column.
+    sums: Vec<f64>,
+}
+
+impl RowSums {
+    fn new(grid: &CellGrid, cells: &DMatrix<f64>) -> Self {
+        let (columns, rows) = grid.shape();
+        let n = cells.nrows();
+        let mut sums = vec![0.0; (columns + 1) * rows * n];
+        for (row, sums) in sums.chunks_exact_mut(((columns + 1) * n).max(1)).enumerate() {
+            for column in 0..columns {
+                let (before, after) = sums.split_at_mut((column + 1) * n);
+                after[..n].copy_from_slice(&before[column * n..]);
+                if let Some(cell) = grid.at(column, row) {
+                    after.iter_mut().zip(&cells.column(cell)).for_each(|(s, v)| *s += v);
+                }
+            }
+        }
+        Self {
+            length: n,
+            columns,
+            rows,
+            sums,
+        }
+    }
+
+    /// Adds the cells of a span around a centre, times a weight; there is nothing outside of the grid.
+    fn add(&self, span: &Span, [column, row]: [i64; 2], weight: f64, out: &mut [f64]) {
+        let row = match usize::try_from(row + span.row) {
+            Ok(row) if row < self.rows => row,
+            _ => return,
+        };
+        let [first, last] = [span.first, span.last].map(|k| (column + k).clamp(0, self.columns as i64) as usize);
+        let of = |k: usize| &self.sums[(row * (self.columns + 1) + k) * self.length..][..self.length];
+        if first < last {
+            for ((o, a), b) in out.iter_mut().zip(of(first)).zip(of(last)) {
+                *o += weight * (b - a);
+            }
+        }
+    }
 }
 
 impl TouchTable {
@@ -128,6 +223,7 @@ impl TouchTable {
         let near =
             |c: i64, r: i64| (-MARGIN..=MARGIN).any(|dr| (-MARGIN..=MARGIN).any(|dc| at(c + dc, r + dr).is_some()));
         let stencils = RADII.map(|k| coverage(k * radius_mm / grid.cell_mm()));
+        let rows_of_cells = RowSums::new(&grid, &cells);
         let on_sheet = (0..(nc * nr) as i64).filter(|k| near(k % nc as i64 - MARGIN, k / nc as i64 - MARGIN));
         let nothing = on_sheet.clone().count() as u32;
         let mut slot = vec![nothing; nc * nr];
@@ -145,14 +241,9 @@ impl TouchTable {
                 coarse_columns.push(RADII.len() * count + EXPECTED);
             }
             for (stencil, out) in stencils.iter().zip(columns.chunks_exact_mut(stride)) {
-                for (dc, dr, part) in stencil {
-                    if let Some(cell) = at(c + dc, r + dr) {
-                        // Per mm² of strength: the disc's mean of the cells' sensitivity over their area.
-                        let weight = part / (step * step);
-                        for (o, v) in out.iter_mut().zip(cells.column(cell).as_slice()) {
-                            *o += weight * v;
-                        }
-                    }
+                for span in stencil {
+                    // Per mm² of strength: the disc's mean of the cells' sensitivity over their area.
+                    rows_of_cells.add(span, [c, r], span.part / (step * step), out);
                 }
             }
         }
@@ -302,7 +393,7 @@ impl TouchTable {
 
     /// Smallest and largest radius that the table is good for, mm.
     pub fn radii_mm(&self) -> [f64; 2] {
-        [0.4 * self.lattice.radius_mm, 1.8 * self.lattice.radius_mm]
+        [SMALLEST, LARGEST].map(|r| r * self.lattice.radius_mm)
     }
 
     /// Places where a touch is looked for, mm.
@@ -353,23 +444,7 @@ impl TouchTable {
     pub fn at(&self, at: [f64; 2], radius: f64, out: [&mut [f64]; 4]) {
         let l = &*self.lattice;
         let stencil = self.stencil(at);
-        // A parabola in q = R² through the three radii.
-        let q = (radius / l.radius_mm).powi(2);
-        let [a, b, c] = RADII.map(|r| r * r);
-        let dq = 2.0 * radius / (l.radius_mm * l.radius_mm);
-        let below = [(a - b) * (a - c), (b - a) * (b - c), (c - a) * (c - b)];
-        let radii = Radii {
-            value: [
-                (q - b) * (q - c) / below[0],
-                (q - a) * (q - c) / below[1],
-                (q - a) * (q - b) / below[2],
-            ],
-            slope: [
-                (2.0 * q - b - c) / below[0] * dq,
-                (2.0 * q - a - c) / below[1] * dq,
-                (2.0 * q - a - b) / below[2] * dq,
-            ],
-        };
+        let radii = radii_at(radius / l.radius_mm, l.radius_mm);
         let n = self.stride();
         interpolate(self.arch, &self.values, &radii, &stencil, out.map(|o| &mut o[..n]));
     }
