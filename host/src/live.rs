@@ -60,7 +60,7 @@ pub struct Live {
 }
 
 /// A touch keeps its number while it moves by less than this from frame to frame, as a fraction of the sheet; and when it is seen again
-/// within half of it of where it vanished.
+/// so near to where it vanished. Nearer to each other, two touches are seldom told apart.
 const REACH: f64 = 0.1;
 /// How long a touch may be gone and keep its number, s: a second tap at the same place within it is the same touch.
 const PATIENCE_S: f64 = 0.5;
@@ -77,7 +77,6 @@ impl Live {
             ),
             tracker: Tracker::new(Following {
                 reach_mm: 2.0 * REACH * extent,
-                place_mm: REACH * extent,
                 patience_s: PATIENCE_S,
             }),
             meter: options.calibration.map(|c| ForceMeter::new(&imager, c)),

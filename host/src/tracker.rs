@@ -8,10 +8,8 @@ use crate::picture::Touch;
 /// How far and how long a touch is followed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Following {
-    /// The most that a touch moves from frame to frame, mm.
+    /// The most that a touch moves from frame to frame, and between where it vanishes and where it is seen again, mm.
     pub reach_mm: f64,
-    /// The most between the places where it vanishes and where it is seen again, mm.
-    pub place_mm: f64,
     /// How long it may be gone, s.
     pub patience_s: f64,
 }
@@ -45,11 +43,7 @@ impl Tracker {
 
     /// Numbers the touches of a frame, measured at the board's time.
     pub fn update(&mut self, time_s: f64, touches: &mut [Touch]) {
-        let Following {
-            reach_mm,
-            place_mm,
-            patience_s,
-        } = self.following;
+        let Following { reach_mm, patience_s } = self.following;
         for touch in &mut *touches {
             touch.id = None;
         }
@@ -58,15 +52,15 @@ impl Tracker {
             known.seen_s = known.seen_s.min(time_s);
         }
         self.known.retain(|k| time_s - k.seen_s <= patience_s);
-        // What was there is followed first: nobody who vanished takes its number's place.
+        // What was there is followed first: nobody who vanished takes its place.
         let mut seen = vec![false; self.known.len()];
-        for (present, most_mm) in [(true, reach_mm), (false, place_mm)] {
+        for present in [true, false] {
             // Nearest pairs first; a handful of touches, so every pair is looked at.
             let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
             for (t, touch) in touches.iter().enumerate().filter(|(_, t)| t.id.is_none()) {
                 for (k, known) in self.known.iter().enumerate().filter(|(_, k)| k.present == present) {
                     let d = (touch.x_mm - known.at[0]).hypot(touch.y_mm - known.at[1]);
-                    if d <= most_mm {
+                    if d <= reach_mm {
                         pairs.push((d, t, k));
                     }
                 }
@@ -105,7 +99,6 @@ mod tests {
 
     const FOLLOWING: Following = Following {
         reach_mm: 20.0,
-        place_mm: 10.0,
         patience_s: 0.5,
     };
 
@@ -148,8 +141,8 @@ mod tests {
             panic!()
         };
         assert_eq!(ids(&mut tracker, 0.1, &[[30.0, 0.0]]), [b]);
-        // Within the reach, but not where it vanished.
-        let c = ids(&mut tracker, 0.2, &[[30.0, 0.0], [-15.0, 0.0]])[1];
+        // Not where it vanished.
+        let c = ids(&mut tracker, 0.2, &[[30.0, 0.0], [-25.0, 0.0]])[1];
         assert!(c != a && c != b);
         // b moves to where a vanished, and stays b; then a is there again beside it.
         assert_eq!(ids(&mut tracker, 0.3, &[[15.0, 0.0]]), [b]);
@@ -177,8 +170,8 @@ mod tests {
                     now.reverse();
                 }
                 let at: Vec<[f64; 2]> = now.iter().map(|k| {
-                    // 3 mm at most, so 9 mm between any two of them.
-                    let [x, y] = tremble[*k].map(|v| 3.0 * f64::from(v) / 128.0);
+                    // 7 mm at most each way, so 20 mm between any two of them.
+                    let [x, y] = tremble[*k].map(|v| 7.0 * f64::from(v) / 128.0);
                     [places[*k][0] + x, places[*k][1] + y]
                 }).collect();
                 for (k, id) in now.iter().zip(ids(&mut tracker, time_s, &at)) {

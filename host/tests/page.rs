@@ -7,7 +7,10 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use host::picture::{Grid, Picture, Stats, Touch, circle_mm};
+use host::view::SCALE_FLOOR;
+use host::view::shown::Shown;
 use host::view::web::{LiveOptions, LiveView};
+use host::view::wire::encode;
 
 #[path = "page/browser.rs"]
 mod browser;
@@ -171,8 +174,42 @@ fn a_field_painted_where_it_changed_is_the_whole_field() {
     assert_eq!(wrong, serde_json::json!([]));
 }
 
+/// What a picture costs the program: taking it, telling the changes, and telling it whole. Least of many times.
+/// `cargo test --release -p host --test page -- --ignored --nocapture telling`
+#[test]
+#[ignore = "a measurement"]
+fn what_telling_a_picture_costs() {
+    let template = template();
+    println!("| picture | take us | tell us | bytes | cells |");
+    println!("| --- | --- | --- | --- | --- |");
+    for (name, step, base) in [
+        ("the same", 0, true),
+        ("a finger moves", 1, true),
+        ("a finger moves, told whole", 1, false),
+    ] {
+        let mut shown = Shown::new(&template.grid, SCALE_FLOOR);
+        let (mut take, mut tell) = (Duration::MAX, Duration::MAX);
+        let (mut bytes, mut cells) = (0, 0);
+        for k in 1..2000 {
+            let next = picture(&template, 10 + step * (k % 90));
+            let start = Instant::now();
+            shown.take(&next, k);
+            take = take.min(start.elapsed());
+            let since = if base { k - 1 } else { 0 };
+            let start = Instant::now();
+            let told = encode(&next, &shown, 1, 0.0, since);
+            tell = tell.min(start.elapsed());
+            if k % 90 == 45 {
+                (bytes, cells) = (told.len(), shown.changes(since).map(|r| r.steps.len()).sum::<usize>());
+            }
+        }
+        let us = |d: Duration| 1e6 * d.as_secs_f64();
+        println!("| {name} | {:.1} | {:.1} | {bytes} | {cells} |", us(take), us(tell));
+    }
+}
+
 /// What a frame costs on the way to the eye. For docs/benchmarks.md:
-/// `cargo test --release -p host --test page -- --ignored --nocapture`; SKIN names another program to measure.
+/// `cargo test --release -p host --test page -- --ignored --nocapture frame`; SKIN names another program to measure.
 #[test]
 #[ignore = "a measurement"]
 fn what_a_frame_costs() {
