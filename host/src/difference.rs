@@ -65,9 +65,15 @@ pub(crate) struct Differences {
     /// That of the baseline to itself.
     nothing: Option<Difference>,
     now: Option<Difference>,
+    baselines: usize,
 }
 
 impl Differences {
+    /// How many baselines there were.
+    pub(crate) fn baselines(&self) -> usize {
+        self.baselines
+    }
+
     /// See [`Difference::new`]; nothing is allocated where the baseline is the last one and all values are finite that can be.
     pub(crate) fn to(&mut self, model_v: &[f64], baseline: &[f64], frame: &[f64]) -> &mut Difference {
         // Bit by bit: values that are no number are equal to themselves.
@@ -80,6 +86,7 @@ impl Differences {
         if !same {
             self.baseline = baseline.to_vec();
             self.nothing = None;
+            self.baselines += 1;
         }
         let nothing = self
             .nothing

@@ -18,6 +18,13 @@ pub enum Doubt {
     NotThisSheet,
     /// Something changed, but no touches explain it.
     NotTouches,
+    /// The contact of an electrode changed since the baseline; what it does to the frame is taken out.
+    Contact {
+        /// The electrode, from 0.
+        electrode: usize,
+        /// How many more.
+        more: usize,
+    },
 }
 
 /// Part of the values that a frame needs: without three electrodes of sixteen there is half.
@@ -58,6 +65,16 @@ impl fmt::Display for Doubt {
                 write!(
                     f,
                     "not the sheet of the baseline: look at excitation, cables and multiplexers"
+                )
+            }
+            Self::Contact { electrode, more } => {
+                write!(f, "the contact of electrode {electrode}")?;
+                if *more > 0 {
+                    write!(f, " and of {more} more")?;
+                }
+                write!(
+                    f,
+                    " changed since the baseline and is left out: look at its clamp and cable, then take a new baseline"
                 )
             }
             Self::NotTouches => write!(

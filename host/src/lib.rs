@@ -10,6 +10,7 @@
 #![forbid(unsafe_code)]
 
 pub mod baseline;
+mod contact;
 pub mod creep;
 mod difference;
 pub mod doubt;

@@ -1,5 +1,6 @@
 //! From a frame to a picture and its touches: gate, weigh, solve, find.
 
+use crate::contact::{self, Basis, Contacts, EXPLAINED, Judged, MOST_CONTACTS, Outcome, Suspects};
 use crate::difference::{Difference, Differences};
 use crate::doubt::Doubt;
 use crate::fit::FitOptions;
@@ -97,6 +98,8 @@ pub struct FrameResult {
     pub misfit: Option<f64>,
     /// What speaks against the touches.
     pub doubt: Option<Doubt>,
+    /// Electrodes whose contact changed since the baseline, and whose doing was taken out of the frame.
+    pub contacts: Vec<usize>,
     /// Whether this frame was reconstructed. Otherwise it differs from an earlier one by nothing but noise, and the rest is
     /// that one's result.
     pub anew: bool,
@@ -117,6 +120,7 @@ impl FrameResult {
             status: Status::Converged,
             misfit: None,
             doubt: None,
+            contacts: Vec::new(),
             anew: true,
         }
     }
@@ -131,6 +135,7 @@ impl FrameResult {
             (self.changed, self.status, self.misfit) = (false, Status::Converged, None);
         }
         (self.noise, self.used, self.doubt) = (noise, used, None);
+        self.contacts.clear();
     }
 }
 
@@ -138,6 +143,10 @@ impl FrameResult {
 struct Weighted {
     used: Vec<bool>,
     spread: Vec<f64>,
+    /// Electrodes whose contact's doing is left out.
+    contacts: Vec<usize>,
+    /// What contacts do, reduced; made with the table.
+    suspects: Option<Suspects>,
     problem: Problem,
     /// Onto its rows.
     projector: Projector,
@@ -162,7 +171,19 @@ pub struct Reconstructor {
     gate: Option<([usize; 2], f64)>,
     finder: TouchFinder,
     weighted: Option<Weighted>,
+    /// The one in use before: contacts and values may come and go.
+    other: Option<Weighted>,
     nnls: Nnls,
+    /// What contacts do.
+    contacts: Option<Contacts>,
+    /// Electrodes whose contact changed since the baseline, and how many frames ago that was asked last.
+    changed: Vec<usize>,
+    asked: usize,
+    /// An electrode that was asked for in vain, and for how many frames it is not again.
+    innocent: Option<(usize, usize)>,
+    baselines: usize,
+    /// A frame without its contacts' scales.
+    evened: Option<Difference>,
     /// Noise of one value known from a recording of the unpressed sheet, V of the model.
     known_noise: Option<f64>,
     watch: Option<Watch>,
@@ -182,6 +203,9 @@ const MOST_RESCALINGS: usize = 2;
 /// A peak whose integrated rise is less than this fraction of the greatest integrated fall is what the fall leaves around
 /// it.
 const LEAST_OVER_FALL: f64 = 0.5;
+/// A contact that changed is asked after again after so many frames, and one that did not is not for so many.
+const ASKED_AGAIN: usize = 16;
+const NOT_ASKED: usize = 6;
 /// Least relative sensitivity of a cell, against the median, that its expected rise follows.
 const LEAST_SENSITIVITY: f64 = 1e-3;
 
@@ -195,6 +219,13 @@ impl Reconstructor {
             gate: None,
             finder: TouchFinder::new(&imager.grid, options.touches),
             weighted: None,
+            other: None,
+            contacts: options.fit.and_then(|_| Contacts::new(&imager)),
+            changed: Vec::new(),
+            asked: 0,
+            innocent: None,
+            baselines: 0,
+            evened: None,
             nnls: Nnls::new(NnlsOptions {
                 ridge: 1.0,
                 tolerance: TOLERANCE,
@@ -249,6 +280,8 @@ impl Reconstructor {
                         watch.forget();
                         self.nnls.reset();
                         self.fitter.iter_mut().for_each(Fitter::forget);
+                        self.changed.clear();
+                        self.innocent = None;
                         self.result.clear(known, watch.used());
                         return Ok(&mut self.result);
                     }
@@ -262,19 +295,33 @@ impl Reconstructor {
         }
         self.imager.fits(baseline, frame)?;
         let mut differences = std::mem::take(&mut self.differences);
+        differences.to(&self.imager.model_v, baseline, frame);
+        let baselines = differences.baselines();
         let difference = differences.to(&self.imager.model_v, baseline, frame);
         let judged = self
             .health
             .judge(&mut self.reciprocity, &self.imager.model_v, difference);
-        self.solve(difference, known.or(judged));
+        if self.baselines != baselines {
+            self.baselines = baselines;
+            self.changed.clear();
+        }
+        self.settle(difference, known.or(judged));
         let unexplained = self.fitter.is_some() && self.result.misfit.is_none() && !self.result.touches.is_empty();
-        self.result.doubt = Doubt::of(difference, &self.imager.model_v).or(unexplained.then_some(Doubt::NotTouches));
+        let contact = self.changed.first().map(|electrode| Doubt::Contact {
+            electrode: *electrode,
+            more: self.changed.len() - 1,
+        });
+        self.result.doubt = Doubt::of(difference, &self.imager.model_v)
+            .or(unexplained.then_some(Doubt::NotTouches))
+            .or(contact);
+        self.result.contacts.clone_from(&self.changed);
         self.differences = differences;
         Ok(&mut self.result)
     }
 
     fn start_watch(&mut self, baseline: &[f64], sigma: f64) -> Result<Option<Watch>, ImagerError> {
         let nothing = self.imager.difference(baseline, baseline)?;
+        self.changed.clear();
         self.weigh(&nothing);
         let Some(weighted) = &self.weighted else {
             return Ok(None);
@@ -342,11 +389,107 @@ impl Reconstructor {
         self.reduced.iter().map(|v| v * v).sum::<f64>() / self.reduced.len() as f64
     }
 
+    /// Reconstructs a difference, and asks whether contacts changed.
+    fn settle(&mut self, difference: &Difference, noise: Option<NoiseEstimate>) {
+        self.innocent = self.innocent.and_then(|(l, frames)| Some((l, frames.checked_sub(1)?)));
+        self.asked += 1;
+        if !self.changed.is_empty() && self.asked >= ASKED_AGAIN {
+            self.asked = 0;
+            let changed = std::mem::take(&mut self.changed);
+            let without = self.solve_evened(difference, noise);
+            let result = self.result.clone();
+            self.changed = changed;
+            let with = self.solve_evened(difference, noise);
+            if !with
+                .zip(without)
+                .is_some_and(|(with, without)| with.instead_of(without))
+            {
+                self.changed.clear();
+                self.result = result;
+                self.fitter.iter_mut().for_each(Fitter::forget);
+            }
+            return;
+        }
+        let mut without = self.solve_evened(difference, noise);
+        while self.changed.len() < MOST_CONTACTS {
+            let Some(suspect) = self.suspect() else { return };
+            let result = self.result.clone();
+            self.changed.push(suspect);
+            let with = self.solve_evened(difference, noise);
+            if with
+                .zip(without)
+                .is_some_and(|(with, without)| with.instead_of(without))
+            {
+                (without, self.asked) = (with, 0);
+                continue;
+            }
+            self.changed.pop();
+            self.innocent = Some((suspect, NOT_ASKED));
+            tracing::debug!(suspect, ?with, ?without, "no contact");
+            self.result = result;
+            self.fitter.iter_mut().for_each(Fitter::forget);
+            return;
+        }
+    }
+
+    /// Reconstructs a difference without what the contacts did that changed.
+    fn solve_evened(&mut self, difference: &Difference, noise: Option<NoiseEstimate>) -> Option<Outcome> {
+        if self.changed.is_empty() {
+            self.solve(difference, noise);
+        } else {
+            let mut evened = self.evened.take().unwrap_or_else(|| difference.clone());
+            evened.clone_from(difference);
+            if let Some(contacts) = &self.contacts {
+                contacts.even_out(&self.changed, &self.imager.model_v, &mut evened);
+            }
+            self.solve(&evened, noise);
+            self.evened = Some(evened);
+        }
+        let directions: usize = self
+            .contacts
+            .iter()
+            .map(|c| self.changed.iter().map(|l| c.directions(*l)).sum::<usize>())
+            .sum();
+        let (cost, misfit) = if self.result.changed {
+            let fitted = self.fitter.as_ref()?.last();
+            (fitted.cost, fitted.misfit)
+        } else {
+            let misfit = self.power() / noise?.sigma.powi(2);
+            (misfit * self.reduced.len() as f64, misfit)
+        };
+        Some(Outcome {
+            cost: cost + directions as f64,
+            misfit,
+        })
+    }
+
+    /// An electrode whose contact would explain the frame better than its touches do.
+    fn suspect(&mut self) -> Option<usize> {
+        let sigma = self.result.noise?.sigma;
+        let (fitter, weighted) = (self.fitter.as_ref()?, self.weighted.as_mut()?);
+        let table = weighted.table.as_ref().filter(|_| self.result.changed)?;
+        let fitted = fitter.last();
+        if fitted.misfit <= EXPLAINED && !contact::near(&self.imager, &fitted.all) {
+            return None;
+        }
+        let suspects = weighted.suspects.as_mut()?;
+        let judged = Judged {
+            fitted,
+            stride: table.stride(),
+            data: &self.reduced,
+            sigma,
+        };
+        let suspect = suspects.suspect(&self.imager, &self.changed, judged)?;
+        (self.innocent.is_none_or(|(l, _)| l != suspect)).then_some(suspect)
+    }
+
     /// Reconstructs a difference into the result.
     fn solve(&mut self, difference: &Difference, noise: Option<NoiseEstimate>) {
         let used = difference.used.iter().filter(|u| **u).count();
         // What the watch let through has something in it, unless it was in the values that are left out now.
-        let watched = self.known_noise.is_some() && self.watch.as_ref().is_some_and(|w| w.used() == used);
+        let watched = self.known_noise.is_some()
+            && self.changed.is_empty()
+            && self.watch.as_ref().is_some_and(|w| w.used() == used);
         if !self.reduce(difference) || noise.is_some_and(|n| !watched && !self.passes(n)) {
             self.result.clear(noise, used);
             self.result.anew = true;
@@ -379,10 +522,10 @@ impl Reconstructor {
         let weight = |k: usize| if used[k] { 1.0 / spread[k] } else { 0.0 };
         let reduce = |v: &DVector<f64>| problem.reduce(&DVector::from_fn(v.len(), |k, _| v[k] * weight(k))).0;
         let table = weighted.table.get_or_insert_with(|| {
-            fitter.volts().map(|volts| {
-                let weighted = DMatrix::from_fn(volts.nrows(), volts.ncols(), |k, c| volts[(k, c)] * weight(k));
-                problem.reduce_all(&weighted)
-            })
+            let reduce_all = |volts: &DMatrix<f64>| problem.reduce_all(&weighed(volts, used, spread));
+            let contacts = self.contacts.as_ref();
+            weighted.suspects = contacts.map(|c| Suspects::new(c, &self.imager, reduce_all));
+            fitter.volts().map(reduce_all)
         });
         let data = Data {
             values: &self.reduced,
@@ -394,7 +537,11 @@ impl Reconstructor {
             return false;
         };
         // Only a frame of which all values took part lies in the space that the watch looks at.
-        if let Some(watch) = self.watch.as_mut().filter(|w| w.used() == result.used) {
+        if let Some(watch) = self
+            .watch
+            .as_mut()
+            .filter(|w| w.used() == result.used && self.changed.is_empty())
+        {
             watch.remember(&self.reduced, &fitted.slopes, table.stride());
         }
         result.touches.clone_from(&fitted.touches);
@@ -484,10 +631,14 @@ impl Reconstructor {
 
     /// Prepares the reduced problem for the values in use and their weights; kept while they stay the same.
     fn weigh(&mut self, difference: &Difference) {
-        if let Some(w) = &self.weighted
-            && w.used == difference.used
-            && w.spread == difference.spread
-        {
+        let changed = &self.changed;
+        let fits = |w: &Weighted| w.used == difference.used && w.spread == difference.spread && w.contacts == *changed;
+        if self.weighted.as_ref().is_some_and(fits) {
+            return;
+        }
+        std::mem::swap(&mut self.weighted, &mut self.other);
+        if self.weighted.as_ref().is_some_and(fits) {
+            self.nnls.reset();
             return;
         }
         let mut a = self.imager.sensitivity.clone();
@@ -512,11 +663,24 @@ impl Reconstructor {
         for (mut column, prior) in a.column_iter_mut().zip(&prior) {
             column *= *prior;
         }
+        let mut left_out = Basis::default();
+        for electrode in &self.changed {
+            let shapes = self.contacts.as_mut().and_then(|c| c.shapes(&self.imager, *electrode));
+            if let Some(shapes) = shapes {
+                let shapes = weighed(shapes, &difference.used, &difference.spread);
+                shapes.column_iter().for_each(|c| left_out.add(c.as_slice()));
+            }
+        }
+        for mut column in a.column_iter_mut() {
+            left_out.outside(column.as_mut_slice());
+        }
         self.nnls.reset();
         let problem = Problem::new(&a, self.options.drop);
         self.weighted = Some(Weighted {
             used: difference.used.clone(),
             spread: difference.spread.clone(),
+            contacts: self.changed.clone(),
+            suspects: None,
             projector: Projector::new(&problem, problem.rank()),
             problem,
             solving: None,
@@ -525,6 +689,13 @@ impl Reconstructor {
             table: None,
         });
     }
+}
+
+/// Volts of the model (a frame in each column) over the spread of the values, 0 for those that are not used.
+fn weighed(volts: &DMatrix<f64>, used: &[bool], spread: &[f64]) -> DMatrix<f64> {
+    DMatrix::from_fn(volts.nrows(), volts.ncols(), |k, c| {
+        if used[k] { volts[(k, c)] / spread[k] } else { 0.0 }
+    })
 }
 
 /// Makes a solution of the scaled problem relative rises (and falls, where it holds both).

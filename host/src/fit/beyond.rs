@@ -5,8 +5,8 @@
 //! says, is left out. Taken off the data, it leaves what the table can fit; a second round, from the touches of the first, is
 //! enough for +300 %. What the table's interpolation gets wrong goes with it.
 
-use super::Disc;
 use super::table::TouchTable;
+use super::{Disc, Discs, MOST_TOUCHES};
 use forward::{DiscTouch, Drive, Model, Pattern, Solver};
 use std::f64::consts::PI;
 use std::sync::Arc;
@@ -29,7 +29,10 @@ impl Beyond {
     }
 
     /// What the discs (strengths in mm²) change beyond what the table (volts of the model) says, V.
+    ///
+    /// It depends on the strengths far more than on the radii: a disc too small for its strength is taken larger, not weaker.
     pub fn table_v(&mut self, table: &TouchTable, discs: &[Disc]) -> Option<Vec<f64>> {
+        let discs: Discs = discs.iter().take(MOST_TOUCHES).map(Disc::believable).collect();
         let touches: Vec<DiscTouch> = discs
             .iter()
             .map(|d| DiscTouch {
@@ -46,7 +49,7 @@ impl Beyond {
             *m -= unpressed;
         }
         let mut answers: [Vec<f64>; 4] = std::array::from_fn(|_| vec![0.0; table.stride()]);
-        for d in discs {
+        for d in &discs {
             let [value, x, y, radius] = &mut answers;
             table.at(d.at, d.radius, [value, x, y, radius]);
             for (m, v) in more.iter_mut().zip(value) {

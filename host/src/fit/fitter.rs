@@ -13,12 +13,14 @@ use std::sync::Arc;
 /// Part of the data that the linear model of touches may get wrong before it is corrected.
 const LINEAR_ERROR: f64 = 0.02;
 /// Most corrections of a frame.
-const MOST_ROUNDS: usize = 3;
+const MOST_ROUNDS: usize = 6;
 /// Change of the integrated rises from one correction to the next, relative, that ends them.
 const SETTLED: f64 = 0.01;
 /// Error of the linear model, in standard deviations of the noise over the whole frame, that is worth two solutions of the
 /// nonlinear model. At 27 dB a touch of +20 % alone is below, two of them side by side are above.
-const WORTH_A_SOLUTION: f64 = 6.0;
+const WORTH_A_SOLUTION: f64 = 4.2;
+/// Where `LINEAR_ERROR` of a frame is more than this, in the same unit, it is taken to show before anything is known of the touches.
+const SHOWS: f64 = 9.0;
 /// After so many frames one after the other whose search did not come to its end, the next one's has no limit.
 const MOST_UNFINISHED: usize = 8;
 /// Mean squared misfit, in noise variances, up to which discs explain a frame.
@@ -82,6 +84,11 @@ impl Fitter {
         })
     }
 
+    /// What the last fit came to, also where it does not explain its frame.
+    pub fn last(&self) -> &Fitted {
+        &self.fitted
+    }
+
     /// Forgets the touches of the frame before: they have gone.
     pub fn forget(&mut self) {
         self.follows = false;
@@ -128,7 +135,7 @@ impl Fitter {
         let seeds: Discs = seeds.take(MOST_TOUCHES).map(|at| options.seed(at)).collect();
         // Where the linear model's error shows, no touch may be added for it before it is corrected.
         let norm = data.values.iter().map(|v| v * v).sum::<f64>().sqrt() / data.sigma;
-        let shows = LINEAR_ERROR * norm > 1.5 * WORTH_A_SOLUTION;
+        let shows = LINEAR_ERROR * norm > SHOWS;
         let first = if shows { LINEAR_ERROR } else { options.model_error };
         std::mem::swap(before, fitted);
         fit(

@@ -137,6 +137,15 @@ impl Disc {
         (self.strength / self.area_mm2()).min(LARGEST_CONTRAST)
     }
 
+    /// The same strength on as large a disc as makes its contrast believable.
+    pub fn believable(&self) -> Self {
+        let least = (self.strength.max(0.0) / (PI * LARGEST_CONTRAST)).sqrt();
+        Self {
+            radius: self.radius.max(least),
+            ..*self
+        }
+    }
+
     /// Relative rise of the resistivity inside: `2 s / (2 - s)`.
     pub fn rise(&self) -> f64 {
         let s = self.contrast();
@@ -180,6 +189,10 @@ pub struct Fitted {
     pub misfit: f64,
     /// Norm of the residual over the norm of the data.
     pub residual: f64,
+    /// What is left of the data over their noise, of [`TouchTable::stride`] entries.
+    pub left: Vec<f64>,
+    /// Chi-square with the priors' penalty, and the number of parameters.
+    pub cost: f64,
     /// How the data answer to the parameters of all discs that were fitted, a column each of [`TouchTable::stride`] entries.
     pub slopes: Vec<f64>,
 }
@@ -319,8 +332,43 @@ fn fit_whitened(
     out.norms = found.iter().map(|f| f.2).collect();
     out.misfit = misfit;
     out.residual = best.square.sqrt() / norm.max(f64::MIN_POSITIVE);
+    out.left.clear();
+    out.left.extend_from_slice(&best.residual);
+    out.cost = best.objective + (PARAMETERS * best.discs.len()) as f64;
     out.slopes.clear();
     out.slopes.extend_from_slice(&best.jacobian);
     scratch.work.put(best);
     Some(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_prior_is_that_of_a_tip_near_its_radius_and_of_a_palm_near_its_own() {
+        let options = FitOptions::for_extent(97.5);
+        for radius in [8.0, 12.5, 15.0] {
+            let tip = (radius - options.radius_mm) / options.radius_sd_mm;
+            assert!(
+                (options.radius_prior(radius).penalty - tip * tip).abs() < 0.01,
+                "{radius}"
+            );
+        }
+        let palm = options.radius_prior(options.wide_mm);
+        let odds = options.wide_odds * options.radius_sd_mm / options.wide_sd_mm;
+        assert!((palm.penalty + 2.0 * odds.ln()).abs() < 1e-3 && palm.slope.abs() < 1e-3);
+    }
+
+    #[test]
+    fn the_prior_is_as_steep_as_it_says() {
+        let options = FitOptions::for_extent(97.5);
+        for k in 1..80 {
+            let radius = 0.5 * f64::from(k);
+            let [up, down] = [1e-5, -1e-5].map(|d| options.radius_prior(radius + d).penalty);
+            let prior = options.radius_prior(radius);
+            assert!((0.5 * (up - down) / 2e-5 - prior.slope).abs() < 1e-5, "{radius}");
+            assert!(prior.curvature > 0.0);
+        }
+    }
 }

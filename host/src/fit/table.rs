@@ -498,6 +498,10 @@ mod tests {
             ([41.1, -33.9], 9.0),
             ([-70.2, 20.6], 12.5),
             ([3.0, 62.3], 15.5),
+            // Palms.
+            ([11.0, -38.7], 26.0),
+            ([-20.6, 31.3], 22.0),
+            ([4.1, 3.3], 34.0),
         ] {
             let touch = DiscTouch {
                 centre_mm: p,
@@ -522,16 +526,33 @@ mod tests {
     #[test]
     fn derivatives_are_those_of_the_values() {
         let (_, table) = paper();
-        let (p, radius, step) = ([20.3, -41.7], 11.0, 1e-4);
-        let values = at(&table, p, radius);
+        let (p, step) = ([20.3, -41.7], 1e-4);
+        for radius in [11.0, 21.0, 30.0] {
+            derivatives_at(&table, p, radius, step);
+        }
+    }
+
+    fn derivatives_at(table: &TouchTable, p: [f64; 2], radius: f64, step: f64) {
+        let values = at(table, p, radius);
         let moves = [([step, 0.0], 0.0), ([0.0, step], 0.0), ([0.0, 0.0], step)];
         for (k, (d, dr)) in moves.into_iter().enumerate() {
-            let up = at(&table, [p[0] + d[0], p[1] + d[1]], radius + dr);
-            let down = at(&table, [p[0] - d[0], p[1] - d[1]], radius - dr);
+            let up = at(table, [p[0] + d[0], p[1] + d[1]], radius + dr);
+            let down = at(table, [p[0] - d[0], p[1] - d[1]], radius - dr);
             let off: Vec<f64> = (0..table.length())
                 .map(|m| (up[0][m] - down[0][m]) / (2.0 * step) - values[k + 1][m])
                 .collect();
             assert!(norm(&off) < 1e-6 * norm(&values[k + 1]), "{k}");
+        }
+    }
+
+    #[test]
+    fn one_parabola_hands_over_to_the_next_at_a_tabulated_radius() {
+        let (_, table) = paper();
+        let p = [-33.0, 24.6];
+        for radius in [1.5 * 12.5, 2.0 * 12.5] {
+            let (below, above) = (at(&table, p, radius - 1e-9), at(&table, p, radius + 1e-9));
+            let jump: Vec<f64> = below[0].iter().zip(&above[0]).map(|(a, b)| a - b).collect();
+            assert!(norm(&jump) < 1e-8 * norm(&below[0]), "{radius}");
         }
     }
 

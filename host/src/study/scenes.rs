@@ -41,6 +41,15 @@ pub enum Fault {
     Stuck,
 }
 
+/// A contact that is worse than when the baseline was taken, by so many ohm.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Worse {
+    /// In the wire, a plug or a switch: the sheet does not know of it.
+    Wire(f64),
+    /// Between metal and sheet, evenly over the electrode: it shunts the sheet less as well.
+    Face(f64),
+}
+
 /// A kind of scene, made from a seed.
 #[derive(Clone, Copy, Debug)]
 pub enum Kind {
@@ -179,17 +188,61 @@ impl Bench {
             });
             frame_v(self.solver.solve(&conductivity)?)
         } else {
-            // The mesh follows the discs' edges, and the change is that on one mesh.
-            let touched = frame_v(self.solver.solve_touches(&scene.touches)?);
-            let untouched = frame_v(self.solver.solve_untouched_there()?);
-            let change = touched.iter().zip(&untouched).map(|(t, u)| t - u);
-            self.baseline.iter().zip(change).map(|(b, c)| b + c).collect()
+            self.clean_frame(&scene.touches)?
         };
         let change: f64 = v.iter().zip(&self.baseline).map(|(a, b)| (a - b).powi(2)).sum::<f64>();
         let sigma = (change / v.len() as f64).sqrt() * 10.0_f64.powf(-scene.snr_db / 20.0);
         add_noise(&mut v, sigma, rng);
         self.spoil(&mut v, scene.fault, rng);
         Ok(v)
+    }
+
+    /// The frame of discs without noise, V.
+    ///
+    /// # Errors
+    /// [`ForwardError`] where the model has no solution.
+    pub fn clean_frame(&mut self, touches: &[DiscTouch]) -> Result<Vec<f64>, ForwardError> {
+        let (drive, pattern) = (self.drive, &self.imager.pattern);
+        // The mesh follows the discs' edges, and the change is that on one mesh.
+        let touched = drive.frame_v(self.solver.solve_touches(touches)?, pattern);
+        let untouched = drive.frame_v(self.solver.solve_untouched_there()?, pattern);
+        let change = touched.iter().zip(&untouched).map(|(t, u)| t - u);
+        Ok(self.baseline.iter().zip(change).map(|(b, c)| b + c).collect())
+    }
+
+    /// The frame of discs on a sheet some of whose contacts are worse than at the baseline, V, without noise.
+    ///
+    /// # Errors
+    /// [`ForwardError`] where the model has no solution.
+    pub fn worse_frame(&mut self, touches: &[DiscTouch], worse: &[(usize, Worse)]) -> Result<Vec<f64>, ForwardError> {
+        let model = Arc::clone(self.solver.model());
+        let sheet = model.sheet();
+        let mut contacts: Vec<f64> = sheet.electrodes.iter().map(|e| e.contact_mm).collect();
+        for (l, worse) in worse {
+            if let Worse::Face(ohm) = worse {
+                // All of it: its impedance (mm of sheet) over its length, mm.
+                let length = match sheet.electrodes[*l].place {
+                    Place::Angle { width_mm, .. } | Place::Arc { width_mm, .. } | Place::Point { width_mm, .. } => {
+                        width_mm
+                    }
+                    Place::Inside { radius_mm, .. } => std::f64::consts::TAU * radius_mm,
+                };
+                contacts[*l] += ohm * length / sheet.sheet_resistance_ohm;
+            }
+        }
+        let mut solver = Solver::new(Arc::new(model.with_contacts(&contacts)?))?;
+        let mut potentials = solver.solve_touches(touches)?.potentials_ohm().clone();
+        for (l, worse) in worse {
+            if let Worse::Wire(ohm) = worse {
+                potentials[(*l, *l)] += ohm;
+            }
+        }
+        let (drive, pattern) = (self.drive, &self.imager.pattern);
+        let touched = drive.frame_v(&ElectrodeMatrix::from_potentials(potentials), pattern);
+        self.solver.solve_touches(touches)?;
+        let untouched = drive.frame_v(self.solver.solve_untouched_there()?, pattern);
+        let change = touched.iter().zip(&untouched).map(|(t, u)| t - u);
+        Ok(self.baseline.iter().zip(change).map(|(b, c)| b + c).collect())
     }
 
     fn spoil(&self, v: &mut [f64], fault: Fault, rng: &mut StdRng) {
