@@ -38,6 +38,7 @@ if cargo clippy --version >/dev/null 2>&1; then
 else
     skip "clippy: this toolchain has none (rustup component add clippy)"
 fi
+have chromium || have chromium-browser || have google-chrome || skip "the live page in a browser: no chromium (apt-get install chromium)"
 step "tests of every crate, end to end, and documentation examples" cargo test --workspace --locked
 printf '\n== the firmware on emulated Cortex-M processors\n'
 boards=$(mktemp)

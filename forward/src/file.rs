@@ -19,8 +19,8 @@
 //!
 //! [pattern]                                  # optional: steps, or a list of measurements, each the electrode the
 //! drive_step = 1                             # current enters at, the one it leaves by, and the two sensed: the value
-//! sense_step = 1                             # is the last one's potential less that of the one before it
-//! # measurements = [[0, 1, 2, 3], [0, 1, 3, 4]]
+//! sense_step = 1                             # is the last one's potential less that of the one before it;
+//! # measurements = [[1, 2, 3, 4], [1, 2, 4, 5]]   # electrodes count from 1
 //! ```
 
 use crate::curve::Point;
@@ -38,7 +38,8 @@ pub enum SheetFileError {
     Toml(#[from] toml::de::Error),
     /// An electrode that says too little or too much about its place.
     #[error(
-        "electrode {electrode} (the first is 0) must have one of angle_deg, arc_mm or point_mm with width_mm, or centre_mm with radius_mm"
+        "electrode {} of the list must have one of angle_deg, arc_mm or point_mm with width_mm, or centre_mm with radius_mm",
+        electrode + 1
     )]
     Place {
         /// Which one of the list, from 0.
@@ -52,6 +53,12 @@ pub enum SheetFileError {
     TooMany {
         /// How many.
         count: usize,
+    },
+    /// A measurement of electrode 0.
+    #[error("measurement {} names electrode 0; electrodes count from 1", measurement + 1)]
+    Zero {
+        /// Which one of the list, from 0.
+        measurement: usize,
     },
     /// Steps and a list at once.
     #[error("the pattern has both steps and a list of measurements; give one of them")]
@@ -119,9 +126,15 @@ impl Measurements {
         if self.drive_step.is_some() || self.sense_step.is_some() {
             return Err(SheetFileError::TwoPatterns);
         }
-        let list = list.into_iter().map(|[a, b, c, d]| Measurement {
-            drive: Pair::new(a, b),
-            sense: Pair::new(d, c),
+        if let Some(measurement) = list.iter().position(|m| m.contains(&0)) {
+            return Err(SheetFileError::Zero { measurement });
+        }
+        let list = list.into_iter().map(|m| {
+            let [a, b, c, d] = m.map(|e| e - 1);
+            Measurement {
+                drive: Pair::new(a, b),
+                sense: Pair::new(d, c),
+            }
         });
         Ok(Pattern::from_list(electrodes, list.collect())?)
     }
@@ -222,7 +235,7 @@ contact_mm = 1.0
 
     #[test]
     fn a_list_of_measurements() {
-        let text = format!("{PAPER}[pattern]\nmeasurements = [[0, 1, 2, 3], [0, 1, 14, 15]]\n");
+        let text = format!("{PAPER}[pattern]\nmeasurements = [[1, 2, 3, 4], [1, 2, 15, 16]]\n");
         let (_, pattern) = parse_sheet(&text).unwrap();
         let adjacent = Pattern::adjacent(16).unwrap();
         assert_eq!(
@@ -237,8 +250,28 @@ contact_mm = 1.0
         assert!(unknown.contains("line 1") && unknown.contains("colour"), "{unknown}");
         let many = parse_sheet(&PAPER.replace("16", "1000000000000000")).unwrap_err();
         assert!(matches!(many, SheetFileError::TooMany { .. }), "{many}");
-        let both = format!("{PAPER}[pattern]\ndrive_step = 2\nmeasurements = [[0, 1, 2, 3]]\n");
+        let both = format!("{PAPER}[pattern]\ndrive_step = 2\nmeasurements = [[1, 2, 3, 4]]\n");
         assert!(matches!(parse_sheet(&both), Err(SheetFileError::TwoPatterns)));
+        // Electrodes and measurements count from 1, in the file and in what is said of it.
+        let listed = |list| {
+            let text = format!("{PAPER}[pattern]\nmeasurements = {list}\n");
+            parse_sheet(&text).unwrap_err().to_string()
+        };
+        let zero = listed("[[1, 2, 3, 4], [0, 1, 2, 3]]");
+        assert!(
+            zero.starts_with("measurement 2 names electrode 0; electrodes count from 1"),
+            "{zero}"
+        );
+        let beyond = listed("[[1, 2, 3, 4], [1, 2, 16, 17]]");
+        assert!(
+            beyond.contains("measurement 2 names electrode 17") && beyond.contains("(1 to 16)"),
+            "{beyond}"
+        );
+        let itself = listed("[[1, 2, 5, 5]]");
+        assert!(
+            itself.contains("measurement 1 pairs electrode 5 with itself"),
+            "{itself}"
+        );
         let vague = parse_sheet(&format!("{PAPER}[[electrodes]]\nwidth_mm = 3.0\ncontact_mm = 2.0\n"));
         assert!(matches!(vague, Err(SheetFileError::Place { electrode: 0 })));
     }

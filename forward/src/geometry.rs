@@ -165,7 +165,8 @@ pub enum GeometryError {
     },
     /// An electrode that is not on a rim.
     #[error(
-        "electrode {electrode} (the first is 0) is {distance_mm:.3} mm off the rim; place it on the outline or on a hole's rim"
+        "electrode {} is {distance_mm:.3} mm off the rim; place it on the outline or on a hole's rim",
+        electrode + 1
     )]
     OffTheRim {
         /// Which electrode, from 0.
@@ -175,7 +176,8 @@ pub enum GeometryError {
     },
     /// An electrode longer than its rim.
     #[error(
-        "electrode {electrode} (the first is 0) is {width_mm} mm wide, but its rim is only {rim_mm:.3} mm long; make it narrower"
+        "electrode {} is {width_mm} mm wide, but its rim is only {rim_mm:.3} mm long; make it narrower",
+        electrode + 1
     )]
     TooWide {
         /// Which electrode, from 0.
@@ -186,7 +188,7 @@ pub enum GeometryError {
         rim_mm: f64,
     },
     /// Two electrodes that touch.
-    #[error("electrodes {first} and {second} (the first is 0) overlap; narrow one or move it")]
+    #[error("electrodes {} and {} overlap; narrow one or move it", first + 1, second + 1)]
     Overlap {
         /// One of them, from 0.
         first: usize,
@@ -194,7 +196,7 @@ pub enum GeometryError {
         second: usize,
     },
     /// An electrode inside the sheet that crosses a rim.
-    #[error("electrode {electrode} (the first is 0) does not lie wholly inside the sheet; move it or make it smaller")]
+    #[error("electrode {} does not lie wholly inside the sheet; move it or make it smaller", electrode + 1)]
     NotInside {
         /// Which electrode, from 0.
         electrode: usize,
@@ -428,7 +430,7 @@ impl Geometry {
         }
         for (l, electrode) in sheet.electrodes.iter().enumerate() {
             positive(
-                || format!("the contact of electrode {l}, the first being 0 (mm of sheet)"),
+                || format!("the contact of electrode {} (mm of sheet)", l + 1),
                 electrode.contact_mm,
             )?;
             geometry.place(l, electrode.place)?;
@@ -438,23 +440,18 @@ impl Geometry {
     }
 
     fn place(&mut self, electrode: usize, place: Place) -> Result<(), GeometryError> {
-        let width = |w: f64| {
-            positive(
-                || format!("the width of electrode {electrode}, the first being 0 (mm)"),
-                w,
-            )
-        };
+        let width = |w: f64| positive(|| format!("the width of electrode {} (mm)", electrode + 1), w);
         let (ring, centre, width_mm) = match place {
             Place::Angle { angle_deg, width_mm } => {
                 finite(
-                    || format!("the angle of electrode {electrode}, the first being 0 (degrees)"),
+                    || format!("the angle of electrode {} (degrees)", electrode + 1),
                     angle_deg,
                 )?;
                 (0, self.arc_at_angle(angle_deg), width(width_mm)?)
             }
             Place::Arc { arc_mm, width_mm } => {
                 finite(
-                    || format!("the arc position of electrode {electrode}, the first being 0 (mm)"),
+                    || format!("the arc position of electrode {} (mm)", electrode + 1),
                     arc_mm,
                 )?;
                 (0, arc_mm, width(width_mm)?)
@@ -462,10 +459,7 @@ impl Geometry {
             Place::Point { point_mm, width_mm } => {
                 let width_mm = width(width_mm)?;
                 for value in point_mm {
-                    finite(
-                        || format!("the place of electrode {electrode}, the first being 0 (mm)"),
-                        value,
-                    )?;
+                    finite(|| format!("the place of electrode {} (mm)", electrode + 1), value)?;
                 }
                 let (ring, (s, off)) = self.rings[..self.rims]
                     .iter()
@@ -482,15 +476,9 @@ impl Geometry {
                 (ring, s, width_mm)
             }
             Place::Inside { centre_mm, radius_mm } => {
-                positive(
-                    || format!("the radius of electrode {electrode}, the first being 0 (mm)"),
-                    radius_mm,
-                )?;
+                positive(|| format!("the radius of electrode {} (mm)", electrode + 1), radius_mm)?;
                 for value in centre_mm {
-                    finite(
-                        || format!("the place of electrode {electrode}, the first being 0 (mm)"),
-                        value,
-                    )?;
+                    finite(|| format!("the place of electrode {} (mm)", electrode + 1), value)?;
                 }
                 let clear = self.rings[..self.rims]
                     .iter()
@@ -602,6 +590,11 @@ impl Geometry {
     /// Whether a point (mm) is on the sheet: inside the outline, in no hole and under no electrode inside.
     pub fn contains(&self, p: Point) -> bool {
         self.rings[0].contains(p) && !self.rings[1..].iter().any(|r| r.contains(p))
+    }
+
+    /// Whether any of a disc (mm) is on the sheet.
+    pub fn reaches(&self, centre: Point, radius_mm: f64) -> bool {
+        self.contains(centre) || self.rings.iter().any(|r| r.nearest(centre).1 < radius_mm)
     }
 
     /// The outer rim.
@@ -756,6 +749,7 @@ mod tests {
             }
         })
         .to_string();
-        assert!(message.contains("electrodes 2 and 3"), "{message}");
+        // The third and the fourth.
+        assert!(message.contains("electrodes 3 and 4"), "{message}");
     }
 }

@@ -52,30 +52,30 @@ impl Measurement {
     }
 }
 
-/// What is wrong with a pattern.
+/// What is wrong with a pattern. People count measurements and electrodes from 1, and so do the messages.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum PatternError {
     /// An electrode that the sheet does not have.
     #[error(
-        "measurement {index} names electrode {electrode}, but the sheet has {count} electrodes (0 to {last}); \
-         use one of those",
-        last = count.saturating_sub(1)
+        "measurement {} names electrode {}, but the sheet has {count} electrodes (1 to {count}); use one of those",
+        index + 1,
+        electrode + 1
     )]
     NoSuchElectrode {
         /// Which measurement of the pattern, from 0.
         index: usize,
-        /// The electrode named.
+        /// The electrode named, from 0.
         electrode: usize,
         /// How many the sheet has.
         count: usize,
     },
     /// A pair of an electrode with itself.
-    #[error("measurement {index} pairs electrode {electrode} with itself; name two different electrodes")]
+    #[error("measurement {} pairs electrode {} with itself; name two different electrodes", index + 1, electrode + 1)]
     SameElectrode {
         /// Which measurement of the pattern, from 0.
         index: usize,
-        /// The electrode named twice.
+        /// The electrode named twice, from 0.
         electrode: usize,
     },
     /// No measurement at all.

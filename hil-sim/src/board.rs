@@ -199,7 +199,7 @@ impl<S: SheetModel> SimBoard<S> {
 
     /// Puts bytes on the wire to the board.
     pub fn receive(&mut self, bytes: &[u8]) {
-        self.line.look(self.now_s());
+        self.look_at_line();
         if self.held_until_s.is_some() {
             return;
         }
@@ -245,8 +245,8 @@ impl<S: SheetModel> SimBoard<S> {
     /// # Errors
     /// A board that is reset does not come up again, as it would not at power-up.
     pub fn try_step(&mut self, mut take: impl FnMut(u8)) -> Result<(), BoardError> {
-        self.line.look(self.now_s());
-        if self.line.take_break() {
+        self.look_at_line();
+        if self.line.take_break(Direction::FromBoard) {
             // What a receiver makes of a line that stays low.
             take(0);
         }
@@ -295,6 +295,13 @@ impl<S: SheetModel> SimBoard<S> {
             self.step(|b| bytes.push(b));
         }
         bytes
+    }
+
+    fn look_at_line(&mut self) {
+        self.line.look(self.now_s());
+        if self.line.take_break(Direction::ToBoard) && self.held_until_s.is_none() {
+            self.machine.controller.link_mut().transmit_break();
+        }
     }
 
     fn reset_if_due(&mut self) -> Result<(), BoardError> {

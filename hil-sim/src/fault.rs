@@ -31,7 +31,8 @@ pub enum Multiplexer {
     SenseMinus,
 }
 
-/// What breaks. In a TOML file `kind = "cable_pulled"`, or `kind = { electrode_open = { electrode = 5 } }`.
+/// What breaks. In a TOML file `kind = "cable_pulled"`, or `kind = { electrode_open = { electrode = 5 } }`. Texts and files count
+/// electrodes from 1, as people do.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum FaultKind {
@@ -52,6 +53,9 @@ pub enum FaultKind {
     },
     /// The line from the board is held at 0: a break condition. A reader gets one 0 byte for all of it.
     LineBreak,
+    /// The line to the board is held at 0, as by a host that sends a break: the board's receiver gets a 0 byte with a framing
+    /// error, and nothing that is sent meanwhile.
+    BreakToBoard,
     /// The cable of the serial adapter is pulled: the port is gone, and whoever holds it open finds it dead. The board has a
     /// supply of its own and goes on.
     CablePulled,
@@ -59,19 +63,22 @@ pub enum FaultKind {
     BoardReset,
     /// A wire is off an electrode. The amplifier's input then rests at the middle of its supply.
     ElectrodeOpen {
-        /// Which one.
+        /// Which one, from 0.
+        #[serde(with = "from_1")]
         electrode: u8,
     },
     /// An electrode's contact has become worse.
     ContactRaised {
-        /// Which one.
+        /// Which one, from 0.
+        #[serde(with = "from_1")]
         electrode: u8,
         /// By this, ohm.
         ohm: f64,
     },
     /// The wires of two electrodes touch each other.
     ElectrodesShort {
-        /// Which ones.
+        /// Which ones, from 0.
+        #[serde(with = "both_from_1")]
         electrodes: [u8; 2],
         /// Resistance between them, ohm.
         #[serde(default)]
@@ -88,7 +95,8 @@ pub enum FaultKind {
     MultiplexerStuck {
         /// Which multiplexer.
         multiplexer: Multiplexer,
-        /// Where it stays.
+        /// Where it stays, from 0.
+        #[serde(with = "from_1")]
         electrode: u8,
     },
     /// An amplifier is against its upper rail.
@@ -102,6 +110,41 @@ pub enum FaultKind {
         /// Chance for each period of samples, 0 to 1.
         rate: f64,
     },
+}
+
+/// Electrodes count from 1 in files.
+mod from_1 {
+    use serde::de::{Deserialize, Deserializer, Error};
+    use serde::ser::Serializer;
+
+    pub(super) fn serialize<S: Serializer>(electrode: &u8, to: S) -> Result<S::Ok, S::Error> {
+        to.serialize_u16(u16::from(*electrode) + 1)
+    }
+
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<u8, D::Error> {
+        index(u16::deserialize(from)?)
+    }
+
+    pub(super) fn index<E: Error>(number: u16) -> Result<u8, E> {
+        let index = number.checked_sub(1).and_then(|k| u8::try_from(k).ok());
+        index.ok_or_else(|| E::custom(format!("there is no electrode {number}; electrodes count from 1")))
+    }
+}
+
+/// The same for a pair.
+mod both_from_1 {
+    use super::from_1;
+    use serde::de::{Deserialize, Deserializer};
+    use serde::ser::{Serialize, Serializer};
+
+    pub(super) fn serialize<S: Serializer>(electrodes: &[u8; 2], to: S) -> Result<S::Ok, S::Error> {
+        electrodes.map(|e| u16::from(e) + 1).serialize(to)
+    }
+
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<[u8; 2], D::Error> {
+        let [a, b] = <[u16; 2]>::deserialize(from)?;
+        Ok([from_1::index(a)?, from_1::index(b)?])
+    }
 }
 
 /// What is wrong with a fault.
@@ -118,9 +161,9 @@ pub enum FaultError {
         allowed: &'static str,
     },
     /// An electrode that the sheet has not.
-    #[error("fault: there is no electrode {given} on a sheet with {count}; they count from 0")]
+    #[error("fault: there is no electrode {} on a sheet with {count}; they count from 1", u16::from(*given) + 1)]
     Electrode {
-        /// The number given.
+        /// The number given, from 0.
         given: u8,
         /// How many there are.
         count: usize,
@@ -128,7 +171,7 @@ pub enum FaultError {
     /// A text that is none.
     #[error(
         "`{0}` is no fault: write KIND@SECONDS or KIND@SECONDS+SECONDS, such as cable_pulled@5+2, bytes_lost:0.001@5, \
-         electrode_open:3@5+10, electrodes_short:3,4@5 or multiplexer_stuck:drive_plus,3@5"
+         electrode_open:3@5+10, electrodes_short:3,4@5 or multiplexer_stuck:drive_plus,3@5; electrodes count from 1"
     )]
     Text(String),
 }
@@ -206,7 +249,7 @@ impl Fault {
                     let allowed = "another electrode than the first";
                     return Err(FaultError::Range {
                         field: "the second electrode",
-                        value: b.into(),
+                        value: f64::from(b) + 1.0,
                         allowed,
                     });
                 }
@@ -217,7 +260,11 @@ impl Fault {
                 let most = firmware::MAX_CHANNELS as f64 - 1.0;
                 number("channel", channel.unwrap_or(0).into(), most, "between 0 and 15")
             }
-            FaultKind::LineBreak | FaultKind::CablePulled | FaultKind::BoardReset | FaultKind::SourceLost => Ok(()),
+            FaultKind::LineBreak
+            | FaultKind::BreakToBoard
+            | FaultKind::CablePulled
+            | FaultKind::BoardReset
+            | FaultKind::SourceLost => Ok(()),
         }
     }
 }
@@ -238,6 +285,7 @@ fn parsed(text: &str) -> Option<Fault> {
         None => (when.parse().ok()?, None),
     };
     let (name, given) = what.split_once(':').unwrap_or((what, ""));
+    let electrode = |word: &str| word.parse::<u16>().ok()?.checked_sub(1)?.try_into().ok();
     let mut given = given.split(',').filter(|word| !word.is_empty());
     let kind = match name {
         "bytes_lost" => FaultKind::BytesLost {
@@ -250,17 +298,18 @@ fn parsed(text: &str) -> Option<Fault> {
             rate: given.next()?.parse().ok()?,
         },
         "line_break" => FaultKind::LineBreak,
+        "break_to_board" => FaultKind::BreakToBoard,
         "cable_pulled" => FaultKind::CablePulled,
         "board_reset" => FaultKind::BoardReset,
         "electrode_open" => FaultKind::ElectrodeOpen {
-            electrode: given.next()?.parse().ok()?,
+            electrode: electrode(given.next()?)?,
         },
         "contact_raised" => FaultKind::ContactRaised {
-            electrode: given.next()?.parse().ok()?,
+            electrode: electrode(given.next()?)?,
             ohm: given.next()?.parse().ok()?,
         },
         "electrodes_short" => FaultKind::ElectrodesShort {
-            electrodes: [given.next()?.parse().ok()?, given.next()?.parse().ok()?],
+            electrodes: [electrode(given.next()?)?, electrode(given.next()?)?],
             ohm: given.next().map_or(Ok(0.0), str::parse).ok()?,
         },
         "source_lost" => FaultKind::SourceLost,
@@ -275,7 +324,7 @@ fn parsed(text: &str) -> Option<Fault> {
                 "sense_minus" => Multiplexer::SenseMinus,
                 _ => return None,
             },
-            electrode: given.next()?.parse().ok()?,
+            electrode: electrode(given.next()?)?,
         },
         "saturation" => FaultKind::Saturation {
             channel: given.next().map(str::parse).transpose().ok()?,

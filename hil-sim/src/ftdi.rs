@@ -55,6 +55,11 @@ impl Ftdi {
         }
     }
 
+    /// Whether nothing is under way.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.chip.is_empty() && self.transfer.is_empty()
+    }
+
     /// Forgets what is under way, as when the port is opened.
     pub(crate) fn purge(&mut self) {
         self.chip.clear();

@@ -19,7 +19,8 @@ pub(crate) struct Line {
     /// Bytes that were sent each way.
     count: [u64; 2],
     state: State,
-    break_begins: bool,
+    /// Whether a break began that nobody asked for yet, each way.
+    break_begins: [bool; 2],
     valid_until_s: f64,
 }
 
@@ -30,7 +31,8 @@ struct State {
     flipped: f64,
     doubled: f64,
     pulled: bool,
-    broken: bool,
+    /// Held at 0, each way.
+    broken: [bool; 2],
 }
 
 impl Line {
@@ -40,7 +42,7 @@ impl Line {
             seed: mix(seed ^ 0x11_4E),
             count: [0; 2],
             state: State::default(),
-            break_begins: false,
+            break_begins: [false; 2],
             valid_until_s: f64::NEG_INFINITY,
         }
     }
@@ -58,17 +60,20 @@ impl Line {
                 FaultKind::BytesFlipped { rate } => now.flipped = now.flipped.max(rate),
                 FaultKind::BytesDoubled { rate } => now.doubled = now.doubled.max(rate),
                 FaultKind::CablePulled => now.pulled = true,
-                FaultKind::LineBreak => now.broken = true,
+                FaultKind::LineBreak => now.broken[Direction::FromBoard as usize] = true,
+                FaultKind::BreakToBoard => now.broken[Direction::ToBoard as usize] = true,
                 _ => {}
             }
         }
-        self.break_begins |= now.broken && !self.state.broken && !now.pulled;
+        for way in [0, 1] {
+            self.break_begins[way] |= now.broken[way] && !self.state.broken[way] && !now.pulled;
+        }
         self.state = now;
     }
 
-    /// Whether a break of the line from the board began since this was last asked.
-    pub(crate) fn take_break(&mut self) -> bool {
-        std::mem::take(&mut self.break_begins)
+    /// Whether a break began this way since this was last asked.
+    pub(crate) fn take_break(&mut self, direction: Direction) -> bool {
+        std::mem::take(&mut self.break_begins[direction as usize])
     }
 
     /// Sends a byte, and hands over what arrives of it.
@@ -82,7 +87,7 @@ impl Line {
             pulled,
             broken,
         } = self.state;
-        if pulled || broken && direction == Direction::FromBoard {
+        if pulled || broken[direction as usize] {
             return;
         }
         if lost + flipped + doubled == 0.0 {

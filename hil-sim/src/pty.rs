@@ -2,7 +2,7 @@
 
 use crate::board::SimBoard;
 use crate::ftdi::Ftdi;
-use crate::port::{AnyBoard, locked};
+use crate::port::{AnyBoard, Pace, locked};
 use crate::real_time::{Pacer, TICK};
 use crate::sheet::SheetModel;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
@@ -20,6 +20,9 @@ use std::time::Duration;
 /// Bytes that the system holds for a reader who is slow; later ones are lost.
 const READER_BYTES: usize = 1 << 16;
 
+/// Board time that passes at most between two looks at an unpaced port, s.
+const SLICE_S: f64 = 16e-3;
+
 /// What a [`Pty`] is like.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PtyOptions {
@@ -27,6 +30,9 @@ pub struct PtyOptions {
     pub latency: Duration,
     /// A symbolic link that always points to the port.
     pub link: Option<PathBuf>,
+    /// How time passes. Unpaced it passes as fast as the port is read, and stands still while the reader is behind, while
+    /// nobody has the port open and while the board is idle: no byte is ever lost, however slow the machine.
+    pub pace: Pace,
 }
 
 impl Default for PtyOptions {
@@ -34,13 +40,14 @@ impl Default for PtyOptions {
         Self {
             latency: Duration::from_millis(16),
             link: None,
+            pace: Pace::RealTime,
         }
     }
 }
 
-/// A board behind a pseudo-terminal, on a thread of its own and in step with the wall clock. As on a port of an FT232R, what
-/// the board says while nobody has the port open is lost, and the port is gone while its cable is pulled. Dropping it
-/// switches the board off.
+/// A board behind a pseudo-terminal, on a thread of its own, in step with the wall clock or with its reader. As on a port of
+/// an FT232R, what the board says while nobody has the port open is lost, and the port is gone while its cable is pulled.
+/// Dropping it switches the board off.
 pub struct Pty {
     shared: Arc<Shared>,
     thread: Option<JoinHandle<()>>,
@@ -213,11 +220,14 @@ impl Runner {
         let mut for_reader = VecDeque::new();
         let mut was_open = false;
         let mut buffer = [0; 4096];
+        // Whether an unpaced board has more to say.
+        let mut busy = false;
         loop {
+            let wait = if busy { Duration::ZERO } else { TICK };
             let (state, _) = self
                 .shared
                 .changed
-                .wait_timeout_while(locked(&self.shared.state), TICK, |s| !s.closed)
+                .wait_timeout_while(locked(&self.shared.state), wait, |s| !s.closed)
                 .unwrap_or_else(PoisonError::into_inner);
             if state.closed {
                 return Ok(());
@@ -238,12 +248,20 @@ impl Runner {
                 }
             }
             was_open = open;
-            pacer.run(self.board.as_mut(), |time_s, bytes| {
-                for byte in bytes.drain(..) {
-                    ftdi.push(time_s, byte, &mut for_reader);
+            match self.options.pace {
+                Pace::RealTime => pacer.run(self.board.as_mut(), |time_s, bytes| {
+                    for byte in bytes.drain(..) {
+                        ftdi.push(time_s, byte, &mut for_reader);
+                    }
+                    ftdi.poll(time_s, &mut for_reader);
+                }),
+                // While the cable is pulled time goes on, or it would never be put back.
+                Pace::Unpaced => {
+                    busy = (open || self.plug.is_none())
+                        && for_reader.is_empty()
+                        && self.run_for_reader(&mut ftdi, &mut for_reader);
                 }
-                ftdi.poll(time_s, &mut for_reader);
-            });
+            }
             if open && let Some(plug) = &mut self.plug {
                 while !for_reader.is_empty() {
                     let (front, _) = for_reader.as_slices();
@@ -258,6 +276,25 @@ impl Runner {
             }
             self.follow_cable()?;
         }
+    }
+
+    /// Lets an unpaced board run until there is something to read, but for no longer than a slice; returns whether it would go
+    /// on.
+    fn run_for_reader(&mut self, ftdi: &mut Ftdi, for_reader: &mut VecDeque<u8>) -> bool {
+        let end_s = self.board.now_s() + SLICE_S;
+        let mut bytes = VecDeque::new();
+        while for_reader.is_empty() && self.board.now_s() < end_s {
+            if self.plug.is_some() && ftdi.is_empty() && self.board.is_idle() {
+                return false;
+            }
+            self.board.step(&mut bytes);
+            let time_s = self.board.now_s();
+            for byte in bytes.drain(..) {
+                ftdi.push(time_s, byte, for_reader);
+            }
+            ftdi.poll(time_s, for_reader);
+        }
+        true
     }
 
     fn follow_cable(&mut self) -> io::Result<()> {

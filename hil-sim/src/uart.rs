@@ -21,8 +21,8 @@ pub struct Uart {
     /// Bytes from the board and when each has left, in timer ticks.
     out: VecDeque<(u64, u8)>,
     out_busy_until: u64,
-    /// Bytes to the board and when each has arrived.
-    input: VecDeque<(u64, u8)>,
+    /// What the board receives, and when each has arrived.
+    input: VecDeque<(u64, Result<u8, serial::ErrorKind>)>,
     input_busy_until: u64,
 }
 
@@ -47,8 +47,15 @@ impl Uart {
         let now = self.now_ticks();
         for byte in bytes {
             self.input_busy_until = self.input_busy_until.max(now) + BYTE_TICKS;
-            self.input.push_back((self.input_busy_until, *byte));
+            self.input.push_back((self.input_busy_until, Ok(*byte)));
         }
+    }
+
+    /// Holds the wire to the board at 0 from now on: to a receiver a byte of zeros without a stop bit.
+    pub fn transmit_break(&mut self) {
+        self.transmit(&[0]);
+        let error = Err(serial::ErrorKind::FrameFormat);
+        self.input.push_back((self.input_busy_until, error));
     }
 
     /// Takes the bytes from the board that have left it by now, oldest first.
@@ -82,7 +89,8 @@ impl serial::Read for Uart {
             return Err(nb::Error::WouldBlock);
         }
         let first = self.input.pop_front();
-        first.map(|(_, byte)| byte).ok_or(nb::Error::WouldBlock)
+        let (_, received) = first.ok_or(nb::Error::WouldBlock)?;
+        received.map_err(nb::Error::Other)
     }
 }
 

@@ -40,6 +40,7 @@ impl Wiring {
                 | FaultKind::BytesFlipped { .. }
                 | FaultKind::BytesDoubled { .. }
                 | FaultKind::LineBreak
+                | FaultKind::BreakToBoard
                 | FaultKind::CablePulled
                 | FaultKind::BoardReset => {}
             }

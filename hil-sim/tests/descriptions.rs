@@ -23,7 +23,7 @@ const FILE: &str = r#"
     [[fault]]
     at_s = 3.0
     for_s = 2.0
-    kind = { electrode_open = { electrode = 5 } }
+    kind = { electrode_open = { electrode = 6 } }
 
     [[fault]]
     at_s = 4.0
@@ -51,6 +51,13 @@ fn a_file_says_what_differs_and_comes_back_the_same() {
             Fault::new(4.0, FaultKind::CablePulled),
         ]
     );
+    for fault in &file.fault {
+        let text = toml::to_string(fault).unwrap();
+        assert_eq!(&toml::from_str::<Fault>(&text).unwrap(), fault, "{text}");
+    }
+    // Electrodes count from 1.
+    let zero = toml::from_str::<File>(&FILE.replace("electrode = 6", "electrode = 0")).unwrap_err();
+    assert!(zero.to_string().contains("count from 1"), "{zero}");
     for electronics in [expected, Electronics::default(), Electronics::ideal()] {
         let text = toml::to_string(&electronics).unwrap();
         assert_eq!(toml::from_str::<Electronics>(&text).unwrap(), electronics, "{text}");
@@ -63,7 +70,7 @@ fn what_is_not_known_is_named_with_its_line() {
         ("noise_codes = 0.5", "line 3", "noise_code"),
         ("harmonics = [0.0, 0.3]", "line 10", "harmonic"),
         (
-            "kind = { electrode_open = { electrode = 5 } }",
+            "kind = { electrode_open = { electrode = 6 } }",
             "line 15",
             "kind = \"electrode_opened\"",
         ),
@@ -132,7 +139,7 @@ fn faults_are_written_as_words() {
             Fault::new(0.0, FaultKind::BytesFlipped { rate: 1e-3 }),
         ),
         (
-            "electrodes_short:3,4@1+2",
+            "electrodes_short:4,5@1+2",
             Fault::lasting(
                 1.0,
                 2.0,
@@ -143,7 +150,7 @@ fn faults_are_written_as_words() {
             ),
         ),
         (
-            "multiplexer_stuck:sense_minus,7@1",
+            "multiplexer_stuck:sense_minus,8@1",
             Fault::new(
                 1.0,
                 FaultKind::MultiplexerStuck {
@@ -166,6 +173,7 @@ fn faults_are_written_as_words() {
         "cable@1",
         "cable_pulled:1@1",
         "electrode_open@1",
+        "electrode_open:0@1",
         "adc_stuck:70000@1",
         "board_reset@x",
     ] {
@@ -177,7 +185,7 @@ fn faults_are_written_as_words() {
 #[test]
 fn faults_that_cannot_be_are_refused() {
     for text in [
-        "electrode_open:16@1",
+        "electrode_open:17@1",
         "electrodes_short:3,3@1",
         "bytes_lost:1.5@1",
         "bytes_lost:nan@1",
@@ -191,5 +199,5 @@ fn faults_that_cannot_be_are_refused() {
         let fault: Fault = text.parse().unwrap();
         assert!(fault.validate(16).is_err(), "{text}");
     }
-    assert_eq!("electrode_open:15@1".parse::<Fault>().unwrap().validate(16), Ok(()));
+    assert_eq!("electrode_open:16@1".parse::<Fault>().unwrap().validate(16), Ok(()));
 }

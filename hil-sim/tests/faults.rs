@@ -57,7 +57,7 @@ fn values(good: &Frame, faulty: &Frame) -> Vec<(usize, usize, f64, f64)> {
 
 #[test]
 fn an_open_electrode_carries_no_current_and_its_amplifiers_see_the_middle() {
-    let (good, faulty) = pair("electrode_open:5");
+    let (good, faulty) = pair("electrode_open:6");
     for (drive, sense, a, b) in values(&good, &faulty) {
         if drive == 4 || drive == 5 {
             assert!(b.abs() < ROUNDING, "{drive} {sense}: {b}");
@@ -87,7 +87,7 @@ fn an_open_electrode_carries_no_current_and_its_amplifiers_see_the_middle() {
 
 #[test]
 fn a_short_and_a_worse_contact_are_what_the_circuit_says() {
-    let (good, faulty) = pair("electrodes_short:5,6");
+    let (good, faulty) = pair("electrodes_short:6,7");
     let list = values(&good, &faulty);
     assert!(
         list.iter()
@@ -102,7 +102,7 @@ fn a_short_and_a_worse_contact_are_what_the_circuit_says() {
     assert!((of(1, 9) / of(9, 1) * of(9, 3) / of(3, 9) * of(3, 1) / of(1, 3) - 1.0).abs() < 2e-2);
 
     let ohm = 500.0;
-    let (good, faulty) = pair("contact_raised:5,500");
+    let (good, faulty) = pair("contact_raised:6,500");
     let sheet = disc(16);
     let own = |n: usize| sheet.transfer_ohm(forward::Pair::new(n, n + 1), forward::Pair::new(n, n + 1)) + 140.0;
     for (drive, sense, a, b) in values(&good, &faulty) {
@@ -130,7 +130,7 @@ fn a_stuck_converter_gives_nothing_but_its_code_and_a_saturated_amplifier_clips(
 
 #[test]
 fn a_stuck_drive_multiplexer_drives_what_it_is_stuck_on() {
-    let (good, faulty) = pair("multiplexer_stuck:drive_minus,0");
+    let (good, faulty) = pair("multiplexer_stuck:drive_minus,1");
     let mut changed = 0;
     for (drive, sense, a, b) in values(&good, &faulty) {
         // One drive pair of the sixteen has its minus there; the pair that has its plus there drives nothing.
@@ -142,14 +142,14 @@ fn a_stuck_drive_multiplexer_drives_what_it_is_stuck_on() {
     }
     assert!(changed > 150, "{changed}");
     // Measured all at once, no sense multiplexer is in the way; one after the other it is.
-    let (good, faulty) = pair("multiplexer_stuck:sense_plus,3");
+    let (good, faulty) = pair("multiplexer_stuck:sense_plus,4");
     assert_eq!(good.values, faulty.values);
     let sequential = |faults: &[&str]| {
         let plan = Some(Plan::sequential());
         let mut bench = Bench::new(SimConfig { plan, ..config(faults) }, FixedSheet(disc(16)));
         bench.measured(0.3).remove(1)
     };
-    let (good, faulty) = (sequential(&[]), sequential(&["multiplexer_stuck:sense_plus,3@0"]));
+    let (good, faulty) = (sequential(&[]), sequential(&["multiplexer_stuck:sense_plus,4@0"]));
     let same = good.values.iter().zip(&faulty.values).filter(|(a, b)| a == b).count();
     assert!((10..40).contains(&same), "{same}");
 }
@@ -268,6 +268,42 @@ fn a_break_is_one_zero_and_costs_what_was_under_way() {
     assert!(errors.len() <= 2, "{errors:?}");
     let (a, b) = (common::frames(all).len(), common::frames(messages).len());
     assert!((11..=14).contains(&(a - b)), "{a} {b}");
+}
+
+/// What a board counted by 0.7 s that got half a command, and then a whole one, with something between them or not.
+fn after_half_a_command(faults: &[&str]) -> Option<Counters> {
+    let mut board = SimBoard::new(config(faults), FixedSheet(disc(16))).unwrap();
+    let command = framed(&ToBoard::GetCounters);
+    board.run(0.4);
+    board.receive(&command[..command.len() / 2]);
+    board.run(0.105);
+    board.receive(&framed(&ToBoard::Start));
+    board.run(0.095);
+    board.receive(&command);
+    let bytes = board.run(0.1);
+    let mut counters = None;
+    Decoder::<MAX_FROM_BOARD_LEN>::new().push(&bytes, |m| match m {
+        Ok(FromBoard::Counters(c)) => counters = Some(c),
+        other => assert!(!matches!(other, Ok(FromBoard::Frame(_))), "it was not started"),
+    });
+    counters
+}
+
+/// A break ends half a command, as a delimiter does, and is counted; what is sent while it lasts is lost. (The Start in the
+/// midst of it ends the half command too, where there is no break, and is lost with it.)
+#[test]
+fn a_break_to_the_board_ends_half_a_command_and_is_counted() {
+    let with = after_half_a_command(&["break_to_board@0.5+0.01"]).unwrap();
+    assert_eq!((with.receive_errors, with.refused, with.commands), (1, 1, 1));
+    let without = after_half_a_command(&[]).unwrap();
+    assert_eq!((without.receive_errors, without.refused, without.commands), (0, 1, 1));
+    let idle = {
+        let mut board = SimBoard::new(config(&["break_to_board@0.5+0.01"]), FixedSheet(disc(16))).unwrap();
+        board.run(0.7);
+        board.counters().clone()
+    };
+    // Between commands it does nothing but be counted.
+    assert_eq!((idle.receive_errors, idle.refused), (1, 0));
 }
 
 #[test]

@@ -5,7 +5,7 @@
 mod common;
 
 use common::{disc, framed};
-use hil_sim::{FixedSheet, Pty, PtyOptions, SimBoard, SimConfig};
+use hil_sim::{FixedSheet, Pace, Pty, PtyOptions, SimBoard, SimConfig};
 use protocol::{Command, Decoder, FromBoard, MAX_FROM_BOARD_LEN, ToBoard};
 use std::fs::{self, File};
 use std::io::{Read, Write};
@@ -81,6 +81,60 @@ fn frames_come_in_the_boards_own_time() {
     let span_s = hil_sim::seconds(list[list.len() - 1].time - list[0].time);
     // Never faster than the board measures, however fast the reader is; the adapter holds at most a transfer back.
     assert!(span_s <= start.elapsed().as_secs_f64() + 0.05, "{span_s}");
+}
+
+/// However slow the reader, an unpaced board waits for it: nothing is lost, and time passes as far as is read.
+#[test]
+fn an_unpaced_board_waits_for_its_reader() {
+    let options = PtyOptions {
+        pace: Pace::Unpaced,
+        ..PtyOptions::default()
+    };
+    let pty = pty(&["cable_pulled@3+0.5"], options);
+    let mut port = open(&pty.path().unwrap());
+    ask(&mut port, &ToBoard::Start, |m| *m == FromBoard::Ack(Command::Start));
+    let mut slept = false;
+    let said = listen(&mut port, |said| {
+        if !slept && frames(said) > 0 {
+            // Far more than the system holds for a reader would pass in this time, if the board did not wait.
+            std::thread::sleep(Duration::from_millis(2500));
+            slept = true;
+        }
+        frames(said) >= 200
+    });
+    let sequences: Vec<u32> = common::frames(said).iter().map(|f| f.sequence).collect();
+    assert!(sequences.windows(2).all(|w| w[1] == w[0] + 1), "{sequences:?}");
+    // The board's own time goes on while its cable is pulled.
+    let mut buffer = [0; 4096];
+    let start = Instant::now();
+    while matches!(port.read(&mut buffer), Ok(1..)) {
+        assert!(start.elapsed() < HANGS);
+    }
+    let back = pty.wait(None, HANGS).unwrap().or_else(|| pty.path()).unwrap();
+    let mut port = open(&back);
+    listen(&mut port, |said| frames(said) >= 3);
+}
+
+/// The system's pseudo-terminals have no way to tell of a break. A break of the time line is the way to give one.
+#[test]
+fn a_break_through_the_port_does_nothing_and_one_of_the_time_line_is_counted() {
+    for (fault, errors) in [(&[][..], 0), (&["break_to_board@0.2+0.01"], 1)] {
+        let pty = pty(fault, PtyOptions::default());
+        let mut port = open(&pty.path().unwrap());
+        nix::sys::termios::tcsendbreak(&port, 0).unwrap();
+        ask(&mut port, &ToBoard::Start, |m| *m == FromBoard::Ack(Command::Start));
+        listen(&mut port, |said| frames(said) >= 40);
+        port.write_all(&framed(&ToBoard::GetCounters)).unwrap();
+        let mut counted = None;
+        listen(&mut port, |said| {
+            counted = said.iter().find_map(|m| match m {
+                FromBoard::Counters(c) => Some(c.receive_errors),
+                _ => None,
+            });
+            counted.is_some()
+        });
+        assert_eq!(counted, Some(errors));
+    }
 }
 
 #[test]

@@ -192,9 +192,9 @@ fn a_mistake_is_pointed_at_with_what_is_allowed() {
             &["gone", "cable_pulled"],
         ),
         (
-            "duration_s = 5\n[[fault]]\nat_s = 1\nkind = { electrode_open = { electrode = 16 } }\n",
+            "duration_s = 5\n[[fault]]\nat_s = 1\nkind = { electrode_open = { electrode = 17 } }\n",
             (2, 1),
-            &["16", "count from 0"],
+            &["17", "count from 1"],
         ),
         (
             "duration_s = 5\n[[stretch]]\nx_mm = 3\nkeys = [{ t_s = 1, strain_percent = 2 }]\n",

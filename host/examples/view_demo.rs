@@ -59,6 +59,7 @@ fn main() -> anyhow::Result<()> {
                 solve_us: (!touches.is_empty()).then_some(380.0 + 40.0 * (time_s.sin() as f32)),
                 residual: (!touches.is_empty()).then_some(0.031),
                 lost_frames: (time_s / 20.0) as u64,
+                skipped_frames: 0,
                 source: "synthetic fingers".into(),
                 status: taring.then(|| "taking the baseline, do not touch".to_owned()),
             },

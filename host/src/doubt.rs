@@ -20,7 +20,7 @@ pub enum Doubt {
     NotTouches,
     /// The contact of an electrode changed since the baseline; what it does to the frame is taken out.
     Contact {
-        /// The electrode, from 0.
+        /// The electrode, from 0; a person reads it from 1.
         electrode: usize,
         /// How many more.
         more: usize,
@@ -68,7 +68,7 @@ impl fmt::Display for Doubt {
                 )
             }
             Self::Contact { electrode, more } => {
-                write!(f, "the contact of electrode {electrode}")?;
+                write!(f, "the contact of electrode {}", electrode + 1)?;
                 if *more > 0 {
                     write!(f, " and of {more} more")?;
                 }

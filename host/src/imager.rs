@@ -40,6 +40,30 @@ pub enum ImagerError {
     },
 }
 
+/// Where the cells, the rim and the electrodes are, for a viewer.
+#[derive(Clone, Debug)]
+pub struct Surface {
+    grid: Arc<Grid>,
+    outline_mm: Arc<Vec<[f64; 2]>>,
+    electrodes_mm: Arc<Vec<[f64; 2]>>,
+}
+
+impl Surface {
+    /// The picture of a result.
+    pub fn picture(&self, result: &FrameResult, sequence: u64, time_s: f64, stats: Stats) -> Picture {
+        Picture {
+            sequence,
+            time_s,
+            grid: Arc::clone(&self.grid),
+            outline_mm: Arc::clone(&self.outline_mm),
+            electrodes_mm: Arc::clone(&self.electrodes_mm),
+            values: result.x.iter().map(|x| x.max(0.0) as f32).collect(),
+            touches: result.touches.clone(),
+            stats,
+        }
+    }
+}
+
 /// The unpressed sheet as the model sees it, and its sensitivity. Immutable.
 #[derive(Clone, Debug)]
 pub struct Imager {
@@ -174,15 +198,18 @@ impl Imager {
         time_s: f64,
         stats: Stats,
     ) -> Result<Picture, PictureError> {
-        Ok(Picture {
-            sequence,
-            time_s,
+        Ok(self.surface()?.picture(result, sequence, time_s, stats))
+    }
+
+    /// What all pictures of the sheet share.
+    ///
+    /// # Errors
+    /// [`PictureError`] when the cells are too many to show.
+    pub fn surface(&self) -> Result<Surface, PictureError> {
+        Ok(Surface {
             grid: self.shown_grid()?,
             outline_mm: Arc::new(self.outline_mm.clone()),
             electrodes_mm: Arc::new(self.electrodes_mm.clone()),
-            values: result.x.iter().map(|x| x.max(0.0) as f32).collect(),
-            touches: result.touches.clone(),
-            stats,
         })
     }
 

@@ -1,11 +1,12 @@
 //! The serial link: bytes to messages on a thread of its own, commands the other way, and an account of what was lost.
 
+use crate::inbox::{Inbox, Writer};
 use protocol::{
     BoardError, Decoder, DecoderCounters, FromBoard, MAX_FROM_BOARD_LEN, MAX_TO_BOARD_LEN, PlanError, ToBoard, Version,
     encode,
 };
 use std::io::{ErrorKind, Read, Write};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, TryRecvError, channel, sync_channel};
+use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -59,18 +60,16 @@ pub struct LinkCounters {
     pub frames: u64,
     /// Frames that the sequence numbers say were lost.
     pub lost_frames: u64,
+    /// Frames received whole and passed over for newer ones, see [`Link::skip_over`].
+    pub skipped_frames: u64,
 }
-
-/// Messages that wait to be taken before the link stops reading: a program that is too slow loses bytes at the port, and
-/// the sequence numbers tell.
-const WAITING_MESSAGES: usize = 256;
 
 /// An open link. Dropping it stops the board's stream, unless it was [left running](Link::leave_running), and closes the
 /// port.
 pub struct Link {
     stop_at_end: bool,
     commands: Option<Sender<ToBoard>>,
-    messages: Option<Receiver<Result<FromBoard, LinkError>>>,
+    inbox: Arc<Inbox>,
     counters: Arc<Mutex<LinkCounters>>,
     thread: Option<JoinHandle<()>>,
 }
@@ -82,17 +81,17 @@ impl Link {
     /// [`LinkError::Lost`] when the thread cannot be started.
     pub fn open(port: Box<dyn Port>) -> Result<Self, LinkError> {
         let (commands, command_queue) = channel();
-        let (message_queue, messages) = sync_channel(WAITING_MESSAGES);
+        let inbox = Arc::new(Inbox::default());
         let counters = Arc::new(Mutex::new(LinkCounters::default()));
-        let shared = Arc::clone(&counters);
+        let (messages, shared) = (inbox.writer(), Arc::clone(&counters));
         let thread = std::thread::Builder::new()
             .name("link".to_owned())
-            .spawn(move || pump(port, &command_queue, &message_queue, &shared))
+            .spawn(move || pump(port, &command_queue, &messages, &shared))
             .map_err(|e| LinkError::Lost(e.to_string()))?;
         Ok(Self {
             stop_at_end: true,
             commands: Some(commands),
-            messages: Some(messages),
+            inbox,
             counters,
             thread: Some(thread),
         })
@@ -116,11 +115,20 @@ impl Link {
     /// # Errors
     /// [`LinkError::Lost`] once the port is gone.
     pub fn receive(&self, wait: Duration) -> Result<Option<FromBoard>, LinkError> {
-        match self.messages.as_ref().map(|m| m.recv_timeout(wait)) {
-            Some(Ok(message)) => message.map(Some),
-            Some(Err(RecvTimeoutError::Timeout)) => Ok(None),
-            Some(Err(RecvTimeoutError::Disconnected)) | None => Err(LinkError::Lost("the link has ended".to_owned())),
+        match self.inbox.take(wait) {
+            Some(Ok(message)) => Ok(Some(message)),
+            Some(Err(error)) => Err(error),
+            None => Ok(None),
         }
+    }
+
+    /// For pictures that must not lag: where frames wait that are older than the newest by more than so many samples of the
+    /// board's time, all but the newest are passed over, and counted. The port is read all the time then.
+    ///
+    /// Without it every frame is kept until it is taken, and a program that leaves hundreds of them waiting stops the reading: the
+    /// port loses bytes, and the sequence numbers tell.
+    pub fn skip_over(&self, samples: u64) {
+        self.inbox.skip_over(samples);
     }
 
     /// Sends a command and waits for the answer that `accept` takes; anything else that comes meanwhile is dropped.
@@ -161,7 +169,10 @@ impl Link {
 
     /// What was lost so far.
     pub fn counters(&self) -> LinkCounters {
-        *self.counters.lock().unwrap_or_else(PoisonError::into_inner)
+        LinkCounters {
+            skipped_frames: self.inbox.skipped(),
+            ..*self.counters.lock().unwrap_or_else(PoisonError::into_inner)
+        }
     }
 }
 
@@ -171,8 +182,8 @@ impl Drop for Link {
             self.send(ToBoard::Stop);
         }
         self.commands = None;
-        // The thread may be waiting for a place in the queue.
-        self.messages = None;
+        // The thread may be waiting for a place in it.
+        self.inbox.close();
         if let Some(thread) = self.thread.take()
             && thread.join().is_err()
         {
@@ -182,12 +193,7 @@ impl Drop for Link {
 }
 
 /// The link's thread: ends when the commands' sender is gone and all commands are sent, or the port is.
-fn pump(
-    mut port: Box<dyn Port>,
-    commands: &Receiver<ToBoard>,
-    messages: &SyncSender<Result<FromBoard, LinkError>>,
-    shared: &Mutex<LinkCounters>,
-) {
+fn pump(mut port: Box<dyn Port>, commands: &Receiver<ToBoard>, messages: &Writer, shared: &Mutex<LinkCounters>) {
     let mut decoder = Decoder::<MAX_FROM_BOARD_LEN>::new();
     let mut bytes = [0; 4096];
     let mut last_sequence: Option<u32> = None;
@@ -238,15 +244,14 @@ fn pump(
                     }
                     last_sequence = Some(frame.sequence);
                 }
-                // Nobody listens any more while the link is being closed.
-                let _ = messages.send(Ok(message));
+                messages.put(Ok(message));
             }
             Err(e) => tracing::debug!("a damaged message: {e}"),
         });
         if let Some(version) = decoder.foreign.take()
             && version.major != Version::CURRENT.major
         {
-            let _ = messages.send(Err(LinkError::Version {
+            messages.put(Err(LinkError::Version {
                 board: version.major,
                 ours: Version::CURRENT.major,
             }));
@@ -258,6 +263,6 @@ fn pump(
         counters.lost_frames += lost;
     }
     if let Some(e) = failure {
-        let _ = messages.send(Err(LinkError::Lost(e.to_string())));
+        messages.put(Err(LinkError::Lost(e.to_string())));
     }
 }

@@ -7,7 +7,7 @@ use crate::imager::{Imager, ImagerError};
 use crate::reconstruct::Method;
 use crate::reconstructor::{FrameResult, Reconstructor, ReconstructorOptions};
 use crate::session::MeasuredFrame;
-use crate::tracker::Tracker;
+use crate::tracker::{Following, Tracker};
 use std::sync::Arc;
 
 /// How a live picture is made.
@@ -59,10 +59,11 @@ pub struct Live {
     baseline: Option<Baseline>,
 }
 
-/// A touch keeps its number while it moves by less than this from frame to frame, as a fraction of the sheet.
+/// A touch keeps its number while it moves by less than this from frame to frame, as a fraction of the sheet; and when it is seen again
+/// so near to where it vanished. Nearer to each other, two touches are seldom told apart.
 const REACH: f64 = 0.1;
-/// Frames that a touch may be missing and keep its number.
-const PATIENCE: u32 = 3;
+/// How long a touch may be gone and keep its number, s: a second tap at the same place within it is the same touch.
+const PATIENCE_S: f64 = 0.5;
 
 impl Live {
     /// Starts with taking the baseline.
@@ -74,7 +75,10 @@ impl Live {
                 Arc::clone(&imager),
                 ReconstructorOptions::for_imager(&imager, options.method),
             ),
-            tracker: Tracker::new(2.0 * REACH * extent, PATIENCE),
+            tracker: Tracker::new(Following {
+                reach_mm: 2.0 * REACH * extent,
+                patience_s: PATIENCE_S,
+            }),
             meter: options.calibration.map(|c| ForceMeter::new(&imager, c)),
             taker: Some(BaselineTaker::new(values, options.baseline_frames)),
             baseline: None,
@@ -138,7 +142,7 @@ impl Live {
             return Ok(LiveFrame::Baseline { left: 0 });
         };
         let result = self.reconstructor.frame(&baseline.values_v, &frame.values_v)?;
-        self.tracker.update(&mut result.touches);
+        self.tracker.update(frame.time_s, &mut result.touches);
         if let Some(meter) = &mut self.meter {
             meter.tell(frame.time_s, &mut result.touches);
         }

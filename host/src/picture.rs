@@ -225,6 +225,8 @@ pub struct Stats {
     pub residual: Option<f32>,
     /// Frames lost since the start: gaps in the numbering and frames that failed their check.
     pub lost_frames: u64,
+    /// Frames received since the start and passed over for newer ones, because the reconstruction was busy.
+    pub skipped_frames: u64,
     /// Where the frames come from: "simulated skin", "/dev/ttyUSB0", a file.
     pub source: String,
     /// What to tell the user now, such as "taking the baseline, do not touch".

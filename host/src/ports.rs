@@ -9,24 +9,67 @@ pub const BAUD: u32 = 1_000_000;
 /// How long a read waits for bytes.
 const READ_WAIT: Duration = Duration::from_millis(20);
 
-/// Serial ports on USB, likeliest first (FTDI's chips, which the board has).
+/// USB's numbers of the adapters that a board may have (docs/board.md), likeliest first: vendor and products.
+const ADAPTERS: [(u16, &[u16]); 3] = [
+    // FTDI: FT232R, FT2232, FT4232, FT232H, FT-X.
+    (0x0403, &[0x6001, 0x6010, 0x6011, 0x6014, 0x6015]),
+    // ST-LINK/V2-1 and V3 with a serial port, as on a Nucleo.
+    (
+        0x0483,
+        &[0x374b, 0x3752, 0x374e, 0x374f, 0x3753, 0x3754, 0x3755, 0x3757],
+    ),
+    // Silicon Labs: CP210x.
+    (0x10c4, &[0xea60, 0xea63, 0xea70, 0xea71]),
+];
+
+/// Serial ports on USB.
+#[derive(Clone, Debug, Default)]
+pub struct Candidates {
+    /// A board may be behind these, likeliest first.
+    pub likely: Vec<String>,
+    /// These are of other devices, which must not be sent anything unless somebody names them; with USB's numbers.
+    pub others: Vec<String>,
+}
+
+impl Candidates {
+    /// What to say of the ports that are not asked, to be added to a sentence.
+    pub fn left_alone(&self) -> String {
+        if self.others.is_empty() {
+            return String::new();
+        }
+        format!("; not asked, as they are of other devices: {}", self.others.join(", "))
+    }
+}
+
+/// The serial ports on USB of this computer.
 ///
 /// # Errors
 /// The system's, when it cannot list its ports.
-pub fn candidates() -> Result<Vec<SerialPortInfo>, serialport::Error> {
+pub fn candidates() -> Result<Candidates, serialport::Error> {
     // Some containers have no such folder, and the listing needs it.
     if cfg!(target_os = "linux") && !std::path::Path::new("/sys/class/tty").exists() {
-        return Ok(Vec::new());
+        return Ok(Candidates::default());
     }
-    let mut ports: Vec<SerialPortInfo> = serialport::available_ports()?
-        .into_iter()
-        .filter(|p| matches!(p.port_type, SerialPortType::UsbPort(_)))
-        .collect();
-    ports.sort_by_key(|p| match &p.port_type {
-        SerialPortType::UsbPort(usb) if usb.vid == 0x0403 => 0,
-        _ => 1,
-    });
-    Ok(ports)
+    Ok(sorted(serialport::available_ports()?))
+}
+
+fn sorted(ports: Vec<SerialPortInfo>) -> Candidates {
+    let mut likely = Vec::new();
+    let mut others = Vec::new();
+    for port in ports {
+        let SerialPortType::UsbPort(usb) = port.port_type else {
+            continue;
+        };
+        match ADAPTERS.iter().position(|(v, p)| *v == usb.vid && p.contains(&usb.pid)) {
+            Some(rank) => likely.push((rank, port.port_name)),
+            None => others.push(format!("{} ({:04x}:{:04x})", port.port_name, usb.vid, usb.pid)),
+        }
+    }
+    likely.sort_by_key(|(rank, _)| *rank);
+    Candidates {
+        likely: likely.into_iter().map(|(_, name)| name).collect(),
+        others,
+    }
 }
 
 /// Opens a port for a [`crate::link::Link`]. Where its DTR and RTS are wired to a board's BOOT0 and reset (see docs/board.md), the
@@ -80,5 +123,41 @@ impl std::io::Write for SerialPort {
 
     fn flush(&mut self) -> std::io::Result<()> {
         self.0.flush()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serialport::UsbPortInfo;
+
+    #[test]
+    fn only_adapters_that_a_board_may_have_are_greeted() {
+        let usb = |name: &str, vid, pid| SerialPortInfo {
+            port_name: name.to_owned(),
+            port_type: SerialPortType::UsbPort(UsbPortInfo {
+                vid,
+                pid,
+                serial_number: None,
+                manufacturer: None,
+                product: None,
+            }),
+        };
+        let found = sorted(vec![
+            usb("cp2102", 0x10c4, 0xea60),
+            usb("arduino", 0x2341, 0x0043),
+            usb("nucleo", 0x0483, 0x374b),
+            usb("a dfu device of the same maker", 0x0483, 0x5740),
+            usb("ft232rl", 0x0403, 0x6001),
+            SerialPortInfo {
+                port_name: "no usb".to_owned(),
+                port_type: SerialPortType::PciPort,
+            },
+        ]);
+        assert_eq!(found.likely, ["ft232rl", "nucleo", "cp2102"]);
+        assert_eq!(
+            found.others,
+            ["arduino (2341:0043)", "a dfu device of the same maker (0483:5740)"]
+        );
     }
 }

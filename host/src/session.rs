@@ -102,6 +102,12 @@ impl Session {
         self.watch.replace(watch);
     }
 
+    /// For pictures that must not lag: [`Session::frame`] passes over frames of which newer ones by more than so many seconds of
+    /// the board's time wait, and takes the newest ([`Link::skip_over`]).
+    pub fn skip_over(&self, lag_s: f64) {
+        self.link.skip_over((lag_s * self.hello.sample_rate()) as u64);
+    }
+
     /// What the board does about its watch, as it last said, and how long ago.
     pub fn watching(&self) -> (Watching, Duration) {
         (self.watching.get(), self.beat.get().elapsed())

@@ -2,9 +2,10 @@
 //!
 //! The format of tests/data: comma-separated, `#` lines are comments, the header names `drive_a, drive_b, sense_a,
 //! sense_b` (electrodes from 1) and then the frames. The current enters at `drive_a`; a value is the potential of
-//! `sense_b` less that of `sense_a`, which makes a homogeneous disc positive. Empty fields and `NaN` are measurements
-//! left out.
+//! `sense_b` less that of `sense_a`, which makes a homogeneous disc positive. Empty fields, `NaN` and
+//! infinite values are measurements left out.
 
+use crate::malformed::FileError;
 use forward::{Measurement, Pair};
 use std::collections::HashMap;
 use std::io::Read;
@@ -15,28 +16,9 @@ use thiserror::Error;
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum TableError {
-    /// The file could not be read.
-    #[error("{file}: {cause}; check the path and the permissions")]
-    Io {
-        /// The file.
-        file: String,
-        /// What the system said.
-        cause: std::io::Error,
-    },
-    /// A line that does not have the form of a table.
-    #[error("{file}:{line}: column {column}: expected {expected}, found {found}")]
-    Malformed {
-        /// The file.
-        file: String,
-        /// Line from 1.
-        line: u64,
-        /// Name of the column, or its number from 1.
-        column: String,
-        /// What should be there.
-        expected: String,
-        /// What is there.
-        found: String,
-    },
+    /// The file cannot be read, or a line does not have the form of a table.
+    #[error(transparent)]
+    File(#[from] FileError),
     /// A frame that the table does not have.
     #[error("{file}: there is no frame named {name}; it has {available}")]
     NoSuchFrame {
@@ -67,6 +49,8 @@ pub struct MeasurementTable {
     pub measurements: Vec<Measurement>,
     /// Number of electrodes: the largest that a row names.
     pub electrodes: usize,
+    /// Values that were infinite; they are left out, as if they were not there.
+    pub infinite: usize,
     /// The frames in the order of the columns.
     pub columns: Vec<Column>,
 }
@@ -86,7 +70,7 @@ impl MeasurementTable {
     /// [`TableError`] with the file, the line, the column and what was expected there.
     pub fn read(path: &Path) -> Result<Self, TableError> {
         let name = path.display().to_string();
-        let file = std::fs::File::open(path).map_err(|cause| TableError::Io {
+        let file = std::fs::File::open(path).map_err(|cause| FileError::Io {
             file: name.clone(),
             cause,
         })?;
@@ -98,15 +82,11 @@ impl MeasurementTable {
     /// # Errors
     /// As for [`MeasurementTable::read`].
     pub fn parse(file: &str, mut text: impl Read) -> Result<Self, TableError> {
-        let malformed = |line: u64, column: &str, expected: &str, found: &str| TableError::Malformed {
-            file: file.to_owned(),
-            line,
-            column: column.to_owned(),
-            expected: expected.to_owned(),
-            found: found.to_owned(),
+        let malformed = |line: u64, column: &str, expected: &str, found: &str| {
+            TableError::from(FileError::malformed(file, line, column, expected, found))
         };
         let mut bytes = Vec::new();
-        text.read_to_end(&mut bytes).map_err(|cause| TableError::Io {
+        text.read_to_end(&mut bytes).map_err(|cause| FileError::Io {
             file: file.to_owned(),
             cause,
         })?;
@@ -158,6 +138,7 @@ impl MeasurementTable {
         let mut measurements = Vec::new();
         let mut electrodes = 0;
         let mut seen = HashMap::new();
+        let mut infinite = 0;
         for (line, record) in records {
             if record.len() != header.len() {
                 return Err(malformed(
@@ -201,10 +182,14 @@ impl MeasurementTable {
                 let text = &record[KEYS.len() + k];
                 let value = match text.parse::<f64>() {
                     _ if text.is_empty() => f64::NAN,
-                    Ok(v) if !v.is_infinite() => v,
+                    Ok(v) if v.is_infinite() => {
+                        infinite += 1;
+                        f64::NAN
+                    }
+                    Ok(v) => v,
                     _ => {
                         let found = format!("'{text}'");
-                        return Err(malformed(line, names[k], "a finite number, nothing or NaN", &found));
+                        return Err(malformed(line, names[k], "a number, nothing or NaN", &found));
                     }
                 };
                 values[field.frame][usize::from(field.imaginary)] = value;
@@ -228,6 +213,7 @@ impl MeasurementTable {
             file: file.to_owned(),
             measurements,
             electrodes,
+            infinite,
             columns,
         })
     }
@@ -315,6 +301,18 @@ mod tests {
     }
 
     #[test]
+    fn what_is_infinite_is_left_out_and_counted() {
+        let head = "drive_a,drive_b,sense_a,sense_b,w_re,w_im,p\n";
+        let with = parse(&format!("{head}1,2,3,4,1,2,inf\n1,2,4,5,-inf,1,1e999\n")).unwrap();
+        let without = parse(&format!("{head}1,2,3,4,1,2,\n1,2,4,5,NaN,1,\n")).unwrap();
+        assert_eq!((with.infinite, without.infinite), (3, 0));
+        for (a, b) in with.columns.iter().zip(&without.columns) {
+            let bits = |v: &[f64]| v.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+            assert_eq!(bits(&a.values), bits(&b.values));
+        }
+    }
+
+    #[test]
     fn what_a_spreadsheet_makes_of_a_table_is_the_same_table() {
         let plain = "# made by hand\ndrive_a,drive_b,sense_a,sense_b,w,p\n1,2,3,4,1,2\n";
         let sheet =
@@ -333,7 +331,6 @@ mod tests {
                 ["t.csv:1", "at least one frame", "nothing"],
             ),
             (format!("{head}1,2,3,4,x\n"), ["t.csv:2", "column v", "'x'"]),
-            (format!("{head}1,2,3,4,inf\n"), ["t.csv:2", "column v", "'inf'"]),
             (
                 format!("{head}1,2,3,4,1\n\n0,2,3,4,1\n"),
                 ["t.csv:4", "column drive_a", "'0'"],

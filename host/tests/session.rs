@@ -252,6 +252,38 @@ fn dropping_a_link_that_nobody_listened_to_stops_the_board() {
 }
 
 #[test]
+fn a_program_that_is_too_slow_takes_the_newest_frame_and_the_port_is_read_all_the_time() {
+    const FRAMES: u32 = 3000;
+    let port = Scripted::default();
+    for sequence in 0..FRAMES {
+        let frame = protocol::Frame {
+            sequence,
+            time: 100 * u64::from(sequence),
+            ..protocol::Frame::default()
+        };
+        port.says
+            .lock()
+            .unwrap()
+            .extend(framed(&protocol::FromBoard::Frame(frame)));
+    }
+    let link = Link::open(Box::new(port)).unwrap();
+    link.skip_over(1000);
+    // The program is busy for as long as all of them take to arrive.
+    while link.counters().frames < u64::from(FRAMES) {
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    let Some(protocol::FromBoard::Frame(frame)) = link.receive(LONG).unwrap() else {
+        panic!("no frame")
+    };
+    assert_eq!(frame.sequence, FRAMES - 1);
+    let counters = link.counters();
+    assert_eq!(
+        (counters.skipped_frames, counters.lost_frames),
+        (u64::from(FRAMES) - 1, 0)
+    );
+}
+
+#[test]
 fn silence_and_another_protocol_are_told_apart() {
     let silent = Session::start(Box::new(Scripted::default()), adjacent_plan)
         .err()

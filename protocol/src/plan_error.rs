@@ -4,7 +4,7 @@ use core::fmt;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
-/// What is wrong with a plan. Slots and electrodes count from 0.
+/// What is wrong with a plan. Slots and electrodes count from 0 in the fields, from 1 in the messages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub enum PlanError {
     /// Nothing to measure.
@@ -92,6 +92,11 @@ pub enum PlanError {
     },
 }
 
+/// As people count.
+fn from_1(index: u8) -> u16 {
+    u16::from(index) + 1
+}
+
 impl fmt::Display for PlanError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {
@@ -104,26 +109,31 @@ impl fmt::Display for PlanError {
             }
             Self::Electrode { slot, electrode, count } => write!(
                 f,
-                "slot {slot} names electrode {electrode}, but there are {count} (0 to {last})",
-                last = count.saturating_sub(1)
+                "slot {} names electrode {}, but there are {count} (1 to {count})",
+                from_1(slot),
+                from_1(electrode)
             ),
             Self::SameElectrode { slot, electrode } => {
                 write!(
                     f,
-                    "slot {slot} drives electrode {electrode} against itself; name two electrodes"
+                    "slot {} drives electrode {} against itself; name two electrodes",
+                    from_1(slot),
+                    from_1(electrode)
                 )
             }
             Self::SenseStep { slot, step, count } => write!(
                 f,
-                "slot {slot} has a sense step of {step}; with {count} electrodes it must be 1 to {last}",
+                "slot {} has a sense step of {step}; with {count} electrodes it must be 1 to {last}",
+                from_1(slot),
                 last = count.saturating_sub(1)
             ),
             Self::NoSense { slot } => {
-                write!(f, "slot {slot} senses nothing; set at least one bit")
+                write!(f, "slot {} senses nothing; set at least one bit", from_1(slot))
             }
             Self::Gain { slot, gain, count } => write!(
                 f,
-                "slot {slot} asks for gain {gain}, but the board has {count} (from 0)"
+                "slot {} asks for gain {gain}, but the board has {count} (from 0)",
+                from_1(slot)
             ),
             Self::Integrate { given, most } => {
                 write!(f, "it integrates {given} periods; the board can do 1 to {most}")

@@ -1,33 +1,15 @@
 //! A press-and-hold: what was pressed and what the sheet showed, over time.
 
+use crate::malformed::FileError;
 use std::path::Path;
 use thiserror::Error;
 
 /// What is wrong with a recording.
 #[derive(Debug, Error)]
 pub enum RecordingError {
-    /// The file cannot be read.
-    #[error("{file}: {cause}; check the path and the permissions")]
-    Io {
-        /// The file.
-        file: String,
-        /// What the system said.
-        cause: std::io::Error,
-    },
-    /// A line that is not one of a recording.
-    #[error("{file}:{line}: column {column}: expected {expected}, found {found}")]
-    Malformed {
-        /// The file.
-        file: String,
-        /// Line from 1.
-        line: u64,
-        /// The column.
-        column: String,
-        /// What should be there.
-        expected: &'static str,
-        /// What is there.
-        found: String,
-    },
+    /// The file cannot be read, or a line is not one of a recording.
+    #[error(transparent)]
+    File(#[from] FileError),
     /// No force in the table.
     #[error("{0}: there is no column force_n; give the force that was held with --force-n")]
     NoForce(String),
@@ -56,8 +38,8 @@ pub struct Sample {
 
 const COLUMNS: [&str; 4] = ["time_s", "rise_mm2", "force_n", "area_mm2"];
 
-/// Reads a recording: CSV with a header; columns `time_s` (rising) and `rise_mm2` (integrated rise; empty: not known),
-/// and where they are known `force_n` and `area_mm2`. Lines that begin with # are comments. Without forces, a force held is given.
+/// Reads a recording: CSV with a header; columns `time_s` (rising) and `rise_mm2` (integrated rise; empty or not finite: not
+/// known), and where they are known `force_n` and `area_mm2`. Lines that begin with # are comments. Without forces, a force held is given.
 ///
 /// # Errors
 /// [`RecordingError`] with the line and the column.
@@ -65,7 +47,7 @@ pub fn read(path: &Path, held_n: Option<f64>) -> Result<Vec<Sample>, RecordingEr
     let file = path.display().to_string();
     match std::fs::read_to_string(path) {
         Ok(text) => parse(&file, &text, held_n),
-        Err(cause) => Err(RecordingError::Io { file, cause }),
+        Err(cause) => Err(FileError::Io { file, cause }.into()),
     }
 }
 
@@ -74,12 +56,8 @@ pub fn read(path: &Path, held_n: Option<f64>) -> Result<Vec<Sample>, RecordingEr
 /// # Errors
 /// As for [`read`].
 pub fn parse(file: &str, text: &str, held_n: Option<f64>) -> Result<Vec<Sample>, RecordingError> {
-    let malformed = |line: u64, column: &str, expected, found: &str| RecordingError::Malformed {
-        file: file.to_owned(),
-        line,
-        column: column.to_owned(),
-        expected,
-        found: found.to_owned(),
+    let malformed = |line: u64, column: &str, expected: &str, found: &str| {
+        RecordingError::from(FileError::malformed(file, line, column, expected, found))
     };
     // Numbers and plain names: nothing is quoted. Spreadsheets begin a file with a byte order mark.
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
@@ -105,6 +83,8 @@ pub fn parse(file: &str, text: &str, held_n: Option<f64>) -> Result<Vec<Sample>,
             };
             match text.parse::<f64>() {
                 Ok(v) if v.is_finite() => Ok(Some(v)),
+                // Not known.
+                Ok(_) if k == 1 || k == 3 => Ok(None),
                 _ if text.is_empty() && (k == 1 || k == 3) => Ok(None),
                 _ => Err(malformed(line, COLUMNS[k], "a finite number", &format!("'{text}'"))),
             }
@@ -209,6 +189,13 @@ mod tests {
         assert!(samples[1].used && !samples[2].used);
         assert_eq!((samples[0].area_mm2, samples[1].area_mm2), (None, Some(490.0)));
         assert_eq!(parse("r.csv", &text(&samples), None).unwrap(), samples);
+        // What is not finite is not known, as what is empty.
+        let with = "time_s,force_n,rise_mm2,area_mm2\n0,0,inf,\n0.03,25,97.5,NaN\n";
+        let without = "time_s,force_n,rise_mm2,area_mm2\n0,0,,\n0.03,25,97.5,\n";
+        assert_eq!(
+            parse("r.csv", with, None).unwrap(),
+            parse("r.csv", without, None).unwrap()
+        );
         for (text, words) in [
             ("# a comment\n\ntime_s,force_n\n", ["r.csv:3", "rise_mm2"]),
             ("time_s,rise_mm2\n0,1\n", ["r.csv", "--force-n"]),

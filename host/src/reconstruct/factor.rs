@@ -127,6 +127,13 @@ impl Factor {
         self.square = f64::NAN;
     }
 
+    /// Leaves nothing of the sum and the factor that is a number.
+    #[cfg(test)]
+    pub(super) fn spoil(&mut self) {
+        self.gram.fill(f64::NAN);
+        self.lower.fill(f64::NAN);
+    }
+
     /// Empties the sum; all of P is pending again.
     pub(super) fn forget(&mut self) {
         self.inside.fill(false);
@@ -164,6 +171,9 @@ impl Factor {
         }
         self.prepared.clear();
         let arch = columns.arch();
+        // Vectors hold more columns than there are: what an earlier set left there would grow without end, solved for again
+        // and again.
+        self.solved.fill(0.0);
         for (k, (j, _)) in self.pending.iter().enumerate() {
             for (row, value) in self.solved.chunks_exact_mut(WIDTH).zip(columns.column(*j)) {
                 row[k] = *value;
@@ -226,4 +236,46 @@ pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
         }
     }
     sums.iter().sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{DMatrix, DVector};
+    use rand::{Rng, SeedableRng, rngs::StdRng};
+
+    /// However the set came about, in however many steps, the solution is that of the set.
+    #[test]
+    fn any_number_of_small_changes_solves_for_the_set() {
+        let mut rng = StdRng::seed_from_u64(4);
+        let (rows, cells, square) = (32, 96, 1e-4);
+        let a = DMatrix::from_fn(rows, cells, |i, _| rng.random_range(-0.1..0.1) * 0.8_f64.powi(i as i32));
+        let columns = Columns::new(&a, 1.0);
+        let mut factor = Factor::new(&columns);
+        for round in 0..4000 {
+            // Now and then more than the formula takes, so that the factor follows; then a few, then the same three for long.
+            let (moves, among) = match round % 1000 {
+                0 => (40, cells),
+                1..500 => (rng.random_range(1..6), cells),
+                _ => (1, 3),
+            };
+            for _ in 0..moves {
+                factor.toggle(rng.random_range(0..among));
+            }
+            assert!(
+                factor.prepare(&columns, square) || factor.prepare(&columns, square),
+                "round {round}"
+            );
+            let right = DVector::from_fn(rows, |_, _| rng.random_range(-1.0..1.0));
+            let mut y = Aligned::zeros(rows);
+            y.copy_from_slice(right.as_slice());
+            factor.solve(&columns, &mut y);
+            let y = DVector::from_column_slice(&y);
+            let mut again = &y * square;
+            for (j, _) in factor.wanted.iter().enumerate().filter(|(_, wanted)| **wanted) {
+                again += a.column(j) * a.column(j).dot(&y);
+            }
+            assert!((again - &right).norm() < 1e-6 * right.norm(), "round {round}");
+        }
+    }
 }

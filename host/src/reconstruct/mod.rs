@@ -21,6 +21,7 @@ mod nnls;
 mod passive;
 mod plain;
 mod problem;
+mod products;
 mod projector;
 mod sides;
 mod stacked;

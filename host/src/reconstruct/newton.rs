@@ -102,6 +102,33 @@ impl Newton {
         tolerance: f64,
         most_steps: usize,
     ) -> Run {
+        let was_warm = self.warm;
+        let run = self.run_from_here(columns, weights, b, square, tolerance, most_steps);
+        if self.is_finite() || !was_warm {
+            self.warm &= self.is_finite();
+            return run;
+        }
+        // No frame is lost, and none after it, to what an earlier one left.
+        self.reset();
+        self.factor.forget();
+        let again = self.run_from_here(columns, weights, b, square, tolerance, most_steps);
+        self.warm &= self.is_finite();
+        again
+    }
+
+    fn is_finite(&self) -> bool {
+        (dot(&self.u, &self.u) + dot(&self.left, &self.left)).is_finite()
+    }
+
+    fn run_from_here(
+        &mut self,
+        columns: &Columns,
+        weights: &[f64],
+        b: &[f64],
+        square: f64,
+        tolerance: f64,
+        most_steps: usize,
+    ) -> Run {
         if !self.warm {
             // Half of the cells pushing is the best guess before anything is known.
             for (u, (b, w)) in self.u.iter_mut().zip(b.iter().zip(weights)) {
@@ -272,5 +299,29 @@ fn relative(off: f64, largest: f64) -> f64 {
         off / largest
     } else {
         f64::INFINITY
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::DMatrix;
+
+    #[test]
+    fn what_an_earlier_frame_spoilt_costs_no_frame() {
+        let a = DMatrix::from_fn(8, 24, |i, j| f64::from((i * 7 + j * 5) as u32 % 11) / 40.0 - 0.1);
+        let columns = Columns::new(&a, 1.0);
+        let (weights, b) = ([1.0; 8], [0.4, -0.1, 0.3, 0.2, 0.5, -0.3, 0.4, 0.1]);
+        let mut newton = Newton::new(&columns);
+        let first = newton.run(&columns, &weights, &b, 1e-3, 1e-10, 50);
+        let expected = newton.g.to_vec();
+        assert!(first.gap <= 1e-10);
+        newton.u[3] = f64::NAN;
+        newton.factor.spoil();
+        let second = newton.run(&columns, &weights, &b, 1e-3, 1e-10, 50);
+        assert!(second.gap <= 1e-10);
+        for (g, e) in newton.g.iter().zip(&expected) {
+            assert!((g - e).abs() < 1e-9);
+        }
     }
 }

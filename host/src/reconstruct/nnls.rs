@@ -221,7 +221,7 @@ impl Workspace {
             }
         } else {
             let run = self.plain.run(&self.columns, &self.unit, options.tolerance);
-            self.plain.write(&self.columns, scale, x);
+            self.plain.write(scale, x);
             (run, self.plain.residual_norm())
         };
         let explained = norm / whole;

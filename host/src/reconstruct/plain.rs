@@ -5,6 +5,7 @@
 //! none of them promises much, and only then all are looked at again. The set of the frame before is the start of the
 //! next.
 
+use super::aligned::Aligned;
 use super::columns::Columns;
 use super::factor::dot;
 use super::newton::Run;
@@ -12,9 +13,9 @@ use super::passive::Passive;
 use pulp::{Simd, WithSimd};
 
 /// Columns kept by a look.
-const CANDIDATES: usize = 64;
+const CANDIDATES: usize = 128;
 /// A candidate enters while its gradient is at least this fraction of the largest at the look.
-const PROMISING: f64 = 0.1;
+const PROMISING: f64 = 0.03;
 /// Entries for each column after which the method gives up.
 const MOST_ENTRIES: usize = 10;
 
@@ -37,17 +38,22 @@ impl WithSimd for Here<'_> {
 
 /// Rounding errors of a gradient, in units of the last place of the right-hand side.
 const ROUNDINGS: f64 = 64.0;
+/// Looks without progress after which rounding is taken to be the limit.
+const MOST_STALLS: usize = 3;
 
 /// The method with its state from solve to solve.
 #[derive(Clone, Debug)]
 pub(super) struct Plain {
     passive: Passive,
-    gradient: Vec<f64>,
-    candidates: Vec<usize>,
-    products: Vec<f64>,
+    gradient: Aligned,
+    /// The gradient of what may still enter, 0 for the rest.
+    outside: Aligned,
+    /// Largest gradient of a column that is no member, or 0.
+    worst_outside: f64,
+    /// Gradient and column, the largest last.
+    candidates: Vec<(f64, usize)>,
     refused: Vec<bool>,
-    inside: Vec<bool>,
-    list: Vec<(usize, f64)>,
+    any_refused: bool,
 }
 
 impl Plain {
@@ -56,12 +62,12 @@ impl Plain {
         let cells = columns.cells();
         Self {
             passive: Passive::new(columns),
-            gradient: vec![0.0; cells],
+            gradient: Aligned::zeros(cells),
+            outside: Aligned::zeros(cells),
+            worst_outside: 0.0,
             candidates: Vec::with_capacity(cells),
-            products: Vec::with_capacity(cells),
             refused: vec![false; cells],
-            inside: vec![false; cells],
-            list: Vec::with_capacity(cells),
+            any_refused: false,
         }
     }
 
@@ -82,10 +88,10 @@ impl Plain {
     }
 
     /// Writes x, times `scale`.
-    pub(super) fn write(&self, columns: &Columns, scale: f64, x: &mut [f64]) {
+    pub(super) fn write(&self, scale: f64, x: &mut [f64]) {
         for (j, value) in self.passive.members().iter().zip(self.passive.values()) {
             if let Some(x) = x.get_mut(*j) {
-                *x = (value / columns.norms()[*j] * scale).clamp(0.0, f64::MAX);
+                *x = (value * self.passive.scales()[*j] * scale).clamp(0.0, f64::MAX);
             }
         }
     }
@@ -103,42 +109,52 @@ impl Plain {
 
     #[inline(always)]
     fn run_here(&mut self, columns: &Columns, b: &[f64], tolerance: f64) -> Run {
-        let mut steps = self.passive.restart(columns, b, &mut self.list);
         self.refused.fill(false);
-        self.inside.fill(false);
-        for j in self.passive.members() {
-            self.inside[*j] = true;
+        self.any_refused = false;
+        if self.passive.is_worn() {
+            self.passive.rebuild(columns);
         }
         let most = MOST_ENTRIES * columns.cells();
+        let mut steps = self.passive.refine(columns, b);
+        let (mut least, mut stalls, mut exact) = (f64::INFINITY, 0, true);
         loop {
-            self.passive.refine(columns, b, &mut self.list);
+            self.passive.update(columns, b);
             let largest = self.look(columns);
-            let gap = self.gap(columns);
-            if self.candidates.is_empty() || largest <= 0.5 * tolerance || steps > most {
+            let (gap, residual) = (self.gap(), self.residual_norm());
+            let optimal = self.candidates.is_empty() || largest <= 0.5 * tolerance;
+            if exact {
+                // Where the steps since then gained nothing, rounding is the limit.
+                stalls = if residual < least { 0 } else { stalls + 1 };
+                least = least.min(residual);
+            }
+            if optimal && gap <= tolerance || stalls >= MOST_STALLS || steps > most {
                 return Run {
                     steps,
                     gap,
                     rounding: ROUNDINGS * f64::EPSILON,
                 };
             }
-            while let Some(j) = self.next(columns, (PROMISING * largest).max(0.5 * tolerance)) {
-                steps += 1;
-                let before = self.residual_norm();
-                let solves = if self.passive.insert(columns, j) {
-                    self.passive.settle(columns, b, &mut self.list)
-                } else {
-                    0
-                };
-                steps += solves;
-                self.inside.fill(false);
-                for j in self.passive.members() {
-                    self.inside[*j] = true;
+            if optimal {
+                // What is left is rounding in the members' values, and if not there, in their factor.
+                if exact {
+                    self.passive.rebuild(columns);
                 }
-                // Nothing gained by rounding: not again before something else has moved.
-                if solves == 0 || self.residual_norm() >= before {
-                    self.refused[j] = true;
+                steps += self.passive.refine(columns, b);
+                exact = true;
+                continue;
+            }
+            exact = false;
+            while let Some((j, gradient)) = self.next(columns, b, (PROMISING * largest).max(0.5 * tolerance)) {
+                steps += 1;
+                if self.passive.enter(columns, b, j, gradient) {
+                    if self.any_refused {
+                        self.refused.fill(false);
+                        self.any_refused = false;
+                    }
                 } else {
-                    self.refused.fill(false);
+                    // Nothing gained: not again before something else has moved.
+                    self.refused[j] = true;
+                    self.any_refused = true;
                 }
                 if steps > most {
                     break;
@@ -147,57 +163,72 @@ impl Plain {
         }
     }
 
-    /// Computes every column's gradient and keeps the best as candidates; returns the largest over its column's norm.
+    /// Computes every column's gradient and keeps the best as candidates, the least first; returns the largest, for columns of norm 1.
     #[inline(always)]
     fn look(&mut self, columns: &Columns) -> f64 {
         columns.dots(self.passive.residual(), &mut self.gradient);
-        self.candidates.clear();
-        let mut largest = 0.0_f64;
-        for (j, (g, norm)) in self.gradient.iter_mut().zip(columns.norms()).enumerate() {
-            *g = if *norm > 0.0 { *g / norm } else { 0.0 };
-            if *g > 0.0 && !self.inside[j] && !self.refused[j] {
-                largest = largest.max(*g);
-                self.candidates.push(j);
+        for (g, scale) in self.gradient.iter_mut().zip(self.passive.scales()) {
+            *g *= scale;
+        }
+        // Members and refused columns are out of the question.
+        self.outside.copy_from_slice(&self.gradient);
+        for j in self.passive.members() {
+            self.outside[*j] = 0.0;
+        }
+        self.worst_outside = self.outside.iter().copied().fold(0.0, f64::max);
+        if self.any_refused {
+            for (g, refused) in self.outside.iter_mut().zip(&self.refused) {
+                if *refused {
+                    *g = 0.0;
+                }
             }
         }
-        let gradient = &self.gradient;
-        self.candidates.retain(|j| gradient[*j] >= PROMISING * largest);
+        let largest = self.outside.iter().copied().fold(0.0, f64::max);
+        self.candidates.clear();
+        let limit = PROMISING * largest;
+        let each = self.outside.iter().enumerate();
+        self.candidates
+            .extend(each.filter(|(_, g)| **g > 0.0 && **g >= limit).map(|(j, g)| (*g, j)));
         if self.candidates.len() > CANDIDATES {
             self.candidates
-                .select_nth_unstable_by(CANDIDATES, |i, j| gradient[*j].total_cmp(&gradient[*i]));
+                .select_nth_unstable_by(CANDIDATES, |p, q| q.0.total_cmp(&p.0));
             self.candidates.truncate(CANDIDATES);
         }
+        self.candidates.sort_unstable_by(|p, q| p.0.total_cmp(&q.0));
         largest
     }
 
-    /// The candidate with the largest gradient now, if that is above a limit.
+    /// The candidate with the largest gradient, if that is above a limit, with the gradient as it is now.
+    ///
+    /// A gradient that was computed earlier stands for the present one until its candidate is the best of all: what enters takes
+    /// from its neighbours, and hardly ever adds to one.
     #[inline(always)]
-    fn next(&mut self, columns: &Columns, limit: f64) -> Option<usize> {
-        let (inside, refused) = (&self.inside, &self.refused);
-        self.candidates.retain(|j| !inside[*j] && !refused[*j]);
-        columns.dots_of(&self.candidates, self.passive.residual(), &mut self.products);
-        let mut best = (limit, None);
-        for (j, product) in self.candidates.iter().zip(&self.products) {
-            let g = product / columns.norms()[*j];
-            if g > best.0 {
-                best = (g, Some(*j));
+    fn next(&mut self, columns: &Columns, b: &[f64], limit: f64) -> Option<(usize, f64)> {
+        while let Some((_, j)) = self.candidates.pop() {
+            let now = self.passive.gradient(columns, b, j);
+            if !(now > limit) {
+                continue;
+            }
+            match self.candidates.last() {
+                Some((other, _)) if now < *other => {
+                    let place = self.candidates.partition_point(|(g, _)| *g < now);
+                    self.candidates.insert(place, (now, j));
+                }
+                _ => return Some((j, now)),
             }
         }
-        best.1
+        None
     }
 
-    /// See [`Plain::run`]; from the gradient of the last look.
+    /// See [`Plain::run`]; from the last look.
     #[inline(always)]
-    fn gap(&self, columns: &Columns) -> f64 {
-        let mut gap = 0.0_f64;
-        for (j, g) in self.gradient.iter().enumerate().take(columns.cells()) {
-            if !self.inside[j] {
-                gap = gap.max(*g);
-            }
+    fn gap(&self) -> f64 {
+        if !self.residual_norm().is_finite() {
+            return f64::INFINITY;
         }
-        for (j, value) in self.passive.members().iter().zip(self.passive.values()) {
-            gap = gap.max(value.min(-self.gradient[*j]).abs());
-        }
-        gap
+        let members = self.passive.members().iter().zip(self.passive.values());
+        members.fold(self.worst_outside, |gap, (j, value)| {
+            gap.max(value.min(-self.gradient[*j]).abs())
+        })
     }
 }

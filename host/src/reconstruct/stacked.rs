@@ -50,7 +50,7 @@ impl Stacked {
             *right = *b;
         }
         let run = self.plain.run(&self.columns, &self.right, tolerance);
-        self.plain.write(&self.columns, scale, x);
+        self.plain.write(scale, x);
         (run, self.plain.residual_norm_of(self.rank))
     }
 }

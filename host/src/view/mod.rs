@@ -10,6 +10,7 @@ pub mod labels;
 pub mod palette;
 pub mod png;
 pub mod sheet;
+pub mod shown;
 pub mod text;
 pub mod web;
 pub mod wire;

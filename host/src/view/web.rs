@@ -2,13 +2,14 @@
 //!
 //! The newest picture wins: publishing replaces what was waiting, and a page is sent a picture only while it has
 //! credit, two pictures that it has not acknowledged yet. A slow page skips pictures and never sees old ones; it slows
-//! down nobody. A picture is encoded when the first page wants it, once for all pages.
+//! down nobody. A page is told only the cells that changed since what it was sent last ([`Shown`]). A picture is encoded
+//! when the first page wants it, once for all pages that saw the same one before.
 
 use std::io;
 use std::net::{Ipv4Addr, SocketAddr, TcpListener};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -16,6 +17,7 @@ use axum::body::Bytes;
 use tokio::sync::watch;
 
 use super::SCALE_FLOOR;
+use super::shown::Shown;
 use super::wire;
 use crate::picture::{Picture, PictureError};
 
@@ -70,27 +72,59 @@ pub struct LiveView {
 struct Shared {
     started: Instant,
     floor: f32,
-    latest: watch::Sender<Option<Arc<Published>>>,
+    latest: watch::Sender<Option<Published>>,
     clients: AtomicUsize,
     encoded: AtomicUsize,
     commands: SyncSender<Command>,
 }
 
-/// A picture that has been published, and its messages once somebody wants them.
+/// The picture published last, and its messages once somebody wants them.
 struct Published {
-    picture: Picture,
+    picture: Arc<Picture>,
+    shown: Shown,
     scene: u32,
     published_ms: f64,
-    frame: OnceLock<Bytes>,
+    /// The frames for pages that saw these pictures last.
+    frames: Mutex<Vec<(u64, Bytes)>>,
 }
 
 impl Published {
-    fn frame(&self, shared: &Shared) -> Bytes {
-        let encode = || {
-            shared.encoded.fetch_add(1, Ordering::Relaxed);
-            wire::encode(&self.picture, self.scene, self.published_ms).into()
-        };
-        self.frame.get_or_init(encode).clone()
+    fn new(picture: Arc<Picture>, scene: u32, published_ms: f64, floor: f32) -> Self {
+        let mut shown = Shown::new(&picture.grid, floor);
+        shown.take(&picture, 1);
+        Self {
+            picture,
+            shown,
+            scene,
+            published_ms,
+            frames: Mutex::default(),
+        }
+    }
+
+    /// Replaces the picture by the next of the same scene.
+    fn replace(&mut self, picture: Arc<Picture>, published_ms: f64) {
+        self.shown.take(&picture, self.shown.number() + 1);
+        self.picture = picture;
+        self.published_ms = published_ms;
+        self.frames.get_mut().unwrap_or_else(PoisonError::into_inner).clear();
+    }
+
+    /// The frame for a page that saw picture `base` of this scene last.
+    fn frame(&self, base: u64, encoded: &AtomicUsize) -> Bytes {
+        let mut frames = self.frames.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, frame)) = frames.iter().find(|(b, _)| *b == base) {
+            return frame.clone();
+        }
+        encoded.fetch_add(1, Ordering::Relaxed);
+        let frame = Bytes::from(wire::encode(
+            &self.picture,
+            &self.shown,
+            self.scene,
+            self.published_ms,
+            base,
+        ));
+        frames.push((base, frame.clone()));
+        frame
     }
 }
 
@@ -161,19 +195,16 @@ impl LiveView {
     ///
     /// # Errors
     /// [`PictureError`] if the picture's parts do not fit together; the one before stays.
-    pub fn publish(&self, picture: Picture) -> Result<(), PictureError> {
+    pub fn publish(&self, picture: impl Into<Arc<Picture>>) -> Result<(), PictureError> {
+        let picture = picture.into();
         picture.check()?;
         let published_ms = self.shared.now_ms();
-        self.shared.latest.send_modify(|latest| {
-            let scene = latest
-                .as_ref()
-                .map_or(1, |l| l.scene + u32::from(!same_scene(&l.picture, &picture)));
-            *latest = Some(Arc::new(Published {
-                picture,
-                scene,
-                published_ms,
-                frame: OnceLock::new(),
-            }));
+        self.shared.latest.send_modify(|latest| match latest {
+            Some(l) if same_scene(&l.picture, &picture) => l.replace(picture, published_ms),
+            l => {
+                let scene = l.as_ref().map_or(1, |l| l.scene + 1);
+                *l = Some(Published::new(picture, scene, published_ms, self.shared.floor));
+            }
         });
         Ok(())
     }

@@ -3,11 +3,12 @@
 //! To the page: a *scene* (JSON text) whenever the sheet or the source changes, and a *frame* (binary) per picture. From
 //! the page: one binary byte for every frame it has taken, and small JSON texts for the rest.
 //!
-//! A frame, little-endian:
+//! A frame tells the cells that changed since the frame that this page was sent before; what is a change, [`Shown`] decides. A
+//! page begins with cells that are all 0. Little-endian:
 //!
 //! | at | type | what |
 //! |---|---|---|
-//! | 0 | 4 bytes | `SKN1` |
+//! | 0 | 4 bytes | `SKN3` |
 //! | 4 | u32 | number of the scene it belongs to |
 //! | 8 | u64 | sequence |
 //! | 16 | f64 | the board's time, s |
@@ -15,23 +16,27 @@
 //! | 32 | f32 | frames per second |
 //! | 36 | f32 | time of the solve, µs; not-a-number if not known |
 //! | 40 | f32 | residual; not-a-number if not known |
-//! | 44 | f32 | the value that 65535 stands for |
+//! | 44 | f32 | the rise that 510 steps stand for: that of the last colour |
 //! | 48 | u64 | lost frames |
-//! | 56 | u32 | n, number of values |
-//! | 60 | u16 | m, number of touches |
-//! | 62 | u16 | s, bytes of the status line |
-//! | 64 | n x u16 | values, then padding to a multiple of 4 |
+//! | 56 | u64 | skipped frames |
+//! | 64 | u64 | number of the picture |
+//! | 72 | u64 | number of the picture that the cells build on: the page's last, 0 in the beginning |
+//! | 80 | u32 | n, bytes of the cells |
+//! | 84 | u16 | m, number of touches |
+//! | 86 | u16 | s, bytes of the status line |
+//! | 88 | n | runs of cells: how many to skip, how many follow, their steps; LEB128, low bits first |
 //! | | m x 24 | touches: u32 id (4294967295 = none), f32 x and y in mm, f32 rise, f32 area in mm², f32 force in N or NaN |
 //! | | s | status line, UTF-8 |
 
 use serde::{Deserialize, Serialize};
 
+use super::shown::Shown;
 use crate::picture::{Picture, Touch};
 
 /// First bytes of a frame; the last one is the version of this format.
-pub const MAGIC: [u8; 4] = *b"SKN2";
+pub const MAGIC: [u8; 4] = *b"SKN3";
 
-const HEADER: usize = 64;
+const HEADER: usize = 88;
 const TOUCH: usize = 24;
 const NO_ID: u32 = u32::MAX;
 
@@ -130,28 +135,81 @@ pub struct Frame {
     pub solve_us: Option<f32>,
     /// Residual, 0..1.
     pub residual: Option<f32>,
+    /// Relative rise of the last colour.
+    pub full: f32,
     /// Lost frames.
     pub lost_frames: u64,
-    /// Relative rise per cell.
-    pub values: Vec<f32>,
+    /// Skipped frames.
+    pub skipped_frames: u64,
+    /// Number of the picture.
+    pub number: u64,
+    /// Number of the picture it builds on.
+    pub base: u64,
+    /// Cells that changed: the first of a run, and the steps from there on.
+    pub runs: Vec<(usize, Vec<u16>)>,
     /// Touches.
     pub touches: Vec<Touch>,
     /// Status line.
     pub status: Option<String>,
 }
 
-/// Writes the frame of a picture. Values are limited to the positive, quantised to 1/65535 of the greatest; values that
-/// are not finite become 0. At most 65535 touches and bytes of status are kept.
-pub fn encode(picture: &Picture, scene: u32, published_ms: f64) -> Vec<u8> {
+/// The cells as a viewer of frames has them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Cells {
+    number: u64,
+    steps: Vec<u16>,
+}
+
+impl Cells {
+    /// Before the first frame of a scene with so many cells.
+    pub fn new(cells: usize) -> Self {
+        Self {
+            number: 0,
+            steps: vec![0; cells],
+        }
+    }
+
+    /// Takes a frame; none, and nothing changed, if it builds on another picture or has cells that are not there.
+    pub fn take(&mut self, frame: &Frame) -> Option<()> {
+        let fits = |(start, steps): &(usize, Vec<u16>)| start + steps.len() <= self.steps.len();
+        if frame.base != self.number || !frame.runs.iter().all(fits) {
+            return None;
+        }
+        self.number = frame.number;
+        for (start, steps) in &frame.runs {
+            self.steps[*start..start + steps.len()].copy_from_slice(steps);
+        }
+        Some(())
+    }
+
+    /// Number of the picture they show.
+    pub fn number(&self) -> u64 {
+        self.number
+    }
+
+    /// Step of every cell.
+    pub fn steps(&self) -> &[u16] {
+        &self.steps
+    }
+}
+
+/// Writes the frame of a picture for a viewer that has seen picture `base` of its scene last (0: none). `shown` has taken the
+/// picture. At most 65535 touches and bytes of status are kept.
+pub fn encode(picture: &Picture, shown: &Shown, scene: u32, published_ms: f64, base: u64) -> Vec<u8> {
     let stats = &picture.stats;
     let status = stats.status.as_deref().unwrap_or_default();
     let status = &status[..status.floor_char_boundary(usize::from(u16::MAX))];
     let touches = &picture.touches[..picture.touches.len().min(usize::from(u16::MAX))];
-    let usable = |v: &f32| if v.is_finite() { v.max(0.0) } else { 0.0 };
-    let full = picture.values.iter().map(usable).fold(0.0, f32::max);
-    let full = if full > 0.0 { full } else { 1.0 };
+    let mut cells = Vec::new();
+    let mut end = 0;
+    for run in shown.changes(base) {
+        write(&mut cells, run.start - end);
+        write(&mut cells, run.steps.len());
+        run.steps.iter().for_each(|s| write(&mut cells, usize::from(*s)));
+        end = run.start + run.steps.len();
+    }
 
-    let mut out = Vec::with_capacity(HEADER + 2 * picture.values.len() + 2 + TOUCH * touches.len() + status.len());
+    let mut out = Vec::with_capacity(HEADER + cells.len() + TOUCH * touches.len() + status.len());
     out.extend(MAGIC);
     out.extend(scene.to_le_bytes());
     out.extend(picture.sequence.to_le_bytes());
@@ -160,16 +218,15 @@ pub fn encode(picture: &Picture, scene: u32, published_ms: f64) -> Vec<u8> {
     out.extend(stats.frames_per_s.to_le_bytes());
     out.extend(stats.solve_us.unwrap_or(f32::NAN).to_le_bytes());
     out.extend(stats.residual.unwrap_or(f32::NAN).to_le_bytes());
-    out.extend(full.to_le_bytes());
+    out.extend(shown.full().to_le_bytes());
     out.extend(stats.lost_frames.to_le_bytes());
-    out.extend((picture.values.len() as u32).to_le_bytes());
+    out.extend(stats.skipped_frames.to_le_bytes());
+    out.extend(shown.number().to_le_bytes());
+    out.extend(base.to_le_bytes());
+    out.extend((cells.len() as u32).to_le_bytes());
     out.extend((touches.len() as u16).to_le_bytes());
     out.extend((status.len() as u16).to_le_bytes());
-    for value in &picture.values {
-        let steps = (usable(value) / full * 65535.0).round() as u16;
-        out.extend(steps.to_le_bytes());
-    }
-    out.resize(out.len().next_multiple_of(4), 0);
+    out.extend(cells);
     for touch in touches {
         out.extend(touch.id.unwrap_or(NO_ID).to_le_bytes());
         let force = touch.force_n.unwrap_or(f64::NAN);
@@ -181,6 +238,15 @@ pub fn encode(picture: &Picture, scene: u32, published_ms: f64) -> Vec<u8> {
     out
 }
 
+/// A number in groups of seven bits, the lowest first; every byte but the last has its highest bit set (LEB128).
+fn write(out: &mut Vec<u8>, mut number: usize) {
+    while number > 0x7f {
+        out.push(number as u8 | 0x80);
+        number >>= 7;
+    }
+    out.push(number as u8);
+}
+
 /// Reads a frame; none if the bytes are not one.
 pub fn decode(bytes: &[u8]) -> Option<Frame> {
     let mut reader = Reader(bytes);
@@ -188,25 +254,24 @@ pub fn decode(bytes: &[u8]) -> Option<Frame> {
         return None;
     }
     let scene = reader.u32()?;
-    let sequence = u64::from_le_bytes(reader.take()?);
+    let sequence = reader.u64()?;
     let time_s = f64::from_le_bytes(reader.take()?);
     let published_ms = f64::from_le_bytes(reader.take()?);
     let (frames_per_s, solve_us, residual, full) = (reader.f32()?, reader.f32()?, reader.f32()?, reader.f32()?);
-    let lost_frames = u64::from_le_bytes(reader.take()?);
+    let (lost_frames, skipped_frames) = (reader.u64()?, reader.u64()?);
+    let (number, base) = (reader.u64()?, reader.u64()?);
     let (n, m, s) = (
         reader.u32()? as usize,
         usize::from(reader.u16()?),
         usize::from(reader.u16()?),
     );
     // Checked before anything of that size is made.
-    if reader.0.len() != (2 * n).next_multiple_of(4) + TOUCH * m + s {
+    if reader.0.len() != n + TOUCH * m + s {
         return None;
     }
-    let value = |r: &mut Reader| Some(f32::from(r.u16()?) / 65535.0 * full);
-    let values = (0..n).map(|_| value(&mut reader)).collect::<Option<Vec<_>>>()?;
-    if n % 2 == 1 {
-        reader.u16()?;
-    }
+    let (cells, rest) = reader.0.split_at_checked(n)?;
+    let runs = read_runs(Reader(cells))?;
+    reader.0 = rest;
     let touch = |r: &mut Reader| {
         let id = Some(r.u32()?).filter(|id| *id != NO_ID);
         let mut number = || r.f32().map(f64::from);
@@ -231,11 +296,31 @@ pub fn decode(bytes: &[u8]) -> Option<Frame> {
         frames_per_s,
         solve_us: known(solve_us),
         residual: known(residual),
+        full,
         lost_frames,
-        values,
+        skipped_frames,
+        number,
+        base,
+        runs,
         touches,
         status: Some(status.to_owned()).filter(|s| !s.is_empty()),
     })
+}
+
+fn read_runs(mut cells: Reader) -> Option<Vec<(usize, Vec<u16>)>> {
+    let (mut runs, mut at) = (Vec::new(), 0_usize);
+    while !cells.0.is_empty() {
+        at = at.checked_add(cells.number()?)?;
+        let count = cells.number()?;
+        // A step takes a byte at least: checked before anything of that size is made.
+        if count > cells.0.len() {
+            return None;
+        }
+        let step = |_| cells.number().and_then(|s| u16::try_from(s).ok());
+        runs.push((at, (0..count).map(step).collect::<Option<Vec<_>>>()?));
+        at += count;
+    }
+    Some(runs)
 }
 
 /// Bytes that have not been read yet.
@@ -248,6 +333,19 @@ impl Reader<'_> {
         Some(*head)
     }
 
+    /// What [`write`] wrote, of at most 28 bits.
+    fn number(&mut self) -> Option<usize> {
+        let mut number = 0;
+        for group in 0..4 {
+            let [byte] = self.take()?;
+            number |= usize::from(byte & 0x7f) << (7 * group);
+            if byte < 0x80 {
+                return Some(number);
+            }
+        }
+        None
+    }
+
     fn u16(&mut self) -> Option<u16> {
         self.take().map(u16::from_le_bytes)
     }
@@ -256,117 +354,15 @@ impl Reader<'_> {
         self.take().map(u32::from_le_bytes)
     }
 
+    fn u64(&mut self) -> Option<u64> {
+        self.take().map(u64::from_le_bytes)
+    }
+
     fn f32(&mut self) -> Option<f32> {
         self.take().map(f32::from_le_bytes)
     }
 }
 
 #[cfg(test)]
-pub(super) mod tests {
-    use std::sync::Arc;
-
-    use super::*;
-    use crate::picture::{Grid, Stats, circle_mm};
-
-    /// A disc with two touches, an odd number of cells, and a status line.
-    pub(crate) fn picture(sequence: u64) -> Picture {
-        let outline = circle_mm(97.5, 90);
-        let grid = Grid::cover(&outline, 5.0).unwrap();
-        let values = (0..grid.len()).map(|k| 0.3 * (k % 7) as f32 / 6.0).collect();
-        let touch = |id, x_mm, y_mm| Touch {
-            id,
-            x_mm,
-            y_mm,
-            rise: 0.25,
-            area_mm2: 490.5,
-            ..Touch::default()
-        };
-        Picture {
-            sequence,
-            time_s: 12.5,
-            grid: Arc::new(grid),
-            outline_mm: Arc::new(outline),
-            electrodes_mm: Arc::new(circle_mm(97.5, 16)),
-            values,
-            touches: vec![touch(Some(3), 12.5, -40.0), touch(None, -1.0, 2.0)],
-            stats: Stats {
-                frames_per_s: 115.0,
-                solve_us: Some(420.0),
-                residual: None,
-                lost_frames: 5_000_000_000,
-                source: "simulated skin".into(),
-                status: Some("taking the baseline, do not touch · 3 s".into()),
-            },
-        }
-    }
-
-    #[test]
-    fn a_frame_comes_back_as_it_was() {
-        let mut p = picture(u64::from(u32::MAX) + 9);
-        for keep in [p.values.len(), p.values.len() - 1, 1, 0] {
-            p.values.truncate(keep);
-            let frame = decode(&encode(&p, 4, 99.5)).unwrap();
-            assert_eq!(
-                (frame.scene, frame.sequence, frame.time_s, frame.published_ms),
-                (4, p.sequence, 12.5, 99.5)
-            );
-            assert_eq!(
-                (frame.frames_per_s, frame.solve_us, frame.residual),
-                (115.0, Some(420.0), None)
-            );
-            assert_eq!((frame.lost_frames, &frame.touches), (5_000_000_000, &p.touches));
-            assert_eq!(frame.status, p.stats.status);
-            assert_eq!(frame.values.len(), keep);
-            let error = frame
-                .values
-                .iter()
-                .zip(&p.values)
-                .map(|(a, b)| (a - b).abs())
-                .fold(0.0, f32::max);
-            assert!(error <= 0.3 / 65535.0, "{error}");
-        }
-    }
-
-    #[test]
-    fn what_cannot_be_shown_becomes_nothing() {
-        let mut p = picture(0);
-        p.values = vec![f32::NAN, f32::INFINITY, -1.0, 0.5];
-        assert_eq!(decode(&encode(&p, 0, 0.0)).unwrap().values, [0.0, 0.0, 0.0, 0.5]);
-        p.values = vec![0.0; 3];
-        p.stats.status = Some("é".repeat(40_000));
-        let frame = decode(&encode(&p, 0, 0.0)).unwrap();
-        assert_eq!(frame.values, [0.0; 3]);
-        assert_eq!(frame.status.map(|s| s.len()), Some(65_534));
-    }
-
-    #[test]
-    fn damaged_frames_are_refused() {
-        let bytes = encode(&picture(1), 0, 0.0);
-        for cut in 0..bytes.len() {
-            assert_eq!(decode(&bytes[..cut]), None, "{cut}");
-        }
-        let mut other = bytes.clone();
-        other[3] = b'1';
-        assert_eq!(decode(&other), None);
-        let mut many = bytes;
-        many[56..60].fill(0xff);
-        assert_eq!(decode(&many), None);
-    }
-
-    #[test]
-    fn a_frame_is_small() {
-        // 1,184 cells of 5 mm: two bytes each and little more.
-        assert!(encode(&picture(1), 0, 0.0).len() < 2_600);
-    }
-
-    #[test]
-    fn requests_of_the_page_are_read() {
-        let read = |text| serde_json::from_str::<Request>(text).ok();
-        assert_eq!(read(r#"{"kind":"tare"}"#), Some(Request::Tare));
-        assert_eq!(
-            read(r#"{"kind":"clock","page_ms":3.5}"#),
-            Some(Request::Clock { page_ms: 3.5 })
-        );
-        assert_eq!(read(r#"{"kind":"flash"}"#), None);
-    }
-}
+#[path = "wire_tests.rs"]
+pub(super) mod tests;

@@ -11,7 +11,7 @@ use protocol::Hello;
 /// The board's port, on the command line.
 #[derive(Debug, Args)]
 pub(crate) struct Choice {
-    /// Serial port of the board [default: the first on USB that answers].
+    /// Serial port of the board [default: the first on USB that may be one and answers].
     #[arg(long, value_name = "PORT", global = true)]
     port: Option<String>,
     /// The simulated skin.
@@ -48,17 +48,34 @@ impl Choice {
         if let Some(path) = &self.port {
             return greeted(ports::open(path).map_err(|e| anyhow!(e))?, path).with_context(|| path.clone());
         }
-        let candidates = ports::candidates().context("the serial ports cannot be listed")?;
-        for candidate in &candidates {
-            let path = &candidate.port_name;
-            match ports::open(path)
-                .map_err(|e| anyhow!(e))
-                .and_then(|port| greeted(port, path))
-            {
-                Ok(found) => return Ok(found),
-                Err(e) => eprintln!("{path}: {e:#}"),
+        match first(greeted)? {
+            Ok(found) => Ok(found),
+            Err(why) => {
+                bail!("no board found ({why}); name its port with --port, or ask the simulated skin with --simulate")
             }
         }
-        bail!("no board found; name its port with --port, or ask the simulated skin with --simulate")
     }
+}
+
+/// What `start` makes of the first port that a board may be behind and that answers as one; or why there is none. No other device is
+/// sent anything.
+///
+/// # Errors
+/// The ports cannot be listed.
+pub(crate) fn first<T>(start: impl Fn(Box<dyn Port>, &str) -> Result<T>) -> Result<Result<T, String>> {
+    let candidates = ports::candidates().context("the serial ports cannot be listed")?;
+    for path in &candidates.likely {
+        match ports::open(path)
+            .map_err(|e| anyhow!(e))
+            .and_then(|port| start(port, path))
+        {
+            Ok(found) => return Ok(Ok(found)),
+            Err(e) => eprintln!("{path}: {e:#}"),
+        }
+    }
+    let why = match candidates.likely.len() {
+        0 => "there is no serial port on USB as a board has".to_owned(),
+        n => format!("none of {n} serial ports on USB answered as one"),
+    };
+    Ok(Err(why + &candidates.left_alone()))
 }

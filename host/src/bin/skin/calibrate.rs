@@ -1,7 +1,7 @@
 //! `skin calibrate`: the rubber's parameters from a press-and-hold.
 
 use super::simulated::SimulatedRig;
-use super::{run, scene, sheet};
+use super::{number, run, scene, sheet};
 use ::forward::{Drive, Sheet};
 use anyhow::{Context, Result, anyhow, bail};
 use clap::{ArgGroup, Args};
@@ -37,10 +37,10 @@ pub(crate) struct Arguments {
     #[arg(long, group = "source", value_name = "FILE")]
     scene: Option<PathBuf>,
     /// The force that is held, N [default: the table's forces; simulated: 25].
-    #[arg(long, allow_negative_numbers = true, value_name = "N", value_parser = newtons)]
+    #[arg(long, allow_negative_numbers = true, value_name = "N", value_parser = number::positive("a force in newtons above 0"))]
     force_n: Option<f64>,
     /// How long to record after the baseline, s; a scene has its own length.
-    #[arg(long, allow_negative_numbers = true, default_value_t = 45.0, value_name = "S", value_parser = seconds)]
+    #[arg(long, allow_negative_numbers = true, default_value_t = 45.0, value_name = "S", value_parser = number::positive("a time in seconds above 0"))]
     seconds: f64,
     /// Fit the exponent of the resistivity too; it takes a recording of more than one force.
     #[arg(long)]
@@ -60,21 +60,6 @@ pub(crate) struct Arguments {
     /// One JSON object on stdout.
     #[arg(long)]
     json: bool,
-}
-
-fn newtons(text: &str) -> Result<f64, String> {
-    positive(text, "a force in newtons above 0")
-}
-
-fn seconds(text: &str) -> Result<f64, String> {
-    positive(text, "a time in seconds above 0")
-}
-
-fn positive(text: &str, wanted: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(v) if v.is_finite() && v > 0.0 => Ok(v),
-        _ => Err(format!("give {wanted}")),
-    }
 }
 
 #[derive(Serialize)]

@@ -95,16 +95,16 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
 
 fn only_port() -> Result<String> {
     let candidates = ports::candidates().context("the serial ports cannot be listed")?;
-    match &candidates[..] {
-        [] => bail!("there is no serial port on USB: plug the board in, or name its port with --port"),
-        [one] => Ok(one.port_name.clone()),
-        several => {
-            let names: Vec<&str> = several.iter().map(|p| p.port_name.as_str()).collect();
-            bail!(
-                "there are several serial ports ({}): name the board's with --port",
-                names.join(", ")
-            )
-        }
+    match &candidates.likely[..] {
+        [] => bail!(
+            "there is no serial port on USB as a board has{}: plug the board in, or name its port with --port",
+            candidates.left_alone()
+        ),
+        [one] => Ok(one.clone()),
+        several => bail!(
+            "there are several serial ports ({}): name the board's with --port",
+            several.join(", ")
+        ),
     }
 }
 

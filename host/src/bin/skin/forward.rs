@@ -1,7 +1,7 @@
 //! `skin forward`: what a touched sheet gives, as a table.
 
 use super::reconstruct::DriveKind;
-use super::sheet;
+use super::{Usage, number, sheet};
 use ::forward::field::conductivity_of_discs;
 use ::forward::{DiscTouch, Drive, Model, ModelOptions, Pattern, Place, Sheet, Solver};
 use anyhow::{Result, bail};
@@ -24,17 +24,17 @@ pub(crate) struct Arguments {
     /// How the sheet is driven.
     #[arg(long, value_enum, default_value_t = DriveKind::Voltage)]
     drive: DriveKind,
-    /// Amplitude of the voltage source, V.
-    #[arg(long, default_value_t = 2.25, allow_negative_numbers = true, value_name = "V")]
-    amplitude_v: f64,
-    /// Resistance of each of the two closed switches, ohm.
-    #[arg(long, default_value_t = 70.0, allow_negative_numbers = true, value_name = "R")]
-    switch_ohm: f64,
+    /// Amplitude of the voltage source, V [default: 2.25].
+    #[arg(long, allow_negative_numbers = true, value_name = "V", value_parser = number::positive("an amplitude in volts above 0"))]
+    amplitude_v: Option<f64>,
+    /// Resistance of each of the two closed switches, ohm [default: 70].
+    #[arg(long, allow_negative_numbers = true, value_name = "R", value_parser = number::allowed("a resistance in ohm, 0 or more", |v| v >= 0.0))]
+    switch_ohm: Option<f64>,
     /// Contact impedance of every electrode, as mm of sheet [default: the sheet's own, 1].
-    #[arg(long, allow_negative_numbers = true, value_name = "L")]
+    #[arg(long, allow_negative_numbers = true, value_name = "L", value_parser = number::positive("a length in mm above 0"))]
     contact_mm: Option<f64>,
     /// Width of every electrode on the rim, mm [default: the sheet's own, 10].
-    #[arg(long, allow_negative_numbers = true, value_name = "W")]
+    #[arg(long, allow_negative_numbers = true, value_name = "W", value_parser = number::positive("a length in mm above 0"))]
     electrode_mm: Option<f64>,
     /// Only the table, without the comment lines before it.
     #[arg(long)]
@@ -100,22 +100,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
             *width_mm = width;
         }
     }
-    let drive = match arguments.drive {
-        DriveKind::Voltage => {
-            let (amplitude_v, switch_ohm) = (arguments.amplitude_v, arguments.switch_ohm);
-            if !(amplitude_v.is_finite() && switch_ohm.is_finite() && switch_ohm >= 0.0) {
-                bail!(
-                    "--amplitude-v {amplitude_v} --switch-ohm {switch_ohm}: give finite numbers, the resistance 0 or more"
-                );
-            }
-            Drive::Voltage {
-                amplitude_v,
-                switch_ohm,
-            }
-        }
-        DriveKind::Current => Drive::Current { amplitude_a: 1.0 },
-    };
+    let drive = drive(arguments)?;
     let touches: Vec<DiscTouch> = arguments.touch.iter().map(|t| t.0).collect();
+    look_for_touches_off(&sheet, &touches)?;
     let frame = simulate(&sheet, &pattern, drive, &touches)?;
 
     let mut out = std::io::stdout().lock();
@@ -156,6 +143,50 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     for (m, value) in pattern.measurements().iter().zip(&frame) {
         let [da, db, sa, sb] = [m.drive.plus, m.drive.minus, m.sense.minus, m.sense.plus].map(|e| e + 1);
         writeln!(out, "{da},{db},{sa},{sb},{value:.9e}")?;
+    }
+    Ok(())
+}
+
+fn drive(arguments: &Arguments) -> Result<Drive> {
+    let Drive::Voltage {
+        amplitude_v,
+        switch_ohm,
+    } = Drive::PAPER
+    else {
+        bail!("the paper's drive is a voltage");
+    };
+    let given = [
+        ("--amplitude-v", arguments.amplitude_v),
+        ("--switch-ohm", arguments.switch_ohm),
+    ];
+    match (arguments.drive, given.iter().find(|(_, v)| v.is_some())) {
+        (DriveKind::Current, Some((option, _))) => {
+            let text = format!(
+                "{option} is for --drive voltage; a current is the same whatever the switches, and its table is in ohm. Leave it out"
+            );
+            Err(Usage(text).into())
+        }
+        (DriveKind::Current, None) => Ok(Drive::Current { amplitude_a: 1.0 }),
+        (DriveKind::Voltage, _) => Ok(Drive::Voltage {
+            amplitude_v: arguments.amplitude_v.unwrap_or(amplitude_v),
+            switch_ohm: arguments.switch_ohm.unwrap_or(switch_ohm),
+        }),
+    }
+}
+
+/// Warns of touches that change nothing.
+fn look_for_touches_off(sheet: &Sheet, touches: &[DiscTouch]) -> Result<()> {
+    let geometry = ::forward::Geometry::new(sheet)?;
+    for (k, t) in touches.iter().enumerate() {
+        if !geometry.reaches(t.centre_mm, t.radius_mm) {
+            let [x, y] = t.centre_mm;
+            eprintln!(
+                "warning: touch {} at ({x}, {y}) mm with a radius of {} mm is off the sheet and changes nothing; {}",
+                k + 1,
+                t.radius_mm,
+                sheet::extent(&geometry)
+            );
+        }
     }
     Ok(())
 }

@@ -73,7 +73,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
             );
             println!("            {}", if failed.is_empty() { "passed" } else { "FAILED:" });
             for (_, name, what) in &failed {
-                println!("            {name}: {what}{}", suspects(name, test.suspect));
+                println!(
+                    "            {name}: {what}{}",
+                    suspects(name, test.suspect, hello.electrodes)
+                );
             }
         }
     }
@@ -83,12 +86,16 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
-fn suspects(name: &str, bits: u32) -> String {
+fn suspects(name: &str, bits: u32, electrodes: u8) -> String {
     if name != "electrodes" {
         return String::new();
     }
-    let pairs: Vec<String> = (0..32).filter(|m| bits >> m & 1 == 1).map(|m| m.to_string()).collect();
-    format!(" (drive pairs {})", pairs.join(", "))
+    // Pair m is of electrodes m and m + 1 from 0, and the last one closes the ring; people count from 1.
+    let pairs: Vec<String> = (0..32)
+        .filter(|m| bits >> m & 1 == 1)
+        .map(|m| format!("{}-{}", m + 1, (m + 1) % u32::from(electrodes.max(1)) + 1))
+        .collect();
+    format!(" (between {})", pairs.join(", "))
 }
 
 fn self_test(link: &Link) -> Result<SelfTest> {

@@ -10,6 +10,7 @@ mod flash;
 mod forward;
 mod hello;
 mod method;
+mod number;
 mod paper;
 mod plan;
 mod reconstruct;
@@ -92,10 +93,16 @@ fn main() -> ExitCode {
         Err(error) if broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("skin: {error:#}");
-            ExitCode::FAILURE
+            let usage = error.downcast_ref::<Usage>().is_some();
+            ExitCode::from(if usage { 2 } else { 1 })
         }
     }
 }
+
+/// Options that make no sense together.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+struct Usage(String);
 
 fn broken_pipe(error: &anyhow::Error) -> bool {
     error.chain().any(|cause| {

@@ -1,5 +1,6 @@
 //! `skin reconstruct`: frames of a table to touches and pictures.
 
+use super::number;
 use ::forward::file::MOST_ELECTRODES;
 use ::forward::{Drive, Electrode, Outline, Pattern, Place, Sheet};
 use anyhow::{Context, Result, bail};
@@ -39,10 +40,10 @@ pub(crate) struct Arguments {
     #[arg(long, value_enum, default_value_t = DriveKind::Voltage)]
     drive: DriveKind,
     /// Diameter of the sheet, mm.
-    #[arg(long, default_value_t = 195.0, value_name = "MM")]
+    #[arg(long, default_value_t = 195.0, allow_negative_numbers = true, value_name = "MM", value_parser = length())]
     diameter_mm: f64,
     /// Angle of electrode 1, degrees counter-clockwise from +x.
-    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true, value_name = "DEGREES")]
+    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true, value_name = "DEGREES", value_parser = number::allowed("an angle in degrees", |_| true))]
     first_electrode_deg: f64,
     /// The electrodes are numbered clockwise.
     #[arg(long)]
@@ -54,10 +55,10 @@ pub(crate) struct Arguments {
     #[arg(long)]
     trust_electrodes: bool,
     /// Width of an electrode, mm [default: 10 mm on a 195 mm disc, in proportion].
-    #[arg(long, value_name = "MM")]
+    #[arg(long, allow_negative_numbers = true, value_name = "MM", value_parser = length())]
     electrode_mm: Option<f64>,
     /// Side of the picture's cells, mm [default: 5 mm on a 195 mm disc, in proportion; 20 mm for lawson-hanson].
-    #[arg(long, allow_negative_numbers = true, value_name = "MM")]
+    #[arg(long, allow_negative_numbers = true, value_name = "MM", value_parser = length())]
     cell_mm: Option<f64>,
     /// How the picture is computed.
     #[arg(long, value_parser = super::method::parser(), default_value_t = Method::Nnls)]
@@ -73,18 +74,15 @@ pub(crate) struct Arguments {
     #[arg(long, requires = "frame_s", value_name = "FILE")]
     calibration: Option<PathBuf>,
     /// Time from one frame to the next, s.
-    #[arg(long, requires = "calibration", value_name = "S", value_parser = interval)]
+    #[arg(long, requires = "calibration", value_name = "S", value_parser = number::positive("a time in seconds above 0"))]
     frame_s: Option<f64>,
     /// One JSON object a line.
     #[arg(long)]
     json: bool,
 }
 
-fn interval(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(v) if v.is_finite() && v > 0.0 => Ok(v),
-        _ => Err("give a time in seconds above 0".to_owned()),
-    }
+fn length() -> impl Fn(&str) -> Result<f64, String> + Clone {
+    number::positive("a length in mm above 0")
 }
 
 #[derive(Serialize)]
@@ -182,6 +180,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         .map(calibration_file::read)
         .transpose()?;
     let table = MeasurementTable::read(&arguments.file)?;
+    if table.infinite > 0 {
+        eprintln!(
+            "warning: {}: {} values are infinite and are left out, as missing ones are",
+            arguments.file.display(),
+            table.infinite
+        );
+    }
     let baselines = arguments
         .baseline
         .iter()

@@ -1,6 +1,6 @@
 //! `skin run`, and `skin` alone: live pictures of the board, or of the simulated skin when there is no board.
 
-use super::{plan, scene, sheet};
+use super::{board, plan, scene, sheet};
 use ::forward::{Drive, Geometry, Sheet};
 use anyhow::{Context, Result, anyhow, bail};
 use clap::Args;
@@ -8,8 +8,8 @@ use clap::builder::RangedU64ValueParser;
 use hil_sim::{Pace, SceneFile, SimPort};
 use host::creep::file as calibration_file;
 use host::doubt::Doubt;
-use host::imager::Imager;
-use host::link::Port;
+use host::imager::{Imager, Surface};
+use host::link::{LinkCounters, Port};
 use host::live::{Live, LiveFrame, LiveOptions};
 use host::picture::{Picture, Stats, Touch};
 use host::plans::PlanName;
@@ -32,7 +32,8 @@ use std::time::{Duration, Instant};
 /// Arguments of `skin run`.
 #[derive(Debug, Args)]
 pub(crate) struct Arguments {
-    /// Serial port of the board, such as /dev/ttyUSB0 [default: the first that answers, else the simulated skin].
+    /// Serial port of the board, such as /dev/ttyUSB0 [default: the first on USB that may be one and answers, else the simulated
+    /// skin].
     #[arg(long, value_name = "PORT")]
     port: Option<String>,
     /// The simulated skin, whether there is a board or not.
@@ -83,11 +84,16 @@ struct Line<'a> {
     gap: f64,
     solve_us: f64,
     lost_frames: u64,
+    /// Passed over so far for newer ones.
+    skipped_frames: u64,
     /// What speaks against the touches.
     #[serde(skip_serializing_if = "Option::is_none")]
     doubt: Option<Doubt>,
 }
 
+/// A frame that is older than others that wait by so much is not shown any more, s of the board's time: more than an adapter holds
+/// back and hands over at once (16 ms), less than the eye sees.
+const LAG_S: f64 = 0.05;
 /// A doubt that lasts is said again after so long.
 const SAID_AGAIN: Duration = Duration::from_secs(10);
 /// A board that says nothing for so long is gone.
@@ -123,20 +129,10 @@ fn connect(arguments: &Arguments, sheet: &Sheet, scene: Option<&SceneFile>) -> R
         return Ok((session, path.clone()));
     }
     if !arguments.simulate {
-        let candidates = ports::candidates().context("the serial ports cannot be listed")?;
-        for candidate in &candidates {
-            let path = &candidate.port_name;
-            match ports::open(path)
-                .map_err(|e| anyhow!(e))
-                .and_then(|port| Ok(Session::start(port, choose)?))
-            {
-                Ok(session) => return Ok((session, path.clone())),
-                Err(e) => eprintln!("{path}: {e:#}"),
-            }
-        }
-        let why = match candidates.len() {
-            0 => "there is no serial port on USB".to_owned(),
-            n => format!("none of {n} serial ports on USB answered as one"),
+        let started = board::first(|port, path| Ok((Session::start(port, choose)?, path.to_owned())))?;
+        let why = match started {
+            Ok(found) => return Ok(found),
+            Err(why) => why,
         };
         eprintln!("no board found ({why}): showing the simulated skin; name a port with --port if there is one");
     }
@@ -150,10 +146,14 @@ fn connect(arguments: &Arguments, sheet: &Sheet, scene: Option<&SceneFile>) -> R
 struct Output {
     page: Option<LiveView>,
     json: bool,
-    last: Option<Picture>,
+    last: Option<Arc<Picture>>,
+    /// Of the imager that it was asked of.
+    surface: Option<(Arc<Imager>, Surface)>,
     source: String,
     times: VecDeque<f64>,
-    status_at: Instant,
+    /// The line on the terminal, and since when.
+    said: String,
+    said_at: Instant,
 }
 
 /// Runs the command.
@@ -198,13 +198,22 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         page: if arguments.json { None } else { Some(page(arguments)?) },
         json: arguments.json,
         last: None,
+        surface: None,
         source,
         times: VecDeque::new(),
-        status_at: Instant::now(),
+        said: String::new(),
+        said_at: Instant::now(),
     };
+    session.skip_over(LAG_S);
     let outcome = pump(arguments, &session, &mut live, &mut output, &stop);
     let counters = session.link().counters();
     tracing::info!("{counters:?}");
+    if counters.skipped_frames > 0 {
+        eprintln!(
+            "{} of {} frames were passed over for newer ones, because this machine was busy",
+            counters.skipped_frames, counters.frames
+        );
+    }
     let written = match (&arguments.png, &output.last) {
         (None, _) => Ok(()),
         (Some(path), Some(picture)) => {
@@ -288,9 +297,15 @@ fn pump(
             if matches!(watching, Watching::Asleep | Watching::Learning)
                 && let Some(last) = &last
             {
-                let lost = session.link().counters().lost_frames;
+                let counters = session.link().counters();
                 let status = Some("nothing touches: the board watches".to_owned());
-                output.show(live.imager(), &FrameResult::nothing(live.imager()), last, lost, status)?;
+                output.show(
+                    live.imager(),
+                    &FrameResult::nothing(live.imager()),
+                    last,
+                    counters,
+                    status,
+                )?;
             }
             if heard.elapsed() > SILENCE && said > SILENCE {
                 bail!(
@@ -304,7 +319,7 @@ fn pump(
         if watch.is_some() {
             last = Some(frame.clone());
         }
-        let lost = session.link().counters().lost_frames;
+        let counters = session.link().counters();
         let imager = Arc::clone(live.imager());
         if let (1, Some(watch)) = (wanted, &watch) {
             // The last one. What follows here takes a while: the board learns its own baseline meanwhile.
@@ -321,7 +336,7 @@ fn pump(
                     live.imager(),
                     &FrameResult::nothing(live.imager()),
                     &frame,
-                    lost,
+                    counters,
                     status,
                 )?;
             }
@@ -334,7 +349,7 @@ fn pump(
                         said = Some((kind, Instant::now()));
                     }
                 }
-                output.show(&imager, result, &frame, lost, result.doubt.map(|d| d.to_string()))?;
+                output.show(&imager, result, &frame, counters, result.doubt.map(|d| d.to_string()))?;
                 if output.json {
                     let mut out = std::io::stdout().lock();
                     let line = Line {
@@ -344,7 +359,8 @@ fn pump(
                         residual: result.residual,
                         gap: result.gap,
                         solve_us: result.solve_us,
-                        lost_frames: lost,
+                        lost_frames: counters.lost_frames,
+                        skipped_frames: counters.skipped_frames,
                         doubt: result.doubt,
                     };
                     serde_json::to_writer(&mut out, &line)?;
@@ -364,10 +380,10 @@ const REDRAW_S: f64 = 0.25;
 impl Output {
     fn show(
         &mut self,
-        imager: &Imager,
+        imager: &Arc<Imager>,
         result: &FrameResult,
         frame: &session::MeasuredFrame,
-        lost_frames: u64,
+        counters: LinkCounters,
         status: Option<String>,
     ) -> Result<()> {
         if self.times.back().is_some_and(|last| frame.time_s < *last) {
@@ -387,7 +403,8 @@ impl Output {
             },
             solve_us: result.changed.then_some(result.solve_us as f32),
             residual: result.changed.then_some(result.residual as f32),
-            lost_frames,
+            lost_frames: counters.lost_frames,
+            skipped_frames: counters.skipped_frames,
             source: self.source.clone(),
             status,
         };
@@ -401,22 +418,27 @@ impl Output {
         {
             return Ok(());
         }
-        let mut picture = imager.picture(result, frame.sequence.into(), frame.time_s, stats)?;
+        let surface = match &self.surface {
+            Some((of, surface)) if Arc::ptr_eq(of, imager) => surface,
+            _ => &self.surface.insert((Arc::clone(imager), imager.surface()?)).1,
+        };
+        let mut picture = surface.picture(result, frame.sequence.into(), frame.time_s, stats);
         // A dent that somebody left is in the picture, but it is no touch.
         picture.touches.retain(Touch::is_pressed);
+        let picture = Arc::new(picture);
         if let Some(page) = &self.page {
-            page.publish(picture.clone())?;
+            page.publish(Arc::clone(&picture))?;
         }
         self.last = Some(picture);
         Ok(())
     }
 
-    /// A line on the terminal, twice a second.
+    /// A line on the terminal, written anew at most twice a second, when it says something else.
     fn status(&mut self, result: &FrameResult) {
-        if !std::io::stderr().is_terminal() || self.status_at.elapsed() < Duration::from_millis(500) {
+        if !std::io::stderr().is_terminal() || self.said_at.elapsed() < Duration::from_millis(500) {
             return;
         }
-        self.status_at = Instant::now();
+        self.said_at = Instant::now();
         let list: Vec<String> = result
             .touches
             .iter()
@@ -431,6 +453,9 @@ impl Output {
         } else {
             list.join("   ")
         };
-        eprint!("\r\x1b[K{text}");
+        if text != self.said {
+            eprint!("\r\x1b[K{text}");
+            self.said = text;
+        }
     }
 }

@@ -1,7 +1,7 @@
 //! `skin settings`: what a board is set to and keeps.
 
 use super::board::{Choice, Connected};
-use super::plan;
+use super::{number, plan};
 use anyhow::{Result, bail};
 use clap::builder::RangedU64ValueParser;
 use clap::{ArgGroup, Args, Subcommand, ValueEnum};
@@ -48,7 +48,7 @@ struct Set {
     watch: Option<WatchName>,
     /// The watch wakes the board when the mean square of the changes is so many times their noise's [default: the watch's
     /// own: 6.25 for paper, 9 for sequential].
-    #[arg(long, value_name = "TIMES", requires = "watch")]
+    #[arg(long, value_name = "TIMES", requires = "watch", allow_negative_numbers = true, value_parser = threshold())]
     threshold: Option<f64>,
     /// The board starts by itself at power-up.
     #[arg(long, value_name = "ON", group = "something")]
@@ -150,14 +150,16 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
+/// 256ths in 16 bits.
+fn threshold() -> impl Fn(&str) -> Result<f64, String> + Clone {
+    let wanted = "1 to 255; at 1 the noise alone wakes the board";
+    number::allowed(wanted, |times| (1.0..=255.0).contains(&times))
+}
+
 impl Set {
     fn change(&self, board: &Hello) -> Result<Change> {
         let mut watch = self.watch.map(|w| w.watch(board)).transpose()?;
         if let Some(times) = self.threshold {
-            // 256ths in 16 bits.
-            if !(1.0..=255.0).contains(&times) {
-                bail!("a threshold of {times} makes no sense; give 1 to 255, at 1 the noise alone wakes the board");
-            }
             match &mut watch {
                 Some(Some(watch)) => watch.threshold = (times * 256.0).round() as u16,
                 _ => bail!("--threshold is for a watch: name one with --watch"),

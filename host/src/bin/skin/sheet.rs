@@ -1,7 +1,7 @@
 //! The sheet that a command works on.
 
 use ::forward::file::parse_sheet;
-use ::forward::{Pattern, Sheet};
+use ::forward::{Geometry, Pattern, Sheet};
 use anyhow::{Context, Result};
 use host::imager::Imager;
 use std::path::Path;
@@ -13,6 +13,12 @@ pub(crate) fn load(file: Option<&Path>) -> Result<(Sheet, Pattern)> {
     };
     let text = std::fs::read_to_string(path).with_context(|| format!("{}: cannot be read", path.display()))?;
     parse_sheet(&text).with_context(|| format!("{}", path.display()))
+}
+
+/// Where a sheet is, for messages.
+pub(crate) fn extent(geometry: &Geometry) -> String {
+    let ([left, bottom], [right, top]) = geometry.bounding_box();
+    format!("the sheet lies within x {left:.1} to {right:.1} mm and y {bottom:.1} to {top:.1} mm")
 }
 
 /// Correlation with the model's even sheet below which a baseline looks wrongly wired.

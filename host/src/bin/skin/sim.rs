@@ -1,7 +1,7 @@
 //! `skin sim`: a scene on the simulated board, for other programs: as fast as it goes, or behind a serial port of this
 //! machine as any program talks to the real one.
 
-use super::{capture, scene};
+use super::{capture, number, scene};
 use ::forward::Sheet;
 use anyhow::Result;
 use clap::Args;
@@ -16,7 +16,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "FILE")]
     scene: Option<PathBuf>,
     /// Something that breaks, for ever or for a time (s), such as cable_pulled@5+2, bytes_lost:0.001@5, electrode_open:3@5+10 or
-    /// multiplexer_stuck:drive_plus,3@5; repeatable, in addition to the scene's (docs/simulator.md lists them).
+    /// multiplexer_stuck:drive_plus,3@5; repeatable, in addition to the scene's (docs/simulator.md lists them); electrodes count from 1.
     #[arg(long, value_name = "KIND@AT[+FOR]")]
     fault: Vec<Fault>,
     /// Seed of all that is random [default: the scene's].
@@ -38,11 +38,15 @@ pub(crate) struct Arguments {
         requires = "pty"
     )]
     latency_ms: u64,
+    /// Behind the port time passes as fast as the port is read, and stands still while nobody reads or the board is idle: for
+    /// tests of other programs, on however slow a machine.
+    #[arg(long, requires = "pty")]
+    unpaced: bool,
     /// How long it runs, s [default: as long as the scene].
-    #[arg(long, value_name = "S", value_parser = positive)]
+    #[arg(long, value_name = "S", value_parser = number::positive("a time in seconds above 0"))]
     duration_s: Option<f64>,
     /// Simulated time from one frame of the table to the next, s.
-    #[arg(long, value_name = "S", default_value = "0.5", value_parser = positive)]
+    #[arg(long, value_name = "S", default_value = "0.5", value_parser = number::positive("a time in seconds above 0"))]
     pub(crate) every_s: f64,
     /// Writes what the board sends, byte for byte, to this file, and no table.
     #[arg(long, value_name = "FILE")]
@@ -50,15 +54,6 @@ pub(crate) struct Arguments {
     /// Writes the touches that there really are at every frame of the table to this file, one JSON object a line.
     #[arg(long, value_name = "FILE", conflicts_with = "bytes")]
     pub(crate) truth: Option<PathBuf>,
-}
-
-fn positive(text: &str) -> Result<f64, String> {
-    let value: f64 = text.parse().map_err(|_| format!("'{text}' is not a number"))?;
-    if value.is_finite() && value > 0.0 {
-        Ok(value)
-    } else {
-        Err(format!("{value} s is no time; give a number greater than 0"))
-    }
 }
 
 /// Runs the command; behind a port until it is interrupted.
@@ -87,7 +82,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
 #[cfg(target_os = "linux")]
 fn serve(arguments: &Arguments, board: SimBoard<Rubber>) -> Result<()> {
     use anyhow::Context;
-    use hil_sim::{Pty, PtyOptions};
+    use hil_sim::{Pace, Pty, PtyOptions};
     use std::io::Write;
     use std::sync::Arc;
     use std::sync::atomic::{AtomicBool, Ordering};
@@ -99,6 +94,11 @@ fn serve(arguments: &Arguments, board: SimBoard<Rubber>) -> Result<()> {
     let options = PtyOptions {
         latency: Duration::from_millis(arguments.latency_ms),
         link: arguments.link.clone(),
+        pace: if arguments.unpaced {
+            Pace::Unpaced
+        } else {
+            Pace::RealTime
+        },
     };
     let port = Pty::start(board, options).context("the port cannot be made")?;
     let mut shown = None;

@@ -10,11 +10,10 @@ const STALE_MS = 1000;
 const PALETTES = ["inferno", "viridis", "grey"];
 
 const $ = (id) => document.getElementById(id);
-const sheet = new Sheet($("sheet"));
+const sheet = new Sheet($("field"), $("frame"), $("marks"));
 const trace = new Trace($("trace"));
 
 const page = {
-  scene: null,
   frame: null,
   fresh: false,
   arrived: 0,
@@ -22,11 +21,9 @@ const page = {
   state: { name: "wait", until: 0 },
   palette: "inferno",
   held: false,
-  full: 0,
-  greatest: 0,
-  drawnAt: performance.now(),
   draws: [],
   age: NaN,
+  number: 0,
   skipped: 0,
   readAt: 0,
 };
@@ -40,8 +37,8 @@ const connection = new Connection({
     request();
   },
   scene(scene) {
-    page.scene = scene;
     page.frame = null;
+    page.number = 0;
     sheet.setScene(scene);
     $("source").textContent = scene.source;
     document.title = `skin – ${scene.source}`;
@@ -49,11 +46,10 @@ const connection = new Connection({
   frame(frame) {
     const now = performance.now();
     page.arrived = now;
-    if (page.held || frame.scene !== page.scene?.scene) return;
-    const before = page.frame;
-    if (before && frame.sequence > before.sequence) {
-      page.skipped += Math.max(0, frame.sequence - before.sequence - 1 - Math.max(0, frame.lost - before.lost));
-    }
+    if (page.held) return void (page.number = 0);
+    // Pictures that were not sent here.
+    if (page.number) page.skipped += Math.max(0, frame.number - page.number - 1);
+    page.number = frame.number;
     page.frame = frame;
     page.fresh = true;
     page.shown = now;
@@ -73,18 +69,16 @@ function request() {
 
 function draw(now) {
   requested = false;
-  const { frame, scene } = page;
+  const { frame } = page;
   if (!frame) return;
   if (page.fresh) {
     page.fresh = false;
-    page.greatest = sheet.take(frame.values);
+    sheet.take(connection.cells);
     const age = connection.age(frame);
     page.age = Number.isNaN(page.age) ? age : page.age + 0.1 * (age - page.age);
     page.draws.push(now);
   }
-  scaleColours((now - page.drawnAt) / 1000, scene.floor);
-  page.drawnAt = now;
-  sheet.draw(frame, page.palette, page.full, isLive());
+  sheet.draw(frame, page.palette, isLive());
   // Held, it stands still; without new frames it moves on.
   trace.draw(1000 * frame.time + (page.held ? 0 : performance.now() - page.shown));
   if (now - page.readAt > 120) {
@@ -92,14 +86,6 @@ function draw(now) {
     showTouches(frame.touches);
     showReadings(frame, now);
   }
-}
-
-/** The full scale of the colours: up in a moment, down in seconds, and never below the floor. */
-function scaleColours(seconds, floor) {
-  const target = Math.max(floor, page.greatest);
-  const time = target > page.full ? 0.06 : 3;
-  page.full += (target - page.full) * (1 - Math.exp(-Math.min(seconds, 1) / time));
-  page.full = Math.max(floor, page.full);
 }
 
 // --- readings -----------------------------------------------------------------------------------------------------
@@ -153,7 +139,7 @@ function showReadings(frame, now) {
   set("residual", known(frame.residual, (v) => `${number(100 * v, 1)} %`));
   set("lost", String(frame.lost));
   $("lost").classList.toggle("bad", frame.lost > 0);
-  set("skipped", String(page.skipped));
+  set("skipped", String(frame.skipped + page.skipped));
   set("sequence", String(frame.sequence));
 }
 

@@ -7,6 +7,9 @@ const FONT = 'system-ui, "Segoe UI", "Helvetica Neue", Arial, sans-serif';
 const FAINT = "#98a1b3";
 const METAL = "#d6a068";
 
+const strongFont = (t) => `650 ${t + 1}px ${FONT}`;
+const plainFont = (t) => `400 ${t - 1}px ${FONT}`;
+
 /** Round values from 0 to `high`, about `count` of them. */
 export function ticks(high, count) {
   const power = 10 ** Math.floor(Math.log10(high / count));
@@ -20,26 +23,34 @@ function roundBelow(limit) {
   return [5 * power, 2 * power].find((v) => v <= limit) ?? power;
 }
 
-/** Makes the canvas as fine as the screen; returns its context in CSS pixels and its size. */
+/** Makes the canvas as fine as the screen; returns its context in CSS pixels, its size, and whether that is another now. */
 export function fit(canvas) {
   const [w, h, dpr] = [canvas.clientWidth, canvas.clientHeight, window.devicePixelRatio || 1];
   const [pw, ph] = [Math.max(1, Math.round(w * dpr)), Math.max(1, Math.round(h * dpr))];
-  if (canvas.width !== pw || canvas.height !== ph) [canvas.width, canvas.height] = [pw, ph];
+  const anew = canvas.width !== pw || canvas.height !== ph;
+  if (anew) [canvas.width, canvas.height] = [pw, ph];
   const context = canvas.getContext("2d");
   context.setTransform(dpr, 0, 0, dpr, 0, 0);
-  context.clearRect(0, 0, w, h);
-  return { context, w, h };
+  return { context, w, h, anew };
 }
 
+/**
+ * Canvases on top of each other, each drawn only where and when something changed: what stands around the field; the field, in
+ * pixels of its own; and a small one for each touch.
+ */
 export class Sheet {
-  constructor(canvas) {
-    this.canvas = canvas;
+  constructor(field, frame, marks) {
+    [this.fieldCanvas, this.frame, this.marks] = [field, frame, marks];
     this.labels = new Labels();
+    // What is drawn around the field now, and on the canvas of every touch.
+    this.drawn = "";
+    this.pool = [];
   }
 
   setScene(scene) {
     this.scene = scene;
-    this.field = new Field(scene);
+    this.field = new Field(scene, this.fieldCanvas);
+    this.drawn = "";
     const [xs, ys] = [0, 1].map((k) => scene.outline_mm.map((p) => p[k]));
     this.box = { left: Math.min(...xs), right: Math.max(...xs), bottom: Math.min(...ys), top: Math.max(...ys) };
     this.electrodes = scene.electrodes_mm.map((p) => ({ p, n: outward(scene.outline_mm, p) }));
@@ -50,28 +61,76 @@ export class Sheet {
     this.apart = Math.min(1e3, ...apart);
   }
 
-  /** Takes the values of a frame; returns the greatest of the smooth field. */
-  take(values) {
-    return this.field.take(values);
+  /** Takes the cells of a frame. */
+  take(cells) {
+    this.field.take(cells.steps, cells.news());
   }
 
-  /** Draws a frame. `full`: the rise of the last colour; `live`: whether the frame is fresh. */
-  draw(frame, palette, full, live) {
-    const { context: c, w, h } = fit(this.canvas);
-    this.layout(w, h);
-    c.globalAlpha = live ? 1 : 0.45;
-    this.drawField(c, palette, full);
+  /** Draws what changed. `live`: whether the frame is fresh. */
+  draw(frame, palette, live) {
+    if (this.palette !== palette) [this.palette, this.colours] = [palette, table(palette)];
+    this.field.paint(this.colours);
+    const around = fit(this.frame);
+    const key = [around.w, around.h, palette, frame.full, live].join();
+    if (around.anew || key !== this.drawn) {
+      this.drawn = key;
+      this.layout(around.w, around.h);
+      this.drawFrame(around, palette, frame.full, live);
+    }
+    this.drawMarks(around.context, frame, live);
+  }
+
+  drawFrame({ context: c, w, h }, palette, full, live) {
+    c.clearRect(0, 0, w, h);
+    this.fieldCanvas.style.opacity = c.globalAlpha = live ? 1 : 0.45;
+    // The field lies over the half of it that is inside.
+    c.lineWidth = 3;
+    c.lineJoin = "round";
+    c.strokeStyle = "#5c6373";
+    c.stroke(this.outline);
     this.drawElectrodes(c);
-    if (frame.touches.length) this.drawTouches(c, frame.touches);
-    else if (live && !frame.status) this.drawQuiet(c);
     c.globalAlpha = 1;
     this.drawBar(c, palette, full, w, h);
     this.drawScale(c, w, h);
   }
 
+  /** The touches, or that there are none, where they are not what they were. */
+  drawMarks(c, frame, live) {
+    const rings = this.rings(c, frame.touches);
+    const places = rings.length ? this.labels.place(rings, this.bounds, this.keepOff) : [];
+    const marks = rings.map((ring, k) => this.touchMark(ring, places[k]));
+    if (live && !frame.status && !rings.length) marks.push(this.quietMark());
+    while (this.pool.length < marks.length) {
+      const canvas = document.createElement("canvas");
+      this.pool.push({ canvas, drawn: "" });
+      this.marks.append(canvas);
+    }
+    const dpr = window.devicePixelRatio || 1;
+    this.pool.forEach((own, k) => {
+      own.canvas.hidden = k >= marks.length;
+      if (k >= marks.length) return;
+      const { area, looks, draw } = marks[k];
+      const key = [area.x, area.y, dpr, live, looks].join();
+      if (key === own.drawn) return;
+      own.drawn = key;
+      // Rounded up, so that it seldom needs other memory.
+      const [w, h] = [area.w, area.h].map((v) => Math.ceil(v / 64) * 64);
+      const [pw, ph] = [w, h].map((v) => Math.round(v * dpr));
+      if (own.canvas.width !== pw || own.canvas.height !== ph) [own.canvas.width, own.canvas.height] = [pw, ph];
+      const at = `translate(${area.x}px, ${area.y}px)`;
+      Object.assign(own.canvas.style, { transform: at, width: `${w}px`, height: `${h}px`, opacity: live ? 1 : 0.45 });
+      const context = own.canvas.getContext("2d");
+      context.setTransform(dpr, 0, 0, dpr, 0, 0);
+      context.clearRect(0, 0, w, h);
+      context.translate(-area.x, -area.y);
+      draw(context);
+    });
+  }
+
   layout(w, h) {
     const { left, right, bottom, top } = this.box;
     this.wide = w >= 620;
+    this.widths = new Map();
     const text = (this.text = Math.max(11, Math.min(15, Math.min(w, h) / 48)));
     // Room for the electrodes' numbers all round, the banner above, the colour bar beside or below.
     const edge = 2.5 * text;
@@ -86,34 +145,20 @@ export class Sheet {
     for (const p of this.scene.outline_mm) this.outline.lineTo(...this.px(p));
     this.outline.closePath();
     this.middle = [cx, cy];
+    const { field, fieldCanvas } = this;
+    const [x, y] = this.px([field.left, field.bottom + field.heightMm]);
+    const [fw, fh] = [field.widthMm * scale, field.heightMm * scale];
+    Object.assign(fieldCanvas.style, { left: `${x}px`, top: `${y}px`, width: `${fw}px`, height: `${fh}px` });
     this.numbers = this.electrodes.map(({ p, n }) => {
       const [x, y] = this.px(p);
       return [x + 1.3 * text * n[0], y - 1.3 * text * n[1]];
     });
     // Each electrode with its number, for the labels to keep off.
-    this.marks = this.numbers.map(([x, y], k) => {
+    this.keepOff = this.numbers.map(([x, y], k) => {
       const [ex, ey] = this.px(this.electrodes[k].p);
       const [half, cx, cy] = [1.2 * text, (x + ex) / 2, (y + ey) / 2];
       return { x: cx - half, y: cy - half, w: 2 * half, h: 2 * half };
     });
-  }
-
-  drawField(c, palette, full) {
-    const { field } = this;
-    this.colours = this.palette === palette ? this.colours : table(palette);
-    this.palette = palette;
-    c.save();
-    c.fillStyle = css(palette, 0);
-    c.fill(this.outline);
-    c.clip(this.outline);
-    c.imageSmoothingEnabled = true;
-    const [x, y] = this.px([field.left, field.bottom + field.heightMm]);
-    c.drawImage(field.paint(this.colours, full), x, y, field.widthMm * this.scale, field.heightMm * this.scale);
-    c.restore();
-    c.lineWidth = 1.6;
-    c.lineJoin = "round";
-    c.strokeStyle = "#5c6373";
-    c.stroke(this.outline);
   }
 
   drawElectrodes(c) {
@@ -125,8 +170,9 @@ export class Sheet {
     c.textBaseline = "middle";
     c.lineCap = "round";
     this.electrodes.forEach(({ p, n }, k) => {
-      const [x, y] = this.px(p);
       const [nx, ny] = [n[0], -n[1]];
+      // On the rim from outside.
+      const [x, y] = this.px(p).map((v, axis) => v + 2.2 * [nx, ny][axis]);
       c.beginPath();
       c.moveTo(x - ny * half, y + nx * half);
       c.lineTo(x + ny * half, y - nx * half);
@@ -139,68 +185,93 @@ export class Sheet {
     });
   }
 
-  drawTouches(c, touches) {
-    const t = this.text + (this.wide ? 0.5 : 0);
-    const [strong, plain] = [`650 ${t + 1}px ${FONT}`, `400 ${t - 1}px ${FONT}`];
-    const rings = touches.map((touch, k) => {
+  /** The touches as rings with what their labels say and the labels' sizes. */
+  rings(c, touches) {
+    const t = this.letters();
+    return touches.map((touch, k) => {
       const [x, y] = this.px([touch.x, touch.y]);
-      c.font = strong;
+      const [first, second] = [strengthText(touch), placeText(touch)];
       const chip = touch.id === null ? 0 : (0.9 + 0.6 * String(touch.id).length) * t;
-      const first = c.measureText(strengthText(touch)).width + (chip && chip + 0.4 * t);
-      c.font = plain;
-      const second = c.measureText(placeText(touch)).width;
-      // Rounded up, so that a digit more or less does not make it jump.
-      const w = Math.ceil((Math.max(first, second) + 1.2 * t) / 8) * 8;
-      return { key: touch.id ?? `#${k}`, x, y, r: ringRadius(touch) * this.scale, w, h: 3.1 * t, touch, chip };
-    });
-    const places = this.labels.place(rings, this.bounds, this.marks);
-    c.lineCap = "round";
-    rings.forEach((ring, k) => {
-      const lead = leader(ring, places[k]);
-      if (lead) twice(c, lead, 4, 1.4);
-      const circle = new Path2D();
-      circle.arc(ring.x, ring.y, ring.r, 0, 2 * Math.PI);
-      twice(c, circle, 5, 2);
-    });
-    c.textBaseline = "alphabetic";
-    c.textAlign = "left";
-    rings.forEach(({ touch, chip }, k) => {
-      const { x, y, w, h } = places[k];
-      c.beginPath();
-      c.roundRect(x, y, w, h, 0.55 * t);
-      c.fillStyle = "#0a0c10d9";
-      c.fill();
-      c.lineWidth = 1;
-      c.strokeStyle = "#ffffff2e";
-      c.stroke();
-      let at = x + 0.6 * t;
-      if (chip) {
-        c.beginPath();
-        c.roundRect(at, y + 0.38 * t, chip, 1.18 * t, 0.59 * t);
-        c.fillStyle = idColour(touch.id);
-        c.fill();
-        c.font = `700 ${0.85 * t}px ${FONT}`;
-        c.fillStyle = "#0b0d12";
-        c.textAlign = "center";
-        c.fillText(touch.id, at + chip / 2, y + 1.28 * t);
-        c.textAlign = "left";
-        at += chip + 0.4 * t;
-      }
-      c.font = strong;
-      c.fillStyle = "#fff";
-      c.fillText(strengthText(touch), at, y + 1.36 * t);
-      c.font = plain;
-      c.fillStyle = "#dfe3ec";
-      c.fillText(placeText(touch), x + 0.6 * t, y + 2.65 * t);
+      const ring = { key: touch.id ?? `#${k}`, id: touch.id, x, y, r: ringRadius(touch) * this.scale, first, second, chip };
+      return { ...ring, ...this.labelSize(c, ring, t), h: 3.1 * t };
     });
   }
 
-  drawQuiet(c) {
-    c.font = `500 ${1.6 * this.text}px ${FONT}`;
-    c.textAlign = "center";
-    c.textBaseline = "middle";
-    c.fillStyle = "#ffffff66";
-    c.fillText("no touch", ...this.middle);
+  /** Size of the labels' letters, px. */
+  letters() {
+    return this.text + (this.wide ? 0.5 : 0);
+  }
+
+  labelSize(c, { first, second, chip }, t) {
+    // Digits are as wide as each other in the page's fonts, or nearly; the width is rounded up, so that it does not jump.
+    const width = (font, text) => {
+      const key = font + text.replace(/[0-9]/g, "0");
+      if (!this.widths.has(key)) {
+        c.font = font;
+        this.widths.set(key, c.measureText(text.replace(/[0-9]/g, "0")).width);
+      }
+      return this.widths.get(key);
+    };
+    const wide = width(strongFont(t), first) + (chip && chip + 0.4 * t);
+    return { w: Math.ceil((Math.max(wide, width(plainFont(t), second)) + 1.2 * t) / 8) * 8 };
+  }
+
+  /** A ring and its label: where, what can be seen of it, how to draw it. */
+  touchMark(ring, place) {
+    const circle = { x: ring.x - ring.r, y: ring.y - ring.r, w: 2 * ring.r, h: 2 * ring.r };
+    const looks = [ring.x, ring.y, ring.r, place.x, place.y].map((v) => v.toFixed(1)).join() + ring.id + ring.first + ring.second;
+    return { area: around([circle, place], 4), looks, draw: (c) => this.drawTouch(c, ring, place) };
+  }
+
+  drawTouch(c, ring, { x, y, w, h }) {
+    const t = this.letters();
+    c.lineCap = "round";
+    const lead = leader(ring, { x, y, w, h });
+    if (lead) twice(c, lead, 4, 1.4);
+    const circle = new Path2D();
+    circle.arc(ring.x, ring.y, ring.r, 0, 2 * Math.PI);
+    twice(c, circle, 5, 2);
+    c.textBaseline = "alphabetic";
+    c.textAlign = "left";
+    c.beginPath();
+    c.roundRect(x, y, w, h, 0.55 * t);
+    c.fillStyle = "#0a0c10d9";
+    c.fill();
+    c.lineWidth = 1;
+    c.strokeStyle = "#ffffff2e";
+    c.stroke();
+    let at = x + 0.6 * t;
+    if (ring.chip) {
+      c.beginPath();
+      c.roundRect(at, y + 0.38 * t, ring.chip, 1.18 * t, 0.59 * t);
+      c.fillStyle = idColour(ring.id);
+      c.fill();
+      c.font = `700 ${0.85 * t}px ${FONT}`;
+      c.fillStyle = "#0b0d12";
+      c.textAlign = "center";
+      c.fillText(ring.id, at + ring.chip / 2, y + 1.28 * t);
+      c.textAlign = "left";
+      at += ring.chip + 0.4 * t;
+    }
+    c.font = strongFont(t);
+    c.fillStyle = "#fff";
+    c.fillText(ring.first, at, y + 1.36 * t);
+    c.font = plainFont(t);
+    c.fillStyle = "#dfe3ec";
+    c.fillText(ring.second, x + 0.6 * t, y + 2.65 * t);
+  }
+
+  quietMark() {
+    const size = 1.6 * this.text;
+    const [x, y] = this.middle;
+    const draw = (c) => {
+      c.font = `500 ${size}px ${FONT}`;
+      c.textAlign = "center";
+      c.textBaseline = "middle";
+      c.fillStyle = "#ffffff66";
+      c.fillText("no touch", x, y);
+    };
+    return { area: around([{ x: x - 3 * size, y: y - size, w: 6 * size, h: 2 * size }], 0), looks: "no touch", draw };
   }
 
   drawBar(c, palette, full, w, h) {
@@ -259,6 +330,13 @@ export class Sheet {
     c.fillStyle = "#c3cad8";
     c.fillText(`${mm} mm`, x + length + 9, y);
   }
+}
+
+/** The rectangle of whole pixels around others, so much larger. */
+function around(all, edge) {
+  const [x, y] = ["x", "y"].map((k) => Math.floor(Math.min(...all.map((r) => r[k])) - edge));
+  const [right, bottom] = [["x", "w"], ["y", "h"]].map(([k, n]) => Math.ceil(Math.max(...all.map((r) => r[k] + r[n])) + edge));
+  return { x, y, w: right - x, h: bottom - y };
 }
 
 /** A white line with a dark edge, to be seen on every colour. */

@@ -14,6 +14,8 @@ export class Trace {
     this.lines = new Map();
     this.latest = -Infinity;
     this.top = LEAST;
+    this.pixelMs = 0;
+    this.drawn = "";
   }
 
   /** Adds the touches of a frame at the board's time in ms; those without a number become one line of the strongest. */
@@ -26,7 +28,10 @@ export class Trace {
       if (seen.has(touch.id)) continue;
       seen.add(touch.id);
       if (!this.lines.has(touch.id)) this.lines.set(touch.id, []);
-      this.lines.get(touch.id).push([now, touch.rise]);
+      const line = this.lines.get(touch.id);
+      // More than a point a pixel cannot be seen.
+      if (line.length > 1 && now - line.at(-2)[0] < this.pixelMs) line.pop();
+      line.push([now, touch.rise]);
     }
     for (const [key, line] of this.lines) {
       let old = 0;
@@ -36,14 +41,21 @@ export class Trace {
     }
   }
 
-  /** Draws the ten seconds up to `now`, ms of the board's time. */
+  /** Draws the ten seconds up to `now`, ms of the board's time, if that looks otherwise than what is drawn. */
   draw(now) {
-    const { context: c, w, h } = fit(this.canvas);
+    const { context: c, w, h, anew } = fit(this.canvas);
     const plot = { x: 34, y: 6, w: w - 34 - 27, h: h - 6 - 18 };
+    // It moves by whole pixels; where there is no line nothing does.
+    this.pixelMs = SPAN_MS / Math.max(1, plot.w * (window.devicePixelRatio || 1));
+    const key = this.lines.size || this.top > LEAST ? Math.floor(now / this.pixelMs) : "still";
+    if (!anew && key === this.drawn) return;
+    this.drawn = key;
+    c.clearRect(0, 0, w, h);
     let greatest = LEAST;
     for (const line of this.lines.values()) for (const [, rise] of line) greatest = Math.max(greatest, 1.08 * rise);
     // Up at once, down slowly.
     this.top = greatest > this.top ? greatest : this.top + 0.03 * (greatest - this.top);
+    if (this.top < 1.01 * greatest) this.top = greatest;
     const x = (time) => plot.x + plot.w * (1 - (now - time) / SPAN_MS);
     const y = (rise) => plot.y + plot.h * (1 - Math.max(0, rise) / this.top);
 

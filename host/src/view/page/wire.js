@@ -1,21 +1,18 @@
 // The connection to the program: frames in, acknowledgements and requests out, and a new try whenever it breaks.
 // The format is documented in the program's source (view/wire.rs).
 
-const VERSION = 2;
+const VERSION = 3;
 const NO_ID = 0xffffffff;
 const text = new TextDecoder();
 
-/** Reads a frame; null if the bytes are not one of this version. */
+/** Reads a frame; null if the bytes are not one of this version. Its `news` are for Cells. */
 export function decode(buffer) {
   const view = new DataView(buffer);
-  if (buffer.byteLength < 64 || view.getUint32(0) !== 0x534b4e30 + VERSION) return null;
-  const [n, m, s] = [view.getUint32(56, true), view.getUint16(60, true), view.getUint16(62, true)];
-  const touchesAt = Math.ceil((64 + 2 * n) / 4) * 4;
+  if (buffer.byteLength < 88 || view.getUint32(0) !== 0x534b4e30 + VERSION) return null;
+  const [n, m, s] = [view.getUint32(80, true), view.getUint16(84, true), view.getUint16(86, true)];
+  const touchesAt = 88 + n;
   const statusAt = touchesAt + 24 * m;
   if (buffer.byteLength !== statusAt + s) return null;
-  const steps = view.getFloat32(44, true) / 65535;
-  const values = new Float32Array(n);
-  for (let k = 0; k < n; k++) values[k] = view.getUint16(64 + 2 * k, true) * steps;
   const touches = [];
   for (let k = 0, at = touchesAt; k < m; k++, at += 24) {
     const id = view.getUint32(at, true);
@@ -30,16 +27,63 @@ export function decode(buffer) {
     rate: view.getFloat32(32, true),
     solve: view.getFloat32(36, true),
     residual: view.getFloat32(40, true),
+    full: view.getFloat32(44, true),
     lost: Number(view.getBigUint64(48, true)),
-    values,
+    skipped: Number(view.getBigUint64(56, true)),
+    number: Number(view.getBigUint64(64, true)),
+    base: Number(view.getBigUint64(72, true)),
+    news: new Uint8Array(buffer, 88, n),
     touches: touches.sort((a, b) => b.rise - a.rise),
     status: text.decode(new Uint8Array(buffer, statusAt, s)),
   };
 }
 
+/** The cells of a scene, put together from what its frames tell. */
+export class Cells {
+  constructor(count) {
+    this.number = 0;
+    this.steps = new Uint16Array(count);
+    this.changed = new Set();
+  }
+
+  /** Takes a frame; false if it builds on another picture than this. */
+  apply(frame) {
+    if (frame.base !== this.number) return false;
+    const { news } = frame;
+    let k = 0;
+    // Groups of seven bits, the lowest first.
+    const number = () => {
+      let value = 0;
+      for (let shift = 0; ; shift += 7) {
+        const byte = news[k++];
+        value |= (byte & 0x7f) << shift;
+        if (byte < 0x80 || shift > 21) return value;
+      }
+    };
+    for (let at = 0; k < news.length; ) {
+      at += number();
+      for (let count = number(); count > 0; count--, at++) {
+        const step = number();
+        if (this.steps[at] === step) continue;
+        this.steps[at] = step;
+        this.changed.add(at);
+      }
+    }
+    this.number = frame.number;
+    return true;
+  }
+
+  /** The cells that changed since they were asked for last. */
+  news() {
+    const news = [...this.changed];
+    this.changed.clear();
+    return news;
+  }
+}
+
 /**
  * Keeps a connection to the program.
- * `on.state("live" | "wait" | "lost", seconds to the next try)`, `on.scene(scene)`, `on.frame(frame)`.
+ * `on.state("live" | "wait" | "lost", seconds to the next try)`, `on.scene(scene)`, `on.frame(frame)`; the cells are in `cells`.
  */
 export class Connection {
   constructor(on) {
@@ -47,6 +91,8 @@ export class Connection {
     this.tries = 0;
     this.clocks = [];
     this.socket = null;
+    this.scene = 0;
+    this.cells = new Cells(0);
   }
 
   /** Connects, and keeps connecting from then on. */
@@ -83,13 +129,18 @@ export class Connection {
       // Acknowledged at once, not when it is drawn: the next one may travel meanwhile.
       this.socket.send(new Uint8Array([1]));
       const frame = decode(data);
-      if (frame) this.on.frame(frame);
+      if (!frame || frame.scene !== this.scene) return;
+      // Something is missing: a new connection begins with everything.
+      if (!this.cells.apply(frame)) return void this.socket.close();
+      this.on.frame(frame);
       return;
     }
     const message = JSON.parse(data);
     if (message.kind === "scene") {
       // The program was replaced by another version: fetch its page.
       if (message.version !== VERSION) location.reload();
+      this.scene = message.scene;
+      this.cells = new Cells(message.cells.length);
       this.on.scene(message);
     } else if (message.kind === "clock") {
       const now = performance.now();

@@ -6,6 +6,7 @@ use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use axum::Router;
+use axum::body::Bytes;
 use axum::extract::State;
 use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
 use axum::http::{HeaderValue, StatusCode, header};
@@ -125,12 +126,12 @@ fn palettes() -> String {
 
 /// The newest picture as a PNG.
 async fn picture(State(app): State<App>) -> Response {
-    let Some(latest) = app.shared.latest.borrow().clone() else {
+    let Some(latest) = app.shared.latest.borrow().as_ref().map(|l| Arc::clone(&l.picture)) else {
         return (StatusCode::NOT_FOUND, "no picture yet\n").into_response();
     };
     let draw = move || {
         let mut bytes = Vec::new();
-        png::render(&latest.picture, 1200)?.encode_png(&mut bytes)?;
+        png::render(&latest, 1200)?.encode_png(&mut bytes)?;
         Ok::<_, crate::view::canvas::ImageError>(bytes)
     };
     match tokio::task::spawn_blocking(draw).await {
@@ -178,7 +179,7 @@ async fn attend(mut socket: WebSocket, shared: &Shared, stopped: watch::Receiver
     let mut latest = shared.latest.subscribe();
     // The picture that is there already is news to this page.
     latest.mark_changed();
-    let (mut credits, mut scene) = (CREDITS, 0);
+    let (mut credits, mut scene, mut number) = (CREDITS, 0, 0);
     loop {
         tokio::select! {
             biased;
@@ -193,18 +194,35 @@ async fn attend(mut socket: WebSocket, shared: &Shared, stopped: watch::Receiver
                 if changed.is_err() {
                     return Ok(());
                 }
-                let newest = latest.borrow_and_update().clone();
-                if let Some(published) = newest {
-                    if scene != published.scene {
-                        scene = published.scene;
-                        socket.send(Message::Text(scene_text(&published, shared).into())).await?;
-                    }
-                    socket.send(Message::Binary(published.frame(shared))).await?;
-                    credits -= 1;
+                let Some((text, frame)) = news(&mut latest, shared, &mut scene, &mut number) else {
+                    continue;
+                };
+                if let Some(text) = text {
+                    socket.send(Message::Text(text.into())).await?;
                 }
+                socket.send(Message::Binary(frame)).await?;
+                credits -= 1;
             }
         }
     }
+}
+
+/// What to send to a page that has seen picture `number` of `scene`: the scene if it is another, and the frame.
+fn news(
+    latest: &mut watch::Receiver<Option<Published>>,
+    shared: &Shared,
+    scene: &mut u32,
+    number: &mut u64,
+) -> Option<(Option<String>, Bytes)> {
+    let newest = latest.borrow_and_update();
+    let published = newest.as_ref()?;
+    let text = (*scene != published.scene).then(|| {
+        (*scene, *number) = (published.scene, 0);
+        scene_text(published, shared)
+    });
+    let frame = published.frame(*number, &shared.encoded);
+    *number = published.shown.number();
+    Some((text, frame))
 }
 
 async fn answer(socket: &mut WebSocket, shared: &Shared, text: &str) -> Result<(), axum::Error> {

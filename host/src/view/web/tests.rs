@@ -155,11 +155,15 @@ fn a_page_gets_the_scene_once_and_then_frames() {
         (&texts[0]["kind"], &texts[0]["source"]),
         (&"scene".into(), &"simulated skin".into())
     );
-    assert_eq!(texts[0]["cells"].as_array().unwrap().len(), frame.values.len());
+    let cells = texts[0]["cells"].as_array().unwrap().len();
+    assert_eq!(cells, picture(10).values.len());
+    assert_eq!((frame.base, wire::Cells::new(cells).take(&frame)), (0, Some(())));
     // An equal sheet at another address is the same scene; another source is not.
     view.publish(picture(11)).unwrap();
     let (frame, texts) = next_frame(&mut page);
     assert_eq!((frame.sequence, texts.len()), (11, 0));
+    // It shows the same, so there is no cell to tell.
+    assert_eq!((frame.base, frame.runs.len()), (1, 0));
     let mut other = picture(12);
     other.stats.source = "/dev/ttyUSB0".into();
     acknowledge(&mut page);
@@ -186,9 +190,40 @@ fn a_page_without_credit_skips_to_the_newest() {
         }
     }
     acknowledge(&mut slow);
-    assert_eq!(next_frame(&mut slow).0.sequence, 99);
-    // Both pages together needed every picture encoded once.
-    assert_eq!(view.shared.encoded.load(Ordering::Relaxed), 100);
+    let (last, _) = next_frame(&mut slow);
+    assert_eq!((last.sequence, last.base), (99, 2));
+    // Both pages together needed every picture encoded once, and the last one also for a page that lags.
+    assert_eq!(view.shared.encoded.load(Ordering::Relaxed), 101);
+}
+
+#[test]
+fn quick_slow_and_late_pages_put_the_same_picture_together() {
+    let view = view();
+    let mut at = picture(0);
+    let mut pages: Vec<(Page, wire::Cells)> = Vec::new();
+    for round in 0..6 {
+        pages.push((connect(view.address), wire::Cells::new(at.values.len())));
+        for step in 0..20 {
+            at.sequence += 1;
+            // Something moves about on the sheet.
+            let moved = (37 * at.sequence as usize + step) % at.values.len();
+            at.values[moved] = 0.3 - at.values[moved];
+            view.publish(at.clone()).unwrap();
+        }
+        for (k, (page, cells)) in pages.iter_mut().enumerate() {
+            // Some lag by rounds.
+            if (round + k) % (k + 1) == 0 || round == 5 {
+                while {
+                    let (frame, _) = next_frame(page);
+                    acknowledge(page);
+                    cells.take(&frame).unwrap();
+                    frame.sequence < at.sequence
+                } {}
+                let latest = view.shared.latest.borrow();
+                assert_eq!(cells.steps(), latest.as_ref().unwrap().shown.steps());
+            }
+        }
+    }
 }
 
 #[test]
@@ -300,7 +335,8 @@ fn one_frame_is_the_same_for_the_page_and_for_us() {
         "getFloat64(16",
         "getFloat64(24",
         "getFloat32(44",
-        "getUint16(62",
+        "getBigUint64(72",
+        "getUint16(86",
     ] {
         assert!(reader.contains(at), "{at}");
     }
