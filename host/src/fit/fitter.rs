@@ -23,6 +23,8 @@ const WORTH_A_SOLUTION: f64 = 4.2;
 const SHOWS: f64 = 9.0;
 /// After so many frames one after the other whose search did not come to its end, the next one's has no limit.
 const MOST_UNFINISHED: usize = 8;
+/// Contrast of a disc above which another explanation is tried: a rise of seven times.
+const TOO_STRONG: f64 = 1.55;
 /// Mean squared misfit, in noise variances, up to which discs explain a frame.
 const MOST_MISFIT: f64 = 4.0;
 /// Part of a frame (norm of the residual over that of the data) that fitted touches may leave, whatever the noise: beyond,
@@ -146,43 +148,46 @@ impl Fitter {
             scratch,
             fitted,
         )?;
-        for round in 0..MOST_ROUNDS {
-            let error = beyond::expected(&fitted.discs, &fitted.norms, &imager.outline_mm);
-            if error <= WORTH_A_SOLUTION {
-                if round == 0 && shows {
-                    std::mem::swap(before, fitted);
-                    fit(
-                        table,
-                        &options,
-                        frame(options.model_error),
-                        start(&before.discs, before, before.followed.then_some(*least_misfit), *turn),
-                        scratch,
-                        fitted,
-                    )?;
-                }
-                break;
-            }
+        let wrong = |f: &Fitted| beyond::expected(&f.discs, &f.norms, &imager.outline_mm) > WORTH_A_SOLUTION;
+        let follow = |before: &Fitted| before.followed.then_some(*least_misfit);
+        if wrong(fitted) {
             if beyond.is_none() {
                 *beyond = Beyond::new(&imager.model, imager.drive, &imager.pattern);
             }
-            let more = reduce(&DVector::from_vec(beyond.as_mut()?.table_v(volts, &fitted.discs)?));
-            let corrected: Vec<f64> = data.values.iter().zip(&more).map(|(v, m)| v - m).collect();
-            std::mem::swap(before, fitted);
-            let frame = Frame {
-                values: &corrected,
-                ..frame(options.model_error)
+            let beyond = beyond.as_mut()?;
+            let mut correct = |before: &mut Fitted, fitted: &mut Fitted| {
+                for round in 0..MOST_ROUNDS {
+                    if round > 0 && !wrong(fitted) {
+                        break;
+                    }
+                    let more = reduce(&DVector::from_vec(beyond.table_v(volts, &fitted.discs)?));
+                    let corrected: Vec<f64> = data.values.iter().zip(&more).map(|(v, m)| v - m).collect();
+                    std::mem::swap(before, fitted);
+                    let frame = Frame {
+                        values: &corrected,
+                        ..frame(options.model_error)
+                    };
+                    let start = start(&before.discs, before, follow(before), *turn);
+                    fit(table, &options, frame, start, scratch, fitted)?;
+                    if settled(before, fitted) {
+                        break;
+                    }
+                }
+                Some(())
             };
-            fit(
-                table,
-                &options,
-                frame,
-                start(&before.discs, before, before.followed.then_some(*least_misfit), *turn),
-                scratch,
-                fitted,
-            )?;
-            if settled(before, fitted) {
-                break;
+            correct(before, fitted)?;
+            if let Some(discs) = merged(&fitted.discs, options.radius_mm) {
+                let two = fitted.clone();
+                *fitted = Fitted { discs, ..two.clone() };
+                fitted.followed = false;
+                if correct(before, fitted).is_none() || !(fitted.misfit < two.misfit) {
+                    *fitted = two;
+                }
             }
+        } else if shows {
+            std::mem::swap(before, fitted);
+            let start = start(&before.discs, before, follow(before), *turn);
+            fit(table, &options, frame(options.model_error), start, scratch, fitted)?;
         }
         if let Some(placement) = &self.placement {
             for t in &mut fitted.touches {
@@ -210,6 +215,28 @@ impl Fitter {
             }
         }
     }
+}
+
+/// The discs with one of the expected size in place of the two nearest to each other, where one of these is too strong to be
+/// believed: a strong touch takes much of the data with it, and what the linear model gets wrong of it can look like two.
+fn merged(discs: &Discs, radius_mm: f64) -> Option<Discs> {
+    let apart = |p: &Disc, q: &Disc| (p.at[0] - q.at[0]).hypot(p.at[1] - q.at[1]);
+    let pairs = (0..discs.len()).flat_map(|i| (0..i).map(move |k| (k, i)));
+    let (k, i) = pairs
+        .filter(|(k, i)| discs[*k].contrast().max(discs[*i].contrast()) > TOO_STRONG)
+        .filter(|(k, i)| apart(&discs[*k], &discs[*i]) < 2.0 * radius_mm)
+        .min_by(|p, q| apart(&discs[p.0], &discs[p.1]).total_cmp(&apart(&discs[q.0], &discs[q.1])))?;
+    let (one, other) = (discs[k], discs[i]);
+    let strength = one.strength + other.strength;
+    let share = other.strength / strength;
+    let mut merged = discs.clone();
+    merged[k] = Disc {
+        at: std::array::from_fn(|c| one.at[c] + share * (other.at[c] - one.at[c])),
+        radius: radius_mm,
+        strength,
+    };
+    merged.remove(i);
+    Some(merged)
 }
 
 /// Where a fit begins: at these places, or following an earlier one.
@@ -247,6 +274,32 @@ mod tests {
         let pattern = Pattern::adjacent(16).unwrap();
         let imager = Arc::new(Imager::new(&Sheet::paper(), Drive::PAPER, pattern, 5.0).unwrap());
         Fitter::new(&imager, FitOptions::for_extent(97.5)).unwrap()
+    }
+
+    #[test]
+    fn two_of_which_one_is_too_strong_are_merged_where_they_weigh() {
+        let disc = |x: f64, radius: f64, strength| Disc {
+            at: [x, 3.0],
+            radius,
+            strength,
+        };
+        // 1.7 and 0.2 of their areas.
+        let (strong, weak) = (
+            disc(0.0, 5.0, 1.7 * std::f64::consts::PI * 25.0),
+            disc(18.0, 12.0, 0.2 * std::f64::consts::PI * 144.0),
+        );
+        let far = disc(-70.0, 12.0, 100.0);
+        let discs: Discs = [strong, far, weak].into_iter().collect();
+        let found = merged(&discs, 12.5).unwrap();
+        assert_eq!(found.len(), 2);
+        assert!(found.contains(&far));
+        let one = found.iter().find(|d| **d != far).unwrap();
+        let strength = strong.strength + weak.strength;
+        assert!((one.strength - strength).abs() < 1e-9 && one.radius == 12.5);
+        assert!((one.at[0] * strength - 18.0 * weak.strength).abs() < 1e-9 && (one.at[1] - 3.0).abs() < 1e-12);
+        // Nobody near, or none too strong.
+        assert!(merged(&[strong, far].into_iter().collect(), 12.5).is_none());
+        assert!(merged(&[weak, disc(10.0, 12.0, 100.0)].into_iter().collect(), 12.5).is_none());
     }
 
     /// Discs of the linear model itself, with noise of one part in ten thousand of their answer.
