@@ -37,6 +37,21 @@ pub(super) struct Newton {
     warm: bool,
 }
 
+/// What a run is to solve.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Task<'a> {
+    pub(super) columns: &'a Columns,
+    /// Squared singular values of A, for the start of a cold run.
+    pub(super) weights: &'a [f64],
+    /// The right-hand side, of norm 1.
+    pub(super) b: &'a [f64],
+    /// The ridge squared.
+    pub(super) square: f64,
+    /// The gap to reach.
+    pub(super) tolerance: f64,
+    pub(super) most_steps: usize,
+}
+
 /// How a run ended.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Run {
@@ -92,43 +107,32 @@ impl Newton {
         each.map(|r| r * r).sum::<f64>().sqrt()
     }
 
-    /// Runs to a gap of at most `tolerance`. `weights` are the squared singular values of A, for the start of a cold run.
-    pub(super) fn run(
-        &mut self,
-        columns: &Columns,
-        weights: &[f64],
-        b: &[f64],
-        square: f64,
-        tolerance: f64,
-        most_steps: usize,
-    ) -> Run {
-        let was_warm = self.warm;
-        let run = self.run_from_here(columns, weights, b, square, tolerance, most_steps);
-        if self.is_finite() || !was_warm {
-            self.warm &= self.is_finite();
-            return run;
+    /// Runs to a gap of at most the tolerance.
+    pub(super) fn run(&mut self, task: Task) -> Run {
+        loop {
+            let was_warm = self.warm;
+            let run = self.run_from_here(task);
+            if (dot(&self.u, &self.u) + dot(&self.left, &self.left)).is_finite() {
+                return run;
+            }
+            // No frame is lost, and none after it, to what an earlier one left.
+            self.reset();
+            self.factor.forget();
+            if !was_warm {
+                return run;
+            }
         }
-        // No frame is lost, and none after it, to what an earlier one left.
-        self.reset();
-        self.factor.forget();
-        let again = self.run_from_here(columns, weights, b, square, tolerance, most_steps);
-        self.warm &= self.is_finite();
-        again
     }
 
-    fn is_finite(&self) -> bool {
-        (dot(&self.u, &self.u) + dot(&self.left, &self.left)).is_finite()
-    }
-
-    fn run_from_here(
-        &mut self,
-        columns: &Columns,
-        weights: &[f64],
-        b: &[f64],
-        square: f64,
-        tolerance: f64,
-        most_steps: usize,
-    ) -> Run {
+    fn run_from_here(&mut self, task: Task) -> Run {
+        let Task {
+            columns,
+            weights,
+            b,
+            square,
+            tolerance,
+            most_steps,
+        } = task;
         if !self.warm {
             // Half of the cells pushing is the best guess before anything is known.
             for (u, (b, w)) in self.u.iter_mut().zip(b.iter().zip(weights)) {
@@ -313,12 +317,20 @@ mod tests {
         let columns = Columns::new(&a, 1.0);
         let (weights, b) = ([1.0; 8], [0.4, -0.1, 0.3, 0.2, 0.5, -0.3, 0.4, 0.1]);
         let mut newton = Newton::new(&columns);
-        let first = newton.run(&columns, &weights, &b, 1e-3, 1e-10, 50);
+        let task = Task {
+            columns: &columns,
+            weights: &weights,
+            b: &b,
+            square: 1e-3,
+            tolerance: 1e-10,
+            most_steps: 50,
+        };
+        let first = newton.run(task);
         let expected = newton.g.to_vec();
         assert!(first.gap <= 1e-10);
         newton.u[3] = f64::NAN;
         newton.factor.spoil();
-        let second = newton.run(&columns, &weights, &b, 1e-3, 1e-10, 50);
+        let second = newton.run(task);
         assert!(second.gap <= 1e-10);
         for (g, e) in newton.g.iter().zip(&expected) {
             assert!((g - e).abs() < 1e-9);

@@ -6,7 +6,7 @@
 
 use super::aligned::Aligned;
 use super::columns::Columns;
-use super::newton::Newton;
+use super::newton::{Newton, Task};
 use super::plain::Plain;
 use super::stacked::Stacked;
 use super::{Outcome, Problem, Solution, Status};
@@ -198,14 +198,14 @@ impl Workspace {
         let scale = norm * largest / sigma;
         self.dual_scale = (square > LEAST_SQUARE).then_some(square * norm * largest);
         let (run, left) = if square > LEAST_SQUARE {
-            let run = self.newton.run(
-                &self.columns,
-                &self.weights,
-                &self.unit,
+            let run = self.newton.run(Task {
+                columns: &self.columns,
+                weights: &self.weights,
+                b: &self.unit,
                 square,
-                options.tolerance,
-                options.most_steps,
-            );
+                tolerance: options.tolerance,
+                most_steps: options.most_steps,
+            });
             for (x, g) in x.iter_mut().zip(self.newton.g()) {
                 *x = (g.max(0.0) * scale).min(f64::MAX);
             }
