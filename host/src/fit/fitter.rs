@@ -180,7 +180,8 @@ impl Fitter {
                 let two = fitted.clone();
                 *fitted = Fitted { discs, ..two.clone() };
                 fitted.followed = false;
-                if correct(before, fitted).is_none() || !(fitted.misfit < two.misfit) {
+                let better = correct(before, fitted).is_some() && fitted.misfit < two.misfit;
+                if !better {
                     *fitted = two;
                 }
             }
