@@ -253,11 +253,19 @@ fn run_shows_newtons_with_a_calibration_and_none_without() {
     )
     .unwrap();
     let mut all = vec!["run", "--simulate", "--json", "--plan", "quiet", "--frames", "75"];
+    // Frames may be passed over where the machine is slow: judged by the board's time. The finger is down from 1.8 to 9.7 s.
     let forces = |out: &str| -> Vec<Option<f64>> {
-        let line = |l: &str| serde_json::from_str::<Value>(l).unwrap();
-        let touches = |v: Value| v["touches"].as_array().unwrap().clone();
-        out.lines()
-            .flat_map(|l| touches(line(l)))
+        let lines = out.lines().map(|l| serde_json::from_str::<Value>(l).unwrap());
+        let down = lines.filter(|l| (2.2..9.5).contains(&l["time_s"].as_f64().unwrap()));
+        let first = |l: Value| {
+            l["touches"]
+                .as_array()
+                .unwrap()
+                .iter()
+                .min_by_key(|t| t["id"].as_u64())
+                .cloned()
+        };
+        down.filter_map(first)
             .map(|t| t.get("force_n").and_then(Value::as_f64))
             .collect()
     };
@@ -267,9 +275,10 @@ fn run_shows_newtons_with_a_calibration_and_none_without() {
         "{without:?}"
     );
     all.extend(["--calibration", file.to_str().unwrap()]);
-    let with = forces(&skin(&all));
-    let last = with.last().copied().flatten().unwrap();
-    near(last, 20.0, 1.5, "the finger's force");
+    let mut with: Vec<f64> = forces(&skin(&all)).into_iter().map(Option::unwrap).collect();
+    with.sort_by(f64::total_cmp);
+    let middle = with[with.len() / 2];
+    near(middle, 20.0, 1.5, "the finger's force");
 }
 
 /// Frames of a table, a second apart: 25 N on creeping rubber, held, and gone.
