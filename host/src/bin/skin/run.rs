@@ -58,6 +58,10 @@ pub(crate) struct Arguments {
     /// Let the board watch: while nothing touches it sends no frames, and a touch brings them with the next drive.
     #[arg(long)]
     watch: bool,
+    /// Takes every frame, however late, for recordings and boards that do not run in real time [default: the newest, and says how
+    /// many were passed over].
+    #[arg(long)]
+    every_frame: bool,
     /// The sheet, a TOML file as for `skin forward` [default: the paper's disc].
     #[arg(long, value_name = "FILE")]
     sheet: Option<PathBuf>,
@@ -204,7 +208,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         said: String::new(),
         said_at: Instant::now(),
     };
-    session.skip_over(LAG_S);
+    if !arguments.every_frame {
+        session.skip_over(LAG_S);
+    }
     let outcome = pump(arguments, &session, &mut live, &mut output, &stop);
     let counters = session.link().counters();
     tracing::info!("{counters:?}");
