@@ -2,8 +2,8 @@
 //! voltage drive loses.
 //!
 //! The sheet is solved with the discs and without, on one mesh that follows their edges; the difference, less what the table
-//! says, is left out. Taken off the data, it leaves what the table can fit; a second round, from the touches of the first, is
-//! enough for +300 %. What the table's interpolation gets wrong goes with it.
+//! says, is left out. Taken off the data, it leaves what the table can fit; a few rounds, each from the touches of the one before,
+//! are enough for +300 %. What the table's interpolation gets wrong goes with it.
 
 use super::table::TouchTable;
 use super::{Disc, Discs, MOST_TOUCHES};
