@@ -1,7 +1,10 @@
 //! The scene that is shown when there is no board: one to four fingers.
 
+use crate::board::SimConfig;
 use crate::scene::Scene;
+use crate::scene_file::SceneFile;
 use crate::touch::Touch;
+use forward::Sheet;
 
 /// Time that a finger takes to come down or to lift, s.
 const RAMP_S: f64 = 0.25;
@@ -48,6 +51,21 @@ impl Scene {
             touches: [wanderer, visitor].into_iter().chain(hand).collect(),
             loop_s: Some(24.0),
             ..Self::empty()
+        }
+    }
+}
+
+impl SceneFile {
+    /// [`Scene::demo`] on a sheet, with the default board: one round.
+    pub fn demo(sheet: Sheet) -> Self {
+        let scene = Scene::demo();
+        Self {
+            title: "One to four fingers".to_owned(),
+            description: "Fingers that come, move and go, for ever.".to_owned(),
+            duration_s: scene.loop_s.unwrap_or_default(),
+            sheet,
+            scene,
+            config: SimConfig::default(),
         }
     }
 }

@@ -1,6 +1,8 @@
 //! From a frame to a picture and its touches: gate, weigh, solve, find.
 
-use crate::contact::{self, Basis, Contacts, EXPLAINED, Judged, MOST_CONTACTS, Outcome, Suspects};
+mod settle;
+
+use crate::contact::{Basis, Contacts, Inquiry, Suspects};
 use crate::difference::{Difference, Differences};
 use crate::doubt::Doubt;
 use crate::fit::FitOptions;
@@ -46,6 +48,9 @@ pub struct ReconstructorOptions {
     /// How the picture's touches are fitted to the measurements; none leaves them as the picture has them. Only
     /// [`Method::Nnls`] has a fit.
     pub fit: Option<FitOptions>,
+    /// In how many frames, one after another, a changed contact must explain more than touches do before it is believed and left
+    /// out. 1 for frames that have nothing to do with each other.
+    pub contact_frames: usize,
 }
 
 impl ReconstructorOptions {
@@ -67,6 +72,7 @@ impl ReconstructorOptions {
                 least_rise: 0.005,
             },
             fit: (method == Method::Nnls).then(|| FitOptions::for_extent(extent)),
+            contact_frames: 16,
         }
     }
 }
@@ -176,11 +182,8 @@ pub struct Reconstructor {
     nnls: Nnls,
     /// What contacts do.
     contacts: Option<Contacts>,
-    /// Electrodes whose contact changed since the baseline, and how many frames ago that was asked last.
-    changed: Vec<usize>,
-    asked: usize,
-    /// An electrode that was asked for in vain, and for how many frames it is not again.
-    innocent: Option<(usize, usize)>,
+    /// Which of them changed.
+    inquiry: Inquiry,
     baselines: usize,
     /// A frame without its contacts' scales.
     evened: Option<Difference>,
@@ -203,9 +206,6 @@ const MOST_RESCALINGS: usize = 2;
 /// A peak whose integrated rise is less than this fraction of the greatest integrated fall is what the fall leaves around
 /// it.
 const LEAST_OVER_FALL: f64 = 0.5;
-/// A contact that changed is asked after again after so many frames, and one that did not is not for so many.
-const ASKED_AGAIN: usize = 16;
-const NOT_ASKED: usize = 6;
 /// Least relative sensitivity of a cell, against the median, that its expected rise follows.
 const LEAST_SENSITIVITY: f64 = 1e-3;
 
@@ -221,9 +221,7 @@ impl Reconstructor {
             weighted: None,
             other: None,
             contacts: options.fit.and_then(|_| Contacts::new(&imager)),
-            changed: Vec::new(),
-            asked: 0,
-            innocent: None,
+            inquiry: Inquiry::new(options.contact_frames),
             baselines: 0,
             evened: None,
             nnls: Nnls::new(NnlsOptions {
@@ -280,8 +278,7 @@ impl Reconstructor {
                         watch.forget();
                         self.nnls.reset();
                         self.fitter.iter_mut().for_each(Fitter::forget);
-                        self.changed.clear();
-                        self.innocent = None;
+                        self.inquiry.clear();
                         self.result.clear(known, watch.used());
                         return Ok(&mut self.result);
                     }
@@ -303,25 +300,27 @@ impl Reconstructor {
             .judge(&mut self.reciprocity, &self.imager.model_v, difference);
         if self.baselines != baselines {
             self.baselines = baselines;
-            self.changed.clear();
+            self.inquiry.clear();
         }
         self.settle(difference, known.or(judged));
         let unexplained = self.fitter.is_some() && self.result.misfit.is_none() && !self.result.touches.is_empty();
-        let contact = self.changed.first().map(|electrode| Doubt::Contact {
+        let changed = self.inquiry.changed();
+        let contact = changed.first().map(|electrode| Doubt::Contact {
             electrode: *electrode,
-            more: self.changed.len() - 1,
+            more: changed.len() - 1,
         });
         self.result.doubt = Doubt::of(difference, &self.imager.model_v)
             .or(unexplained.then_some(Doubt::NotTouches))
             .or(contact);
-        self.result.contacts.clone_from(&self.changed);
+        self.result.contacts.clear();
+        self.result.contacts.extend_from_slice(changed);
         self.differences = differences;
         Ok(&mut self.result)
     }
 
     fn start_watch(&mut self, baseline: &[f64], sigma: f64) -> Result<Option<Watch>, ImagerError> {
         let nothing = self.imager.difference(baseline, baseline)?;
-        self.changed.clear();
+        self.inquiry.clear();
         self.weigh(&nothing);
         let Some(weighted) = &self.weighted else {
             return Ok(None);
@@ -389,106 +388,12 @@ impl Reconstructor {
         self.reduced.iter().map(|v| v * v).sum::<f64>() / self.reduced.len() as f64
     }
 
-    /// Reconstructs a difference, and asks whether contacts changed.
-    fn settle(&mut self, difference: &Difference, noise: Option<NoiseEstimate>) {
-        self.innocent = self.innocent.and_then(|(l, frames)| Some((l, frames.checked_sub(1)?)));
-        self.asked += 1;
-        if !self.changed.is_empty() && self.asked >= ASKED_AGAIN {
-            self.asked = 0;
-            let changed = std::mem::take(&mut self.changed);
-            let without = self.solve_evened(difference, noise);
-            let result = self.result.clone();
-            self.changed = changed;
-            let with = self.solve_evened(difference, noise);
-            if !with
-                .zip(without)
-                .is_some_and(|(with, without)| with.instead_of(without))
-            {
-                self.changed.clear();
-                self.result = result;
-                self.fitter.iter_mut().for_each(Fitter::forget);
-            }
-            return;
-        }
-        let mut without = self.solve_evened(difference, noise);
-        while self.changed.len() < MOST_CONTACTS {
-            let Some(suspect) = self.suspect() else { return };
-            let result = self.result.clone();
-            self.changed.push(suspect);
-            let with = self.solve_evened(difference, noise);
-            if with
-                .zip(without)
-                .is_some_and(|(with, without)| with.instead_of(without))
-            {
-                (without, self.asked) = (with, 0);
-                continue;
-            }
-            self.changed.pop();
-            self.innocent = Some((suspect, NOT_ASKED));
-            tracing::debug!(suspect, ?with, ?without, "no contact");
-            self.result = result;
-            self.fitter.iter_mut().for_each(Fitter::forget);
-            return;
-        }
-    }
-
-    /// Reconstructs a difference without what the contacts did that changed.
-    fn solve_evened(&mut self, difference: &Difference, noise: Option<NoiseEstimate>) -> Option<Outcome> {
-        if self.changed.is_empty() {
-            self.solve(difference, noise);
-        } else {
-            let mut evened = self.evened.take().unwrap_or_else(|| difference.clone());
-            evened.clone_from(difference);
-            if let Some(contacts) = &self.contacts {
-                contacts.even_out(&self.changed, &self.imager.model_v, &mut evened);
-            }
-            self.solve(&evened, noise);
-            self.evened = Some(evened);
-        }
-        let directions: usize = self
-            .contacts
-            .iter()
-            .map(|c| self.changed.iter().map(|l| c.directions(*l)).sum::<usize>())
-            .sum();
-        let (cost, misfit) = if self.result.changed {
-            let fitted = self.fitter.as_ref()?.last();
-            (fitted.cost, fitted.misfit)
-        } else {
-            let misfit = self.power() / noise?.sigma.powi(2);
-            (misfit * self.reduced.len() as f64, misfit)
-        };
-        Some(Outcome {
-            cost: cost + directions as f64,
-            misfit,
-        })
-    }
-
-    /// An electrode whose contact would explain the frame better than its touches do.
-    fn suspect(&mut self) -> Option<usize> {
-        let sigma = self.result.noise?.sigma;
-        let (fitter, weighted) = (self.fitter.as_ref()?, self.weighted.as_mut()?);
-        let table = weighted.table.as_ref().filter(|_| self.result.changed)?;
-        let fitted = fitter.last();
-        if fitted.misfit <= EXPLAINED && !contact::near(&self.imager, &fitted.all) {
-            return None;
-        }
-        let suspects = weighted.suspects.as_mut()?;
-        let judged = Judged {
-            fitted,
-            stride: table.stride(),
-            data: &self.reduced,
-            sigma,
-        };
-        let suspect = suspects.suspect(&self.imager, &self.changed, judged)?;
-        (self.innocent.is_none_or(|(l, _)| l != suspect)).then_some(suspect)
-    }
-
     /// Reconstructs a difference into the result.
     fn solve(&mut self, difference: &Difference, noise: Option<NoiseEstimate>) {
         let used = difference.used.iter().filter(|u| **u).count();
         // What the watch let through has something in it, unless it was in the values that are left out now.
         let watched = self.known_noise.is_some()
-            && self.changed.is_empty()
+            && self.inquiry.changed().is_empty()
             && self.watch.as_ref().is_some_and(|w| w.used() == used);
         if !self.reduce(difference) || noise.is_some_and(|n| !watched && !self.passes(n)) {
             self.result.clear(noise, used);
@@ -540,7 +445,7 @@ impl Reconstructor {
         if let Some(watch) = self
             .watch
             .as_mut()
-            .filter(|w| w.used() == result.used && self.changed.is_empty())
+            .filter(|w| w.used() == result.used && self.inquiry.changed().is_empty())
         {
             watch.remember(&self.reduced, &fitted.slopes, table.stride());
         }
@@ -631,8 +536,8 @@ impl Reconstructor {
 
     /// Prepares the reduced problem for the values in use and their weights; kept while they stay the same.
     fn weigh(&mut self, difference: &Difference) {
-        let changed = &self.changed;
-        let fits = |w: &Weighted| w.used == difference.used && w.spread == difference.spread && w.contacts == *changed;
+        let changed = self.inquiry.changed();
+        let fits = |w: &Weighted| w.used == difference.used && w.spread == difference.spread && w.contacts == changed;
         if self.weighted.as_ref().is_some_and(fits) {
             return;
         }
@@ -664,7 +569,7 @@ impl Reconstructor {
             column *= *prior;
         }
         let mut left_out = Basis::default();
-        for electrode in &self.changed {
+        for electrode in self.inquiry.changed() {
             let shapes = self.contacts.as_mut().and_then(|c| c.shapes(&self.imager, *electrode));
             if let Some(shapes) = shapes {
                 let shapes = weighed(shapes, &difference.used, &difference.spread);
@@ -679,7 +584,7 @@ impl Reconstructor {
         self.weighted = Some(Weighted {
             used: difference.used.clone(),
             spread: difference.spread.clone(),
-            contacts: self.changed.clone(),
+            contacts: self.inquiry.changed().to_vec(),
             suspects: None,
             projector: Projector::new(&problem, problem.rank()),
             problem,

@@ -61,15 +61,17 @@ impl Stage {
         assert_eq!(self.frame(&clean), (vec![], vec![]));
     }
 
-    /// With nothing on the sheet, and with a finger elsewhere, 1.5 mm off at most; in the first or the second frame.
+    /// With nothing on the sheet, and with a finger elsewhere, 1.5 mm off at most; not in the first frames, but after some.
     fn told(&mut self, electrode: usize, worse: Worse) {
         let opposite = std::f64::consts::TAU * (electrode as f64 / 16.0 + self.rng.random_range(0.3..0.7));
         let at = [45.0 * opposite.cos(), 45.0 * opposite.sin()];
         for touches in [vec![], vec![finger(at[0], at[1])]] {
             self.rest();
             let clean = self.bench.worse_frame(&touches, &[(electrode, worse)]).unwrap();
-            self.frame(&clean);
-            let (contacts, found) = self.frame(&clean);
+            for _ in 0..10 {
+                assert!(self.frame(&clean).0.is_empty(), "{worse:?}");
+            }
+            let (contacts, found) = (0..20).map(|_| self.frame(&clean)).last().unwrap();
             assert_eq!(contacts, [electrode], "{worse:?}, {touches:?}: {found:?}");
             assert_eq!(found.len(), touches.len(), "{worse:?} at {electrode}: {found:?}");
             for [x, y] in found {
@@ -113,9 +115,12 @@ fn touches_at_the_rim_are_no_contacts() {
             let radius = stage.rng.random_range(77.5..91.5);
             let touch = finger(radius * angle.cos(), radius * angle.sin());
             let clean = stage.bench.clean_frame(&[touch]).unwrap();
-            let (contacts, found) = stage.frame(&clean);
-            assert!(contacts.is_empty(), "{drive:?} {k}: {contacts:?} {found:?}");
-            assert_eq!(found.len(), 1, "{drive:?} {k}");
+            stage.rest();
+            for _ in 0..20 {
+                let (contacts, found) = stage.frame(&clean);
+                assert!(contacts.is_empty(), "{drive:?} {k}: {contacts:?} {found:?}");
+                assert_eq!(found.len(), 1, "{drive:?} {k}");
+            }
         }
     }
 }
@@ -126,10 +131,13 @@ fn a_contact_that_recovers_is_believed_again() {
     let touch = [finger(-30.0, 20.0)];
     let worse = stage.bench.worse_frame(&touch, &[(6, Worse::Face(150.0))]).unwrap();
     let well = stage.bench.clean_frame(&touch).unwrap();
-    for _ in 0..20 {
-        assert_eq!(stage.frame(&worse).1.len(), 1);
+    for _ in 0..30 {
+        stage.frame(&worse);
     }
-    assert_eq!(stage.frame(&worse).0, [6]);
+    for _ in 0..40 {
+        let (contacts, touches) = stage.frame(&worse);
+        assert_eq!((contacts.as_slice(), touches.len()), ([6].as_slice(), 1));
+    }
     let frames = (0..40).take_while(|_| !stage.frame(&well).0.is_empty()).count();
     assert!(frames < 20, "{frames}");
 }

@@ -6,12 +6,14 @@
 //! impedance, and the change for a few large ones). A touch at the rim is at least a tenth, mostly a third, of its own answer away
 //! from these shapes, so the two can be told apart by how well they explain a frame: [`Suspects`] asks by a linear fit, one
 //! electrode after the other, and the frame is then fitted with the contact's shapes left out of it. The drives' scales are
-//! undone before that, for they scale the touches' answers as well.
+//! undone before that, for they scale the touches' answers as well. A contact is believed only after frame upon frame ([`Inquiry`]).
 
 mod basis;
+mod inquiry;
 mod suspect;
 
 pub(crate) use basis::Basis;
+pub(crate) use inquiry::{Inquiry, Verdict};
 pub(crate) use suspect::{EXPLAINED, Judged, Outcome, Suspects, near};
 
 use crate::imager::{Difference, Imager};

@@ -211,7 +211,7 @@ impl Suspects {
 }
 
 /// What a frame comes to with or without a contact.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Outcome {
     /// Chi-square and the number of parameters: of touches, and of directions left out.
     pub(crate) cost: f64,
@@ -219,7 +219,32 @@ pub(crate) struct Outcome {
     pub(crate) misfit: f64,
 }
 
+impl std::ops::Add for Outcome {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        Self {
+            cost: self.cost + other.cost,
+            misfit: self.misfit + other.misfit,
+        }
+    }
+}
+
 impl Outcome {
+    /// Of a sum over frames, what one comes to.
+    pub(crate) fn mean_of(self, frames: usize) -> Self {
+        let part = 1.0 / frames as f64;
+        Self {
+            cost: part * self.cost,
+            misfit: part * self.misfit,
+        }
+    }
+
+    /// Whether a contact that was believed still is.
+    pub(crate) fn stays(self, without: Self) -> bool {
+        self.cost < without.cost
+    }
+
     /// Whether this, with a contact, is to be believed rather than that without.
     pub(crate) fn instead_of(self, without: Self) -> bool {
         let unexplained = |outcome: Self| (outcome.misfit - EXPLAINED).max(0.0);

@@ -240,7 +240,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         eprintln!("electrodes found in the baseline, up to {most:.1} mm from where they were said to be");
         Arc::new(found.imager)
     });
-    let mut reconstructor = Reconstructor::new(imager.clone(), ReconstructorOptions::for_imager(&imager, method));
+    let mut options = ReconstructorOptions::for_imager(&imager, method);
+    if arguments.frame_s.is_none() {
+        // Nothing says that a frame follows another.
+        options.contact_frames = 1;
+    }
+    let mut reconstructor = Reconstructor::new(imager.clone(), options);
     let mut meter = calibration.map(|c| ForceMeter::new(&imager, c));
     let mut results = Vec::new();
     for (k, column) in table.columns.iter().enumerate() {

@@ -108,7 +108,7 @@ pub(crate) const SILENCE: Duration = Duration::from_secs(3);
 /// # Errors
 /// It does not start.
 pub(crate) fn simulated_board() -> Result<Box<dyn Port>> {
-    simulated(&scene::demo(&Sheet::paper()))
+    simulated(&SceneFile::demo(Sheet::paper()))
 }
 
 fn simulated(scene: &SceneFile) -> Result<Box<dyn Port>> {
@@ -141,7 +141,7 @@ fn connect(arguments: &Arguments, sheet: &Sheet, scene: Option<&SceneFile>) -> R
         eprintln!("no board found ({why}): showing the simulated skin; name a port with --port if there is one");
     }
     Ok((
-        Session::start(simulated(&scene::demo(sheet))?, choose)?,
+        Session::start(simulated(&SceneFile::demo(sheet.clone()))?, choose)?,
         "simulated skin".to_owned(),
     ))
 }

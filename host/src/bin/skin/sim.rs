@@ -5,7 +5,7 @@ use super::{capture, number, scene};
 use ::forward::Sheet;
 use anyhow::Result;
 use clap::Args;
-use hil_sim::{Fault, Rubber, SimBoard};
+use hil_sim::{Fault, Rubber, SceneFile, SimBoard};
 use std::path::PathBuf;
 
 /// Arguments of `skin sim`.
@@ -63,7 +63,7 @@ pub(crate) struct Arguments {
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let mut file = match &arguments.scene {
         Some(path) => scene::load(path)?,
-        None => scene::demo(&Sheet::paper()),
+        None => SceneFile::demo(Sheet::paper()),
     };
     file.config.faults.extend(arguments.fault.iter().cloned());
     if let Some(seed) = arguments.seed {

@@ -1,0 +1,23 @@
+//! What a viewer of the live picture sees for a minute: every frame, from the board's front end to the touches.
+#![allow(clippy::unwrap_used, reason = "a test")]
+
+mod chain;
+
+/// Touches come down, wander and go; no contact changes, and nothing else does. Some of the frames are measured while a touch comes
+/// down, so that their first and last values do not fit each other.
+#[test]
+fn touches_that_come_and_go_are_touches_and_no_contacts() {
+    for (name, seconds, right) in [("demo", 25.0, 0.99), ("fast-tap", 12.0, 0.93)] {
+        for seed in [61, 62] {
+            let mut file = chain::scene(name).unwrap();
+            file.config.electronics.seed = seed;
+            let seen = chain::watch(file, seconds, None).unwrap();
+            assert!(seen.frames > 1000 && seen.judged > 200, "{name}: {seen:?}");
+            assert_eq!(seen.contacts, [], "{name}, seed {seed}");
+            let part = seen.right as f64 / seen.judged as f64;
+            assert!(part >= right, "{name}, seed {seed}: {part}");
+            let most = host::study::scenes::quantile(&seen.off_mm, 0.95);
+            assert!(most < 3.0, "{name}, seed {seed}: {most} mm");
+        }
+    }
+}
