@@ -58,7 +58,7 @@ impl Stage {
         let clean = bench.worse_frame(&[finger([48.0, 0.0], 0.2)], &[])?;
         let change: f64 = clean.iter().zip(&bench.baseline).map(|(a, b)| (a - b).powi(2)).sum();
         let sigma = (change / clean.len() as f64).sqrt() * 10.0_f64.powf(-27.0 / 20.0);
-        let mut reconstructor = bench.reconstructor();
+        let mut reconstructor = bench.live_reconstructor();
         let gain = reconstructor.imager().gain(&bench.baseline);
         reconstructor.set_noise(Some(sigma * gain));
         Ok(Self {

@@ -3,6 +3,10 @@
 //! Where values are wrong, reciprocal pairs disagree by more than all the others do. Suspects are every electrode, every
 //! pair of electrodes and every single pair of values; one is left out when the rest then agrees so much better that chance
 //! would not do it (Fisher's test), and the search goes on with the rest.
+//!
+//! A touch that comes down or moves while a frame is measured makes its pairs disagree as well, for the two values are not measured at
+//! the same time. What is broken stays broken, mostly by far: in frames that follow one another a suspect that is not guilty
+//! beyond any doubt must be so again and again.
 
 use crate::imager::Difference;
 use crate::noise::{Disagreement, LEAST_FREEDOM, NoiseEstimate, Reciprocity};
@@ -15,6 +19,11 @@ const FALSE_ALARM: f64 = 1e-6;
 const MOST_FAULTS: usize = 4;
 /// A smaller suspect is preferred when it explains as much of the disagreement, up to this factor of the noise.
 const AS_GOOD: f64 = 1.2;
+/// A suspect whose disagreement is this many times what chance allows is left out at once: motion comes to five times, a lost
+/// electrode to a million.
+const BEYOND_DOUBT: f64 = 30.0;
+/// Others are after so many frames, one after the other.
+const LASTING: usize = 4;
 /// Suspects whose mean square is below this many times that of the others are not looked at.
 const WORTH_A_LOOK: f64 = 2.5;
 
@@ -27,6 +36,31 @@ pub struct Health {
     limit: Option<((usize, usize), f64)>,
     /// A frame without each of the suspects.
     without: Vec<Without>,
+    /// Whether frames follow one another.
+    sequence: bool,
+    /// Suspects of the last frame, and how many frames named them one after another.
+    named: Vec<(Suspect, usize)>,
+    /// Those of the frame before it.
+    earlier: Vec<(Suspect, usize)>,
+}
+
+/// Who disagrees.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Suspect {
+    /// One of the list.
+    Listed(usize),
+    /// A value and its reciprocal.
+    Values([usize; 2]),
+}
+
+/// A suspect that is to be left out.
+struct Guilty {
+    who: Suspect,
+    /// What is used without it, and how that agrees.
+    used: Vec<bool>,
+    rest: Disagreement,
+    /// How many times as much it disagrees as chance allows.
+    by: f64,
 }
 
 /// A frame without a suspect: what does not change from frame to frame.
@@ -49,8 +83,8 @@ impl Without {
 }
 
 impl Health {
-    /// Lists the suspects of a pattern.
-    pub fn new(pattern: &Pattern) -> Self {
+    /// Lists the suspects of a pattern, for frames that are measured one after another or have nothing to do with each other.
+    pub fn new(pattern: &Pattern, sequence: bool) -> Self {
         let measurements = pattern.measurements();
         let same = |a: forward::Pair, b: forward::Pair| a == b || a == b.reversed();
         let pairs = pattern.drives().iter().map(|p| {
@@ -70,7 +104,20 @@ impl Health {
             suspects: pairs.chain(electrodes).collect(),
             limit: None,
             without: Vec::new(),
+            sequence,
+            named: Vec::new(),
+            earlier: Vec::new(),
         }
+    }
+
+    /// Whether anybody is suspected who is not left out yet: then every frame counts.
+    pub fn is_open(&self) -> bool {
+        self.sequence && self.named.iter().any(|(_, frames)| *frames < LASTING)
+    }
+
+    /// Knows nothing of earlier frames any more.
+    pub fn clear(&mut self) {
+        self.named.clear();
     }
 
     /// Takes the values that cannot be believed out of a difference (their `used` becomes false). Returns the noise that the
@@ -87,15 +134,28 @@ impl Health {
             self.without = self.suspects.iter().map(|_| Without::new(reciprocity)).collect();
         }
         let (now, leverage) = reciprocity.look(&d.y, model_v, &d.spread, &d.used)?;
+        std::mem::swap(&mut self.named, &mut self.earlier);
+        self.named.clear();
         if !self.suspicious(now, leverage, model_v, d) {
             return now.noise();
         }
         let mut now = now.clone();
         for _ in 0..MOST_FAULTS {
             let look = |used: &[bool]| reciprocity.disagreement(&d.y, model_v, &d.spread, used);
-            let Some((used, better)) = self.worst(&now, &d.used, look) else {
+            let Some(guilty) = self.worst(&now, &d.used, look) else {
                 break;
             };
+            let before = self.earlier.iter().find(|(who, _)| *who == guilty.who);
+            let frames = match before {
+                _ if guilty.by >= BEYOND_DOUBT => LASTING,
+                Some((_, frames)) => frames + 1,
+                None => 1,
+            };
+            self.named.push((guilty.who, frames));
+            if self.sequence && frames < LASTING {
+                break;
+            }
+            let Guilty { used, rest: better, .. } = guilty;
             for (y, used) in d.y.iter_mut().zip(&used) {
                 if !used {
                     *y = 0.0;
@@ -179,10 +239,10 @@ impl Health {
         now: &Disagreement,
         used: &[bool],
         look: impl Fn(&[bool]) -> Option<Disagreement>,
-    ) -> Option<(Vec<bool>, Disagreement)> {
-        let mut chosen: Option<(f64, Vec<bool>, Disagreement)> = None;
-        let mut consider = |without: Vec<bool>| {
-            let Some(rest) = look(&without) else { return };
+    ) -> Option<Guilty> {
+        let mut chosen: Option<(f64, Guilty)> = None;
+        let mut consider = |who: Suspect, used: Vec<bool>| {
+            let Some(rest) = look(&used) else { return };
             let Some(noise) = rest.noise() else { return };
             let gone = now.freedom.saturating_sub(rest.freedom);
             if gone == 0 {
@@ -191,7 +251,8 @@ impl Health {
             let ratio = (now.square - rest.square) / gone as f64 / noise.sigma.powi(2).max(f64::MIN_POSITIVE);
             let limit = limit(gone, rest.freedom, self.suspects.len() + now.pairs.len());
             if ratio > limit && chosen.as_ref().is_none_or(|(sigma, ..)| noise.sigma * AS_GOOD < *sigma) {
-                chosen = Some((noise.sigma, without, rest));
+                let by = ratio / limit;
+                chosen = Some((noise.sigma, Guilty { who, used, rest, by }));
             }
         };
         // One pair of values: the one that disagrees most.
@@ -203,14 +264,17 @@ impl Health {
         {
             let mut without = used.to_vec();
             now.pairs[k].iter().for_each(|m| without[*m] = false);
-            consider(without);
+            consider(Suspect::Values(now.pairs[k]), without);
         }
         for (k, suspect) in self.suspects.iter().enumerate() {
             if self.worth_a_look(k, now) {
-                consider(used.iter().zip(suspect).map(|(u, s)| *u && !s).collect());
+                consider(
+                    Suspect::Listed(k),
+                    used.iter().zip(suspect).map(|(u, s)| *u && !s).collect(),
+                );
             }
         }
-        chosen.map(|(_, used, rest)| (used, rest))
+        chosen.map(|(_, guilty)| guilty)
     }
 }
 
@@ -257,7 +321,7 @@ mod tests {
 
         fn judge(&self, d: &mut Difference) -> f64 {
             let mut reciprocity = Reciprocity::new(&self.pattern, Drive::PAPER);
-            let rest = Health::new(&self.pattern).judge(&mut reciprocity, &self.model_v, d);
+            let rest = Health::new(&self.pattern, false).judge(&mut reciprocity, &self.model_v, d);
             rest.unwrap().sigma
         }
     }
@@ -320,5 +384,38 @@ mod tests {
         let sigma = frames.judge(&mut d);
         assert!((sigma / 1e-4 - 1.0).abs() < 0.35, "{sigma}");
         assert!(!d.used[77] && d.used.iter().filter(|u| !**u).count() == 2);
+    }
+
+    #[test]
+    fn in_a_sequence_what_is_broken_beyond_doubt_goes_at_once_and_the_rest_when_it_lasts() {
+        let mut frames = Frames::new();
+        let mut reciprocity = Reciprocity::new(&frames.pattern, Drive::PAPER);
+        let mut health = Health::new(&frames.pattern, true);
+        // Whether values 77 and 140, off by so much, are left out of the next frame, in which others are not measured.
+        let mut left_out = |errors: [f64; 2], missing: usize| {
+            let mut d = frames.quiet();
+            d.used[missing] = missing == 77;
+            (d.y[77], d.y[140]) = (errors[0], errors[1]);
+            health.judge(&mut reciprocity, &frames.model_v, &mut d);
+            ([!d.used[77], !d.used[140]], health.is_open())
+        };
+        assert_eq!(left_out([0.5, 0.0], 77), ([true, false], false));
+        assert_eq!(left_out([0.0, 0.0], 77), ([false, false], false));
+        // Fifteen times the noise; what else is missing does not matter.
+        for frame in 1..3 * LASTING {
+            let lasts = frame >= LASTING;
+            assert_eq!(
+                left_out([1.5e-3, 0.0], 10 + frame % 3),
+                ([lasts, false], !lasts),
+                "{frame}"
+            );
+        }
+        // A second one waits for as long, and the first stays out.
+        for frame in 1..3 * LASTING {
+            let lasts = frame >= LASTING;
+            assert_eq!(left_out([1.8e-3, 1.2e-3], 77), ([true, lasts], !lasts), "{frame}");
+        }
+        assert_eq!(left_out([0.0, 0.0], 77), ([false, false], false));
+        assert_eq!(left_out([1.5e-3, 0.0], 77), ([false, false], true));
     }
 }

@@ -73,7 +73,7 @@ impl Live {
         Self {
             reconstructor: Reconstructor::new(
                 Arc::clone(&imager),
-                ReconstructorOptions::for_imager(&imager, options.method),
+                ReconstructorOptions::for_imager(&imager, options.method).of_sequence(),
             ),
             tracker: Tracker::new(Following {
                 reach_mm: 2.0 * REACH * extent,
@@ -128,13 +128,14 @@ impl Live {
                 self.imager = Arc::new(found.imager);
                 self.reconstructor = Reconstructor::new(
                     Arc::clone(&self.imager),
-                    ReconstructorOptions::for_imager(&self.imager, self.options.method),
+                    ReconstructorOptions::for_imager(&self.imager, self.options.method).of_sequence(),
                 );
             }
             // Noise of a difference to this baseline, in the model's volts.
             let gain = self.imager.gain(&baseline.values_v);
             let spread = (1.0 + 1.0 / baseline.frames as f64).sqrt();
             self.reconstructor.set_noise(Some(baseline.noise_v * gain * spread));
+            self.reconstructor.prepare(&baseline.values_v)?;
             self.baseline = Some(baseline);
             return Ok(LiveFrame::Baseline { left: 0 });
         }

@@ -48,13 +48,14 @@ pub struct ReconstructorOptions {
     /// How the picture's touches are fitted to the measurements; none leaves them as the picture has them. Only
     /// [`Method::Nnls`] has a fit.
     pub fit: Option<FitOptions>,
-    /// In how many frames, one after another, a changed contact must explain more than touches do before it is believed and left
-    /// out. 1 for frames that have nothing to do with each other.
-    pub contact_frames: usize,
+    /// Whether frames are measured one after another. What broke or changed on the sheet stays so: an electrode of which not much
+    /// can be said against it is then only left out when that lasts, a contact only believed to have changed after
+    /// 16 frames, and that no touches explain them only said after 4. Otherwise each frame is judged by itself.
+    pub sequence: bool,
 }
 
 impl ReconstructorOptions {
-    /// Defaults for an imager: lengths follow the sheet's size and the cells.
+    /// Defaults for an imager, and frames that have nothing to do with each other: lengths follow the sheet's size and the cells.
     pub fn for_imager(imager: &Imager, method: Method) -> Self {
         let extent = imager.reach_mm();
         Self {
@@ -72,8 +73,13 @@ impl ReconstructorOptions {
                 least_rise: 0.005,
             },
             fit: (method == Method::Nnls).then(|| FitOptions::for_extent(extent)),
-            contact_frames: 16,
+            sequence: false,
         }
+    }
+
+    /// The same for frames measured one after another.
+    pub fn of_sequence(self) -> Self {
+        Self { sequence: true, ..self }
     }
 }
 
@@ -162,7 +168,7 @@ struct Weighted {
     prior: DVector<f64>,
     /// The problem with cells that fall; made when a frame first needs it.
     with_falls: Option<Problem>,
-    /// Answers to touches in the reduced space; made when a frame first needs them.
+    /// Answers to touches in the reduced space; made for the watch, or when a frame first needs them.
     table: Option<TouchTable>,
 }
 
@@ -184,6 +190,8 @@ pub struct Reconstructor {
     contacts: Option<Contacts>,
     /// Which of them changed.
     inquiry: Inquiry,
+    /// Frames one after another that no touches explained.
+    unexplained: usize,
     baselines: usize,
     /// A frame without its contacts' scales.
     evened: Option<Difference>,
@@ -203,6 +211,11 @@ const MOST_STEPS: usize = 60;
 /// A picture's largest rise over the expected one before more is expected.
 const LARGEST_OVER_EXPECTED: f64 = 4.0;
 const MOST_RESCALINGS: usize = 2;
+/// Frames one after another that no touches explain before that is said: a touch that comes down while a frame is measured fits
+/// none either.
+const NOT_TOUCHES_FRAMES: usize = 4;
+/// Frames one after another in which a changed contact must explain more than touches do.
+const CONTACT_FRAMES: usize = 16;
 /// A peak whose integrated rise is less than this fraction of the greatest integrated fall is what the fall leaves around
 /// it.
 const LEAST_OVER_FALL: f64 = 0.5;
@@ -214,14 +227,15 @@ impl Reconstructor {
     pub fn new(imager: Arc<Imager>, options: ReconstructorOptions) -> Self {
         Self {
             reciprocity: Reciprocity::new(&imager.pattern, imager.drive),
-            health: Health::new(&imager.pattern),
+            health: Health::new(&imager.pattern, options.sequence),
             fitter: options.fit.and_then(|f| Fitter::new(&imager, f)),
             gate: None,
             finder: TouchFinder::new(&imager.grid, options.touches),
             weighted: None,
             other: None,
             contacts: options.fit.and_then(|_| Contacts::new(&imager)),
-            inquiry: Inquiry::new(options.contact_frames),
+            inquiry: Inquiry::new(if options.sequence { CONTACT_FRAMES } else { 1 }),
+            unexplained: 0,
             baselines: 0,
             evened: None,
             nnls: Nnls::new(NnlsOptions {
@@ -256,6 +270,20 @@ impl Reconstructor {
         self.known_noise = sigma.filter(|s| *s > 0.0 && s.is_finite());
     }
 
+    /// Makes ready for frames against a baseline, which takes as long as many frames (60 ms): else the first one waits for it. With the
+    /// noise known only.
+    ///
+    /// # Errors
+    /// [`ImagerError::Baseline`] when its length does not match the pattern.
+    pub fn prepare(&mut self, baseline: &[f64]) -> Result<(), ImagerError> {
+        if let Some(sigma) = self.known_noise
+            && self.watch.as_ref().is_none_or(|w| !w.is_for(baseline, sigma))
+        {
+            self.watch = self.start_watch(baseline, sigma)?;
+        }
+        Ok(())
+    }
+
     /// Reconstructs a frame against a baseline (both in any one unit).
     ///
     /// With the noise known, a frame that shows nothing, or nothing new, costs one product with a small matrix and no
@@ -268,18 +296,16 @@ impl Reconstructor {
             sigma,
             freedom: usize::MAX,
         });
-        if let Some(noise) = known {
-            if self.watch.as_ref().is_none_or(|w| !w.is_for(baseline, noise.sigma)) {
-                self.watch = self.start_watch(baseline, noise.sigma)?;
-            }
+        if known.is_some() {
+            self.prepare(baseline)?;
             if let Some(watch) = &mut self.watch {
                 match watch.look(frame) {
                     Seen::Nothing => {
                         watch.forget();
+                        self.result.clear(known, watch.used());
                         self.nnls.reset();
                         self.fitter.iter_mut().for_each(Fitter::forget);
-                        self.inquiry.clear();
-                        self.result.clear(known, watch.used());
+                        self.begin_anew();
                         return Ok(&mut self.result);
                     }
                     Seen::Same => {
@@ -300,10 +326,18 @@ impl Reconstructor {
             .judge(&mut self.reciprocity, &self.imager.model_v, difference);
         if self.baselines != baselines {
             self.baselines = baselines;
-            self.inquiry.clear();
+            self.begin_anew();
         }
         self.settle(difference, known.or(judged));
+        if let Some(watch) = &mut self.watch
+            && (self.inquiry.is_open() || self.health.is_open())
+        {
+            // Every frame counts.
+            watch.forget();
+        }
         let unexplained = self.fitter.is_some() && self.result.misfit.is_none() && !self.result.touches.is_empty();
+        self.unexplained = if unexplained { self.unexplained + 1 } else { 0 };
+        let unexplained = self.unexplained >= if self.options.sequence { NOT_TOUCHES_FRAMES } else { 1 };
         let changed = self.inquiry.changed();
         let contact = changed.first().map(|electrode| Doubt::Contact {
             electrode: *electrode,
@@ -318,10 +352,19 @@ impl Reconstructor {
         Ok(&mut self.result)
     }
 
+    /// Knows nothing of earlier frames any more that lasts on the sheet.
+    fn begin_anew(&mut self) {
+        self.inquiry.clear();
+        self.health.clear();
+        self.unexplained = 0;
+    }
+
     fn start_watch(&mut self, baseline: &[f64], sigma: f64) -> Result<Option<Watch>, ImagerError> {
         let nothing = self.imager.difference(baseline, baseline)?;
-        self.inquiry.clear();
+        self.begin_anew();
         self.weigh(&nothing);
+        // The first touch is not to wait for it.
+        self.tabulate();
         let Some(weighted) = &self.weighted else {
             return Ok(None);
         };
@@ -418,20 +461,39 @@ impl Reconstructor {
         self.result = result;
     }
 
-    /// Fits touches from the picture's; false when discs do not explain the frame.
-    fn fit(&mut self, sigma: f64, noise: Option<NoiseEstimate>, result: &mut FrameResult) -> bool {
-        let (Some(fitter), Some(weighted)) = (&mut self.fitter, &mut self.weighted) else {
-            return false;
+    /// Reduces the answers to touches and to contacts for the values in use, once.
+    fn tabulate(&mut self) {
+        let (Some(fitter), Some(weighted)) = (&self.fitter, &mut self.weighted) else {
+            return;
         };
-        let (used, spread, problem) = (&weighted.used, &weighted.spread, &weighted.problem);
-        let weight = |k: usize| if used[k] { 1.0 / spread[k] } else { 0.0 };
-        let reduce = |v: &DVector<f64>| problem.reduce(&DVector::from_fn(v.len(), |k, _| v[k] * weight(k))).0;
-        let table = weighted.table.get_or_insert_with(|| {
+        if weighted.table.is_none() {
+            let (used, spread, problem) = (&weighted.used, &weighted.spread, &weighted.problem);
             let reduce_all = |volts: &DMatrix<f64>| problem.reduce_all(&weighed(volts, used, spread));
             let contacts = self.contacts.as_ref();
             weighted.suspects = contacts.map(|c| Suspects::new(c, &self.imager, reduce_all));
-            fitter.volts().map(reduce_all)
-        });
+            weighted.table = Some(fitter.volts().map(reduce_all));
+        }
+    }
+
+    /// Fits touches from the picture's; false when discs do not explain the frame.
+    fn fit(&mut self, sigma: f64, noise: Option<NoiseEstimate>, result: &mut FrameResult) -> bool {
+        self.tabulate();
+        let (Some(fitter), Some(weighted)) = (&mut self.fitter, &mut self.weighted) else {
+            return false;
+        };
+        let Some(table) = &weighted.table else { return false };
+        let (used, spread) = (&weighted.used, &weighted.spread);
+        let weight = |k: usize| if used[k] { 1.0 / spread[k] } else { 0.0 };
+        let projector = &mut weighted.projector;
+        let reduce = |volts: &[f64], reduced: &mut Vec<f64>| {
+            let fill = |to: &mut [f64]| {
+                to.iter_mut()
+                    .zip(volts)
+                    .enumerate()
+                    .for_each(|(k, (to, v))| *to = v * weight(k))
+            };
+            reduced.extend_from_slice(projector.project(fill));
+        };
         let data = Data {
             values: &self.reduced,
             sigma,
@@ -442,11 +504,8 @@ impl Reconstructor {
             return false;
         };
         // Only a frame of which all values took part lies in the space that the watch looks at.
-        if let Some(watch) = self
-            .watch
-            .as_mut()
-            .filter(|w| w.used() == result.used && self.inquiry.changed().is_empty())
-        {
+        let whole = |w: &&mut Watch| w.used() == result.used && self.inquiry.changed().is_empty();
+        if let Some(watch) = self.watch.as_mut().filter(|w| fitted.settled && whole(w)) {
             watch.remember(&self.reduced, &fitted.slopes, table.stride());
         }
         result.touches.clone_from(&fitted.touches);

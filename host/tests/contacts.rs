@@ -33,7 +33,7 @@ impl Stage {
         let clean = bench.clean_frame(&[finger(48.0, 0.0)]).unwrap();
         let change: f64 = clean.iter().zip(&bench.baseline).map(|(a, b)| (a - b).powi(2)).sum();
         let sigma = (change / clean.len() as f64).sqrt() * 10.0_f64.powf(-27.0 / 20.0);
-        let mut reconstructor = bench.reconstructor();
+        let mut reconstructor = bench.live_reconstructor();
         let gain = reconstructor.imager().gain(&bench.baseline);
         reconstructor.set_noise(Some(sigma * gain));
         Self {
@@ -125,6 +125,25 @@ fn touches_at_the_rim_are_no_contacts() {
     }
 }
 
+/// Frames that have nothing to do with each other, as in a table, are each judged by themselves.
+#[test]
+fn a_frame_alone_names_a_worse_contact_too() {
+    let mut stage = Stage::new(Drive::PAPER, 86);
+    stage.reconstructor = stage.bench.reconstructor();
+    for k in 0..8 {
+        let electrode = (5 * k + 2) % 16;
+        let worse = [Worse::Face(100.0), Worse::Wire(100.0)][k % 2];
+        let clean = stage.bench.worse_frame(&[], &[(electrode, worse)]).unwrap();
+        assert_eq!(stage.frame(&clean), (vec![electrode], vec![]), "{worse:?}");
+        let angle = std::f64::consts::TAU * k as f64 / 32.0;
+        let radius = stage.rng.random_range(77.5..91.5);
+        let touch = finger(radius * angle.cos(), radius * angle.sin());
+        let clean = stage.bench.clean_frame(&[touch]).unwrap();
+        let (contacts, found) = stage.frame(&clean);
+        assert!(contacts.is_empty() && found.len() == 1, "{k}: {contacts:?} {found:?}");
+    }
+}
+
 #[test]
 fn a_contact_that_recovers_is_believed_again() {
     let mut stage = Stage::new(Drive::PAPER, 85);
@@ -139,5 +158,5 @@ fn a_contact_that_recovers_is_believed_again() {
         assert_eq!((contacts.as_slice(), touches.len()), ([6].as_slice(), 1));
     }
     let frames = (0..40).take_while(|_| !stage.frame(&well).0.is_empty()).count();
-    assert!(frames < 20, "{frames}");
+    assert!(frames <= 20, "{frames}");
 }

@@ -14,7 +14,7 @@ fn a_hand_that_moves_keeps_its_count_and_its_palm() {
     let clean = bench.clean_frame(&Happening::Four.touches(0)).unwrap();
     let change: f64 = clean.iter().zip(&bench.baseline).map(|(a, b)| (a - b).powi(2)).sum();
     let sigma = (change / clean.len() as f64).sqrt() * 10.0_f64.powf(-27.0 / 20.0);
-    let mut r = bench.reconstructor();
+    let mut r = bench.live_reconstructor();
     r.set_noise(Some(sigma * r.imager().gain(&bench.baseline)));
     let (mut right, mut allocated, frames) = (0, 0, 48);
     let sequence: Vec<Vec<f64>> = (0..frames)

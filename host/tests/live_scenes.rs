@@ -7,17 +7,25 @@ mod chain;
 /// down, so that their first and last values do not fit each other.
 #[test]
 fn touches_that_come_and_go_are_touches_and_no_contacts() {
-    for (name, seconds, right) in [("demo", 25.0, 0.99), ("fast-tap", 12.0, 0.93)] {
+    for (name, seconds) in [("demo", 25.0), ("fast-tap", 12.0)] {
         for seed in [61, 62] {
             let mut file = chain::scene(name).unwrap();
             file.config.electronics.seed = seed;
             let seen = chain::watch(file, seconds, None).unwrap();
-            assert!(seen.frames > 1000 && seen.judged > 200, "{name}: {seen:?}");
-            assert_eq!(seen.contacts, [], "{name}, seed {seed}");
+            assert!(seen.frames > 1000, "{name}: {seen:?}");
+            assert_eq!(
+                (seen.contacts, seen.no_touches),
+                (vec![], [0, 0]),
+                "{name}, seed {seed}"
+            );
+            if name != "demo" {
+                // Dents stay where it was touched.
+                continue;
+            }
             let part = seen.right as f64 / seen.judged as f64;
-            assert!(part >= right, "{name}, seed {seed}: {part}");
+            assert!(part >= 0.99, "{name}, seed {seed}: {part}");
             let most = host::study::scenes::quantile(&seen.off_mm, 0.95);
-            assert!(most < 3.0, "{name}, seed {seed}: {most} mm");
+            assert!(most < 0.8, "{name}, seed {seed}: {most} mm");
         }
     }
 }

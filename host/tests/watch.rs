@@ -27,7 +27,7 @@ impl Watched {
         let mut rng = rng(seed);
         let imager = imager(Drive::PAPER, 5.0).unwrap();
         let mut bench = Bench::new(&imager, Drive::PAPER, 0.0, 0.0, &mut rng).unwrap();
-        let mut reconstructor = bench.reconstructor();
+        let mut reconstructor = bench.live_reconstructor();
         let touches = vec![touch(40.0, 0.0), touch(-40.0, 5.0), touch(0.0, 45.0), touch(3.0, -50.0)];
         let scene = Self::scene(touches);
         let clean = bench.frame(&scene, &mut rng).unwrap();

@@ -10,8 +10,10 @@ use super::Outcome;
 const ASKED: usize = 4;
 /// So many frames that name an electrode are undone by one that does not.
 const NOT_NAMED: usize = 2;
-/// A contact that is believed is asked after again after so many frames, and one that is not is not for so many.
+/// A contact that is believed is asked after again after so many frames, or so few if that was in doubt; one that is not believed is
+/// not for so many.
 const ASKED_AGAIN: usize = 16;
+const ASKED_SOON: usize = 4;
 const NOT_ASKED: usize = 64;
 
 /// An inquiry into the contacts of a sheet, frame after frame.
@@ -21,8 +23,9 @@ pub(crate) struct Inquiry {
     frames: usize,
     /// Electrodes whose contact is believed to have changed.
     changed: Vec<usize>,
-    /// Frames since that was asked last.
-    since: usize,
+    /// Frames until that is asked again, and whether it was in doubt the last time.
+    until: usize,
+    doubted: bool,
     suspicion: Option<Suspicion>,
     /// An electrode that was asked for in vain, and for how many frames it is not again.
     innocent: Option<(usize, usize)>,
@@ -56,7 +59,8 @@ impl Inquiry {
         Self {
             frames: frames.max(1),
             changed: Vec::new(),
-            since: 0,
+            until: 0,
+            doubted: false,
             suspicion: None,
             innocent: None,
         }
@@ -77,26 +81,49 @@ impl Inquiry {
         self.changed.clear();
         self.suspicion = None;
         self.innocent = None;
+        self.doubted = false;
+    }
+
+    /// Whether a frame that names the suspect once more is one in which the whole fits are asked, or it is time to ask again.
+    pub(crate) fn asks_next(&self) -> bool {
+        let ripe = self.suspicion.is_some_and(|s| s.named + self.asked() >= self.frames);
+        ripe || self.is_due()
+    }
+
+    fn is_due(&self) -> bool {
+        !self.changed.is_empty() && self.until <= 1
     }
 
     /// Begins a frame. Gives the electrodes believed to have changed where it is time to ask whether they still are: then
-    /// [`Inquiry::changed`] has none until [`Inquiry::keep`].
+    /// [`Inquiry::changed`] has none until [`Inquiry::hear_again`].
     pub(crate) fn begin(&mut self) -> Option<Vec<usize>> {
         self.innocent = self.innocent.and_then(|(l, frames)| Some((l, frames.checked_sub(1)?)));
-        self.since += 1;
-        let due = !self.changed.is_empty() && self.since >= ASKED_AGAIN;
-        due.then(|| {
-            self.since = 0;
-            std::mem::take(&mut self.changed)
-        })
+        if self.is_due() {
+            return Some(std::mem::take(&mut self.changed));
+        }
+        self.until = self.until.saturating_sub(1);
+        None
     }
 
-    /// Believes these.
+    /// Believes these while the whole fit is asked of them again.
     pub(crate) fn keep(&mut self, changed: Vec<usize>) {
         self.changed = changed;
     }
 
-    /// Hears which electrode the linear fits of a frame name, and says which one the whole fit is to be asked of: it is then in
+    /// Hears what the whole fits make of a frame with the contacts that are believed to have changed and without. They are not believed
+    /// any more, which is said, when two frames speak against them.
+    pub(crate) fn hear_again(&mut self, with: Option<Outcome>, without: Option<Outcome>) -> bool {
+        let stays = with.zip(without).is_some_and(|(with, without)| with.stays(without));
+        let gone = !stays && (self.doubted || self.frames == 1);
+        self.doubted = !stays && !gone;
+        self.until = if stays { self.asked_again() } else { ASKED_SOON };
+        if gone {
+            self.changed.clear();
+        }
+        gone
+    }
+
+    /// Hears which electrode the linear fits of a frame name, and says whether the whole fit is to be asked of it: it is then in
     /// [`Inquiry::changed`] until [`Inquiry::hear`].
     pub(crate) fn suspect(&mut self, electrode: Option<usize>) -> bool {
         let electrode = electrode.filter(|l| self.innocent.is_none_or(|(innocent, _)| innocent != *l));
@@ -134,10 +161,10 @@ impl Inquiry {
                 s.with = s.with + with;
                 s.without = s.without + without;
                 let (with, without) = (s.with.mean_of(s.asked), s.without.mean_of(s.asked));
-                match (with.instead_of(without), s.asked >= asked) {
-                    (true, true) => Verdict::Changed,
-                    (true, false) => Verdict::Open,
-                    (false, _) => Verdict::DidNot,
+                match s.asked >= asked {
+                    true if with.instead_of(without) => Verdict::Changed,
+                    false if with.cost < without.cost => Verdict::Open,
+                    _ => Verdict::DidNot,
                 }
             }
             _ => Verdict::DidNot,
@@ -145,7 +172,7 @@ impl Inquiry {
         match verdict {
             Verdict::Changed => {
                 self.suspicion = None;
-                self.since = 0;
+                (self.until, self.doubted) = (self.asked_again(), false);
             }
             Verdict::DidNot => {
                 self.innocent = self.changed.pop().map(|l| (l, NOT_ASKED));
@@ -156,6 +183,11 @@ impl Inquiry {
             }
         }
         verdict
+    }
+
+    /// Frames that are believed by themselves are asked by themselves.
+    fn asked_again(&self) -> usize {
+        if self.frames == 1 { 1 } else { ASKED_AGAIN }
     }
 
     fn asked(&self) -> usize {
@@ -170,10 +202,12 @@ mod tests {
     const BETTER: Outcome = Outcome {
         cost: 100.0,
         misfit: 1.0,
+        model: 5.0,
     };
     const WORSE: Outcome = Outcome {
         cost: 300.0,
         misfit: 2.5,
+        model: 5.0,
     };
 
     /// Frames until it is believed, of at most `most`.
@@ -201,6 +235,30 @@ mod tests {
         assert!(inquiry.changed().is_empty());
         // In seven of eight it is.
         assert!(frames(&mut inquiry, 40, |k| (k % 8 != 0).then_some(5)).is_some());
+    }
+
+    #[test]
+    fn one_that_is_believed_goes_when_two_frames_speak_against_it() {
+        let mut inquiry = Inquiry::new(2);
+        assert_eq!(frames(&mut inquiry, 2, |_| Some(3)), Some(1));
+        let mut ask = |with, without| {
+            for wait in 1.. {
+                let asks = inquiry.asks_next();
+                let Some(changed) = inquiry.begin() else {
+                    assert!(!asks && inquiry.changed() == [3]);
+                    continue;
+                };
+                assert!(asks && changed == [3] && inquiry.changed().is_empty());
+                inquiry.keep(changed);
+                return (wait, inquiry.hear_again(Some(with), Some(without)));
+            }
+            unreachable!()
+        };
+        assert_eq!(ask(WORSE, BETTER), (ASKED_AGAIN, false));
+        assert_eq!(ask(BETTER, WORSE), (ASKED_SOON, false));
+        assert_eq!(ask(WORSE, BETTER), (ASKED_AGAIN, false));
+        assert_eq!(ask(WORSE, BETTER), (ASKED_SOON, true));
+        assert!(inquiry.changed().is_empty());
     }
 
     #[test]

@@ -10,7 +10,7 @@ use nalgebra::DMatrix;
 /// also those further off, all, none. One that is nearer than the second is reason to ask.
 const NEAR: [f64; 5] = [0.15, 0.36, 0.6, f64::INFINITY, 0.0];
 /// By how much chi-square and the number of parameters must be lower with a contact than with the touches in its place: in a linear fit
-/// to be worth a try, and in a full one to be believed.
+/// to be worth a try, or in a full one to stay believed, and in a full one to be believed.
 const MARGIN: f64 = 4.0;
 const MARGIN_AFTER: f64 = 12.0;
 /// The same for a linear fit beside all touches: any of the electrodes may explain some noise.
@@ -217,6 +217,8 @@ pub(crate) struct Outcome {
     pub(crate) cost: f64,
     /// Mean square of the residual, in variances of the noise.
     pub(crate) misfit: f64,
+    /// Chi-square that the model of touches may be wrong by.
+    pub(crate) model: f64,
 }
 
 impl std::ops::Add for Outcome {
@@ -226,6 +228,7 @@ impl std::ops::Add for Outcome {
         Self {
             cost: self.cost + other.cost,
             misfit: self.misfit + other.misfit,
+            model: self.model + other.model,
         }
     }
 }
@@ -237,17 +240,19 @@ impl Outcome {
         Self {
             cost: part * self.cost,
             misfit: part * self.misfit,
+            model: part * self.model,
         }
     }
 
     /// Whether a contact that was believed still is.
     pub(crate) fn stays(self, without: Self) -> bool {
-        self.cost < without.cost
+        self.cost + MARGIN + self.model < without.cost
     }
 
     /// Whether this, with a contact, is to be believed rather than that without.
     pub(crate) fn instead_of(self, without: Self) -> bool {
         let unexplained = |outcome: Self| (outcome.misfit - EXPLAINED).max(0.0);
-        self.cost + MARGIN_AFTER < without.cost && unexplained(self) <= OF_UNEXPLAINED * unexplained(without)
+        self.cost + MARGIN_AFTER + self.model < without.cost
+            && unexplained(self) <= OF_UNEXPLAINED * unexplained(without)
     }
 }

@@ -60,7 +60,7 @@ impl Recorder {
             if let Some(baseline) = self.taker.take(&frame.values_v) {
                 let found = electrodes::find(&self.nominal, &baseline.values_v);
                 let imager = found.map_or_else(|| Arc::clone(&self.nominal), |f| Arc::new(f.imager));
-                let options = ReconstructorOptions::for_imager(&imager, Method::Nnls);
+                let options = ReconstructorOptions::for_imager(&imager, Method::Nnls).of_sequence();
                 self.ready = Some((baseline.values_v, Reconstructor::new(imager, options)));
             }
             return Ok(());

@@ -1,13 +1,13 @@
 //! Fits frame after frame: keeps what only depends on the sheet, and goes beyond the linear model where it shows.
 
 use super::beyond::{self, Beyond};
+use super::correction::Correction;
 use super::order::{self, Before, Scratch};
 use super::placement::Placement;
 use super::table::TouchTable;
 use super::{Disc, Discs, FitOptions, Fitted, Frame, MOST_TOUCHES, Start, fit};
 use crate::imager::Imager;
 use crate::noise::NoiseEstimate;
-use nalgebra::DVector;
 use std::sync::Arc;
 
 /// Part of the data that the linear model of touches may get wrong before it is corrected.
@@ -19,6 +19,11 @@ const SETTLED: f64 = 0.01;
 /// Error of the linear model, in standard deviations of the noise over the whole frame, that is worth two solutions of the
 /// nonlinear model. At 27 dB a touch of +20 % alone is below, two of them side by side are above.
 const WORTH_A_SOLUTION: f64 = 4.2;
+/// The same for a correction that is carried from an earlier frame, before it is solved for anew: all of it may lie along one touch's
+/// move.
+const CARRIED_ERROR: f64 = 1.5;
+/// Part of what is worth a solution from which one goes on being carried.
+const STILL_WORTH: f64 = 0.7;
 /// Where `LINEAR_ERROR` of a frame is more than this, in the same unit, it is taken to show before anything is known of the touches.
 const SHOWS: f64 = 9.0;
 /// After so many frames one after the other whose search did not come to its end, the next one's has no limit.
@@ -42,6 +47,33 @@ pub struct Data<'a> {
     pub noise: Option<NoiseEstimate>,
 }
 
+/// What is the same for all fits of a frame.
+struct Job<'a> {
+    table: &'a TouchTable,
+    options: FitOptions,
+    data: Data<'a>,
+    drop: f64,
+    /// Whether the next frame may go on with it.
+    hurried: bool,
+    turn: usize,
+}
+
+impl Job<'_> {
+    fn frame<'a>(&self, values: &'a [f64], error: f64) -> Frame<'a> {
+        Frame {
+            values,
+            sigma: self.data.sigma,
+            drop: self.drop,
+            error,
+            most_work: if self.hurried {
+                self.options.most_work
+            } else {
+                usize::MAX
+            },
+        }
+    }
+}
+
 /// Fits touches to the frames of one imager.
 pub struct Fitter {
     options: FitOptions,
@@ -50,6 +82,14 @@ pub struct Fitter {
     volts: TouchTable,
     /// Made when a frame first needs it.
     beyond: Option<Beyond>,
+    /// What was left out of the frame before, as it was solved for it or an earlier one.
+    correction: Option<Correction>,
+    /// How often it was solved for.
+    solutions: usize,
+    /// Whether no frame leaves its search to the next.
+    patient: bool,
+    left_out: Vec<f64>,
+    corrected: Vec<f64>,
     /// What the electrodes' uncertainty adds to that of touches.
     placement: Option<Placement>,
     /// Degrees of freedom of the noise, and what a touch must bring at them.
@@ -75,6 +115,11 @@ impl Fitter {
             imager: Arc::clone(imager),
             options,
             beyond: None,
+            correction: None,
+            solutions: 0,
+            patient: false,
+            left_out: Vec::new(),
+            corrected: Vec::new(),
             drop: None,
             scratch: Scratch::default(),
             fitted: Fitted::default(),
@@ -94,6 +139,12 @@ impl Fitter {
     /// Forgets the touches of the frame before: they have gone.
     pub fn forget(&mut self) {
         self.follows = false;
+        self.correction = None;
+    }
+
+    /// Whether every search is to come to its end in its own frame, however many follow.
+    pub fn set_patient(&mut self, patient: bool) {
+        self.patient = patient;
     }
 
     /// Answers to touches, V of the model: to be reduced and weighted as the data are.
@@ -106,103 +157,177 @@ impl Fitter {
     pub fn fit(
         &mut self,
         table: &TouchTable,
-        reduce: impl Fn(&DVector<f64>) -> DVector<f64>,
+        mut reduce: impl FnMut(&[f64], &mut Vec<f64>),
         data: Data,
         seeds: impl Iterator<Item = [f64; 2]>,
     ) -> Option<&Fitted> {
-        let options = self.options;
-        let drop = self.drop(table, data.noise.map_or(1, |n| n.freedom));
         let live = data.noise.is_some_and(|n| n.freedom == usize::MAX);
-        let limited = live && self.unfinished < MOST_UNFINISHED;
-        let frame = |error| Frame {
-            values: data.values,
-            sigma: data.sigma,
-            drop,
-            error,
-            most_work: if limited { options.most_work } else { usize::MAX },
-        };
         self.turn = self.turn.wrapping_add(1);
-        let follows = std::mem::replace(&mut self.follows, false);
-        let Self {
-            scratch,
-            fitted,
-            before,
-            beyond,
-            imager,
-            volts,
-            turn,
-            least_misfit,
-            ..
-        } = self;
-        let seeds: Discs = seeds.take(MOST_TOUCHES).map(|at| options.seed(at)).collect();
-        // Where the linear model's error shows, no touch may be added for it before it is corrected.
-        let norm = data.values.iter().map(|v| v * v).sum::<f64>().sqrt() / data.sigma;
-        let shows = LINEAR_ERROR * norm > SHOWS;
-        let first = if shows { LINEAR_ERROR } else { options.model_error };
-        std::mem::swap(before, fitted);
-        fit(
+        let job = Job {
             table,
-            &options,
-            frame(first),
-            start(&seeds, before, follows.then_some(*least_misfit), *turn),
-            scratch,
-            fitted,
-        )?;
-        let wrong = |f: &Fitted| beyond::expected(&f.discs, &f.norms, &imager.outline_mm) > WORTH_A_SOLUTION;
-        let follow = |before: &Fitted| before.followed.then_some(*least_misfit);
-        if wrong(fitted) {
-            if beyond.is_none() {
-                *beyond = Beyond::new(&imager.model, imager.drive, &imager.pattern);
-            }
-            let beyond = beyond.as_mut()?;
-            let mut correct = |before: &mut Fitted, fitted: &mut Fitted| {
-                for round in 0..MOST_ROUNDS {
-                    if round > 0 && !wrong(fitted) {
-                        break;
-                    }
-                    let more = reduce(&DVector::from_vec(beyond.table_v(volts, &fitted.discs)?));
-                    let corrected: Vec<f64> = data.values.iter().zip(&more).map(|(v, m)| v - m).collect();
-                    std::mem::swap(before, fitted);
-                    let frame = Frame {
-                        values: &corrected,
-                        ..frame(options.model_error)
-                    };
-                    let start = start(&before.discs, before, follow(before), *turn);
-                    fit(table, &options, frame, start, scratch, fitted)?;
-                    if settled(before, fitted) {
-                        break;
-                    }
-                }
-                Some(())
-            };
-            correct(before, fitted)?;
-            if let Some(discs) = merged(&fitted.discs, options.radius_mm) {
-                let two = fitted.clone();
-                *fitted = Fitted { discs, ..two.clone() };
-                fitted.followed = false;
-                let better = correct(before, fitted).is_some() && fitted.misfit < two.misfit;
-                if !better {
-                    *fitted = two;
-                }
-            }
-        } else if shows {
-            std::mem::swap(before, fitted);
-            let start = start(&before.discs, before, follow(before), *turn);
-            fit(table, &options, frame(options.model_error), start, scratch, fitted)?;
-        }
+            options: self.options,
+            data,
+            drop: self.drop(table, data.noise.map_or(1, |n| n.freedom)),
+            hurried: live && !self.patient && self.unfinished < MOST_UNFINISHED,
+            turn: self.turn,
+        };
+        let seeds: Discs = seeds.take(MOST_TOUCHES).map(|at| job.options.seed(at)).collect();
+        self.find(&job, &mut reduce, &seeds)?;
+        let fitted = &mut self.fitted;
         if let Some(placement) = &self.placement {
             for t in &mut fitted.touches {
-                let [x, y] = placement.variance(imager, [t.x_mm, t.y_mm]);
+                let [x, y] = placement.variance(&self.imager, [t.x_mm, t.y_mm]);
                 t.x_sd_mm = t.x_sd_mm.map(|sd| sd.hypot(x.sqrt()));
                 t.y_sd_mm = t.y_sd_mm.map(|sd| sd.hypot(y.sqrt()));
             }
         }
-        let least = if fitted.followed { *least_misfit } else { f64::INFINITY };
-        *least_misfit = fitted.misfit.min(least);
+        let least = if fitted.followed {
+            self.least_misfit
+        } else {
+            f64::INFINITY
+        };
+        self.least_misfit = fitted.misfit.min(least);
         let explained = fitted.misfit <= MOST_MISFIT || fitted.residual <= MOST_RESIDUAL;
         self.unfinished = if fitted.finished { 0 } else { self.unfinished + 1 };
         self.follows = explained || !fitted.finished;
         self.follows.then_some(&self.fitted)
+    }
+
+    /// Fits by the linear model, without what that leaves out as far as it is known from the frame before or worth a solution.
+    fn find(&mut self, job: &Job, reduce: &mut impl FnMut(&[f64], &mut Vec<f64>), seeds: &[Disc]) -> Option<()> {
+        std::mem::swap(&mut self.before, &mut self.fitted);
+        let follows = std::mem::replace(&mut self.follows, false);
+        self.correction = self.correction.take().filter(|_| follows);
+        let scale = self.correction.as_ref().map(|c| c.scale(&self.before.discs));
+        let carried = scale.map(|scale| (scale, self.take_off(job, reduce, scale)));
+        // Where the linear model's error shows, no touch may be added for it before it is corrected.
+        let norm = job.data.values.iter().map(|v| v * v).sum::<f64>().sqrt() / job.data.sigma;
+        let shows = carried.is_none() && LINEAR_ERROR * norm > SHOWS;
+        let model_error = job.options.model_error;
+        let frame = match carried {
+            Some(_) => job.frame(&self.corrected, model_error),
+            None => job.frame(job.data.values, if shows { LINEAR_ERROR } else { model_error }),
+        };
+        let first = start(seeds, &self.before, follows.then_some(self.least_misfit), job.turn);
+        fit(
+            job.table,
+            &job.options,
+            frame,
+            first,
+            &mut self.scratch,
+            &mut self.fitted,
+        )?;
+        if let Some((scale, size)) = carried
+            && self.fitted.followed
+        {
+            return self.renew(job, reduce, scale, size);
+        }
+        if self.expected_error() > WORTH_A_SOLUTION {
+            self.correct(job, reduce)?;
+            if let Some(discs) = merged(&self.fitted.discs, job.options.radius_mm) {
+                let (two, correction) = (self.fitted.clone(), self.correction.clone());
+                self.fitted = Fitted { discs, ..two.clone() };
+                self.fitted.followed = false;
+                let better = self.correct(job, reduce).is_some() && self.fitted.misfit < two.misfit;
+                if !better {
+                    (self.fitted, self.correction) = (two, correction);
+                }
+            }
+        } else if shows || carried.is_some() {
+            self.correction = None;
+            self.again(job, job.frame(job.data.values, model_error))?;
+        }
+        Some(())
+    }
+
+    /// Takes what is left out, so many times, off the data: `corrected`. Returns its norm over the noise.
+    fn take_off(&mut self, job: &Job, reduce: &mut impl FnMut(&[f64], &mut Vec<f64>), scale: f64) -> f64 {
+        self.left_out.clear();
+        if let Some(correction) = &self.correction {
+            reduce(correction.volts(), &mut self.left_out);
+        }
+        self.left_out.resize(job.data.values.len(), 0.0);
+        self.corrected.clear();
+        let corrected = job.data.values.iter().zip(&self.left_out).map(|(v, m)| v - scale * m);
+        self.corrected.extend(corrected);
+        scale * self.left_out.iter().map(|v| v * v).sum::<f64>().sqrt() / job.data.sigma
+    }
+
+    /// Solves anew for touches that were followed where what was taken off is not theirs any more.
+    fn renew(
+        &mut self,
+        job: &Job,
+        reduce: &mut impl FnMut(&[f64], &mut Vec<f64>),
+        scale: f64,
+        size: f64,
+    ) -> Option<()> {
+        let serves = |c: &Correction, discs: &[Disc], scale, size| size * c.error(discs, scale) <= CARRIED_ERROR;
+        self.fitted.settled = serves(self.correction.as_ref()?, &self.fitted.discs, scale, size);
+        if !self.fitted.settled {
+            self.correction = self.solve();
+            let size = self.take_off(job, reduce, 1.0);
+            let corrected = std::mem::take(&mut self.corrected);
+            let again = self.again(job, job.frame(&corrected, job.options.model_error));
+            self.corrected = corrected;
+            again?;
+            self.fitted.settled = serves(self.correction.as_ref()?, &self.fitted.discs, 1.0, size);
+        }
+        if self.expected_error() <= STILL_WORTH * WORTH_A_SOLUTION {
+            self.correction = None;
+        }
+        Some(())
+    }
+
+    /// What the linear model leaves out of what was fitted last.
+    fn solve(&mut self) -> Option<Correction> {
+        if self.beyond.is_none() {
+            self.beyond = Beyond::new(&self.imager.model, self.imager.drive, &self.imager.pattern);
+        }
+        self.solutions += 1;
+        Correction::solve(self.beyond.as_mut()?, &self.volts, &self.fitted.discs)
+    }
+
+    /// About what the linear model leaves out of what was fitted last, in standard deviations of the noise.
+    fn expected_error(&self) -> f64 {
+        beyond::expected(&self.fitted.discs, &self.fitted.norms, &self.imager.outline_mm)
+    }
+
+    /// Takes what the touches fitted last leave out off the data and fits again, until that changes nothing any more.
+    fn correct(&mut self, job: &Job, reduce: &mut impl FnMut(&[f64], &mut Vec<f64>)) -> Option<()> {
+        // The next frame goes on with what is left out.
+        for round in 0..if job.hurried { 1 } else { MOST_ROUNDS } {
+            if round > 0 && self.expected_error() <= WORTH_A_SOLUTION {
+                self.fitted.settled = true;
+                break;
+            }
+            self.correction = Some(self.solve()?);
+            self.take_off(job, reduce, 1.0);
+            let corrected = std::mem::take(&mut self.corrected);
+            let again = self.again(job, job.frame(&corrected, job.options.model_error));
+            self.corrected = corrected;
+            again?;
+            self.fitted.settled = settled(&self.before, &self.fitted);
+            if self.fitted.settled {
+                break;
+            }
+        }
+        Some(())
+    }
+
+    /// Fits from what was fitted last.
+    fn again(&mut self, job: &Job, frame: Frame) -> Option<()> {
+        std::mem::swap(&mut self.before, &mut self.fitted);
+        let before = &self.before;
+        let follow = before.followed.then_some(self.least_misfit);
+        let start = start(&before.discs, before, follow, job.turn);
+        fit(
+            job.table,
+            &job.options,
+            frame,
+            start,
+            &mut self.scratch,
+            &mut self.fitted,
+        )
     }
 
     /// What a touch must bring, kept for as long as the noise is told as well.
@@ -268,6 +393,7 @@ fn settled(before: &Fitted, after: &Fitted) -> bool {
 mod tests {
     use super::*;
     use forward::{Drive, Pattern, Sheet};
+    use nalgebra::DVector;
     use rand::{Rng, SeedableRng};
     use rand_distr::StandardNormal;
 
@@ -373,6 +499,79 @@ mod tests {
             }
             assert!((0.5..1.5).contains(&found.misfit), "{}", found.misfit);
         }
+    }
+
+    /// Two strong touches side by side that move and grow a little from frame to frame: what the linear model leaves out is solved for now
+    /// and then, and the touches are where they would be without the frames before.
+    #[test]
+    fn what_is_left_out_is_carried_from_frame_to_frame() {
+        let (mut f, mut alone) = (fitter(), fitter());
+        alone.set_patient(true);
+        let table = f.volts.clone();
+        let mut beyond = Beyond::new(&f.imager.model, f.imager.drive, &f.imager.pattern).unwrap();
+        let at = |frame: usize| {
+            let k = frame as f64;
+            let disc = |x: f64, y, rise: f64| Disc {
+                at: [x, y],
+                radius: 12.5,
+                strength: 2.0 * rise / (2.0 + rise) * std::f64::consts::PI * 12.5 * 12.5,
+            };
+            [
+                disc(-20.0 + 0.2 * k, 30.0, 0.8 + 0.01 * k),
+                disc(22.0, 30.0 - 0.1 * k, 0.8),
+            ]
+        };
+        let mut rng = rand::rngs::StdRng::seed_from_u64(6);
+        let reduce = |volts: &[f64], out: &mut Vec<f64>| out.extend_from_slice(volts);
+        let (mut sigma, mut first) = (0.0, 0);
+        for frame in 0..40 {
+            let truth = at(frame);
+            let mut values = beyond.table_v(&table, &truth).unwrap();
+            let (linear, _) = data(&table, &truth, 0);
+            if frame == 0 {
+                // What is left out comes to ten standard deviations.
+                sigma = values.iter().map(|v| v * v).sum::<f64>().sqrt() / 10.0;
+            }
+            for (v, l) in values.iter_mut().zip(linear.iter()) {
+                *v += l + sigma * rng.sample::<f64, _>(StandardNormal);
+            }
+            let noise = NoiseEstimate {
+                sigma,
+                freedom: usize::MAX,
+            };
+            let data = Data {
+                values: &values,
+                sigma,
+                noise: Some(noise),
+            };
+            let found = f.fit(&table, reduce, data, truth.iter().map(|d| d.at)).unwrap().clone();
+            if frame == 1 {
+                first = f.solutions;
+            }
+            assert_eq!(found.discs.len(), 2, "{frame}");
+            alone.forget();
+            let seeds = truth.iter().map(|d| d.at);
+            let without = alone.fit(&table, reduce, data, seeds).unwrap();
+            for t in &found.touches {
+                let near = without.touches.iter().map(|o| (t.x_mm - o.x_mm).hypot(t.y_mm - o.y_mm));
+                let (off, sd) = (
+                    near.fold(f64::INFINITY, f64::min),
+                    t.x_sd_mm.unwrap().hypot(t.y_sd_mm.unwrap()),
+                );
+                assert!(frame == 0 || off < 0.7 * sd, "{frame}: {off} mm, {sd}");
+            }
+            assert!(frame == 0 || found.misfit < 1.5, "{frame}: {}", found.misfit);
+        }
+        let later = f.solutions - first;
+        assert!(first <= 2 && (2..=33).contains(&later), "{first} and {later} solutions");
+        assert!(
+            alone.solutions > 2 * f.solutions,
+            "{} without the frames before",
+            alone.solutions
+        );
+        assert!(f.correction.is_some());
+        f.forget();
+        assert!(f.correction.is_none());
     }
 
     #[test]

@@ -8,9 +8,10 @@
 //!
 //! [`table`] holds the answer to a disc of unit strength over the sheet and interpolates it with its derivatives,
 //! [`solve`] fits a given number of touches, [`order`] chooses the number, [`beyond`] tells what the linear model leaves
-//! out, [`fitter`] does it all frame after frame, and this module turns the outcome into touches with their uncertainty.
+//! out, [`correction`] carries that from frame to frame, [`fitter`] does it all frame after frame, and this module turns the outcome into touches with their uncertainty.
 
 pub mod beyond;
+pub mod correction;
 pub mod fitter;
 mod kernels;
 pub mod order;
@@ -185,6 +186,8 @@ pub struct Fitted {
     pub followed: bool,
     /// Whether the search for them came to its end.
     pub finished: bool,
+    /// Whether what the linear model leaves out was that of these touches, as far as it matters.
+    pub settled: bool,
     /// Misfit over what the noise explains: mean square of the whitened residual per degree of freedom.
     pub misfit: f64,
     /// Norm of the residual over the norm of the data.
@@ -284,7 +287,7 @@ fn fit_whitened(
         let answer = &best.jacobian[(PARAMETERS * k + 3) * n..][..n];
         d.strength * kernels::dot(table.arch(), answer, answer).sqrt()
     };
-    (out.followed, out.finished) = (found.followed, found.finished);
+    (out.followed, out.finished, out.settled) = (found.followed, found.finished, true);
     let mut found: ArrayVec<(Touch, Disc, f64), MOST_TOUCHES> = best
         .discs
         .iter()

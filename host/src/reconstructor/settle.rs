@@ -9,13 +9,15 @@ use crate::noise::NoiseEstimate;
 impl Reconstructor {
     /// Reconstructs a difference, and asks whether contacts changed.
     pub(super) fn settle(&mut self, difference: &Difference, noise: Option<NoiseEstimate>) {
+        // With and without a contact is told by what both come to in the end.
+        let patient = self.inquiry.asks_next();
+        self.fitter.iter_mut().for_each(|f| f.set_patient(patient));
         if let Some(changed) = self.inquiry.begin() {
             let without = self.solve_evened(difference, noise);
             let result = self.result.clone();
             self.inquiry.keep(changed);
             let with = self.solve_evened(difference, noise);
-            if !with.zip(without).is_some_and(|(with, without)| with.stays(without)) {
-                self.inquiry.clear();
+            if self.inquiry.hear_again(with, without) {
                 self.result = result;
                 self.fitter.iter_mut().for_each(Fitter::forget);
             }
@@ -38,9 +40,6 @@ impl Reconstructor {
             tracing::debug!(suspect, ?with, ?without, "a contact");
             without = with;
         }
-        if let Some(watch) = self.watch.as_mut().filter(|_| self.inquiry.is_open()) {
-            watch.forget();
-        }
     }
 
     /// Reconstructs a difference without what the contacts did that changed.
@@ -62,16 +61,20 @@ impl Reconstructor {
             .iter()
             .map(|c| changed.clone().map(|l| c.directions(*l)).sum::<usize>())
             .sum();
-        let (cost, misfit) = if self.result.changed {
+        let power = self.power() * self.reduced.len() as f64;
+        let (cost, misfit, sigma) = if self.result.changed {
             let fitted = self.fitter.as_ref()?.last();
-            (fitted.cost, fitted.misfit)
+            (fitted.cost, fitted.misfit, self.result.noise?.sigma)
         } else {
-            let misfit = self.power() / noise?.sigma.powi(2);
-            (misfit * self.reduced.len() as f64, misfit)
+            let sigma = noise?.sigma;
+            let square = power / sigma.powi(2);
+            (square, square / self.reduced.len() as f64, sigma)
         };
+        let error = self.options.fit?.model_error;
         Some(Outcome {
             cost: cost + directions as f64,
             misfit,
+            model: error * error * power / sigma.powi(2),
         })
     }
 

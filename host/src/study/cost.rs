@@ -143,11 +143,11 @@ pub fn costs(drive: Drive, frames: usize, seed: u64) -> Result<Vec<Cost>, StudyE
             if run > 0 && begin.elapsed() > MOST {
                 break;
             }
-            let mut r = scenes::reconstructor(&imager);
+            let mut r = scenes::live_reconstructor(&imager);
             if happening != Happening::IdleUnknownNoise {
                 r.set_noise(Some(sigma * imager.gain(&bench.baseline)));
             }
-            // The first frame prepares the problem, and the first that shows something the tables of the fit.
+            // The first frame prepares the problem and the tables of the fit.
             warm_up(&mut r, &mut bench, sigma, &mut rng)?;
             for (k, frame) in sequence.iter().enumerate() {
                 if k >= FEW && begin.elapsed() > MOST {

@@ -262,10 +262,21 @@ impl Bench {
 
     /// The way from this sheet's frames to touches: the electrodes are looked for in its baseline.
     pub fn reconstructor(&self) -> Reconstructor {
-        match electrodes::find(&self.imager, &self.baseline) {
-            Some(found) => reconstructor(&Arc::new(found.imager)),
-            None => reconstructor(&self.imager),
-        }
+        reconstructor(&self.seen())
+    }
+
+    /// The same for frames measured one after another.
+    pub fn live_reconstructor(&self) -> Reconstructor {
+        live_reconstructor(&self.seen())
+    }
+
+    fn seen(&self) -> Arc<Imager> {
+        electrodes::find(&self.imager, &self.baseline).map_or_else(|| Arc::clone(&self.imager), |f| Arc::new(f.imager))
+    }
+
+    /// The sheet as it is.
+    pub fn sheet(&self) -> &Sheet {
+        self.solver.model().sheet()
     }
 
     /// A frame of the untouched sheet with noise of this standard deviation, V.
@@ -326,10 +337,14 @@ pub fn imager_for(method: Method, drive: Drive, cell_mm: f64) -> Result<Arc<Imag
 
 /// The usual way from a frame to touches, with the electrodes taken to be where the imager has them.
 pub fn reconstructor(imager: &Arc<Imager>) -> Reconstructor {
-    Reconstructor::new(
-        Arc::clone(imager),
-        ReconstructorOptions::for_imager(imager, Method::Nnls),
-    )
+    let options = ReconstructorOptions::for_imager(imager, Method::Nnls);
+    Reconstructor::new(Arc::clone(imager), options)
+}
+
+/// The same for frames measured one after another.
+pub fn live_reconstructor(imager: &Arc<Imager>) -> Reconstructor {
+    let options = ReconstructorOptions::for_imager(imager, Method::Nnls);
+    Reconstructor::new(Arc::clone(imager), options.of_sequence())
 }
 
 /// The source of all that is drawn.

@@ -96,7 +96,7 @@ pub(crate) fn watch(mut file: SceneFile, seconds: f64, plan: Option<PlanName>) -
         seen.highest = numbers.fold(seen.highest, u32::max);
         // The middle of the frame.
         let now = truth.truth(frame.time_s - 0.5 * frame_s);
-        let dents = now.is_empty() && truth.material.delayed_per_mpa > 0.0;
+        let dents = now.len() < truth.touches.len() && truth.material.delayed_per_mpa > 0.0;
         if dents || now.iter().any(|t| t.force_n < LEAST_FORCE * most_n) {
             continue;
         }

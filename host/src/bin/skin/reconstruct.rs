@@ -73,8 +73,9 @@ pub(crate) struct Arguments {
     /// recording in the order of the columns.
     #[arg(long, requires = "frame_s", value_name = "FILE")]
     calibration: Option<PathBuf>,
-    /// Time from one frame to the next, s.
-    #[arg(long, requires = "calibration", value_name = "S", value_parser = number::positive("a time in seconds above 0"))]
+    /// The frames follow one another, so many s from one to the next: what is broken or changed on the sheet is then told over several of
+    /// them.
+    #[arg(long, value_name = "S", value_parser = number::positive("a time in seconds above 0"))]
     frame_s: Option<f64>,
     /// One JSON object a line.
     #[arg(long)]
@@ -241,10 +242,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         Arc::new(found.imager)
     });
     let mut options = ReconstructorOptions::for_imager(&imager, method);
-    if arguments.frame_s.is_none() {
-        // Nothing says that a frame follows another.
-        options.contact_frames = 1;
-    }
+    // Otherwise nothing says that a frame follows another.
+    options.sequence = arguments.frame_s.is_some();
     let mut reconstructor = Reconstructor::new(imager.clone(), options);
     let mut meter = calibration.map(|c| ForceMeter::new(&imager, c));
     let mut results = Vec::new();
