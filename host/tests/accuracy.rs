@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, reason = "shared by the tests")]
 
 use forward::Drive;
+use host::study::conformal::{ConformalMap, angles};
 use host::study::scenes::{self, Bench, Fault, Kind, Score, imager, reconstructor, rng, score};
 
 /// Scenes of one kind from the paper's drive.
@@ -121,6 +122,29 @@ fn electrodes_and_contacts_that_are_off_are_found() {
         for score in [s, quiet] {
             assert!(score.honest_part() > 0.88, "{n}: {}", score.honest_part());
         }
+    }
+}
+
+/// What a conformal map of the disc does to electrodes is not in the baseline: it is all that stays unknown.
+#[test]
+fn electrodes_are_found_but_for_a_conformal_map() {
+    for (drive, seed) in [(Drive::PAPER, 9009), (Drive::Current { amplitude_a: 1e-3 }, 9010)] {
+        let imager = imager(drive, 5.0).unwrap();
+        let mut rng = rng(seed);
+        let bench = Bench::new(&imager, drive, 0.5, 0.3, &mut rng).unwrap();
+        let found = host::electrodes::find(&imager, &bench.baseline).unwrap();
+        let nominal = angles(imager.model.sheet());
+        let off: Vec<f64> = angles(bench.sheet())
+            .iter()
+            .zip(&nominal)
+            .zip(&found.moved_mm)
+            .map(|((is, said), moved)| moved - 97.5 * (is - said))
+            .collect();
+        let (_, left) = ConformalMap::nearest(97.5, &off, &nominal).unwrap();
+        let largest = |v: &[f64]| v.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
+        // The meshes differ by more than that nowhere.
+        assert!(largest(&left) < 0.01, "{left:?}");
+        assert!(largest(&off) > 0.05, "{off:?}");
     }
 }
 

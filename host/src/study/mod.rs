@@ -2,9 +2,10 @@
 //!
 //! [`scenes`] simulates and judges; [`compare`] sets run time against error for all methods; [`cost`] tells what a frame
 //! costs by what happens on the sheet, [`savings`] what each shortcut is worth; [`merit`] has the GREIT figures of the
-//! pictures; [`stress`] tries what must hold on any data.
+//! pictures; [`conformal`] what no baseline tells of the electrodes; [`stress`] tries what must hold on any data.
 
 pub mod compare;
+pub mod conformal;
 pub mod cost;
 pub mod merit;
 pub mod savings;
@@ -33,4 +34,7 @@ pub enum StudyError {
     /// The measurements.
     #[error(transparent)]
     Pattern(#[from] PatternError),
+    /// Numbers that are none, or too few.
+    #[error("a number is not finite, or there are not as many as needed")]
+    Numbers,
 }
