@@ -33,6 +33,7 @@ pub mod reconstruct;
 pub mod reconstructor;
 pub mod session;
 pub mod settings;
+pub mod steady;
 pub mod study;
 pub mod table;
 pub mod touches;

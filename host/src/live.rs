@@ -7,6 +7,7 @@ use crate::imager::{Imager, ImagerError};
 use crate::reconstruct::Method;
 use crate::reconstructor::{FrameResult, Reconstructor, ReconstructorOptions};
 use crate::session::MeasuredFrame;
+use crate::steady::Steadier;
 use crate::tracker::{Following, Tracker};
 use std::sync::Arc;
 
@@ -54,6 +55,7 @@ pub struct Live {
     options: LiveOptions,
     reconstructor: Reconstructor,
     tracker: Tracker,
+    steadier: Steadier,
     meter: Option<ForceMeter>,
     taker: Option<BaselineTaker>,
     baseline: Option<Baseline>,
@@ -79,6 +81,7 @@ impl Live {
                 reach_mm: 2.0 * REACH * extent,
                 patience_s: PATIENCE_S,
             }),
+            steadier: Steadier::default(),
             meter: options.calibration.map(|c| ForceMeter::new(&imager, c)),
             taker: Some(BaselineTaker::new(values, options.baseline_frames)),
             baseline: None,
@@ -144,6 +147,9 @@ impl Live {
         };
         let result = self.reconstructor.frame(&baseline.values_v, &frame.values_v)?;
         self.tracker.update(frame.time_s, &mut result.touches);
+        if result.anew {
+            self.steadier.update(frame.time_s, &mut result.touches);
+        }
         if let Some(meter) = &mut self.meter {
             meter.tell(frame.time_s, &mut result.touches);
         }

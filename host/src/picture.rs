@@ -200,6 +200,8 @@ pub struct Touch {
     pub x_sd_mm: Option<f64>,
     /// Standard uncertainty of `y_mm`; none where the touch was not fitted to the measurements.
     pub y_sd_mm: Option<f64>,
+    /// Standard uncertainty of `area_mm2`; none where the touch was not fitted to the measurements.
+    pub area_sd_mm2: Option<f64>,
     /// Standard uncertainty of `total_mm2`; none where the touch was not fitted to the measurements.
     pub total_sd_mm2: Option<f64>,
     /// Force, N, without the creep of the rubber; 0 for a dent that an earlier touch left. None without a calibration.

@@ -319,6 +319,7 @@ fn fit_whitened(
                 total_mm2: rise * disc.area_mm2(),
                 x_sd_mm: of(0, 0).map(sd),
                 y_sd_mm: of(1, 1).map(sd),
+                area_sd_mm2: of(2, 2).map(|v| 2.0 * PI * disc.radius * sd(v)),
                 total_sd_mm2: total_variance().map(|v| sd(v).hypot(TOTAL_ERROR * rise * disc.area_mm2())),
                 force_n: None,
             };

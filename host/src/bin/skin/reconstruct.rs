@@ -96,6 +96,7 @@ struct TouchLine {
     /// Standard uncertainties; null where the touch is a peak of the picture only.
     x_sd_mm: Option<f64>,
     y_sd_mm: Option<f64>,
+    area_sd_mm2: Option<f64>,
     total_sd_mm2: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     force_n: Option<f64>,
@@ -372,6 +373,7 @@ fn print(results: &[(&str, FrameResult)], json: bool) -> Result<()> {
                         total_mm2: t.total_mm2,
                         x_sd_mm: t.x_sd_mm,
                         y_sd_mm: t.y_sd_mm,
+                        area_sd_mm2: t.area_sd_mm2,
                         total_sd_mm2: t.total_sd_mm2,
                         force_n: t.force_n,
                     })

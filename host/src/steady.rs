@@ -1,0 +1,185 @@
+//! Radii of touches that are followed, steadied from frame to frame.
+//!
+//! A fast frame tells the strength of a touch well and its radius badly, and with the radius its peak rise, which goes with the
+//! inverse square of it. But a touch does not widen from one frame to the next by as much as noise says: a Kalman filter on the logarithm
+//! of the radius, one for every touch, weighs what was known against what the frame says. Slow frames are left as they are.
+
+use crate::fit::Disc;
+use crate::picture::Touch;
+use std::f64::consts::PI;
+
+/// How fast the logarithm of a radius changes, 1/s: half as wide again in a quarter of a second, as a finger does that comes down.
+const RATE_PER_S: f64 = 1.6;
+/// What is further off than so many standard deviations is another touch.
+const ANOTHER: f64 = 4.0;
+/// A touch that is gone for longer is forgotten, s.
+const PATIENCE_S: f64 = 0.5;
+
+/// Keeps radii by the touches' numbers.
+#[derive(Clone, Debug, Default)]
+pub struct Steadier {
+    known: Vec<Known>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Known {
+    id: u32,
+    seen_s: f64,
+    /// Logarithm of the radius (mm), and its variance.
+    log_radius: f64,
+    variance: f64,
+}
+
+impl Steadier {
+    /// Steadies the touches of a frame that was reconstructed anew, measured at the board's time: area, peak and integrated rise, and the area's
+    /// uncertainty; strongest first again. Touches without a number or an uncertainty are left as they are.
+    pub fn update(&mut self, time_s: f64, touches: &mut [Touch]) {
+        self.known.retain(|k| (0.0..=PATIENCE_S).contains(&(time_s - k.seen_s)));
+        for touch in &mut *touches {
+            let (Some(id), Some(sd)) = (touch.id, touch.area_sd_mm2) else {
+                continue;
+            };
+            let measured = Known {
+                id,
+                seen_s: time_s,
+                log_radius: 0.5 * (touch.area_mm2 / PI).ln(),
+                variance: (0.5 * sd / touch.area_mm2).powi(2),
+            };
+            if !(measured.log_radius.is_finite() && measured.variance > 0.0) {
+                continue;
+            }
+            match self.known.iter_mut().find(|k| k.id == id) {
+                Some(known) => {
+                    *known = known.then(measured);
+                    known.apply(touch);
+                }
+                None => self.known.push(measured),
+            }
+        }
+        touches.sort_by(|a, b| b.rise.total_cmp(&a.rise));
+    }
+}
+
+impl Known {
+    /// With what a later frame says.
+    fn then(self, measured: Self) -> Self {
+        let expected = self.variance + (RATE_PER_S * (measured.seen_s - self.seen_s)).powi(2);
+        let off = measured.log_radius - self.log_radius;
+        if off * off > ANOTHER * ANOTHER * (expected + measured.variance) {
+            return measured;
+        }
+        let gain = expected / (expected + measured.variance);
+        Self {
+            log_radius: self.log_radius + gain * off,
+            variance: (1.0 - gain) * expected,
+            ..measured
+        }
+    }
+
+    /// Gives a touch the radius; its strength in the linear model is what the frame says.
+    fn apply(&self, touch: &mut Touch) {
+        let disc = Disc {
+            at: [touch.x_mm, touch.y_mm],
+            radius: self.log_radius.exp(),
+            strength: 2.0 * touch.rise / (2.0 + touch.rise) * touch.area_mm2,
+        };
+        touch.rise = disc.rise();
+        touch.area_mm2 = disc.area_mm2();
+        touch.total_mm2 = touch.rise * touch.area_mm2;
+        touch.area_sd_mm2 = Some(2.0 * touch.area_mm2 * self.variance.sqrt());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{Rng, SeedableRng};
+    use rand_distr::StandardNormal;
+
+    /// A touch of strength 100 mm² whose radius was told with this standard deviation.
+    fn touch(id: u32, radius: f64, sd: f64) -> Touch {
+        let disc = Disc {
+            at: [1.0, 2.0],
+            radius,
+            strength: 100.0,
+        };
+        Touch {
+            id: Some(id),
+            x_mm: 1.0,
+            y_mm: 2.0,
+            rise: disc.rise(),
+            area_mm2: disc.area_mm2(),
+            total_mm2: disc.rise() * disc.area_mm2(),
+            area_sd_mm2: Some(2.0 * PI * radius * sd),
+            ..Touch::default()
+        }
+    }
+
+    /// Radii that come out of noisy ones, and what is said of them.
+    fn steadied(frame_s: f64, sd: f64, radius: impl Fn(f64) -> f64) -> Vec<(f64, f64, f64)> {
+        let mut rng = rand::rngs::StdRng::seed_from_u64(3);
+        let mut steadier = Steadier::default();
+        let times = (0..400).map(|k| frame_s * f64::from(k));
+        let one = |t: f64| {
+            let noise: f64 = rng.sample(StandardNormal);
+            let mut touches = [touch(7, radius(t) + sd * noise, sd)];
+            let measured = radius(t) + sd * noise;
+            steadier.update(t, &mut touches);
+            let [found] = touches;
+            let strength = 2.0 * found.rise / (2.0 + found.rise) * found.area_mm2;
+            assert!((strength - 100.0).abs() < 1e-9, "{strength}");
+            let r = (found.area_mm2 / PI).sqrt();
+            (
+                r - radius(t),
+                measured - radius(t),
+                found.area_sd_mm2.unwrap() / (2.0 * PI * r),
+            )
+        };
+        times.map(one).collect()
+    }
+
+    fn rms(values: impl Iterator<Item = f64> + Clone) -> f64 {
+        (values.clone().map(|v| v * v).sum::<f64>() / values.count() as f64).sqrt()
+    }
+
+    #[test]
+    fn fast_frames_are_steadied_as_far_as_is_said_and_slow_ones_are_not() {
+        let fast = steadied(1.0 / 115.0, 2.0, |_| 12.0);
+        let (off, said) = (rms(fast[50..].iter().map(|f| f.0)), rms(fast[50..].iter().map(|f| f.2)));
+        assert!(off < 0.35 * 2.0 && (0.6..1.5).contains(&(off / said)), "{off} {said}");
+        let slow = steadied(0.33, 0.5, |_| 12.0);
+        let moved = rms(slow.iter().map(|f| f.0 - f.1));
+        assert!(moved < 0.1 * 0.5, "{moved}");
+    }
+
+    #[test]
+    fn a_touch_that_widens_is_followed() {
+        let widens = |t: f64| 8.0 * (1.5_f64).powf((t / 0.25).min(1.0));
+        let found = steadied(1.0 / 115.0, 1.5, widens);
+        // While it widens it lags by less than the noise of a frame, and not at all afterwards.
+        assert!(rms(found[3..29].iter().map(|f| f.0)) < 1.5);
+        assert!(rms(found[80..].iter().map(|f| f.0)) < 0.6);
+        // Another one with its number begins anew.
+        let jumps = steadied(1.0 / 115.0, 0.3, |t| if t < 1.0 { 8.0 } else { 16.0 });
+        assert!(jumps[118..].iter().all(|f| f.0.abs() < 1.5));
+    }
+
+    #[test]
+    fn what_is_not_fitted_or_has_no_number_is_left_as_it_is() {
+        let mut steadier = Steadier::default();
+        let plain = Touch {
+            rise: 0.1,
+            area_mm2: 300.0,
+            ..Touch::default()
+        };
+        let strange = Touch {
+            area_mm2: 0.0,
+            ..touch(4, 10.0, 1.0)
+        };
+        for k in 0..3 {
+            let mut touches = [strange, plain];
+            steadier.update(0.1 * f64::from(k), &mut touches);
+            assert_eq!(touches, [strange, plain]);
+        }
+    }
+}
