@@ -22,6 +22,8 @@ const AS_GOOD: f64 = 1.2;
 /// A suspect whose disagreement is this many times what chance allows is left out at once: motion comes to five times, a lost
 /// electrode to a million.
 const BEYOND_DOUBT: f64 = 30.0;
+/// One that was left out stays so above this part of what chance allows: others may disagree beside it.
+const STILL_GUILTY: f64 = 0.3;
 /// Others are after so many frames, one after the other.
 const LASTING: usize = 4;
 /// Suspects whose mean square is below this many times that of the others are not looked at.
@@ -133,16 +135,22 @@ impl Health {
         if self.without.len() != self.suspects.len() {
             self.without = self.suspects.iter().map(|_| Without::new(reciprocity)).collect();
         }
-        let (now, leverage) = reciprocity.look(&d.y, model_v, &d.spread, &d.used)?;
         std::mem::swap(&mut self.named, &mut self.earlier);
         self.named.clear();
+        let (now, leverage) = reciprocity.look(&d.y, model_v, &d.spread, &d.used)?;
         if !self.suspicious(now, leverage, model_v, d) {
             return now.noise();
         }
         let mut now = now.clone();
         for _ in 0..MOST_FAULTS {
             let look = |used: &[bool]| reciprocity.disagreement(&d.y, model_v, &d.spread, used);
-            let Some(guilty) = self.worst(&now, &d.used, look) else {
+            // Whoever was left out before comes first: nobody else's motion brings it back.
+            let left_out = |who: &Suspect| {
+                let named = |(other, frames): &(Suspect, usize)| other == who && *frames >= LASTING;
+                self.sequence && self.earlier.iter().any(named) && !self.named.iter().any(|(other, _)| other == who)
+            };
+            let again = self.worst(&now, &d.used, look, left_out, STILL_GUILTY);
+            let Some(guilty) = again.or_else(|| self.worst(&now, &d.used, look, |_| true, 1.0)) else {
                 break;
             };
             let before = self.earlier.iter().find(|(who, _)| *who == guilty.who);
@@ -233,12 +241,14 @@ impl Health {
         count > 0 && others > 0 && inside / count as f64 > WORTH_A_LOOK * outside / others as f64
     }
 
-    /// The suspect without which the rest agrees best, if that is more than chance.
+    /// The suspect among some without which the rest agrees best, if that is more than this part of what chance allows.
     fn worst(
         &self,
         now: &Disagreement,
         used: &[bool],
         look: impl Fn(&[bool]) -> Option<Disagreement>,
+        among: impl Fn(&Suspect) -> bool,
+        part: f64,
     ) -> Option<Guilty> {
         let mut chosen: Option<(f64, Guilty)> = None;
         let mut consider = |who: Suspect, used: Vec<bool>| {
@@ -250,24 +260,24 @@ impl Health {
             }
             let ratio = (now.square - rest.square) / gone as f64 / noise.sigma.powi(2).max(f64::MIN_POSITIVE);
             let limit = limit(gone, rest.freedom, self.suspects.len() + now.pairs.len());
-            if ratio > limit && chosen.as_ref().is_none_or(|(sigma, ..)| noise.sigma * AS_GOOD < *sigma) {
+            if ratio > part * limit && chosen.as_ref().is_none_or(|(sigma, ..)| noise.sigma * AS_GOOD < *sigma) {
                 let by = ratio / limit;
                 chosen = Some((noise.sigma, Guilty { who, used, rest, by }));
             }
         };
         // One pair of values: the one that disagrees most.
-        if let Some((k, _)) = now
+        let pairs = now
             .left
             .iter()
-            .enumerate()
-            .max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))
-        {
+            .zip(&now.pairs)
+            .filter(|(_, pair)| among(&Suspect::Values(**pair)));
+        if let Some((_, pair)) = pairs.max_by(|a, b| a.0.abs().total_cmp(&b.0.abs())) {
             let mut without = used.to_vec();
-            now.pairs[k].iter().for_each(|m| without[*m] = false);
-            consider(Suspect::Values(now.pairs[k]), without);
+            pair.iter().for_each(|m| without[*m] = false);
+            consider(Suspect::Values(*pair), without);
         }
         for (k, suspect) in self.suspects.iter().enumerate() {
-            if self.worth_a_look(k, now) {
+            if among(&Suspect::Listed(k)) && self.worth_a_look(k, now) {
                 consider(
                     Suspect::Listed(k),
                     used.iter().zip(suspect).map(|(u, s)| *u && !s).collect(),
@@ -410,10 +420,10 @@ mod tests {
                 "{frame}"
             );
         }
-        // A second one waits for as long, and the first stays out.
+        // A second one waits for as long, and the first stays out, whichever is the worse.
         for frame in 1..3 * LASTING {
             let lasts = frame >= LASTING;
-            assert_eq!(left_out([1.8e-3, 1.2e-3], 77), ([true, lasts], !lasts), "{frame}");
+            assert_eq!(left_out([1.5e-3, 1.8e-3], 77), ([true, lasts], !lasts), "{frame}");
         }
         assert_eq!(left_out([0.0, 0.0], 77), ([false, false], false));
         assert_eq!(left_out([1.5e-3, 0.0], 77), ([false, false], true));

@@ -320,17 +320,21 @@ impl Reconstructor {
         let mut differences = std::mem::take(&mut self.differences);
         differences.to(&self.imager.model_v, baseline, frame);
         let baselines = differences.baselines();
-        let difference = differences.to(&self.imager.model_v, baseline, frame);
-        let judged = self
-            .health
-            .judge(&mut self.reciprocity, &self.imager.model_v, difference);
         if self.baselines != baselines {
             self.baselines = baselines;
             self.begin_anew();
         }
+        if !self.options.sequence {
+            // What was in the frame before says nothing of this one.
+            self.fitter.iter_mut().for_each(Fitter::forget);
+        }
+        let difference = differences.to(&self.imager.model_v, baseline, frame);
+        let judged = self
+            .health
+            .judge(&mut self.reciprocity, &self.imager.model_v, difference);
         self.settle(difference, known.or(judged));
         if let Some(watch) = &mut self.watch
-            && (self.inquiry.is_open() || self.health.is_open())
+            && (self.inquiry.is_open() || !self.inquiry.changed().is_empty() || self.health.is_open())
         {
             // Every frame counts.
             watch.forget();

@@ -48,6 +48,7 @@ pub struct Data<'a> {
 }
 
 /// What is the same for all fits of a frame.
+#[derive(Clone, Copy)]
 struct Job<'a> {
     table: &'a TouchTable,
     options: FitOptions,
@@ -225,6 +226,11 @@ impl Fitter {
         if self.expected_error() > WORTH_A_SOLUTION {
             self.correct(job, reduce)?;
             if let Some(discs) = merged(&self.fitted.discs, job.options.radius_mm) {
+                // One or two is told by what both come to in the end.
+                let job = &Job { hurried: false, ..*job };
+                if !self.fitted.settled {
+                    self.correct(job, reduce)?;
+                }
                 let (two, correction) = (self.fitted.clone(), self.correction.clone());
                 self.fitted = Fitted { discs, ..two.clone() };
                 self.fitted.followed = false;
@@ -264,7 +270,10 @@ impl Fitter {
         let serves = |c: &Correction, discs: &[Disc], scale, size| size * c.error(discs, scale) <= CARRIED_ERROR;
         self.fitted.settled = serves(self.correction.as_ref()?, &self.fitted.discs, scale, size);
         if !self.fitted.settled {
-            self.correction = self.solve();
+            let Some(correction) = self.solve() else {
+                return Some(());
+            };
+            self.correction = Some(correction);
             let size = self.take_off(job, reduce, 1.0);
             let corrected = std::mem::take(&mut self.corrected);
             let again = self.again(job, job.frame(&corrected, job.options.model_error));

@@ -10,7 +10,7 @@ impl Reconstructor {
     /// Reconstructs a difference, and asks whether contacts changed.
     pub(super) fn settle(&mut self, difference: &Difference, noise: Option<NoiseEstimate>) {
         // With and without a contact is told by what both come to in the end.
-        let patient = self.inquiry.asks_next();
+        let patient = !self.options.sequence || self.inquiry.asks_next();
         self.fitter.iter_mut().for_each(|f| f.set_patient(patient));
         if let Some(changed) = self.inquiry.begin() {
             let without = self.solve_evened(difference, noise);
@@ -84,6 +84,10 @@ impl Reconstructor {
         let (fitter, weighted) = (self.fitter.as_ref()?, self.weighted.as_mut()?);
         let table = weighted.table.as_ref().filter(|_| self.result.changed)?;
         let fitted = fitter.last();
+        // What is left of an earlier frame, where this one could not be fitted.
+        if fitted.left.len() < self.reduced.len() {
+            return None;
+        }
         if fitted.misfit <= EXPLAINED && !contact::near(&self.imager, &fitted.all) {
             return None;
         }
