@@ -61,19 +61,23 @@ fn main() -> Result<()> {
     }
     println!("seed {seed}, {seconds} s of every scene");
     println!(
-        "| scene | frames | contacts named | said to be no touches: times, frames | count right, % | position, median / 95th / 99.9th percentile mm | highest number | frame us, median / 99th / longest |"
+        "| scene | frames | contacts named | said to be no touches: times, frames | count right, % | position, median / 95th / 99.9th percentile mm | rise, 1st / 50th / 99th percentile | highest number | frame us, median / 99th / longest |"
     );
-    println!("|---|---|---|---|---|---|---|---|");
+    println!("|---|---|---|---|---|---|---|---|---|");
     for name in scenes {
         let mut file = chain::scene(&name)?;
         file.config.electronics.seed = seed;
         let seen = chain::watch(file, seconds, plan)?;
         let judged = if seen.judged == 0 {
-            "- | -".to_owned()
+            "- | - | -".to_owned()
         } else {
             let [half, most, nearly_all] = [0.5, 0.95, 0.999].map(|q| quantile(&seen.off_mm, q));
             let right = 100.0 * seen.right as f64 / seen.judged as f64;
-            format!("{right:.2} | {half:.2} / {most:.2} / {nearly_all:.2}")
+            let rise = [0.01, 0.5, 0.99].map(|q| quantile(&seen.rises, q));
+            format!(
+                "{right:.2} | {half:.2} / {most:.2} / {nearly_all:.2} | {:.2} / {:.2} / {:.2}",
+                rise[0], rise[1], rise[2]
+            )
         };
         let [half, most, longest] = [0.5, 0.99, 1.0].map(|q| quantile(&seen.us, q));
         println!(

@@ -3,7 +3,6 @@
 use crate::baseline::{Baseline, BaselineTaker};
 use crate::creep::force::{Calibration, ForceMeter};
 use crate::electrodes;
-use crate::fit::FitOptions;
 use crate::imager::{Imager, ImagerError};
 use crate::reconstruct::Method;
 use crate::reconstructor::{FrameResult, Reconstructor, ReconstructorOptions};
@@ -82,7 +81,7 @@ impl Live {
                 reach_mm: 2.0 * REACH * extent,
                 patience_s: PATIENCE_S,
             }),
-            steadier: Steadier::new(FitOptions::for_extent(extent)),
+            steadier: Steadier::default(),
             meter: options.calibration.map(|c| ForceMeter::new(&imager, c)),
             taker: Some(BaselineTaker::new(values, options.baseline_frames)),
             baseline: None,

@@ -2,10 +2,10 @@
 //!
 //! A fast frame tells the strength of a touch well and its radius badly, and with the radius its peak rise, which goes with the
 //! inverse square of it. But a touch does not widen from one frame to the next by as much as noise says: a Kalman filter on the
-//! radius, one for every touch, weighs what was known against what the frame says. What the fit knew of radii before counts once: it is
-//! taken out of every later frame. Slow frames are left as they are.
+//! radius, one for every touch, weighs what was known against what the frame says. What comes out lies between the radii that the frames
+//! say, so it can be no further off than the worst of them. Slow frames are left as they are.
 
-use crate::fit::{Disc, FitOptions};
+use crate::fit::Disc;
 use crate::picture::Touch;
 use std::f64::consts::PI;
 
@@ -15,15 +15,12 @@ const RATE_PER_S: f64 = 1.6;
 const ANOTHER: f64 = 4.0;
 /// A touch that is gone for longer is forgotten, s.
 const PATIENCE_S: f64 = 0.5;
-/// Part of a radius by which discs are wrong, however many frames there are.
-const MODEL: f64 = 0.01;
 /// A touch with this rise or more has a radius that was fitted too small: its strength is not known from it.
 const TOO_STRONG: f64 = 11.0;
 
 /// Keeps radii by the touches' numbers.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Steadier {
-    options: FitOptions,
     known: Vec<Known>,
 }
 
@@ -36,16 +33,8 @@ struct Known {
 }
 
 impl Steadier {
-    /// For touches fitted with these options.
-    pub fn new(options: FitOptions) -> Self {
-        Self {
-            options,
-            known: Vec::new(),
-        }
-    }
-
-    /// Steadies the touches of a frame that was reconstructed anew, measured at the board's time: area, peak and integrated rise, and the area's
-    /// uncertainty; strongest first again. Touches without a number or an uncertainty are left as they are.
+    /// Steadies the touches of a frame that was reconstructed anew, measured at the board's time: area, peak and integrated rise;
+    /// strongest first again. Touches without a number or an uncertainty are left as they are.
     pub fn update(&mut self, time_s: f64, touches: &mut [Touch]) {
         self.known.retain(|k| (0.0..=PATIENCE_S).contains(&(time_s - k.seen_s)));
         for touch in &mut *touches {
@@ -64,7 +53,7 @@ impl Steadier {
             }
             match self.known.iter_mut().find(|k| k.id == id) {
                 Some(known) => {
-                    *known = known.then(fitted, &self.options);
+                    *known = known.then(fitted);
                     known.apply(touch);
                 }
                 None => self.known.push(fitted),
@@ -76,31 +65,16 @@ impl Steadier {
 
 impl Known {
     /// With what a later frame says.
-    fn then(self, fitted: Self, options: &FitOptions) -> Self {
+    fn then(self, fitted: Self) -> Self {
         let step = RATE_PER_S * self.radius_mm * (fitted.seen_s - self.seen_s);
         let expected = self.variance + step * step;
-        // The fit lies where the slope of what was known before balances that of the frame.
-        let prior = options.radius_prior(fitted.radius_mm);
-        let information = 1.0 / fitted.variance - prior.curvature;
-        if information <= 0.0 {
-            // The frame itself says nothing.
-            return Self {
-                seen_s: fitted.seen_s,
-                variance: expected,
-                ..self
-            };
-        }
-        let off = fitted.radius_mm + prior.slope / information - self.radius_mm;
-        if off * off > ANOTHER * ANOTHER * (expected + 1.0 / information) {
+        let off = fitted.radius_mm - self.radius_mm;
+        if off * off > ANOTHER * ANOTHER * (expected + fitted.variance) {
             return fitted;
         }
-        let gain = expected * information / (expected * information + 1.0);
-        let radius_mm = self.radius_mm + gain * off;
-        if radius_mm <= 0.0 {
-            return fitted;
-        }
+        let gain = expected / (expected + fitted.variance);
         Self {
-            radius_mm,
+            radius_mm: self.radius_mm + gain * off,
             variance: (1.0 - gain) * expected,
             ..fitted
         }
@@ -119,8 +93,6 @@ impl Known {
         touch.rise = disc.rise();
         touch.area_mm2 = disc.area_mm2();
         touch.total_mm2 = touch.rise * touch.area_mm2;
-        let sd = self.variance.sqrt().hypot(MODEL * self.radius_mm);
-        touch.area_sd_mm2 = Some(2.0 * PI * self.radius_mm * sd);
     }
 }
 
@@ -149,29 +121,25 @@ mod tests {
         }
     }
 
-    /// Radii that come out of noisy ones fitted with what is known of radii before, what was fitted (both less the true one), and what
-    /// is said of them.
-    fn steadied(frame_s: f64, sd: f64, radius: impl Fn(f64) -> f64) -> Vec<(f64, f64, f64)> {
+    /// Radii that come out of noisy ones, and those that were measured, less the true one.
+    fn steadied(frame_s: f64, sd: f64, radius: impl Fn(f64) -> f64) -> Vec<(f64, f64)> {
         let mut rng = rand::rngs::StdRng::seed_from_u64(3);
-        let options = FitOptions::for_extent(97.5);
-        let mut steadier = Steadier::new(options);
-        let known = (options.radius_mm, options.radius_sd_mm.powi(-2));
+        let mut steadier = Steadier::default();
+        let mut range = (f64::INFINITY, 0.0_f64);
         let times = (0..400).map(|k| frame_s * f64::from(k));
         let one = |t: f64| {
             let noise: f64 = rng.sample(StandardNormal);
-            let information = sd.powi(-2) + known.1;
-            let fitted = ((radius(t) + sd * noise) * sd.powi(-2) + known.0 * known.1) / information;
-            let mut touches = [touch(7, fitted, information.powf(-0.5))];
+            let measured = radius(t) + sd * noise;
+            range = (range.0.min(measured), range.1.max(measured));
+            let mut touches = [touch(7, measured, sd)];
             steadier.update(t, &mut touches);
             let [found] = touches;
             let strength = 2.0 * found.rise / (2.0 + found.rise) * found.area_mm2;
             assert!((strength - 100.0).abs() < 1e-9, "{strength}");
             let r = (found.area_mm2 / PI).sqrt();
-            (
-                r - radius(t),
-                fitted - radius(t),
-                found.area_sd_mm2.unwrap() / (2.0 * PI * r),
-            )
+            // Never outside of what was measured.
+            assert!(r > range.0 - 1e-9 && r < range.1 + 1e-9, "{r}: {range:?}");
+            (r - radius(t), measured - radius(t))
         };
         times.map(one).collect()
     }
@@ -181,21 +149,11 @@ mod tests {
     }
 
     #[test]
-    fn fast_frames_are_steadied_as_far_as_is_said_and_slow_ones_are_not() {
-        // Also where the radius is not the one expected: a frame alone is off by half of the difference.
-        for radius in [12.0, 8.0, 17.0] {
-            let fast = steadied(1.0 / 115.0, 2.0, |_| radius);
-            let (off, said) = (rms(fast[50..].iter().map(|f| f.0)), rms(fast[50..].iter().map(|f| f.2)));
-            assert!(
-                off < 0.5 * 2.0 && (0.5..1.5).contains(&(off / said)),
-                "{radius}: {off} {said}"
-            );
-            let alone = rms(fast[50..].iter().map(|f| f.1));
-            assert!(off < 0.6 * alone, "{radius}: {off} {alone}");
-        }
-        let slow = steadied(0.33, 0.5, |_| 12.0);
-        let moved = rms(slow.iter().map(|f| f.0 - f.1));
-        assert!(moved < 0.2 * 0.5, "{moved}");
+    fn fast_frames_are_steadied_and_slow_ones_are_not() {
+        let fast = rms(steadied(1.0 / 115.0, 2.0, |_| 12.0)[50..].iter().map(|f| f.0));
+        assert!(fast < 0.4 * 2.0, "{fast}");
+        let slow = rms(steadied(0.33, 0.5, |_| 12.0).iter().map(|f| f.0 - f.1));
+        assert!(slow < 0.1 * 0.5, "{slow}");
     }
 
     #[test]
@@ -212,7 +170,7 @@ mod tests {
 
     #[test]
     fn what_is_not_fitted_or_has_no_number_is_left_as_it_is() {
-        let mut steadier = Steadier::new(FitOptions::for_extent(97.5));
+        let mut steadier = Steadier::default();
         let plain = Touch {
             rise: 0.1,
             area_mm2: 300.0,

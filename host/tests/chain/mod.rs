@@ -32,6 +32,8 @@ pub(crate) struct Seen {
     pub(crate) right: usize,
     /// From every touch there was to the nearest one found.
     pub(crate) off_mm: Vec<f64>,
+    /// Peak rise of every touch found.
+    pub(crate) rises: Vec<f64>,
     /// The highest number given to a touch.
     pub(crate) highest: u32,
     /// What the frames took.
@@ -106,6 +108,7 @@ pub(crate) fn watch(mut file: SceneFile, seconds: f64, plan: Option<PlanName>) -
         } else {
             tracing::debug!(frame.sequence, ?now, ?result.touches, ?result.doubt, "wrong");
         }
+        seen.rises.extend(result.touches.iter().map(|t| t.rise));
         for t in &now {
             let off = |f: &Touch| (f.x_mm - t.x_mm).hypot(f.y_mm - t.y_mm);
             seen.off_mm
