@@ -216,7 +216,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     tracing::info!("{counters:?}");
     if counters.skipped_frames > 0 {
         eprintln!(
-            "{} of {} frames were passed over for newer ones: they came faster than this machine could reconstruct them",
+            "{} of {} frames were passed over for newer ones: they came while the baseline was prepared, or faster than this machine could reconstruct them",
             counters.skipped_frames, counters.frames
         );
     }
