@@ -7,6 +7,9 @@ use pulp::{Arch, Simd, WithSimd};
 /// Lengths are padded to a multiple of this many `f64`: one register of the widest vector unit.
 pub(crate) const LANES: usize = 8;
 
+/// The same of `f32`.
+pub(crate) const SINGLE_LANES: usize = 16;
+
 /// Columns that [`dots`] takes at once; the number of columns is padded to a multiple of it.
 pub(crate) const COLUMNS_AT_ONCE: usize = 8;
 
@@ -141,6 +144,44 @@ impl WithSimd for AddColumns<'_> {
             );
             for i in 0..length {
                 y[i] = simd.mul_add_e_f64s(a[i], p, y[i]);
+            }
+        }
+    }
+}
+
+/// `out_k = column_j . v` for the k-th j of a list, in single precision. The list's length is a multiple of
+/// [`COLUMNS_AT_ONCE`].
+pub(crate) fn dots_of_single(arch: Arch, columns: &[f32], list: &[u32], v: &[f32], out: &mut [f32]) {
+    arch.dispatch(DotsOfSingle { columns, list, v, out });
+}
+
+struct DotsOfSingle<'a> {
+    columns: &'a [f32],
+    list: &'a [u32],
+    v: &'a [f32],
+    out: &'a mut [f32],
+}
+
+impl WithSimd for DotsOfSingle<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { columns, list, v, out } = self;
+        let rows = v.len();
+        let v = S::as_simd_f32s(v).0;
+        let (eights, _) = list.as_chunks::<COLUMNS_AT_ONCE>();
+        for (eight, out) in eights.iter().zip(out.as_chunks_mut::<COLUMNS_AT_ONCE>().0) {
+            let mut sums = [simd.splat_f32s(0.0); COLUMNS_AT_ONCE];
+            let c: [&[S::f32s]; COLUMNS_AT_ONCE] =
+                std::array::from_fn(|k| &S::as_simd_f32s(&columns[eight[k] as usize * rows..][..rows]).0[..v.len()]);
+            for (i, v) in v.iter().enumerate() {
+                for (sum, c) in sums.iter_mut().zip(&c) {
+                    *sum = simd.mul_add_e_f32s(c[i], *v, *sum);
+                }
+            }
+            for (out, sum) in out.iter_mut().zip(sums) {
+                *out = simd.reduce_sum_f32s(sum);
             }
         }
     }

@@ -23,6 +23,8 @@ mod plain;
 mod problem;
 mod products;
 mod projector;
+mod queue;
+mod search;
 mod sides;
 mod stacked;
 #[cfg(test)]

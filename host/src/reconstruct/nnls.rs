@@ -32,7 +32,8 @@ pub struct NnlsOptions {
 
 /// The solver with its state from frame to frame.
 ///
-/// All that a solve needs is set aside at the first solve of a problem; after it [`Nnls::solve_into`] allocates nothing.
+/// All that a solve needs is set aside at the first solve of a problem, and once more at the first without a ridge; after it
+/// [`Nnls::solve_into`] allocates nothing.
 #[derive(Clone, Debug)]
 pub struct Nnls {
     options: NnlsOptions,
@@ -44,8 +45,9 @@ struct Workspace {
     /// Which problem the state belongs to.
     columns: Arc<Columns>,
     newton: Newton,
-    plain: Plain,
-    /// For a ridge that is too small for Newton's steps; made when one comes.
+    /// For no ridge; made when it is wanted, as is the next.
+    plain: Option<Box<Plain>>,
+    /// For a ridge that is too small for Newton's steps.
     stacked: Option<Box<Stacked>>,
     /// Squared singular values over that of the largest.
     weights: Vec<f64>,
@@ -66,7 +68,7 @@ impl Workspace {
         weights.resize(columns.rows(), 0.0);
         Self {
             newton: Newton::new(&columns),
-            plain: Plain::new(&columns),
+            plain: None,
             stacked: None,
             weights,
             full: Aligned::zeros(problem.basis_columns().rows()),
@@ -106,7 +108,9 @@ impl Nnls {
     pub fn reset(&mut self) {
         if let Some(workspace) = &mut self.workspace {
             workspace.newton.reset();
-            workspace.plain.reset();
+            if let Some(plain) = &mut workspace.plain {
+                plain.reset();
+            }
         }
     }
 
@@ -220,9 +224,10 @@ impl Workspace {
                 (run, self.newton.residual_norm(square))
             }
         } else {
-            let run = self.plain.run(&self.columns, &self.unit, options.tolerance);
-            self.plain.write(scale, x);
-            (run, self.plain.residual_norm())
+            let plain = self.plain.get_or_insert_with(|| Box::new(Plain::new(&self.columns)));
+            let run = plain.run(&self.columns, &self.unit, options.tolerance);
+            plain.write(scale, x);
+            (run, plain.residual_norm())
         };
         let explained = norm / whole;
         let rest = (1.0 - explained * explained).max(0.0).sqrt();

@@ -2,20 +2,24 @@
 //! looks at all the columns.
 //!
 //! A look computes the gradient of every column and keeps the most promising; columns enter one by one from those until
-//! none of them promises much, and only then all are looked at again. The set of the frame before is the start of the
-//! next.
+//! none of them promises much, and only then all are looked at again. Where the columns' products are not kept, looks in
+//! single precision at some of the columns come first. The set of the frame before is the start of the next.
 
 use super::aligned::Aligned;
 use super::columns::Columns;
 use super::factor::dot;
+use super::kernels::LANES;
 use super::newton::Run;
 use super::passive::Passive;
+use super::products::MOST_CELLS;
+use super::queue::Queue;
+use super::search::Search;
 use pulp::{Simd, WithSimd};
 
-/// Columns kept by a look.
-const CANDIDATES: usize = 128;
-/// A candidate enters while its gradient is at least this fraction of the largest at the look.
+/// A column enters while its gradient is at least this fraction of the largest at the look.
 const PROMISING: f64 = 0.03;
+/// Least gradient that single precision tells from nothing, over the norm of the residual.
+const SINGLE: f64 = 3e-6;
 /// Entries for each column after which the method gives up.
 const MOST_ENTRIES: usize = 10;
 
@@ -31,8 +35,8 @@ impl WithSimd for Here<'_> {
     type Output = Run;
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) -> Run {
-        self.plain.run_here(self.columns, self.b, self.tolerance)
+    fn with_simd<S: Simd>(self, simd: S) -> Run {
+        self.plain.run_here(simd, self.columns, self.b, self.tolerance)
     }
 }
 
@@ -45,29 +49,35 @@ const MOST_STALLS: usize = 3;
 #[derive(Clone, Debug)]
 pub(super) struct Plain {
     passive: Passive,
+    /// Of all columns, and the same with 0 for those that may not enter.
     gradient: Aligned,
-    /// The gradient of what may still enter, 0 for the rest.
     outside: Aligned,
     /// Largest gradient of a column that is no member, or 0.
     worst_outside: f64,
-    /// Gradient and column, the largest last.
-    candidates: Vec<(f64, usize)>,
-    refused: Vec<bool>,
-    any_refused: bool,
+    queue: Queue,
+    /// For matrices whose products are not kept.
+    search: Option<Box<Search>>,
+    refused: Vec<usize>,
 }
 
 impl Plain {
     /// No state yet.
     pub(super) fn new(columns: &Columns) -> Self {
+        Self::with(columns, columns.cells() <= MOST_CELLS)
+    }
+
+    /// With the products of all columns, or with a search in single precision.
+    fn with(columns: &Columns, products: bool) -> Self {
         let cells = columns.cells();
+        let passive = Passive::new(columns, products);
         Self {
-            passive: Passive::new(columns),
+            search: (!products).then(|| Box::new(Search::new(columns, passive.scales()))),
+            passive,
             gradient: Aligned::zeros(cells),
             outside: Aligned::zeros(cells),
             worst_outside: 0.0,
-            candidates: Vec::with_capacity(cells),
-            refused: vec![false; cells],
-            any_refused: false,
+            queue: Queue::new(cells),
+            refused: Vec::with_capacity(cells),
         }
     }
 
@@ -108,20 +118,25 @@ impl Plain {
     }
 
     #[inline(always)]
-    fn run_here(&mut self, columns: &Columns, b: &[f64], tolerance: f64) -> Run {
-        self.refused.fill(false);
-        self.any_refused = false;
+    fn run_here<S: Simd>(&mut self, simd: S, columns: &Columns, b: &[f64], tolerance: f64) -> Run {
+        self.refused.clear();
         if self.passive.is_worn() {
-            self.passive.rebuild(columns);
+            self.passive.rebuild(simd, columns);
         }
         let most = MOST_ENTRIES * columns.cells();
-        let mut steps = self.passive.refine(columns, b);
+        self.passive.begin(columns, b);
+        let mut steps = self.passive.refine(simd, columns, b);
         let (mut least, mut stalls, mut exact) = (f64::INFINITY, 0, true);
         loop {
             self.passive.update(columns, b);
+            if steps <= most {
+                let tried = self.search(simd, columns, b, tolerance, most);
+                steps += tried;
+                exact &= tried == 0;
+            }
             let largest = self.look(columns);
             let (gap, residual) = (self.gap(), self.residual_norm());
-            let optimal = self.candidates.is_empty() || largest <= 0.5 * tolerance;
+            let optimal = largest <= 0.5 * tolerance;
             if exact {
                 // Where the steps since then gained nothing, rounding is the limit.
                 stalls = if residual < least { 0 } else { stalls + 1 };
@@ -137,87 +152,83 @@ impl Plain {
             if optimal {
                 // What is left is rounding in the members' values, and if not there, in their factor.
                 if exact {
-                    self.passive.rebuild(columns);
+                    self.passive.rebuild(simd, columns);
                 }
-                steps += self.passive.refine(columns, b);
+                steps += self.passive.refine(simd, columns, b);
                 exact = true;
                 continue;
             }
             exact = false;
-            while let Some((j, gradient)) = self.next(columns, b, (PROMISING * largest).max(0.5 * tolerance)) {
+            let limit = (PROMISING * largest).max(0.5 * tolerance);
+            self.queue.fill(&self.outside, limit);
+            while steps <= most
+                && let Some((j, gradient)) = self.queue.next(limit, |j| self.passive.gradient(columns, j))
+            {
                 steps += 1;
-                if self.passive.enter(columns, b, j, gradient) {
-                    if self.any_refused {
-                        self.refused.fill(false);
-                        self.any_refused = false;
-                    }
-                } else {
-                    // Nothing gained: not again before something else has moved.
-                    self.refused[j] = true;
-                    self.any_refused = true;
-                }
-                if steps > most {
-                    break;
-                }
+                self.enter(simd, columns, b, j, gradient);
             }
         }
     }
 
-    /// Computes every column's gradient and keeps the best as candidates, the least first; returns the largest, for columns of norm 1.
+    /// Lets columns in as long as single precision tells which; returns how many were tried. The residual is that of the
+    /// present values before and after.
+    #[inline(always)]
+    fn search<S: Simd>(&mut self, simd: S, columns: &Columns, b: &[f64], tolerance: f64, most: usize) -> usize {
+        let Some(mut search) = self.search.take() else {
+            return 0;
+        };
+        let least = (SINGLE * self.residual_norm()).max(0.5 * tolerance) as f32;
+        let mut tried = 0;
+        let mut largest = search.look_at_all(columns, self.passive.residual(), self.closed());
+        while largest > least && tried <= most {
+            let limit = least.max(PROMISING as f32 * largest);
+            while let Some(j) = search.next(columns, self.passive.residual(), limit) {
+                tried += 1;
+                let gradient = self.passive.gradient(columns, j);
+                self.enter(simd, columns, b, j, gradient);
+            }
+            largest = search.look(columns, self.passive.residual(), self.closed());
+        }
+        self.search = Some(search);
+        tried
+    }
+
+    /// Columns that cannot enter now.
+    fn closed(&self) -> [&[usize]; 2] {
+        [self.passive.members(), &self.refused]
+    }
+
+    /// Lets a column in; one that gains nothing is refused until something else has moved.
+    #[inline(always)]
+    fn enter<S: Simd>(&mut self, simd: S, columns: &Columns, b: &[f64], j: usize, gradient: f64) {
+        if gradient > 0.0 && self.passive.enter(simd, columns, b, j, gradient) {
+            self.refused.clear();
+        } else {
+            self.refused.push(j);
+        }
+    }
+
+    /// Computes every column's gradient; returns the largest of those that may enter, for columns of norm 1.
     #[inline(always)]
     fn look(&mut self, columns: &Columns) -> f64 {
-        columns.dots(self.passive.residual(), &mut self.gradient);
-        for (g, scale) in self.gradient.iter_mut().zip(self.passive.scales()) {
-            *g *= scale;
+        if !self.passive.gradients(columns, &mut self.gradient) {
+            columns.dots(self.passive.residual(), &mut self.gradient);
+            for (g, scale) in self.gradient.iter_mut().zip(self.passive.scales()) {
+                *g *= scale;
+            }
         }
-        // Members and refused columns are out of the question.
         self.outside.copy_from_slice(&self.gradient);
         for j in self.passive.members() {
             self.outside[*j] = 0.0;
         }
-        self.worst_outside = self.outside.iter().copied().fold(0.0, f64::max);
-        if self.any_refused {
-            for (g, refused) in self.outside.iter_mut().zip(&self.refused) {
-                if *refused {
-                    *g = 0.0;
-                }
-            }
+        self.worst_outside = largest(&self.outside);
+        if self.refused.is_empty() {
+            return self.worst_outside;
         }
-        let largest = self.outside.iter().copied().fold(0.0, f64::max);
-        self.candidates.clear();
-        let limit = PROMISING * largest;
-        let each = self.outside.iter().enumerate();
-        self.candidates
-            .extend(each.filter(|(_, g)| **g > 0.0 && **g >= limit).map(|(j, g)| (*g, j)));
-        if self.candidates.len() > CANDIDATES {
-            self.candidates
-                .select_nth_unstable_by(CANDIDATES, |p, q| q.0.total_cmp(&p.0));
-            self.candidates.truncate(CANDIDATES);
+        for j in &self.refused {
+            self.outside[*j] = 0.0;
         }
-        self.candidates.sort_unstable_by(|p, q| p.0.total_cmp(&q.0));
-        largest
-    }
-
-    /// The candidate with the largest gradient, if that is above a limit, with the gradient as it is now.
-    ///
-    /// A gradient that was computed earlier stands for the present one until its candidate is the best of all: what enters takes
-    /// from its neighbours, and hardly ever adds to one.
-    #[inline(always)]
-    fn next(&mut self, columns: &Columns, b: &[f64], limit: f64) -> Option<(usize, f64)> {
-        while let Some((_, j)) = self.candidates.pop() {
-            let now = self.passive.gradient(columns, b, j);
-            if !(now > limit) {
-                continue;
-            }
-            match self.candidates.last() {
-                Some((other, _)) if now < *other => {
-                    let place = self.candidates.partition_point(|(g, _)| *g < now);
-                    self.candidates.insert(place, (now, j));
-                }
-                _ => return Some((j, now)),
-            }
-        }
-        None
+        largest(&self.outside)
     }
 
     /// See [`Plain::run`]; from the last look.
@@ -230,5 +241,48 @@ impl Plain {
         members.fold(self.worst_outside, |gap, (j, value)| {
             gap.max(value.min(-self.gradient[*j]).abs())
         })
+    }
+}
+
+/// The largest number above 0, or 0.
+#[inline(always)]
+fn largest(numbers: &[f64]) -> f64 {
+    let mut most = [0.0_f64; LANES];
+    for numbers in numbers.as_chunks::<LANES>().0 {
+        for (most, number) in most.iter_mut().zip(numbers) {
+            *most = if number > most { *number } else { *most };
+        }
+    }
+    most.into_iter().fold(0.0, f64::max)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::DMatrix;
+    use proptest::prelude::*;
+
+    proptest! {
+        /// Which column enters first does not matter to the solution, nor how its gradient was computed.
+        #[test]
+        fn products_and_a_search_in_single_precision_find_the_same(
+            values in proptest::collection::vec(-0.3..1.0_f64, 32 * 150),
+            frames in proptest::collection::vec(proptest::collection::vec(-1.0..1.0_f64, 32), 3),
+        ) {
+            let columns = Columns::new(&DMatrix::from_vec(32, 150, values), 1.0);
+            let [mut with, mut without] = [true, false].map(|products| Plain::with(&columns, products));
+            for frame in frames {
+                let norm = frame.iter().map(|v| v * v).sum::<f64>().sqrt();
+                let b: Vec<f64> = frame.iter().map(|v| v / norm).collect();
+                let [one, other] = [&mut with, &mut without].map(|plain| {
+                    let run = plain.run(&columns, &b, 1e-11);
+                    let mut x = vec![0.0; 150];
+                    plain.write(1.0, &mut x);
+                    (run.gap, plain.residual_norm(), x)
+                });
+                prop_assert!(one.0 <= 1e-11 && other.0 <= 1e-11);
+                prop_assert!((one.1 - other.1).abs() < 1e-10);
+            }
+        }
     }
 }

@@ -1,50 +1,41 @@
-//! Products of a matrix's columns with one another, kept for the columns that have been asked for.
-//!
-//! The same cells are chosen frame after frame: a row of products costs one look at the whole matrix the first time, and
-//! nothing from then on. That pays while the products fit the second level of cache; larger matrices have none.
+//! Products of a matrix's columns with one another, for matrices so small that they fit the second level of cache.
 
 use super::aligned::Aligned;
 use super::columns::Columns;
+use super::kernels::add_columns;
 
-/// Most columns of a matrix whose products are kept: 2 MB.
-const MOST_CELLS: usize = 512;
+/// Most columns of a matrix whose products pay: 2 MB.
+pub(super) const MOST_CELLS: usize = 512;
 
-/// `a_i . a_j` of columns scaled to norm 1, a row for each column that was wanted.
+/// `a_i . a_j` of columns scaled to norm 1.
 #[derive(Clone, Debug)]
 pub(super) struct Products {
-    rows: Vec<f64>,
-    known: Vec<bool>,
-    work: Aligned,
+    rows: Aligned,
+    cells: usize,
 }
 
 impl Products {
-    /// No row yet; none at all for a large matrix.
-    pub(super) fn new(columns: &Columns) -> Option<Self> {
+    /// `scales` are one over the columns' norms.
+    pub(super) fn new(columns: &Columns, scales: &[f64]) -> Self {
         let cells = columns.cells();
-        (cells <= MOST_CELLS).then(|| Self {
-            rows: vec![0.0; cells * cells],
-            known: vec![false; cells],
-            work: Aligned::zeros(cells),
-        })
+        let (mut rows, mut work) = (Aligned::zeros(cells * cells), Aligned::zeros(cells));
+        for (row, (j, scale)) in rows.chunks_exact_mut(cells.max(1)).zip(scales.iter().enumerate()) {
+            columns.dots(columns.column(j), &mut work);
+            for (to, (product, other)) in row.iter_mut().zip(work.iter().zip(scales)) {
+                *to = product * other * scale;
+            }
+        }
+        Self { rows, cells }
     }
 
-    /// Makes sure that a column's row is there. `scales` are one over the columns' norms.
-    pub(super) fn want(&mut self, columns: &Columns, scales: &[f64], j: usize) {
-        if self.known[j] {
-            return;
-        }
-        columns.dots(columns.column(j), &mut self.work);
-        let cells = self.known.len();
-        let row = &mut self.rows[j * cells..(j + 1) * cells];
-        for (to, (product, scale)) in row.iter_mut().zip(self.work.iter().zip(scales)) {
-            *to = product * scale * scales[j];
-        }
-        self.known[j] = true;
+    /// `y += sum of x_j row_j` over a list of `(j, x_j)`.
+    pub(super) fn add(&self, columns: &Columns, list: &[(usize, f64)], y: &mut [f64]) {
+        add_columns(columns.arch(), &self.rows, list, y);
     }
 
-    /// Product of a column whose row is there with any other.
+    /// Products of a column with all.
     #[inline(always)]
-    pub(super) fn of(&self, known: usize, j: usize) -> f64 {
-        self.rows[known * self.known.len() + j]
+    pub(super) fn of(&self, j: usize) -> &[f64] {
+        &self.rows[j * self.cells..(j + 1) * self.cells]
     }
 }
