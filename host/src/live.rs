@@ -138,6 +138,7 @@ impl Live {
             let gain = self.imager.gain(&baseline.values_v);
             let spread = (1.0 + 1.0 / baseline.frames as f64).sqrt();
             self.reconstructor.set_noise(Some(baseline.noise_v * gain * spread));
+            self.reconstructor.set_baseline_frames(baseline.frames);
             self.reconstructor.prepare(&baseline.values_v)?;
             self.baseline = Some(baseline);
             return Ok(LiveFrame::Baseline { left: 0 });
@@ -148,7 +149,7 @@ impl Live {
         let result = self.reconstructor.frame(&baseline.values_v, &frame.values_v)?;
         self.tracker.update(frame.time_s, &mut result.touches);
         if result.anew {
-            self.steadier.update(frame.time_s, &mut result.touches);
+            self.steadier.update(frame.time_s, result.frames, &mut result.touches);
         }
         if let Some(meter) = &mut self.meter {
             meter.tell(frame.time_s, &mut result.touches);

@@ -97,8 +97,10 @@ pub struct FrameResult {
     pub gap: f64,
     /// Time of the solve alone, us; 0 when the gate found nothing.
     pub solve_us: f64,
-    /// Noise of one value, V of the model, where it could be told.
+    /// Noise of one value, V of the model, where it could be told; of a mean, where this is that of several frames.
     pub noise: Option<NoiseEstimate>,
+    /// Of how many frames one after another, in which nothing changed, this is the mean's result.
+    pub frames: usize,
     /// How many values took part.
     pub used: usize,
     /// Whether there was a change above the noise.
@@ -127,6 +129,7 @@ impl FrameResult {
             gap: 0.0,
             solve_us: 0.0,
             noise: None,
+            frames: 1,
             used: 0,
             changed: false,
             status: Status::Converged,
@@ -146,7 +149,7 @@ impl FrameResult {
             (self.residual, self.gap, self.solve_us) = (0.0, 0.0, 0.0);
             (self.changed, self.status, self.misfit) = (false, Status::Converged, None);
         }
-        (self.noise, self.used, self.doubt) = (noise, used, None);
+        (self.noise, self.used, self.frames, self.doubt) = (noise, used, 1, None);
         self.contacts.clear();
     }
 }
@@ -197,7 +200,14 @@ pub struct Reconstructor {
     evened: Option<Difference>,
     /// Noise of one value known from a recording of the unpressed sheet, V of the model.
     known_noise: Option<f64>,
+    /// How many frames the baseline is the mean of.
+    baseline_frames: f64,
     watch: Option<Watch>,
+    /// The mean of frames at rest, and how many the frame being reconstructed is of.
+    mean: Vec<f64>,
+    frames: usize,
+    /// Variance of one frame's noise over that of what is being reconstructed.
+    gain: f64,
     differences: Differences,
     /// The frame weighted, and reduced.
     values: Vec<f64>,
@@ -244,7 +254,11 @@ impl Reconstructor {
                 most_steps: MOST_STEPS,
             }),
             known_noise: None,
+            baseline_frames: f64::INFINITY,
             watch: None,
+            mean: Vec::new(),
+            frames: 1,
+            gain: 1.0,
             differences: Differences::default(),
             values: Vec::new(),
             reduced: Vec::new(),
@@ -270,6 +284,12 @@ impl Reconstructor {
         self.known_noise = sigma.filter(|s| *s > 0.0 && s.is_finite());
     }
 
+    /// Sets of how many frames the baseline is the mean: its noise stays where those of a scene at rest are averaged. Without, or for 0,
+    /// the baseline is taken to have none.
+    pub fn set_baseline_frames(&mut self, frames: usize) {
+        self.baseline_frames = if frames > 0 { frames as f64 } else { f64::INFINITY };
+    }
+
     /// Makes ready for frames against a baseline, which takes as long as many frames (60 ms): else the first one waits for it. With the
     /// noise known only.
     ///
@@ -287,22 +307,25 @@ impl Reconstructor {
     /// Reconstructs a frame against a baseline (both in any one unit).
     ///
     /// With the noise known, a frame that shows nothing, or nothing new, costs one product with a small matrix and no
-    /// allocation: the result is then the earlier one ([`FrameResult::anew`]).
+    /// allocation: the result is then the earlier one ([`FrameResult::anew`]). In a sequence
+    /// ([`ReconstructorOptions::sequence`]) frames that show nothing new are averaged, and the result is made anew from the mean of 2, 4,
+    /// 8 and 16.
     ///
     /// # Errors
     /// [`ImagerError::Baseline`] when a length does not match the pattern.
     pub fn frame(&mut self, baseline: &[f64], frame: &[f64]) -> Result<&mut FrameResult, ImagerError> {
-        let known = self.known_noise.map(|sigma| NoiseEstimate {
+        let mut known = self.known_noise.map(|sigma| NoiseEstimate {
             sigma,
             freedom: usize::MAX,
         });
-        if known.is_some() {
+        (self.frames, self.gain) = (1, 1.0);
+        if let Some(known) = &mut known {
             self.prepare(baseline)?;
             if let Some(watch) = &mut self.watch {
                 match watch.look(frame) {
                     Seen::Nothing => {
                         watch.forget();
-                        self.result.clear(known, watch.used());
+                        self.result.clear(Some(*known), watch.used());
                         self.nnls.reset();
                         self.fitter.iter_mut().for_each(Fitter::forget);
                         self.begin_anew();
@@ -312,10 +335,34 @@ impl Reconstructor {
                         self.result.anew = false;
                         return Ok(&mut self.result);
                     }
-                    Seen::New => watch.forget(),
+                    Seen::Mean => {
+                        let (mean, frames) = watch.mean();
+                        self.mean.clear();
+                        self.mean.extend_from_slice(mean);
+                        self.frames = frames;
+                        let of_baseline = 1.0 / self.baseline_frames;
+                        self.gain = (1.0 + of_baseline) / (1.0 / frames as f64 + of_baseline);
+                        known.sigma /= self.gain.sqrt();
+                    }
+                    Seen::New => watch.begin(frame),
                 }
             }
         }
+        let mean = std::mem::take(&mut self.mean);
+        let frame = if self.frames > 1 { &mean } else { frame };
+        let done = self.reconstruct(baseline, frame, known);
+        self.mean = mean;
+        done?;
+        Ok(&mut self.result)
+    }
+
+    /// Reconstructs a frame, or the mean of several.
+    fn reconstruct(
+        &mut self,
+        baseline: &[f64],
+        frame: &[f64],
+        known: Option<NoiseEstimate>,
+    ) -> Result<(), ImagerError> {
         self.imager.fits(baseline, frame)?;
         let mut differences = std::mem::take(&mut self.differences);
         differences.to(&self.imager.model_v, baseline, frame);
@@ -353,7 +400,7 @@ impl Reconstructor {
         self.result.contacts.clear();
         self.result.contacts.extend_from_slice(changed);
         self.differences = differences;
-        Ok(&mut self.result)
+        Ok(())
     }
 
     /// Knows nothing of earlier frames any more that lasts on the sheet.
@@ -393,6 +440,7 @@ impl Reconstructor {
             sigma,
             signal,
             false_alarm,
+            self.options.sequence,
         ))
     }
 
@@ -452,9 +500,11 @@ impl Reconstructor {
         let sigma = noise.map_or(1e-2 * power.sqrt(), |n| n.sigma);
         let mut result = std::mem::take(&mut self.result);
         (result.noise, result.used, result.changed, result.anew) = (noise, used, true, true);
-        result.misfit = None;
+        (result.frames, result.misfit) = (self.frames, None);
         let start = Instant::now();
-        let ridge = self.picture(sigma.hypot(self.options.model_error * power.sqrt()), &mut result);
+        // The picture of a mean is as sharp as that of a frame, and quieter.
+        let of_frame = self.known_noise.filter(|_| self.frames > 1).unwrap_or(sigma);
+        let ridge = self.picture(of_frame.hypot(self.options.model_error * power.sqrt()), &mut result);
         result.solve_us = start.elapsed().as_secs_f64() * 1e6;
         self.finder.find(&result.x, &mut result.touches);
         if !self.fit(sigma, noise, &mut result)
@@ -502,6 +552,7 @@ impl Reconstructor {
             values: &self.reduced,
             sigma,
             noise,
+            gain: self.gain,
         };
         let seeds = result.touches.iter().map(|t| [t.x_mm, t.y_mm]);
         let Some(fitted) = fitter.fit(table, reduce, data, seeds) else {
@@ -509,8 +560,12 @@ impl Reconstructor {
         };
         // Only a frame of which all values took part lies in the space that the watch looks at.
         let whole = |w: &&mut Watch| w.used() == result.used && self.inquiry.changed().is_empty();
-        if let Some(watch) = self.watch.as_mut().filter(|w| fitted.settled && whole(w)) {
+        let mean = self.frames > 1;
+        if let Some(watch) = self.watch.as_mut().filter(|w| (fitted.settled || mean) && whole(w)) {
             watch.remember(&self.reduced, &fitted.slopes, table.stride());
+            if !fitted.settled {
+                watch.once_more();
+            }
         }
         result.touches.clone_from(&fitted.touches);
         result.misfit = Some(fitted.misfit);

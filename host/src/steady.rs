@@ -3,7 +3,8 @@
 //! A fast frame tells the strength of a touch well and its radius badly, and with the radius its peak rise, which goes with the
 //! inverse square of it. But a touch does not widen from one frame to the next by as much as noise says: a Kalman filter on the
 //! radius, one for every touch, weighs what was known against what the frame says. What comes out lies between the radii that the frames
-//! say, so it can be no further off than the worst of them. Slow frames are left as they are.
+//! say, so it can be no further off than the worst of them. Slow frames are left as they are. What the mean of several frames says
+//! takes the place of what the first of them said.
 
 use crate::fit::Disc;
 use crate::picture::Touch;
@@ -27,54 +28,68 @@ pub struct Steadier {
 #[derive(Clone, Copy, Debug)]
 struct Known {
     id: u32,
+    now: Radius,
+    /// Before the frames whose mean was reconstructed last.
+    before: Option<Radius>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Radius {
     seen_s: f64,
-    radius_mm: f64,
+    mm: f64,
     variance: f64,
 }
 
 impl Steadier {
-    /// Steadies the touches of a frame that was reconstructed anew, measured at the board's time: area, peak and integrated rise;
-    /// strongest first again. Touches without a number or an uncertainty are left as they are.
-    pub fn update(&mut self, time_s: f64, touches: &mut [Touch]) {
-        self.known.retain(|k| (0.0..=PATIENCE_S).contains(&(time_s - k.seen_s)));
+    /// Steadies the touches of a frame that was reconstructed anew, measured at the board's time, or of the mean of so many of which it is
+    /// the last: area, peak and integrated rise; strongest first again. Touches without a number or an uncertainty are left as they are.
+    pub fn update(&mut self, time_s: f64, frames: usize, touches: &mut [Touch]) {
+        self.known
+            .retain(|k| (0.0..=PATIENCE_S).contains(&(time_s - k.now.seen_s)));
         for touch in &mut *touches {
             let (Some(id), Some(sd)) = (touch.id, touch.area_sd_mm2) else {
                 continue;
             };
-            let radius_mm = (touch.area_mm2 / PI).sqrt();
-            let fitted = Known {
-                id,
+            let mm = (touch.area_mm2 / PI).sqrt();
+            let fitted = Radius {
                 seen_s: time_s,
-                radius_mm,
-                variance: (0.5 * sd / (PI * radius_mm)).powi(2),
+                mm,
+                variance: (0.5 * sd / (PI * mm)).powi(2),
             };
-            if !(fitted.radius_mm > 0.0 && fitted.variance > 0.0 && fitted.variance.is_finite()) {
+            if !(fitted.mm > 0.0 && fitted.variance > 0.0 && fitted.variance.is_finite()) {
                 continue;
             }
             match self.known.iter_mut().find(|k| k.id == id) {
                 Some(known) => {
-                    *known = known.then(fitted);
-                    known.apply(touch);
+                    if frames == 1 {
+                        known.before = Some(known.now);
+                    }
+                    known.now = known.before.map_or(fitted, |before| before.then(fitted));
+                    known.now.apply(touch);
                 }
-                None => self.known.push(fitted),
+                None => self.known.push(Known {
+                    id,
+                    now: fitted,
+                    before: None,
+                }),
             }
         }
         touches.sort_by(|a, b| b.rise.total_cmp(&a.rise));
     }
 }
 
-impl Known {
+impl Radius {
     /// With what a later frame says.
     fn then(self, fitted: Self) -> Self {
-        let step = RATE_PER_S * self.radius_mm * (fitted.seen_s - self.seen_s);
+        let step = RATE_PER_S * self.mm * (fitted.seen_s - self.seen_s);
         let expected = self.variance + step * step;
-        let off = fitted.radius_mm - self.radius_mm;
+        let off = fitted.mm - self.mm;
         if off * off > ANOTHER * ANOTHER * (expected + fitted.variance) {
             return fitted;
         }
         let gain = expected / (expected + fitted.variance);
         Self {
-            radius_mm: self.radius_mm + gain * off,
+            mm: self.mm + gain * off,
             variance: (1.0 - gain) * expected,
             ..fitted
         }
@@ -87,7 +102,7 @@ impl Known {
         }
         let disc = Disc {
             at: [touch.x_mm, touch.y_mm],
-            radius: self.radius_mm,
+            radius: self.mm,
             strength: 2.0 * touch.rise / (2.0 + touch.rise) * touch.area_mm2,
         };
         touch.rise = disc.rise();
@@ -132,7 +147,7 @@ mod tests {
             let measured = radius(t) + sd * noise;
             range = (range.0.min(measured), range.1.max(measured));
             let mut touches = [touch(7, measured, sd)];
-            steadier.update(t, &mut touches);
+            steadier.update(t, 1, &mut touches);
             let [found] = touches;
             let strength = 2.0 * found.rise / (2.0 + found.rise) * found.area_mm2;
             assert!((strength - 100.0).abs() < 1e-9, "{strength}");
@@ -168,6 +183,26 @@ mod tests {
         assert!(jumps[118..].iter().all(|f| f.0.abs() < 1.5));
     }
 
+    /// The mean of frames holds the first of them, which is not to count twice: what comes out is the mean's alone, or that with what was
+    /// known before.
+    #[test]
+    fn a_mean_takes_the_place_of_its_first_frame() {
+        let radius = |steadier: &mut Steadier, frames: usize, radius: f64, sd: f64| {
+            let mut touches = [touch(7, radius, sd)];
+            steadier.update(0.01, frames, &mut touches);
+            (touches[0].area_mm2 / PI).sqrt()
+        };
+        let mut alone = Steadier::default();
+        radius(&mut alone, 1, 13.0, 1.0);
+        assert!((radius(&mut alone, 4, 12.2, 0.5) - 12.2).abs() < 1e-9);
+        assert!((radius(&mut alone, 16, 12.0, 0.25) - 12.0).abs() < 1e-9);
+        // Known before as well as a frame tells it: 4 to 1 for the mean of four.
+        let mut known = Steadier::default();
+        radius(&mut known, 1, 11.0, 1.0);
+        radius(&mut known, 1, 13.0, 1.0);
+        assert!((radius(&mut known, 4, 12.0, 0.5) - (0.2 * 11.0 + 0.8 * 12.0)).abs() < 1e-9);
+    }
+
     #[test]
     fn what_is_not_fitted_or_has_no_number_is_left_as_it_is() {
         let mut steadier = Steadier::default();
@@ -182,7 +217,7 @@ mod tests {
         };
         for k in 0..3 {
             let mut touches = [strange, plain];
-            steadier.update(0.1 * f64::from(k), &mut touches);
+            steadier.update(0.1 * f64::from(k), 1, &mut touches);
             assert_eq!(touches, [strange, plain]);
         }
     }

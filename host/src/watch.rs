@@ -7,6 +7,10 @@
 //! For the second test the sum over all directions would hide a slow move among the noise, so the part of the
 //! difference along the touches' own parameters is tested by itself, at a quantile that noise often exceeds: a reconstruction
 //! too many costs time, a touch that lags behind costs accuracy.
+//!
+//! Frames of a scene at rest that are measured one after another are averaged: when as many have come as the last result is
+//! of, the mean of both is to be reconstructed. A drift too slow to show in one frame shows in their mean: of 2, 4, 8 frames
+//! and so on, those since the last result are compared with those before, and where they differ they alone count.
 
 use crate::reconstruct::{Problem, Projector};
 use statrs::distribution::{ChiSquared, ContinuousCDF};
@@ -18,6 +22,11 @@ const LEAST_DIRECTIONS: usize = 8;
 /// along the touches.
 const ANEW_ANYWHERE: f64 = 0.01;
 const ANEW_ALONG: f64 = 0.1;
+/// The same for frames that are averaged, where one too many costs accuracy as well.
+const JUMP_ANYWHERE: f64 = 0.001;
+const JUMP_ALONG: f64 = 0.003;
+/// Most frames of a mean.
+const MOST_FRAMES: usize = 16;
 /// A direction of which less than this part (of its square) is new lies in those before it.
 const DEPENDENT: f64 = 1e-18;
 
@@ -28,6 +37,8 @@ pub(crate) enum Seen {
     Nothing,
     /// Nothing but noise against the frame reconstructed last.
     Same,
+    /// The same, and [`Watch::mean`] is worth reconstructing.
+    Mean,
     /// Something to reconstruct.
     New,
 }
@@ -39,6 +50,58 @@ struct Last {
     /// Orthonormal directions along the touches' parameters, one after the other.
     along: Vec<f64>,
     limit_along: f64,
+}
+
+/// Frames one after another in which nothing changed.
+#[derive(Clone, Debug, Default)]
+struct Rest {
+    /// Mean of those that the result is of, and how many.
+    mean: Vec<f64>,
+    frames: usize,
+    /// Sums of those since then, whole and reduced, and how many.
+    sum: Vec<f64>,
+    reduced: Vec<f64>,
+    since: usize,
+    /// Whether the mean is to be reconstructed once more.
+    again: bool,
+}
+
+impl Rest {
+    /// Begins with a frame.
+    fn begin(&mut self, frame: &[f64]) {
+        self.mean.clear();
+        self.mean.extend_from_slice(frame);
+        self.frames = 1;
+        self.clear();
+    }
+
+    /// Forgets the frames since the result.
+    fn clear(&mut self) {
+        self.sum.clear();
+        self.sum.resize(self.mean.len(), 0.0);
+        self.reduced.fill(0.0);
+        self.since = 0;
+        self.again = false;
+    }
+
+    /// Takes a frame.
+    fn add(&mut self, frame: &[f64], reduced: &[f64]) {
+        self.sum.iter_mut().zip(frame).for_each(|(s, v)| *s += v);
+        self.reduced.resize(reduced.len(), 0.0);
+        self.reduced.iter_mut().zip(reduced).for_each(|(s, v)| *s += v);
+        self.since += 1;
+    }
+
+    /// Makes the mean that of the frames since the result, and where `all` of those before as well.
+    fn renew(&mut self, all: bool) {
+        let before = if all { self.frames } else { 0 };
+        let count = before + self.since;
+        for (mean, sum) in self.mean.iter_mut().zip(&self.sum) {
+            *mean = (*mean * before as f64 + sum) / count as f64;
+        }
+        self.frames = count;
+        self.clear();
+    }
 }
 
 /// Looks at frames against one baseline at one noise.
@@ -56,13 +119,16 @@ pub(crate) struct Watch {
     last: Last,
     /// Whether `last` is meant.
     remembers: bool,
+    /// Whether frames at rest are averaged.
+    averages: bool,
+    rest: Rest,
     /// Limits along so many directions, as far as they were needed.
     limits_along: Vec<f64>,
 }
 
 impl Watch {
     /// `gain` and `offset`: a frame v is weighted as `gain v - offset`, 0 where a value is left out. `signal` is the rise
-    /// expected of a cell over the noise.
+    /// expected of a cell over the noise. `averages`: frames at rest are.
     pub(crate) fn new(
         problem: &Problem,
         baseline: &[f64],
@@ -70,6 +136,7 @@ impl Watch {
         sigma: f64,
         signal: f64,
         false_alarm: f64,
+        averages: bool,
     ) -> Option<Self> {
         let (gain, offset) = weights;
         let strong = problem
@@ -79,10 +146,11 @@ impl Watch {
             .count();
         let projector = Projector::new(problem, strong.max(LEAST_DIRECTIONS));
         let chi_square = ChiSquared::new(projector.directions() as f64).ok()?;
+        let anew = if averages { JUMP_ANYWHERE } else { ANEW_ANYWHERE };
         Some(Self {
             used: gain.iter().filter(|g| **g != 0.0).count(),
             limit: chi_square.inverse_cdf(1.0 - false_alarm) * sigma * sigma,
-            limit_same: 2.0 * chi_square.inverse_cdf(1.0 - ANEW_ANYWHERE) * sigma * sigma,
+            limit_same: chi_square.inverse_cdf(1.0 - anew) * sigma * sigma,
             baseline: baseline.to_vec(),
             sigma,
             gain,
@@ -90,6 +158,8 @@ impl Watch {
             projector,
             last: Last::default(),
             remembers: false,
+            averages,
+            rest: Rest::default(),
             limits_along: Vec::new(),
         })
     }
@@ -128,29 +198,60 @@ impl Watch {
         if !self.remembers {
             return Seen::New;
         }
-        let last = &self.last;
-        let mut change = 0.0;
-        for (a, b) in reduced.iter().zip(&last.reduced) {
-            change += (a - b) * (a - b);
+        let (last, rest) = (&self.last, &mut self.rest);
+        let (limit, before) = (self.limit_same, 1.0 / rest.frames.max(1) as f64);
+        let same = |now: &[f64], share: f64| {
+            let (mut change, mut along) = (0.0, 0.0);
+            for (a, b) in now.iter().zip(&last.reduced) {
+                change += (share * a - b) * (share * a - b);
+            }
+            for q in last.along.chunks_exact(now.len()) {
+                let each = q.iter().zip(now).zip(&last.reduced);
+                let part: f64 = each.map(|((q, a), b)| q * (share * a - b)).sum();
+                along += part * part;
+            }
+            let noise = share + before;
+            change <= noise * limit && along <= noise * last.limit_along
+        };
+        if !same(reduced, 1.0) {
+            return Seen::New;
         }
-        let along: f64 = last
-            .along
-            .chunks_exact(reduced.len())
-            .map(|q| {
-                let dot: f64 = q
-                    .iter()
-                    .zip(reduced)
-                    .zip(&last.reduced)
-                    .map(|((q, a), b)| q * (a - b))
-                    .sum();
-                dot * dot
-            })
-            .sum();
-        if change <= self.limit_same && along <= last.limit_along {
-            Seen::Same
-        } else {
-            Seen::New
+        if !self.averages {
+            return Seen::Same;
         }
+        rest.add(frame, reduced);
+        if std::mem::take(&mut rest.again) {
+            return Seen::Mean;
+        }
+        if rest.since.is_power_of_two() && rest.since > 1 && !same(&rest.reduced, 1.0 / rest.since as f64) {
+            rest.renew(false);
+            return Seen::Mean;
+        }
+        if rest.since < rest.frames {
+            return Seen::Same;
+        }
+        if rest.frames < MOST_FRAMES {
+            rest.renew(true);
+            return Seen::Mean;
+        }
+        rest.clear();
+        Seen::Same
+    }
+
+    /// The mean of the frames at rest, and how many there were.
+    pub(crate) fn mean(&self) -> (&[f64], usize) {
+        (&self.rest.mean, self.rest.frames)
+    }
+
+    /// A new frame is reconstructed.
+    pub(crate) fn begin(&mut self, frame: &[f64]) {
+        self.remembers = false;
+        self.rest.begin(frame);
+    }
+
+    /// The mean is to be reconstructed once more, with the next frame that is the same.
+    pub(crate) fn once_more(&mut self) {
+        self.rest.again = true;
     }
 
     /// Remembers the frame looked at last as reconstructed, with the directions (in the problem's reduced space) in which
@@ -188,8 +289,9 @@ impl Watch {
         let count = last.along.len() / directions.max(1);
         while self.limits_along.len() <= count {
             let freedom = self.limits_along.len().max(1) as f64;
-            let limit = ChiSquared::new(freedom).map_or(0.0, |c| c.inverse_cdf(1.0 - ANEW_ALONG));
-            self.limits_along.push(2.0 * limit * self.sigma * self.sigma);
+            let anew = if self.averages { JUMP_ALONG } else { ANEW_ALONG };
+            let limit = ChiSquared::new(freedom).map_or(0.0, |c| c.inverse_cdf(1.0 - anew));
+            self.limits_along.push(limit * self.sigma * self.sigma);
         }
         last.limit_along = self.limits_along[count];
     }

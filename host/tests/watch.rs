@@ -1,10 +1,13 @@
-//! A frame that shows nothing, or nothing new, is not reconstructed again, and nothing is missed by that.
+//! A frame that shows nothing, or nothing new, is not reconstructed again, and nothing is missed by that; frames of a scene at rest are
+//! averaged.
 #![allow(clippy::unwrap_used, reason = "a test")]
 
 use forward::{DiscTouch, Drive};
-use host::reconstructor::Reconstructor;
+use host::picture::Touch;
+use host::reconstructor::{FrameResult, Reconstructor};
 use host::study::scenes::{Bench, Fault, Scene, imager, noisy, quantile, rng};
 use rand::rngs::StdRng;
+use std::collections::BTreeMap;
 
 struct Watched {
     bench: Bench,
@@ -107,34 +110,70 @@ fn touches_that_move_are_reconstructed_without_allocation() {
     }
 }
 
+/// Two scenes in turn, at rest for 30 frames each: the result is made anew from the mean of 2, 4, 8 and 16, and its error falls with the
+/// root of that, as is said of it.
 #[test]
-fn a_scene_at_rest_keeps_its_result() {
+fn a_scene_at_rest_is_averaged() {
     let mut w = Watched::new(72);
-    let truth = [touch(30.0, 20.0), touch(-35.0, -10.0)];
-    let clean = w.clean(&truth);
-    let (mut anew, mut worst) = (0, 0.0_f64);
-    for _ in 0..400 {
-        let frame = w.noisy(&clean);
-        let (r, baseline) = (&mut w.reconstructor, &w.bench.baseline);
-        let mut before = Vec::new();
-        let found = r.frame(baseline, &frame).unwrap();
-        assert_eq!(found.touches.len(), 2);
-        anew += usize::from(found.anew);
-        for t in &truth {
-            let near = |f: &host::picture::Touch| (f.x_mm - t.centre_mm[0]).hypot(f.y_mm - t.centre_mm[1]);
-            worst = worst.max(found.touches.iter().map(near).fold(f64::INFINITY, f64::min));
+    let scenes = [
+        [touch(30.0, 20.0), touch(-35.0, -10.0)],
+        [touch(-20.0, 40.0), touch(10.0, -45.0)],
+    ];
+    let clean = scenes.each_ref().map(|scene| w.clean(scene));
+    let mut rms: BTreeMap<usize, (f64, f64, f64)> = BTreeMap::new();
+    let mut anew = 0;
+    for rest in 0..40 {
+        for k in 0..30 {
+            let frame = w.noisy(&clean[rest % 2]);
+            let (r, baseline) = (&mut w.reconstructor, &w.bench.baseline);
+            let mut found = &mut FrameResult::default();
+            let used = allocation_counter::measure(|| found = r.frame(baseline, &frame).unwrap());
+            assert_eq!(found.touches.len(), 2, "{rest}, {k}");
+            assert!(k > 0 || found.anew && found.frames == 1, "{rest}");
+            if !found.anew {
+                assert_eq!(used.count_total, 0, "{used:?}");
+                continue;
+            }
+            anew += 1;
+            assert!(matches!(found.frames, 1 | 2 | 4 | 8 | 16) && found.frames <= k + 1);
+            let (square, said, count) = rms.entry(found.frames).or_default();
+            for t in &scenes[rest % 2] {
+                let off = |f: &Touch| (f.x_mm - t.centre_mm[0]).hypot(f.y_mm - t.centre_mm[1]);
+                let near = found.touches.iter().min_by(|a, b| off(a).total_cmp(&off(b))).unwrap();
+                *square += off(near).powi(2);
+                *said += near.x_sd_mm.unwrap().powi(2) + near.y_sd_mm.unwrap().powi(2);
+                *count += 1.0;
+            }
         }
-        before.clone_from(&found.touches);
-        // The very frame again is nothing new, and costs nothing.
-        let used = allocation_counter::measure(|| {
-            let again = r.frame(baseline, &frame).unwrap();
-            assert!(!again.anew && again.touches == before);
-        });
-        assert_eq!(used.count_total, 0, "{used:?}");
     }
-    // A frame that happened to lie far out is left soon, but then the next ones differ from it.
-    assert!(anew < 200, "{anew} of 400");
-    assert!(worst < 1.5, "{worst}");
+    // Five a rest, and few by chance.
+    assert!((180..260).contains(&anew), "{anew} of 1200");
+    let [first, last] = [rms[&1], rms[&16]].map(|(square, said, count)| (square / count, said / count));
+    assert!((8.0..32.0).contains(&(first.0 / last.0)), "{rms:?}");
+    assert!((10.0..20.0).contains(&(first.1 / last.1)), "{rms:?}");
+}
+
+/// The noise of the baseline is in every frame: no more is made of 16 than there is.
+#[test]
+fn the_noise_of_the_baseline_is_not_averaged() {
+    let mut w = Watched::new(76);
+    let clean = w.clean(&[touch(30.0, 20.0)]);
+    let said = [0, 16].map(|frames| {
+        let mut r = w.bench.live_reconstructor();
+        r.set_noise(Some(w.sigma * r.imager().gain(&w.bench.baseline)));
+        r.set_baseline_frames(frames);
+        let of = |r: &mut Reconstructor, w: &mut Watched| loop {
+            let frame = w.noisy(&clean);
+            let found = r.frame(&w.bench.baseline, &frame).unwrap();
+            if found.anew && (found.frames == 16 || found.frames == 1) {
+                return found.noise.unwrap().sigma;
+            }
+        };
+        let one = of(&mut r, &mut w);
+        (0..3).map(|_| of(&mut r, &mut w) / one).fold(f64::INFINITY, f64::min)
+    });
+    assert!((said[0] - 0.25).abs() < 1e-9, "{said:?}");
+    assert!((said[1] - (2.0_f64 / 17.0).sqrt()).abs() < 1e-9, "{said:?}");
 }
 
 /// Slower than the noise shows from frame to frame, so that only the sum of many frames' moves can be seen.

@@ -24,6 +24,9 @@ const WORTH_A_SOLUTION: f64 = 4.2;
 const CARRIED_ERROR: f64 = 1.5;
 /// Part of what is worth a solution from which one goes on being carried.
 const STILL_WORTH: f64 = 0.7;
+/// A correction was in vain that left more than this misfit, and more than this part of what there was before: the touches are no discs.
+const UNEXPLAINED: f64 = 1.5;
+const LITTLE_LESS: f64 = 0.8;
 /// Where `LINEAR_ERROR` of a frame is more than this, in the same unit, it is taken to show before anything is known of the touches.
 const SHOWS: f64 = 9.0;
 /// After so many frames one after the other whose search did not come to its end, the next one's has no limit.
@@ -45,6 +48,9 @@ pub struct Data<'a> {
     pub sigma: f64,
     /// What that was told from; none where it is a guess.
     pub noise: Option<NoiseEstimate>,
+    /// How many times as large the variance of one frame's noise is: 1, or more where these are the mean of several. What touches are not
+    /// discs, or the model gets wrong, is as large in the mean, so that it takes as much to believe in another one as in a frame.
+    pub gain: f64,
 }
 
 /// What is the same for all fits of a frame.
@@ -89,6 +95,8 @@ pub struct Fitter {
     solutions: usize,
     /// Whether no frame leaves its search to the next.
     patient: bool,
+    /// Whether it was solved for in vain since the scene is at rest.
+    in_vain: bool,
     left_out: Vec<f64>,
     corrected: Vec<f64>,
     /// What the electrodes' uncertainty adds to that of touches.
@@ -101,8 +109,8 @@ pub struct Fitter {
     /// Whether `fitted` is what the next frame is to be followed from, and how many frames there were.
     follows: bool,
     turn: usize,
-    /// The least misfit since the touches were searched for.
-    least_misfit: f64,
+    /// The least part of a misfit that noise does not explain since the touches were searched for, in variances of one frame's noise.
+    least_unexplained: f64,
     /// Frames one after the other in which a search did not come to its end.
     unfinished: usize,
 }
@@ -119,6 +127,7 @@ impl Fitter {
             correction: None,
             solutions: 0,
             patient: false,
+            in_vain: false,
             left_out: Vec::new(),
             corrected: Vec::new(),
             drop: None,
@@ -127,7 +136,7 @@ impl Fitter {
             before: Fitted::default(),
             follows: false,
             turn: 0,
-            least_misfit: f64::INFINITY,
+            least_unexplained: f64::INFINITY,
             unfinished: 0,
         })
     }
@@ -168,7 +177,7 @@ impl Fitter {
             table,
             options: self.options,
             data,
-            drop: self.drop(table, data.noise.map_or(1, |n| n.freedom)),
+            drop: data.gain * self.drop(table, data.noise.map_or(1, |n| n.freedom)),
             hurried: live && !self.patient && self.unfinished < MOST_UNFINISHED,
             turn: self.turn,
         };
@@ -183,12 +192,12 @@ impl Fitter {
             }
         }
         let least = if fitted.followed {
-            self.least_misfit
+            self.least_unexplained
         } else {
             f64::INFINITY
         };
-        self.least_misfit = fitted.misfit.min(least);
-        let explained = fitted.misfit <= MOST_MISFIT || fitted.residual <= MOST_RESIDUAL;
+        self.least_unexplained = ((fitted.misfit - 1.0).max(0.0) / data.gain).min(least);
+        let explained = fitted.misfit <= data.gain * MOST_MISFIT || fitted.residual <= MOST_RESIDUAL;
         self.unfinished = if fitted.finished { 0 } else { self.unfinished + 1 };
         self.follows = explained || !fitted.finished;
         self.follows.then_some(&self.fitted)
@@ -209,7 +218,7 @@ impl Fitter {
             Some(_) => job.frame(&self.corrected, model_error),
             None => job.frame(job.data.values, if shows { LINEAR_ERROR } else { model_error }),
         };
-        let first = start(seeds, &self.before, follows.then_some(self.least_misfit), job.turn);
+        let first = start(seeds, &self.before, follows.then_some(self.least_misfit(job)), job.turn);
         fit(
             job.table,
             &job.options,
@@ -225,7 +234,9 @@ impl Fitter {
         }
         if self.expected_error() > WORTH_A_SOLUTION {
             self.correct(job, reduce)?;
-            if let Some(discs) = merged(&self.fitted.discs, job.options.radius_mm) {
+            // That was asked in the first of several frames.
+            let merged = merged(&self.fitted.discs, job.options.radius_mm).filter(|_| job.data.gain <= 1.0);
+            if let Some(discs) = merged {
                 // One or two is told by what both come to in the end.
                 let job = &Job { hurried: false, ..*job };
                 if !self.fitted.settled {
@@ -267,9 +278,17 @@ impl Fitter {
         scale: f64,
         size: f64,
     ) -> Option<()> {
-        let serves = |c: &Correction, discs: &[Disc], scale, size| size * c.error(discs, scale) <= CARRIED_ERROR;
-        self.fitted.settled = serves(self.correction.as_ref()?, &self.fitted.discs, scale, size);
+        // What no correction explains hides errors as noise does.
+        let serves = |c: &Correction, fitted: &Fitted, scale, size| {
+            size * c.error(&fitted.discs, scale) <= CARRIED_ERROR * fitted.misfit.max(1.0).sqrt()
+        };
+        self.fitted.settled = serves(self.correction.as_ref()?, &self.fitted, scale, size);
+        // Once a solution has brought nothing, none does for the mean of more frames.
+        let mean = job.data.gain > 1.0;
+        self.in_vain &= mean;
+        self.fitted.settled |= self.in_vain;
         if !self.fitted.settled {
+            let before = self.fitted.misfit;
             let Some(correction) = self.solve() else {
                 return Some(());
             };
@@ -279,12 +298,18 @@ impl Fitter {
             let again = self.again(job, job.frame(&corrected, job.options.model_error));
             self.corrected = corrected;
             again?;
-            self.fitted.settled = serves(self.correction.as_ref()?, &self.fitted.discs, 1.0, size);
+            self.fitted.settled = serves(self.correction.as_ref()?, &self.fitted, 1.0, size);
+            self.in_vain = mean && self.fitted.misfit > UNEXPLAINED.max(LITTLE_LESS * before);
         }
         if self.expected_error() <= STILL_WORTH * WORTH_A_SOLUTION {
             self.correction = None;
         }
         Some(())
+    }
+
+    /// The misfit that these data would have if they were explained as well as the best before.
+    fn least_misfit(&self, job: &Job) -> f64 {
+        1.0 + job.data.gain * self.least_unexplained
     }
 
     /// What the linear model leaves out of what was fitted last.
@@ -327,7 +352,7 @@ impl Fitter {
     fn again(&mut self, job: &Job, frame: Frame) -> Option<()> {
         std::mem::swap(&mut self.before, &mut self.fitted);
         let before = &self.before;
-        let follow = before.followed.then_some(self.least_misfit);
+        let follow = before.followed.then_some(self.least_misfit(job));
         let start = start(&before.discs, before, follow, job.turn);
         fit(
             job.table,
@@ -552,6 +577,7 @@ mod tests {
                 values: &values,
                 sigma,
                 noise: Some(noise),
+                gain: 1.0,
             };
             let found = f.fit(&table, reduce, data, truth.iter().map(|d| d.at)).unwrap().clone();
             if frame == 1 {

@@ -9,6 +9,12 @@ use crate::noise::NoiseEstimate;
 impl Reconstructor {
     /// Reconstructs a difference, and asks whether contacts changed.
     pub(super) fn settle(&mut self, difference: &Difference, noise: Option<NoiseEstimate>) {
+        if self.frames > 1 {
+            // Contacts are asked for in frames: what touches are not discs shows more in a mean.
+            self.fitter.iter_mut().for_each(|f| f.set_patient(false));
+            self.solve_evened(difference, noise);
+            return;
+        }
         // With and without a contact is told by what both come to in the end.
         let patient = !self.options.sequence || self.inquiry.asks_next();
         self.fitter.iter_mut().for_each(|f| f.set_patient(patient));
