@@ -45,8 +45,7 @@ fn main() -> anyhow::Result<()> {
                 let change: f64 = clean.iter().zip(&bench.baseline).map(|(a, b)| (a - b).powi(2)).sum();
                 // A disc answers with 2 c / (2 + c).
                 let answer = |c: f64| 2.0 * c / (2.0 + c);
-                let noise = std::env::var("DB").map_or(27.0, |d| d.parse().unwrap_or(27.0));
-                let noise = 10.0_f64.powf(-noise / 20.0) * answer(0.2) / answer(rise);
+                let noise = 10.0_f64.powf(-27.0 / 20.0) * answer(0.2) / answer(rise);
                 let sigma = (change / clean.len() as f64).sqrt() * noise;
                 let of_baseline = 1.0 / BASELINE_FRAMES as f64;
                 let baseline = noisy(bench.baseline.clone(), sigma * of_baseline.sqrt(), &mut rng);

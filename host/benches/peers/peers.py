@@ -2,7 +2,7 @@
 
     SKIN_BENCH_PROBLEMS=$PWD/problems cargo bench -p host --bench solver
     cargo run --release --manifest-path host/benches/peers/nnls-crate/Cargo.toml -- problems
-    CFLAGS="-O3 -march=native -ffast-math" pip install --no-binary daqp -r host/benches/peers/requirements.txt
+    pip install -r host/benches/peers/requirements.txt
     OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 python host/benches/peers/peers.py problems
 
 Every solver gets the reduced matrix (rank x cells), so that the reduction is not counted against it. Plain problems go to
@@ -13,7 +13,8 @@ benchmark makes; KKT is the largest |min(x_j |a_j|, g_j / |a_j|)| over |b|; the 
 one. The floor is one product of the transposed matrix with a vector.
 
 DAQP is asked for 1e-11, since its default leaves 1e-6, and its time is the solve alone as it reports it, without setting
-up the problem. Its published wheel is built for any processor and takes 1.5 to 2.3 times as long as the build above.
+up the problem. Its published wheel is built for any processor and takes 1.5 to 1.8 times as long as one built for this one
+(CFLAGS="-O3 -march=native -ffast-math" pip install --no-binary daqp -r host/benches/peers/requirements.txt).
 """
 
 import ctypes
