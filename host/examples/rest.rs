@@ -66,7 +66,9 @@ fn main() -> anyhow::Result<()> {
                     let result = reconstructor.frame(&baseline, &noisy(clean.clone(), sigma, &mut rng))?;
                     tracker.update(time_s, &mut result.touches);
                     if result.anew {
-                        steadier.update(time_s, result.frames, &mut result.touches);
+                        steadier.update(time_s, result.grown, &mut result.touches);
+                    } else {
+                        steadier.keep(time_s, &result.touches);
                     }
                     if let Some((_, score)) = looks.next_if(|(at, _)| **at == frame) {
                         score.add(&scene, &result.touches);

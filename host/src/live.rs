@@ -59,6 +59,8 @@ pub struct Live {
     meter: Option<ForceMeter>,
     taker: Option<BaselineTaker>,
     baseline: Option<Baseline>,
+    /// When the frame before was measured, s.
+    before_s: Option<f64>,
 }
 
 /// A touch keeps its number while it moves by less than this from frame to frame, as a fraction of the sheet; and when it is seen again
@@ -66,6 +68,8 @@ pub struct Live {
 const REACH: f64 = 0.1;
 /// How long a touch may be gone and keep its number, s: a second tap at the same place within it is the same touch.
 const PATIENCE_S: f64 = 0.5;
+/// Longest time over which frames of a scene at rest are averaged, s: a press creeps.
+const AVERAGED_S: f64 = 0.25;
 
 impl Live {
     /// Starts with taking the baseline.
@@ -85,6 +89,7 @@ impl Live {
             meter: options.calibration.map(|c| ForceMeter::new(&imager, c)),
             taker: Some(BaselineTaker::new(values, options.baseline_frames)),
             baseline: None,
+            before_s: None,
             nominal: Arc::clone(&imager),
             imager,
             options,
@@ -146,10 +151,16 @@ impl Live {
         let Some(baseline) = &self.baseline else {
             return Ok(LiveFrame::Baseline { left: 0 });
         };
+        let frame_s = self.before_s.replace(frame.time_s).map(|before| frame.time_s - before);
+        if let Some(frame_s) = frame_s.filter(|s| *s > 0.0) {
+            self.reconstructor.set_most_frames((AVERAGED_S / frame_s) as usize);
+        }
         let result = self.reconstructor.frame(&baseline.values_v, &frame.values_v)?;
         self.tracker.update(frame.time_s, &mut result.touches);
         if result.anew {
-            self.steadier.update(frame.time_s, result.frames, &mut result.touches);
+            self.steadier.update(frame.time_s, result.grown, &mut result.touches);
+        } else {
+            self.steadier.keep(frame.time_s, &result.touches);
         }
         if let Some(meter) = &mut self.meter {
             meter.tell(frame.time_s, &mut result.touches);

@@ -101,6 +101,8 @@ pub struct FrameResult {
     pub noise: Option<NoiseEstimate>,
     /// Of how many frames one after another, in which nothing changed, this is the mean's result.
     pub frames: usize,
+    /// Whether frames of the result before are among them.
+    pub grown: bool,
     /// How many values took part.
     pub used: usize,
     /// Whether there was a change above the noise.
@@ -130,6 +132,7 @@ impl FrameResult {
             solve_us: 0.0,
             noise: None,
             frames: 1,
+            grown: false,
             used: 0,
             changed: false,
             status: Status::Converged,
@@ -149,7 +152,8 @@ impl FrameResult {
             (self.residual, self.gap, self.solve_us) = (0.0, 0.0, 0.0);
             (self.changed, self.status, self.misfit) = (false, Status::Converged, None);
         }
-        (self.noise, self.used, self.frames, self.doubt) = (noise, used, 1, None);
+        (self.noise, self.used, self.doubt) = (noise, used, None);
+        (self.frames, self.grown) = (1, false);
         self.contacts.clear();
     }
 }
@@ -206,6 +210,8 @@ pub struct Reconstructor {
     /// The mean of frames at rest, and how many the frame being reconstructed is of.
     mean: Vec<f64>,
     frames: usize,
+    grown: bool,
+    most_frames: usize,
     /// Variance of one frame's noise over that of what is being reconstructed.
     gain: f64,
     differences: Differences,
@@ -258,6 +264,8 @@ impl Reconstructor {
             watch: None,
             mean: Vec::new(),
             frames: 1,
+            grown: false,
+            most_frames: usize::MAX,
             gain: 1.0,
             differences: Differences::default(),
             values: Vec::new(),
@@ -290,6 +298,12 @@ impl Reconstructor {
         self.baseline_frames = if frames > 0 { frames as f64 } else { f64::INFINITY };
     }
 
+    /// Averages at most so many frames of a scene at rest: fewer than 16 where frames are slow, so that what drifts is not left behind; fewer
+    /// than two average nothing.
+    pub fn set_most_frames(&mut self, frames: usize) {
+        self.most_frames = frames;
+    }
+
     /// Makes ready for frames against a baseline, which takes as long as many frames (60 ms): else the first one waits for it. With the
     /// noise known only.
     ///
@@ -318,10 +332,11 @@ impl Reconstructor {
             sigma,
             freedom: usize::MAX,
         });
-        (self.frames, self.gain) = (1, 1.0);
+        (self.frames, self.grown, self.gain) = (1, false, 1.0);
         if let Some(known) = &mut known {
             self.prepare(baseline)?;
             if let Some(watch) = &mut self.watch {
+                watch.set_most(if self.options.sequence { self.most_frames } else { 1 });
                 match watch.look(frame) {
                     Seen::Nothing => {
                         watch.forget();
@@ -336,10 +351,10 @@ impl Reconstructor {
                         return Ok(&mut self.result);
                     }
                     Seen::Mean => {
-                        let (mean, frames) = watch.mean();
+                        let (mean, frames, grown) = watch.mean();
                         self.mean.clear();
                         self.mean.extend_from_slice(mean);
-                        self.frames = frames;
+                        (self.frames, self.grown) = (frames, grown);
                         let of_baseline = 1.0 / self.baseline_frames;
                         self.gain = (1.0 + of_baseline) / (1.0 / frames as f64 + of_baseline);
                         known.sigma /= self.gain.sqrt();
@@ -376,9 +391,13 @@ impl Reconstructor {
             self.fitter.iter_mut().for_each(Fitter::forget);
         }
         let difference = differences.to(&self.imager.model_v, baseline, frame);
-        let judged = self
-            .health
-            .judge(&mut self.reciprocity, &self.imager.model_v, difference);
+        // Nothing is left out of frames that are averaged, and what would be of their mean is not in a frame.
+        let judged = if self.frames > 1 {
+            None
+        } else {
+            self.health
+                .judge(&mut self.reciprocity, &self.imager.model_v, difference)
+        };
         self.settle(difference, known.or(judged));
         if let Some(watch) = &mut self.watch
             && (self.inquiry.is_open() || !self.inquiry.changed().is_empty() || self.health.is_open())
@@ -440,7 +459,7 @@ impl Reconstructor {
             sigma,
             signal,
             false_alarm,
-            self.options.sequence,
+            1.0 / (1.0 + 1.0 / self.baseline_frames),
         ))
     }
 
@@ -492,7 +511,7 @@ impl Reconstructor {
             && self.watch.as_ref().is_some_and(|w| w.used() == used);
         if !self.reduce(difference) || noise.is_some_and(|n| !watched && !self.passes(n)) {
             self.result.clear(noise, used);
-            self.result.anew = true;
+            (self.result.anew, self.result.frames, self.result.grown) = (true, self.frames, self.grown);
             return;
         }
         // Without a way to tell the noise everything counts as a change, at a noise that keeps the solve well posed.
@@ -500,7 +519,7 @@ impl Reconstructor {
         let sigma = noise.map_or(1e-2 * power.sqrt(), |n| n.sigma);
         let mut result = std::mem::take(&mut self.result);
         (result.noise, result.used, result.changed, result.anew) = (noise, used, true, true);
-        (result.frames, result.misfit) = (self.frames, None);
+        (result.frames, result.grown, result.misfit) = (self.frames, self.grown, None);
         let start = Instant::now();
         // The picture of a mean is as sharp as that of a frame, and quieter.
         let of_frame = self.known_noise.filter(|_| self.frames > 1).unwrap_or(sigma);
@@ -563,7 +582,7 @@ impl Reconstructor {
         let mean = self.frames > 1;
         if let Some(watch) = self.watch.as_mut().filter(|w| (fitted.settled || mean) && whole(w)) {
             watch.remember(&self.reduced, &fitted.slopes, table.stride());
-            if !fitted.settled {
+            if !(fitted.settled && fitted.finished) {
                 watch.once_more();
             }
         }

@@ -4,7 +4,7 @@
 //! inverse square of it. But a touch does not widen from one frame to the next by as much as noise says: a Kalman filter on the
 //! radius, one for every touch, weighs what was known against what the frame says. What comes out lies between the radii that the frames
 //! say, so it can be no further off than the worst of them. Slow frames are left as they are. What the mean of several frames says
-//! takes the place of what the first of them said.
+//! takes the place of what those of them said that were there before.
 
 use crate::fit::Disc;
 use crate::picture::Touch;
@@ -41,9 +41,10 @@ struct Radius {
 }
 
 impl Steadier {
-    /// Steadies the touches of a frame that was reconstructed anew, measured at the board's time, or of the mean of so many of which it is
-    /// the last: area, peak and integrated rise; strongest first again. Touches without a number or an uncertainty are left as they are.
-    pub fn update(&mut self, time_s: f64, frames: usize, touches: &mut [Touch]) {
+    /// Steadies the touches of a frame that was reconstructed anew, measured at the board's time, or of a mean of which it is
+    /// the last (`grown` where the frames of the update before are among them): area, peak and integrated rise; strongest first again.
+    /// Touches without a number or an uncertainty are left as they are.
+    pub fn update(&mut self, time_s: f64, grown: bool, touches: &mut [Touch]) {
         self.known
             .retain(|k| (0.0..=PATIENCE_S).contains(&(time_s - k.now.seen_s)));
         for touch in &mut *touches {
@@ -61,7 +62,7 @@ impl Steadier {
             }
             match self.known.iter_mut().find(|k| k.id == id) {
                 Some(known) => {
-                    if frames == 1 {
+                    if !grown {
                         known.before = Some(known.now);
                     }
                     known.now = known.before.map_or(fitted, |before| before.then(fitted));
@@ -75,6 +76,14 @@ impl Steadier {
             }
         }
         touches.sort_by(|a, b| b.rise.total_cmp(&a.rise));
+    }
+
+    /// Keeps what is known of touches that are as they were.
+    pub fn keep(&mut self, time_s: f64, touches: &[Touch]) {
+        let present = |id: u32| touches.iter().any(|t| t.id == Some(id));
+        for known in self.known.iter_mut().filter(|k| present(k.id)) {
+            known.now.seen_s = time_s;
+        }
     }
 }
 
@@ -147,7 +156,7 @@ mod tests {
             let measured = radius(t) + sd * noise;
             range = (range.0.min(measured), range.1.max(measured));
             let mut touches = [touch(7, measured, sd)];
-            steadier.update(t, 1, &mut touches);
+            steadier.update(t, false, &mut touches);
             let [found] = touches;
             let strength = 2.0 * found.rise / (2.0 + found.rise) * found.area_mm2;
             assert!((strength - 100.0).abs() < 1e-9, "{strength}");
@@ -189,7 +198,7 @@ mod tests {
     fn a_mean_takes_the_place_of_its_first_frame() {
         let radius = |steadier: &mut Steadier, frames: usize, radius: f64, sd: f64| {
             let mut touches = [touch(7, radius, sd)];
-            steadier.update(0.01, frames, &mut touches);
+            steadier.update(0.01, frames > 1, &mut touches);
             (touches[0].area_mm2 / PI).sqrt()
         };
         let mut alone = Steadier::default();
@@ -201,6 +210,15 @@ mod tests {
         radius(&mut known, 1, 11.0, 1.0);
         radius(&mut known, 1, 13.0, 1.0);
         assert!((radius(&mut known, 4, 12.0, 0.5) - (0.2 * 11.0 + 0.8 * 12.0)).abs() < 1e-9);
+        // Kept through a long rest, it counts as much as if it had been the frame before.
+        for k in 1..300 {
+            known.keep(0.01 * f64::from(k), &[touch(7, 12.0, 0.5)]);
+        }
+        let (before, sd) = (known.known[0].now.mm, known.known[0].now.variance.sqrt());
+        let mut touches = [touch(7, 14.0, 1.0)];
+        known.update(3.0, false, &mut touches);
+        let expected = before + (14.0 - before) * sd * sd / (sd * sd + 1.0);
+        assert!(((touches[0].area_mm2 / PI).sqrt() - expected).abs() < 0.1);
     }
 
     #[test]
@@ -217,7 +235,7 @@ mod tests {
         };
         for k in 0..3 {
             let mut touches = [strange, plain];
-            steadier.update(0.1 * f64::from(k), 1, &mut touches);
+            steadier.update(0.1 * f64::from(k), false, &mut touches);
             assert_eq!(touches, [strange, plain]);
         }
     }

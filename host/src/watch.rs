@@ -9,7 +9,9 @@
 //! too many costs time, a touch that lags behind costs accuracy.
 //!
 //! Frames of a scene at rest that are measured one after another are averaged: when as many have come as the last result is
-//! of, the mean of both is to be reconstructed. A drift too slow to show in one frame shows in their mean: of 2, 4, 8 frames
+//! of, the mean of both is to be reconstructed; that of the most frames is followed by the mean of as many new ones. One reconstruction too many
+//! then costs accuracy as well, and the quantiles are such that noise seldom exceeds them, but for the first frames, which may be the last of
+//! a touch that comes down. A drift too slow to show in one frame shows in their mean: of 2, 4, 8 frames
 //! and so on, those since the last result are compared with those before, and where they differ they alone count.
 
 use crate::reconstruct::{Problem, Projector};
@@ -25,8 +27,12 @@ const ANEW_ALONG: f64 = 0.1;
 /// The same for frames that are averaged, where one too many costs accuracy as well.
 const JUMP_ANYWHERE: f64 = 0.001;
 const JUMP_ALONG: f64 = 0.003;
+/// A mean of so many frames takes more in at the quantile of `ANEW_ALONG`.
+const FIRST_FRAMES: usize = 2;
 /// Most frames of a mean.
 const MOST_FRAMES: usize = 16;
+/// How often a mean is reconstructed once more.
+const MOST_ROUNDS: usize = 2;
 /// A direction of which less than this part (of its square) is new lies in those before it.
 const DEPENDENT: f64 = 1e-18;
 
@@ -35,9 +41,9 @@ const DEPENDENT: f64 = 1e-18;
 pub(crate) enum Seen {
     /// Nothing but noise against the baseline.
     Nothing,
-    /// Nothing but noise against the frame reconstructed last.
+    /// Nothing but noise against the frame, or the mean, reconstructed last.
     Same,
-    /// The same, and [`Watch::mean`] is worth reconstructing.
+    /// Nothing that shows in a frame, and [`Watch::mean`] is to be reconstructed.
     Mean,
     /// Something to reconstruct.
     New,
@@ -50,6 +56,7 @@ struct Last {
     /// Orthonormal directions along the touches' parameters, one after the other.
     along: Vec<f64>,
     limit_along: f64,
+    limit_first: f64,
 }
 
 /// Frames one after another in which nothing changed.
@@ -62,8 +69,11 @@ struct Rest {
     sum: Vec<f64>,
     reduced: Vec<f64>,
     since: usize,
-    /// Whether the mean is to be reconstructed once more.
+    /// Whether frames of the result before are among those of the mean.
+    grown: bool,
+    /// Whether the mean is to be reconstructed once more, and how often it was.
     again: bool,
+    rounds: usize,
 }
 
 impl Rest {
@@ -71,7 +81,7 @@ impl Rest {
     fn begin(&mut self, frame: &[f64]) {
         self.mean.clear();
         self.mean.extend_from_slice(frame);
-        self.frames = 1;
+        (self.frames, self.grown) = (1, false);
         self.clear();
     }
 
@@ -81,7 +91,7 @@ impl Rest {
         self.sum.resize(self.mean.len(), 0.0);
         self.reduced.fill(0.0);
         self.since = 0;
-        self.again = false;
+        (self.again, self.rounds) = (false, 0);
     }
 
     /// Takes a frame.
@@ -99,7 +109,7 @@ impl Rest {
         for (mean, sum) in self.mean.iter_mut().zip(&self.sum) {
             *mean = (*mean * before as f64 + sum) / count as f64;
         }
-        self.frames = count;
+        (self.frames, self.grown) = (count, all);
         self.clear();
     }
 }
@@ -115,20 +125,23 @@ pub(crate) struct Watch {
     used: usize,
     projector: Projector,
     limit: f64,
-    limit_same: f64,
+    /// Often, seldom exceeded by noise.
+    limits_same: [f64; 2],
     last: Last,
     /// Whether `last` is meant.
     remembers: bool,
-    /// Whether frames at rest are averaged.
-    averages: bool,
+    /// Most frames at rest of which the mean is taken.
+    most: usize,
     rest: Rest,
-    /// Limits along so many directions, as far as they were needed.
-    limits_along: Vec<f64>,
+    /// Variance of one frame's noise.
+    variance: f64,
+    /// Limits along so many directions (often, seldom exceeded by noise), as far as they were needed.
+    limits_along: Vec<[f64; 2]>,
 }
 
 impl Watch {
     /// `gain` and `offset`: a frame v is weighted as `gain v - offset`, 0 where a value is left out. `signal` is the rise
-    /// expected of a cell over the noise. `averages`: frames at rest are.
+    /// expected of a cell over the noise. `of_frame` is the part of the noise's variance that is in the frame, not in the baseline.
     pub(crate) fn new(
         problem: &Problem,
         baseline: &[f64],
@@ -136,7 +149,7 @@ impl Watch {
         sigma: f64,
         signal: f64,
         false_alarm: f64,
-        averages: bool,
+        of_frame: f64,
     ) -> Option<Self> {
         let (gain, offset) = weights;
         let strong = problem
@@ -146,11 +159,12 @@ impl Watch {
             .count();
         let projector = Projector::new(problem, strong.max(LEAST_DIRECTIONS));
         let chi_square = ChiSquared::new(projector.directions() as f64).ok()?;
-        let anew = if averages { JUMP_ANYWHERE } else { ANEW_ANYWHERE };
+        let variance = of_frame * sigma * sigma;
+        let anywhere = |probability: f64| chi_square.inverse_cdf(1.0 - probability) * variance;
         Some(Self {
             used: gain.iter().filter(|g| **g != 0.0).count(),
             limit: chi_square.inverse_cdf(1.0 - false_alarm) * sigma * sigma,
-            limit_same: chi_square.inverse_cdf(1.0 - anew) * sigma * sigma,
+            limits_same: [anywhere(ANEW_ANYWHERE), anywhere(JUMP_ANYWHERE)],
             baseline: baseline.to_vec(),
             sigma,
             gain,
@@ -158,8 +172,9 @@ impl Watch {
             projector,
             last: Last::default(),
             remembers: false,
-            averages,
+            most: 1,
             rest: Rest::default(),
+            variance,
             limits_along: Vec::new(),
         })
     }
@@ -199,8 +214,9 @@ impl Watch {
             return Seen::New;
         }
         let (last, rest) = (&self.last, &mut self.rest);
-        let (limit, before) = (self.limit_same, 1.0 / rest.frames.max(1) as f64);
-        let same = |now: &[f64], share: f64| {
+        let limit = self.limits_same[usize::from(self.most > 1)];
+        let before = 1.0 / rest.frames.max(1) as f64;
+        let same = |now: &[f64], share: f64, limit_along: f64| {
             let (mut change, mut along) = (0.0, 0.0);
             for (a, b) in now.iter().zip(&last.reduced) {
                 change += (share * a - b) * (share * a - b);
@@ -211,36 +227,42 @@ impl Watch {
                 along += part * part;
             }
             let noise = share + before;
-            change <= noise * limit && along <= noise * last.limit_along
+            change <= noise * limit && along <= noise * limit_along
         };
-        if !same(reduced, 1.0) {
+        if !same(reduced, 1.0, last.limit_along) {
             return Seen::New;
         }
-        if !self.averages {
+        if self.most < 2 {
             return Seen::Same;
+        }
+        if std::mem::take(&mut rest.again) {
+            self.remembers = false;
+            return Seen::Mean;
         }
         rest.add(frame, reduced);
-        if std::mem::take(&mut rest.again) {
-            return Seen::Mean;
-        }
-        if rest.since.is_power_of_two() && rest.since > 1 && !same(&rest.reduced, 1.0 / rest.since as f64) {
-            rest.renew(false);
-            return Seen::Mean;
-        }
-        if rest.since < rest.frames {
+        let all = rest.since >= rest.frames;
+        let limit_along = if all && rest.frames <= FIRST_FRAMES {
+            last.limit_first
+        } else {
+            last.limit_along
+        };
+        let drifts = rest.since.is_power_of_two() && !same(&rest.reduced, 1.0 / rest.since as f64, limit_along);
+        if !drifts && !all {
             return Seen::Same;
         }
-        if rest.frames < MOST_FRAMES {
-            rest.renew(true);
-            return Seen::Mean;
-        }
-        rest.clear();
-        Seen::Same
+        rest.renew(!drifts && 2 * rest.frames <= self.most);
+        self.remembers = false;
+        Seen::Mean
     }
 
-    /// The mean of the frames at rest, and how many there were.
-    pub(crate) fn mean(&self) -> (&[f64], usize) {
-        (&self.rest.mean, self.rest.frames)
+    /// Takes the mean of at most so many frames at rest; fewer than two average nothing.
+    pub(crate) fn set_most(&mut self, frames: usize) {
+        self.most = frames.min(MOST_FRAMES);
+    }
+
+    /// The mean of the frames at rest, how many there were, and whether frames of the result before are among them.
+    pub(crate) fn mean(&self) -> (&[f64], usize, bool) {
+        (&self.rest.mean, self.rest.frames, self.rest.grown)
     }
 
     /// A new frame is reconstructed.
@@ -251,7 +273,10 @@ impl Watch {
 
     /// The mean is to be reconstructed once more, with the next frame that is the same.
     pub(crate) fn once_more(&mut self) {
-        self.rest.again = true;
+        let rest = &mut self.rest;
+        rest.again = rest.rounds < MOST_ROUNDS;
+        rest.rounds += 1;
+        rest.grown = true;
     }
 
     /// Remembers the frame looked at last as reconstructed, with the directions (in the problem's reduced space) in which
@@ -289,11 +314,14 @@ impl Watch {
         let count = last.along.len() / directions.max(1);
         while self.limits_along.len() <= count {
             let freedom = self.limits_along.len().max(1) as f64;
-            let anew = if self.averages { JUMP_ALONG } else { ANEW_ALONG };
-            let limit = ChiSquared::new(freedom).map_or(0.0, |c| c.inverse_cdf(1.0 - anew));
-            self.limits_along.push(limit * self.sigma * self.sigma);
+            let limit = |probability: f64| {
+                ChiSquared::new(freedom).map_or(0.0, |c| c.inverse_cdf(1.0 - probability)) * self.variance
+            };
+            self.limits_along.push([ANEW_ALONG, JUMP_ALONG].map(limit));
         }
-        last.limit_along = self.limits_along[count];
+        let limits = self.limits_along[count];
+        last.limit_first = limits[0];
+        last.limit_along = limits[usize::from(self.most > 1)];
     }
 
     /// Forgets it: the next frame that is not nothing is new.

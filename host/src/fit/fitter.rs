@@ -27,6 +27,10 @@ const STILL_WORTH: f64 = 0.7;
 /// A correction was in vain that left more than this misfit, and more than this part of what there was before: the touches are no discs.
 const UNEXPLAINED: f64 = 1.5;
 const LITTLE_LESS: f64 = 0.8;
+/// As long as no more than this many times as much is left, that is so.
+const AS_MUCH: f64 = 1.5;
+/// By how much a misfit scatters, three standard deviations.
+const SCATTER: f64 = 0.4;
 /// Where `LINEAR_ERROR` of a frame is more than this, in the same unit, it is taken to show before anything is known of the touches.
 const SHOWS: f64 = 9.0;
 /// After so many frames one after the other whose search did not come to its end, the next one's has no limit.
@@ -95,8 +99,8 @@ pub struct Fitter {
     solutions: usize,
     /// Whether no frame leaves its search to the next.
     patient: bool,
-    /// Whether it was solved for in vain since the scene is at rest.
-    in_vain: bool,
+    /// What was left unexplained when it was last solved for in vain for a mean, in variances of one frame's noise.
+    in_vain: Option<f64>,
     left_out: Vec<f64>,
     corrected: Vec<f64>,
     /// What the electrodes' uncertainty adds to that of touches.
@@ -109,8 +113,9 @@ pub struct Fitter {
     /// Whether `fitted` is what the next frame is to be followed from, and how many frames there were.
     follows: bool,
     turn: usize,
-    /// The least part of a misfit that noise does not explain since the touches were searched for, in variances of one frame's noise.
-    least_unexplained: f64,
+    /// The least part of a misfit that noise does not explain since the touches were searched for, in variances of one frame's noise, and
+    /// the data's gain.
+    least_unexplained: (f64, f64),
     /// Frames one after the other in which a search did not come to its end.
     unfinished: usize,
 }
@@ -127,7 +132,7 @@ impl Fitter {
             correction: None,
             solutions: 0,
             patient: false,
-            in_vain: false,
+            in_vain: None,
             left_out: Vec::new(),
             corrected: Vec::new(),
             drop: None,
@@ -136,7 +141,7 @@ impl Fitter {
             before: Fitted::default(),
             follows: false,
             turn: 0,
-            least_unexplained: f64::INFINITY,
+            least_unexplained: (f64::INFINITY, 1.0),
             unfinished: 0,
         })
     }
@@ -149,7 +154,7 @@ impl Fitter {
     /// Forgets the touches of the frame before: they have gone.
     pub fn forget(&mut self) {
         self.follows = false;
-        self.correction = None;
+        (self.correction, self.in_vain) = (None, None);
     }
 
     /// Whether every search is to come to its end in its own frame, however many follow.
@@ -191,12 +196,10 @@ impl Fitter {
                 t.y_sd_mm = t.y_sd_mm.map(|sd| sd.hypot(y.sqrt()));
             }
         }
-        let least = if fitted.followed {
-            self.least_unexplained
-        } else {
-            f64::INFINITY
-        };
-        self.least_unexplained = ((fitted.misfit - 1.0).max(0.0) / data.gain).min(least);
+        let unexplained = (fitted.misfit - 1.0) / data.gain;
+        if !(fitted.followed && self.least_unexplained.0 <= unexplained) {
+            self.least_unexplained = (unexplained, data.gain);
+        }
         let explained = fitted.misfit <= data.gain * MOST_MISFIT || fitted.residual <= MOST_RESIDUAL;
         self.unfinished = if fitted.finished { 0 } else { self.unfinished + 1 };
         self.follows = explained || !fitted.finished;
@@ -207,6 +210,9 @@ impl Fitter {
     fn find(&mut self, job: &Job, reduce: &mut impl FnMut(&[f64], &mut Vec<f64>), seeds: &[Disc]) -> Option<()> {
         std::mem::swap(&mut self.before, &mut self.fitted);
         let follows = std::mem::replace(&mut self.follows, false);
+        if job.data.gain <= 1.0 {
+            self.in_vain = None;
+        }
         self.correction = self.correction.take().filter(|_| follows);
         let scale = self.correction.as_ref().map(|c| c.scale(&self.before.discs));
         let carried = scale.map(|scale| (scale, self.take_off(job, reduce, scale)));
@@ -283,10 +289,10 @@ impl Fitter {
             size * c.error(&fitted.discs, scale) <= CARRIED_ERROR * fitted.misfit.max(1.0).sqrt()
         };
         self.fitted.settled = serves(self.correction.as_ref()?, &self.fitted, scale, size);
-        // Once a solution has brought nothing, none does for the mean of more frames.
+        // Once a solution has brought nothing, none does for the mean of more frames of the same.
         let mean = job.data.gain > 1.0;
-        self.in_vain &= mean;
-        self.fitted.settled |= self.in_vain;
+        let unexplained = (self.fitted.misfit - 1.0) / job.data.gain;
+        self.fitted.settled |= self.in_vain.is_some_and(|then| unexplained <= AS_MUCH * then);
         if !self.fitted.settled {
             let before = self.fitted.misfit;
             let Some(correction) = self.solve() else {
@@ -299,7 +305,9 @@ impl Fitter {
             self.corrected = corrected;
             again?;
             self.fitted.settled = serves(self.correction.as_ref()?, &self.fitted, 1.0, size);
-            self.in_vain = mean && self.fitted.misfit > UNEXPLAINED.max(LITTLE_LESS * before);
+            let unexplained = (self.fitted.misfit - 1.0) / job.data.gain;
+            let in_vain = mean && self.fitted.misfit > UNEXPLAINED.max(LITTLE_LESS * before);
+            self.in_vain = in_vain.then_some(unexplained);
         }
         if self.expected_error() <= STILL_WORTH * WORTH_A_SOLUTION {
             self.correction = None;
@@ -309,7 +317,10 @@ impl Fitter {
 
     /// The misfit that these data would have if they were explained as well as the best before.
     fn least_misfit(&self, job: &Job) -> f64 {
-        1.0 + job.data.gain * self.least_unexplained
+        let (least, gain) = self.least_unexplained;
+        // What was told of one frame is told less well than the mean's.
+        let scatter = if job.data.gain > gain { SCATTER / gain } else { 0.0 };
+        1.0 + job.data.gain * (least + scatter)
     }
 
     /// What the linear model leaves out of what was fitted last.

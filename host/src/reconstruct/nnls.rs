@@ -32,7 +32,7 @@ pub struct NnlsOptions {
 
 /// The solver with its state from frame to frame.
 ///
-/// All that a solve needs is set aside at the first solve of a problem, and once more at the first without a ridge; after it
+/// All that a solve needs is set aside at the first solve of a problem, and once more at the first without a ridge or with one too small for Newton's steps; after it
 /// [`Nnls::solve_into`] allocates nothing.
 #[derive(Clone, Debug)]
 pub struct Nnls {

@@ -10,7 +10,7 @@ use super::kernels::{COLUMNS_AT_ONCE, SINGLE_LANES, dots_of_single, padded};
 
 /// Most columns of which the next to enter is chosen before the pool is looked at again.
 const FEW: usize = 192;
-/// A column belongs to the pool while its gradient is above the largest times this.
+/// A column belongs to the pool when its gradient is above the largest times this: not below minus the largest.
 const REACH: f32 = -1.0;
 
 /// Columns scaled to norm 1, and which of them may enter.
