@@ -35,6 +35,11 @@ impl Default for LiveOptions {
     }
 }
 
+/// How many frames of a scene at rest are averaged at most that take so long each, s.
+pub fn frames_averaged(frame_s: f64) -> usize {
+    (AVERAGED_S / frame_s) as usize
+}
+
 /// What became of a measured frame.
 #[derive(Debug, PartialEq)]
 pub enum LiveFrame<'a> {
@@ -153,7 +158,7 @@ impl Live {
         };
         let frame_s = self.before_s.replace(frame.time_s).map(|before| frame.time_s - before);
         if let Some(frame_s) = frame_s.filter(|s| *s > 0.0) {
-            self.reconstructor.set_most_frames((AVERAGED_S / frame_s) as usize);
+            self.reconstructor.set_most_frames(frames_averaged(frame_s));
         }
         let result = self.reconstructor.frame(&baseline.values_v, &frame.values_v)?;
         self.tracker.update(frame.time_s, &mut result.touches);

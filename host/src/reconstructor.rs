@@ -320,9 +320,9 @@ impl Reconstructor {
 
     /// Reconstructs a frame against a baseline (both in any one unit).
     ///
-    /// With the noise known, a frame that shows nothing, or nothing new, costs one product with a small matrix and no
-    /// allocation: the result is then the earlier one ([`FrameResult::anew`]). In a sequence
-    /// ([`ReconstructorOptions::sequence`]) frames that show nothing new are averaged, and the result is made anew from the mean of 2, 4,
+    /// With the noise known, a frame that shows nothing, or in a sequence ([`ReconstructorOptions::sequence`]) nothing new, costs one
+    /// product with a small matrix and no allocation: the result is then the earlier one ([`FrameResult::anew`]). Frames of a sequence
+    /// that show nothing new are averaged, and the result is made anew from the mean of 2, 4,
     /// 8 and 16.
     ///
     /// # Errors
@@ -346,7 +346,7 @@ impl Reconstructor {
                         self.begin_anew();
                         return Ok(&mut self.result);
                     }
-                    Seen::Same => {
+                    Seen::Same if self.options.sequence => {
                         self.result.anew = false;
                         return Ok(&mut self.result);
                     }
@@ -359,7 +359,8 @@ impl Reconstructor {
                         self.gain = (1.0 + of_baseline) / (1.0 / frames as f64 + of_baseline);
                         known.sigma /= self.gain.sqrt();
                     }
-                    Seen::New => watch.begin(frame),
+                    // Frames that have nothing to do with each other are not each other's results.
+                    Seen::Same | Seen::New => watch.begin(frame),
                 }
             }
         }

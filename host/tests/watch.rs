@@ -153,6 +153,24 @@ fn a_scene_at_rest_is_averaged() {
     assert!((10.0..20.0).contains(&(first.1 / last.1)), "{rms:?}");
 }
 
+/// Where frames have nothing to do with each other each is judged by itself, with the noise known as well; empty ones are empty.
+#[test]
+fn frames_of_a_table_are_not_each_others_results() {
+    let mut w = Watched::new(77);
+    let (touched, empty) = (w.clean(&[touch(30.0, 20.0)]), w.clean(&[]));
+    let mut r = w.bench.reconstructor();
+    r.set_noise(Some(w.sigma * r.imager().gain(&w.bench.baseline)));
+    for k in 0..30 {
+        let frame = w.noisy(if k % 5 == 4 { &empty } else { &touched });
+        let found = r.frame(&w.bench.baseline, &frame).unwrap();
+        if k % 5 == 4 {
+            assert!(found.touches.is_empty(), "{k}");
+        } else {
+            assert!(found.anew && found.frames == 1 && found.touches.len() == 1, "{k}");
+        }
+    }
+}
+
 /// The noise of the baseline is in every frame: no more is made of 16 than there is.
 #[test]
 fn the_noise_of_the_baseline_is_not_averaged() {

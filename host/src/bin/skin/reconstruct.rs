@@ -5,10 +5,12 @@ use ::forward::file::MOST_ELECTRODES;
 use ::forward::{Drive, Electrode, Outline, Pattern, Place, Sheet};
 use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
+use host::baseline::BaselineTaker;
 use host::creep::file as calibration_file;
 use host::creep::force::ForceMeter;
 use host::doubt::Doubt;
 use host::imager::Imager;
+use host::live::frames_averaged;
 use host::picture::{Stats, Touch};
 use host::reconstruct::{Method, Status};
 use host::reconstructor::{FrameResult, Reconstructor, ReconstructorOptions};
@@ -33,7 +35,7 @@ pub(crate) enum DriveKind {
 pub(crate) struct Arguments {
     /// Table of measurements (CSV: drive_a, drive_b, sense_a, sense_b, then a column, or _re and _im, for every frame).
     file: PathBuf,
-    /// Frames of the unpressed sheet; several are averaged.
+    /// Frames of the unpressed sheet; several are averaged, and eight or more tell the noise.
     #[arg(long, required = true, value_delimiter = ',', value_name = "COLUMN[,COLUMN...]")]
     baseline: Vec<String>,
     /// How the sheet was driven.
@@ -154,6 +156,9 @@ fn sheet(arguments: &Arguments, electrodes: usize) -> Sheet {
     }
 }
 
+/// Frames of the unpressed sheet that tell its noise; of fewer a drift looks like noise.
+const RECORDING: usize = 8;
+
 /// Mean of the baseline frames, over the values they have.
 fn baseline(table: &MeasurementTable, frames: &[usize]) -> Vec<f64> {
     (0..table.measurements.len())
@@ -169,6 +174,16 @@ fn baseline(table: &MeasurementTable, frames: &[usize]) -> Vec<f64> {
             sum / count
         })
         .collect()
+}
+
+/// Noise of one value, V, where the baseline's frames are a recording of the unpressed sheet.
+fn noise_of(table: &MeasurementTable, frames: &[usize]) -> Option<f64> {
+    if frames.len() < RECORDING {
+        return None;
+    }
+    let mut taker = BaselineTaker::new(table.measurements.len(), frames.len());
+    let taken = frames.iter().filter_map(|k| taker.take(&table.columns[*k].values));
+    taken.last().map(|b| b.noise_v)
 }
 
 /// Runs the command.
@@ -246,6 +261,15 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     // Otherwise nothing says that a frame follows another.
     options.sequence = arguments.frame_s.is_some();
     let mut reconstructor = Reconstructor::new(imager.clone(), options);
+    if let Some(noise_v) = noise_of(&table, &baselines) {
+        let count = baselines.len();
+        let spread = (1.0 + 1.0 / count as f64).sqrt();
+        reconstructor.set_noise(Some(noise_v * imager.gain(&baseline) * spread));
+        reconstructor.set_baseline_frames(count);
+        if let Some(frame_s) = arguments.frame_s {
+            reconstructor.set_most_frames(frames_averaged(frame_s));
+        }
+    }
     let mut meter = calibration.map(|c| ForceMeter::new(&imager, c));
     let mut results = Vec::new();
     for (k, column) in table.columns.iter().enumerate() {
