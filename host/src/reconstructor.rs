@@ -295,7 +295,11 @@ impl Reconstructor {
     /// Sets of how many frames the baseline is the mean: its noise stays where those of a scene at rest are averaged. Without, or for 0,
     /// the baseline is taken to have none.
     pub fn set_baseline_frames(&mut self, frames: usize) {
-        self.baseline_frames = if frames > 0 { frames as f64 } else { f64::INFINITY };
+        let frames = if frames > 0 { frames as f64 } else { f64::INFINITY };
+        if std::mem::replace(&mut self.baseline_frames, frames) != frames {
+            // It was made for another one's noise.
+            self.watch = None;
+        }
     }
 
     /// Averages at most so many frames of a scene at rest: fewer than 16 where frames are slow, so that what drifts is not left behind; fewer

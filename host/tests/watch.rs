@@ -130,6 +130,11 @@ fn a_scene_at_rest_is_averaged() {
             let used = allocation_counter::measure(|| found = r.frame(baseline, &frame).unwrap());
             assert_eq!(found.touches.len(), 2, "{rest}, {k}");
             assert!(k > 0 || found.anew && found.frames == 1, "{rest}");
+            for t in &scenes[rest % 2] {
+                let off = |f: &Touch| (f.x_mm - t.centre_mm[0]).hypot(f.y_mm - t.centre_mm[1]);
+                let near = found.touches.iter().map(off).fold(f64::INFINITY, f64::min);
+                assert!(near < 1.5, "{rest}, {k}: {near}");
+            }
             if !found.anew {
                 assert_eq!(used.count_total, 0, "{used:?}");
                 continue;
