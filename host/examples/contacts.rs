@@ -117,7 +117,7 @@ fn main() -> anyhow::Result<()> {
                 named += usize::from(found.contacts == [electrode]);
                 right += usize::from(found.touches.len() == touches.len());
                 for t in &touches {
-                    let off = |f: &host::picture::Touch| (f.x_mm - t.centre_mm[0]).hypot(f.y_mm - t.centre_mm[1]);
+                    let off = |f: &host::touch::Touch| (f.x_mm - t.centre_mm[0]).hypot(f.y_mm - t.centre_mm[1]);
                     errors.push(found.touches.iter().map(off).fold(50.0, f64::min));
                 }
             }
@@ -145,7 +145,7 @@ fn main() -> anyhow::Result<()> {
                 alarms += usize::from(!found.contacts.is_empty());
                 right += usize::from(found.touches.len() == touches.len());
                 for t in &touches {
-                    let off = |f: &host::picture::Touch| (f.x_mm - t.centre_mm[0]).hypot(f.y_mm - t.centre_mm[1]);
+                    let off = |f: &host::touch::Touch| (f.x_mm - t.centre_mm[0]).hypot(f.y_mm - t.centre_mm[1]);
                     errors.push(found.touches.iter().map(off).fold(50.0, f64::min));
                 }
             }

@@ -14,8 +14,8 @@
 mod chain;
 
 use anyhow::{Context, Result};
-use host::plans::PlanName;
 use host::study::scenes::quantile;
+use link::plans::PlanName;
 
 const SCENES: [&str; 9] = [
     "demo",

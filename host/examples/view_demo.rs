@@ -8,7 +8,8 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use clap::Parser;
-use host::picture::{DEFAULT_CELL_MM, Grid, Picture, Stats, Touch, circle_mm};
+use host::picture::{DEFAULT_CELL_MM, Grid, Picture, Stats, circle_mm};
+use host::touch::Touch;
 use host::view::png;
 use host::view::web::{Command, DEFAULT_PORT, LiveOptions, LiveView};
 

@@ -2,9 +2,7 @@
 //! difference that connects a measured frame to both.
 
 pub use crate::difference::Difference;
-use crate::picture::{Grid, Picture, PictureError, Stats};
 use crate::reconstruct::Method;
-use crate::reconstructor::FrameResult;
 use forward::{CellError, CellGrid, Drive, ForwardError, Model, ModelOptions, Pattern, Sensitivity, Sheet, Solver};
 use nalgebra::DMatrix;
 use std::sync::Arc;
@@ -38,30 +36,6 @@ pub enum ImagerError {
         /// Values expected.
         expected: usize,
     },
-}
-
-/// Where the cells, the rim and the electrodes are, for a viewer.
-#[derive(Clone, Debug)]
-pub struct Surface {
-    grid: Arc<Grid>,
-    outline_mm: Arc<Vec<[f64; 2]>>,
-    electrodes_mm: Arc<Vec<[f64; 2]>>,
-}
-
-impl Surface {
-    /// The picture of a result.
-    pub fn picture(&self, result: &FrameResult, sequence: u64, time_s: f64, stats: Stats) -> Picture {
-        Picture {
-            sequence,
-            time_s,
-            grid: Arc::clone(&self.grid),
-            outline_mm: Arc::clone(&self.outline_mm),
-            electrodes_mm: Arc::clone(&self.electrodes_mm),
-            values: result.x.iter().map(|x| x.max(0.0) as f32).collect(),
-            touches: result.touches.clone(),
-            stats,
-        }
-    }
 }
 
 /// The unpressed sheet as the model sees it, and its sensitivity. Immutable.
@@ -185,44 +159,6 @@ impl Imager {
             .collect();
         gains.sort_by(f64::total_cmp);
         gains.get(gains.len() / 2).copied().unwrap_or(1.0)
-    }
-
-    /// The picture of a result, for a viewer.
-    ///
-    /// # Errors
-    /// [`PictureError`] when the cells are too many to show.
-    pub fn picture(
-        &self,
-        result: &FrameResult,
-        sequence: u64,
-        time_s: f64,
-        stats: Stats,
-    ) -> Result<Picture, PictureError> {
-        Ok(self.surface()?.picture(result, sequence, time_s, stats))
-    }
-
-    /// What all pictures of the sheet share.
-    ///
-    /// # Errors
-    /// [`PictureError`] when the cells are too many to show.
-    pub fn surface(&self) -> Result<Surface, PictureError> {
-        Ok(Surface {
-            grid: self.shown_grid()?,
-            outline_mm: Arc::new(self.outline_mm.clone()),
-            electrodes_mm: Arc::new(self.electrodes_mm.clone()),
-        })
-    }
-
-    /// The cells as a viewer wants them.
-    ///
-    /// # Errors
-    /// [`PictureError`] when they are too many to show.
-    pub fn shown_grid(&self) -> Result<Arc<Grid>, PictureError> {
-        let (columns, rows) = self.grid.shape();
-        let [left, bottom] = self.grid.low_mm();
-        // More columns than fit 16 bits are refused by the grid itself.
-        let cells = self.grid.cells().iter().map(|[c, r]| (*c as u16, *r as u16)).collect();
-        Grid::new(columns, rows, self.grid.cell_mm(), left, bottom, cells).map(Arc::new)
     }
 
     /// Correlation of a baseline with the unpressed model over the values in use: above 0.95 when electrode order, sense

@@ -6,7 +6,6 @@ use crate::electrodes;
 use crate::imager::{Imager, ImagerError};
 use crate::reconstruct::Method;
 use crate::reconstructor::{FrameResult, Reconstructor, ReconstructorOptions};
-use crate::session::MeasuredFrame;
 use crate::steady::Steadier;
 use crate::tracker::{Following, Tracker};
 use std::sync::Arc;
@@ -119,13 +118,14 @@ impl Live {
         self.baseline.as_ref()
     }
 
-    /// Takes the next frame.
+    /// Takes the next frame: when it was measured (the board's time, s) and its values (V, in the pattern's order; not a
+    /// number where one is missing).
     ///
     /// # Errors
     /// [`ImagerError`] when the frame does not have the pattern's length.
-    pub fn frame(&mut self, frame: &MeasuredFrame) -> Result<LiveFrame<'_>, ImagerError> {
+    pub fn frame(&mut self, time_s: f64, values_v: &[f64]) -> Result<LiveFrame<'_>, ImagerError> {
         if let Some(taker) = &mut self.taker {
-            let done = taker.take(&frame.values_v);
+            let done = taker.take(values_v);
             let left = taker.left();
             let Some(baseline) = done else {
                 return Ok(LiveFrame::Baseline { left });
@@ -156,19 +156,19 @@ impl Live {
         let Some(baseline) = &self.baseline else {
             return Ok(LiveFrame::Baseline { left: 0 });
         };
-        let frame_s = self.before_s.replace(frame.time_s).map(|before| frame.time_s - before);
+        let frame_s = self.before_s.replace(time_s).map(|before| time_s - before);
         if let Some(frame_s) = frame_s.filter(|s| *s > 0.0) {
             self.reconstructor.set_most_frames(frames_averaged(frame_s));
         }
-        let result = self.reconstructor.frame(&baseline.values_v, &frame.values_v)?;
-        self.tracker.update(frame.time_s, &mut result.touches);
+        let result = self.reconstructor.frame(&baseline.values_v, values_v)?;
+        self.tracker.update(time_s, &mut result.touches);
         if result.anew {
-            self.steadier.update(frame.time_s, result.grown, &mut result.touches);
+            self.steadier.update(time_s, result.grown, &mut result.touches);
         } else {
-            self.steadier.keep(frame.time_s, &result.touches);
+            self.steadier.keep(time_s, &result.touches);
         }
         if let Some(meter) = &mut self.meter {
-            meter.tell(frame.time_s, &mut result.touches);
+            meter.tell(time_s, &mut result.touches);
         }
         Ok(LiveFrame::Picture(result))
     }

@@ -4,9 +4,10 @@
 //! relative: 0.2 is a resistivity 20 % above the baseline. Nothing here depends on the number of electrodes or on the
 //! outline being a disc.
 
-use std::sync::Arc;
-
+use crate::touch::Touch;
+use forward::curve::contains;
 use serde::Serialize;
+use std::sync::Arc;
 
 /// Side of a cell unless told otherwise, mm.
 pub const DEFAULT_CELL_MM: f64 = 5.0;
@@ -181,41 +182,6 @@ impl Grid {
     }
 }
 
-/// One touch found in the picture.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
-pub struct Touch {
-    /// Number that stays with the touch from frame to frame; none before it is tracked.
-    pub id: Option<u32>,
-    /// Centre, mm to the right of the sheet's centre.
-    pub x_mm: f64,
-    /// Centre, mm above the sheet's centre.
-    pub y_mm: f64,
-    /// Relative rise of resistivity at the centre, 0.2 = 20 %.
-    pub rise: f64,
-    /// Area that is pressed, mm².
-    pub area_mm2: f64,
-    /// Rise integrated over the area, mm².
-    pub total_mm2: f64,
-    /// Standard uncertainty of `x_mm`; none where the touch was not fitted to the measurements.
-    pub x_sd_mm: Option<f64>,
-    /// Standard uncertainty of `y_mm`; none where the touch was not fitted to the measurements.
-    pub y_sd_mm: Option<f64>,
-    /// Standard uncertainty of `area_mm2`; none where the touch was not fitted to the measurements.
-    pub area_sd_mm2: Option<f64>,
-    /// Standard uncertainty of `total_mm2`; none where the touch was not fitted to the measurements.
-    pub total_sd_mm2: Option<f64>,
-    /// Force, N, without the creep of the rubber; 0 for a dent that an earlier touch left. None without a calibration.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub force_n: Option<f64>,
-}
-
-impl Touch {
-    /// Whether anything presses there: not where the force is told and is none, as on a dent that was left.
-    pub fn is_pressed(&self) -> bool {
-        self.force_n != Some(0.0)
-    }
-}
-
 /// How the picture came about.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Stats {
@@ -334,16 +300,6 @@ pub fn circle_mm(radius_mm: f64, points: usize) -> Vec<[f64; 2]> {
         .map(|k| (k as f64 * step).sin_cos())
         .map(|(s, c)| [radius_mm * c, radius_mm * s])
         .collect()
-}
-
-/// Whether `p` is inside the polygon (even-odd rule).
-pub fn contains(polygon: &[[f64; 2]], p: [f64; 2]) -> bool {
-    let next = polygon.iter().cycle().skip(1);
-    let crossings = polygon
-        .iter()
-        .zip(next)
-        .filter(|(a, b)| (a[1] > p[1]) != (b[1] > p[1]) && p[0] < a[0] + (p[1] - a[1]) / (b[1] - a[1]) * (b[0] - a[0]));
-    crossings.count() % 2 == 1
 }
 
 #[cfg(test)]

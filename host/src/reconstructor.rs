@@ -11,10 +11,10 @@ use crate::fit::table::TouchTable;
 use crate::health::Health;
 use crate::imager::{Imager, ImagerError};
 use crate::noise::{NoiseEstimate, Reciprocity};
-use crate::picture::Touch;
 use crate::reconstruct::{
     Method, Nnls, NnlsOptions, Problem, Projector, Status, discrepancy_ridge, lawson_hanson, pseudo_inverse, tikhonov,
 };
+use crate::touch::Touch;
 use crate::touches::{TouchFinder, TouchOptions};
 use crate::watch::{Seen, Watch};
 use nalgebra::{DMatrix, DVector};

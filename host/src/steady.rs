@@ -7,7 +7,7 @@
 //! takes the place of what those of them said that were there before.
 
 use crate::fit::Disc;
-use crate::picture::Touch;
+use crate::touch::Touch;
 use std::f64::consts::PI;
 
 /// How fast a radius changes, of itself in a second: as a finger's does that comes down in a quarter of one.

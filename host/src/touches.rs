@@ -1,6 +1,6 @@
 //! From a picture to touches: smooth, find the peaks that stand out, measure each over its own ground.
 
-use crate::picture::Touch;
+use crate::touch::Touch;
 use forward::CellGrid;
 
 /// What counts as a touch.

@@ -3,7 +3,7 @@
 //! A touch is the nearest one of the frame before, within a reach. One that is new where another vanished a moment ago is that one
 //! again: on a hand, weak touches come and go with the noise. Every other touch gets a number that none had before.
 
-use crate::picture::Touch;
+use crate::touch::Touch;
 
 /// How far and how long a touch is followed.
 #[derive(Clone, Copy, Debug, PartialEq)]

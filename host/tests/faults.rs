@@ -1,13 +1,14 @@
 //! The host against the simulated board's faults: of the line, of the cable, of the board, of electrodes and converter.
 #![allow(clippy::unwrap_used, reason = "a failure here is a failed test")]
 
-use forward::{Drive, Model, ModelOptions, Sheet};
+use forward::{Drive, Model, ModelOptions, Pattern, Sheet};
 use hil_sim::{Electronics, Pace, Rubber, Scene, SimBoard, SimConfig, SimPort, Touch};
 use host::imager::Imager;
-use host::link::LinkError;
 use host::live::{Live, LiveFrame, LiveOptions};
-use host::picture::Touch as Found;
-use host::session::{MeasuredFrame, Session, adjacent_plan};
+use host::touch::Touch as Found;
+use link::LinkError;
+use link::plans::adjacent_plan;
+use link::{MeasuredFrame, Session};
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
@@ -59,8 +60,8 @@ fn frames(session: &Session, until_s: f64) -> Result<Vec<MeasuredFrame>, LinkErr
 #[test]
 fn a_session_over_a_pseudo_terminal_gets_what_one_over_the_simulated_port_gets() {
     use hil_sim::{Pty, PtyOptions};
-    use host::ports;
-    use host::session::greet;
+    use link::greet;
+    use link::ports;
 
     // Without noise all frames of a sheet that nobody touches are the same, whenever they are measured.
     let direct = SimPort::new(board(quiet(), vec![], &[]), Pace::Unpaced).unwrap();
@@ -94,7 +95,7 @@ fn a_session_over_a_pseudo_terminal_gets_what_one_over_the_simulated_port_gets()
     let error = ports::open(&path).err().unwrap();
     assert!(error.contains("another program holds the port"), "{error}");
     drop(held);
-    let link = host::link::Link::open(ports::open(&path).unwrap()).unwrap();
+    let link = link::Link::open(ports::open(&path).unwrap()).unwrap();
     assert_eq!(&greet(&link).unwrap(), direct.hello());
 }
 
@@ -196,8 +197,17 @@ fn live(touches: Vec<Touch>, faults: &[&str]) -> Seen {
     static IMAGER: OnceLock<Arc<Imager>> = OnceLock::new();
     let port = SimPort::new(board(Electronics::default(), touches, faults), Pace::Unpaced).unwrap();
     let session = Session::start(Box::new(port), adjacent_plan).unwrap();
-    let imager = IMAGER
-        .get_or_init(|| Arc::new(Imager::new(&Sheet::paper(), Drive::PAPER, session.pattern().unwrap(), 5.0).unwrap()));
+    let imager = IMAGER.get_or_init(|| {
+        Arc::new(
+            Imager::new(
+                &Sheet::paper(),
+                Drive::PAPER,
+                Pattern::from_pairs(session.electrodes(), session.measurements()).unwrap(),
+                5.0,
+            )
+            .unwrap(),
+        )
+    });
     let mut live = Live::new(Arc::clone(imager), LiveOptions::default());
     let mut seen = Seen {
         used: 208,
@@ -212,7 +222,7 @@ fn live(touches: Vec<Touch>, faults: &[&str]) -> Seen {
                 if frame.time_s > 2.4 {
                     return seen;
                 }
-                if let LiveFrame::Picture(result) = live.frame(&frame).unwrap()
+                if let LiveFrame::Picture(result) = live.frame(frame.time_s, &frame.values_v).unwrap()
                     && frame.time_s > 2.05
                 {
                     seen.pictures += 1;

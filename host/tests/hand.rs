@@ -36,7 +36,7 @@ fn a_hand_that_moves_keeps_its_count_and_its_palm() {
             right += usize::from(found.len() == truth.len());
             // The palm is one wide touch at its place from the frame after the first.
             let palm = truth[0];
-            let off = |t: &&host::picture::Touch| (t.x_mm - palm.centre_mm[0]).hypot(t.y_mm - palm.centre_mm[1]);
+            let off = |t: &&host::touch::Touch| (t.x_mm - palm.centre_mm[0]).hypot(t.y_mm - palm.centre_mm[1]);
             let nearest = found.iter().min_by(|a, b| off(a).total_cmp(&off(b))).unwrap();
             let radius = (nearest.area_mm2 / std::f64::consts::PI).sqrt();
             assert!(

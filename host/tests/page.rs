@@ -6,7 +6,8 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use host::picture::{Grid, Picture, Stats, Touch, circle_mm};
+use host::picture::{Grid, Picture, Stats, circle_mm};
+use host::touch::Touch;
 use host::view::SCALE_FLOOR;
 use host::view::shown::Shown;
 use host::view::web::{LiveOptions, LiveView};

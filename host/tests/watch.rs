@@ -3,9 +3,9 @@
 #![allow(clippy::unwrap_used, reason = "a test")]
 
 use forward::{DiscTouch, Drive};
-use host::picture::Touch;
 use host::reconstructor::{FrameResult, Reconstructor};
 use host::study::scenes::{Bench, Fault, Scene, imager, noisy, quantile, rng};
+use host::touch::Touch;
 use rand::rngs::StdRng;
 use std::collections::BTreeMap;
 

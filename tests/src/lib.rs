@@ -1,13 +1,14 @@
 //! End-to-end tests: the firmware on the simulated skin, through protocol and link, to the host's touches.
 #![forbid(unsafe_code)]
 
-use forward::{Drive, Sheet};
+use forward::{Drive, Pattern, Sheet};
 use hil_sim::{Pace, Rubber, Scene, SimBoard, SimConfig, SimPort};
 use host::imager::Imager;
-use host::link::Port;
 use host::live::{Live, LiveFrame, LiveOptions};
-use host::picture::Touch;
-use host::session::{Session, adjacent_plan};
+use host::touch::Touch;
+use link::Port;
+use link::Session;
+use link::plans::adjacent_plan;
 use protocol::{Hello, Plan, PlanError};
 use std::error::Error;
 use std::sync::Arc;
@@ -51,7 +52,12 @@ pub fn run_by(
     until_s: f64,
 ) -> Result<Run, Box<dyn Error>> {
     let session = Session::start(port, choose)?;
-    let imager = Arc::new(Imager::new(&Sheet::paper(), Drive::PAPER, session.pattern()?, 5.0)?);
+    let imager = Arc::new(Imager::new(
+        &Sheet::paper(),
+        Drive::PAPER,
+        Pattern::from_pairs(session.electrodes(), session.measurements())?,
+        5.0,
+    )?);
     let options = LiveOptions {
         baseline_frames,
         ..LiveOptions::default()
@@ -67,7 +73,7 @@ pub fn run_by(
             break;
         }
         values_missing += frame.values_v.iter().filter(|v| !v.is_finite()).count();
-        if let LiveFrame::Picture(result) = live.frame(&frame)? {
+        if let LiveFrame::Picture(result) = live.frame(frame.time_s, &frame.values_v)? {
             pictures.push((frame.time_s, result.touches.clone()));
         }
     }

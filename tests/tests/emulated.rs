@@ -4,9 +4,9 @@
 
 use forward::Sheet;
 use hil_sim::{Clock, Electronics, Pace, Rubber, Scene, SimBoard, SimConfig, SimFrontEnd, SimPort, Touch};
-use host::link::{Link, Port};
-use host::ports;
-use host::session::greet;
+use link::greet;
+use link::ports;
+use link::{Link, Port};
 use protocol::{Frame, FromBoard, Pair, Plan, ToBoard};
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Write};

@@ -1,7 +1,9 @@
 //! The calibration file: TOML with a unit in every key.
 
 use super::Solid;
+use super::calibration::StandardErrors;
 use super::force::Calibration;
+
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 use thiserror::Error;
@@ -39,20 +41,6 @@ struct Keys {
     /// Standard errors of the above, for people.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     standard_error: Option<StandardErrors>,
-}
-
-/// Standard errors of the parameters; 0 for one that was not fitted.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct StandardErrors {
-    /// Of the delayed over the instant compliance.
-    pub delayed_ratio: f64,
-    /// Of the time constant, s.
-    pub tau_s: f64,
-    /// Of the exponent.
-    pub exponent: f64,
-    /// Of the pressure of a unit rise, MPa.
-    pub unit_rise_mpa: f64,
 }
 
 const HEAD: &str = "\

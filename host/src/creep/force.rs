@@ -7,7 +7,7 @@
 
 use super::{Solid, SolidState, Step};
 use crate::imager::Imager;
-use crate::picture::Touch;
+use crate::touch::Touch;
 use std::f64::consts::PI;
 
 /// What forces are computed with.

@@ -8,13 +8,14 @@
 //!
 //! Strain is counted in units of the instant compliance, `s = e / J0` (MPa), so that the four parameters of [`Solid`] are
 //! all that can be told from outside. [`SolidState`] is the solid and its causal, exact inverse; [`force`] makes newtons of
-//! touches; [`calibration`] finds the parameters in a press-and-hold ([`press`] takes it, [`recording`] keeps it),
+//! touches; [`calibration`] finds the parameters in a press-and-hold ([`press`] takes it, [`recording`] keeps it, [`press_table`] is its file),
 //! and [`mod@file`] holds them.
 
 pub mod calibration;
 pub mod file;
 pub mod force;
 pub mod press;
+pub mod press_table;
 pub mod recording;
 
 use thiserror::Error;

@@ -6,7 +6,6 @@ use crate::electrodes;
 use crate::imager::{Imager, ImagerError};
 use crate::reconstruct::Method;
 use crate::reconstructor::{Reconstructor, ReconstructorOptions};
-use crate::session::MeasuredFrame;
 use std::sync::Arc;
 
 /// Turns frames into samples: the first ones of the unpressed sheet into the baseline, then every frame for itself, so that
@@ -51,13 +50,13 @@ impl Recorder {
         self.ready.is_some()
     }
 
-    /// Takes a frame, with the force that the gauge showed in its middle (N).
+    /// Takes a frame: when it began (s), its values (V), and the force that the gauge showed in its middle (N).
     ///
     /// # Errors
     /// [`ImagerError`] when the frame does not have the pattern's length.
-    pub fn take(&mut self, frame: &MeasuredFrame, force_n: f64) -> Result<(), ImagerError> {
+    pub fn take(&mut self, time_s: f64, values_v: &[f64], force_n: f64) -> Result<(), ImagerError> {
         let Some((baseline, reconstructor)) = &mut self.ready else {
-            if let Some(baseline) = self.taker.take(&frame.values_v) {
+            if let Some(baseline) = self.taker.take(values_v) {
                 let found = electrodes::find(&self.nominal, &baseline.values_v);
                 let imager = found.map_or_else(|| Arc::clone(&self.nominal), |f| Arc::new(f.imager));
                 let options = ReconstructorOptions::for_imager(&imager, Method::Nnls).of_sequence();
@@ -65,9 +64,9 @@ impl Recorder {
             }
             return Ok(());
         };
-        let touches = &reconstructor.frame(baseline, &frame.values_v)?.touches;
+        let touches = &reconstructor.frame(baseline, values_v)?.touches;
         let reach = 2.0 * NEAR * self.nominal.reach_mm();
-        let off = |t: &&crate::picture::Touch| match self.near_mm {
+        let off = |t: &&crate::touch::Touch| match self.near_mm {
             Some([x, y]) => (t.x_mm - x).hypot(t.y_mm - y),
             None => 0.0,
         };
@@ -80,7 +79,7 @@ impl Recorder {
         self.largest_mm2 = self.largest_mm2.max(total_mm2);
         self.lost = (self.lost || pressed_before && strongest.is_none()) && total_mm2 < AGAIN * self.largest_mm2;
         self.samples.push(Sample {
-            time_s: frame.time_s + self.half_s,
+            time_s: time_s + self.half_s,
             force_n,
             total_mm2,
             area_mm2: strongest.map(|t| t.area_mm2),
@@ -89,9 +88,9 @@ impl Recorder {
         Ok(())
     }
 
-    /// The middle of a frame's time, s.
-    pub fn middle_s(&self, frame: &MeasuredFrame) -> f64 {
-        frame.time_s + self.half_s
+    /// The middle of the time over which a frame that began then (s) is measured, s.
+    pub fn middle_s(&self, time_s: f64) -> f64 {
+        time_s + self.half_s
     }
 
     /// What was taken so far, after the baseline.

@@ -19,7 +19,7 @@ pub mod placement;
 pub mod solve;
 pub mod table;
 
-use crate::picture::Touch;
+use crate::touch::Touch;
 use arrayvec::ArrayVec;
 use order::{Before, Scratch, Search};
 use solve::PARAMETERS;

@@ -388,7 +388,7 @@ impl TouchTable {
 
     /// Whether a place is on the sheet and inside the table.
     pub fn holds(&self, at: [f64; 2]) -> bool {
-        crate::picture::contains(&self.lattice.outline_mm, at)
+        forward::curve::contains(&self.lattice.outline_mm, at)
     }
 
     /// Smallest and largest radius that the table is good for, mm.

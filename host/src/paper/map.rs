@@ -6,6 +6,7 @@ use crate::picture::Bounds;
 use crate::view::canvas::Canvas;
 use crate::view::field::Field;
 use crate::view::palette::{Palette, Rgb, index};
+use crate::view::surface::grid_of;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use maud::{Markup, html};
@@ -33,7 +34,7 @@ impl Map {
     /// The smoothed picture of cells on a scale of its own: from 0, or where anything falls to both sides.
     pub(super) fn of_cells(imager: &Imager, x: &[f64]) -> Result<Self, PaperError> {
         let values: Vec<f32> = x.iter().map(|v| *v as f32).collect();
-        let field = Field::new(imager.shown_grid()?.as_ref(), &values);
+        let field = Field::new(grid_of(imager)?.as_ref(), &values);
         let at = |p: [f64; 2]| f64::from(field.at(p[0], p[1]));
         let shown = (0..imager.grid.len()).map(|k| at(imager.grid.centre(k)));
         let [low, high] = shown.fold([0.0_f64; 2], |r, v| [r[0].min(v), r[1].max(v)]);

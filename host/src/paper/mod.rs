@@ -16,11 +16,11 @@ pub use map::Map;
 
 use crate::creep::calibration::CalibrationError;
 use crate::imager::ImagerError;
-use crate::link::LinkError;
 use crate::picture::PictureError;
 use crate::study::StudyError;
 use crate::view::canvas::ImageError;
 use forward::{CellError, ForwardError, PatternError};
+use link::LinkError;
 use protocol::PlanError;
 use rig::{Rig, RigError};
 use serde::Serialize;

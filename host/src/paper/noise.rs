@@ -2,7 +2,7 @@
 
 use super::rig::{Press, Recording, Rig};
 use super::{Options, PaperError};
-use crate::session;
+use link::plans::adjacent_plan_for;
 use protocol::{Plan, PlanError};
 use serde::Serialize;
 
@@ -53,7 +53,7 @@ pub fn ways() -> Result<Vec<(&'static str, Plan)>, PlanError> {
 /// # Errors
 /// None for 16 electrodes.
 pub fn ours() -> Result<Plan, PlanError> {
-    session::adjacent_plan_for(16, 16)
+    adjacent_plan_for(16, 16)
 }
 
 /// Measures every way: first the unpressed sheet, then 25 N on the tip in the middle.

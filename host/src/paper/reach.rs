@@ -4,8 +4,8 @@
 use super::methods::Reader;
 use super::touches::matched;
 use super::{Options, PaperError};
-use crate::picture::Touch;
 use crate::study::scenes::{self, Bench, Fault, Kind, Scene, noisy, quantile};
+use crate::touch::Touch;
 use forward::{DiscTouch, Drive};
 use rand::Rng;
 use rand::rngs::StdRng;

@@ -1,9 +1,9 @@
 //! The bench of the experiments: a skin behind a serial port, a tip with a force gauge, and somebody who writes frames down.
 
 use super::PaperError;
-use crate::link::Port;
-use crate::session::{MeasuredFrame, Session};
 use forward::Pattern;
+use link::Port;
+use link::{MeasuredFrame, Session};
 use protocol::Plan;
 use std::time::Duration;
 
@@ -107,7 +107,7 @@ impl Recording {
             interval_s: (last.time_s - first.time_s) / f64::from(intervals),
             bytes_per_frame: counters.bytes as f64 / counters.frames.max(1) as f64,
             lost: counters.lost_frames,
-            pattern: session.pattern()?,
+            pattern: Pattern::from_pairs(session.electrodes(), session.measurements())?,
             plan: session.plan().clone(),
             frames,
             gauge,

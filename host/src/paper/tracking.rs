@@ -10,8 +10,8 @@ use crate::creep::force::Calibration;
 use crate::creep::press::Recorder;
 use crate::creep::recording::Sample;
 use crate::live::{Live, LiveFrame, LiveOptions};
-use crate::picture::Touch;
 use crate::study::scenes::quantile;
+use crate::touch::Touch;
 use serde::Serialize;
 use std::sync::Arc;
 
@@ -190,7 +190,7 @@ fn samples(r: &Recording, at: [f64; 2]) -> Result<Vec<Sample>, PaperError> {
     let imager = Arc::clone(&Reader::ours()?.imager);
     let mut recorder = Recorder::new(imager, BASELINE, r.interval_s, Some(at));
     for frame in &r.frames {
-        recorder.take(frame, (r.gauge)(r.middle_s(frame)))?;
+        recorder.take(frame.time_s, &frame.values_v, (r.gauge)(r.middle_s(frame)))?;
     }
     Ok(recorder.into_samples())
 }
@@ -211,7 +211,7 @@ fn experiment(rig: &dyn Rig, path: &[[f64; 2]], calibration: Calibration, seed: 
     let near = |t: &&Touch| (t.x_mm - AT[0]).hypot(t.y_mm - AT[1]) < NEAR_MM;
     let mut moments = Vec::new();
     for frame in &r.frames {
-        let LiveFrame::Picture(result) = live.frame(frame)? else {
+        let LiveFrame::Picture(result) = live.frame(frame.time_s, &frame.values_v)? else {
             continue;
         };
         let ours: Vec<&Touch> = result.touches.iter().filter(near).collect();

@@ -8,6 +8,7 @@ use crate::picture::Grid;
 use crate::reconstruct::Method;
 use crate::reconstructor::{Reconstructor, ReconstructorOptions};
 use crate::view::field::Field;
+use crate::view::surface::grid_of;
 use forward::{DiscTouch, Drive};
 use rand::Rng;
 use serde::Serialize;
@@ -82,7 +83,7 @@ pub fn profile_on(
     let mut bench = Bench::new(imager, drive, 0.0, 0.0, &mut rng)?;
     let usual = ReconstructorOptions::for_imager(imager, method);
     let mut r = Reconstructor::new(imager.clone(), change(usual));
-    let grid = imager.shown_grid()?;
+    let grid = grid_of(imager)?;
     let pixels = Pixels::of_disc(RIM_MM, PIXEL_MM);
     let mut rings: Vec<Ring> = Vec::new();
     for radius in RADII {

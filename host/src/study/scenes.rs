@@ -4,9 +4,9 @@
 use super::StudyError;
 use crate::electrodes;
 use crate::imager::Imager;
-use crate::picture::Touch;
 use crate::reconstruct::Method;
 use crate::reconstructor::{FrameResult, Reconstructor, ReconstructorOptions};
+use crate::touch::Touch;
 use forward::field::conductivity_of;
 use forward::{DiscTouch, Drive, ElectrodeMatrix, ForwardError, Model, ModelOptions, Pattern, Place, Sheet, Solver};
 use rand::rngs::StdRng;

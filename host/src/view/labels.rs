@@ -1,6 +1,6 @@
 //! Where the labels of the touches go: beside their ring, not on another ring or label, not off the edge.
 
-use crate::picture::Touch;
+use crate::touch::Touch;
 
 /// A ring that wants a label; pixels, y down.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -11,6 +11,7 @@ pub mod palette;
 pub mod png;
 pub mod sheet;
 pub mod shown;
+pub mod surface;
 pub mod text;
 pub mod web;
 pub mod wire;

@@ -3,7 +3,8 @@
 use std::sync::Arc;
 
 use super::*;
-use crate::picture::{PictureError, Stats, Touch, circle_mm};
+use crate::picture::{PictureError, Stats, circle_mm};
+use crate::touch::Touch;
 use crate::view::labels;
 use crate::view::sheet::{METAL, round_below, ticks, touch_label};
 

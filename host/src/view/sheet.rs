@@ -4,7 +4,8 @@
 use super::canvas::{Align, Canvas, ImageError, Ink};
 use super::labels::{self, Area, Ring};
 use super::palette::{self, Palette, Rgb};
-use crate::picture::{Bounds, PictureError, Touch};
+use crate::picture::{Bounds, PictureError};
+use crate::touch::Touch;
 
 /// Behind everything.
 pub const BACKGROUND: Rgb = [13, 15, 20];

@@ -31,7 +31,8 @@
 use serde::{Deserialize, Serialize};
 
 use super::shown::Shown;
-use crate::picture::{Picture, Touch};
+use crate::picture::Picture;
+use crate::touch::Touch;
 
 /// First bytes of a frame; the last one is the version of this format.
 pub const MAGIC: [u8; 4] = *b"SKN3";

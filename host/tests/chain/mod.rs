@@ -1,14 +1,14 @@
 //! The whole chain in every frame of a scene: the simulated board with its firmware, the link, the live reconstruction.
 
 use anyhow::{Result, bail};
-use forward::{Drive, Sheet};
+use forward::{Drive, Pattern, Sheet};
 use hil_sim::{Pace, SceneFile, SimPort};
 use host::doubt::Doubt;
 use host::imager::Imager;
 use host::live::{Live, LiveFrame, LiveOptions};
-use host::picture::Touch;
-use host::plans::{PlanName, live_plan};
-use host::session::Session;
+use host::touch::Touch;
+use link::Session;
+use link::plans::{PlanName, live_plan};
 use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -56,7 +56,12 @@ pub(crate) fn watch(mut file: SceneFile, seconds: f64, plan: Option<PlanName>) -
     let session = Session::start(Box::new(port), |hello| {
         plan.map_or_else(|| live_plan(hello), |p| p.plan(hello))
     })?;
-    let imager = Arc::new(Imager::new(&file.sheet, Drive::PAPER, session.pattern()?, 5.0)?);
+    let imager = Arc::new(Imager::new(
+        &file.sheet,
+        Drive::PAPER,
+        Pattern::from_pairs(session.electrodes(), session.measurements())?,
+        5.0,
+    )?);
     let frame_s = f64::from(session.plan().quarters()) / 4.0 / session.hello().excitation_hz();
     let mut live = Live::new(
         imager,
@@ -79,7 +84,7 @@ pub(crate) fn watch(mut file: SceneFile, seconds: f64, plan: Option<PlanName>) -
             return Ok(seen);
         }
         let start = Instant::now();
-        let LiveFrame::Picture(result) = live.frame(&frame)? else {
+        let LiveFrame::Picture(result) = live.frame(frame.time_s, &frame.values_v)? else {
             continue;
         };
         seen.us.push(start.elapsed().as_secs_f64() * 1e6);

@@ -3,9 +3,9 @@
 use super::run::simulated_board;
 use anyhow::{Context, Result, anyhow, bail};
 use clap::Args;
-use host::link::{Link, Port};
-use host::ports;
-use host::session::greet;
+use link::greet;
+use link::ports;
+use link::{Link, Port};
 use protocol::Hello;
 
 /// The board's port, on the command line.

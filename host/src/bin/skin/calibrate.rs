@@ -2,19 +2,22 @@
 
 use super::simulated::SimulatedRig;
 use super::{number, run, scene, sheet};
-use ::forward::{Drive, Sheet};
+use ::forward::{Drive, Pattern, Sheet};
 use anyhow::{Context, Result, anyhow, bail};
 use clap::{ArgGroup, Args};
 use hil_sim::{Pace, SimPort};
+use host::creep::calibration::StandardErrors;
 use host::creep::calibration::{self, Fit};
 use host::creep::file;
 use host::creep::press::Recorder;
+use host::creep::press_table;
 use host::creep::recording::{self, Sample};
 use host::imager::Imager;
 use host::live::LiveOptions;
 use host::paper::rig::{Mounted, Press, Rig};
-use host::ports;
-use host::session::{Session, adjacent_plan};
+use link::Session;
+use link::plans::adjacent_plan;
+use link::ports;
 use serde::Serialize;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -69,7 +72,7 @@ struct Line {
     exponent: f64,
     unit_rise_mpa: f64,
     force_sd_n: f64,
-    standard_error: file::StandardErrors,
+    standard_error: StandardErrors,
     residual_mm2: f64,
     frames: usize,
 }
@@ -80,13 +83,13 @@ struct Line {
 /// A recording that cannot be read or made, or that does not tell the parameters; a file that cannot be written.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let samples = match (&arguments.file, &arguments.port, &arguments.scene) {
-        (Some(table), ..) => recording::read(table, arguments.force_n)?,
+        (Some(table), ..) => press_table::read(table, arguments.force_n)?,
         (_, Some(port), _) => record(arguments, port)?,
         (.., Some(file)) => play(arguments, file)?,
         _ => simulate(arguments)?,
     };
     if let Some(path) = &arguments.save {
-        file::write(path, &recording::text(&samples))?;
+        file::write(path, &press_table::text(&samples))?;
     }
     let fit = calibration::fit(&samples, arguments.exponent)?;
     file::write(&arguments.out, &file::text(&fit.calibration, Some(fit.errors))?)?;
@@ -232,7 +235,12 @@ fn take(
     gauge: impl Fn(f64) -> f64,
     mut ready: impl FnMut(bool),
 ) -> Result<Vec<Sample>> {
-    let imager = Imager::new(sheet, Drive::PAPER, session.pattern()?, run::cell_mm(sheet)?)?;
+    let imager = Imager::new(
+        sheet,
+        Drive::PAPER,
+        Pattern::from_pairs(session.electrodes(), session.measurements())?,
+        run::cell_mm(sheet)?,
+    )?;
     let periods = f64::from(session.plan().quarters()) / 4.0;
     let frame_s = periods / session.hello().excitation_hz();
     let frames = LiveOptions::default().baseline_frames;
@@ -246,7 +254,7 @@ fn take(
             );
         };
         let before = recorder.is_ready();
-        recorder.take(&frame, gauge(recorder.middle_s(&frame)))?;
+        recorder.take(frame.time_s, &frame.values_v, gauge(recorder.middle_s(frame.time_s)))?;
         if recorder.is_ready() && !before {
             end_s = frame.time_s + seconds;
             ready(true);

@@ -1,9 +1,11 @@
 //! `skin sim` as fast as it goes: frames as a table, or bytes.
 
 use super::sim::Arguments;
+use ::forward::Pattern;
 use anyhow::{Context, Result, anyhow};
 use hil_sim::{Pace, Rubber, SceneFile, SimBoard, SimPort};
-use host::session::{Session, adjacent_plan};
+use link::Session;
+use link::plans::adjacent_plan;
 use protocol::{MAX_TO_BOARD_LEN, ToBoard, encode};
 use serde::Serialize;
 use std::fs::File;
@@ -61,7 +63,7 @@ pub(crate) fn table(arguments: &Arguments, file: &SceneFile, board: SimBoard<Rub
     let plan = file.config.plan.clone();
     let port = SimPort::new(board, Pace::Unpaced).context("the simulated skin does not start")?;
     let session = Session::start(Box::new(port), |hello| plan.map_or_else(|| adjacent_plan(hello), Ok))?;
-    let pattern = session.pattern()?;
+    let pattern = Pattern::from_pairs(session.electrodes(), session.measurements())?;
     let mut frames = Vec::new();
     let mut next_s = 0.0;
     loop {

@@ -11,6 +11,7 @@ use host::view::canvas::{Align, Canvas, Ink};
 use host::view::field::Field;
 use host::view::palette::Palette;
 use host::view::sheet::{self, BACKGROUND, FAINT, Layout, TEXT};
+use host::view::surface::grid_of;
 use std::path::Path;
 
 const PANEL_PX: u32 = 520;
@@ -54,7 +55,7 @@ pub(crate) fn write(drive: Drive, seed: u64, path: &Path) -> Result<()> {
         let mut r = Reconstructor::new(imager.clone(), ReconstructorOptions::for_imager(&imager, method));
         let found = r.frame(&bench.baseline, &frame)?;
         let values: Vec<f32> = found.x.iter().map(|x| *x as f32).collect();
-        let field = Field::new(imager.shown_grid()?.as_ref(), &values);
+        let field = Field::new(grid_of(&imager)?.as_ref(), &values);
         let centres = (0..imager.grid.len()).map(|k| imager.grid.centre(k));
         let largest = centres.map(|p| field.at(p[0], p[1]).abs()).fold(0.0, f32::max);
         let signed = found.x.iter().any(|x| *x < 0.0);

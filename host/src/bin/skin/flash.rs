@@ -3,11 +3,11 @@
 use anyhow::{Context, Result, anyhow, bail};
 use clap::Args;
 use hil_sim::BootRom;
-use host::flash::bootloader::BootPort;
-use host::flash::chip::FLASH_START;
-use host::flash::serial::SerialBootPort;
-use host::flash::{Bootloader, Chip, Image, Step, flash};
-use host::ports;
+use link::flash::bootloader::BootPort;
+use link::flash::chip::FLASH_START;
+use link::flash::serial::SerialBootPort;
+use link::flash::{Bootloader, Chip, Image, Step, flash};
+use link::ports;
 use std::io::{self, IsTerminal, Read, Write};
 use std::path::PathBuf;
 use std::time::Duration;

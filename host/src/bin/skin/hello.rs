@@ -3,7 +3,7 @@
 use super::board::{Choice, Connected};
 use anyhow::{Result, bail};
 use clap::Args;
-use host::link::Link;
+use link::Link;
 use protocol::{Check, FromBoard, Hello, SelfTest, ToBoard};
 use serde_json::json;
 use std::time::Duration;

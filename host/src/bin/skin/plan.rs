@@ -1,7 +1,7 @@
 //! The plans on the command line.
 
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
-use host::plans::PlanName;
+use link::plans::PlanName;
 
 /// Reads a plan's name, and lists the names in the help.
 pub(crate) fn parser() -> impl TypedValueParser<Value = PlanName> {

@@ -11,11 +11,13 @@ use host::creep::force::ForceMeter;
 use host::doubt::Doubt;
 use host::imager::Imager;
 use host::live::frames_averaged;
-use host::picture::{Stats, Touch};
+use host::picture::Stats;
 use host::reconstruct::{Method, Status};
 use host::reconstructor::{FrameResult, Reconstructor, ReconstructorOptions};
 use host::table::MeasurementTable;
+use host::touch::Touch;
 use host::view::png;
+use host::view::surface::Surface;
 use serde::Serialize;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -342,7 +344,7 @@ fn write_pictures(folder: &Path, imager: &Imager, results: &[(&str, FrameResult)
             source: (*name).to_owned(),
             ..Stats::default()
         };
-        let picture = imager.picture(result, k as u64, 0.0, stats)?;
+        let picture = Surface::of(&imager)?.picture(result, k as u64, 0.0, stats);
         let path = folder.join(file);
         png::write_png(&picture, &path).with_context(|| format!("{}: cannot write the picture", path.display()))?;
     }

@@ -1,23 +1,25 @@
 //! `skin run`, and `skin` alone: live pictures of the board, or of the simulated skin when there is no board.
 
 use super::{board, plan, scene, sheet};
-use ::forward::{Drive, Geometry, Sheet};
+use ::forward::{Drive, Geometry, Pattern, Sheet};
 use anyhow::{Context, Result, anyhow, bail};
 use clap::Args;
 use clap::builder::RangedU64ValueParser;
 use hil_sim::{Pace, SceneFile, SimPort};
 use host::creep::file as calibration_file;
 use host::doubt::Doubt;
-use host::imager::{Imager, Surface};
-use host::link::{LinkCounters, Port};
+use host::imager::Imager;
 use host::live::{Live, LiveFrame, LiveOptions};
-use host::picture::{Picture, Stats, Touch};
-use host::plans::PlanName;
+use host::picture::{Picture, Stats};
 use host::reconstructor::FrameResult;
-use host::session::Session;
+use host::touch::Touch;
 use host::view::png;
+use host::view::surface::Surface;
 use host::view::web::{Command as PageCommand, DEFAULT_PORT, LiveOptions as PageOptions, LiveView};
-use host::{ports, session};
+use link::Session;
+use link::plans::PlanName;
+use link::ports;
+use link::{LinkCounters, Port};
 use protocol::{Hello, QUARTERS, Watch, Watching};
 use serde::Serialize;
 use std::collections::VecDeque;
@@ -189,7 +191,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
             "{source} has {wired} electrodes, the sheet {described}; describe the sheet that is wired to it with --sheet"
         );
     }
-    let imager = Arc::new(Imager::new(&sheet, Drive::PAPER, session.pattern()?, cell_mm(&sheet)?)?);
+    let imager = Arc::new(Imager::new(
+        &sheet,
+        Drive::PAPER,
+        Pattern::from_pairs(session.electrodes(), session.measurements())?,
+        cell_mm(&sheet)?,
+    )?);
     let mut live = Live::new(
         imager,
         LiveOptions {
@@ -287,7 +294,7 @@ fn pump(
     } else {
         None
     };
-    let mut last: Option<session::MeasuredFrame> = None;
+    let mut last: Option<link::MeasuredFrame> = None;
     // The kind of doubt that was said last, and when.
     let mut said: Option<(Discriminant<Doubt>, Instant)> = None;
     // Frames that the baseline still wants.
@@ -331,7 +338,7 @@ fn pump(
             // The last one. What follows here takes a while: the board learns its own baseline meanwhile.
             session.set_watch(Some(watch.clone()));
         }
-        match live.frame(&frame)? {
+        match live.frame(frame.time_s, &frame.values_v)? {
             LiveFrame::Baseline { left } => {
                 wanted = left;
                 let status = (left > 0).then(|| "taking the baseline, do not touch".to_owned());
@@ -388,7 +395,7 @@ impl Output {
         &mut self,
         imager: &Arc<Imager>,
         result: &FrameResult,
-        frame: &session::MeasuredFrame,
+        frame: &link::MeasuredFrame,
         counters: LinkCounters,
         status: Option<String>,
     ) -> Result<()> {
@@ -426,7 +433,7 @@ impl Output {
         }
         let surface = match &self.surface {
             Some((of, surface)) if Arc::ptr_eq(of, imager) => surface,
-            _ => &self.surface.insert((Arc::clone(imager), imager.surface()?)).1,
+            _ => &self.surface.insert((Arc::clone(imager), Surface::of(imager)?)).1,
         };
         let mut picture = surface.picture(result, frame.sequence.into(), frame.time_s, stats);
         // A dent that somebody left is in the picture, but it is no touch.

@@ -5,8 +5,8 @@ use super::{number, plan};
 use anyhow::{Result, bail};
 use clap::builder::RangedU64ValueParser;
 use clap::{ArgGroup, Args, Subcommand, ValueEnum};
-use host::plans::{PlanName, described};
-use host::settings::{Change, Settings, change, learn, read, store};
+use link::plans::{PlanName, described};
+use link::settings::{Change, Settings, change, learn, read, store};
 use protocol::{Baseline, Hello, QUARTERS, Stored, Watch, Watching};
 use serde_json::json;
 

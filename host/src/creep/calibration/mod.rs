@@ -5,11 +5,11 @@
 //! is searched for. From there Levenberg's and Marquardt's method fits the logarithms of all parameters, with n where it is asked
 //! for.
 
-use super::file::StandardErrors;
 use super::force::Calibration;
 use super::recording::Sample;
 use super::{Solid, SolidState};
 use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
+use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 /// Why no parameters could be told.
@@ -51,6 +51,20 @@ const LEAST_RESTED: usize = 3;
 const LARGEST_ERROR: f64 = 0.25;
 /// Delayed ratio in units of its standard error below which the rubber is taken not to creep.
 const LEAST_CREEP: f64 = 3.0;
+
+/// Standard errors of the parameters; 0 for one that was not fitted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StandardErrors {
+    /// Of the delayed over the instant compliance.
+    pub delayed_ratio: f64,
+    /// Of the time constant, s.
+    pub tau_s: f64,
+    /// Of the exponent.
+    pub exponent: f64,
+    /// Of the pressure of a unit rise, MPa.
+    pub unit_rise_mpa: f64,
+}
 
 /// Parameters told from a recording.
 #[derive(Clone, Debug, PartialEq)]

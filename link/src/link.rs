@@ -1,53 +1,19 @@
 //! The serial link: bytes to messages on a thread of its own, commands the other way, and an account of what was lost.
 
+use crate::error::LinkError;
 use crate::inbox::{Inbox, Writer};
 use protocol::{
-    BoardError, Decoder, DecoderCounters, FromBoard, MAX_FROM_BOARD_LEN, MAX_TO_BOARD_LEN, PlanError, ToBoard, Version,
-    encode,
+    BoardError, Decoder, DecoderCounters, FromBoard, MAX_FROM_BOARD_LEN, MAX_TO_BOARD_LEN, ToBoard, Version, encode,
 };
 use std::io::{ErrorKind, Read, Write};
 use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
-use thiserror::Error;
 
 /// What the link needs of a serial port: reads that return within some 100 ms (`TimedOut` when nothing came), and writes.
 pub trait Port: Read + Write + Send {}
 impl<T: Read + Write + Send + ?Sized> Port for T {}
-
-/// Why the link ended or an answer did not come.
-#[derive(Clone, Debug, Error, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum LinkError {
-    /// The port is gone.
-    #[error("the connection to the board is lost ({0}); plug it in again and restart")]
-    Lost(String),
-    /// No answer.
-    #[error("the board did not answer {what} within {ms} ms; is it the right port, and the board powered?")]
-    Silent {
-        /// What was asked.
-        what: &'static str,
-        /// How long was waited, ms.
-        ms: u128,
-    },
-    /// The board speaks another protocol.
-    #[error(
-        "the board speaks protocol version {board}, this program {ours}; flash the firmware that belongs to this program"
-    )]
-    Version {
-        /// The board's major version.
-        board: u8,
-        /// Ours.
-        ours: u8,
-    },
-    /// The board refused a command, or stopped by itself; in its own words.
-    #[error("{0}")]
-    Refused(String),
-    /// There is no way to scan what is wired to the board.
-    #[error("no scan plan suits this board: {0}")]
-    Plan(#[from] PlanError),
-}
 
 /// What was lost on the way, since the link was opened.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

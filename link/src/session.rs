@@ -1,17 +1,11 @@
 //! A board that has introduced itself and streams frames.
 
-use crate::link::{Link, LinkError, Port};
-use forward::{Measurement, Pair, Pattern, PatternError};
-use protocol::{
-    BoardError, Command, Frame, FromBoard, Hello, Plan, PlanError, Sampling, ToBoard, Version, Watch, Watching,
-};
+use crate::ask::{PATIENCE, greet, insist};
+use crate::error::LinkError;
+use crate::link::{Link, Port};
+use protocol::{BoardError, Command, Frame, FromBoard, Hello, Plan, PlanError, ToBoard, Watch, Watching};
 use std::cell::{Cell, RefCell};
 use std::time::{Duration, Instant};
-
-/// How long a board that is there may take to answer, and how often it is reminded of what it was told.
-pub(crate) const PATIENCE: Duration = Duration::from_millis(1000);
-/// How often a command is sent before its answer is given up.
-const TRIES: u32 = 3;
 
 /// A running session.
 pub struct Session {
@@ -113,21 +107,18 @@ impl Session {
         (self.watching.get(), self.beat.get().elapsed())
     }
 
-    /// The measurements of a frame, in order.
-    ///
-    /// # Errors
-    /// [`PatternError`] when the plan makes no sense.
-    pub fn pattern(&self) -> Result<Pattern, PatternError> {
-        let pair = |p: protocol::Pair| Pair::new(p.plus.into(), p.minus.into());
-        let list = self
-            .plan
+    /// Electrodes of the board.
+    pub fn electrodes(&self) -> usize {
+        self.hello.electrodes.into()
+    }
+
+    /// The measurements of a frame, in the order of its values: drive and sense pair, each `[plus, minus]`, electrodes
+    /// counted from 0.
+    pub fn measurements(&self) -> impl Iterator<Item = [[usize; 2]; 2]> + '_ {
+        let pair = |p: protocol::Pair| [p.plus.into(), p.minus.into()];
+        self.plan
             .measurements(self.hello.electrodes)
-            .map(|(drive, sense)| Measurement {
-                drive: pair(drive),
-                sense: pair(sense),
-            })
-            .collect();
-        Pattern::from_list(self.hello.electrodes.into(), list)
+            .map(move |(drive, sense)| [pair(drive), pair(sense)])
     }
 
     /// The next frame of the plan in force, or `None` when none came in time, or the board said that it watches. A board that was reset meanwhile (its
@@ -209,76 +200,4 @@ impl Session {
             values_v,
         }
     }
-}
-
-/// Scan plan for the adjacent pattern by what a board can do: all pairs of a drive at once, one period to settle and six
-/// to integrate (33 frames/s on 16 electrodes, at the noise of the paper's own way of measuring), or one pair after the
-/// other with one period each.
-///
-/// # Errors
-/// [`PlanError`] when the board has too few electrodes to measure anything, or more than a frame holds.
-pub fn adjacent_plan(hello: &Hello) -> Result<Plan, PlanError> {
-    adjacent_plan_for(hello.electrodes, hello.limits.channels)
-}
-
-/// The same for a board of so many electrodes and channels.
-///
-/// # Errors
-/// As for [`adjacent_plan`].
-pub fn adjacent_plan_for(electrodes: u8, channels: u8) -> Result<Plan, PlanError> {
-    let plan = Plan::adjacent(electrodes)?;
-    Ok(if channels >= electrodes {
-        Plan {
-            id: 3,
-            integrate_periods: 6,
-            ..plan
-        }
-    } else {
-        Plan {
-            id: 4,
-            sampling: Sampling::Sequential,
-            ..plan
-        }
-    })
-}
-
-/// Asks a board who it is. Repeated, since the first bytes after opening may be lost.
-///
-/// # Errors
-/// [`LinkError::Silent`] or [`LinkError::Version`].
-pub fn greet(link: &Link) -> Result<Hello, LinkError> {
-    let hello = insist(link, "a greeting", &ToBoard::Hello, PATIENCE / TRIES, |m| match m {
-        FromBoard::Hello(hello) => Some(hello),
-        _ => None,
-    })?;
-    if hello.version.major != Version::CURRENT.major {
-        return Err(LinkError::Version {
-            board: hello.version.major,
-            ours: Version::CURRENT.major,
-        });
-    }
-    Ok(hello)
-}
-
-/// Asks up to [`TRIES`] times for an answer that `accept` takes, each time for a while: a command or its answer may be
-/// damaged on the way.
-pub(crate) fn insist<T>(
-    link: &Link,
-    what: &'static str,
-    command: &ToBoard,
-    wait: Duration,
-    mut accept: impl FnMut(FromBoard) -> Option<T>,
-) -> Result<T, LinkError> {
-    let mut answer = Err(LinkError::Silent { what, ms: 0 });
-    for _ in 0..TRIES {
-        answer = link.ask(what, command.clone(), wait, &mut accept);
-        if !matches!(answer, Err(LinkError::Silent { .. } | LinkError::Refused(_))) {
-            break;
-        }
-    }
-    let ms = (wait * TRIES).as_millis();
-    answer.map_err(|e| match e {
-        LinkError::Silent { what, .. } => LinkError::Silent { what, ms },
-        e => e,
-    })
 }

@@ -1,7 +1,8 @@
 //! What a board is set to and keeps: plan, watch, excitation, autostart.
 
-use crate::link::{Link, LinkError};
-use crate::session::{PATIENCE, insist};
+use crate::ask::{PATIENCE, insist};
+use crate::error::LinkError;
+use crate::link::Link;
 use protocol::{Baseline, Command, FromBoard, Plan, Status, ToBoard, Watch};
 use std::time::{Duration, Instant};
 

@@ -2,10 +2,10 @@
 #![allow(clippy::unwrap_used, clippy::panic, reason = "tests")]
 
 use hil_sim::{BootFaults, BootRom};
-use host::flash::bootloader::{BootPort, BootloaderError};
-use host::flash::chip::FLASH_START;
-use host::flash::image::TAG;
-use host::flash::{Bootloader, FlashError, Image, Outcome, flash};
+use link::flash::bootloader::{BootPort, BootloaderError};
+use link::flash::chip::FLASH_START;
+use link::flash::image::TAG;
+use link::flash::{Bootloader, FlashError, Image, Outcome, flash};
 use proptest::prelude::*;
 use std::io::{self, Read, Write};
 use std::time::Duration;

@@ -72,7 +72,7 @@ fn sorted(ports: Vec<SerialPortInfo>) -> Candidates {
     }
 }
 
-/// Opens a port for a [`crate::link::Link`]. Where its DTR and RTS are wired to a board's BOOT0 and reset (see docs/board.md), the
+/// Opens a port for a [`crate::Link`]. Where its DTR and RTS are wired to a board's BOOT0 and reset (see docs/board.md), the
 /// board runs its program afterwards: systems assert both lines when they open a port.
 ///
 /// # Errors

@@ -3,9 +3,9 @@
 
 use forward::ElectrodeMatrix;
 use hil_sim::{FixedSheet, Pace, SimBoard, SimConfig, SimPort};
-use host::link::{Link, LinkError};
-use host::session::{Session, greet};
-use host::settings::{Change, change, learn, read, store};
+use link::settings::{Change, change, learn, read, store};
+use link::{Link, LinkError};
+use link::{Session, greet};
 use nalgebra::DMatrix;
 use protocol::{Plan, Status, Stored, Watch, Watching};
 use std::time::Duration;

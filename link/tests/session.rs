@@ -2,10 +2,11 @@
 //! takes longer.
 #![allow(clippy::unwrap_used, reason = "a test")]
 
-use forward::ElectrodeMatrix;
+use forward::{ElectrodeMatrix, Pattern};
 use hil_sim::{FixedSheet, Pace, SimBoard, SimConfig, SimPort};
-use host::link::{Link, LinkError};
-use host::session::{MeasuredFrame, Session, adjacent_plan};
+use link::plans::adjacent_plan;
+use link::{Link, LinkError};
+use link::{MeasuredFrame, Session};
 use nalgebra::DMatrix;
 use protocol::{Hello, Plan, Sampling, Version};
 use std::collections::VecDeque;
@@ -124,7 +125,12 @@ fn another_board_in_its_place_is_an_error() {
 fn the_plan_follows_the_boards_electrodes() {
     for (electrodes, values) in [(4, 4), (8, 40), (16, 208)] {
         let session = Session::start(Box::new(board(electrodes)), adjacent_plan).unwrap();
-        assert_eq!(session.pattern().unwrap().electrodes(), electrodes);
+        assert_eq!(
+            Pattern::from_pairs(session.electrodes(), session.measurements())
+                .unwrap()
+                .electrodes(),
+            electrodes
+        );
         let frame = session.frame(LONG).unwrap().unwrap();
         assert_eq!(frame.values_v.len(), values);
     }

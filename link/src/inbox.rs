@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use protocol::FromBoard;
 
-use crate::link::LinkError;
+use crate::error::LinkError;
 
 /// Messages that may wait.
 const MOST: usize = 256;
