@@ -4,9 +4,7 @@
 
 use forward::Sheet;
 use hil_sim::{Clock, Electronics, Pace, Rubber, Scene, SimBoard, SimConfig, SimFrontEnd, SimPort, Touch};
-use link::greet;
-use link::ports;
-use link::{Link, Port};
+use link::{Link, Port, greet, ports};
 use protocol::{Frame, FromBoard, Pair, Plan, ToBoard};
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Write};

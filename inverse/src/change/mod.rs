@@ -1,0 +1,3 @@
+//! Whether a frame shows anything, and anything new.
+
+pub(crate) mod detector;

@@ -1,0 +1,3 @@
+//! From a frame to a picture and its touches.
+
+pub mod reconstructor;

@@ -1,0 +1,6 @@
+//! What frames are compared with: the baseline, the model of the sheet it was taken on, and what it says of the electrodes.
+
+pub mod baseline;
+pub(crate) mod difference;
+pub mod electrode_fit;
+pub mod imager;
