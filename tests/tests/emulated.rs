@@ -1,4 +1,4 @@
-//! The firmware as a Cortex-M4F program on QEMU (`firmware/boards/qemu-mps2`), with the simulated skin on its front end.
+//! The firmware as a Cortex-M4F program on QEMU (`boards/qemu-mps2`), with the simulated skin on its front end.
 //! These tests need QEMU and the board's programs: `tests/boards.sh` builds them and runs this.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "a test")]
 

@@ -1,6 +1,6 @@
 //! Two sectors of the chip's flash memory, for the settings (RM0390 section 3, RM0090 section 3).
 
-use crate::chip::supply_is_good;
+use crate::supply::supply_is_good;
 use firmware::Sector;
 use stm32f4xx_hal::pac;
 

@@ -8,9 +8,9 @@ const SOURCES: [&str; 8] = [
     "memory_map.x",
     "Cargo.toml",
     "Cargo.lock",
-    "../../src",
-    "../../Cargo.toml",
-    "../../../protocol",
+    "../../firmware/src",
+    "../../firmware/Cargo.toml",
+    "../../protocol",
 ];
 
 fn main() -> Result<(), Box<dyn Error>> {

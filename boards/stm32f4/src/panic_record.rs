@@ -1,7 +1,7 @@
 //! What the program says about a bug in itself: kept in memory that a restart does not clear, and told by the board's next
 //! introduction.
 
-use crate::chip::hexadecimal;
+use crate::identity::hexadecimal;
 use core::mem::MaybeUninit;
 use core::panic::PanicInfo;
 use core::ptr::{addr_of, addr_of_mut};

@@ -10,6 +10,8 @@ mod chip;
 mod flash;
 #[path = "../front_end.rs"]
 mod front_end;
+#[path = "../identity.rs"]
+mod identity;
 #[path = "../multiplexer.rs"]
 mod multiplexer;
 #[path = "../panic_record.rs"]
@@ -22,6 +24,8 @@ mod sampler;
 mod serial;
 #[path = "../source.rs"]
 mod source;
+#[path = "../supply.rs"]
+mod supply;
 
 use chip::Chip;
 use core::fmt::Write;

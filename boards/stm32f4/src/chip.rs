@@ -4,33 +4,12 @@ use crate::flash;
 use crate::multiplexer;
 use crate::panic_record;
 use crate::sampler;
-use core::sync::atomic::{AtomicBool, Ordering};
+use crate::supply::{self, supply_is_good, wait_for_supply};
 use firmware::{Clock, Sector, Store, Watchdog};
 use protocol::ResetCause;
 use stm32f4xx_hal::pac;
 use stm32f4xx_hal::prelude::*;
 use stm32f4xx_hal::rcc::Config;
-
-/// The chip's number, three words.
-const UNIQUE_ID: *const u32 = 0x1FFF_7A10 as *const u32;
-
-/// The chip's number in hexadecimal.
-pub fn serial_number(out: &'static mut [u8; 24]) -> &'static str {
-    for (word, digits) in (0..).zip(out.chunks_exact_mut(8)) {
-        // SAFETY: read-only memory of every STM32F4.
-        let value = unsafe { UNIQUE_ID.add(word).read_volatile() };
-        hexadecimal(value, digits);
-    }
-    core::str::from_utf8(out).unwrap_or_default()
-}
-
-/// Eight digits, the most significant first.
-pub fn hexadecimal(value: u32, digits: &mut [u8]) {
-    for (k, digit) in digits.iter_mut().rev().take(8).enumerate() {
-        let nibble = (value >> (4 * k) & 15) as u8;
-        *digit = if nibble < 10 { b'0' + nibble } else { b'a' + nibble - 10 };
-    }
-}
 
 /// What the chip says as it starts.
 pub struct Started {
@@ -124,26 +103,6 @@ pub fn start(device: pac::Peripherals, mut core: cortex_m::Peripherals) -> Start
 const NUCLEO: bool = cfg!(feature = "f446");
 const ST_LINK: bool = cfg!(feature = "st-link");
 
-/// Whether the supply is watched: it was good once.
-static WATCHED: AtomicBool = AtomicBool::new(false);
-
-/// Starts the supply monitor and waits a while for the supply to be good: above 3.03 V. From then on below 2.93 V the board
-/// restarts ([`Watchdog::feed`]); without that it works, and writes no flash memory.
-fn wait_for_supply(power: &pac::PWR) -> bool {
-    // Level 6.
-    power
-        .cr()
-        .modify(|r, w| unsafe { w.bits(r.bits() & !(7 << 5) | 6 << 5 | 1 << 4) });
-    // The clock is the internal one of 16 MHz: some 50 ms.
-    let mut patience = 100_000;
-    while !supply_is_good() && patience > 0 {
-        patience -= 1;
-    }
-    let good = supply_is_good();
-    WATCHED.store(good, Ordering::Relaxed);
-    good
-}
-
 /// Sets the chip's own brown-out reset to its highest level (3, some 2.8 V) where it is not: as delivered it is off, and
 /// between 1.8 V and there the processor may do anything. One of the option bytes, kept for ever, so written once in a
 /// chip's life.
@@ -215,13 +174,6 @@ unsafe fn NonMaskableInt() {
     panic!("the crystal stopped");
 }
 
-/// Whether the supply is above 2.93 V, and above 3.03 V once it was below.
-pub fn supply_is_good() -> bool {
-    // SAFETY: a status register.
-    let power = unsafe { &*pac::PWR::ptr() };
-    power.csr().read().bits() & 1 << 2 == 0
-}
-
 /// Clock, watchdog and store.
 pub struct Chip;
 
@@ -236,7 +188,7 @@ impl Watchdog for Chip {
         // However long nobody measures, the time is asked before the cycle counter came round: every tenth of a second.
         sampler::keep_up();
         feed();
-        if WATCHED.load(Ordering::Relaxed) && !supply_is_good() {
+        if supply::sags() {
             // What is measured now is wrong, and worse may come: the sheet without voltage until the supply is back, or until the
             // brown-out reset.
             multiplexer::release();

@@ -6,12 +6,14 @@
 mod chip;
 mod flash;
 mod front_end;
+mod identity;
 mod multiplexer;
 mod panic_record;
 mod ring;
 mod sampler;
 mod serial;
 mod source;
+mod supply;
 
 use chip::Chip;
 use cortex_m_rt::entry;
@@ -98,7 +100,7 @@ fn start() -> Result<Board, PlanError> {
     };
     let started = chip::start(device, core);
     let mut info = BoardInfo {
-        serial: chip::serial_number(serial_number),
+        serial: identity::serial_number(serial_number),
         reset: started.cause,
         last_panic: started.note,
         ..INFO
