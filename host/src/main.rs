@@ -23,7 +23,8 @@ mod sim;
 use clap::{Parser, Subcommand};
 use std::io::IsTerminal;
 use std::process::ExitCode;
-use tracing_subscriber::EnvFilter;
+use tracing_subscriber::filter::{LevelFilter, Targets};
+use tracing_subscriber::prelude::*;
 
 /// A tactile skin without a wire in it: pictures of pressure by electrical impedance tomography.
 ///
@@ -66,13 +67,13 @@ enum Command {
 fn main() -> ExitCode {
     let cli = Cli::parse();
     // What the library has to say beside its results; RUST_LOG asks for more.
-    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("warn"));
-    // Fails only where there is a subscriber already.
-    let _ = tracing_subscriber::fmt()
-        .with_env_filter(filter)
+    let asked = std::env::var("RUST_LOG").ok().and_then(|levels| levels.parse().ok());
+    let levels = asked.unwrap_or_else(|| Targets::new().with_default(LevelFilter::WARN));
+    let log = tracing_subscriber::fmt::layer()
         .with_writer(std::io::stderr)
-        .with_ansi(std::io::stderr().is_terminal())
-        .try_init();
+        .with_ansi(std::io::stderr().is_terminal());
+    // Fails only where there is a subscriber already.
+    let _ = tracing_subscriber::registry().with(log).with(levels).try_init();
     let outcome = match cli.command {
         Some(Command::Reconstruct(arguments)) => reconstruct::run(&arguments),
         Some(Command::Forward(arguments)) => forward::run(&arguments),

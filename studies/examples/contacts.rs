@@ -11,6 +11,8 @@ use forward::{DiscTouch, Drive};
 use rand::Rng;
 use rand::rngs::StdRng;
 use studies::scenes::{Bench, Worse, imager, noisy, quantile, rng};
+use tracing_subscriber::filter::{LevelFilter, Targets};
+use tracing_subscriber::prelude::*;
 
 const RIM_MM: f64 = 97.5;
 /// A contact is believed after 16.
@@ -71,9 +73,10 @@ impl Stage {
 }
 
 fn main() -> anyhow::Result<()> {
-    tracing_subscriber::fmt()
-        .with_env_filter(tracing_subscriber::EnvFilter::from_default_env())
-        .with_writer(std::io::stderr)
+    let levels = std::env::var("RUST_LOG").ok().and_then(|levels| levels.parse().ok());
+    tracing_subscriber::registry()
+        .with(tracing_subscriber::fmt::layer().with_writer(std::io::stderr))
+        .with(levels.unwrap_or_else(|| Targets::new().with_default(LevelFilter::ERROR)))
         .init();
     let given: Vec<String> = std::env::args().collect();
     let after = |name: &str| given.iter().position(|a| a == name).and_then(|k| given.get(k + 1));

@@ -17,6 +17,8 @@ use link::plans::PlanName;
 use std::path::Path;
 use studies::chain;
 use studies::scenes::quantile;
+use tracing_subscriber::filter::{LevelFilter, Targets};
+use tracing_subscriber::prelude::*;
 
 const SCENES: [&str; 9] = [
     "demo",
@@ -31,9 +33,10 @@ const SCENES: [&str; 9] = [
 ];
 
 fn main() -> Result<()> {
-    tracing_subscriber::fmt()
-        .with_env_filter(tracing_subscriber::EnvFilter::from_default_env())
-        .with_writer(std::io::stderr)
+    let levels = std::env::var("RUST_LOG").ok().and_then(|levels| levels.parse().ok());
+    tracing_subscriber::registry()
+        .with(tracing_subscriber::fmt::layer().with_writer(std::io::stderr))
+        .with(levels.unwrap_or_else(|| Targets::new().with_default(LevelFilter::ERROR)))
         .init();
     let given: Vec<String> = std::env::args().collect();
     let after = |name: &str| {
