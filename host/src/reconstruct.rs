@@ -7,14 +7,12 @@ use ::forward::file::MOST_ELECTRODES;
 use ::forward::{Drive, Electrode, Outline, Pattern, Place, Sheet};
 use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
-use inverse::force::meter::ForceMeter;
-use inverse::live::frames_averaged;
-use inverse::pipeline::reconstructor::{FrameResult, Reconstructor, ReconstructorOptions};
+use inverse::batch::{Batch, BatchOptions};
+use inverse::pipeline::FrameResult;
 use inverse::quality::doubt::Doubt;
-use inverse::reference::baseline::BaselineTaker;
+use inverse::reference::baseline::Baseline;
 use inverse::reference::imager::Imager;
 use inverse::solvers::{Method, Status};
-use inverse::touches::touch::Touch;
 use serde::Serialize;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -158,36 +156,6 @@ fn sheet(arguments: &Arguments, electrodes: usize) -> Sheet {
     }
 }
 
-/// Frames of the unpressed sheet that tell its noise; of fewer a drift looks like noise.
-const RECORDING: usize = 8;
-
-/// Mean of the baseline frames, over the values they have.
-fn baseline(table: &MeasurementTable, frames: &[usize]) -> Vec<f64> {
-    (0..table.measurements.len())
-        .map(|k| {
-            let (mut sum, mut count) = (0.0, 0.0);
-            for frame in frames {
-                let v = table.columns[*frame].values[k];
-                if v.is_finite() {
-                    sum += v;
-                    count += 1.0;
-                }
-            }
-            sum / count
-        })
-        .collect()
-}
-
-/// Noise of one value, V, where the baseline's frames are a recording of the unpressed sheet.
-fn noise_of(table: &MeasurementTable, frames: &[usize]) -> Option<f64> {
-    if frames.len() < RECORDING {
-        return None;
-    }
-    let mut taker = BaselineTaker::new(table.measurements.len(), frames.len());
-    let taken = frames.iter().filter_map(|k| taker.take(&table.columns[*k].values));
-    taken.last().map(|b| b.noise_v)
-}
-
 /// Runs the command.
 ///
 /// # Errors
@@ -241,76 +209,66 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         pattern,
         cell_mm,
     )?);
-    let baseline = baseline(&table, &baselines);
-    if !baseline.iter().any(|v| v.is_finite() && *v != 0.0) {
+    let unpressed: Vec<&[f64]> = baselines.iter().map(|k| table.columns[*k].values.as_slice()).collect();
+    if !unpressed
+        .iter()
+        .flat_map(|f| f.iter())
+        .any(|v| v.is_finite() && *v != 0.0)
+    {
         bail!(
             "{}: the baseline {} holds no value; name a frame of the unpressed sheet",
             arguments.file.display(),
             arguments.baseline.join(",")
         );
     }
-    crate::sheet::look_at_baseline(&imager, &baseline);
-    // The other methods are there for comparison: they take the sheet as it is said to be.
-    let found = (method == Method::Nnls && !arguments.trust_electrodes)
-        .then(|| inverse::reference::electrode_fit::find(&imager, &baseline))
-        .flatten();
-    let imager = found.map_or(imager, |found| {
+    crate::sheet::look_at_baseline(&imager, &Baseline::of_frames(imager.pattern.len(), &unpressed).values_v);
+    let defaults = BatchOptions::of(method);
+    let options = BatchOptions {
+        find_electrodes: defaults.find_electrodes && !arguments.trust_electrodes,
+        interval_s: arguments.frame_s,
+        calibration,
+        ..defaults
+    };
+    let mut batch = Batch::new(imager, &unpressed, options)?;
+    if let Some(found) = batch.electrodes() {
         let most = found.moved_mm.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
         eprintln!("electrodes found in the baseline, up to {most:.1} mm from where they were said to be");
-        Arc::new(found.imager)
-    });
-    let mut options = ReconstructorOptions::for_imager(&imager, method);
-    // Otherwise nothing says that a frame follows another.
-    options.sequence = arguments.frame_s.is_some();
-    let mut reconstructor = Reconstructor::new(imager.clone(), options);
-    if let Some(noise_v) = noise_of(&table, &baselines) {
-        let count = baselines.len();
-        let spread = (1.0 + 1.0 / count as f64).sqrt();
-        reconstructor.set_noise(Some(noise_v * imager.gain(&baseline) * spread));
-        reconstructor.set_baseline_frames(count);
-        if let Some(frame_s) = arguments.frame_s {
-            reconstructor.set_most_frames(frames_averaged(frame_s));
-        }
     }
-    let mut meter = calibration.map(|c| ForceMeter::new(&imager, c));
     let mut results = Vec::new();
     for (k, column) in table.columns.iter().enumerate() {
         if baselines.contains(&k) {
-            // Nothing pressed then: what presses in the next frame came down since.
-            if let (Some(meter), Some(frame_s)) = (&mut meter, arguments.frame_s) {
-                meter.tell(k as f64 * frame_s, &mut []);
-            }
+            batch.pass_over(k);
             continue;
         }
-        let mut result = reconstructor.frame(&baseline, &column.values)?.clone();
-        if let (Some(meter), Some(frame_s)) = (&mut meter, arguments.frame_s) {
-            meter.tell(k as f64 * frame_s, &mut result.touches);
-            result.touches.retain(Touch::is_pressed);
-        }
-        if let Some(doubt) = result.doubt {
-            eprintln!("warning: frame {}: {doubt}", column.name);
-        }
-        match result.status {
-            Status::Converged => {}
-            Status::Stopped => eprintln!(
-                "warning: frame {}: the solver stopped at a relative gap of {:.1e}",
-                column.name, result.gap
-            ),
-            Status::BadInput => eprintln!(
-                "warning: frame {}: its values are too large to compute with; look at its unit",
-                column.name
-            ),
-        }
+        let result = batch.frame(k, &column.values)?;
+        warn(&column.name, &result);
         results.push((column.name.as_str(), result));
     }
     // Everything is computed and every picture written before the first line is printed: no part passes for the whole.
     if let Some(folder) = &arguments.png {
-        write_pictures(folder, &imager, &results)?;
+        write_pictures(folder, batch.imager(), &results)?;
     }
     if let Some(folder) = &arguments.cells {
-        write_cells(folder, &imager, &results)?;
+        write_cells(folder, batch.imager(), &results)?;
     }
     print(&results, arguments.json)
+}
+
+/// Says on stderr what speaks against a frame's result.
+fn warn(frame: &str, result: &FrameResult) {
+    if let Some(doubt) = result.doubt {
+        eprintln!("warning: frame {frame}: {doubt}");
+    }
+    match result.status {
+        Status::Converged => {}
+        Status::Stopped => eprintln!(
+            "warning: frame {frame}: the solver stopped at a relative gap of {:.1e}",
+            result.gap
+        ),
+        Status::BadInput => {
+            eprintln!("warning: frame {frame}: its values are too large to compute with; look at its unit");
+        }
+    }
 }
 
 fn write_cells(folder: &Path, imager: &Imager, results: &[(&str, FrameResult)]) -> Result<()> {
@@ -344,7 +302,7 @@ fn write_pictures(folder: &Path, imager: &Imager, results: &[(&str, FrameResult)
             source: (*name).to_owned(),
             ..Stats::default()
         };
-        let picture = Surface::of(&imager)?.picture(result, k as u64, 0.0, stats);
+        let picture = Surface::of(imager)?.picture(result, k as u64, 0.0, stats);
         let path = folder.join(file);
         png::write_png(&picture, &path).with_context(|| format!("{}: cannot write the picture", path.display()))?;
     }

@@ -8,7 +8,7 @@ use clap::Args;
 use clap::builder::RangedU64ValueParser;
 use hil_sim::{Pace, SceneFile, SimPort};
 use inverse::live::{Live, LiveFrame, LiveOptions};
-use inverse::pipeline::reconstructor::FrameResult;
+use inverse::pipeline::FrameResult;
 use inverse::quality::doubt::Doubt;
 use inverse::reference::imager::Imager;
 use inverse::touches::touch::Touch;

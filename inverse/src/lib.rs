@@ -1,12 +1,13 @@
 //! From the frames of a sensor board to a picture of pressure and a list of touches.
 //!
-//! Every folder knows only those below it: [`live`] (a stream of frames), [`force`] (newtons from a rubber that creeps),
-//! [`pipeline`] (one frame), [`quality`] (what can be believed of it), [`touches`] (found, fitted, followed), `change` (is there
+//! Every folder knows only those below it: [`live`] (a stream of frames), [`batch`] (a table of them), [`force`] (newtons from a rubber that creeps),
+//! [`pipeline`] (one frame), [`quality`] (what can be believed of it), [`touches`] (found, fitted, followed), [`change`] (is there
 //! anything new), [`reference`](mod@reference) (what frames are compared with), [`solvers`], `linalg`. No I/O, no threads.
 //! The way of a frame through all crates: docs/architecture.md.
 #![forbid(unsafe_code)]
 
-mod change;
+pub mod batch;
+pub mod change;
 pub mod force;
 mod linalg;
 pub mod live;

@@ -1,7 +1,8 @@
 //! Frames to pictures, live: takes the baseline, then reconstructs, follows touches and tells their forces.
 
 use crate::force::meter::{Calibration, ForceMeter};
-use crate::pipeline::reconstructor::{FrameResult, Reconstructor, ReconstructorOptions};
+use crate::pipeline::{FrameResult, Reconstructor, ReconstructorOptions};
+use crate::reference::Reference;
 use crate::reference::baseline::{Baseline, BaselineTaker};
 use crate::reference::electrode_fit;
 use crate::reference::imager::{Imager, ImagerError};
@@ -34,11 +35,6 @@ impl Default for LiveOptions {
     }
 }
 
-/// How many frames of a scene at rest are averaged at most that take so long each, s.
-pub fn frames_averaged(frame_s: f64) -> usize {
-    (AVERAGED_S / frame_s) as usize
-}
-
 /// What became of a measured frame.
 #[derive(Debug, PartialEq)]
 pub enum LiveFrame<'a> {
@@ -55,16 +51,23 @@ pub enum LiveFrame<'a> {
 pub struct Live {
     /// With the electrodes where they are said to be.
     nominal: Arc<Imager>,
-    imager: Arc<Imager>,
     options: LiveOptions,
-    reconstructor: Reconstructor,
+    taker: Option<BaselineTaker>,
+    /// After the first baseline.
+    running: Option<Running>,
     tracker: Tracker,
     steadier: Steadier,
     meter: Option<ForceMeter>,
-    taker: Option<BaselineTaker>,
-    baseline: Option<Baseline>,
     /// When the frame before was measured, s.
     before_s: Option<f64>,
+    /// Time from a frame to the next, s, as last seen.
+    interval_s: Option<f64>,
+}
+
+/// What a baseline makes possible.
+struct Running {
+    baseline: Baseline,
+    reconstructor: Reconstructor,
 }
 
 /// A touch keeps its number while it moves by less than this from frame to frame, as a fraction of the sheet; and when it is seen again
@@ -72,19 +75,12 @@ pub struct Live {
 const REACH: f64 = 0.1;
 /// How long a touch may be gone and keep its number, s: a second tap at the same place within it is the same touch.
 const PATIENCE_S: f64 = 0.5;
-/// Longest time over which frames of a scene at rest are averaged, s: a press creeps.
-const AVERAGED_S: f64 = 0.25;
-
 impl Live {
     /// Starts with taking the baseline.
     pub fn new(imager: Arc<Imager>, options: LiveOptions) -> Self {
         let extent = imager.reach_mm();
         let values = imager.pattern.len();
         Self {
-            reconstructor: Reconstructor::new(
-                Arc::clone(&imager),
-                ReconstructorOptions::for_imager(&imager, options.method).of_sequence(),
-            ),
             tracker: Tracker::new(Following {
                 reach_mm: 2.0 * REACH * extent,
                 patience_s: PATIENCE_S,
@@ -92,30 +88,32 @@ impl Live {
             steadier: Steadier::default(),
             meter: options.calibration.map(|c| ForceMeter::new(&imager, c)),
             taker: Some(BaselineTaker::new(values, options.baseline_frames)),
-            baseline: None,
+            running: None,
             before_s: None,
-            nominal: Arc::clone(&imager),
-            imager,
+            interval_s: None,
+            nominal: imager,
             options,
         }
     }
 
     /// The model behind: after the baseline, with the electrodes where that showed them to be.
     pub fn imager(&self) -> &Arc<Imager> {
-        &self.imager
+        self.running
+            .as_ref()
+            .map_or(&self.nominal, |r| r.reconstructor.imager())
     }
 
     /// Takes the baseline anew, from the next frame on.
     pub fn tare(&mut self) {
         self.taker = Some(BaselineTaker::new(
-            self.imager.pattern.len(),
+            self.nominal.pattern.len(),
             self.options.baseline_frames,
         ));
     }
 
     /// The baseline in force.
     pub fn baseline(&self) -> Option<&Baseline> {
-        self.baseline.as_ref()
+        self.running.as_ref().map(|r| &r.baseline)
     }
 
     /// Takes the next frame: when it was measured (the board's time, s) and its values (V, in the pattern's order; not a
@@ -135,32 +133,26 @@ impl Live {
                 // What is pressed in now belongs to the baseline.
                 meter.rest();
             }
-            if self.options.find_electrodes
-                && let Some(found) = electrode_fit::find(&self.nominal, &baseline.values_v)
-            {
-                self.imager = Arc::new(found.imager);
-                self.reconstructor = Reconstructor::new(
-                    Arc::clone(&self.imager),
-                    ReconstructorOptions::for_imager(&self.imager, self.options.method).of_sequence(),
-                );
-            }
-            // Noise of a difference to this baseline, in the model's volts.
-            let gain = self.imager.gain(&baseline.values_v);
-            let spread = (1.0 + 1.0 / baseline.frames as f64).sqrt();
-            self.reconstructor.set_noise(Some(baseline.noise_v * gain * spread));
-            self.reconstructor.set_baseline_frames(baseline.frames);
-            self.reconstructor.prepare(&baseline.values_v)?;
-            self.baseline = Some(baseline);
+            let found = self
+                .options
+                .find_electrodes
+                .then(|| electrode_fit::find(&self.nominal, &baseline.values_v))
+                .flatten();
+            let imager = found.map_or_else(|| Arc::clone(self.imager()), |found| Arc::new(found.imager));
+            let options = ReconstructorOptions::for_imager(&imager, self.options.method).of_sequence();
+            let reference = Reference::of(imager, &baseline)?;
+            self.running = Some(Running {
+                reconstructor: Reconstructor::new(reference, options),
+                baseline,
+            });
             return Ok(LiveFrame::Baseline { left: 0 });
         }
-        let Some(baseline) = &self.baseline else {
+        let Some(Running { reconstructor, .. }) = &mut self.running else {
             return Ok(LiveFrame::Baseline { left: 0 });
         };
-        let frame_s = self.before_s.replace(time_s).map(|before| time_s - before);
-        if let Some(frame_s) = frame_s.filter(|s| *s > 0.0) {
-            self.reconstructor.set_most_frames(frames_averaged(frame_s));
-        }
-        let result = self.reconstructor.frame(&baseline.values_v, values_v)?;
+        let interval_s = self.before_s.replace(time_s).map(|before| time_s - before);
+        self.interval_s = interval_s.filter(|s| *s > 0.0).or(self.interval_s);
+        let result = reconstructor.frame_after(values_v, self.interval_s)?;
         self.tracker.update(time_s, &mut result.touches);
         if result.anew {
             self.steadier.update(time_s, result.grown, &mut result.touches);

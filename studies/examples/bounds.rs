@@ -15,7 +15,7 @@ use rand::Rng;
 use rand::rngs::StdRng;
 use rand_distr::StandardNormal;
 use studies::StudyError;
-use studies::scenes::{Bench, Kind, Score, imager, quantile, rng};
+use studies::scenes::{Bench, Kind, Score, imager, noise_v, quantile, rng};
 
 /// Steps of the differences: x and y, radius (mm), and the rise (relative).
 const STEPS: [f64; 4] = [0.5, 0.5, 0.5, 0.05];
@@ -119,16 +119,15 @@ fn main() -> anyhow::Result<()> {
             }
             let mut rng = rng(1000 * seed + k as u64);
             let mut bench = Bench::new(&imager, drive, 0.0, 0.0, &mut rng)?;
-            let mut reconstructor = bench.reconstructor();
+            let mut reconstructor = bench.reconstructor()?;
             let (mut score, mut with_prior, mut without) = (Score::default(), Errors::default(), Errors::default());
             for _ in 0..scenes {
                 let scene = kind.scene(&mut rng, db);
                 let frame = bench.frame(&scene, &mut rng)?;
-                let found = reconstructor.frame(&bench.baseline, &frame)?;
+                let found = reconstructor.frame(&frame)?;
                 score.add(&scene, &found.touches);
                 let clean = bench.clean_frame(&scene.touches)?;
-                let change: f64 = clean.iter().zip(&bench.baseline).map(|(a, b)| (a - b).powi(2)).sum();
-                let sigma = (change / clean.len() as f64).sqrt() * 10.0_f64.powf(-db / 20.0);
+                let sigma = noise_v(&clean, &bench.baseline, db);
                 let information = information(&mut bench, &scene.touches, sigma)?;
                 for (prior, out) in [(prior, &mut with_prior), (0.0, &mut without)] {
                     draw(&information, prior, &scene.touches, &mut rng, out);

@@ -8,9 +8,10 @@
 //! of one to four ordinary touches of which one is at the rim, in 120 frames of which no contact changed.
 
 use forward::{DiscTouch, Drive};
+use inverse::reference::noise::FrameNoise;
 use rand::Rng;
 use rand::rngs::StdRng;
-use studies::scenes::{Bench, Worse, imager, noisy, quantile, rng};
+use studies::scenes::{Bench, Worse, imager, noise_v, noisy, quantile, rng};
 use tracing_subscriber::filter::{LevelFilter, Targets};
 use tracing_subscriber::prelude::*;
 
@@ -47,7 +48,7 @@ fn places(rng: &mut StdRng, count: usize, at_rim: bool) -> Vec<[f64; 2]> {
 
 struct Stage {
     bench: Bench,
-    reconstructor: inverse::pipeline::reconstructor::Reconstructor,
+    reconstructor: inverse::pipeline::Reconstructor,
     sigma: f64,
     rng: StdRng,
 }
@@ -58,11 +59,8 @@ impl Stage {
         let imager = imager(drive, 5.0)?;
         let mut bench = Bench::new(&imager, drive, 0.0, 0.0, &mut rng)?;
         let clean = bench.worse_frame(&[finger([48.0, 0.0], 0.2)], &[])?;
-        let change: f64 = clean.iter().zip(&bench.baseline).map(|(a, b)| (a - b).powi(2)).sum();
-        let sigma = (change / clean.len() as f64).sqrt() * 10.0_f64.powf(-27.0 / 20.0);
-        let mut reconstructor = bench.live_reconstructor();
-        let gain = reconstructor.imager().gain(&bench.baseline);
-        reconstructor.set_noise(Some(sigma * gain));
+        let sigma = noise_v(&clean, &bench.baseline, 27.0);
+        let reconstructor = bench.live_reconstructor(FrameNoise::of_frames(sigma))?;
         Ok(Self {
             bench,
             reconstructor,
@@ -105,15 +103,15 @@ fn main() -> anyhow::Result<()> {
                 let clean = stage.bench.worse_frame(&touches, &[(electrode, worse)])?;
                 // Every scene is new: the sheet rested before.
                 let rest = noisy(stage.bench.baseline.clone(), stage.sigma, &mut stage.rng);
-                stage.reconstructor.frame(&stage.bench.baseline, &rest)?;
+                stage.reconstructor.frame(&rest)?;
                 for _ in 1..FRAMES {
                     let frame = noisy(clean.clone(), stage.sigma, &mut stage.rng);
                     let start = std::time::Instant::now();
-                    stage.reconstructor.frame(&stage.bench.baseline, &frame)?;
+                    stage.reconstructor.frame(&frame)?;
                     longest = longest.max(start.elapsed().as_secs_f64() * 1e3);
                 }
                 let frame = noisy(clean, stage.sigma, &mut stage.rng);
-                let found = stage.reconstructor.frame(&stage.bench.baseline, &frame)?;
+                let found = stage.reconstructor.frame(&frame)?;
                 if found.contacts != [electrode] || found.touches.len() != touches.len() {
                     tracing::debug!(?electrode, ?worse, ?touches, ?found.contacts, ?found.touches, ?found.misfit, "wrong");
                 }
@@ -142,10 +140,10 @@ fn main() -> anyhow::Result<()> {
                 .collect();
             let clean = stage.bench.worse_frame(&touches, &[])?;
             let rest = noisy(stage.bench.baseline.clone(), stage.sigma, &mut stage.rng);
-            stage.reconstructor.frame(&stage.bench.baseline, &rest)?;
+            stage.reconstructor.frame(&rest)?;
             for _ in 0..SOUND_FRAMES {
                 let frame = noisy(clean.clone(), stage.sigma, &mut stage.rng);
-                let found = stage.reconstructor.frame(&stage.bench.baseline, &frame)?;
+                let found = stage.reconstructor.frame(&frame)?;
                 alarms += usize::from(!found.contacts.is_empty());
                 right += usize::from(found.touches.len() == touches.len());
                 for t in &touches {

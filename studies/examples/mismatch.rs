@@ -52,21 +52,16 @@ fn main() -> Result<()> {
             rim[1].extend(&off);
             rim[2].extend(&left);
             let mut ways = [
-                reconstructor(&imager),
-                reconstructor(&imager),
-                reconstructor(&Arc::new(found.imager)),
+                reconstructor(&imager, &perfect.baseline)?,
+                reconstructor(&imager, &bench.baseline)?,
+                reconstructor(&Arc::new(found.imager), &bench.baseline)?,
             ];
             for _ in 0..FRAMES {
                 let scene = Kind::Equal(1).scene(&mut rng, 27.0);
                 let at = scene.touches[0].centre_mm;
                 let frames = [perfect.frame(&scene, &mut rng)?, bench.frame(&scene, &mut rng)?];
                 for (way, r) in ways.iter_mut().enumerate() {
-                    let (bench, frame) = if way == 0 {
-                        (&perfect, &frames[0])
-                    } else {
-                        (&bench, &frames[1])
-                    };
-                    let touches = &r.frame(&bench.baseline, frame)?.touches;
+                    let touches = &r.frame(&frames[way.min(1)])?.touches;
                     let Some(t) = touches.first() else { continue };
                     errors[way].push((t.x_mm - at[0]).hypot(t.y_mm - at[1]));
                     if way == 2 {

@@ -5,9 +5,10 @@
 //! many frames, by the chain of the live view.
 
 use forward::Drive;
+use inverse::reference::noise::FrameNoise;
 use inverse::touches::radius_filter::Steadier;
 use inverse::touches::tracker::{Following, Tracker};
-use studies::scenes::{Bench, Kind, Score, imager, noisy, quantile, rng};
+use studies::scenes::{Bench, Kind, Score, imager, live_reconstructor, noise_v, noisy, quantile, rng};
 
 /// Frames after which is looked.
 const LOOKS: [usize; 6] = [1, 2, 4, 8, 16, 57];
@@ -42,17 +43,16 @@ fn main() -> anyhow::Result<()> {
                 let mut bench = Bench::new(&imager, drive, 0.0, 0.0, &mut rng)?;
                 let scene = kind.scene(&mut rng, f64::INFINITY);
                 let clean = bench.frame(&scene, &mut rng)?;
-                let change: f64 = clean.iter().zip(&bench.baseline).map(|(a, b)| (a - b).powi(2)).sum();
                 // A disc answers with 2 c / (2 + c).
                 let answer = |c: f64| 2.0 * c / (2.0 + c);
-                let noise = 10.0_f64.powf(-27.0 / 20.0) * answer(0.2) / answer(rise);
-                let sigma = (change / clean.len() as f64).sqrt() * noise;
+                let sigma = noise_v(&clean, &bench.baseline, 27.0) * answer(0.2) / answer(rise);
                 let of_baseline = 1.0 / BASELINE_FRAMES as f64;
                 let baseline = noisy(bench.baseline.clone(), sigma * of_baseline.sqrt(), &mut rng);
-                let mut reconstructor = bench.live_reconstructor();
-                let gain = reconstructor.imager().gain(&baseline);
-                reconstructor.set_noise(Some(sigma * gain * (1.0 + of_baseline).sqrt()));
-                reconstructor.set_baseline_frames(BASELINE_FRAMES);
+                let noise = FrameNoise::Known {
+                    sigma,
+                    baseline_frames: Some(BASELINE_FRAMES),
+                };
+                let mut reconstructor = live_reconstructor(&bench.seen(), &baseline, noise)?;
                 let (mut tracker, mut steadier) = (
                     Tracker::new(Following {
                         reach_mm: 20.0,
@@ -63,7 +63,7 @@ fn main() -> anyhow::Result<()> {
                 let mut looks = LOOKS.iter().zip(&mut scores).peekable();
                 for frame in 1.. {
                     let time_s = frame as f64 * FRAME_S;
-                    let result = reconstructor.frame(&baseline, &noisy(clean.clone(), sigma, &mut rng))?;
+                    let result = reconstructor.frame(&noisy(clean.clone(), sigma, &mut rng))?;
                     tracker.update(time_s, &mut result.touches);
                     if result.anew {
                         steadier.update(time_s, result.grown, &mut result.touches);

@@ -88,7 +88,7 @@ fn main() -> anyhow::Result<()> {
             }
             let mut rng = rng(1000 * a.seed + k as u64);
             let mut bench = Bench::new(&imager, drive, 0.0, 0.0, &mut rng)?;
-            let mut r = bench.reconstructor();
+            let mut r = bench.reconstructor()?;
             let mut score = Score::default();
             run(&mut bench, &mut r, *kind, *db, a.scenes, &mut rng, &mut score)?;
             print(&name, &score);
@@ -102,7 +102,7 @@ fn main() -> anyhow::Result<()> {
             let mut score = Score::default();
             for _ in 0..8 {
                 let mut bench = Bench::new(&imager, drive, 0.5, 0.3, &mut rng)?;
-                let mut r = bench.reconstructor();
+                let mut r = bench.reconstructor()?;
                 run(
                     &mut bench,
                     &mut r,
@@ -119,13 +119,13 @@ fn main() -> anyhow::Result<()> {
         if name.contains(&a.only) {
             let mut rng = rng(1000 * a.seed + 900);
             let bench = Bench::new(&imager, drive, 0.0, 0.0, &mut rng)?;
-            let mut r = bench.reconstructor();
+            let mut r = bench.reconstructor()?;
             let frames = 10 * a.scenes;
             let (mut touched, mut passed) = (0, 0);
             for _ in 0..frames {
                 let frame = bench.empty(1e-4 * bench.baseline[0], &mut rng);
                 // The lengths match: both are the imager's.
-                if let Ok(found) = r.frame(&bench.baseline, &frame) {
+                if let Ok(found) = r.frame(&frame) {
                     touched += found.touches.len();
                     passed += usize::from(found.changed);
                 }

@@ -10,7 +10,7 @@ use rand::Rng;
 use rand::rngs::StdRng;
 use rand_distr::StandardNormal;
 use std::sync::Arc;
-use studies::scenes::{Kind, Score, imager, misplaced, noisy, reconstructor, rng};
+use studies::scenes::{Kind, Score, imager, misplaced, noise_v, noisy, reconstructor, rng};
 
 const SHEETS: usize = 6;
 const TOUCHES: usize = 15;
@@ -58,12 +58,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 Ok::<_, forward::ForwardError>(Drive::PAPER.frame_v(matrix, &imager.pattern))
             };
             let baseline = frame(&|p| uneven * field(p))?;
-            let trusting = reconstructor(&imager);
-            let looking = electrode_fit::find(&imager, &baseline).map_or_else(
-                || reconstructor(&imager),
-                |found| reconstructor(&Arc::new(found.imager)),
-            );
-            let mut both = [trusting, looking];
+            let found = electrode_fit::find(&imager, &baseline).map(|found| Arc::new(found.imager));
+            let mut both = [
+                reconstructor(&imager, &baseline)?,
+                reconstructor(found.as_ref().unwrap_or(&imager), &baseline)?,
+            ];
             for _ in 0..TOUCHES {
                 let scene = Kind::Fingers(1).scene(&mut rng, 27.0);
                 let t = scene.touches[0];
@@ -72,11 +71,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                     t.rise * (-0.5 * d2 / (0.5 * t.radius_mm).powi(2)).exp()
                 };
                 let clean = frame(&|p| (1.0 + uneven * field(p)) * (1.0 + finger(p)) - 1.0)?;
-                let change: f64 = clean.iter().zip(&baseline).map(|(a, b)| (a - b).powi(2)).sum();
-                let sigma = (change / clean.len() as f64).sqrt() * 10.0_f64.powf(-scene.snr_db / 20.0);
+                let sigma = noise_v(&clean, &baseline, scene.snr_db);
                 let measured = noisy(clean, sigma, &mut rng);
                 for (r, score) in both.iter_mut().zip(&mut scores) {
-                    score.add(&scene, &r.frame(&baseline, &measured)?.touches);
+                    score.add(&scene, &r.frame(&measured)?.touches);
                 }
             }
         }

@@ -3,8 +3,10 @@
 use crate::StudyError;
 use crate::scenes::{self, Bench, Kind, Score, quantile};
 use forward::Drive;
-use inverse::pipeline::reconstructor::{Reconstructor, ReconstructorOptions};
+use inverse::pipeline::{Reconstructor, ReconstructorOptions};
+use inverse::reference::Reference;
 use inverse::reference::imager::Imager;
+use inverse::reference::noise::FrameNoise;
 use inverse::solvers::Method;
 use serde::Serialize;
 use std::sync::Arc;
@@ -135,11 +137,12 @@ fn run(
         fit: usual.fit.filter(|_| way.fit),
         ..usual
     };
-    let mut r = Reconstructor::new(Arc::clone(imager), options);
+    let reference = Reference::new(Arc::clone(imager), baseline.to_vec(), FrameNoise::Unknown)?;
+    let mut r = Reconstructor::new(reference, options);
     // The first frame of a sheet also prepares the problem; its time is no frame's.
     let begin = Instant::now();
     if let Some((_, frame)) = frames.first() {
-        r.frame(baseline, frame)?;
+        r.frame(frame)?;
     }
     let mut score = Score::default();
     let (mut times, mut solves) = (Vec::new(), Vec::new());
@@ -147,7 +150,7 @@ fn run(
         let done = if run == 0 { frames.len() } else { score.scenes };
         for (k, (scene, frame)) in frames.iter().take(done).enumerate() {
             let start = Instant::now();
-            let found = r.frame(baseline, frame)?;
+            let found = r.frame(frame)?;
             let us = start.elapsed().as_secs_f64() * 1e6;
             if run == 0 {
                 score.add(scene, &found.touches);

@@ -3,7 +3,8 @@
 use crate::StudyError;
 use crate::scenes::{self, Bench, Fault, Scene, quantile};
 use forward::{DiscTouch, Drive};
-use inverse::pipeline::reconstructor::Reconstructor;
+use inverse::pipeline::Reconstructor;
+use inverse::reference::noise::FrameNoise;
 use rand::rngs::StdRng;
 use serde::Serialize;
 use std::time::{Duration, Instant};
@@ -143,10 +144,11 @@ pub fn costs(drive: Drive, frames: usize, seed: u64) -> Result<Vec<Cost>, StudyE
             if run > 0 && begin.elapsed() > MOST {
                 break;
             }
-            let mut r = scenes::live_reconstructor(&imager);
-            if happening != Happening::IdleUnknownNoise {
-                r.set_noise(Some(sigma * imager.gain(&bench.baseline)));
-            }
+            let noise = match happening {
+                Happening::IdleUnknownNoise => FrameNoise::Unknown,
+                _ => FrameNoise::of_frames(sigma),
+            };
+            let mut r = scenes::live_reconstructor(&imager, &bench.baseline, noise)?;
             // The first frame prepares the problem and the tables of the fit.
             warm_up(&mut r, &mut bench, sigma, &mut rng)?;
             for (k, frame) in sequence.iter().enumerate() {
@@ -154,7 +156,7 @@ pub fn costs(drive: Drive, frames: usize, seed: u64) -> Result<Vec<Cost>, StudyE
                     break;
                 }
                 let start = Instant::now();
-                let found = r.frame(&bench.baseline, frame)?;
+                let found = r.frame(frame)?;
                 best[k] = best[k].min(start.elapsed().as_secs_f64() * 1e6);
                 solves[k] = solves[k].min(found.solve_us);
                 if run == 0 {
@@ -179,8 +181,7 @@ pub fn costs(drive: Drive, frames: usize, seed: u64) -> Result<Vec<Cost>, StudyE
 /// Noise at which four fingers have 27 dB, V.
 fn noise(bench: &mut Bench, rng: &mut StdRng) -> Result<f64, StudyError> {
     let clean = bench.frame(&scene(Happening::Four, 0, f64::INFINITY), rng)?;
-    let change: f64 = clean.iter().zip(&bench.baseline).map(|(a, b)| (a - b).powi(2)).sum();
-    Ok((change / clean.len() as f64).sqrt() * 10.0_f64.powf(-27.0 / 20.0))
+    Ok(scenes::noise_v(&clean, &bench.baseline, 27.0))
 }
 
 fn scene(happening: Happening, frame: usize, snr_db: f64) -> Scene {
@@ -220,7 +221,7 @@ pub(super) fn sequence(
 fn warm_up(r: &mut Reconstructor, bench: &mut Bench, sigma: f64, rng: &mut StdRng) -> Result<(), StudyError> {
     for happening in [Happening::Four, Happening::Idle] {
         let frame = sequence(bench, happening, 1, sigma, rng)?;
-        r.frame(&bench.baseline, &frame[0])?;
+        r.frame(&frame[0])?;
     }
     Ok(())
 }

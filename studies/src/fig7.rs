@@ -4,8 +4,10 @@
 use crate::paper::PaperError;
 use crate::scenes::{self, Bench, Kind, Scene};
 use ::forward::Drive;
-use inverse::pipeline::reconstructor::{Reconstructor, ReconstructorOptions};
+use inverse::pipeline::{Reconstructor, ReconstructorOptions};
+use inverse::reference::Reference;
 use inverse::reference::imager::Imager;
+use inverse::reference::noise::FrameNoise;
 use inverse::solvers::Method;
 use std::path::Path;
 use view::canvas::{Align, Canvas, Ink};
@@ -52,8 +54,9 @@ pub fn write(drive: Drive, seed: u64, path: &Path) -> Result<(), PaperError> {
     )?];
     for (method, cell_mm, title) in PANELS {
         let imager = scenes::imager_for(method, drive, cell_mm)?;
-        let mut r = Reconstructor::new(imager.clone(), ReconstructorOptions::for_imager(&imager, method));
-        let found = r.frame(&bench.baseline, &frame)?;
+        let reference = Reference::new(imager.clone(), bench.baseline.clone(), FrameNoise::Unknown)?;
+        let mut r = Reconstructor::new(reference, ReconstructorOptions::for_imager(&imager, method));
+        let found = r.frame(&frame)?;
         let values: Vec<f32> = found.x.iter().map(|x| *x as f32).collect();
         let field = Field::new(grid_of(&imager)?.as_ref(), &values);
         let centres = (0..imager.grid.len()).map(|k| imager.grid.centre(k));

@@ -4,8 +4,10 @@ use crate::StudyError;
 use crate::greit::{Figures, Pixels};
 use crate::scenes::{self, Bench, Fault, Scene};
 use forward::{DiscTouch, Drive};
-use inverse::pipeline::reconstructor::{Reconstructor, ReconstructorOptions};
+use inverse::pipeline::{Reconstructor, ReconstructorOptions};
+use inverse::reference::Reference;
 use inverse::reference::imager::Imager;
+use inverse::reference::noise::FrameNoise;
 use inverse::solvers::Method;
 use rand::Rng;
 use serde::Serialize;
@@ -82,7 +84,8 @@ pub fn profile_on(
     let mut rng = scenes::rng(seed);
     let mut bench = Bench::new(imager, drive, 0.0, 0.0, &mut rng)?;
     let usual = ReconstructorOptions::for_imager(imager, method);
-    let mut r = Reconstructor::new(imager.clone(), change(usual));
+    let reference = Reference::new(imager.clone(), bench.baseline.clone(), FrameNoise::Unknown)?;
+    let mut r = Reconstructor::new(reference, change(usual));
     let grid = grid_of(imager)?;
     let pixels = Pixels::of_disc(RIM_MM, PIXEL_MM);
     let mut rings: Vec<Ring> = Vec::new();
@@ -103,7 +106,7 @@ pub fn profile_on(
                 fault: Fault::None,
             };
             let frame = bench.frame(&scene, &mut rng)?;
-            let found = r.frame(&bench.baseline, &frame)?;
+            let found = r.frame(&frame)?;
             figures.extend(Figures::of(&pixels, &shown(&grid, &found.x, &pixels), at));
         }
         rings.push(mean(radius, &figures, rings.first()));

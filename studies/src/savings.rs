@@ -5,7 +5,9 @@ use crate::cost::{self, Happening};
 use crate::scenes::{self, Bench, quantile};
 use crate::screening::screen;
 use forward::Drive;
-use inverse::pipeline::reconstructor::{Reconstructor, ReconstructorOptions};
+use inverse::pipeline::{Reconstructor, ReconstructorOptions};
+use inverse::reference::Reference;
+use inverse::reference::noise::FrameNoise;
 use inverse::solvers::{Method, Nnls, NnlsOptions, Problem};
 use nalgebra::{DMatrix, DVector};
 use rand::Rng;
@@ -73,8 +75,7 @@ pub fn savings(drive: Drive, frames: usize, seed: u64) -> Result<Savings, StudyE
     let mut bench = Bench::new(&imager, drive, 0.0, 0.0, &mut rng)?;
     let clean = cost::sequence(&mut bench, Happening::Four, frames, 0.0, &mut rng)?;
     let base = bench.baseline.clone();
-    let change: f64 = clean[0].iter().zip(&base).map(|(a, b)| (a - b).powi(2)).sum();
-    let sigma = (change / base.len() as f64).sqrt() * 10.0_f64.powf(-27.0 / 20.0);
+    let sigma = scenes::noise_v(&clean[0], &base, 27.0);
     let given = Frames {
         sensitivity: imager.sensitivity.clone(),
         differences: clean
@@ -92,13 +93,13 @@ pub fn savings(drive: Drive, frames: usize, seed: u64) -> Result<Savings, StudyE
     out.screening = screening(&given, &problem);
     for (name, false_alarm) in [("empty frame, gate", 1e-6), ("empty frame, no gate", 1.0)] {
         let usual = ReconstructorOptions::for_imager(&imager, Method::Nnls);
-        let mut r = Reconstructor::new(imager.clone(), ReconstructorOptions { false_alarm, ..usual });
-        r.set_noise(Some(sigma * imager.gain(&base)));
+        let reference = Reference::new(imager.clone(), base.clone(), FrameNoise::of_frames(sigma))?;
+        let mut r = Reconstructor::new(reference, ReconstructorOptions { false_alarm, ..usual });
         let mut times = Vec::new();
         for _ in 0..frames + 2 {
             let frame = bench.empty(sigma, &mut rng);
             let start = Instant::now();
-            r.frame(&base, &frame)?;
+            r.frame(&frame)?;
             times.push(start.elapsed().as_secs_f64() * 1e6);
         }
         // The first two prepare.

@@ -4,9 +4,11 @@
 use crate::StudyError;
 use forward::field::conductivity_of;
 use forward::{DiscTouch, Drive, ElectrodeMatrix, ForwardError, Model, ModelOptions, Pattern, Place, Sheet, Solver};
-use inverse::pipeline::reconstructor::{FrameResult, Reconstructor, ReconstructorOptions};
+use inverse::pipeline::{FrameResult, Reconstructor, ReconstructorOptions};
+use inverse::reference::Reference;
 use inverse::reference::electrode_fit;
 use inverse::reference::imager::Imager;
+use inverse::reference::noise::FrameNoise;
 use inverse::solvers::Method;
 use inverse::touches::touch::Touch;
 use rand::rngs::StdRng;
@@ -190,8 +192,7 @@ impl Bench {
         } else {
             self.clean_frame(&scene.touches)?
         };
-        let change: f64 = v.iter().zip(&self.baseline).map(|(a, b)| (a - b).powi(2)).sum::<f64>();
-        let sigma = (change / v.len() as f64).sqrt() * 10.0_f64.powf(-scene.snr_db / 20.0);
+        let sigma = noise_v(&v, &self.baseline, scene.snr_db);
         add_noise(&mut v, sigma, rng);
         self.spoil(&mut v, scene.fault, rng);
         Ok(v)
@@ -261,16 +262,23 @@ impl Bench {
     }
 
     /// The way from this sheet's frames to touches: the electrodes are looked for in its baseline.
-    pub fn reconstructor(&self) -> Reconstructor {
-        reconstructor(&self.seen())
+    ///
+    /// # Errors
+    /// [`StudyError`] where the imager is not this sheet's.
+    pub fn reconstructor(&self) -> Result<Reconstructor, StudyError> {
+        reconstructor(&self.seen(), &self.baseline)
     }
 
     /// The same for frames measured one after another.
-    pub fn live_reconstructor(&self) -> Reconstructor {
-        live_reconstructor(&self.seen())
+    ///
+    /// # Errors
+    /// As for [`Bench::reconstructor`].
+    pub fn live_reconstructor(&self, noise: FrameNoise) -> Result<Reconstructor, StudyError> {
+        live_reconstructor(&self.seen(), &self.baseline, noise)
     }
 
-    fn seen(&self) -> Arc<Imager> {
+    /// The imager with the electrodes where the baseline shows them to be.
+    pub fn seen(&self) -> Arc<Imager> {
         electrode_fit::find(&self.imager, &self.baseline)
             .map_or_else(|| Arc::clone(&self.imager), |f| Arc::new(f.imager))
     }
@@ -336,16 +344,35 @@ pub fn imager_for(method: Method, drive: Drive, cell_mm: f64) -> Result<Arc<Imag
     )?))
 }
 
-/// The usual way from a frame to touches, with the electrodes taken to be where the imager has them.
-pub fn reconstructor(imager: &Arc<Imager>) -> Reconstructor {
+/// The usual way from a frame to touches, with the electrodes taken to be where the imager has them. The noise is estimated
+/// from every frame.
+///
+/// # Errors
+/// [`StudyError`] where the baseline is not of the imager's pattern.
+pub fn reconstructor(imager: &Arc<Imager>, baseline: &[f64]) -> Result<Reconstructor, StudyError> {
     let options = ReconstructorOptions::for_imager(imager, Method::Nnls);
-    Reconstructor::new(Arc::clone(imager), options)
+    let reference = Reference::new(Arc::clone(imager), baseline.to_vec(), FrameNoise::Unknown)?;
+    Ok(Reconstructor::new(reference, options))
 }
 
-/// The same for frames measured one after another.
-pub fn live_reconstructor(imager: &Arc<Imager>) -> Reconstructor {
+/// The same for frames measured one after another, with what is known of their noise.
+///
+/// # Errors
+/// As for [`reconstructor`].
+pub fn live_reconstructor(
+    imager: &Arc<Imager>,
+    baseline: &[f64],
+    noise: FrameNoise,
+) -> Result<Reconstructor, StudyError> {
     let options = ReconstructorOptions::for_imager(imager, Method::Nnls);
-    Reconstructor::new(Arc::clone(imager), options.of_sequence())
+    let reference = Reference::new(Arc::clone(imager), baseline.to_vec(), noise)?;
+    Ok(Reconstructor::new(reference, options.of_sequence()))
+}
+
+/// Noise at which a frame has this ratio of its change to the noise, 2-norms over the frame: standard deviation of a value, V.
+pub fn noise_v(clean: &[f64], baseline: &[f64], snr_db: f64) -> f64 {
+    let change: f64 = clean.iter().zip(baseline).map(|(a, b)| (a - b).powi(2)).sum();
+    (change / clean.len() as f64).sqrt() * 10.0_f64.powf(-snr_db / 20.0)
 }
 
 /// The source of all that is drawn.
@@ -496,7 +523,7 @@ pub fn run(
         let scene = kind.scene(rng, snr_db);
         let frame = bench.frame(&scene, rng)?;
         let start = Instant::now();
-        let found = r.frame(&bench.baseline, &frame)?;
+        let found = r.frame(&frame)?;
         score.times_us.push(start.elapsed().as_secs_f64() * 1e6);
         let before = score.counted;
         score.add(&scene, &found.touches);

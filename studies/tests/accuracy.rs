@@ -10,7 +10,7 @@ fn paper(kind: Kind, snr_db: f64, scenes: usize, seed: u64) -> Score {
     let imager = imager(Drive::PAPER, 5.0).unwrap();
     let mut rng = rng(seed);
     let mut bench = Bench::new(&imager, Drive::PAPER, 0.0, 0.0, &mut rng).unwrap();
-    let mut r = bench.reconstructor();
+    let mut r = bench.reconstructor().unwrap();
     score(&mut bench, &mut r, kind, snr_db, scenes, &mut rng).unwrap()
 }
 
@@ -102,7 +102,7 @@ fn electrodes_and_contacts_that_are_off_are_found() {
         let mut s = Score::default();
         for _ in 0..4 {
             let mut bench = Bench::new(&imager, Drive::PAPER, 0.5, 0.3, &mut rng).unwrap();
-            let mut r = bench.reconstructor();
+            let mut r = bench.reconstructor().unwrap();
             scenes::run(&mut bench, &mut r, Kind::Equal(n), 27.0, 10, &mut rng, &mut s).unwrap();
         }
         assert!(s.counted >= least(40, 0.99), "{n}: {} of 40", s.counted);
@@ -116,7 +116,7 @@ fn electrodes_and_contacts_that_are_off_are_found() {
         let mut quiet = Score::default();
         for _ in 0..4 {
             let mut bench = Bench::new(&imager, Drive::PAPER, 0.5, 0.3, &mut rng).unwrap();
-            let mut r = bench.reconstructor();
+            let mut r = bench.reconstructor().unwrap();
             scenes::run(&mut bench, &mut r, Kind::Equal(n), 60.0, 10, &mut rng, &mut quiet).unwrap();
         }
         for score in [s, quiet] {
@@ -153,11 +153,11 @@ fn noise_is_no_touch() {
     let imager = imager(Drive::PAPER, 5.0).unwrap();
     let mut rng = rng(9008);
     let bench = Bench::new(&imager, Drive::PAPER, 0.0, 0.0, &mut rng).unwrap();
-    let mut r = reconstructor(&imager);
+    let mut r = reconstructor(&imager, &bench.baseline).unwrap();
     for sigma in [1e-6, 1e-4, 1e-2] {
         for _ in 0..300 {
             let frame = bench.empty(sigma * bench.baseline[0], &mut rng);
-            let found = r.frame(&bench.baseline, &frame).unwrap();
+            let found = r.frame(&frame).unwrap();
             assert!(found.touches.is_empty(), "{sigma}: {:?}", found.touches);
         }
     }

@@ -2,10 +2,11 @@
 #![allow(clippy::unwrap_used, reason = "a test")]
 
 use forward::{DiscTouch, Drive};
-use inverse::pipeline::reconstructor::Reconstructor;
+use inverse::pipeline::Reconstructor;
+use inverse::reference::noise::FrameNoise;
 use rand::Rng;
 use rand::rngs::StdRng;
-use studies::scenes::{Bench, Worse, imager, noisy, rng};
+use studies::scenes::{Bench, Worse, imager, noise_v, noisy, rng};
 
 const CURRENT: Drive = Drive::Current { amplitude_a: 1e-3 };
 
@@ -31,11 +32,8 @@ impl Stage {
         let imager = imager(drive, 5.0).unwrap();
         let mut bench = Bench::new(&imager, drive, 0.0, 0.0, &mut rng).unwrap();
         let clean = bench.clean_frame(&[finger(48.0, 0.0)]).unwrap();
-        let change: f64 = clean.iter().zip(&bench.baseline).map(|(a, b)| (a - b).powi(2)).sum();
-        let sigma = (change / clean.len() as f64).sqrt() * 10.0_f64.powf(-27.0 / 20.0);
-        let mut reconstructor = bench.live_reconstructor();
-        let gain = reconstructor.imager().gain(&bench.baseline);
-        reconstructor.set_noise(Some(sigma * gain));
+        let sigma = noise_v(&clean, &bench.baseline, 27.0);
+        let reconstructor = bench.live_reconstructor(FrameNoise::of_frames(sigma)).unwrap();
         Self {
             bench,
             reconstructor,
@@ -47,7 +45,7 @@ impl Stage {
     /// Contacts named, and places of the touches.
     fn frame(&mut self, clean: &[f64]) -> (Vec<usize>, Vec<[f64; 2]>) {
         let frame = noisy(clean.to_vec(), self.sigma, &mut self.rng);
-        let found = self.reconstructor.frame(&self.bench.baseline, &frame).unwrap();
+        let found = self.reconstructor.frame(&frame).unwrap();
         let doubted = found.doubt.is_some();
         assert!(doubted || found.contacts.is_empty());
         (
@@ -129,7 +127,7 @@ fn touches_at_the_rim_are_no_contacts() {
 #[test]
 fn a_frame_alone_names_a_worse_contact_too() {
     let mut stage = Stage::new(Drive::PAPER, 86);
-    stage.reconstructor = stage.bench.reconstructor();
+    stage.reconstructor = stage.bench.reconstructor().unwrap();
     for k in 0..8 {
         let electrode = (5 * k + 2) % 16;
         let worse = [Worse::Face(100.0), Worse::Wire(100.0)][k % 2];

@@ -2,8 +2,9 @@
 #![allow(clippy::unwrap_used, reason = "a test")]
 
 use forward::Drive;
+use inverse::reference::noise::FrameNoise;
 use studies::cost::Happening;
-use studies::scenes::{Bench, imager, noisy, rng};
+use studies::scenes::{Bench, imager, noise_v, noisy, rng};
 
 /// From frame to frame the hand moves 1 mm. The noise is that of four fingers at 27 dB, known as live.
 #[test]
@@ -12,10 +13,8 @@ fn a_hand_that_moves_keeps_its_count_and_its_palm() {
     let imager = imager(Drive::PAPER, 5.0).unwrap();
     let mut bench = Bench::new(&imager, Drive::PAPER, 0.0, 0.0, &mut rng).unwrap();
     let clean = bench.clean_frame(&Happening::Four.touches(0)).unwrap();
-    let change: f64 = clean.iter().zip(&bench.baseline).map(|(a, b)| (a - b).powi(2)).sum();
-    let sigma = (change / clean.len() as f64).sqrt() * 10.0_f64.powf(-27.0 / 20.0);
-    let mut r = bench.live_reconstructor();
-    r.set_noise(Some(sigma * r.imager().gain(&bench.baseline)));
+    let sigma = noise_v(&clean, &bench.baseline, 27.0);
+    let mut r = bench.live_reconstructor(FrameNoise::of_frames(sigma)).unwrap();
     let (mut right, mut allocated, frames) = (0, 0, 48);
     let sequence: Vec<Vec<f64>> = (0..frames)
         .map(|k| {
@@ -27,7 +26,7 @@ fn a_hand_that_moves_keeps_its_count_and_its_palm() {
         for (k, frame) in sequence.iter().enumerate() {
             let mut found = Vec::new();
             let used = allocation_counter::measure(|| {
-                let touches = &r.frame(&bench.baseline, frame).unwrap().touches;
+                let touches = &r.frame(frame).unwrap().touches;
                 found.clone_from(touches);
             });
             // One is the copy of the touches above.

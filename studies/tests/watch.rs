@@ -3,11 +3,14 @@
 #![allow(clippy::unwrap_used, reason = "a test")]
 
 use forward::{DiscTouch, Drive};
-use inverse::pipeline::reconstructor::{FrameResult, Reconstructor};
+use inverse::pipeline::{FrameResult, Reconstructor, ReconstructorOptions};
+use inverse::reference::Reference;
+use inverse::reference::noise::FrameNoise;
+use inverse::solvers::Method;
 use inverse::touches::touch::Touch;
 use rand::rngs::StdRng;
 use std::collections::BTreeMap;
-use studies::scenes::{Bench, Fault, Scene, imager, noisy, quantile, rng};
+use studies::scenes::{Bench, Fault, Scene, imager, noise_v, noisy, quantile, rng};
 
 struct Watched {
     bench: Bench,
@@ -30,14 +33,11 @@ impl Watched {
         let mut rng = rng(seed);
         let imager = imager(Drive::PAPER, 5.0).unwrap();
         let mut bench = Bench::new(&imager, Drive::PAPER, 0.0, 0.0, &mut rng).unwrap();
-        let mut reconstructor = bench.live_reconstructor();
         let touches = vec![touch(40.0, 0.0), touch(-40.0, 5.0), touch(0.0, 45.0), touch(3.0, -50.0)];
         let scene = Self::scene(touches);
         let clean = bench.frame(&scene, &mut rng).unwrap();
-        let change: f64 = clean.iter().zip(&bench.baseline).map(|(a, b)| (a - b).powi(2)).sum();
-        let sigma = (change / clean.len() as f64).sqrt() * 10.0_f64.powf(-27.0 / 20.0);
-        let gain = reconstructor.imager().gain(&bench.baseline);
-        reconstructor.set_noise(Some(sigma * gain));
+        let sigma = noise_v(&clean, &bench.baseline, 27.0);
+        let reconstructor = bench.live_reconstructor(FrameNoise::of_frames(sigma)).unwrap();
         Self {
             bench,
             reconstructor,
@@ -71,9 +71,9 @@ fn an_untouched_sheet_costs_no_reconstruction_and_no_allocation() {
     let clean = w.clean(&[]);
     for k in 0..2000 {
         let frame = w.noisy(&clean);
-        let (r, baseline) = (&mut w.reconstructor, &w.bench.baseline);
+        let r = &mut w.reconstructor;
         let mut touches = 0;
-        let used = allocation_counter::measure(|| touches = r.frame(baseline, &frame).unwrap().touches.len());
+        let used = allocation_counter::measure(|| touches = r.frame(&frame).unwrap().touches.len());
         assert_eq!(touches, 0, "{k}");
         assert!(k == 0 || used.count_total == 0, "{k}: {used:?}");
     }
@@ -98,10 +98,10 @@ fn touches_that_move_are_reconstructed_without_allocation() {
         .collect();
     for pass in 0..2 {
         for (k, frame) in frames.iter().enumerate() {
-            let (r, baseline) = (&mut w.reconstructor, &w.bench.baseline);
+            let r = &mut w.reconstructor;
             let mut found = (0, false);
             let used = allocation_counter::measure(|| {
-                let result = r.frame(baseline, frame).unwrap();
+                let result = r.frame(frame).unwrap();
                 found = (result.touches.len(), result.anew);
             });
             assert_eq!(found, (3, true), "{k}");
@@ -125,9 +125,9 @@ fn a_scene_at_rest_is_averaged() {
     for rest in 0..40 {
         for k in 0..30 {
             let frame = w.noisy(&clean[rest % 2]);
-            let (r, baseline) = (&mut w.reconstructor, &w.bench.baseline);
+            let r = &mut w.reconstructor;
             let mut found = &mut FrameResult::default();
-            let used = allocation_counter::measure(|| found = r.frame(baseline, &frame).unwrap());
+            let used = allocation_counter::measure(|| found = r.frame(&frame).unwrap());
             assert_eq!(found.touches.len(), 2, "{rest}, {k}");
             assert!(k > 0 || found.anew && found.frames == 1, "{rest}");
             for t in &scenes[rest % 2] {
@@ -163,11 +163,16 @@ fn a_scene_at_rest_is_averaged() {
 fn frames_of_a_table_are_not_each_others_results() {
     let mut w = Watched::new(77);
     let (touched, empty) = (w.clean(&[touch(30.0, 20.0)]), w.clean(&[]));
-    let mut r = w.bench.reconstructor();
-    r.set_noise(Some(w.sigma * r.imager().gain(&w.bench.baseline)));
+    let imager = w.bench.seen();
+    let options = ReconstructorOptions::for_imager(&imager, Method::Nnls);
+    let noise = FrameNoise::of_frames(w.sigma);
+    let mut r = Reconstructor::new(
+        Reference::new(imager, w.bench.baseline.clone(), noise).unwrap(),
+        options,
+    );
     for k in 0..30 {
         let frame = w.noisy(if k % 5 == 4 { &empty } else { &touched });
-        let found = r.frame(&w.bench.baseline, &frame).unwrap();
+        let found = r.frame(&frame).unwrap();
         if k % 5 == 4 {
             assert!(found.touches.is_empty(), "{k}");
         } else {
@@ -181,13 +186,15 @@ fn frames_of_a_table_are_not_each_others_results() {
 fn the_noise_of_the_baseline_is_not_averaged() {
     let mut w = Watched::new(76);
     let clean = w.clean(&[touch(30.0, 20.0)]);
-    let said = [0, 16].map(|frames| {
-        let mut r = w.bench.live_reconstructor();
-        r.set_noise(Some(w.sigma * r.imager().gain(&w.bench.baseline)));
-        r.set_baseline_frames(frames);
+    let said = [None, Some(16)].map(|baseline_frames| {
+        let noise = FrameNoise::Known {
+            sigma: w.sigma,
+            baseline_frames,
+        };
+        let mut r = w.bench.live_reconstructor(noise).unwrap();
         let of = |r: &mut Reconstructor, w: &mut Watched| loop {
             let frame = w.noisy(&clean);
-            let found = r.frame(&w.bench.baseline, &frame).unwrap();
+            let found = r.frame(&frame).unwrap();
             if found.anew && (found.frames == 16 || found.frames == 1) {
                 return found.noise.unwrap().sigma;
             }
@@ -208,7 +215,7 @@ fn a_slow_touch_is_followed() {
         let x = -30.0 + 0.05 * f64::from(k);
         let clean = w.clean(&[touch(x, 10.0)]);
         let frame = w.noisy(&clean);
-        let found = w.reconstructor.frame(&w.bench.baseline, &frame).unwrap();
+        let found = w.reconstructor.frame(&frame).unwrap();
         assert_eq!(found.touches.len(), 1, "{k}");
         errors.push((found.touches[0].x_mm - x).hypot(found.touches[0].y_mm - 10.0));
     }
@@ -225,14 +232,14 @@ fn what_comes_and_goes_is_seen_at_once() {
         let touches: Vec<DiscTouch> = (0..count).map(|t| touch(45.0 * f64::from(t) - 20.0, 12.0)).collect();
         let clean = w.clean(&touches);
         let frame = w.noisy(&clean);
-        let found = w.reconstructor.frame(&w.bench.baseline, &frame).unwrap();
+        let found = w.reconstructor.frame(&frame).unwrap();
         assert_eq!(found.touches.len(), touches.len(), "{k}");
         // A frame with values that are no number is looked into, whatever was before.
         let mut broken = frame.clone();
         for v in broken.iter_mut().step_by(50) {
             *v = f64::NAN;
         }
-        let found = w.reconstructor.frame(&w.bench.baseline, &broken).unwrap();
+        let found = w.reconstructor.frame(&broken).unwrap();
         assert_eq!(found.touches.len(), touches.len(), "{k}, broken");
     }
 }

@@ -1,7 +1,7 @@
 //! Where the cells, the rim and the electrodes are: what all pictures of a sheet share.
 
 use crate::picture::{Grid, Picture, PictureError, Stats};
-use inverse::pipeline::reconstructor::FrameResult;
+use inverse::pipeline::FrameResult;
 use inverse::reference::imager::Imager;
 use std::sync::Arc;
 

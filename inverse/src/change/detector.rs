@@ -1,49 +1,79 @@
-//! The cheap look at a frame: is there anything, and is there anything new?
+//! The change detector: does a frame show anything, and anything new?
 //!
-//! With the noise and the baseline known, most frames need no reconstruction. A frame of the untouched sheet has only noise in the
-//! directions in which touches show; a frame of a scene at rest differs from the last one reconstructed by the noise of
-//! both. Both are chi-square tests on the leading directions of the weighted sensitivity, one product with a small matrix.
+//! With the noise and the baseline known, most frames need no reconstruction. A frame of the untouched sheet has only noise in
+//! the directions in which touches show. A frame of a scene at rest differs from the last one reconstructed by the noise of
+//! both. Both are chi-square tests on the leading directions of the weighted sensitivity: one product with a small matrix.
 //!
-//! For the second test the sum over all directions would hide a slow move among the noise, so the part of the
-//! difference along the touches' own parameters is tested by itself, at a quantile that noise often exceeds: a reconstruction
-//! too many costs time, a touch that lags behind costs accuracy.
+//! In the second test the sum over all directions would hide a slow move among the noise. The part of the difference along
+//! the touches' own parameters is therefore tested by itself, at a quantile that noise often exceeds: a reconstruction too
+//! many costs time, a touch that lags behind costs accuracy.
 //!
-//! Frames of a scene at rest that are measured one after another are averaged: when as many have come as the last result is
-//! of, the mean of both is to be reconstructed; that of the most frames is followed by the mean of as many new ones. One reconstruction too many
-//! then costs accuracy as well, and the quantiles are such that noise seldom exceeds them, but for the first frames, which may be the last of
-//! a touch that comes down. A drift too slow to show in one frame shows in their mean: of 2, 4, 8 frames
-//! and so on, those since the last result are compared with those before, and where they differ they alone count.
+//! Frames of a scene at rest that are measured one after another are averaged. When as many have come as the last result is
+//! of, the mean of both is reconstructed. The mean of the most frames is followed by the mean of as many new ones. One
+//! reconstruction too many then costs accuracy as well, so noise seldom exceeds those quantiles. The first frames are the
+//! exception: they may be the last of a touch that comes down. A drift too slow to show in one frame shows in a mean: of 2,
+//! 4, 8 frames and so on, those since the last result are compared with those before. Where they differ they alone count.
 
+use crate::change::rest_mean::RestMean;
 use crate::solvers::{Problem, Projector};
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
-/// Directions in which a cell of the expected rise gives less than this part of the noise are not looked at.
-const LEAST_SIGNAL: f64 = 0.3;
-const LEAST_DIRECTIONS: usize = 8;
-/// Probability that a scene at rest is reconstructed again because of all directions together, and because of those
-/// along the touches.
-const ANEW_ANYWHERE: f64 = 0.01;
-const ANEW_ALONG: f64 = 0.1;
-/// The same for frames that are averaged, where one too many costs accuracy as well.
-const JUMP_ANYWHERE: f64 = 0.001;
-const JUMP_ALONG: f64 = 0.003;
-/// A mean of so many frames takes more in at the quantile of `ANEW_ALONG`.
-const FIRST_FRAMES: usize = 2;
-/// Most frames of a mean.
-const MOST_FRAMES: usize = 16;
-/// How often a mean is reconstructed once more.
-const MOST_ROUNDS: usize = 2;
+/// Thresholds of the change detector.
+///
+/// The probabilities were chosen by hand on `cargo run --release -p studies --example rest` (errors of scenes at rest, last
+/// columns) and `skin bench cost` (row "four fingers, still"). docs/results.md has the tables.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ChangeOptions {
+    /// Directions in which a cell of the expected rise gives less than this part of the noise are not tested. Less makes the
+    /// test dearer, more blunts it for weak touches.
+    pub least_signal: f64,
+    /// Fewest directions tested.
+    pub least_directions: usize,
+    /// Probability that noise alone makes a frame of a scene at rest new, by all directions together, where frames are not
+    /// averaged. One reconstruction too many then costs time only.
+    pub anew_anywhere: f64,
+    /// The same by the directions along the touches' parameters. More costs time, less makes slow touches lag.
+    pub anew_along: f64,
+    /// The same as `anew_anywhere` where frames are averaged: one reconstruction too many then costs accuracy as well.
+    pub jump_anywhere: f64,
+    /// The same as `anew_along` where frames are averaged.
+    pub jump_along: f64,
+    /// A mean of at most so many frames takes more in at the quantile of `anew_along`: they may be the last of a touch that
+    /// comes down.
+    pub first_frames: usize,
+    /// Most frames of a mean, a power of two. The error falls with its root; a press creeps meanwhile.
+    pub most_frames: usize,
+    /// How often a mean is reconstructed once more, where its fit did not come to its end.
+    pub most_rounds: usize,
+}
+
+impl Default for ChangeOptions {
+    fn default() -> Self {
+        Self {
+            least_signal: 0.3,
+            least_directions: 8,
+            anew_anywhere: 0.01,
+            anew_along: 0.1,
+            jump_anywhere: 0.001,
+            jump_along: 0.003,
+            first_frames: 2,
+            most_frames: 16,
+            most_rounds: 2,
+        }
+    }
+}
+
 /// A direction of which less than this part (of its square) is new lies in those before it.
 const DEPENDENT: f64 = 1e-18;
 
 /// What a frame turns out to be.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Seen {
+pub(crate) enum Change {
     /// Nothing but noise against the baseline.
     Nothing,
     /// Nothing but noise against the frame, or the mean, reconstructed last.
     Same,
-    /// Nothing that shows in a frame, and [`Watch::mean`] is to be reconstructed.
+    /// Nothing that shows in a frame, and [`ChangeDetector::rest`] is to be reconstructed.
     Mean,
     /// Something to reconstruct.
     New,
@@ -59,66 +89,28 @@ struct Last {
     limit_first: f64,
 }
 
-/// Frames one after another in which nothing changed.
-#[derive(Clone, Debug, Default)]
-struct Rest {
-    /// Mean of those that the result is of, and how many.
-    mean: Vec<f64>,
-    frames: usize,
-    /// Sums of those since then, whole and reduced, and how many.
-    sum: Vec<f64>,
-    reduced: Vec<f64>,
-    since: usize,
-    /// Whether frames of the result before are among those of the mean.
-    grown: bool,
-    /// Whether the mean is to be reconstructed once more, and how often it was.
-    again: bool,
-    rounds: usize,
-}
-
-impl Rest {
-    /// Begins with a frame.
-    fn begin(&mut self, frame: &[f64]) {
-        self.mean.clear();
-        self.mean.extend_from_slice(frame);
-        (self.frames, self.grown) = (1, false);
-        self.clear();
-    }
-
-    /// Forgets the frames since the result.
-    fn clear(&mut self) {
-        self.sum.clear();
-        self.sum.resize(self.mean.len(), 0.0);
-        self.reduced.fill(0.0);
-        self.since = 0;
-        (self.again, self.rounds) = (false, 0);
-    }
-
-    /// Takes a frame.
-    fn add(&mut self, frame: &[f64], reduced: &[f64]) {
-        self.sum.iter_mut().zip(frame).for_each(|(s, v)| *s += v);
-        self.reduced.resize(reduced.len(), 0.0);
-        self.reduced.iter_mut().zip(reduced).for_each(|(s, v)| *s += v);
-        self.since += 1;
-    }
-
-    /// Makes the mean that of the frames since the result, and where `all` of those before as well.
-    fn renew(&mut self, all: bool) {
-        let before = if all { self.frames } else { 0 };
-        let count = before + self.since;
-        for (mean, sum) in self.mean.iter_mut().zip(&self.sum) {
-            *mean = (*mean * before as f64 + sum) / count as f64;
+impl Last {
+    /// Whether `share` times a reduced sum of frames differs by nothing but noise, in all directions and in those along the
+    /// touches. `before` is the variance of this frame's noise, over that of one frame.
+    fn is_same(&self, sum: &[f64], share: f64, before: f64, limit: f64, limit_along: f64) -> bool {
+        let (mut change, mut along) = (0.0, 0.0);
+        for (a, b) in sum.iter().zip(&self.reduced) {
+            change += (share * a - b) * (share * a - b);
         }
-        (self.frames, self.grown) = (count, all);
-        self.clear();
+        for q in self.along.chunks_exact(sum.len()) {
+            let each = q.iter().zip(sum).zip(&self.reduced);
+            let part: f64 = each.map(|((q, a), b)| q * (share * a - b)).sum();
+            along += part * part;
+        }
+        let noise = share + before;
+        change <= noise * limit && along <= noise * limit_along
     }
 }
 
 /// Looks at frames against one baseline at one noise.
 #[derive(Clone, Debug)]
-pub(crate) struct Watch {
-    baseline: Vec<f64>,
-    sigma: f64,
+pub(crate) struct ChangeDetector {
+    options: ChangeOptions,
     /// Volts of the model for a volt of the frame, over the spread; and what that makes of the baseline.
     gain: Vec<f64>,
     offset: Vec<f64>,
@@ -132,58 +124,51 @@ pub(crate) struct Watch {
     remembers: bool,
     /// Most frames at rest of which the mean is taken.
     most: usize,
-    rest: Rest,
+    rest: RestMean,
     /// Variance of one frame's noise.
     variance: f64,
     /// Limits along so many directions (often, seldom exceeded by noise), as far as they were needed.
     limits_along: Vec<[f64; 2]>,
 }
 
-impl Watch {
-    /// `gain` and `offset`: a frame v is weighted as `gain v - offset`, 0 where a value is left out. `signal` is the rise
-    /// expected of a cell over the noise. `of_frame` is the part of the noise's variance that is in the frame, not in the baseline.
+impl ChangeDetector {
+    /// `weights` are gain and offset: a frame v is weighted as `gain v - offset`, 0 where a value is left out. `sigma` is the
+    /// noise of one value of the difference, `baseline_share` the variance of the baseline's noise over that of one frame's,
+    /// `signal` the rise expected of a cell over the noise, `false_alarm` the probability that noise alone is a change.
     pub(crate) fn new(
         problem: &Problem,
-        baseline: &[f64],
         weights: (Vec<f64>, Vec<f64>),
         sigma: f64,
+        baseline_share: f64,
         signal: f64,
         false_alarm: f64,
-        of_frame: f64,
+        options: ChangeOptions,
     ) -> Option<Self> {
         let (gain, offset) = weights;
         let strong = problem
             .singular()
             .iter()
-            .filter(|s| *s * signal >= LEAST_SIGNAL)
+            .filter(|s| *s * signal >= options.least_signal)
             .count();
-        let projector = Projector::new(problem, strong.max(LEAST_DIRECTIONS));
+        let projector = Projector::new(problem, strong.max(options.least_directions));
         let chi_square = ChiSquared::new(projector.directions() as f64).ok()?;
-        let variance = of_frame * sigma * sigma;
+        let variance = 1.0 / (1.0 + baseline_share) * sigma * sigma;
         let anywhere = |probability: f64| chi_square.inverse_cdf(1.0 - probability) * variance;
         Some(Self {
+            options,
             used: gain.iter().filter(|g| **g != 0.0).count(),
             limit: chi_square.inverse_cdf(1.0 - false_alarm) * sigma * sigma,
-            limits_same: [anywhere(ANEW_ANYWHERE), anywhere(JUMP_ANYWHERE)],
-            baseline: baseline.to_vec(),
-            sigma,
+            limits_same: [anywhere(options.anew_anywhere), anywhere(options.jump_anywhere)],
             gain,
             offset,
             projector,
             last: Last::default(),
             remembers: false,
             most: 1,
-            rest: Rest::default(),
+            rest: RestMean::default(),
             variance,
             limits_along: Vec::new(),
         })
-    }
-
-    /// Whether it was made for this baseline and noise.
-    pub(crate) fn is_for(&self, baseline: &[f64], sigma: f64) -> bool {
-        // Bit by bit: values that are no number are equal to themselves.
-        let same = |(a, b): (&f64, &f64)| a.to_bits() == b.to_bits();
-        self.sigma == sigma && self.baseline.len() == baseline.len() && self.baseline.iter().zip(baseline).all(same)
     }
 
     /// How many values take part.
@@ -191,10 +176,26 @@ impl Watch {
         self.used
     }
 
-    /// Looks at a frame. One with a value that is no number where there should be one is new.
-    pub(crate) fn look(&mut self, frame: &[f64]) -> Seen {
+    /// Tests a frame. At most so many frames at rest are averaged; fewer than two average nothing. A frame with a value that
+    /// is no number where there should be one is new.
+    pub(crate) fn test(&mut self, frame: &[f64], most_averaged: usize) -> Change {
+        self.most = most_averaged.min(self.options.most_frames);
+        let change = self.look(frame);
+        match change {
+            Change::Nothing => self.remembers = false,
+            Change::New => {
+                self.remembers = false;
+                self.rest.begin(frame);
+            }
+            Change::Mean => self.remembers = false,
+            Change::Same => {}
+        }
+        change
+    }
+
+    fn look(&mut self, frame: &[f64]) -> Change {
         if frame.len() != self.gain.len() {
-            return Seen::New;
+            return Change::New;
         }
         let (gain, offset) = (&self.gain, &self.offset);
         let reduced = self.projector.project(|values| {
@@ -208,75 +209,48 @@ impl Watch {
         });
         // A comparison with what is no number is false: such a frame is new.
         if square(reduced) <= self.limit {
-            return Seen::Nothing;
+            return Change::Nothing;
         }
         if !self.remembers {
-            return Seen::New;
+            return Change::New;
         }
         let (last, rest) = (&self.last, &mut self.rest);
         let limit = self.limits_same[usize::from(self.most > 1)];
-        let before = 1.0 / rest.frames.max(1) as f64;
-        let same = |now: &[f64], share: f64, limit_along: f64| {
-            let (mut change, mut along) = (0.0, 0.0);
-            for (a, b) in now.iter().zip(&last.reduced) {
-                change += (share * a - b) * (share * a - b);
-            }
-            for q in last.along.chunks_exact(now.len()) {
-                let each = q.iter().zip(now).zip(&last.reduced);
-                let part: f64 = each.map(|((q, a), b)| q * (share * a - b)).sum();
-                along += part * part;
-            }
-            let noise = share + before;
-            change <= noise * limit && along <= noise * limit_along
-        };
-        if !same(reduced, 1.0, last.limit_along) {
-            return Seen::New;
+        let before = 1.0 / rest.frames().max(1) as f64;
+        if !last.is_same(reduced, 1.0, before, limit, last.limit_along) {
+            return Change::New;
         }
         if self.most < 2 {
-            return Seen::Same;
+            return Change::Same;
         }
-        if std::mem::take(&mut rest.again) {
-            self.remembers = false;
-            return Seen::Mean;
+        if rest.take_again() {
+            return Change::Mean;
         }
         rest.add(frame, reduced);
-        let all = rest.since >= rest.frames;
-        let limit_along = if all && rest.frames <= FIRST_FRAMES {
+        let (since, frames) = (rest.since(), rest.frames());
+        let all = since >= frames;
+        let limit_along = if all && frames <= self.options.first_frames {
             last.limit_first
         } else {
             last.limit_along
         };
-        let drifts = rest.since.is_power_of_two() && !same(&rest.reduced, 1.0 / rest.since as f64, limit_along);
+        let share = 1.0 / since as f64;
+        let drifts = since.is_power_of_two() && !last.is_same(rest.reduced_sum(), share, before, limit, limit_along);
         if !drifts && !all {
-            return Seen::Same;
+            return Change::Same;
         }
-        rest.renew(!drifts && 2 * rest.frames <= self.most);
-        self.remembers = false;
-        Seen::Mean
+        rest.renew(!drifts && 2 * frames <= self.most);
+        Change::Mean
     }
 
-    /// Takes the mean of at most so many frames at rest; fewer than two average nothing.
-    pub(crate) fn set_most(&mut self, frames: usize) {
-        self.most = frames.min(MOST_FRAMES);
-    }
-
-    /// The mean of the frames at rest, how many there were, and whether frames of the result before are among them.
-    pub(crate) fn mean(&self) -> (&[f64], usize, bool) {
-        (&self.rest.mean, self.rest.frames, self.rest.grown)
-    }
-
-    /// A new frame is reconstructed.
-    pub(crate) fn begin(&mut self, frame: &[f64]) {
-        self.remembers = false;
-        self.rest.begin(frame);
+    /// The frames at rest.
+    pub(crate) fn rest(&self) -> &RestMean {
+        &self.rest
     }
 
     /// The mean is to be reconstructed once more, with the next frame that is the same.
     pub(crate) fn once_more(&mut self) {
-        let rest = &mut self.rest;
-        rest.again = rest.rounds < MOST_ROUNDS;
-        rest.rounds += 1;
-        rest.grown = true;
+        self.rest.once_more(self.options.most_rounds);
     }
 
     /// Remembers the frame looked at last as reconstructed, with the directions (in the problem's reduced space) in which
@@ -317,7 +291,8 @@ impl Watch {
             let limit = |probability: f64| {
                 ChiSquared::new(freedom).map_or(0.0, |c| c.inverse_cdf(1.0 - probability)) * self.variance
             };
-            self.limits_along.push([ANEW_ALONG, JUMP_ALONG].map(limit));
+            self.limits_along
+                .push([self.options.anew_along, self.options.jump_along].map(limit));
         }
         let limits = self.limits_along[count];
         last.limit_first = limits[0];

@@ -1,10 +1,12 @@
 //! Takes a press-and-hold from a running board.
 
 use crate::force::recording::Sample;
-use crate::pipeline::reconstructor::{Reconstructor, ReconstructorOptions};
+use crate::pipeline::{Reconstructor, ReconstructorOptions};
+use crate::reference::Reference;
 use crate::reference::baseline::BaselineTaker;
 use crate::reference::electrode_fit;
 use crate::reference::imager::{Imager, ImagerError};
+use crate::reference::noise::FrameNoise;
 use crate::solvers::Method;
 use std::sync::Arc;
 
@@ -13,7 +15,7 @@ use std::sync::Arc;
 pub struct Recorder {
     nominal: Arc<Imager>,
     taker: BaselineTaker,
-    ready: Option<(Vec<f64>, Reconstructor)>,
+    ready: Option<Reconstructor>,
     /// Half of the time over which a frame is measured, s.
     half_s: f64,
     near_mm: Option<[f64; 2]>,
@@ -55,16 +57,18 @@ impl Recorder {
     /// # Errors
     /// [`ImagerError`] when the frame does not have the pattern's length.
     pub fn take(&mut self, time_s: f64, values_v: &[f64], force_n: f64) -> Result<(), ImagerError> {
-        let Some((baseline, reconstructor)) = &mut self.ready else {
+        let Some(reconstructor) = &mut self.ready else {
             if let Some(baseline) = self.taker.take(values_v) {
                 let found = electrode_fit::find(&self.nominal, &baseline.values_v);
                 let imager = found.map_or_else(|| Arc::clone(&self.nominal), |f| Arc::new(f.imager));
                 let options = ReconstructorOptions::for_imager(&imager, Method::Nnls).of_sequence();
-                self.ready = Some((baseline.values_v, Reconstructor::new(imager, options)));
+                // The noise is estimated from every frame: a drift since the baseline counts as noise then.
+                let reference = Reference::new(imager, baseline.values_v, FrameNoise::Unknown)?;
+                self.ready = Some(Reconstructor::new(reference, options));
             }
             return Ok(());
         };
-        let touches = &reconstructor.frame(baseline, values_v)?.touches;
+        let touches = &reconstructor.frame(values_v)?.touches;
         let reach = 2.0 * NEAR * self.nominal.reach_mm();
         let off = |t: &&crate::touches::touch::Touch| match self.near_mm {
             Some([x, y]) => (t.x_mm - x).hypot(t.y_mm - y),

@@ -1,6 +1,6 @@
 //! When a frame's touches should not be believed, and why.
 
-use crate::reference::difference::Difference;
+use crate::reference::Difference;
 use serde::{Serialize, Serializer};
 use std::fmt;
 
@@ -27,17 +27,32 @@ pub enum Doubt {
     },
 }
 
-/// Part of the values that a frame needs: without three electrodes of sixteen there is half.
-const LEAST_VALUES: f64 = 0.5;
-/// Largest change over the unpressed values, 2-norms: a whole hand with +300 % changes a tenth of this.
-const LARGEST_CHANGE: f64 = 0.6;
+/// When the values of a frame speak against it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DoubtOptions {
+    /// Part of the values that a frame needs. Without three electrodes of sixteen there is half; the touches of such frames
+    /// are still right.
+    pub least_values: f64,
+    /// Largest change over the unpressed values, 2-norms. A whole hand with +300 % changes a tenth of this, a lost or reversed
+    /// source more than this.
+    pub largest_change: f64,
+}
+
+impl Default for DoubtOptions {
+    fn default() -> Self {
+        Self {
+            least_values: 0.5,
+            largest_change: 0.6,
+        }
+    }
+}
 
 impl Doubt {
     /// What the values themselves say.
-    pub(crate) fn of(difference: &Difference, model_v: &[f64]) -> Option<Self> {
+    pub(crate) fn of(difference: &Difference, model_v: &[f64], options: DoubtOptions) -> Option<Self> {
         let of = difference.used.len();
         let used = difference.used.iter().filter(|used| **used).count();
-        if (used as f64) < LEAST_VALUES * of as f64 {
+        if (used as f64) < options.least_values * of as f64 {
             return Some(Self::FewValues { used, of });
         }
         let (mut change, mut all) = (0.0, 0.0);
@@ -47,7 +62,7 @@ impl Doubt {
                 all += v * v;
             }
         }
-        let small = change <= LARGEST_CHANGE * LARGEST_CHANGE * all;
+        let small = change <= options.largest_change * options.largest_change * all;
         (!small).then_some(Self::NotThisSheet)
     }
 }
@@ -99,7 +114,13 @@ mod tests {
     #[test]
     fn a_frame_without_values_or_of_another_sheet_is_doubted() {
         let model = [1.0, -2.0, 3.0, 4.0];
-        let of = |frame: [f64; 4]| Doubt::of(&Difference::new(&model, &model, &frame), &model);
+        let of = |frame: [f64; 4]| {
+            Doubt::of(
+                &Difference::new(&model, &model, &frame),
+                &model,
+                DoubtOptions::default(),
+            )
+        };
         assert_eq!(of([1.1, -2.2, 3.3, 4.4]), None);
         assert_eq!(of([f64::NAN, f64::NAN, 3.0, 4.0]), None);
         assert_eq!(

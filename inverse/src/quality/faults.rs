@@ -1,63 +1,121 @@
-//! Which values of a frame cannot be believed: a lost electrode, a stuck channel, a glitch, told from the frame itself.
+//! Outlier rejection: a lost electrode, a stuck channel, a glitch, found in the frame itself.
 //!
-//! Where values are wrong, reciprocal pairs disagree by more than all the others do. Suspects are every electrode, every
-//! pair of electrodes and every single pair of values; one is left out when the rest then agrees so much better that chance
-//! would not do it (Fisher's test), and the search goes on with the rest.
+//! Where values are wrong, reciprocal pairs disagree by more than all the others do. Candidates are every pair of electrodes,
+//! every electrode and every single pair of values. A candidate is rejected when the rest then agrees so much better that
+//! chance would not do it (Fisher's test), and the search goes on with the rest.
 //!
-//! A touch that comes down or moves while a frame is measured makes its pairs disagree as well, for the two values are not measured at
-//! the same time. What is broken stays broken, mostly by far: in frames that follow one another a suspect that is not guilty
-//! beyond any doubt must be so again and again.
+//! A touch that comes down or moves while a frame is measured makes its pairs disagree as well, because the two values are
+//! measured at different times. What is broken stays broken, mostly by far. In frames that follow one another, a candidate
+//! beyond no doubt is therefore rejected only when frame after frame names it.
 
-use crate::quality::reciprocity::{Disagreement, LEAST_FREEDOM, NoiseEstimate, Reciprocity};
-use crate::reference::imager::Difference;
-use forward::Pattern;
+use crate::quality::reciprocity::{Disagreement, LEAST_FREEDOM, Reciprocity};
+use crate::reference::Difference;
+use crate::reference::noise::NoiseEstimate;
+use forward::{Drive, Pattern};
 use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 
-/// Probability that chance alone leaves a suspect out.
-const FALSE_ALARM: f64 = 1e-6;
-/// Most suspects left out of a frame.
-const MOST_FAULTS: usize = 4;
-/// A smaller suspect is preferred when it explains as much of the disagreement, up to this factor of the noise.
-const AS_GOOD: f64 = 1.2;
-/// A suspect whose disagreement is this many times what chance allows is left out at once: motion comes to five times, a lost
-/// electrode to a million.
-const BEYOND_DOUBT: f64 = 30.0;
-/// One that was left out stays so above this part of what chance allows: others may disagree beside it.
-const STILL_GUILTY: f64 = 0.3;
-/// Others are after so many frames, one after the other.
-const LASTING: usize = 4;
-/// Suspects whose mean square is below this many times that of the others are not looked at.
-const WORTH_A_LOOK: f64 = 2.5;
+/// When values are rejected. Ratios are those of Fisher's test: disagreement of a candidate over that of the rest.
+///
+/// Chosen by hand so that the kinds "dead", "missing" and "stuck" of `cargo run --release -p studies --example touch_accuracy`
+/// (column "counts") lose no touch, and `--example live` (column "count right") rejects nothing sound.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FaultOptions {
+    /// Probability that chance alone rejects anything in a frame. More finds weaker faults and rejects sound values.
+    pub false_alarm: f64,
+    /// Most candidates rejected in a frame.
+    pub most_faults: usize,
+    /// A smaller candidate is preferred when it explains as much of the disagreement, up to this factor of the noise.
+    pub as_good: f64,
+    /// A candidate that disagrees by this many times what chance allows is rejected at once. Motion reaches five times, a lost
+    /// electrode a million.
+    pub at_once: f64,
+    /// A candidate that was rejected stays so above this part of what chance allows: others may disagree beside it.
+    pub stays: f64,
+    /// Other candidates are rejected after so many frames one after the other that name them.
+    pub lasting_frames: usize,
+    /// Candidates whose mean square is below this many times that of the others are not tested: it saves time only.
+    pub worth_a_test: f64,
+}
 
-/// Finds faults in frames of one pattern.
+impl Default for FaultOptions {
+    fn default() -> Self {
+        Self {
+            false_alarm: 1e-6,
+            most_faults: 4,
+            as_good: 1.2,
+            at_once: 30.0,
+            stays: 0.3,
+            lasting_frames: 4,
+            worth_a_test: 2.5,
+        }
+    }
+}
+
+/// Finds faults in frames of one pattern, by reciprocity.
 #[derive(Clone, Debug)]
-pub struct Health {
-    /// Measurements of every suspect, the smaller suspects first: pairs of electrodes, then electrodes.
-    suspects: Vec<Vec<bool>>,
+pub struct FaultDetector {
+    reciprocity: Reciprocity,
+    search: OutlierSearch,
+}
+
+impl FaultDetector {
+    /// For the frames of a pattern, which are measured one after another or have nothing to do with each other.
+    pub fn new(pattern: &Pattern, drive: Drive, sequence: bool, options: FaultOptions) -> Self {
+        Self {
+            reciprocity: Reciprocity::new(pattern, drive),
+            search: OutlierSearch::new(pattern, sequence, options),
+        }
+    }
+
+    /// Whether a candidate is named that is not rejected yet: then every frame counts.
+    pub fn is_open(&self) -> bool {
+        self.search.is_open()
+    }
+
+    /// Forgets all that earlier frames said.
+    pub fn clear(&mut self) {
+        self.search.named.clear();
+    }
+
+    /// Rejects the values of a difference that cannot be believed (their `used` becomes false). Returns the noise that is
+    /// estimated from the rest, `None` where the pattern has too few reciprocal pairs.
+    ///
+    /// Nothing is allocated where all can be believed and the same values take part as in the frame before.
+    pub fn judge(&mut self, model_v: &[f64], d: &mut Difference) -> Option<NoiseEstimate> {
+        self.search.run(&mut self.reciprocity, model_v, d)
+    }
+}
+
+/// The search for candidates without which the rest agrees.
+#[derive(Clone, Debug)]
+struct OutlierSearch {
+    options: FaultOptions,
+    /// Measurements of every candidate, the smaller candidates first: pairs of electrodes, then electrodes.
+    candidates: Vec<Vec<bool>>,
     /// Freedom and pairs, and the limit of a single pair at them.
     limit: Option<((usize, usize), f64)>,
-    /// A frame without each of the suspects.
+    /// A frame without each of the candidates.
     without: Vec<Without>,
     /// Whether frames follow one another.
     sequence: bool,
-    /// Suspects of the last frame, and how many frames named them one after another.
-    named: Vec<(Suspect, usize)>,
+    /// Candidates of the last frame, and how many frames named them one after another.
+    named: Vec<(Candidate, usize)>,
     /// Those of the frame before it.
-    earlier: Vec<(Suspect, usize)>,
+    earlier: Vec<(Candidate, usize)>,
 }
 
 /// Who disagrees.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Suspect {
+enum Candidate {
     /// One of the list.
     Listed(usize),
     /// A value and its reciprocal.
     Values([usize; 2]),
 }
 
-/// A suspect that is to be left out.
-struct Guilty {
-    who: Suspect,
+/// A candidate that is to be left out.
+struct Outlier {
+    who: Candidate,
     /// What is used without it, and how that agrees.
     used: Vec<bool>,
     rest: Disagreement,
@@ -65,7 +123,7 @@ struct Guilty {
     by: f64,
 }
 
-/// A frame without a suspect: what does not change from frame to frame.
+/// A frame without a candidate: what does not change from frame to frame.
 #[derive(Clone, Debug)]
 struct Without {
     used: Vec<bool>,
@@ -84,9 +142,9 @@ impl Without {
     }
 }
 
-impl Health {
-    /// Lists the suspects of a pattern, for frames that are measured one after another or have nothing to do with each other.
-    pub fn new(pattern: &Pattern, sequence: bool) -> Self {
+impl OutlierSearch {
+    /// Lists the candidates of a pattern, for frames that are measured one after another or have nothing to do with each other.
+    fn new(pattern: &Pattern, sequence: bool, options: FaultOptions) -> Self {
         let measurements = pattern.measurements();
         let same = |a: forward::Pair, b: forward::Pair| a == b || a == b.reversed();
         let pairs = pattern.drives().iter().map(|p| {
@@ -103,7 +161,8 @@ impl Health {
                 .collect()
         });
         Self {
-            suspects: pairs.chain(electrodes).collect(),
+            options,
+            candidates: pairs.chain(electrodes).collect(),
             limit: None,
             without: Vec::new(),
             sequence,
@@ -112,58 +171,48 @@ impl Health {
         }
     }
 
-    /// Whether anybody is suspected who is not left out yet: then every frame counts.
-    pub fn is_open(&self) -> bool {
-        self.sequence && self.named.iter().any(|(_, frames)| *frames < LASTING)
+    fn is_open(&self) -> bool {
+        self.sequence
+            && self
+                .named
+                .iter()
+                .any(|(_, frames)| *frames < self.options.lasting_frames)
     }
 
-    /// Knows nothing of earlier frames any more.
-    pub fn clear(&mut self) {
-        self.named.clear();
-    }
-
-    /// Takes the values that cannot be believed out of a difference (their `used` becomes false). Returns the noise that the
-    /// rest tells, `None` where the pattern has too few reciprocal pairs.
-    ///
-    /// Nothing is allocated where all can be believed and the same values take part as in the frame before.
-    pub fn judge(
-        &mut self,
-        reciprocity: &mut Reciprocity,
-        model_v: &[f64],
-        d: &mut Difference,
-    ) -> Option<NoiseEstimate> {
-        if self.without.len() != self.suspects.len() {
-            self.without = self.suspects.iter().map(|_| Without::new(reciprocity)).collect();
+    fn run(&mut self, reciprocity: &mut Reciprocity, model_v: &[f64], d: &mut Difference) -> Option<NoiseEstimate> {
+        if self.without.len() != self.candidates.len() {
+            self.without = self.candidates.iter().map(|_| Without::new(reciprocity)).collect();
         }
         std::mem::swap(&mut self.named, &mut self.earlier);
         self.named.clear();
         let (now, leverage) = reciprocity.look(&d.y, model_v, &d.spread, &d.used)?;
-        if !self.suspicious(now, leverage, model_v, d) {
+        if !self.may_hold_outliers(now, leverage, model_v, d) {
             return now.noise();
         }
         let mut now = now.clone();
-        for _ in 0..MOST_FAULTS {
+        for _ in 0..self.options.most_faults {
             let look = |used: &[bool]| reciprocity.disagreement(&d.y, model_v, &d.spread, used);
             // Whoever was left out before comes first: nobody else's motion brings it back.
-            let left_out = |who: &Suspect| {
-                let named = |(other, frames): &(Suspect, usize)| other == who && *frames >= LASTING;
+            let left_out = |who: &Candidate| {
+                let named =
+                    |(other, frames): &(Candidate, usize)| other == who && *frames >= self.options.lasting_frames;
                 self.sequence && self.earlier.iter().any(named) && !self.named.iter().any(|(other, _)| other == who)
             };
-            let again = self.worst(&now, &d.used, look, left_out, STILL_GUILTY);
-            let Some(guilty) = again.or_else(|| self.worst(&now, &d.used, look, |_| true, 1.0)) else {
+            let again = self.worst(&now, &d.used, look, left_out, self.options.stays);
+            let Some(is_outlier) = again.or_else(|| self.worst(&now, &d.used, look, |_| true, 1.0)) else {
                 break;
             };
-            let before = self.earlier.iter().find(|(who, _)| *who == guilty.who);
+            let before = self.earlier.iter().find(|(who, _)| *who == is_outlier.who);
             let frames = match before {
-                _ if guilty.by >= BEYOND_DOUBT => LASTING,
+                _ if is_outlier.by >= self.options.at_once => self.options.lasting_frames,
                 Some((_, frames)) => frames + 1,
                 None => 1,
             };
-            self.named.push((guilty.who, frames));
-            if self.sequence && frames < LASTING {
+            self.named.push((is_outlier.who, frames));
+            if self.sequence && frames < self.options.lasting_frames {
                 break;
             }
-            let Guilty { used, rest: better, .. } = guilty;
+            let Outlier { used, rest: better, .. } = is_outlier;
             for (y, used) in d.y.iter_mut().zip(&used) {
                 if !used {
                     *y = 0.0;
@@ -175,8 +224,8 @@ impl Health {
         now.noise()
     }
 
-    /// Whether anything might be left out: a single pair by chance alone, or a suspect that is worth a look.
-    fn suspicious(&mut self, now: &Disagreement, leverage: &[f64], model_v: &[f64], d: &Difference) -> bool {
+    /// Whether anything might be left out: a single pair by chance alone, or a candidate that is worth a look.
+    fn may_hold_outliers(&mut self, now: &Disagreement, leverage: &[f64], model_v: &[f64], d: &Difference) -> bool {
         let worst = now
             .left
             .iter()
@@ -191,24 +240,33 @@ impl Health {
         let rest = (now.square - gone).max(0.0) / freedom as f64;
         let limit = match self.limit {
             Some((known, limit)) if known == (freedom, now.pairs.len()) => limit,
-            _ => limit(1, freedom, self.suspects.len() + now.pairs.len()),
+            _ => limit(
+                1,
+                freedom,
+                self.candidates.len() + now.pairs.len(),
+                self.options.false_alarm,
+            ),
         };
         self.limit = Some(((freedom, now.pairs.len()), limit));
         let believed = gone <= limit * rest;
         // What is no number is not.
-        !believed || (0..self.suspects.len()).any(|k| self.worth_a_look(k, now) && self.guilty(k, now, model_v, d))
+        !believed
+            || (0..self.candidates.len()).any(|k| self.worth_a_test(k, now) && self.is_outlier(k, now, model_v, d))
     }
 
-    /// Whether a frame agrees better without a suspect than by chance.
-    fn guilty(&mut self, suspect: usize, now: &Disagreement, model_v: &[f64], d: &Difference) -> bool {
-        let tries = self.suspects.len() + now.pairs.len();
-        let Some(without) = self.without.get_mut(suspect) else {
+    /// Whether a frame agrees better without a candidate than by chance.
+    fn is_outlier(&mut self, candidate: usize, now: &Disagreement, model_v: &[f64], d: &Difference) -> bool {
+        let tries = self.candidates.len() + now.pairs.len();
+        let Some(without) = self.without.get_mut(candidate) else {
             return true;
         };
         without.used.clear();
-        without
-            .used
-            .extend(d.used.iter().zip(&self.suspects[suspect]).map(|(used, s)| *used && !s));
+        without.used.extend(
+            d.used
+                .iter()
+                .zip(&self.candidates[candidate])
+                .map(|(used, s)| *used && !s),
+        );
         let rest = without
             .reciprocity
             .look(&d.y, model_v, &d.spread, &without.used)
@@ -219,18 +277,18 @@ impl Health {
         let gone = now.freedom.saturating_sub(freedom);
         let limit = match without.limit {
             Some((known, limit)) if known == (gone, freedom, tries) => limit,
-            _ => limit(gone, freedom, tries),
+            _ => limit(gone, freedom, tries, self.options.false_alarm),
         };
         without.limit = Some(((gone, freedom, tries), limit));
         let chance = (now.square - square) / gone as f64 <= limit * square / freedom as f64;
         gone > 0 && !chance
     }
 
-    fn worth_a_look(&self, suspect: usize, now: &Disagreement) -> bool {
-        let suspect = &self.suspects[suspect];
+    fn worth_a_test(&self, candidate: usize, now: &Disagreement) -> bool {
+        let candidate = &self.candidates[candidate];
         let (mut inside, mut outside, mut count) = (0.0, 0.0, 0);
         for (pair, left) in now.pairs.iter().zip(&now.left) {
-            if suspect[pair[0]] || suspect[pair[1]] {
+            if candidate[pair[0]] || candidate[pair[1]] {
                 inside += left * left;
                 count += 1;
             } else {
@@ -238,20 +296,20 @@ impl Health {
             }
         }
         let others = now.pairs.len() - count;
-        count > 0 && others > 0 && inside / count as f64 > WORTH_A_LOOK * outside / others as f64
+        count > 0 && others > 0 && inside / count as f64 > self.options.worth_a_test * outside / others as f64
     }
 
-    /// The suspect among some without which the rest agrees best, if that is more than this part of what chance allows.
+    /// The candidate among some without which the rest agrees best, if that is more than this part of what chance allows.
     fn worst(
         &self,
         now: &Disagreement,
         used: &[bool],
         look: impl Fn(&[bool]) -> Option<Disagreement>,
-        among: impl Fn(&Suspect) -> bool,
+        among: impl Fn(&Candidate) -> bool,
         part: f64,
-    ) -> Option<Guilty> {
-        let mut chosen: Option<(f64, Guilty)> = None;
-        let mut consider = |who: Suspect, used: Vec<bool>| {
+    ) -> Option<Outlier> {
+        let mut chosen: Option<(f64, Outlier)> = None;
+        let mut consider = |who: Candidate, used: Vec<bool>| {
             let Some(rest) = look(&used) else { return };
             let Some(noise) = rest.noise() else { return };
             let gone = now.freedom.saturating_sub(rest.freedom);
@@ -259,10 +317,19 @@ impl Health {
                 return;
             }
             let ratio = (now.square - rest.square) / gone as f64 / noise.sigma.powi(2).max(f64::MIN_POSITIVE);
-            let limit = limit(gone, rest.freedom, self.suspects.len() + now.pairs.len());
-            if ratio > part * limit && chosen.as_ref().is_none_or(|(sigma, ..)| noise.sigma * AS_GOOD < *sigma) {
+            let limit = limit(
+                gone,
+                rest.freedom,
+                self.candidates.len() + now.pairs.len(),
+                self.options.false_alarm,
+            );
+            if ratio > part * limit
+                && chosen
+                    .as_ref()
+                    .is_none_or(|(sigma, ..)| noise.sigma * self.options.as_good < *sigma)
+            {
                 let by = ratio / limit;
-                chosen = Some((noise.sigma, Guilty { who, used, rest, by }));
+                chosen = Some((noise.sigma, Outlier { who, used, rest, by }));
             }
         };
         // One pair of values: the one that disagrees most.
@@ -270,28 +337,28 @@ impl Health {
             .left
             .iter()
             .zip(&now.pairs)
-            .filter(|(_, pair)| among(&Suspect::Values(**pair)));
+            .filter(|(_, pair)| among(&Candidate::Values(**pair)));
         if let Some((_, pair)) = pairs.max_by(|a, b| a.0.abs().total_cmp(&b.0.abs())) {
             let mut without = used.to_vec();
             pair.iter().for_each(|m| without[*m] = false);
-            consider(Suspect::Values(*pair), without);
+            consider(Candidate::Values(*pair), without);
         }
-        for (k, suspect) in self.suspects.iter().enumerate() {
-            if among(&Suspect::Listed(k)) && self.worth_a_look(k, now) {
+        for (k, candidate) in self.candidates.iter().enumerate() {
+            if among(&Candidate::Listed(k)) && self.worth_a_test(k, now) {
                 consider(
-                    Suspect::Listed(k),
-                    used.iter().zip(suspect).map(|(u, s)| *u && !s).collect(),
+                    Candidate::Listed(k),
+                    used.iter().zip(candidate).map(|(u, s)| *u && !s).collect(),
                 );
             }
         }
-        chosen.map(|(_, guilty)| guilty)
+        chosen.map(|(_, is_outlier)| is_outlier)
     }
 }
 
 /// How many times the noise the mean square of what is left out may be by chance.
-fn limit(gone: usize, freedom: usize, tries: usize) -> f64 {
+fn limit(gone: usize, freedom: usize, tries: usize, false_alarm: f64) -> f64 {
     FisherSnedecor::new(gone as f64, freedom as f64)
-        .map_or(f64::INFINITY, |f| f.inverse_cdf(1.0 - FALSE_ALARM / tries as f64))
+        .map_or(f64::INFINITY, |f| f.inverse_cdf(1.0 - false_alarm / tries as f64))
 }
 
 #[cfg(test)]
@@ -330,9 +397,8 @@ mod tests {
         }
 
         fn judge(&self, d: &mut Difference) -> f64 {
-            let mut reciprocity = Reciprocity::new(&self.pattern, Drive::PAPER);
-            let rest = Health::new(&self.pattern, false).judge(&mut reciprocity, &self.model_v, d);
-            rest.unwrap().sigma
+            let mut faults = FaultDetector::new(&self.pattern, Drive::PAPER, false, FaultOptions::default());
+            faults.judge(&self.model_v, d).unwrap().sigma
         }
     }
 
@@ -399,21 +465,21 @@ mod tests {
     #[test]
     fn in_a_sequence_what_is_broken_beyond_doubt_goes_at_once_and_the_rest_when_it_lasts() {
         let mut frames = Frames::new();
-        let mut reciprocity = Reciprocity::new(&frames.pattern, Drive::PAPER);
-        let mut health = Health::new(&frames.pattern, true);
+        let options = FaultOptions::default();
+        let mut faults = FaultDetector::new(&frames.pattern, Drive::PAPER, true, options);
         // Whether values 77 and 140, off by so much, are left out of the next frame, in which others are not measured.
         let mut left_out = |errors: [f64; 2], missing: usize| {
             let mut d = frames.quiet();
             d.used[missing] = missing == 77;
             (d.y[77], d.y[140]) = (errors[0], errors[1]);
-            health.judge(&mut reciprocity, &frames.model_v, &mut d);
-            ([!d.used[77], !d.used[140]], health.is_open())
+            faults.judge(&frames.model_v, &mut d);
+            ([!d.used[77], !d.used[140]], faults.is_open())
         };
         assert_eq!(left_out([0.5, 0.0], 77), ([true, false], false));
         assert_eq!(left_out([0.0, 0.0], 77), ([false, false], false));
         // Fifteen times the noise; what else is missing does not matter.
-        for frame in 1..3 * LASTING {
-            let lasts = frame >= LASTING;
+        for frame in 1..3 * options.lasting_frames {
+            let lasts = frame >= options.lasting_frames;
             assert_eq!(
                 left_out([1.5e-3, 0.0], 10 + frame % 3),
                 ([lasts, false], !lasts),
@@ -421,8 +487,8 @@ mod tests {
             );
         }
         // A second one waits for as long, and the first stays out, whichever is the worse.
-        for frame in 1..3 * LASTING {
-            let lasts = frame >= LASTING;
+        for frame in 1..3 * options.lasting_frames {
+            let lasts = frame >= options.lasting_frames;
             assert_eq!(left_out([1.5e-3, 1.8e-3], 77), ([true, lasts], !lasts), "{frame}");
         }
         assert_eq!(left_out([0.0, 0.0], 77), ([false, false], false));

@@ -5,6 +5,7 @@
 //! is fitted first; what then still disagrees is noise. Of the 104 pairs of an adjacent frame on 16 electrodes 89 degrees
 //! of freedom are left.
 
+use crate::reference::noise::{NoiseEstimate, NoiseSource};
 use forward::{Drive, Pair, Pattern};
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
@@ -31,15 +32,6 @@ struct Prepared {
     /// Part of every pair that it is itself explained by.
     leverage: Vec<f64>,
     now: Disagreement,
-}
-
-/// What the reciprocal pairs say of a frame.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct NoiseEstimate {
-    /// Standard deviation of one value of the difference, in the difference's unit.
-    pub sigma: f64,
-    /// Degrees of freedom of the estimate.
-    pub freedom: usize,
 }
 
 impl Reciprocity {
@@ -198,7 +190,7 @@ impl Disagreement {
     pub fn noise(&self) -> Option<NoiseEstimate> {
         (self.freedom >= LEAST_FREEDOM && self.square.is_finite()).then(|| NoiseEstimate {
             sigma: (self.square / self.freedom as f64).sqrt(),
-            freedom: self.freedom,
+            source: NoiseSource::Estimated { freedom: self.freedom },
         })
     }
 }

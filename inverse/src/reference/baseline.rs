@@ -69,6 +69,28 @@ impl BaselineTaker {
     }
 }
 
+impl Baseline {
+    /// Of given frames of so many values (any unit): the plain mean of every value over the frames that have it. Frames of
+    /// another length are ignored.
+    pub fn of_frames(values: usize, frames: &[&[f64]]) -> Self {
+        let mut taker = BaselineTaker::new(values, frames.len());
+        let taken = frames.iter().filter_map(|frame| taker.take(frame)).last();
+        let mean = |k: usize| {
+            let (mut sum, mut count) = (0.0, 0.0);
+            for v in frames.iter().filter_map(|f| f.get(k)).filter(|v| v.is_finite()) {
+                sum += v;
+                count += 1.0;
+            }
+            sum / count
+        };
+        Self {
+            values_v: (0..values).map(mean).collect(),
+            noise_v: taken.map_or(0.0, |b| b.noise_v),
+            frames: frames.len(),
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -99,5 +121,17 @@ mod tests {
         assert!((b.noise_v / 0.01 - 1.0).abs() < 0.03, "{}", b.noise_v);
         assert!((b.values_v[9] - 9.0).abs() < 0.01 && (b.values_v[200] - 200.0).abs() < 0.01);
         assert_eq!(taker.left(), 0);
+    }
+
+    #[test]
+    fn given_frames_make_the_baseline_that_taken_ones_do() {
+        let frames = [[1.0, 2.0, f64::NAN], [1.5, f64::NAN, f64::NAN], [2.0, 4.0, f64::NAN]];
+        let list: Vec<&[f64]> = frames.iter().map(|f| f.as_slice()).collect();
+        let given = Baseline::of_frames(3, &list);
+        let mut taker = BaselineTaker::new(3, 3);
+        let taken = frames.iter().filter_map(|f| taker.take(f)).next().unwrap();
+        assert_eq!(given.values_v[..2], [1.5, 3.0]);
+        assert!(given.values_v[2].is_nan());
+        assert_eq!((given.noise_v, given.frames), (taken.noise_v, 3));
     }
 }

@@ -1,7 +1,7 @@
 //! The model side of a picture: what the unpressed sheet gives, how it answers to every cell, and the normalised
 //! difference that connects a measured frame to both.
 
-pub use crate::reference::difference::Difference;
+use crate::reference::difference::Difference;
 use crate::solvers::Method;
 use forward::{CellError, CellGrid, Drive, ForwardError, Model, ModelOptions, Pattern, Sensitivity, Sheet, Solver};
 use nalgebra::DMatrix;

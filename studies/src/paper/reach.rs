@@ -95,11 +95,10 @@ struct Both {
 
 pub(super) fn run(options: Options, progress: &dyn Fn(&str)) -> Result<Reach, PaperError> {
     let mut rng = scenes::rng(options.seed);
-    let (theirs, ours) = (Reader::theirs()?, Reader::ours()?);
-    let mut bench = Bench::new(&ours.imager, Drive::PAPER, 0.0, 0.0, &mut rng)?;
+    let mut bench = Bench::new(&Reader::our_imager()?, Drive::PAPER, 0.0, 0.0, &mut rng)?;
+    let (theirs, ours) = (Reader::theirs(&bench.baseline)?, Reader::ours(&bench.baseline)?);
     let pressed = bench.frame(&clean(vec![tip([0.0, 0.0])]), &mut rng)?;
-    let change: f64 = pressed.iter().zip(&bench.baseline).map(|(a, b)| (a - b).powi(2)).sum();
-    let sigma = (change / pressed.len() as f64).sqrt() * 10.0_f64.powf(-crate::paper::noise::PAPER_DB / 20.0);
+    let sigma = scenes::noise_v(&pressed, &bench.baseline, crate::paper::noise::PAPER_DB);
     let mut both = Both {
         bench,
         theirs,
@@ -147,8 +146,8 @@ impl Both {
     /// What both methods find in one noisy frame of these touches.
     fn look(&mut self, clean: &[f64]) -> Result<[Vec<Touch>; 2], PaperError> {
         let frame = noisy(clean.to_vec(), self.sigma, &mut self.rng);
-        let theirs = self.theirs.read(&self.bench.baseline, &frame)?.touches.clone();
-        let ours = self.ours.read(&self.bench.baseline, &frame)?.touches.clone();
+        let theirs = self.theirs.read(&frame)?.touches.clone();
+        let ours = self.ours.read(&frame)?.touches.clone();
         Ok([theirs, ours])
     }
 

@@ -108,13 +108,13 @@ pub(super) fn run(rig: &dyn Rig, options: Options) -> Result<Touches, PaperError
     if frames.len() < PLACES.len() {
         return Err(PaperError::Silent);
     }
-    let (mut theirs, mut ours) = (Reader::theirs()?, Reader::ours()?);
+    let (mut theirs, mut ours) = (Reader::theirs(&baseline)?, Reader::ours(&baseline)?);
     let mut scenes = Vec::new();
     for (frame, places) in frames.iter().zip(PLACES) {
         scenes.push(Scene {
             truth_mm: places.to_vec(),
-            theirs: outcome(&mut theirs, &baseline, frame, places)?,
-            ours: outcome(&mut ours, &baseline, frame, places)?,
+            theirs: outcome(&mut theirs, frame, places)?,
+            ours: outcome(&mut ours, frame, places)?,
         });
     }
     let mut panels = Vec::new();
@@ -125,8 +125,8 @@ pub(super) fn run(rig: &dyn Rig, options: Options) -> Result<Touches, PaperError
         ("Tikhonov, 5 mm", Method::Tikhonov, 5.0),
         ("ours: ridge and x ≥ 0, 5 mm, fitted", Method::Nnls, 5.0),
     ] {
-        let mut reader = Reader::new(method, cell_mm)?;
-        let outcome = outcome(&mut reader, &baseline, frames[2], PLACES[2])?;
+        let mut reader = Reader::new(method, cell_mm, &baseline)?;
+        let outcome = outcome(&mut reader, frames[2], PLACES[2])?;
         panels.push(Panel { name, outcome });
     }
     Ok(Touches {
@@ -157,14 +157,14 @@ pub(super) fn matched(truth: &[[f64; 2]], found: &[Touch]) -> Vec<Option<f64>> {
 
 const RUNS: usize = 9;
 
-fn outcome(reader: &mut Reader, baseline: &[f64], frame: &[f64], truth: &[[f64; 2]]) -> Result<Outcome, PaperError> {
+fn outcome(reader: &mut Reader, frame: &[f64], truth: &[[f64; 2]]) -> Result<Outcome, PaperError> {
     let mut times = Vec::new();
     for _ in 0..RUNS {
         let start = Instant::now();
-        reader.read(baseline, frame)?;
+        reader.read(frame)?;
         times.push(1e3 * start.elapsed().as_secs_f64());
     }
-    let result = reader.read(baseline, frame)?.clone();
+    let result = reader.read(frame)?.clone();
     let range = result.x.iter().fold([0.0_f64; 2], |r, x| [r[0].min(*x), r[1].max(*x)]);
     let places_mm: Vec<[f64; 2]> = result.touches.iter().map(|t| [t.x_mm, t.y_mm]).collect();
     Ok(Outcome {

@@ -12,7 +12,6 @@ use inverse::force::recording::Sample;
 use inverse::live::{Live, LiveFrame, LiveOptions};
 use inverse::touches::touch::Touch;
 use serde::Serialize;
-use std::sync::Arc;
 
 /// Where the tip is, mm: near the centre.
 const AT: [f64; 2] = [6.0, -4.0];
@@ -186,7 +185,7 @@ fn hold(rig: &dyn Rig, at: [f64; 2], hold_s: f64, after_s: f64, seed: u64) -> Re
 
 /// The tip's integrated rise in every frame of a recording, with the gauge's force.
 fn samples(r: &Recording, at: [f64; 2]) -> Result<Vec<Sample>, PaperError> {
-    let imager = Arc::clone(&Reader::ours()?.imager);
+    let imager = Reader::our_imager()?;
     let mut recorder = Recorder::new(imager, BASELINE, r.interval_s, Some(at));
     for frame in &r.frames {
         recorder.take(frame.time_s, &frame.values_v, (r.gauge)(r.middle_s(frame)))?;
@@ -197,9 +196,8 @@ fn samples(r: &Recording, at: [f64; 2]) -> Result<Vec<Sample>, PaperError> {
 fn experiment(rig: &dyn Rig, path: &[[f64; 2]], calibration: Calibration, seed: u64) -> Result<Experiment, PaperError> {
     let until = path[path.len() - 1][0];
     let r = Recording::make(rig.mount(&[Press::tip(AT, path)], true, seed)?, &noise::ours()?, until)?;
-    let mut theirs = Reader::theirs()?;
     let mut live = Live::new(
-        Arc::clone(&Reader::ours()?.imager),
+        Reader::our_imager()?,
         LiveOptions {
             baseline_frames: BASELINE,
             calibration: Some(calibration),
@@ -207,6 +205,7 @@ fn experiment(rig: &dyn Rig, path: &[[f64; 2]], calibration: Calibration, seed: 
         },
     );
     let (baseline, _) = r.mean(0.0, r.frames[0].time_s + (BASELINE as f64 + 0.5) * r.interval_s);
+    let mut theirs = Reader::theirs(&baseline)?;
     let near = |t: &&Touch| (t.x_mm - AT[0]).hypot(t.y_mm - AT[1]) < NEAR_MM;
     let mut moments = Vec::new();
     for frame in &r.frames {
@@ -215,7 +214,7 @@ fn experiment(rig: &dyn Rig, path: &[[f64; 2]], calibration: Calibration, seed: 
         };
         let ours: Vec<&Touch> = result.touches.iter().filter(near).collect();
         // The picture of the paper's method at the tip: the sum of its elements there.
-        let image = theirs.read(&baseline, &frame.values_v)?.x.clone();
+        let image = theirs.read(&frame.values_v)?.x.clone();
         let grid = &theirs.imager.grid;
         let there = (0..grid.len()).filter(|k| {
             let [x, y] = grid.centre(*k);

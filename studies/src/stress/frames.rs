@@ -5,7 +5,9 @@ use crate::cost::{self, Happening};
 use crate::scenes::{self, Bench};
 use crate::stress::{Check, Effort, Verdict};
 use forward::Drive;
-use inverse::pipeline::reconstructor::{Reconstructor, ReconstructorOptions};
+use inverse::pipeline::{Reconstructor, ReconstructorOptions};
+use inverse::reference::Reference;
+use inverse::reference::noise::FrameNoise;
 use inverse::solvers::{Method, Nnls, NnlsOptions, Problem, Status};
 use nalgebra::DVector;
 use rand::Rng;
@@ -32,7 +34,12 @@ pub(super) fn rubbish(effort: Effort) -> Result<Verdict, StudyError> {
         -1e-12,
     ];
     for method in Method::ALL {
-        let mut r = Reconstructor::new(imager.clone(), ReconstructorOptions::for_imager(&imager, method));
+        let options = ReconstructorOptions::for_imager(&imager, method);
+        let against = |baseline: Vec<f64>| -> Result<Reconstructor, StudyError> {
+            let reference = Reference::new(imager.clone(), baseline, FrameNoise::Unknown)?;
+            Ok(Reconstructor::new(reference, options))
+        };
+        let mut sound = against(bench.baseline.clone())?;
         for case in 0..effort.problems / 10 + numbers.len() {
             let mut frame = touched.clone();
             let mut baseline = bench.baseline.clone();
@@ -52,7 +59,12 @@ pub(super) fn rubbish(effort: Effort) -> Result<Verdict, StudyError> {
                     }
                 }
             }
-            let found = r.frame(&baseline, &frame)?;
+            let mut other = None;
+            let r = match baseline == bench.baseline {
+                true => &mut sound,
+                false => other.insert(against(baseline)?),
+            };
+            let found = r.frame(&frame)?;
             let finite = found.x.iter().all(|x| x.is_finite()) && found.residual.is_finite();
             check.holds(finite, || format!("{method}, case {case}: picture"));
             let positive = method != Method::Nnls || found.x.iter().all(|x| *x >= 0.0);
@@ -63,7 +75,7 @@ pub(super) fn rubbish(effort: Effort) -> Result<Verdict, StudyError> {
                 .all(|t| t.x_mm.hypot(t.y_mm) < 150.0 && t.rise.is_finite());
             check.holds(on, || format!("{method}, case {case}: {:?}", found.touches));
         }
-        let found = r.frame(&bench.baseline, &touched)?;
+        let found = sound.frame(&touched)?;
         check.holds(method != Method::Nnls || found.touches.len() == 4, || {
             format!("{method}: {} touches of 4 after the rubbish", found.touches.len())
         });
@@ -80,10 +92,9 @@ pub(super) fn warm_is_cold(effort: Effort) -> Result<Verdict, StudyError> {
     let mut bench = Bench::new(&imager, Drive::PAPER, 0.0, 0.0, &mut rng)?;
     let length = effort.sheet.min(100);
     let clean = cost::sequence(&mut bench, Happening::Four, length, 0.0, &mut rng)?;
-    let change: f64 = clean[0].iter().zip(&bench.baseline).map(|(a, b)| (a - b).powi(2)).sum();
     let problem = Problem::new(&imager.sensitivity, 0.0);
     for (ridge, decibels) in [(0.003, 27.0), (0.01, 27.0), (0.01, 60.0), (0.1, 40.0)] {
-        let sigma = (change / clean[0].len() as f64).sqrt() * 10.0_f64.powf(-decibels / 20.0);
+        let sigma = scenes::noise_v(&clean[0], &bench.baseline, decibels);
         let options = NnlsOptions {
             ridge: ridge * problem.singular()[0],
             tolerance: 1e-9,

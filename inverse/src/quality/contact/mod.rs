@@ -1,184 +1,23 @@
-//! Electrodes whose contact changed since the baseline: told from touches, and taken out of the frame.
+//! Electrodes whose contact changed since the baseline: distinguished from touches, and taken out of the frame.
 //!
 //! A contact that gets worse does two things to the voltages of a frame. A voltage source drives less current through it: the
-//! two drives that the electrode is part of are scaled, `s = D / (D + dz)`. And its metal shunts the sheet before it less,
-//! which is what a touch at the rim does too; how, the complete electrode model says (the derivative by the contact
-//! impedance, and the change for a few large ones). A touch at the rim is at least a tenth, mostly a third, of its own answer away
-//! from these shapes, so the two can be told apart by how well they explain a frame: [`Suspects`] asks by a linear fit, one
-//! electrode after the other, and the frame is then fitted with the contact's shapes left out of it. The drives' scales are
-//! undone before that, for they scale the touches' answers as well. A contact is believed only after frame upon frame ([`Inquiry`]).
+//! two drives that the electrode is part of are scaled, `s = D / (D + dz)`. Its metal also shunts the sheet before it less,
+//! which is what a touch at the rim does too. The complete electrode model gives the shape of both: the derivative by the
+//! contact impedance, and the change for a few large ones ([`Contacts`]).
+//!
+//! The response to a touch at the rim lies at least a tenth, mostly a third, of its own norm outside these shapes, so the two
+//! can be distinguished by how well they explain a frame. [`Candidates`] fits every electrode's shapes linearly beside the
+//! touches. The frame is then fitted with the shapes of the best one left out. The drives' scales are undone before, because
+//! they scale the responses to touches as well. [`ContactMonitor`] accepts a contact only after several frames.
 
 mod candidates;
+mod evidence;
 mod monitor;
+mod options;
+mod shapes;
 
-pub(crate) use crate::linalg::basis::Basis;
-pub(crate) use crate::quality::contact::candidates::{EXPLAINED, Judged, Outcome, Suspects, near};
-pub(crate) use crate::quality::contact::monitor::{Inquiry, Verdict};
-
-use crate::reference::imager::{Difference, Imager};
-use forward::{Drive, Sensitivity, Solver};
-use nalgebra::DMatrix;
-use std::sync::Arc;
-
-/// Most contacts taken out of a frame.
-pub(crate) const MOST_CONTACTS: usize = 3;
-/// Factors of a contact impedance whose shapes are left out with the derivative: what lies between lies in their span, to one
-/// standard deviation of the noise at 27 dB.
-const FACTORS: [f64; 2] = [2.5, 8.0];
-/// A scale of a drive below this is no contact: it is lost.
-const LEAST_SCALE: f64 = 0.05;
-
-/// What contacts do to the frames of an imager.
-#[derive(Clone, Debug)]
-pub(crate) struct Contacts {
-    /// Measurements of every drive.
-    drives: Vec<Vec<usize>>,
-    /// Drives of every electrode whose current goes with its contact: none where the current is given.
-    driven: Vec<Vec<usize>>,
-    /// Change of every voltage (V) by a unit relative rise of every contact.
-    slopes: DMatrix<f64>,
-    /// The same and the change for [`FACTORS`], made when first needed.
-    shapes: Vec<Option<DMatrix<f64>>>,
-}
-
-impl Contacts {
-    /// For the frames of an imager; `None` when its sheet cannot be solved.
-    pub(crate) fn new(imager: &Imager) -> Option<Self> {
-        let (pattern, n) = (&imager.pattern, imager.pattern.electrodes());
-        let solver = Solver::new(Arc::clone(&imager.model)).ok()?;
-        let matrix = solver.electrode_matrix();
-        let all = Sensitivity::by_electrode(&solver).matrix_v(imager.drive, matrix, pattern);
-        let of = |drive| (0..pattern.len()).filter(move |k| pattern.measurements()[*k].drive == drive);
-        let through = |l: usize| {
-            let drives = pattern.drives().iter().enumerate();
-            let own = drives.filter(|(_, p)| p.plus == l || p.minus == l).map(|(m, _)| m);
-            match imager.drive {
-                Drive::Voltage { .. } => own.collect(),
-                Drive::Current { .. } => Vec::new(),
-            }
-        };
-        Some(Self {
-            drives: pattern.drives().iter().map(|p| of(*p).collect()).collect(),
-            driven: (0..n).map(through).collect(),
-            slopes: all.columns(0, n).into_owned(),
-            shapes: vec![None; n],
-        })
-    }
-
-    /// How many electrodes there are.
-    pub(crate) fn electrodes(&self) -> usize {
-        self.driven.len()
-    }
-
-    /// How many directions of a frame an electrode's contact takes.
-    pub(crate) fn directions(&self, electrode: usize) -> usize {
-        self.driven[electrode].len() + 1 + FACTORS.len()
-    }
-
-    /// What a small change of a contact does to a frame, V: its drives' scales and the shunt. A column each.
-    pub(crate) fn small(&self, imager: &Imager, electrode: usize) -> DMatrix<f64> {
-        let driven = &self.driven[electrode];
-        let mut out = DMatrix::zeros(imager.pattern.len(), driven.len() + 1);
-        for (mut column, drive) in out.column_iter_mut().zip(driven) {
-            self.drives[*drive].iter().for_each(|k| column[*k] = imager.model_v[*k]);
-        }
-        out.column_mut(driven.len()).copy_from(&self.slopes.column(electrode));
-        out
-    }
-
-    /// What any change of a contact does to a frame, V, a column each. `None` when a sheet with such a contact cannot be solved.
-    pub(crate) fn shapes(&mut self, imager: &Imager, electrode: usize) -> Option<&DMatrix<f64>> {
-        if self.shapes.get(electrode)?.is_none() {
-            let small = self.small(imager, electrode);
-            let mut out = small.clone().resize_horizontally(small.ncols() + FACTORS.len(), 0.0);
-            let contacts: Vec<f64> = imager.model.sheet().electrodes.iter().map(|e| e.contact_mm).collect();
-            for (k, factor) in FACTORS.into_iter().enumerate() {
-                let mut changed = contacts.clone();
-                changed[electrode] *= factor;
-                let model = imager.model.with_contacts(&changed).ok()?;
-                let solver = Solver::new(Arc::new(model)).ok()?;
-                let volts = imager.drive.frame_v(solver.electrode_matrix(), &imager.pattern);
-                let change = volts.iter().zip(&imager.model_v).map(|(v, m)| v - m);
-                out.column_mut(small.ncols() + k)
-                    .iter_mut()
-                    .zip(change)
-                    .for_each(|(o, c)| *o = c);
-            }
-            self.shapes[electrode] = Some(out);
-        }
-        self.shapes[electrode].as_ref()
-    }
-
-    /// Undoes the scales of the drives through these electrodes.
-    pub(crate) fn even_out(&self, electrodes: &[usize], model_v: &[f64], d: &mut Difference) {
-        for (drive, measurements) in self.drives.iter().enumerate() {
-            if !electrodes.iter().any(|l| self.driven[*l].contains(&drive)) {
-                continue;
-            }
-            let (mut along, mut all) = (0.0, 0.0);
-            for k in measurements.iter().copied().filter(|k| d.used[*k]) {
-                along += d.y[k] * model_v[k] / d.spread[k].powi(2);
-                all += (model_v[k] / d.spread[k]).powi(2);
-            }
-            // What touches change of this sum is small against the voltages, and their share in the scale is a
-            // hundredth of a hundredth.
-            let scale = 1.0 + along / all;
-            if scale.is_finite() && scale > LEAST_SCALE {
-                for k in measurements.iter().copied().filter(|k| d.used[*k]) {
-                    d.y[k] = (d.y[k] - (scale - 1.0) * model_v[k]) / scale;
-                }
-            }
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use forward::{ElectrodeMatrix, Pattern, Sheet};
-
-    fn imager(drive: Drive) -> Imager {
-        Imager::new(&Sheet::paper(), drive, Pattern::adjacent(16).unwrap(), 10.0).unwrap()
-    }
-
-    /// A resistance in an electrode's wire scales its two drives and does no more.
-    #[test]
-    fn what_a_wire_does_is_undone() {
-        let imager = imager(Drive::PAPER);
-        let contacts = Contacts::new(&imager).unwrap();
-        let solver = Solver::new(Arc::clone(&imager.model)).unwrap();
-        for ohm in [20.0, 500.0] {
-            let mut potentials = solver.electrode_matrix().potentials_ohm().clone();
-            potentials[(11, 11)] += ohm;
-            let frame = imager
-                .drive
-                .frame_v(&ElectrodeMatrix::from_potentials(potentials), &imager.pattern);
-            let mut d = imager.difference(&imager.model_v, &frame).unwrap();
-            let before = d.y.norm();
-            contacts.even_out(&[11], &imager.model_v, &mut d);
-            assert!(d.y.norm() < 1e-9 * before, "{ohm}");
-        }
-    }
-
-    /// What a contact's impedance does, whatever its size, lies along its shapes.
-    #[test]
-    fn any_change_of_a_contact_lies_along_its_shapes() {
-        for drive in [Drive::PAPER, Drive::Current { amplitude_a: 1e-3 }] {
-            let imager = imager(drive);
-            let mut contacts = Contacts::new(&imager).unwrap();
-            let mut basis = Basis::default();
-            for column in contacts.shapes(&imager, 4).unwrap().column_iter() {
-                basis.add(column.as_slice());
-            }
-            for factor in [1.1, 1.6, 4.0, 6.0] {
-                let mut contact: Vec<f64> = imager.model.sheet().electrodes.iter().map(|e| e.contact_mm).collect();
-                contact[4] *= factor;
-                let solver = Solver::new(Arc::new(imager.model.with_contacts(&contact).unwrap())).unwrap();
-                let frame = drive.frame_v(solver.electrode_matrix(), &imager.pattern);
-                let mut y: Vec<f64> = frame.iter().zip(&imager.model_v).map(|(v, m)| v - m).collect();
-                let before: f64 = y.iter().map(|v| v * v).sum();
-                assert!(basis.outside(&mut y) < 1e-4 * before, "{drive:?} {factor}");
-            }
-        }
-    }
-}
+pub(crate) use candidates::{Candidates, Judged, near};
+pub(crate) use evidence::Evidence;
+pub(crate) use monitor::{ContactMonitor, Decision};
+pub use options::ContactOptions;
+pub(crate) use shapes::Contacts;

@@ -1,68 +1,61 @@
 //! Whether a contact changed: what frame after frame says of it.
 //!
-//! A contact that changed stays so, while noise, and a touch that comes down or moves while a frame is measured, speak for a contact in
-//! one frame and for another in the next. So a contact is tried once linear fits have named it in frame after frame, and believed when
-//! the whole fits of some frames, taken together, are better with it than without.
+//! A contact that changed stays so. Noise names one contact in a frame and another in the next. A touch that comes down or
+//! moves while a frame is measured does the same. A contact is therefore tested once linear fits have named it in frame after
+//! frame. It is accepted when the full fits of some frames, taken together, are better with it than without.
 
-use crate::quality::contact::Outcome;
+use crate::quality::contact::evidence::Evidence;
+use crate::quality::contact::options::ContactOptions;
 
-/// Frames at the end in which the whole fit is asked.
-const ASKED: usize = 4;
-/// So many frames that name an electrode are undone by one that does not.
-const NOT_NAMED: usize = 2;
-/// A contact that is believed is asked after again after so many frames, or so few if that was in doubt; one that is not believed is
-/// not for so many.
-const ASKED_AGAIN: usize = 16;
-const ASKED_SOON: usize = 4;
-const NOT_ASKED: usize = 64;
-
-/// An inquiry into the contacts of a sheet, frame after frame.
+/// Tests the contacts of a sheet, frame after frame.
 #[derive(Clone, Debug)]
-pub(crate) struct Inquiry {
-    /// Frames that it takes.
+pub(crate) struct ContactMonitor {
+    options: ContactOptions,
+    /// Frames that a decision takes.
     frames: usize,
-    /// Electrodes whose contact is believed to have changed.
+    /// Electrodes whose contact is accepted to have changed.
     changed: Vec<usize>,
-    /// Frames until that is asked again, and whether it was in doubt the last time.
+    /// Frames until they are tested again, and whether the last test was inconclusive.
     until: usize,
-    doubted: bool,
-    suspicion: Option<Suspicion>,
-    /// An electrode that was asked for in vain, and for how many frames it is not again.
-    innocent: Option<(usize, usize)>,
+    inconclusive: bool,
+    candidate: Option<Candidate>,
+    /// An electrode that was rejected, and for how many frames it is no candidate.
+    rejected: Option<(usize, usize)>,
 }
 
-/// An electrode named by the linear fits.
+/// An electrode named by the linear fits, and the frames that named it and that were compared.
 #[derive(Clone, Copy, Debug)]
-struct Suspicion {
+struct Candidate {
     electrode: usize,
     named: usize,
-    asked: usize,
-    /// Sums over the frames asked.
-    with: Outcome,
-    without: Outcome,
+    compared: usize,
+    /// Sums over the frames compared.
+    with: Evidence,
+    without: Evidence,
 }
 
-/// What the whole fits say of a contact.
+/// What the full fits decide on a contact.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Verdict {
+pub(crate) enum Decision {
     /// It changed.
     Changed,
     /// It did not.
-    DidNot,
+    Unchanged,
     /// More frames are wanted.
     Open,
 }
 
-impl Inquiry {
-    /// That takes so many frames, one or more.
-    pub(crate) fn new(frames: usize) -> Self {
+impl ContactMonitor {
+    /// A decision takes so many frames, one or more.
+    pub(crate) fn new(frames: usize, options: ContactOptions) -> Self {
         Self {
+            options,
             frames: frames.max(1),
             changed: Vec::new(),
             until: 0,
-            doubted: false,
-            suspicion: None,
-            innocent: None,
+            inconclusive: false,
+            candidate: None,
+            rejected: None,
         }
     }
 
@@ -71,22 +64,25 @@ impl Inquiry {
         &self.changed
     }
 
-    /// Whether an electrode is suspected: then every frame counts.
+    /// Whether an electrode is a candidate: then every frame counts.
     pub(crate) fn is_open(&self) -> bool {
-        self.suspicion.is_some()
+        self.candidate.is_some()
     }
 
-    /// Knows nothing any more: of another baseline, or of a sheet on which there is nothing.
+    /// Forgets everything: the sheet is unpressed.
     pub(crate) fn clear(&mut self) {
         self.changed.clear();
-        self.suspicion = None;
-        self.innocent = None;
-        self.doubted = false;
+        self.candidate = None;
+        self.rejected = None;
+        self.inconclusive = false;
     }
 
-    /// Whether a frame that names the suspect once more is one in which the whole fits are asked, or it is time to ask again.
+    /// Whether the full fits are compared in the next frame: one that names the candidate once more, or one in which accepted
+    /// contacts are tested again.
     pub(crate) fn asks_next(&self) -> bool {
-        let ripe = self.suspicion.is_some_and(|s| s.named + self.asked() >= self.frames);
+        let ripe = self
+            .candidate
+            .is_some_and(|s| s.named + self.full_fits() >= self.frames);
         ripe || self.is_due()
     }
 
@@ -94,10 +90,10 @@ impl Inquiry {
         !self.changed.is_empty() && self.until <= 1
     }
 
-    /// Begins a frame. Gives the electrodes believed to have changed where it is time to ask whether they still are: then
-    /// [`Inquiry::changed`] has none until [`Inquiry::hear_again`].
+    /// Begins a frame. Gives the accepted electrodes where it is time to test them again: then [`ContactMonitor::changed`] has
+    /// none until [`ContactMonitor::keep`].
     pub(crate) fn begin(&mut self) -> Option<Vec<usize>> {
-        self.innocent = self.innocent.and_then(|(l, frames)| Some((l, frames.checked_sub(1)?)));
+        self.rejected = self.rejected.and_then(|(l, frames)| Some((l, frames.checked_sub(1)?)));
         if self.is_due() {
             return Some(std::mem::take(&mut self.changed));
         }
@@ -105,93 +101,105 @@ impl Inquiry {
         None
     }
 
-    /// Believes these while the whole fit is asked of them again.
+    /// Leaves these out again while the full fit with them is computed.
     pub(crate) fn keep(&mut self, changed: Vec<usize>) {
         self.changed = changed;
     }
 
-    /// Hears what the whole fits make of a frame with the contacts that are believed to have changed and without. They are not believed
-    /// any more, which is said, when two frames speak against them.
-    pub(crate) fn hear_again(&mut self, with: Option<Outcome>, without: Option<Outcome>) -> bool {
-        let stays = with.zip(without).is_some_and(|(with, without)| with.stays(without));
-        let gone = !stays && (self.doubted || self.frames == 1);
-        self.doubted = !stays && !gone;
-        self.until = if stays { self.asked_again() } else { ASKED_SOON };
+    /// Decides on accepted contacts from the full fits of a frame with and without them. True when they are rejected: when
+    /// two tests one after the other speak against them.
+    pub(crate) fn decide_again(&mut self, with: Option<Evidence>, without: Option<Evidence>) -> bool {
+        let options = self.options;
+        let stays = with
+            .zip(without)
+            .is_some_and(|(with, without)| with.stays(without, &options));
+        let gone = !stays && (self.inconclusive || self.frames == 1);
+        self.inconclusive = !stays && !gone;
+        self.until = if stays {
+            self.retest_frames()
+        } else {
+            self.options.retest_soon_frames
+        };
         if gone {
             self.changed.clear();
         }
         gone
     }
 
-    /// Hears which electrode the linear fits of a frame name, and says whether the whole fit is to be asked of it: it is then in
-    /// [`Inquiry::changed`] until [`Inquiry::hear`].
-    pub(crate) fn suspect(&mut self, electrode: Option<usize>) -> bool {
-        let electrode = electrode.filter(|l| self.innocent.is_none_or(|(innocent, _)| innocent != *l));
-        self.suspicion = match self.suspicion {
-            Some(s) if Some(s.electrode) == electrode => Some(Suspicion {
+    /// Takes the electrode that the linear fits of a frame name. True when the full fits with and without it are to be
+    /// compared: the electrode is then in [`ContactMonitor::changed`] until [`ContactMonitor::decide`].
+    pub(crate) fn propose(&mut self, electrode: Option<usize>) -> bool {
+        let electrode = electrode.filter(|l| self.rejected.is_none_or(|(rejected, _)| rejected != *l));
+        self.candidate = match self.candidate {
+            Some(s) if Some(s.electrode) == electrode => Some(Candidate {
                 named: s.named + 1,
                 ..s
             }),
             // Noise may hide it in a frame.
-            Some(s) if s.named > NOT_NAMED => Some(Suspicion {
-                named: s.named - NOT_NAMED,
+            Some(s) if s.named > self.options.miss_penalty => Some(Candidate {
+                named: s.named - self.options.miss_penalty,
                 ..s
             }),
-            _ => electrode.map(|electrode| Suspicion {
+            _ => electrode.map(|electrode| Candidate {
                 electrode,
                 named: 1,
-                asked: 0,
-                with: Outcome::default(),
-                without: Outcome::default(),
+                compared: 0,
+                with: Evidence::default(),
+                without: Evidence::default(),
             }),
         };
         let ripe = self
-            .suspicion
-            .filter(|s| Some(s.electrode) == electrode && s.named + self.asked() > self.frames);
+            .candidate
+            .filter(|s| Some(s.electrode) == electrode && s.named + self.full_fits() > self.frames);
         self.changed.extend(ripe.map(|s| s.electrode));
         ripe.is_some()
     }
 
-    /// Hears what the whole fits of a frame make of it with the contact asked for and without.
-    pub(crate) fn hear(&mut self, with: Option<Outcome>, without: Option<Outcome>) -> Verdict {
-        let asked = self.asked();
-        let verdict = match (&mut self.suspicion, with.zip(without)) {
+    /// Decides on the candidate from the full fits of a frame with and without it.
+    pub(crate) fn decide(&mut self, with: Option<Evidence>, without: Option<Evidence>) -> Decision {
+        let full_fits = self.full_fits();
+        let options = self.options;
+        let decision = match (&mut self.candidate, with.zip(without)) {
             (Some(s), Some((with, without))) => {
-                s.asked += 1;
+                s.compared += 1;
                 s.with = s.with + with;
                 s.without = s.without + without;
-                let (with, without) = (s.with.mean_of(s.asked), s.without.mean_of(s.asked));
-                match s.asked >= asked {
-                    true if with.instead_of(without) => Verdict::Changed,
-                    false if with.cost < without.cost => Verdict::Open,
-                    _ => Verdict::DidNot,
+                let (with, without) = (s.with.mean_of(s.compared), s.without.mean_of(s.compared));
+                match s.compared >= full_fits {
+                    true if with.instead_of(without, &options) => Decision::Changed,
+                    false if with.cost < without.cost => Decision::Open,
+                    _ => Decision::Unchanged,
                 }
             }
-            _ => Verdict::DidNot,
+            _ => Decision::Unchanged,
         };
-        match verdict {
-            Verdict::Changed => {
-                self.suspicion = None;
-                (self.until, self.doubted) = (self.asked_again(), false);
+        match decision {
+            Decision::Changed => {
+                self.candidate = None;
+                (self.until, self.inconclusive) = (self.retest_frames(), false);
             }
-            Verdict::DidNot => {
-                self.innocent = self.changed.pop().map(|l| (l, NOT_ASKED));
-                self.suspicion = None;
+            Decision::Unchanged => {
+                self.rejected = self.changed.pop().map(|l| (l, self.options.rejected_frames));
+                self.candidate = None;
             }
-            Verdict::Open => {
+            Decision::Open => {
                 self.changed.pop();
             }
         }
-        verdict
+        decision
     }
 
-    /// Frames that are believed by themselves are asked by themselves.
-    fn asked_again(&self) -> usize {
-        if self.frames == 1 { 1 } else { ASKED_AGAIN }
+    /// Where one frame decides, every frame decides anew.
+    fn retest_frames(&self) -> usize {
+        if self.frames == 1 {
+            1
+        } else {
+            self.options.retest_frames
+        }
     }
 
-    fn asked(&self) -> usize {
-        self.frames.min(ASKED)
+    fn full_fits(&self) -> usize {
+        self.frames.min(self.options.full_fits)
     }
 }
 
@@ -199,79 +207,83 @@ impl Inquiry {
 mod tests {
     use super::*;
 
-    const BETTER: Outcome = Outcome {
+    fn options() -> ContactOptions {
+        ContactOptions::default()
+    }
+
+    const BETTER: Evidence = Evidence {
         cost: 100.0,
         misfit: 1.0,
         model: 5.0,
     };
-    const WORSE: Outcome = Outcome {
+    const WORSE: Evidence = Evidence {
         cost: 300.0,
         misfit: 2.5,
         model: 5.0,
     };
 
-    /// Frames until it is believed, of at most `most`.
-    fn frames(inquiry: &mut Inquiry, most: usize, named: impl Fn(usize) -> Option<usize>) -> Option<usize> {
+    /// Frames until it is accepted, of at most `most`.
+    fn frames(monitor: &mut ContactMonitor, most: usize, named: impl Fn(usize) -> Option<usize>) -> Option<usize> {
         (0..most).find(|k| {
-            inquiry.begin();
-            inquiry.suspect(named(*k)) && inquiry.hear(Some(BETTER), Some(WORSE)) == Verdict::Changed
+            monitor.begin();
+            monitor.propose(named(*k)) && monitor.decide(Some(BETTER), Some(WORSE)) == Decision::Changed
         })
     }
 
     #[test]
     fn it_takes_as_many_frames_as_it_was_told() {
         for n in [1, 2, 3, 4, 5, 16, 40] {
-            let mut inquiry = Inquiry::new(n);
-            assert_eq!(frames(&mut inquiry, 100, |_| Some(3)), Some(n - 1));
-            assert_eq!(inquiry.changed(), [3]);
+            let mut monitor = ContactMonitor::new(n, ContactOptions::default());
+            assert_eq!(frames(&mut monitor, 100, |_| Some(3)), Some(n - 1));
+            assert_eq!(monitor.changed(), [3]);
         }
     }
 
     #[test]
     fn one_that_is_named_in_two_frames_of_three_or_as_often_as_others_is_none() {
-        let mut inquiry = Inquiry::new(16);
-        assert_eq!(frames(&mut inquiry, 1000, |k| (k % 3 != 0).then_some(5)), None);
-        assert_eq!(frames(&mut inquiry, 1000, |k| Some(k / 12 % 2)), None);
-        assert!(inquiry.changed().is_empty());
+        let mut monitor = ContactMonitor::new(16, ContactOptions::default());
+        assert_eq!(frames(&mut monitor, 1000, |k| (k % 3 != 0).then_some(5)), None);
+        assert_eq!(frames(&mut monitor, 1000, |k| Some(k / 12 % 2)), None);
+        assert!(monitor.changed().is_empty());
         // In seven of eight it is.
-        assert!(frames(&mut inquiry, 40, |k| (k % 8 != 0).then_some(5)).is_some());
+        assert!(frames(&mut monitor, 40, |k| (k % 8 != 0).then_some(5)).is_some());
     }
 
     #[test]
-    fn one_that_is_believed_goes_when_two_frames_speak_against_it() {
-        let mut inquiry = Inquiry::new(2);
-        assert_eq!(frames(&mut inquiry, 2, |_| Some(3)), Some(1));
+    fn an_accepted_contact_is_rejected_when_two_tests_speak_against_it() {
+        let mut monitor = ContactMonitor::new(2, ContactOptions::default());
+        assert_eq!(frames(&mut monitor, 2, |_| Some(3)), Some(1));
         let mut ask = |with, without| {
             for wait in 1.. {
-                let asks = inquiry.asks_next();
-                let Some(changed) = inquiry.begin() else {
-                    assert!(!asks && inquiry.changed() == [3]);
+                let asks = monitor.asks_next();
+                let Some(changed) = monitor.begin() else {
+                    assert!(!asks && monitor.changed() == [3]);
                     continue;
                 };
-                assert!(asks && changed == [3] && inquiry.changed().is_empty());
-                inquiry.keep(changed);
-                return (wait, inquiry.hear_again(Some(with), Some(without)));
+                assert!(asks && changed == [3] && monitor.changed().is_empty());
+                monitor.keep(changed);
+                return (wait, monitor.decide_again(Some(with), Some(without)));
             }
             unreachable!()
         };
-        assert_eq!(ask(WORSE, BETTER), (ASKED_AGAIN, false));
-        assert_eq!(ask(BETTER, WORSE), (ASKED_SOON, false));
-        assert_eq!(ask(WORSE, BETTER), (ASKED_AGAIN, false));
-        assert_eq!(ask(WORSE, BETTER), (ASKED_SOON, true));
-        assert!(inquiry.changed().is_empty());
+        assert_eq!(ask(WORSE, BETTER), (options().retest_frames, false));
+        assert_eq!(ask(BETTER, WORSE), (options().retest_soon_frames, false));
+        assert_eq!(ask(WORSE, BETTER), (options().retest_frames, false));
+        assert_eq!(ask(WORSE, BETTER), (options().retest_soon_frames, true));
+        assert!(monitor.changed().is_empty());
     }
 
     #[test]
-    fn one_that_the_whole_fit_does_not_confirm_is_left_alone_for_a_while() {
-        let mut inquiry = Inquiry::new(16);
-        let asked = (0..16 + NOT_ASKED + 16).filter(|_| {
-            inquiry.begin();
-            let asked = inquiry.suspect(Some(2));
+    fn a_candidate_that_the_full_fit_rejects_is_none_for_a_while() {
+        let mut monitor = ContactMonitor::new(16, ContactOptions::default());
+        let asked = (0..16 + options().rejected_frames + 16).filter(|_| {
+            monitor.begin();
+            let asked = monitor.propose(Some(2));
             if asked {
-                assert_eq!(inquiry.changed(), [2]);
-                assert_eq!(inquiry.hear(Some(WORSE), Some(BETTER)), Verdict::DidNot);
+                assert_eq!(monitor.changed(), [2]);
+                assert_eq!(monitor.decide(Some(WORSE), Some(BETTER)), Decision::Unchanged);
             }
-            assert!(inquiry.changed().is_empty());
+            assert!(monitor.changed().is_empty());
             asked
         });
         assert_eq!(asked.count(), 2);

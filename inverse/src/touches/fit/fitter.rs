@@ -1,7 +1,7 @@
 //! Fits frame after frame: keeps what only depends on the sheet, and goes beyond the linear model where it shows.
 
-use crate::quality::reciprocity::NoiseEstimate;
 use crate::reference::imager::Imager;
+use crate::reference::noise::{NoiseEstimate, NoiseSource};
 use crate::touches::fit::electrode_uncertainty::Placement;
 use crate::touches::fit::linearisation_error::Correction;
 use crate::touches::fit::model_order::{self, Before, Scratch};
@@ -48,10 +48,8 @@ const MOST_RESIDUAL: f64 = 0.06;
 pub struct Data<'a> {
     /// The difference, V.
     pub values: &'a [f64],
-    /// Standard deviation of one of them, V.
-    pub sigma: f64,
-    /// What that was told from; none where it is a guess.
-    pub noise: Option<NoiseEstimate>,
+    /// The noise of one of them, and how it is known.
+    pub noise: NoiseEstimate,
     /// How many times as large the variance of one frame's noise is: 1, or more where these are the mean of several. What touches are not
     /// discs, or the model gets wrong, is as large in the mean, so that it takes as much to believe in another one as in a frame.
     pub gain: f64,
@@ -73,7 +71,7 @@ impl Job<'_> {
     fn frame<'a>(&self, values: &'a [f64], error: f64) -> Frame<'a> {
         Frame {
             values,
-            sigma: self.data.sigma,
+            sigma: self.data.noise.sigma,
             drop: self.drop,
             error,
             most_work: if self.hurried {
@@ -106,7 +104,7 @@ pub struct Fitter {
     /// What the electrodes' uncertainty adds to that of touches.
     placement: Option<Placement>,
     /// Degrees of freedom of the noise, and what a touch must bring at them.
-    drop: Option<(usize, f64)>,
+    drop: Option<(NoiseSource, f64)>,
     scratch: Scratch,
     fitted: Fitted,
     before: Fitted,
@@ -176,13 +174,13 @@ impl Fitter {
         data: Data,
         seeds: impl Iterator<Item = [f64; 2]>,
     ) -> Option<&Fitted> {
-        let live = data.noise.is_some_and(|n| n.freedom == usize::MAX);
+        let live = data.noise.source == NoiseSource::Known;
         self.turn = self.turn.wrapping_add(1);
         let job = Job {
             table,
             options: self.options,
             data,
-            drop: data.gain * self.drop(table, data.noise.map_or(1, |n| n.freedom)),
+            drop: data.gain * self.drop(table, data.noise.source),
             hurried: live && !self.patient && self.unfinished < MOST_UNFINISHED,
             turn: self.turn,
         };
@@ -217,7 +215,7 @@ impl Fitter {
         let scale = self.correction.as_ref().map(|c| c.scale(&self.before.discs));
         let carried = scale.map(|scale| (scale, self.take_off(job, reduce, scale)));
         // Where the linear model's error shows, no touch may be added for it before it is corrected.
-        let norm = job.data.values.iter().map(|v| v * v).sum::<f64>().sqrt() / job.data.sigma;
+        let norm = job.data.values.iter().map(|v| v * v).sum::<f64>().sqrt() / job.data.noise.sigma;
         let shows = carried.is_none() && LINEAR_ERROR * norm > SHOWS;
         let model_error = job.options.model_error;
         let frame = match carried {
@@ -273,7 +271,7 @@ impl Fitter {
         self.corrected.clear();
         let corrected = job.data.values.iter().zip(&self.left_out).map(|(v, m)| v - scale * m);
         self.corrected.extend(corrected);
-        scale * self.left_out.iter().map(|v| v * v).sum::<f64>().sqrt() / job.data.sigma
+        scale * self.left_out.iter().map(|v| v * v).sum::<f64>().sqrt() / job.data.noise.sigma
     }
 
     /// Solves anew for touches that were followed where what was taken off is not theirs any more.
@@ -376,12 +374,12 @@ impl Fitter {
     }
 
     /// What a touch must bring, kept for as long as the noise is told as well.
-    fn drop(&mut self, table: &TouchTable, freedom: usize) -> f64 {
+    fn drop(&mut self, table: &TouchTable, source: NoiseSource) -> f64 {
         match self.drop {
-            Some((known, drop)) if known == freedom => drop,
+            Some((known, drop)) if known == source => drop,
             _ => {
-                let drop = model_order::drop(table, &self.options, freedom);
-                self.drop = Some((freedom, drop));
+                let drop = model_order::drop(table, &self.options, source.freedom());
+                self.drop = Some((source, drop));
                 drop
             }
         }
@@ -524,7 +522,7 @@ mod tests {
         ];
         let (values, sigma) = data(f.volts(), &truth, 1);
         let options = f.options;
-        let drop = model_order::drop(f.volts(), &options, 89);
+        let drop = model_order::drop(f.volts(), &options, 89.0);
         // From a wrong number of touches in wrong places.
         for seeds in [
             vec![],
@@ -582,12 +580,11 @@ mod tests {
             }
             let noise = NoiseEstimate {
                 sigma,
-                freedom: usize::MAX,
+                source: NoiseSource::Known,
             };
             let data = Data {
                 values: &values,
-                sigma,
-                noise: Some(noise),
+                noise,
                 gain: 1.0,
             };
             let found = f.fit(&table, reduce, data, truth.iter().map(|d| d.at)).unwrap().clone();
@@ -623,7 +620,7 @@ mod tests {
     #[test]
     fn noise_grows_no_touch() {
         let f = fitter();
-        let drop = model_order::drop(f.volts(), &f.options, 89);
+        let drop = model_order::drop(f.volts(), &f.options, 89.0);
         for seed in 0..200 {
             let (values, sigma) = data(f.volts(), &[], seed);
             let seeds = [f.options.seed([10.0, 20.0])];

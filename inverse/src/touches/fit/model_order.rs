@@ -101,11 +101,10 @@ fn overlap(discs: &[Disc]) -> bool {
 
 /// The fall of chi-square that a touch must bring not to be noise, where the noise was told with so many degrees of
 /// freedom.
-pub fn drop(table: &TouchTable, options: &FitOptions, freedom: usize) -> f64 {
+pub fn drop(table: &TouchTable, options: &FitOptions, freedom: f64) -> f64 {
     let places = 4.0 * table.coarse_norms().len() as f64 * table.step_mm().powi(2)
         / (std::f64::consts::PI * options.radius_mm.powi(2));
     let level = 1.0 - options.false_touch / places.max(1.0);
-    let freedom = (freedom as f64).clamp(1.0, 1e7);
     FisherSnedecor::new(PARAMETERS as f64, freedom).map_or(f64::INFINITY, |f| PARAMETERS as f64 * f.inverse_cdf(level))
 }
 
