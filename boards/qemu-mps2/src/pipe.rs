@@ -18,7 +18,7 @@ const READ: usize = 1;
 const WRITE: usize = 5;
 
 fn open(name: &[u8], mode: usize) -> Result<usize, PipeError> {
-    // SAFETY: the call reads the zero-terminated name, `len` bytes before the zero.
+    // SAFETY: the call reads the name up to its zero, all inside `name`, and nothing after it has returned.
     let handle = unsafe { syscall!(OPEN, name.as_ptr(), mode, name.len() - 1) };
     if handle == usize::MAX {
         Err(PipeError)
@@ -43,7 +43,8 @@ impl Pipe {
     /// # Errors
     /// The PC closed its end.
     pub fn write(&mut self, bytes: &[u8]) -> Result<(), PipeError> {
-        // SAFETY: the call reads `bytes`, which outlives it. It returns how many bytes were not written.
+        // SAFETY: the call reads `bytes.len()` bytes from `bytes`, and nothing after it has returned. It returns how many bytes
+        // were not written.
         let left = unsafe { syscall!(WRITE, self.to, bytes.as_ptr(), bytes.len()) };
         if left == 0 { Ok(()) } else { Err(PipeError) }
     }
@@ -54,7 +55,8 @@ impl Pipe {
     /// The PC closed its end.
     pub fn read(&mut self, mut buffer: &mut [u8]) -> Result<(), PipeError> {
         while !buffer.is_empty() {
-            // SAFETY: the call writes at most `buffer.len()` bytes to the buffer. It returns how many it left unread.
+            // SAFETY: the call writes at most `buffer.len()` bytes to the buffer, which is borrowed mutably, and nothing after it has
+            // returned. It returns how many it left unread.
             let left = unsafe { syscall!(READ, self.from, buffer.as_mut_ptr(), buffer.len()) };
             let taken = buffer.len().checked_sub(left).filter(|n| *n > 0).ok_or(PipeError)?;
             buffer = buffer.get_mut(taken..).ok_or(PipeError)?;

@@ -1,13 +1,12 @@
 //! Multiplexers, source and sampler as `firmware`'s front end.
 
 use crate::multiplexer;
-use crate::sampler::Sampler;
+use crate::sampler::{Input, Sampler};
 use crate::source::Source;
 use firmware::{Block, Capture, ErrorKind, ErrorType, Excitation, Route, Router, Sense, Window};
 
-/// Inputs of ADC1: behind the amplifier of gain 13 (PA0), the divider of 0.6 (PA1), and at the source (PA6).
-const GAIN_INPUTS: [u32; 2] = [0, 1];
-const SOURCE_INPUT: u32 = 6;
+/// The converter's input for each gain of `BoardInfo`.
+const GAIN_INPUTS: [Input; 2] = [Input::Amplified, Input::Divided];
 
 /// The board's front end.
 pub struct FrontEnd {
@@ -31,7 +30,7 @@ impl ErrorType for FrontEnd {
 impl Router for FrontEnd {
     fn select(&mut self, route: &Route) -> Result<(), ErrorKind> {
         let input = match route.sense {
-            Sense::Source => SOURCE_INPUT,
+            Sense::Source => Input::Source,
             _ => *GAIN_INPUTS.get(usize::from(route.gain)).ok_or(ErrorKind::Route)?,
         };
         self.sampler.set_input(input);

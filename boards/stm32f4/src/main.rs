@@ -1,5 +1,12 @@
-//! The sensor board's firmware on an STM32F4: the peripherals' registers under `firmware`'s traits. All of the logic is in
-//! that library; wiring and pins are in docs/board.md.
+//! The program of the sensor board, for an STM32F405, STM32F427 or STM32F446.
+//!
+//! This crate implements the traits of the library `firmware` with the registers of the chip. The library has all of the logic.
+//!
+//! - [docs/architecture.md](../../../docs/architecture.md): what each crate is for, and the way of a frame
+//! - [docs/board.md](../../../docs/board.md): pins, circuit, how to build and program the board
+//! - [docs/firmware.md](../../../docs/firmware.md): the traits, and what the library does with them
+//!
+//! `RM0390` and `RM0090` in comments are ST's reference manuals: of the STM32F446, and of the STM32F405 and STM32F427.
 #![no_std]
 #![no_main]
 
@@ -19,6 +26,7 @@ use chip::Chip;
 use cortex_m_rt::entry;
 use firmware::{Activity, BoardInfo, Controller, Memory};
 use front_end::FrontEnd;
+use panic_record::{Past, Report};
 use protocol::{Plan, PlanError, ResetCause, Sampling};
 use serial::Serial;
 use stm32f4xx_hal::pac;
@@ -58,14 +66,13 @@ static IMAGE_TAG: &[u8] = if cfg!(feature = "f405") {
     b"skin-board-image for chip 0x421"
 };
 
-/// All that is large. It is a static since the stack has no room to make it on.
-static mut MEMORY: Memory = Memory::new();
-static mut SERIAL_NUMBER: [u8; 24] = [0; 24];
-static mut LAST_PANIC: Option<panic_record::Report> = None;
-
 #[entry]
 fn main() -> ! {
-    let mut started = start();
+    // All that is large. These are statics since the stack has no room for them; `entry` lends them to `main` alone.
+    static mut MEMORY: Memory = Memory::new();
+    static mut SERIAL_NUMBER: [u8; 24] = [0; 24];
+    static mut LAST_PANIC: Option<Report> = None;
+    let mut started = start(MEMORY, SERIAL_NUMBER, LAST_PANIC);
     // Lent, not taken out: a copy would cost the stack as much again.
     let Ok(board) = &mut started else {
         panic!("the first plan does not suit the board");
@@ -73,8 +80,7 @@ fn main() -> ! {
     board.start_up();
     // Nothing reads it here; without this the linker would leave it out.
     core::hint::black_box(IMAGE_TAG);
-    // SAFETY: written before, in `start`, and never again.
-    panic_record::planted(unsafe { &*(&raw const LAST_PANIC) }.as_ref());
+    panic_record::planted();
     loop {
         if board.poll() == Activity::Idle {
             multiplexer::rest();
@@ -86,17 +92,13 @@ type Board = Controller<'static, FrontEnd, Serial, Chip, &'static mut Memory>;
 
 /// Once; in a function of its own so that the loop's stack need not hold what it leaves behind.
 #[inline(never)]
-fn start() -> Result<Board, PlanError> {
+fn start(
+    memory: &'static mut Memory,
+    serial_number: &'static mut [u8; 24],
+    last_panic: &'static mut Option<Report>,
+) -> Result<Board, PlanError> {
     let (Some(core), Some(device)) = (cortex_m::Peripherals::take(), pac::Peripherals::take()) else {
         panic!("started twice");
-    };
-    // SAFETY: each is used here only, and this runs once, as the peripherals above are there once.
-    let (memory, serial_number, last_panic) = unsafe {
-        (
-            &mut *(&raw mut MEMORY),
-            &mut *(&raw mut SERIAL_NUMBER),
-            &mut *(&raw mut LAST_PANIC),
-        )
     };
     let started = chip::start(device, core);
     let mut info = BoardInfo {
@@ -107,11 +109,11 @@ fn start() -> Result<Board, PlanError> {
     };
     // Taken only now, so that it stays if the start does not succeed.
     match panic_record::take() {
-        Some(panic_record::Past::Panic(report)) => {
+        Some(Past::Panic(report)) => {
             info.reset = ResetCause::Panic;
             info.last_panic = last_panic.insert(report).text();
         }
-        Some(panic_record::Past::Sag) => info.reset = ResetCause::BrownOut,
+        Some(Past::Sag) => info.reset = ResetCause::BrownOut,
         None => {}
     }
     Controller::asleep(info, first_plan(), FrontEnd::start(), Serial::start(), Chip, memory)

@@ -45,27 +45,43 @@ impl Lines {
 
 /// Makes the pins outputs, with nothing connected.
 pub fn start() {
-    // SAFETY: this module and `start` of the others are the ports' only users, each of its own pins, before interrupts are on.
-    let (a, b, c) = unsafe { (&*pac::GPIOA::ptr(), &*pac::GPIOB::ptr(), &*pac::GPIOC::ptr()) };
-    c.bsrr().write(|w| unsafe { w.bits(ENABLE_PINS) });
-    c.moder()
-        .modify(|r, w| unsafe { w.bits(r.bits() & !spread(ENABLE_PINS, 3) | spread(ENABLE_PINS, 1)) });
-    b.moder()
-        .modify(|r, w| unsafe { w.bits(r.bits() & !spread(ADDRESS_PINS, 3) | spread(ADDRESS_PINS, 1)) });
-    a.moder()
-        .modify(|r, w| unsafe { w.bits(r.bits() & !spread(BUSY_PIN, 3) | spread(BUSY_PIN, 1)) });
+    let [a, b, c] = ports();
+    set_levels(c, ENABLE_PINS, 0);
+    make_outputs(c, ENABLE_PINS);
+    make_outputs(b, ADDRESS_PINS);
+    make_outputs(a, BUSY_PIN);
 }
 
-/// Two bits for every pin.
-const fn spread(pins: u32, value: u32) -> u32 {
-    let (mut out, mut pin) = (0, 0);
-    while pin < 16 {
-        if pins >> pin & 1 == 1 {
-            out |= value << (2 * pin);
-        }
-        pin += 1;
+/// The registers of a port.
+type Port = pac::gpioa::RegisterBlock;
+
+/// Ports A, B and C.
+fn ports() -> [&'static Port; 3] {
+    // SAFETY: the addresses are those of the ports' registers, which are the same ones in the same places for every port (RM0390
+    // section 7.4, RM0090 section 8.4). This module changes its own pins only: at run time by a register that leaves all others
+    // alone, and in `start`, before interrupts are on, by reading, changing and writing the mode register.
+    unsafe {
+        [
+            &*pac::GPIOA::ptr(),
+            &*pac::GPIOB::ptr().cast(),
+            &*pac::GPIOC::ptr().cast(),
+        ]
     }
-    out
+}
+
+/// Sets some pins of a port and resets others, in one write.
+fn set_levels(port: &Port, set: u32, reset: u32) {
+    // SAFETY: the register takes any value. A one in its lower half sets a pin, in its upper half it resets one; zeros do nothing
+    // (RM0390 section 7.4.7, RM0090 section 8.4.7).
+    port.bsrr().write(|w| unsafe { w.bits(set | reset << 16) });
+}
+
+fn make_outputs(port: &Port, pins: u32) {
+    port.moder().modify(|_, w| {
+        (0..16)
+            .filter(|pin| pins >> pin & 1 == 1)
+            .fold(w, |w, pin| w.moder(pin).output())
+    });
 }
 
 /// Connects a route and nothing else.
@@ -92,37 +108,31 @@ pub fn select(route: &Route) -> Result<(), ErrorKind> {
         Sense::Source => {}
         _ => return Err(ErrorKind::Route),
     }
-    // SAFETY: set and reset registers change nothing but these pins.
-    let (b, c) = unsafe { (&*pac::GPIOB::ptr(), &*pac::GPIOC::ptr()) };
+    let [_, b, c] = ports();
     if !cfg!(feature = "fault-break") {
-        c.bsrr().write(|w| unsafe { w.bits(ENABLE_PINS) });
+        set_levels(c, ENABLE_PINS, 0);
     }
     cortex_m::asm::delay(DEAD_CYCLES);
-    b.bsrr()
-        .write(|w| unsafe { w.bits(address | (ADDRESS_PINS & !address) << 16) });
+    set_levels(b, address, ADDRESS_PINS & !address);
     cortex_m::asm::delay(DEAD_CYCLES);
-    c.bsrr()
-        .write(|w| unsafe { w.bits(ENABLE_PINS & !enable | enable << 16) });
+    set_levels(c, ENABLE_PINS & !enable, enable);
     Ok(())
 }
 
 /// Disconnects everything.
 pub fn release() {
-    // SAFETY: as in `select`.
-    let c = unsafe { &*pac::GPIOC::ptr() };
-    c.bsrr().write(|w| unsafe { w.bits(ENABLE_PINS) });
+    let [.., c] = ports();
+    set_levels(c, ENABLE_PINS, 0);
 }
 
 /// Says that work on a block begins.
 pub fn work() {
-    // SAFETY: as in `select`.
-    let a = unsafe { &*pac::GPIOA::ptr() };
-    a.bsrr().write(|w| unsafe { w.bits(BUSY_PIN) });
+    let [a, ..] = ports();
+    set_levels(a, BUSY_PIN, 0);
 }
 
 /// Says that there is nothing to do.
 pub fn rest() {
-    // SAFETY: as in `select`.
-    let a = unsafe { &*pac::GPIOA::ptr() };
-    a.bsrr().write(|w| unsafe { w.bits(BUSY_PIN << 16) });
+    let [a, ..] = ports();
+    set_levels(a, 0, BUSY_PIN);
 }

@@ -62,19 +62,23 @@ static mut RECORD: MaybeUninit<Report> = MaybeUninit::uninit();
 
 /// What the run before left, once.
 pub fn take() -> Option<Past> {
-    // SAFETY: nothing else looks at it but `keep`, which never returns. Any bytes are a report, if perhaps not a valid one.
+    // SAFETY: the record is used here, and by functions that restart the chip and never return, one at a time. It lies in RAM,
+    // aligned for a `Report`. That is made of integers only, so that any bytes are one, if perhaps not a valid one.
     let report = unsafe { addr_of!(RECORD).cast::<Report>().read_volatile() };
+    // SAFETY: as above; the first word of the record is the mark.
     unsafe { addr_of_mut!(RECORD).cast::<u32>().write_volatile(0) };
     let valid = report.magic == MAGIC && report.len as usize <= LONGEST && report.sum == report.summed();
     if report.magic == SAGGED {
         return Some(Past::Sag);
     }
+    #[cfg(feature = "fault-panic")]
+    PANICKED.store(valid, core::sync::atomic::Ordering::Relaxed);
     valid.then_some(Past::Panic(report))
 }
 
 /// Restarts, and lets the next run say why.
 pub fn restart_after_a_sag() -> ! {
-    // SAFETY: as in `take`.
+    // SAFETY: as in `take`. Nothing reads the record any more in this run.
     unsafe { addr_of_mut!(RECORD).cast::<u32>().write_volatile(SAGGED) };
     cortex_m::peripheral::SCB::sys_reset()
 }
@@ -84,7 +88,7 @@ fn keep(mut report: Report) -> ! {
     // Nobody looks after the sheet any more.
     crate::multiplexer::release();
     report.sum = report.summed();
-    // SAFETY: as in `take`.
+    // SAFETY: as in `take`. Nothing reads the record any more in this run.
     unsafe { addr_of_mut!(RECORD).cast::<Report>().write_volatile(report) };
     cortex_m::peripheral::SCB::sys_reset()
 }
@@ -146,7 +150,8 @@ unsafe extern "C" fn hard_fault(stack: u32) -> ! {
         report.add("stack overflow");
     } else {
         report.add("hard fault at 0x");
-        // SAFETY: inside the RAM; the processor left the program counter there, six words up.
+        // SAFETY: `stack` is the stack pointer at the fault, inside the RAM. The processor has put eight registers there; the program
+        // counter is the seventh.
         let place = unsafe { (stack as *const u32).add(6).read_volatile() };
         let mut digits = [0; 8];
         hexadecimal(place, &mut digits);
@@ -155,17 +160,20 @@ unsafe extern "C" fn hard_fault(stack: u32) -> ! {
     keep(report)
 }
 
-/// The planted faults that the emulated board has to find reported; nothing in a program for use. The panic comes once: the
-/// run after it has a report to tell.
-pub fn planted(report: Option<&Report>) {
+/// Whether [`take`] found a panic.
+#[cfg(feature = "fault-panic")]
+static PANICKED: core::sync::atomic::AtomicBool = core::sync::atomic::AtomicBool::new(false);
+
+/// The planted faults, each of which the emulated board has to find reported. In a program for use this does nothing.
+///
+/// The panic comes once: the run after it has a report to tell.
+pub fn planted() {
     #[cfg(feature = "fault-panic")]
-    if report.is_none() {
+    if !PANICKED.load(core::sync::atomic::Ordering::Relaxed) {
         panic!("planted");
     }
     #[cfg(feature = "fault-hang")]
     loop {
         cortex_m::asm::nop();
     }
-    #[cfg(not(feature = "fault-hang"))]
-    let _ = report;
 }

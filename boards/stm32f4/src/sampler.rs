@@ -1,8 +1,8 @@
 //! Samples in step with the excitation: TIM2 starts a conversion of ADC1 and steps the DAC with one and the same pulse, and
 //! DMA writes the codes round a ring. While a block of it is worked on, the next ones are filled.
 //!
-//! Nothing here needs an interrupt: how far the ring is filled is read from the DMA stream, and how often it went round from the
-//! processor's cycle counter, which runs from the same clock.
+//! Nothing here needs an interrupt. The DMA stream tells how far the ring is filled. The processor's cycle counter, which runs
+//! from the same clock, tells how often the stream went round.
 
 use crate::ring::Shared;
 use crate::source::Source;
@@ -27,7 +27,8 @@ static SAMPLES: Shared<u16, RING> = Shared::new(0);
 /// Timer ticks after which a conversion is over and in memory: 28 cycles of sampling and 12 of conversion at 21 MHz are 160.
 const CONVERTED_TICKS: u32 = 200;
 
-/// Samples that must have been left of the ring when a block was worked on, so that none of it was written to.
+/// Samples by which the stream must still be away from a block when the work on it ends. Nearer than that, the stream may have
+/// overwritten some of the block.
 const SPARE: u64 = 2;
 
 /// A window that is being captured.
@@ -55,6 +56,18 @@ static TIME: Mutex<Cell<Timebase>> = Mutex::new(Cell::new(Timebase {
     cycles: 0,
 }));
 
+/// What the converter can look at: the inputs of ADC1 that are wired, by their channel numbers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Input {
+    /// Behind the amplifier of gain 13, PA0.
+    Amplified = 0,
+    /// Behind the difference amplifier of gain 0.6, PA1.
+    Divided = 1,
+    /// The source itself, PA6.
+    Source = 6,
+}
+
 /// The sampler; it runs from power-up on.
 pub struct Sampler {
     sequence: u32,
@@ -67,13 +80,15 @@ fn registers() -> (
     &'static pac::adc1::RegisterBlock,
     &'static pac::dma2::RegisterBlock,
 ) {
-    // SAFETY: TIM2, ADC1 and stream 0 of DMA2 are this module's alone; of DMA2 it writes no register that others write, save
-    // the flags' clear registers, which do nothing to bits written 0.
+    // SAFETY: the addresses are those of the registers. TIM2, ADC1 and stream 0 of DMA2 are this module's alone. Of DMA2 it
+    // writes no register that others write but one that clears flags; zeros there do nothing.
     unsafe { (&*pac::TIM2::ptr(), &*pac::ADC1::ptr(), &*pac::DMA2::ptr()) }
 }
 
-/// Samples taken and in memory since power-up. Has to be asked again within 25 s, in which the cycle counter goes round once.
-/// Goes on, twice as fast, when the sampling does not, so that a wait for samples has an end.
+/// Samples taken and in memory since power-up.
+///
+/// The next call has to come within 25 s, in which the cycle counter goes round once. If the sampling stops, the time goes on,
+/// twice as fast: a wait for samples has an end.
 pub fn now() -> u64 {
     interrupt::free(|key| {
         let cell = TIME.borrow(key);
@@ -85,7 +100,7 @@ pub fn now() -> u64 {
     })
 }
 
-/// Asks now and then, so that nobody else has to.
+/// Calls [`now`] every tenth of a second, so that nobody else has to.
 pub fn keep_up() {
     static TENTH: AtomicBool = AtomicBool::new(false);
     let tenth = DWT::cycle_count() & 1 << 24 != 0;
@@ -115,7 +130,7 @@ impl Timebase {
         let cycles = DWT::cycle_count();
         let left = dma.st(0).ndtr().read().bits() as usize;
         let position = (2 * RING - left) % RING;
-        // Most of the time: it is asked some ten times a sample.
+        // The usual case: this is called some ten times a sample.
         if position == self.position && cycles.wrapping_sub(self.cycles) < RING as u32 / 2 * CYCLES_PER_SAMPLE {
             return false;
         }
@@ -145,43 +160,58 @@ impl Sampler {
     /// Starts timer, converter and source together, at phase 0 and at the time of the next whole period.
     pub fn start(&mut self, source: &Source) {
         let (timer, adc, dma) = registers();
-        timer.cr1().write(|w| unsafe { w.bits(0) });
+        timer.cr1().write(|w| w.cen().disabled());
         timed(|time| {
             time.total = time.total.next_multiple_of(RING as u64);
             time.position = 0;
         });
         self.open = None;
 
-        adc.cr2().write(|w| unsafe { w.bits(0) });
+        adc.cr2().write(|w| w.adon().disabled());
         let stream = dma.st(0);
-        stream.cr().write(|w| unsafe { w.bits(0) });
-        while stream.cr().read().bits() & 1 != 0 {}
-        dma.lifcr().write(|w| unsafe { w.bits(0x3D) });
-        stream.par().write(|w| unsafe { w.bits(adc.dr().as_ptr() as u32) });
-        stream.m0ar().write(|w| unsafe { w.bits(SAMPLES.address()) });
-        stream.ndtr().write(|w| unsafe { w.bits(RING as u32) });
-        // Channel 0, highest priority, 16 bits to 16 bits, memory incremented, circular; then enabled.
-        let control = 3 << 16 | 1 << 13 | 1 << 11 | 1 << 10 | 1 << 8;
-        stream.cr().write(|w| unsafe { w.bits(control) });
-        stream.cr().write(|w| unsafe { w.bits(control | 1) });
+        stream.cr().write(|w| w.en().disabled());
+        while stream.cr().read().en().is_enabled() {}
+        dma.lifcr().write(|w| {
+            w.cfeif0().clear().cdmeif0().clear().cteif0().clear();
+            w.chtif0().clear().ctcif0().clear()
+        });
+        // SAFETY: from here the stream reads the converter's data register and writes the ring, a static of as many samples as
+        // `ndtr` says. The processor only reads the ring, and `poll` finds out what was overwritten meanwhile.
+        unsafe {
+            stream.par().write(|w| w.pa().bits(adc.dr().as_ptr() as u32));
+            stream.m0ar().write(|w| w.m0a().bits(SAMPLES.address()));
+        }
+        stream.ndtr().write(|w| w.ndt().set(RING as u16));
+        stream.cr().write(round_the_ring);
+        stream.cr().write(|w| round_the_ring(w).en().enabled());
 
-        // 28 cycles of sampling on every channel; one conversion a trigger.
-        adc.sr().write(|w| unsafe { w.bits(0) });
-        adc.cr1().write(|w| unsafe { w.bits(0) });
-        adc.smpr2().write(|w| unsafe { w.bits(0o2222222222) });
-        adc.sqr1().write(|w| unsafe { w.bits(0) });
-        // Rising edge of trigger 6 (TIM2), DMA without end, on.
-        adc.cr2()
-            .write(|w| unsafe { w.bits(1 << 28 | 6 << 24 | 1 << 9 | 1 << 8 | 1) });
+        // 28 cycles of sampling on every channel; one conversion of 12 bits a trigger.
+        adc.sr().write(|w| {
+            w.awd().clear().eoc().clear().jeoc().clear();
+            w.jstrt().clear().strt().clear().ovr().clear()
+        });
+        adc.cr1().write(|w| w.res().twelve_bit().scan().disabled());
+        adc.smpr2().write(|w| {
+            w.smp0().cycles28().smp1().cycles28().smp2().cycles28();
+            w.smp3().cycles28().smp4().cycles28().smp5().cycles28();
+            w.smp6().cycles28().smp7().cycles28().smp8().cycles28();
+            w.smp9().cycles28()
+        });
+        adc.sqr1().write(|w| w.l().set(0));
+        // On the rising edge of TIM2's trigger; DMA without end.
+        adc.cr2().write(|w| {
+            w.exten().rising_edge().extsel().tim2trgo();
+            w.dds().continuous().dma().enabled().adon().enabled()
+        });
         source.arm();
 
         // The update event is the trigger output. The first one comes a sample's time from now.
-        timer.psc().write(|w| unsafe { w.bits(0) });
+        timer.psc().write(|w| w.psc().set(0));
         let ticks = TICKS_PER_SAMPLE - u32::from(cfg!(feature = "fault-timer"));
-        timer.arr().write(|w| unsafe { w.bits(ticks - 1) });
-        timer.cnt().write(|w| unsafe { w.bits(0) });
-        timer.cr2().write(|w| unsafe { w.bits(2 << 4) });
-        timer.cr1().write(|w| unsafe { w.bits(1) });
+        timer.arr().write(|w| w.arr().set(ticks - 1));
+        timer.cnt().write(|w| w.cnt().set(0));
+        timer.cr2().write(|w| w.mms().update());
+        timer.cr1().write(|w| w.cen().enabled());
         // The first sample is a sample's time away, and written to memory a moment later.
         interrupt::free(|key| {
             let cell = TIME.borrow(key);
@@ -193,18 +223,19 @@ impl Sampler {
     }
 
     /// Which of the converter's inputs is sampled from the next sample on.
-    pub fn set_input(&mut self, input: u32) {
+    pub fn set_input(&mut self, input: Input) {
         let (timer, adc, _) = registers();
-        if adc.sqr3().read().bits() == input {
+        if adc.sqr3().read().bits() == input as u32 {
             return;
         }
-        // Written while the converter is at work it would cost that sample, and every later one would be counted one too early:
-        // not until it has converted, and not just before it begins.
+        // A write during a conversion would cost that sample, and every later sample would be counted one too early. The write
+        // therefore waits until the conversion is over, and does not come just before the next one.
         const QUIET: core::ops::Range<u32> = CONVERTED_TICKS..TICKS_PER_SAMPLE - 60;
         let write = |_: &interrupt::CriticalSection| {
             let quiet = QUIET.contains(&timer.cnt().read().bits());
             if quiet {
-                adc.sqr3().write(|w| unsafe { w.bits(input) });
+                // SAFETY: the channel is one that the converter has, and its pin is analog since `chip::start`.
+                adc.sqr3().write(|w| unsafe { w.sq1().bits(input as u8) });
             }
             quiet
         };
@@ -222,7 +253,7 @@ impl Sampler {
         self.wait_until_converted();
         let now = now();
         let quarter = QUARTER_SAMPLES as u64;
-        // Who comes within a sample of a quarter's end is in time for the next one.
+        // A call at most one sample after the end of a quarter still counts as one at that end.
         let from = (now + quarter - 2) / quarter;
         let settled = from + u64::from(window.settle_quarters) - u64::from(cfg!(feature = "fault-settling"));
         let start = settled.max(now.div_ceil(quarter)) * quarter;
@@ -238,7 +269,7 @@ impl Sampler {
         let Some(open) = self.open.filter(|o| o.next < o.end) else {
             return Err(nb::Error::WouldBlock);
         };
-        // Nothing comes any more after a loss, so that this must not wait for a whole period.
+        // After a loss no more samples come: do not wait for a whole period.
         if self.lost() {
             self.open = None;
             return Err(nb::Error::Other(ErrorKind::Overrun));
@@ -252,7 +283,7 @@ impl Sampler {
         crate::multiplexer::work();
         let place = (open.next % RING as u64) as usize;
         let len = (whole - open.next).min((RING - place) as u64);
-        // SAFETY: whether the stream came round to it meanwhile is found out below.
+        // SAFETY: whether the stream wrote to it meanwhile is found out below; then nothing that was made of it is used.
         let samples = unsafe { SAMPLES.lend(place, len as usize) };
         let block = Block {
             samples,
@@ -278,9 +309,18 @@ impl Sampler {
     /// Whether the converter had to throw a sample away. It has to be started again then.
     pub fn lost(&self) -> bool {
         let (_, adc, dma) = registers();
-        const OVERRUN: u32 = 1 << 5;
+        if adc.sr().read().ovr().is_overrun() {
+            return true;
+        }
         // Transfer and direct mode; the FIFO's error bit means nothing without a FIFO.
-        const STREAM_ERRORS: u32 = 0b1100;
-        adc.sr().read().bits() & OVERRUN != 0 || dma.lisr().read().bits() & STREAM_ERRORS != 0
+        let stream = dma.lisr().read();
+        stream.teif0().is_error() || stream.dmeif0().is_error()
     }
+}
+
+/// From the converter (channel 0) round the ring for ever, 16 bits at a time and before all else; not enabled.
+fn round_the_ring(w: &mut pac::dma2::st::cr::W) -> &mut pac::dma2::st::cr::W {
+    w.chsel().set(0).pl().very_high().dir().peripheral_to_memory();
+    w.psize().bits16().msize().bits16();
+    w.minc().incremented().circ().enabled()
 }

@@ -31,73 +31,89 @@ pub struct Serial {
 /// Which port: its registers, and how it is wired inside the chip.
 #[cfg(not(feature = "st-link"))]
 mod port {
+    use super::pac::dma2::hifcr::W as Flags;
     pub use super::pac::{DMA2 as Dma, USART1 as Usart};
     /// The interrupt.
     pub const INTERRUPT: super::pac::Interrupt = super::pac::Interrupt::USART1;
-    /// Stream of the transmitter, and where its flags begin in the upper flag register. Its channel is 4.
+    /// Stream of the transmitter. Its channel is 4.
     pub const STREAM: usize = 7;
-    pub const FLAGS: u32 = 22;
     /// 84 MHz / 84.
     pub const DIVISOR: u16 = 84;
     /// Pin of port A that transmits; the next one receives.
-    pub const PIN: u32 = 9;
+    pub const PIN: u8 = 9;
+
+    /// Clears all flags of the stream.
+    pub fn clear(w: &mut Flags) -> &mut Flags {
+        w.cfeif7().clear().cdmeif7().clear().cteif7().clear();
+        w.chtif7().clear().ctcif7().clear()
+    }
 }
 
 /// Which port: its registers, and how it is wired inside the chip.
 #[cfg(feature = "st-link")]
 mod port {
+    use super::pac::dma2::hifcr::W as Flags;
     pub use super::pac::{DMA1 as Dma, USART2 as Usart};
     /// The interrupt.
     pub const INTERRUPT: super::pac::Interrupt = super::pac::Interrupt::USART2;
-    /// Stream of the transmitter, and where its flags begin in the upper flag register. Its channel is 4.
+    /// Stream of the transmitter. Its channel is 4.
     pub const STREAM: usize = 6;
-    pub const FLAGS: u32 = 16;
     /// 42 MHz / 42.
     pub const DIVISOR: u16 = 42;
     /// Pin of port A that transmits; the next one receives.
-    pub const PIN: u32 = 2;
+    pub const PIN: u8 = 2;
+
+    /// Clears all flags of the stream.
+    pub fn clear(w: &mut Flags) -> &mut Flags {
+        w.cfeif6().clear().cdmeif6().clear().cteif6().clear();
+        w.chtif6().clear().ctcif6().clear()
+    }
 }
 
 fn registers() -> (&'static pac::usart1::RegisterBlock, &'static pac::dma2::RegisterBlock) {
-    // SAFETY: the port and the stream are this module's alone; of the controller it writes no register that others write, save
-    // the flags' clear registers, which do nothing to bits written 0.
+    // SAFETY: the addresses are those of the registers. The port and the stream are this module's alone. Of the DMA controller
+    // it writes no register that others write but one that clears flags; zeros there do nothing.
     unsafe { (&*port::Usart::ptr(), &*port::Dma::ptr()) }
 }
 
 impl Serial {
     /// Sets pins, port and DMA up, and lets bytes in.
     pub fn start() -> Self {
-        // SAFETY: these pins are this module's alone; `start` runs before interrupts of it are on.
+        // SAFETY: the address is that of the port's registers. Both pins are this module's alone. Other modules change the same
+        // registers in their `start` only, one after the other, and no interrupt handler does.
         let gpio = unsafe { &*pac::GPIOA::ptr() };
         // Alternate function 7 on both pins, with a pull-up on the receiver's: an open line is idle.
-        let function = |bits: u32| {
-            let shift = 4 * (port::PIN % 8);
-            bits & !(0xFF << shift) | 0x77 << shift
-        };
-        if port::PIN < 8 {
-            gpio.afrl().modify(|r, w| unsafe { w.bits(function(r.bits())) });
+        const OUT_PIN: u8 = port::PIN;
+        const IN_PIN: u8 = port::PIN + 1;
+        if OUT_PIN < 8 {
+            gpio.afrl()
+                .modify(|_, w| w.afr(OUT_PIN % 8).af7().afr(IN_PIN % 8).af7());
         } else {
-            gpio.afrh().modify(|r, w| unsafe { w.bits(function(r.bits())) });
+            gpio.afrh()
+                .modify(|_, w| w.afr(OUT_PIN % 8).af7().afr(IN_PIN % 8).af7());
         }
-        let two = 2 * port::PIN;
         gpio.pupdr()
-            .modify(|r, w| unsafe { w.bits(r.bits() & !(0xF << two) | 0b0100 << two) });
-        gpio.ospeedr()
-            .modify(|r, w| unsafe { w.bits(r.bits() & !(3 << two) | 2 << two) });
+            .modify(|_, w| w.pupdr(OUT_PIN).floating().pupdr(IN_PIN).pull_up());
+        gpio.ospeedr().modify(|_, w| w.ospeedr(OUT_PIN).high_speed());
         gpio.moder()
-            .modify(|r, w| unsafe { w.bits(r.bits() & !(0xF << two) | 0b1010 << two) });
+            .modify(|_, w| w.moder(OUT_PIN).alternate().moder(IN_PIN).alternate());
         let (usart, dma) = registers();
-        usart.brr().write(|w| unsafe { w.bits(port::DIVISOR) });
-        // DMA for what goes out.
-        usart.cr3().write(|w| unsafe { w.bits(1 << 7) });
-        // On, interrupt on reception, transmitter, receiver.
+        usart.brr().write(|w| {
+            w.div_mantissa()
+                .set(port::DIVISOR / 16)
+                .div_fraction()
+                .set((port::DIVISOR % 16) as u8)
+        });
+        // DMA for what goes out, an interrupt for every byte that comes in.
+        usart.cr3().write(|w| w.dmat().enabled());
         usart
             .cr1()
-            .write(|w| unsafe { w.bits(1 << 13 | 1 << 5 | 1 << 3 | 1 << 2) });
+            .write(|w| w.ue().enabled().rxneie().enabled().te().enabled().re().enabled());
+        // SAFETY: the stream, off until `kick`, will write the transmitter's data register, which takes any byte.
         dma.st(port::STREAM)
             .par()
-            .write(|w| unsafe { w.bits(usart.dr().as_ptr() as u32) });
-        // SAFETY: everything that the interrupt uses is set up.
+            .write(|w| unsafe { w.pa().bits(usart.dr().as_ptr() as u32) });
+        // SAFETY: everything that the interrupt handler uses is set up, and no critical section relies on this interrupt being off.
         unsafe { cortex_m::peripheral::NVIC::unmask(port::INTERRUPT) };
         Self { filling: 0, filled: 0 }
     }
@@ -106,15 +122,20 @@ impl Serial {
     fn kick(&mut self) {
         let (_, dma) = registers();
         let stream = dma.st(port::STREAM);
-        if self.filled == 0 || stream.cr().read().bits() & 1 != 0 {
+        if self.filled == 0 || stream.cr().read().en().is_enabled() {
             return;
         }
-        dma.hifcr().write(|w| unsafe { w.bits(0x3D << port::FLAGS) });
+        dma.hifcr().write(port::clear);
         let buffer = OUT.get(self.filling).unwrap_or(&OUT[0]);
-        stream.m0ar().write(|w| unsafe { w.bits(buffer.address()) });
-        stream.ndtr().write(|w| unsafe { w.bits(self.filled as u32) });
-        // Channel 4, bytes, memory incremented, from memory; enabled.
-        stream.cr().write(|w| unsafe { w.bits(4 << 25 | 1 << 10 | 1 << 6 | 1) });
+        // SAFETY: the stream will read `filled` bytes of the buffer, which is a static and has as many. They are not written until
+        // the stream is off again: the other buffer is filled meanwhile.
+        stream.m0ar().write(|w| unsafe { w.m0a().bits(buffer.address()) });
+        stream.ndtr().write(|w| w.ndt().set(self.filled as u16));
+        // From memory to the transmitter, byte by byte.
+        stream.cr().write(|w| {
+            w.chsel().set(4).dir().memory_to_peripheral();
+            w.minc().incremented().en().enabled()
+        });
         self.filling ^= 1;
         self.filled = 0;
     }
@@ -126,7 +147,7 @@ impl serial::ErrorType for Serial {
 
 impl serial::Read for Serial {
     fn read(&mut self) -> nb::Result<u8, serial::ErrorKind> {
-        // Asked in every round of the main loop: what is filled by halves leaves when the line is free.
+        // The main loop reads in every round. A buffer that is not full yet leaves as soon as the line is free.
         self.kick();
         let taken = TAKEN.load(Ordering::Relaxed);
         if taken == PUT.load(Ordering::Acquire) {
@@ -160,8 +181,8 @@ impl serial::Write for Serial {
         self.kick();
         let (usart, dma) = registers();
         let busy = self.filled > 0
-            || dma.st(port::STREAM).cr().read().bits() & 1 != 0
-            || usart.sr().read().bits() & 1 << 6 == 0;
+            || dma.st(port::STREAM).cr().read().en().is_enabled()
+            || usart.sr().read().tc().is_tx_not_complete();
         if busy { Err(nb::Error::WouldBlock) } else { Ok(()) }
     }
 }
@@ -183,14 +204,12 @@ fn USART2() {
 fn received() {
     let (usart, _) = registers();
     // Reading status and data in this order takes the byte and clears every error.
-    let status = usart.sr().read().bits();
-    let byte = usart.dr().read().bits() as u8;
-    const RECEIVED_ONE: u16 = 1 << 5;
-    const ERRORS: u16 = 0b1111;
-    if status & ERRORS != 0 {
+    let status = usart.sr().read();
+    let byte = usart.dr().read().dr().bits() as u8;
+    if status.pe().is_error() || status.fe().is_error() || status.nf().is_noise() || status.ore().is_overrun() {
         DAMAGED.store(true, Ordering::Relaxed);
     }
-    if status & RECEIVED_ONE == 0 {
+    if status.rxne().is_no_data() {
         return;
     }
     let put = PUT.load(Ordering::Relaxed);

@@ -49,9 +49,6 @@ const fn table() -> [i16; SAMPLES_PER_PERIOD] {
     out
 }
 
-/// Status bit: the DAC had no new value when it was stepped.
-const UNDERRUN: u32 = 1 << 13;
-
 /// What the DMA channel reads. The entry for the first sample is last: the DAC holds one value ahead.
 static TABLE: Shared<u16, SAMPLES_PER_PERIOD> = Shared::new(MIDDLE as u16);
 
@@ -72,32 +69,40 @@ impl Source {
     /// Makes DAC and DMA ready; they wait for the timer. The first step of the timer puts out phase 0.
     pub fn arm(&self) {
         self.fill();
-        // SAFETY: the DAC and this stream are this module's alone.
+        // SAFETY: the addresses are those of the registers. The DAC and stream 5 of DMA1 are this module's alone. Of DMA1 it writes
+        // no register that others write but one that clears flags; zeros there do nothing.
         let (dac, dma) = unsafe { (&*pac::DAC::ptr(), &*pac::DMA1::ptr()) };
-        dac.cr().write(|w| unsafe { w.bits(0) });
+        dac.cr().write(|w| w.en1().disabled());
         // An underrun of before: cleared by writing 1.
-        dac.sr().write(|w| unsafe { w.bits(UNDERRUN) });
+        dac.sr().write(|w| w.dmaudr1().set_bit());
         let stream = dma.st(5);
-        stream.cr().write(|w| unsafe { w.bits(0) });
-        while stream.cr().read().bits() & 1 != 0 {}
-        dma.hifcr().write(|w| unsafe { w.bits(0x3D << 6) });
-        stream.par().write(|w| unsafe { w.bits(dac.dhr12r1().as_ptr() as u32) });
-        stream.m0ar().write(|w| unsafe { w.bits(TABLE.address()) });
-        stream.ndtr().write(|w| unsafe { w.bits(SAMPLES_PER_PERIOD as u32) });
-        // Channel 7, 16 bits to 16 bits, memory incremented, circular, from memory; then enabled.
-        let control = 7 << 25 | 1 << 13 | 1 << 11 | 1 << 10 | 1 << 8 | 1 << 6;
-        stream.cr().write(|w| unsafe { w.bits(control) });
-        stream.cr().write(|w| unsafe { w.bits(control | 1) });
-        dac.dhr12r1().write(|w| unsafe { w.bits(self.code(0).into()) });
-        // DMA, trigger 4 (TIM2), trigger enabled, channel enabled.
-        dac.cr().write(|w| unsafe { w.bits(1 << 12 | 4 << 3 | 1 << 2 | 1) });
+        stream.cr().write(|w| w.en().disabled());
+        while stream.cr().read().en().is_enabled() {}
+        dma.hifcr().write(|w| {
+            w.cfeif5().clear().cdmeif5().clear().cteif5().clear();
+            w.chtif5().clear().ctcif5().clear()
+        });
+        // SAFETY: from here the stream reads the table, a static of as many codes as `ndtr` says, and writes the DAC's data register.
+        // The processor changes the table one whole code at a time.
+        unsafe {
+            stream.par().write(|w| w.pa().bits(dac.dhr12r1().as_ptr() as u32));
+            stream.m0ar().write(|w| w.m0a().bits(TABLE.address()));
+        }
+        stream.ndtr().write(|w| w.ndt().set(SAMPLES_PER_PERIOD as u16));
+        stream.cr().write(round_the_table);
+        stream.cr().write(|w| round_the_table(w).en().enabled());
+        dac.dhr12r1().write(|w| w.daccdhr().set(self.code(0)));
+        dac.cr().write(|w| {
+            w.dmaen1().enabled().tsel1().tim2trgo();
+            w.ten1().enabled().en1().enabled()
+        });
     }
 
     /// Whether the DAC ran out of values, which would have put it out of step.
     pub fn underrun(&self) -> bool {
-        // SAFETY: a status register.
+        // SAFETY: the address is that of the DAC's registers. Only the status register is read, which has no side effect.
         let dac = unsafe { &*pac::DAC::ptr() };
-        dac.sr().read().bits() & UNDERRUN != 0
+        dac.sr().read().dmaudr1().is_underrun()
     }
 
     pub fn set(&mut self, on: bool) {
@@ -131,4 +136,11 @@ impl Source {
             TABLE.write((phase + SAMPLES_PER_PERIOD - 1) % SAMPLES_PER_PERIOD, self.code(phase));
         }
     }
+}
+
+/// From the table to the DAC (channel 7) for ever, 16 bits at a time; not enabled.
+fn round_the_table(w: &mut pac::dma2::st::cr::W) -> &mut pac::dma2::st::cr::W {
+    w.chsel().set(7).dir().memory_to_peripheral();
+    w.psize().bits16().msize().bits16();
+    w.minc().incremented().circ().enabled()
 }

@@ -3,16 +3,17 @@
 use core::sync::atomic::{AtomicBool, Ordering};
 use stm32f4xx_hal::pac;
 
+/// The monitor's level, for the field PLS: 2.93 V when the supply falls, 3.03 V when it rises (data sheets of the chips; RM0390
+/// section 5.4.1, RM0090 sections 5.4.1 and 5.5.1).
+const LEVEL: u8 = 6;
+
 /// Whether the supply is watched: it was good once.
 static WATCHED: AtomicBool = AtomicBool::new(false);
 
 /// Starts the supply monitor and waits a while for the supply to be good: above 3.03 V. From then on below 2.93 V the board
 /// restarts ([`sags`]); without that it works, and writes no flash memory.
 pub fn wait_for_supply(power: &pac::PWR) -> bool {
-    // Level 6.
-    power
-        .cr()
-        .modify(|r, w| unsafe { w.bits(r.bits() & !(7 << 5) | 6 << 5 | 1 << 4) });
+    power.cr().modify(|_, w| w.pls().set(LEVEL).pvde().enabled());
     // The clock is the internal one of 16 MHz: some 50 ms.
     let mut patience = 100_000;
     while !supply_is_good() && patience > 0 {
@@ -25,9 +26,9 @@ pub fn wait_for_supply(power: &pac::PWR) -> bool {
 
 /// Whether the supply is above 2.93 V, and above 3.03 V once it was below.
 pub fn supply_is_good() -> bool {
-    // SAFETY: a status register.
+    // SAFETY: the address is that of the power controller's registers. Only the status register is read, which has no side effect.
     let power = unsafe { &*pac::PWR::ptr() };
-    power.csr().read().bits() & 1 << 2 == 0
+    power.csr().read().pvdo().is_higher()
 }
 
 /// Whether the supply, which was good once, is low now.

@@ -8,12 +8,9 @@ use firmware::{BoardInfo, Controller, Memory};
 use protocol::{Plan, ResetCause};
 use qemu_mps2::{Chip, RemoteFrontEnd, Uart};
 
-static mut MEMORY: Memory = Memory::new();
-
 #[entry]
 fn main() -> ! {
-    // SAFETY: used here only, and `main` runs once.
-    let memory = unsafe { &mut *(&raw mut MEMORY) };
+    static mut MEMORY: Memory = Memory::new();
     // The front end is simulated by the PC with these constants; see `hil_sim::SimBoard`.
     let info = BoardInfo {
         name: "skin-qemu-mps2",
@@ -34,7 +31,7 @@ fn main() -> ! {
     let Ok(front) = RemoteFrontEnd::open() else {
         panic!("no front-end.request and front-end.reply in the working directory");
     };
-    let mut controller = match Controller::new(info, Plan::fast(), front, Uart::new(), Chip::default(), memory) {
+    let mut controller = match Controller::new(info, Plan::fast(), front, Uart::new(), Chip::default(), MEMORY) {
         Ok(controller) => controller,
         Err(e) => panic!("{e}"),
     };

@@ -12,6 +12,8 @@ use qemu_mps2 as _;
 
 const INSTRUCTIONS_PER_TICK: u32 = 40;
 const REPEATS: u32 = 1000;
+/// SysTick counts down from here; it has 24 bits.
+const SYSTICK_MAX: u32 = 0x00FF_FFFF;
 
 /// Instructions of one call, to the nearest.
 fn count(syst: &mut SYST, mut work: impl FnMut()) -> u32 {
@@ -21,7 +23,7 @@ fn count(syst: &mut SYST, mut work: impl FnMut()) -> u32 {
         for _ in 0..REPEATS {
             work();
         }
-        start.wrapping_sub(SYST::get_current()) & 0x00FF_FFFF
+        start.wrapping_sub(SYST::get_current()) & SYSTICK_MAX
     };
     ticks();
     (ticks() * INSTRUCTIONS_PER_TICK + REPEATS / 2) / REPEATS
@@ -34,7 +36,7 @@ fn main() -> ! {
     };
     let mut syst = peripherals.SYST;
     syst.set_clock_source(SystClkSource::Core);
-    syst.set_reload(0x00FF_FFFF);
+    syst.set_reload(SYSTICK_MAX);
     syst.clear_current();
     syst.enable_counter();
     let mut folded = Folded::new();

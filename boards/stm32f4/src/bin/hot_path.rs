@@ -1,5 +1,7 @@
-//! The hot path alone: what runs for every block of samples. It is only linked, never run: its panic handler calls a function
-//! that does not exist, so that it links exactly if the compiler can prove that nothing in it ever panics.
+//! The hot path alone: what runs for every block of samples. It is only linked, never run.
+//!
+//! Its panic handler calls a function that does not exist. The program therefore links exactly if the compiler proves that
+//! nothing in it panics.
 #![no_std]
 #![no_main]
 #![allow(dead_code, reason = "parts of the board")]
@@ -20,12 +22,10 @@ use firmware::{Pace, Scan};
 use front_end::FrontEnd;
 use protocol::{Recipe, Sampling, Slot};
 
-static mut SCAN: Scan = Scan::new();
-
 #[cortex_m_rt::entry]
 fn main() -> ! {
-    // SAFETY: used here only, and `main` runs once.
-    let scan = unsafe { &mut *(&raw mut SCAN) };
+    static mut SCAN: Scan = Scan::new();
+    let scan = SCAN;
     let front = &mut FrontEnd::start();
     let slots = black_box([Slot::default(); 32]);
     let recipe = Recipe {
@@ -50,6 +50,6 @@ unsafe extern "C" {
 
 #[panic_handler]
 fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
-    // SAFETY: does not exist.
+    // SAFETY: never runs: the function does not exist, so that a program with this call does not link.
     unsafe { the_hot_path_can_panic() }
 }

@@ -1,5 +1,6 @@
-//! The duties of the front end and of the clock (`firmware::laws`), tried on the chip itself. The outcome is told in the
-//! place of the last panic in a `Hello`: empty when every duty is kept.
+//! The duties of the front end and of the clock (`firmware::laws`), tested on the chip itself.
+//!
+//! The outcome is in a `Hello`, in the place of the last panic. It is empty when every duty is kept.
 #![no_std]
 #![no_main]
 #![allow(dead_code, reason = "parts of the board")]
