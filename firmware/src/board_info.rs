@@ -46,8 +46,8 @@ pub struct BoardInfo<'a> {
 }
 
 impl BoardInfo<'_> {
-    /// Whether the constants fit together: the excitation is within 0.05 % of 3.685 kHz, a row of channels is converted
-    /// before the next one begins, and there are as many electrodes, channels and gains as the firmware can use.
+    /// Whether the constants fit together. The excitation has to be within 0.05 % of 3.685 kHz. A row of channels has to be
+    /// converted before the next one begins. The firmware has to be able to use the electrodes, channels and gains.
     pub const fn is_sound(&self) -> bool {
         // Compared as products: no division rounds.
         let given = self.timer_hz as u64 * 1000 * 2000;

@@ -1,6 +1,6 @@
 //! Samples in step with the excitation.
 
-use crate::front_end::ErrorType;
+use crate::error::ErrorType;
 use crate::reference::SAMPLES_PER_PERIOD;
 use protocol::QUARTERS;
 
@@ -31,8 +31,8 @@ pub enum Rails {
     /// Nothing: they have to be looked at.
     #[default]
     Unknown,
-    /// The converter itself vouches that no code of the block is 0 or [`crate::FULL_SCALE`] (an analog watchdog on all
-    /// channels, read after the block was complete). Halves the cost of folding it.
+    /// The converter itself vouches that no code of the block is 0 or [`crate::FULL_SCALE`]. An analog watchdog on all
+    /// channels, read after the block was complete, can do so. Halves the cost of folding the block.
     Clear,
 }
 

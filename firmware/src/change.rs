@@ -1,8 +1,8 @@
 //! Whether anything touches: the values of the watch against their baseline and their noise, in integers.
 //!
-//! The level is the mean over all values of `(change / noise)^2`. While nothing touches, n times that has the distribution
-//! of chi-square with n degrees of freedom, so that a threshold has a known rate of false alarms; a touch adds the square of
-//! its signal to noise ratio. The level is formed after every slot, of the newest change of each value.
+//! The level is the mean over all n values of `(change / noise)^2`. While nothing touches, n times the level has a chi-square
+//! distribution with n degrees of freedom: a threshold has a known rate of false alarms. A touch adds the square of its
+//! signal to noise ratio. The level is formed after every slot, of the newest change of each value.
 
 use heapless::Vec;
 use protocol::{Baseline, MAX_WATCH_SLOTS, MAX_WATCH_VALUES, Value};

@@ -1,22 +1,18 @@
 //! The board's one loop: commands in, frames out.
 
 use crate::board_info::BoardInfo;
-use crate::change::ChangeTest;
-use crate::front_end::{Error, FrontEnd};
-use crate::measuring::{Probe, Task};
-use crate::outbox::Outbox;
-use crate::scan::Scan;
+use crate::front_end::FrontEnd;
+use crate::measuring::Measuring;
+use crate::memory::Memory;
 use crate::settings::{self, Settings};
 use crate::support::Support;
+use crate::task::Probe;
 use core::ops::DerefMut;
 use embedded_hal_nb::serial::{Read, Write};
 use protocol::{
-    BoardError, Command, Counters, Decoder, FrameError, Hello, Limits, MAX_TO_BOARD_LEN, Outgoing, PeriodRequest, Plan,
-    PlanError, Refusal, SelfTest, Status, Stored, ToBoard, Watch, WatchNumber, Watching,
+    BoardError, Command, Counters, FrameError, Hello, Limits, Outgoing, PeriodRequest, Plan, PlanError, Refusal,
+    Status, Stored, ToBoard, Watch, WatchNumber, Watching,
 };
-
-/// Bytes of messages that can wait for the link: two frames of 208 values, or one with quadrature and some answers.
-const QUEUE: usize = 1280;
 
 /// Most bytes of commands taken in one poll, so that a flood of them cannot starve the scan.
 const BYTES_A_POLL: usize = 64;
@@ -30,65 +26,12 @@ pub enum Activity {
     Busy,
 }
 
-/// All of a controller that is large, about 5 KiB. A board keeps it in a static, since a stack that could build it would
-/// have to be as large again.
-#[derive(Debug)]
-pub struct Memory {
-    decoder: Decoder<MAX_TO_BOARD_LEN>,
-    outbox: Outbox<QUEUE>,
-    pub(crate) scan: Scan,
-    pub(crate) settings: Settings,
-    pub(crate) change: ChangeTest,
-    pub(crate) report: SelfTest,
-}
-
-impl Default for Memory {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
-impl Memory {
-    /// As at power-up.
-    pub const fn new() -> Self {
-        Self {
-            decoder: Decoder::new(),
-            outbox: Outbox::new(),
-            scan: Scan::new(),
-            settings: Settings::NONE,
-            change: ChangeTest::new(),
-            report: SelfTest::NONE,
-        }
-    }
-}
-
 /// The whole firmware above the chip: a front end, a serial port, the chip's clock, watchdog and store, and what is between
 /// them, in a [`Memory`] of its own: a `&'static mut` one on a board, a boxed one elsewhere.
 #[derive(Debug)]
 pub struct Controller<'a, F, L, S, M> {
-    pub(crate) info: BoardInfo<'a>,
-    pub(crate) front: F,
+    measuring: Measuring<'a, F, S, M>,
     link: L,
-    pub(crate) support: S,
-    pub(crate) memory: M,
-    pub(crate) counters: Counters,
-    /// Of the next frame.
-    pub(crate) sequence: u32,
-    /// Whether the board was told to measure.
-    pub(crate) running: bool,
-    pub(crate) task: Task,
-    /// What is measured by itself, for a test or a diagnosis.
-    pub(crate) probe: Probe,
-    /// When the scan last went on.
-    pub(crate) went_on: u64,
-    pub(crate) watching: Watching,
-    /// Frames since the watch was last scanned between them.
-    pub(crate) frames: u16,
-    /// Scans of the watch in a row that showed no change, while awake.
-    pub(crate) quiet: u16,
-    /// Scans since the last heartbeat, and the highest level of them.
-    pub(crate) beat_scans: u16,
-    pub(crate) beat_level: u16,
     /// How the store goes together with the settings.
     stored: Stored,
 }
@@ -126,38 +69,21 @@ where
     ) -> Result<Self, PlanError> {
         plan.recipe().check(info.electrodes, info.gains(), &info.limits())?;
         let mut this = Self {
-            info,
-            front,
+            measuring: Measuring::new(info, front, support, memory),
             link,
-            support,
-            memory,
-            counters: Counters::default(),
-            sequence: 0,
-            running: false,
-            task: Task::Off,
-            probe: Probe::default(),
-            went_on: 0,
-            watching: Watching::Off,
-            frames: 0,
-            quiet: 0,
-            beat_scans: 0,
-            beat_level: 0,
             stored: Stored::Nothing,
         };
-        this.memory
-            .scan
-            .wire(info.electrodes, info.skew_ticks, info.ticks_per_sample);
-        this.memory.settings.plan = plan;
+        this.measuring.memory_mut().settings.plan = plan;
         Ok(this)
     }
 
     /// Takes up the stored settings, and introduces the board. Once, before the first poll.
     pub fn start_up(&mut self) {
         self.remember();
-        self.forget_baseline();
+        self.measuring.forget_baseline();
         self.introduce();
-        if self.memory.settings.autostart {
-            self.start();
+        if self.measuring.memory().settings.autostart {
+            self.measuring.start();
         }
     }
 
@@ -165,11 +91,11 @@ where
     /// the self-test; the board works without.
     #[inline(never)]
     fn remember(&mut self) {
-        let (info, settings) = (&self.info, &mut self.memory.settings);
+        let (info, memory, support) = self.measuring.parts();
         let mut taken = false;
-        let found = settings::load_with(&mut self.support, |stored| {
+        let found = settings::load_with(support, |stored| {
             if suits(stored, info, &info.limits()) {
-                settings.copy_from(stored);
+                memory.settings.copy_from(stored);
                 taken = true;
             }
         });
@@ -180,25 +106,18 @@ where
         };
     }
 
-    /// Something of the settings was changed.
-    fn changed(&mut self) {
-        if self.stored == Stored::InForce {
-            self.stored = Stored::Others;
-        }
-    }
-
     /// Does what can be done now and returns; never waits, except for the store.
     ///
     /// Deadline while scanning: once for every block of samples, before the front end runs out of room for blocks. A
     /// missed deadline is an overrun: that frame is lost, counted, and seen by the receiver as a gap in the sequence.
     pub fn poll(&mut self) -> Activity {
-        self.support.feed();
+        self.measuring.support_mut().feed();
         let received = self.receive();
-        let measured = self.measure();
-        let sent = match self.memory.outbox.pump(&mut self.link) {
+        let measured = self.measuring.measure();
+        let sent = match self.measuring.memory_mut().outbox.pump(&mut self.link) {
             Ok(bytes) => bytes > 0,
             Err(_) => {
-                Counters::add(&mut self.counters.transmit_errors, 1);
+                Counters::add(&mut self.measuring.counters_mut().transmit_errors, 1);
                 true
             }
         };
@@ -211,30 +130,30 @@ where
 
     /// Whether the board was told to measure, and does.
     pub fn running(&self) -> bool {
-        self.running
+        self.measuring.running()
     }
 
     /// What the board does about its watch.
     pub fn watching(&self) -> Watching {
-        self.watching
+        self.measuring.watching()
     }
 
     /// Whether nothing will be sent until a command comes: nothing is measured, and nothing waits for the link.
     pub fn is_quiet(&self) -> bool {
-        self.task == Task::Off && self.memory.outbox.is_empty()
+        self.measuring.is_at_rest() && self.measuring.memory().outbox.is_empty()
     }
 
     /// What was counted so far.
     pub fn counters(&self) -> &Counters {
-        &self.counters
+        self.measuring.counters()
     }
 
     /// What the board is set to and does.
     pub fn status(&self) -> Status {
-        let settings = &self.memory.settings;
+        let settings = &self.measuring.memory().settings;
         Status {
-            running: self.running,
-            watching: self.watching,
+            running: self.running(),
+            watching: self.watching(),
             autostart: settings.autostart,
             excitation_permille: settings.excitation_permille,
             stored: self.stored,
@@ -243,12 +162,12 @@ where
 
     /// Who the board says it is.
     pub fn hello(&self) -> Hello {
-        self.info.hello()
+        self.measuring.info().hello()
     }
 
     /// The front end.
     pub fn front_mut(&mut self) -> &mut F {
-        &mut self.front
+        self.measuring.front_mut()
     }
 
     /// The serial port.
@@ -258,47 +177,7 @@ where
 
     /// Clock, watchdog and store.
     pub fn support_mut(&mut self) -> &mut S {
-        &mut self.support
-    }
-
-    pub(crate) fn send(&mut self, message: Outgoing<'_>) {
-        let dropped = self.memory.outbox.push(&message);
-        Counters::add(&mut self.counters.dropped, dropped);
-    }
-
-    /// The complete frame, as it is in the scan.
-    pub(crate) fn send_frame(&mut self, sequence: u32) {
-        let memory = &mut *self.memory;
-        let plan = &memory.settings.plan;
-        let frame = memory.scan.frame(sequence, plan.id, plan.quadrature);
-        Counters::add(&mut self.counters.clipped, frame.clipped.count());
-        let dropped = memory.outbox.push(&Outgoing::Frame(frame));
-        Counters::add(&mut self.counters.dropped, dropped);
-    }
-
-    // The large messages are made in functions of their own, so that the loop's stack need not hold them.
-    #[inline(never)]
-    fn introduce(&mut self) {
-        let hello = self.info.hello();
-        self.send(Outgoing::Hello(&hello));
-    }
-
-    #[inline(never)]
-    fn send_baseline(&mut self) {
-        let baseline = self.memory.change.baseline();
-        self.send(Outgoing::Baseline(&baseline));
-    }
-
-    fn send_plan(&mut self) {
-        let memory = &mut *self.memory;
-        let dropped = memory.outbox.push(&Outgoing::Plan(&memory.settings.plan));
-        Counters::add(&mut self.counters.dropped, dropped);
-    }
-
-    fn send_watch(&mut self) {
-        let memory = &mut *self.memory;
-        let dropped = memory.outbox.push(&Outgoing::Watch(&memory.settings.watch));
-        Counters::add(&mut self.counters.dropped, dropped);
+        self.measuring.support_mut()
     }
 
     fn receive(&mut self) -> bool {
@@ -307,7 +186,7 @@ where
                 Ok(byte) => self.take(byte),
                 Err(nb::Error::WouldBlock) => return taken > 0,
                 Err(nb::Error::Other(_)) => {
-                    Counters::add(&mut self.counters.receive_errors, 1);
+                    Counters::add(&mut self.measuring.counters_mut().receive_errors, 1);
                     return true;
                 }
             }
@@ -321,7 +200,7 @@ where
         match &self.decoded(byte) {
             None => {}
             Some(Ok(command)) => {
-                Counters::add(&mut self.counters.commands, 1);
+                Counters::add(&mut self.measuring.counters_mut().commands, 1);
                 if let Err(e) = self.obey(command) {
                     self.refuse(&e);
                 }
@@ -333,183 +212,152 @@ where
     // In a function of its own, whose stack is free again when the command is carried out.
     #[inline(never)]
     fn decoded(&mut self, byte: u8) -> Option<Result<ToBoard, FrameError>> {
-        self.memory.decoder.push_byte(byte)
+        self.measuring.memory_mut().decoder.push_byte(byte)
     }
 
     fn refuse(&mut self, error: &BoardError) {
-        Counters::add(&mut self.counters.refused, 1);
-        self.send(Outgoing::Error(error));
+        Counters::add(&mut self.measuring.counters_mut().refused, 1);
+        self.measuring.send(Outgoing::Error(error));
     }
 
+    fn acknowledge(&mut self, command: Command) {
+        self.measuring.send(Outgoing::Ack(command));
+    }
+
+    /// Carries a command out and answers it.
+    ///
+    /// # Errors
+    /// The command was refused and changed nothing.
     fn obey(&mut self, command: &ToBoard) -> Result<(), BoardError> {
-        let done = match command {
-            ToBoard::Hello => {
-                self.introduce();
-                return Ok(());
-            }
-            ToBoard::Start => {
-                if self.testing() {
-                    // Once the test is over.
-                    self.running = true;
-                } else if !self.running && !self.start() {
-                    return Ok(());
-                }
-                Command::Start
-            }
-            ToBoard::Stop if self.testing() => {
-                // The test is answered first, and then the excitation goes off.
-                self.running = false;
-                self.watching = Watching::Off;
-                Command::Stop
-            }
-            ToBoard::Stop => {
-                self.running = false;
-                self.watching = Watching::Off;
-                self.task = Task::Off;
-                self.memory.scan.stop();
-                if let Err(e) = self.front.switch_off() {
-                    self.fail(e.kind());
-                    return Ok(());
-                }
-                Command::Stop
-            }
+        match command {
+            ToBoard::Hello => self.introduce(),
+            ToBoard::Start => self.start(),
+            ToBoard::Stop => self.stop(),
             ToBoard::SetPlan(plan) => return self.set_plan(plan),
-            ToBoard::GetPlan => {
-                self.send_plan();
-                return Ok(());
-            }
-            ToBoard::GetCounters => {
-                let counters = self.counters.clone();
-                self.send(Outgoing::Counters(&counters));
-                return Ok(());
-            }
-            ToBoard::ResetCounters => {
-                self.counters = Counters::default();
-                Command::ResetCounters
-            }
+            ToBoard::GetPlan => self.send_plan(),
+            ToBoard::GetCounters => self.send_counters(),
+            ToBoard::ResetCounters => self.reset_counters(),
             ToBoard::SetWatch(watch) => return self.set_watch(watch.as_ref()),
-            ToBoard::GetWatch => {
-                self.send_watch();
-                return Ok(());
-            }
-            ToBoard::TakeBaseline => {
-                if self.memory.settings.watch.is_none() {
-                    return Err(BoardError::Refused(Refusal::NoWatch));
-                }
-                self.forget_baseline();
-                self.resume_unless_testing();
-                Command::TakeBaseline
-            }
-            ToBoard::GetBaseline => {
-                self.send_baseline();
-                return Ok(());
-            }
-            ToBoard::SelfTest | ToBoard::GetPeriod(_) | ToBoard::SetExcitation(_) if self.testing() => {
-                return Err(BoardError::Refused(Refusal::Busy));
-            }
-            ToBoard::SelfTest => {
-                self.test();
-                return Ok(());
-            }
+            ToBoard::GetWatch => self.send_watch(),
+            ToBoard::TakeBaseline => return self.take_baseline(),
+            ToBoard::GetBaseline => self.send_baseline(),
+            ToBoard::SelfTest => return self.self_test(),
             ToBoard::GetPeriod(request) => return self.measure_period(*request),
-            &ToBoard::SetExcitation(given) => {
-                if given == 0 || given > 1000 {
-                    return Err(BoardError::Refused(Refusal::Excitation { given }));
-                }
-                if self.memory.settings.excitation_permille != given {
-                    self.changed();
-                }
-                self.memory.settings.excitation_permille = given;
-                self.forget_baseline();
-                if self.running && !self.start() {
-                    return Ok(());
-                }
-                Command::SetExcitation
-            }
-            &ToBoard::SetAutostart(on) => {
-                if self.memory.settings.autostart != on {
-                    self.changed();
-                }
-                self.memory.settings.autostart = on;
-                Command::SetAutostart
-            }
-            ToBoard::SaveSettings => {
-                self.only_at_rest()?;
-                settings::save(&mut self.support, &self.memory.settings)
-                    .map_err(|_| BoardError::Refused(Refusal::Store))?;
-                self.stored = Stored::InForce;
-                Command::SaveSettings
-            }
-            ToBoard::GetStatus => {
-                let status = self.status();
-                self.send(Outgoing::Status(status));
-                return Ok(());
-            }
-            ToBoard::ForgetSettings => {
-                self.only_at_rest()?;
-                settings::forget(&mut self.support).map_err(|_| BoardError::Refused(Refusal::Store))?;
-                self.stored = Stored::Nothing;
-                Command::ForgetSettings
-            }
-        };
-        self.send(Outgoing::Ack(done));
+            ToBoard::SetExcitation(permille) => return self.set_excitation(*permille),
+            ToBoard::SetAutostart(on) => self.set_autostart(*on),
+            ToBoard::SaveSettings => return self.save_settings(),
+            ToBoard::GetStatus => self.send_status(),
+            ToBoard::ForgetSettings => return self.forget_settings(),
+        }
         Ok(())
+    }
+
+    // The large messages are made in functions of their own, so that the loop's stack need not hold them.
+    #[inline(never)]
+    fn introduce(&mut self) {
+        let hello = self.hello();
+        self.measuring.send(Outgoing::Hello(&hello));
+    }
+
+    #[inline(never)]
+    fn send_baseline(&mut self) {
+        let baseline = self.measuring.memory().change.baseline();
+        self.measuring.send(Outgoing::Baseline(&baseline));
+    }
+
+    fn send_plan(&mut self) {
+        let memory = self.measuring.memory_mut();
+        let dropped = memory.outbox.push(&Outgoing::Plan(&memory.settings.plan));
+        Counters::add(&mut self.measuring.counters_mut().dropped, dropped);
+    }
+
+    fn send_watch(&mut self) {
+        let memory = self.measuring.memory_mut();
+        let dropped = memory.outbox.push(&Outgoing::Watch(&memory.settings.watch));
+        Counters::add(&mut self.measuring.counters_mut().dropped, dropped);
+    }
+
+    fn send_counters(&mut self) {
+        let counters = self.counters().clone();
+        self.measuring.send(Outgoing::Counters(&counters));
+    }
+
+    fn send_status(&mut self) {
+        let status = self.status();
+        self.measuring.send(Outgoing::Status(status));
+    }
+
+    /// Measures from here on. A failure is reported in place of the answer.
+    fn start(&mut self) {
+        if self.measuring.run() {
+            self.acknowledge(Command::Start);
+        }
+    }
+
+    /// Measures nothing more. A failure is reported in place of the answer.
+    fn stop(&mut self) {
+        if self.measuring.stop() {
+            self.acknowledge(Command::Stop);
+        }
+    }
+
+    fn reset_counters(&mut self) {
+        *self.measuring.counters_mut() = Counters::default();
+        self.acknowledge(Command::ResetCounters);
     }
 
     #[inline(never)]
     fn set_plan(&mut self, plan: &Plan) -> Result<(), BoardError> {
-        let check = plan
-            .recipe()
-            .check(self.info.electrodes, self.info.gains(), &self.info.limits());
+        let info = self.measuring.info();
+        let check = plan.recipe().check(info.electrodes, info.gains(), &info.limits());
         check.map_err(BoardError::Plan)?;
-        if self.memory.settings.plan != *plan {
+        if self.measuring.memory().settings.plan != *plan {
             self.changed();
         }
-        settings::copy_plan(&mut self.memory.settings.plan, plan);
+        settings::copy_plan(&mut self.measuring.memory_mut().settings.plan, plan);
         self.send_plan();
-        if self.task == Task::Frames {
-            self.begin(Task::Frames);
-        }
+        self.measuring.restart_frame();
         Ok(())
     }
 
     #[inline(never)]
     fn set_watch(&mut self, watch: Option<&Watch>) -> Result<(), BoardError> {
         if let Some(watch) = watch {
-            check_watch(watch, &self.info, &self.info.limits())?;
+            let info = self.measuring.info();
+            check_watch(watch, info, &info.limits())?;
         }
-        if self.memory.settings.watch.as_ref() != watch {
+        if self.measuring.memory().settings.watch.as_ref() != watch {
             self.changed();
         }
-        self.memory.settings.watch = watch.cloned();
-        self.forget_baseline();
+        self.measuring.memory_mut().settings.watch = watch.cloned();
+        self.measuring.forget_baseline();
         self.send_watch();
         self.resume_unless_testing();
         Ok(())
     }
 
-    /// Whether a test or a folded period is under way, which is finished and answered whatever else is asked for.
-    fn testing(&self) -> bool {
-        matches!(self.task, Task::TestSource | Task::TestPair | Task::Period)
-    }
-
-    fn resume_unless_testing(&mut self) {
-        if !self.testing() {
-            self.resume();
+    fn take_baseline(&mut self) -> Result<(), BoardError> {
+        if self.measuring.memory().settings.watch.is_none() {
+            return Err(BoardError::Refused(Refusal::NoWatch));
         }
+        self.measuring.forget_baseline();
+        self.resume_unless_testing();
+        self.acknowledge(Command::TakeBaseline);
+        Ok(())
     }
 
-    fn only_at_rest(&self) -> Result<(), BoardError> {
-        if self.task == Task::Off {
-            Ok(())
-        } else {
-            Err(BoardError::Refused(Refusal::Busy))
-        }
+    /// Begins the self-test; its report is the answer.
+    fn self_test(&mut self) -> Result<(), BoardError> {
+        self.only_between_tests()?;
+        self.measuring.test();
+        Ok(())
     }
 
-    /// Checks a request for a folded period and begins to measure it.
+    /// Checks a request for a folded period and begins to measure it; the period is the answer.
     fn measure_period(&mut self, request: PeriodRequest) -> Result<(), BoardError> {
-        let count = self.info.electrodes;
+        self.only_between_tests()?;
+        let info = self.measuring.info();
+        let count = info.electrodes;
         for electrode in [request.sense.plus, request.sense.minus] {
             if electrode >= count {
                 let error = PlanError::Electrode {
@@ -520,26 +368,83 @@ where
                 return Err(BoardError::Period(error));
             }
         }
-        let probe = Probe::period(request, count);
-        probe
+        Probe::period(request, count)
             .recipe()
-            .check(count, self.info.gains(), &self.info.limits())
+            .check(count, info.gains(), &info.limits())
             .map_err(BoardError::Period)?;
-        self.probe = probe;
-        self.begin(Task::Period);
+        self.measuring.measure_period(request);
         Ok(())
     }
 
-    /// The baseline of the watch is to be learned anew.
-    fn forget_baseline(&mut self) {
-        let memory = &mut *self.memory;
-        match &memory.settings.watch {
-            Some(w) => memory
-                .change
-                .learn(w.learn_scans, w.recipe().value_count(), w.slots.len()),
-            None => memory.change.learn(0, 0, 0),
+    /// Sets the source's amplitude. A failure of the source is reported in place of the answer.
+    fn set_excitation(&mut self, given: u16) -> Result<(), BoardError> {
+        self.only_between_tests()?;
+        if given == 0 || given > 1000 {
+            return Err(BoardError::Refused(Refusal::Excitation { given }));
         }
-        self.watching = Watching::Off;
+        if self.measuring.memory().settings.excitation_permille != given {
+            self.changed();
+        }
+        self.measuring.memory_mut().settings.excitation_permille = given;
+        self.measuring.forget_baseline();
+        if !self.measuring.running() || self.measuring.start() {
+            self.acknowledge(Command::SetExcitation);
+        }
+        Ok(())
+    }
+
+    fn set_autostart(&mut self, on: bool) {
+        if self.measuring.memory().settings.autostart != on {
+            self.changed();
+        }
+        self.measuring.memory_mut().settings.autostart = on;
+        self.acknowledge(Command::SetAutostart);
+    }
+
+    fn save_settings(&mut self) -> Result<(), BoardError> {
+        self.only_at_rest()?;
+        let (_, memory, support) = self.measuring.parts();
+        settings::save(support, &memory.settings).map_err(|_| BoardError::Refused(Refusal::Store))?;
+        self.stored = Stored::InForce;
+        self.acknowledge(Command::SaveSettings);
+        Ok(())
+    }
+
+    fn forget_settings(&mut self) -> Result<(), BoardError> {
+        self.only_at_rest()?;
+        settings::forget(self.measuring.support_mut()).map_err(|_| BoardError::Refused(Refusal::Store))?;
+        self.stored = Stored::Nothing;
+        self.acknowledge(Command::ForgetSettings);
+        Ok(())
+    }
+
+    /// Something of the settings was changed.
+    fn changed(&mut self) {
+        if self.stored == Stored::InForce {
+            self.stored = Stored::Others;
+        }
+    }
+
+    fn resume_unless_testing(&mut self) {
+        if !self.measuring.is_testing() {
+            self.measuring.resume();
+        }
+    }
+
+    fn only_at_rest(&self) -> Result<(), BoardError> {
+        refuse_if(!self.measuring.is_at_rest())
+    }
+
+    fn only_between_tests(&self) -> Result<(), BoardError> {
+        refuse_if(self.measuring.is_testing())
+    }
+}
+
+fn refuse_if(busy: bool) -> Result<(), BoardError> {
+    if busy {
+        Err(BoardError::Refused(Refusal::Busy))
+    } else {
+        Ok(())
     }
 }
 

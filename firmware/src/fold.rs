@@ -1,8 +1,8 @@
 //! Integrate-and-dump lock-in: fold whole periods onto one, then correlate that one with the reference.
 //!
-//! The sum over all samples of sample times reference is the same, term by term, as the reference times the sum of all
-//! samples at its phase. Folding first costs one addition a sample instead of two multiplications and two additions,
-//! and the result is identical to the last bit.
+//! Folding sums all samples of one phase in a bin. The sum of samples times reference over all periods equals the sum of bins
+//! times reference over one period, to the last bit. A sample costs one addition instead of two multiplications and two
+//! additions.
 //!
 //! Overflow budget, with codes of 12 bits and at most [`MAX_PERIODS`] periods:
 //!
@@ -20,8 +20,9 @@
 //! | sum of 8 even parts | 16 * 4095 * 65535 | 32 | u32 |
 //! | 8 times the sum of the squares of 8 even parts | 64 * (2 * 4095 * 65535)^2 | 64 | u64 |
 //!
-//! Where several channels are sampled at once their bins are in two parts, each of two channels in one word: two samples are
-//! one addition, as they come from memory. After 15 periods at the latest what is above 12 bits goes over to the high part.
+//! Where several channels are sampled at once, a bin has a low and a high part, and the parts of two channels share a word:
+//! two samples are one addition, as they come from memory. After 15 periods at the latest the bits above 12 are carried over
+//! to the high part.
 
 use crate::FULL_SCALE;
 use crate::capture::{Block, Rails};
@@ -38,8 +39,10 @@ pub const MAX_PERIODS: u16 = u16::MAX;
 /// Largest sum in a bin.
 const MAX_BIN: u64 = FULL_SCALE as u64 * MAX_PERIODS as u64;
 
-/// Periods that the low part of a bin takes before what is above [`LOW_BITS`] goes over to the high part.
+/// Most periods that the low part of a bin takes before its bits above [`LOW_BITS`] are carried over to the high part. As many
+/// as 16 bits hold beside the rest; fewer carry over more often.
 const PERIODS_A_SPILL: u32 = 15;
+/// Bits that stay in the low part.
 const LOW_BITS: u32 = 12;
 /// Words of the low and of the high parts of a phase's bins.
 const WORDS: usize = MAX_CHANNELS / 2;
@@ -65,8 +68,8 @@ pub enum FoldError {
 /// One period, each sample the sum of that phase's samples in all periods folded, for up to [`MAX_CHANNELS`] channels.
 #[derive(Clone, Debug)]
 pub struct Folded {
-    /// By phase. Of one channel its bin; of several the low parts, two channels in a word in the order in which samples come,
-    /// and from [`WORDS`] on the high parts in the same way, once there are any.
+    /// By phase. One channel has its bin in word 0. Several channels have their low parts in the first [`WORDS`] words, two
+    /// channels in a word in the order of the samples. Their high parts, once there are any, are in the words after those.
     bins: [[u32; MAX_CHANNELS]; SAMPLES_PER_PERIOD],
     /// Most samples added to any low part since the last spill, and whether there was one.
     unspilled: u32,
@@ -404,8 +407,8 @@ impl Scatter {
         self.channels = self.channels.saturating_add(other.channels);
     }
 
-    /// Variance of one sample, when `periods` were folded: a bin has `periods` times that, the sum of two bins twice as
-    /// much, and the scatter of a channel is on average 8 * 7 times that.
+    /// Variance of one sample, when `periods` were folded. A bin has `periods` times the variance of a sample; the sum of two
+    /// bins has twice that; the scatter of a channel is on average 8 * 7 times the variance of the sum.
     pub fn variance(self, periods: u16) -> Variance {
         const PER_SAMPLE: u64 = (HALF * (HALF - 1) * 2) as u64;
         let samples = PER_SAMPLE * u64::from(periods) * u64::from(self.channels);

@@ -1,114 +1,203 @@
 //! What is measured when: frames, the watch while nothing touches, and tests in between.
 
-use crate::controller::{Controller, Memory};
-use crate::front_end::{Error, ErrorKind, FrontEnd};
+use crate::board_info::BoardInfo;
+use crate::error::{Error, ErrorKind};
+use crate::front_end::FrontEnd;
+use crate::memory::Memory;
 use crate::reference::SAMPLES_PER_PERIOD;
 use crate::scan::{Pace, Progress, ScanError};
-use crate::settings::Settings;
+use crate::self_test;
+use crate::settings;
 use crate::support::Support;
+use crate::task::{Probe, Task, recipe};
+use crate::watch_state::{AfterScan, WatchState};
 use core::ops::DerefMut;
-use embedded_hal_nb::serial::{Read, Write};
 use protocol::{
-    BoardError, Counters, FoldedPeriod, FrontEndFault, Heartbeat, Outgoing, Pair, PeriodRequest, QUARTERS, Recipe,
-    Sampling, Slot, Watching,
+    BoardError, Counters, FoldedPeriod, FrontEndFault, Heartbeat, Outgoing, PeriodRequest, QUARTERS, SelfTest, Watching,
 };
 
-/// What is being measured.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Task {
-    /// Nothing.
-    Off,
-    /// The plan's values.
-    Frames,
-    /// The watch's values.
-    Watch,
-    /// The source's amplitude, before and while the board measures.
-    Source,
-    /// The source's amplitude, first part of the self-test.
-    TestSource,
-    /// The voltage of one drive pair after the other, second part of the self-test.
-    TestPair,
-    /// One folded period.
-    Period,
-}
+/// Largest error of the source's amplitude: one part in this many of what was set. A source that is further off has failed:
+/// the board stops. A larger share lets a failing source pass.
+const SOURCE_TOLERANCE: u32 = 10;
 
-/// One value that is measured by itself.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Probe {
-    pub(crate) request: PeriodRequest,
-    slot: Slot,
-}
-
-impl Probe {
-    /// A value asked for, on a board of `electrodes`, which the sense pair's are.
-    pub(crate) fn period(request: PeriodRequest, electrodes: u8) -> Self {
-        let Pair { plus, minus } = request.sense;
-        let step = (u16::from(plus) + u16::from(electrodes) - u16::from(minus)) % u16::from(electrodes.max(1));
-        Self {
-            request,
-            slot: Slot {
-                drive: request.drive,
-                sense_step: step as u8,
-                sense: 1u32.checked_shl(minus.into()).unwrap_or(0),
-                gain: request.gain,
-            },
-        }
-    }
-
-    /// The source, or the voltage of drive pair `m`.
-    pub(crate) fn drive_pair(m: u8, electrodes: u8, gain: u8) -> Self {
-        let next = (u16::from(m) + 1) % u16::from(electrodes.max(1));
-        let drive = Pair {
-            plus: m,
-            minus: next as u8,
-        };
-        let request = PeriodRequest {
-            drive,
-            sense: Pair {
-                plus: drive.minus,
-                minus: drive.plus,
-            },
-            gain,
-            settle_quarters: 2 * QUARTERS as u16,
-            periods: 8,
-        };
-        Self::period(request, electrodes)
-    }
-
-    pub(crate) fn recipe(&self) -> Recipe<'_> {
-        Recipe {
-            settle_quarters: self.request.settle_quarters,
-            integrate_periods: self.request.periods,
-            sampling: Sampling::Sequential,
-            quadrature: true,
-            slots: core::slice::from_ref(&self.slot),
-        }
-    }
-}
-
-/// The recipe of a task.
-fn recipe<'b>(task: Task, settings: &'b Settings, probe: &'b Probe) -> Recipe<'b> {
-    match (task, &settings.watch) {
-        (Task::Frames | Task::Off, _) => settings.plan.recipe(),
-        (Task::Watch, Some(watch)) => watch.recipe(),
-        _ => probe.recipe(),
-    }
-}
-
-/// Amplitude of the source, in thousandths of full scale, that the converter's codes and the whole thousandths leave open.
+/// Further error allowed to the source's amplitude, in thousandths of full scale: the converter's codes and whole thousandths
+/// round that much. It is the larger of the two allowances below 20 thousandths.
 const ROUNDING_PERMILLE: u32 = 2;
 
-impl<F, L, S, M> Controller<'_, F, L, S, M>
+/// Periods beyond a window's own that a front end may take to lend it. Fewer stop a board whose front end lends late; more
+/// only delay the report of a front end that hangs.
+const LATE_PERIODS: u32 = 2;
+
+/// Everything that is measured, and the state of measuring. It owns what measuring works on: the front end, the chip's
+/// support and the memory. Messages go to the memory's outbox.
+#[derive(Debug)]
+pub(crate) struct Measuring<'a, F, S, M> {
+    info: BoardInfo<'a>,
+    front: F,
+    support: S,
+    memory: M,
+    counters: Counters,
+    /// Of the next frame.
+    sequence: u32,
+    /// Whether the board was told to measure.
+    running: bool,
+    task: Task,
+    /// What is measured by itself, for a test or a diagnosis.
+    probe: Probe,
+    /// When the scan last went on, in samples since power-up.
+    went_on: u64,
+    watch: WatchState,
+}
+
+impl<'a, F, S, M> Measuring<'a, F, S, M>
 where
     F: FrontEnd,
-    L: Read<u8> + Write<u8>,
     S: Support,
     M: DerefMut<Target = Memory>,
 {
+    /// Nothing is measured yet.
+    pub(crate) fn new(info: BoardInfo<'a>, front: F, support: S, mut memory: M) -> Self {
+        memory
+            .scan
+            .wire(info.electrodes, info.skew_ticks, info.ticks_per_sample);
+        Self {
+            info,
+            front,
+            support,
+            memory,
+            counters: Counters::default(),
+            sequence: 0,
+            running: false,
+            task: Task::Off,
+            probe: Probe::default(),
+            went_on: 0,
+            watch: WatchState::OFF,
+        }
+    }
+
+    /// The board's constants.
+    pub(crate) fn info(&self) -> &BoardInfo<'a> {
+        &self.info
+    }
+
+    /// The front end.
+    pub(crate) fn front_mut(&mut self) -> &mut F {
+        &mut self.front
+    }
+
+    /// Clock, watchdog and store.
+    pub(crate) fn support_mut(&mut self) -> &mut S {
+        &mut self.support
+    }
+
+    /// The large part of the state.
+    pub(crate) fn memory(&self) -> &Memory {
+        &self.memory
+    }
+
+    /// The same, to be changed.
+    pub(crate) fn memory_mut(&mut self) -> &mut Memory {
+        &mut self.memory
+    }
+
+    /// Constants, memory and support at once: for settings, and the store that keeps them.
+    pub(crate) fn parts(&mut self) -> (&BoardInfo<'a>, &mut Memory, &mut S) {
+        (&self.info, &mut self.memory, &mut self.support)
+    }
+
+    /// What was counted so far.
+    pub(crate) fn counters(&self) -> &Counters {
+        &self.counters
+    }
+
+    /// The same, to be changed.
+    pub(crate) fn counters_mut(&mut self) -> &mut Counters {
+        &mut self.counters
+    }
+
+    /// Whether the board was told to measure, and does.
+    pub(crate) fn running(&self) -> bool {
+        self.running
+    }
+
+    /// What the board does about its watch.
+    pub(crate) fn watching(&self) -> Watching {
+        self.watch.watching()
+    }
+
+    /// Whether nothing is measured.
+    pub(crate) fn is_at_rest(&self) -> bool {
+        self.task == Task::Off
+    }
+
+    /// Whether a test or a folded period is under way, which is finished and answered whatever else is asked for.
+    pub(crate) fn is_testing(&self) -> bool {
+        matches!(self.task, Task::TestSource | Task::TestPair | Task::Period)
+    }
+
+    /// Queues a message for the link.
+    pub(crate) fn send(&mut self, message: Outgoing<'_>) {
+        let dropped = self.memory.outbox.push(&message);
+        Counters::add(&mut self.counters.dropped, dropped);
+    }
+
+    /// Measures from here on, or once a test under way is over. False if it failed, which was then reported.
+    pub(crate) fn run(&mut self) -> bool {
+        if self.is_testing() {
+            self.running = true;
+            true
+        } else {
+            self.running || self.start()
+        }
+    }
+
+    /// Measures nothing more. A test under way is finished first. False if the source could not be switched off, which was
+    /// then reported.
+    pub(crate) fn stop(&mut self) -> bool {
+        self.running = false;
+        self.watch.switch_off();
+        self.is_testing() || self.rest()
+    }
+
+    /// Begins the frame under way anew, if there is one: the plan was changed.
+    pub(crate) fn restart_frame(&mut self) {
+        if self.task == Task::Frames {
+            self.begin(Task::Frames);
+        }
+    }
+
+    /// The baseline of the watch is to be learned anew.
+    pub(crate) fn forget_baseline(&mut self) {
+        let memory = &mut *self.memory;
+        match &memory.settings.watch {
+            Some(w) => memory
+                .change
+                .learn(w.learn_scans, w.recipe().value_count(), w.slots.len()),
+            None => memory.change.learn(0, 0, 0),
+        }
+        self.watch.switch_off();
+    }
+
+    /// Begins to measure a folded period. The request was checked.
+    pub(crate) fn measure_period(&mut self, request: PeriodRequest) {
+        self.probe = Probe::period(request, self.info.electrodes);
+        self.begin(Task::Period);
+    }
+
+    /// Begins the self-test.
+    pub(crate) fn test(&mut self) {
+        let store_works = settings::load_with(&mut self.support, |_| {}).is_ok();
+        self.memory.report = self_test::begun(&self.info, store_works);
+        self.probe = Probe::drive_pair(0, self.info.electrodes, self.memory.report.gain);
+        if self.excite() {
+            self.begin(Task::TestSource);
+        }
+    }
+
     /// Begins to measure by the settings, the source first. False if it failed, which was then reported.
     pub(crate) fn start(&mut self) -> bool {
         self.running = true;
-        self.watching = Watching::Off;
+        self.watch.switch_off();
         self.excite() && {
             self.probe = Probe::drive_pair(0, self.info.electrodes, 0);
             self.begin(Task::Source)
@@ -116,7 +205,7 @@ where
     }
 
     /// Switches the source on at the amplitude that is set.
-    pub(crate) fn excite(&mut self) -> bool {
+    fn excite(&mut self) -> bool {
         let set = self.front.set_amplitude(self.memory.settings.excitation_permille);
         match set.and_then(|()| self.front.switch_on()) {
             Ok(()) => true,
@@ -130,31 +219,35 @@ where
     /// Measures what the board was told to, from here on; nothing if it was not.
     pub(crate) fn resume(&mut self) {
         if !self.running {
-            self.task = Task::Off;
-            self.memory.scan.stop();
-            if let Err(e) = self.front.switch_off() {
-                self.fail(e.kind());
-            }
+            self.rest();
             return;
         }
-        let before = self.watching;
-        self.watching = match (&self.memory.settings.watch, before) {
-            (None, _) => Watching::Off,
-            (Some(_), _) if !self.memory.change.is_ready() => Watching::Learning,
-            (Some(_), Watching::Off | Watching::Learning) => Watching::Asleep,
-            (Some(_), same) => same,
-        };
-        let task = match self.watching {
-            Watching::Off | Watching::Awake => Task::Frames,
-            Watching::Learning | Watching::Asleep => Task::Watch,
-        };
-        if self.begin(task) && self.watching != before {
+        let before = self.watch.watching();
+        let memory = &*self.memory;
+        let task = self
+            .watch
+            .resume(memory.settings.watch.as_ref(), memory.change.is_ready());
+        if self.begin(task) && self.watch.watching() != before {
             self.beat();
         }
     }
 
+    /// Ends what is under way and makes the sheet safe. False if the source could not be switched off, which was then
+    /// reported.
+    fn rest(&mut self) -> bool {
+        self.task = Task::Off;
+        self.memory.scan.stop();
+        match self.front.switch_off() {
+            Ok(()) => true,
+            Err(e) => {
+                self.fail(e.kind());
+                false
+            }
+        }
+    }
+
     /// Begins a task now; false if the front end failed, which was then reported.
-    pub(crate) fn begin(&mut self, task: Task) -> bool {
+    fn begin(&mut self, task: Task) -> bool {
         self.begin_after(task, 0)
     }
 
@@ -202,9 +295,8 @@ where
                 true
             }
             Err(nb::Error::WouldBlock) => {
-                // A window, and two periods for a front end that lends late.
-                let patience = u64::from(self.memory.scan.window_quarters() + 2 * QUARTERS) * SAMPLES_PER_PERIOD as u64
-                    / u64::from(QUARTERS);
+                let quarters = self.memory.scan.window_quarters() + LATE_PERIODS * QUARTERS;
+                let patience = u64::from(quarters) * SAMPLES_PER_PERIOD as u64 / u64::from(QUARTERS);
                 if self.support.now().saturating_sub(self.went_on) > patience {
                     self.fail(ErrorKind::Timeout);
                     return true;
@@ -257,7 +349,7 @@ where
     }
 
     /// A fault that the next frame would meet again: stop, make the sheet safe, and say so.
-    pub(crate) fn fail(&mut self, kind: ErrorKind) {
+    fn fail(&mut self, kind: ErrorKind) {
         Counters::add(&mut self.counters.front_end_faults, 1);
         self.halt(match kind {
             ErrorKind::Timeout => FrontEndFault::Timeout,
@@ -268,7 +360,7 @@ where
 
     fn halt(&mut self, fault: FrontEndFault) {
         self.running = false;
-        self.watching = Watching::Off;
+        self.watch.switch_off();
         self.task = Task::Off;
         self.memory.scan.stop();
         // Already failing: a source that does not stop either changes nothing about that.
@@ -278,20 +370,22 @@ where
 
     /// A frame is complete: the next drive first, then the frame on its way.
     fn frame(&mut self) {
-        let between = self.memory.settings.watch.as_ref().map(|w| w.frames_between);
-        self.frames = self.frames.saturating_add(1);
-        let next = match between {
-            Some(most) if self.frames >= most => {
-                self.frames = 0;
-                Task::Watch
-            }
-            _ => Task::Frames,
-        };
+        let next = self.watch.after_frame(self.memory.settings.watch.as_ref());
         let sequence = self.sequence;
         self.sequence = sequence.wrapping_add(1);
         Counters::add(&mut self.counters.frames, 1);
         self.begin(next);
         self.send_frame(sequence);
+    }
+
+    /// Queues the complete frame, as it is in the scan.
+    fn send_frame(&mut self, sequence: u32) {
+        let memory = &mut *self.memory;
+        let plan = &memory.settings.plan;
+        let frame = memory.scan.frame(sequence, plan.id, plan.quadrature);
+        Counters::add(&mut self.counters.clipped, frame.clipped.count());
+        let dropped = memory.outbox.push(&Outgoing::Frame(frame));
+        Counters::add(&mut self.counters.dropped, dropped);
     }
 
     /// A drive of the watch is over: the next one, or the plan if it showed a change.
@@ -319,13 +413,9 @@ where
         let size = watch.slots.get(slot).map_or(0, |s| s.sense.count_ones() as usize);
         let start = values.len().saturating_sub(size);
         memory.change.put(slot, start, values.get(start..).unwrap_or_default());
-        let level = memory.change.level();
-        self.beat_level = self.beat_level.max(level);
-        if self.watching != Watching::Asleep || level < watch.threshold {
+        if !self.watch.wakes(memory.change.level(), watch) {
             return false;
         }
-        self.watching = Watching::Awake;
-        (self.frames, self.quiet) = (0, 0);
         Counters::add(&mut self.counters.wakes, 1);
         if self.begin(Task::Frames) {
             self.beat();
@@ -343,9 +433,9 @@ where
         let Some(watch) = &memory.settings.watch else {
             return self.resume();
         };
-        let (level, rest) = (memory.change.level(), watch.rest_quarters);
-        match self.watching {
-            Watching::Off | Watching::Learning => {
+        let (after, rest) = (self.watch.after_scan(memory.change.level(), watch), watch.rest_quarters);
+        match after {
+            AfterScan::Learn => {
                 let ends = watch.slots.iter().scan(0, |end, slot| {
                     *end += slot.sense.count_ones() as usize;
                     Some(*end)
@@ -353,33 +443,25 @@ where
                 memory.change.learn_from(memory.scan.values(), ends);
                 self.resume();
             }
-            Watching::Asleep => {
+            AfterScan::Sleep => {
                 memory.change.follow(memory.scan.values());
-                self.beat_scans = self.beat_scans.saturating_add(1);
-                if self.beat_scans < watch.heartbeat_scans {
-                    self.begin_after(Task::Watch, rest);
-                } else {
-                    // With each sign of life a look at the source.
-                    self.probe = Probe::drive_pair(0, self.info.electrodes, 0);
-                    if self.begin(Task::Source) {
-                        self.beat();
-                    }
+                self.begin_after(Task::Watch, rest);
+            }
+            AfterScan::Heartbeat => {
+                memory.change.follow(memory.scan.values());
+                // With each sign of life a look at the source.
+                self.probe = Probe::drive_pair(0, self.info.electrodes, 0);
+                if self.begin(Task::Source) {
+                    self.beat();
                 }
             }
-            Watching::Awake => {
-                self.quiet = if level < watch.threshold {
-                    self.quiet.saturating_add(1)
-                } else {
-                    0
-                };
-                if self.quiet >= watch.quiet_scans {
-                    self.watching = Watching::Asleep;
-                    if self.begin_after(Task::Watch, rest) {
-                        self.beat();
-                    }
-                } else {
-                    self.begin(Task::Frames);
+            AfterScan::FallAsleep => {
+                if self.begin_after(Task::Watch, rest) {
+                    self.beat();
                 }
+            }
+            AfterScan::Frames => {
+                self.begin(Task::Frames);
             }
         }
     }
@@ -388,19 +470,18 @@ where
     fn beat(&mut self) {
         let beat = Heartbeat {
             time: self.support.now(),
-            state: self.watching,
-            level: self.beat_level,
+            state: self.watch.watching(),
+            level: self.watch.take_level(),
             scans: self.counters.watch_scans,
         };
-        (self.beat_scans, self.beat_level) = (0, 0);
         self.send(Outgoing::Heartbeat(beat));
     }
 
-    /// The source was measured: go on if it is within a tenth of what it is set to, and what rounding makes of a small one.
+    /// The source was measured: go on if its amplitude is what was set.
     fn source(&mut self) {
         let set = u32::from(self.memory.settings.excitation_permille);
         let measured = u32::from(self.source_permille());
-        if measured.abs_diff(set) > set / 10 + ROUNDING_PERMILLE {
+        if measured.abs_diff(set) > set / SOURCE_TOLERANCE + ROUNDING_PERMILLE {
             Counters::add(&mut self.counters.front_end_faults, 1);
             return self.halt(FrontEndFault::Source);
         }
@@ -408,7 +489,7 @@ where
     }
 
     /// The source's amplitude as it was just measured, in thousandths of full scale.
-    pub(crate) fn source_permille(&self) -> u16 {
+    fn source_permille(&self) -> u16 {
         let values = self.memory.scan.frame(0, 0, true);
         let amplitude = match (values.values, values.quadrature) {
             // The phase of the source is not known this well; its amplitude is what counts.
@@ -421,6 +502,27 @@ where
         let permille = i64::from(amplitude) * 1000;
         let permille = permille.checked_div(self.info.source_full_scale()).unwrap_or(0);
         permille.clamp(0, u16::MAX.into()) as u16
+    }
+
+    /// The source was measured for the self-test; on to the first drive pair.
+    fn tested_source(&mut self) {
+        let (measured, set) = (self.source_permille(), self.memory.settings.excitation_permille);
+        self_test::source_measured(&mut self.memory.report, measured, set);
+        self.begin(Task::TestPair);
+    }
+
+    /// A drive pair was measured for the self-test; on to the next one, or the end.
+    fn tested_pair(&mut self) {
+        let memory = &mut *self.memory;
+        self_test::pair_measured(&mut memory.report, &self.info, &memory.scan);
+        if let Some(next) = self_test::next_pair(&memory.report, &self.info) {
+            self.probe = next;
+            self.begin(Task::TestPair);
+        } else {
+            let report: SelfTest = core::mem::take(&mut memory.report);
+            self.send(Outgoing::SelfTest(&report));
+            self.resume();
+        }
     }
 
     /// A folded period is complete.

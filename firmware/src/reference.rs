@@ -1,12 +1,12 @@
 //! The lock-in's reference and the integers that it is made of.
 //!
 //! Sampled at 16 points a period, the harmonics 2f to 14f and DC have a correlation of exactly zero with the sine and the
-//! cosine: their sums over the 16th roots of unity vanish. In integers two things are left of that:
-//! - DC and the even harmonics are equal at k and k + 8, where the reference changes sign. The firmware subtracts those two
-//!   samples first, so that they cancel to the last bit, whatever they were rounded to.
+//! cosine: their sums over the 16th roots of unity vanish. In integers this holds as follows:
+//! - DC and the even harmonics are equal at k and k + 8, where the reference changes sign. The firmware subtracts these two
+//!   samples first: DC and even harmonics cancel to the last bit, however they were rounded.
 //! - The odd harmonics 3f to 13f cancel because sin(pi/8), sin(pi/4) and sin(3pi/8) have irrational ratios, which no table
-//!   of integers has. With 30 bits of fraction what is left of a full-scale harmonic is less than a thousandth of the unit
-//!   in which values are sent, at any number of periods: a value is the exact correlation of the codes, rounded.
+//!   of integers has. With 30 bits of fraction the residual of a full-scale harmonic is less than a thousandth of a
+//!   [`Value`](protocol::Value)'s unit, at any number of periods. A value is the exact correlation of the codes, rounded.
 
 /// Samples in one period of the excitation. With 16, of all harmonics only 15f, 17f, 31f, ... look like the
 /// fundamental; with 4 the third already would.

@@ -1,6 +1,6 @@
 //! Which electrodes are connected to what.
 
-use crate::front_end::ErrorType;
+use crate::error::ErrorType;
 use protocol::Pair;
 
 /// What the converter's channels see.

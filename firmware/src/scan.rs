@@ -52,9 +52,9 @@ struct Place {
 
 /// Measures the values of one recipe after the other. The recipe is the caller's: the same from one `start` to the next.
 ///
-/// Deadline: the next route is selected in the very step that takes the last block of the one before ([`Pace::Ahead`]), so
-/// a caller that steps within one sample of a block's end loses nothing to switching. One that comes later loses a quarter
-/// period for each route measured without settling, and nothing else.
+/// Deadline: with [`Pace::Ahead`] the step that takes the last block of a route selects the next route. A caller that steps
+/// within one sample of a block's end loses nothing to switching. A later caller loses a quarter period for each route
+/// measured without settling, and nothing else.
 ///
 /// What was measured can be read until the first window of the next start is over: a frame is packed while the next one is
 /// under way.

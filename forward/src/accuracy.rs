@@ -1,11 +1,13 @@
 //! From the accuracy wanted to the lengths of a mesh.
 
+use crate::error::ForwardError;
 use crate::geometry::Geometry;
 use crate::mesh::{MeshSizes, followed};
-use crate::model::{ForwardError, ModelOptions};
+use crate::options::ModelOptions;
 
-/// Accuracy, electrode fraction, growth, largest edge over the sheet's smaller extent: what a study of quadratic elements
-/// on the paper's disc gave, with a third to spare.
+/// Accuracy, electrode fraction, growth, largest edge over the sheet's smaller extent; between the rows, powers are
+/// interpolated. A study of quadratic elements on the paper's disc gave them, with a third of the error to spare
+/// (docs/forward.md). Smaller lengths cost nodes, larger ones accuracy.
 const QUADRATIC: [[f64; 4]; 4] = [
     [1e-2, 0.2, 0.7, 0.062],
     [1e-3, 0.025, 0.6, 0.038],
@@ -13,10 +15,11 @@ const QUADRATIC: [[f64; 4]; 4] = [
     [1e-5, 0.002, 0.2, 0.015],
 ];
 
-/// Edge along a touch that the mesh follows, over its radius, at an accuracy of 1e-3: a quadratic edge of this length is
-/// within 1e-5 of the radius of the circle.
+/// Edge along a touch that the mesh follows, over its radius, at an accuracy of 1e-3. A quadratic edge of this length is
+/// within 1e-5 of the radius of the circle. Less costs nodes, more bends elements too far.
 const ALONG_A_TOUCH: f64 = 0.4;
-/// The same for a touch that crosses a rim or another touch. Its jump is averaged over the elements it cuts.
+/// The same for a touch that crosses a rim or another touch. Its jump is averaged over the elements it cuts, at an error in
+/// proportion to their edges. Less costs nodes, more accuracy.
 const ACROSS_A_TOUCH: f64 = 0.05;
 
 pub(crate) fn sizes(
@@ -63,9 +66,9 @@ pub(crate) fn sizes(
     })
 }
 
-/// The current density at an electrode's end rises within the contact's length; where that is short, like the inverse
-/// root of the distance down to it. The error of that is in proportion to the edge at the end, so edges must be short
-/// against the contact, but need not be shorter than the fraction's square.
+/// Edge at the electrodes' ends, as a fraction of their length. The current density at an end rises over the contact's
+/// length; down to a short contact's length it rises like the inverse root of the distance. The error is in proportion to the
+/// edge at the end: edges must be short against the contact, but need not be shorter than the fraction's square.
 fn at_the_ends(geometry: &Geometry, contact_mm: &[f64], fraction: f64) -> f64 {
     let ends = geometry.spans.iter().zip(contact_mm).filter(|(span, _)| !span.whole);
     ends.map(|(span, contact)| 10.0 * fraction * contact / span.length)

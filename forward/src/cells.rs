@@ -32,6 +32,7 @@ pub enum CellError {
     },
 }
 
+/// Most squares of a grid, far more than a picture has. The limit names a cell size in a wrong unit before memory runs out.
 const MOST_CELLS: usize = 1_000_000;
 
 /// Square cells, their grid lines through the middle of the sheet's bounding box. A cell counts when its centre is on

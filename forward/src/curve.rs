@@ -27,8 +27,14 @@ enum Piece {
     },
 }
 
-/// Steps of the arc-length table of a cubic piece.
+/// Steps of the arc-length table of a cubic piece. More only make the table longer: Newton steps on the arc length follow.
 const CUBIC_STEPS: usize = 64;
+
+/// Polyline segments of a circle: their middles are within 1e-4 of the radius. Fewer make [`Curve::contains`] and the first
+/// guess of [`Curve::nearest`] coarser, more make both slower.
+const ARC_SEGMENTS: usize = 256;
+/// Polyline segments of a cubic piece, an eighth of a circle or less where points are set with care. As above.
+const CUBIC_SEGMENTS: usize = 32;
 
 fn cubic_at(p: &[Point; 4], t: f64) -> Point {
     let s = 1.0 - t;
@@ -106,8 +112,12 @@ impl Piece {
     fn flatten(&self) -> Vec<Point> {
         match self {
             Self::Line(a, _) => vec![*a],
-            Self::Arc { .. } => (0..256).map(|k| self.point(self.length() * k as f64 / 256.0)).collect(),
-            Self::Cubic { control, .. } => (0..32).map(|k| cubic_at(control, k as f64 / 32.0)).collect(),
+            Self::Arc { .. } => (0..ARC_SEGMENTS)
+                .map(|k| self.point(self.length() * k as f64 / ARC_SEGMENTS as f64))
+                .collect(),
+            Self::Cubic { control, .. } => (0..CUBIC_SEGMENTS)
+                .map(|k| cubic_at(control, k as f64 / CUBIC_SEGMENTS as f64))
+                .collect(),
         }
     }
 }
@@ -229,6 +239,11 @@ impl Curve {
         }
     }
 
+    /// Whether the curve is a circle.
+    pub fn is_circle(&self) -> bool {
+        matches!(self.pieces[..], [Piece::Arc { .. }])
+    }
+
     /// A polyline that follows the curve: exact for polygons, to 1e-4 of the radius for circles.
     pub fn polyline(&self) -> &[Point] {
         &self.polyline
@@ -343,6 +358,31 @@ mod tests {
         assert!(distance(c.point(0.0), [0.0, 0.0]) < 1e-12);
         assert!(distance(c.point(1.0), [1.0, 0.0]) < 1e-12);
         assert!(c.corners().all(|(_, a)| (a - FRAC_PI_2).abs() < 1e-12));
+    }
+
+    #[test]
+    fn a_polygon_contains_what_is_inside_it_in_either_sense_of_turn() {
+        let mut ell = vec![
+            [0.0, 0.0],
+            [60.0, 0.0],
+            [60.0, 20.0],
+            [20.0, 20.0],
+            [20.0, 60.0],
+            [0.0, 60.0],
+        ];
+        for _ in 0..2 {
+            for (p, inside) in [
+                ([10.0, 50.0], true),
+                ([50.0, 10.0], true),
+                ([50.0, 50.0], false),
+                ([-1.0, 10.0], false),
+                ([61.0, 10.0], false),
+            ] {
+                assert_eq!(contains(&ell, p), inside, "{p:?}");
+            }
+            ell.reverse();
+        }
+        assert!(!contains(&ell[..2], [30.0, 0.0]) && !contains(&[], [0.0, 0.0]));
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! How measurements answer to what is not exactly known of electrodes: their contact and their place on the rim.
+//! The response of measurements to what is not exactly known of electrodes: their contact and their place on the rim.
 //!
 //! The complete electrode model is the minimum of a quadratic form whose part at electrode l is
 //! `(1/z) integral over E_l of (u - U_l)^2`. A change dA of that form changes transfer impedances by
@@ -66,7 +66,7 @@ impl Sensitivity {
     }
 }
 
-/// Shares of the nodes at a place on a contact edge (t from 0 to 1), and the length that it is run through at, mm.
+/// Shares of the nodes at a place on a contact edge (t from 0 to 1), and the edge's length for a unit of t there, mm.
 fn point(mesh: &Mesh, edge: &ContactEdge, t: f64) -> ([(usize, f64); 3], f64) {
     let [a, b] = edge.ends;
     let (nodes, slope) = match edge.middle {

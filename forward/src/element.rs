@@ -53,8 +53,9 @@ pub(crate) fn reference_gradients(order: Order, l: [f64; 3]) -> ([[f64; 2]; MOST
     }
 }
 
-/// Gradients of the shape functions in the sheet's frame (1/mm) at barycentric coordinates `l`, with the determinant of
-/// the mapping (mm², twice the area of a straight triangle; not positive where a curved element is tangled).
+/// Gradients of the shape functions in the sheet's frame (1/mm) at barycentric coordinates `l`, their number, and the
+/// determinant of the mapping, mm². The determinant of a straight triangle is twice its area; it is not positive where a
+/// curved element is tangled.
 pub(crate) fn gradients(mesh: &Mesh, element: usize, l: [f64; 3]) -> ([[f64; 2]; MOST_NODES], usize, f64) {
     let (reference, count) = reference_gradients(mesh.order, l);
     let mut j = [[0.0; 2]; 2];

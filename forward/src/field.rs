@@ -30,10 +30,11 @@ impl DiscTouch {
 /// Conductivity of the untouched sheet.
 pub const UNPRESSED: Tensor = [1.0, 0.0, 1.0];
 
-/// A node this near a disc's edge is on it, over the radius.
+/// Distance from a disc's edge below which a node is on it, over the radius. Nodes are moved there to a few roundings.
 const ON_THE_EDGE: f64 = 1e-9;
 
-/// Divisions of a cut element's sides when its jump is averaged.
+/// Divisions of a cut element's sides when its jump is averaged over sub-triangles. More follow the edge better, at a cost
+/// with the square.
 const CUTS: usize = 16;
 
 /// Conductivity, relative to the unpressed sheet, of every element under disc touches.
@@ -53,10 +54,10 @@ pub fn points(mesh: &Mesh, element: usize) -> [Point; POINTS] {
     DEGREE_4.map(|(l, _)| position(mesh.corners(element), l))
 }
 
-/// Conductivity, relative to the unpressed sheet, of every element where the resistivity is a function of some quantity
-/// (a strain, say), given its relative value by `resistivity`: the quantity is the sum of a smooth field, known at the
-/// [`points`] of every element, and of steps over discs, whose [`DiscTouch::rise`] is what they add inside. Elements that a
-/// disc's edge cuts are averaged as by [`conductivity_of_discs`].
+/// Conductivity of every element, relative to the unpressed sheet, where the resistivity is a function of some quantity such
+/// as a strain. `resistivity` gives its relative value. The quantity is the sum of a smooth field, known at the [`points`] of
+/// every element, and of steps over discs: inside a disc its [`DiscTouch::rise`] is added. Elements that a disc's edge cuts
+/// are averaged as by [`conductivity_of_discs`].
 pub fn conductivity_of_steps(
     mesh: &Mesh,
     steps: &[DiscTouch],

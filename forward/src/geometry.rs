@@ -392,7 +392,7 @@ impl Geometry {
         for i in 0..rings.len() {
             for j in i..rings.len() {
                 // A circle cannot cross itself.
-                if i == j && rings[i].corners().next().is_none() && rings[i].polyline().len() == 256 {
+                if i == j && rings[i].is_circle() {
                     continue;
                 }
                 if let Some((segment, other_segment)) = first_crossing(&rings[i], &rings[j], i == j) {
@@ -519,6 +519,10 @@ impl Geometry {
     /// Arc length of the outline where the ray from the centre of its bounding box leaves it for the last time.
     fn arc_at_angle(&self, angle_deg: f64) -> f64 {
         let rim = &self.rings[0];
+        if rim.is_circle() {
+            // The arc length in units of the radius is the angle.
+            return angle_deg.to_radians().rem_euclid(std::f64::consts::TAU) * rim.length() / std::f64::consts::TAU;
+        }
         let (low, high) = self.bounding_box();
         let c = [0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1])];
         let direction = [libm::cos(angle_deg.to_radians()), libm::sin(angle_deg.to_radians())];
@@ -539,11 +543,8 @@ impl Geometry {
                 best = Some((along, [c[0] + along * direction[0], c[1] + along * direction[1]]));
             }
         }
-        // On a circle the angle is the arc length itself; elsewhere the nearest point of the curve to the hit.
+        // The nearest point of the curve to where the ray meets the polyline.
         let p = best.map_or([c[0] + far * direction[0], c[1] + far * direction[1]], |(_, p)| p);
-        if rim.polyline().len() == 256 && rim.corners().next().is_none() {
-            return angle_deg.to_radians().rem_euclid(std::f64::consts::TAU) * rim.length() / std::f64::consts::TAU;
-        }
         rim.nearest(p).0
     }
 
@@ -672,6 +673,32 @@ mod tests {
         let c = Geometry::new(&sheet).unwrap().electrode_centres();
         assert!(distance(c[0], [0.0, 50.0]) < 1e-6, "{:?}", c[0]);
         assert!(distance(c[1], [50.0, 0.0]) < 1e-6, "{:?}", c[1]);
+    }
+
+    #[test]
+    fn a_smooth_outline_is_no_circle_however_many_points_it_has() {
+        // An ellipse through eight points: as many segments as a circle's polyline has.
+        let (a, b) = (100.0, 50.0);
+        let points_mm = (0..8).map(|k| f64::from(k) * std::f64::consts::FRAC_PI_4);
+        let sheet = Sheet {
+            outline: Outline::Smooth {
+                points_mm: points_mm.map(|t| [a * t.cos(), b * t.sin()]).collect(),
+            },
+            ..Sheet::paper()
+        };
+        let g = Geometry::new(&sheet).unwrap();
+        for (l, p) in g.electrode_centres().iter().enumerate() {
+            let (seen, wanted) = (p[1].atan2(p[0]), std::f64::consts::TAU * l as f64 / 16.0);
+            assert!((seen - wanted).sin().abs() < 0.01, "{l}: {seen} {wanted}");
+        }
+        // Two of the points exchanged: the outline crosses itself.
+        let Outline::Smooth { mut points_mm } = sheet.outline else {
+            unreachable!()
+        };
+        points_mm.swap(2, 6);
+        let outline = Outline::Smooth { points_mm };
+        let error = Geometry::new(&Sheet { outline, ..sheet }).unwrap_err();
+        assert!(matches!(error, GeometryError::Crossing { .. }), "{error}");
     }
 
     #[test]

@@ -1,8 +1,8 @@
-//! How every measurement answers to a small rise in resistivity: the adjoint formula, by element or by cell.
+//! The response of every measurement to a small rise in resistivity: the adjoint formula, by element or by cell.
 //!
-//! With u_m the potential of drive pair m for a unit current, the relative rise x of a region changes the transfer
-//! impedance by `dZ[m,n]/dx = + integral over the region of sigma grad u_m . grad u_n` (Geselowitz 1971; the paper's
-//! eq. 3 signed for resistivity). For a voltage drive the current changes as well:
+//! Let u_m be the potential of drive pair m for a unit current, and x the relative rise of a region. The transfer impedance
+//! changes by `dZ[m,n]/dx = + integral over the region of sigma grad u_m . grad u_n` (Geselowitz 1971; the paper's eq. 3
+//! signed for resistivity). For a voltage drive the current changes as well:
 //! `dV[m,n] = U0 (dZ[m,n] / D_m - Z[m,n] dZ[m,m] / D_m^2)`, `D_m = Z[m,m] + 2 R_on`.
 
 use crate::cells::CellGrid;
@@ -14,8 +14,8 @@ use crate::pattern::{Pair, Pattern};
 use crate::solver::Solver;
 use nalgebra::DMatrix;
 
-/// For every region the matrix of `integral of sigma grad phi_l . grad phi_k`, ohm per unit of relative rise, with phi_l
-/// the potential for 1 A into electrode l. All sensitivities are differences of its entries.
+/// For every region the matrix of `integral of sigma grad phi_l . grad phi_k`, ohm per unit of relative rise. Here phi_l is
+/// the potential for 1 A into electrode l. All sensitivities are differences of the matrix's entries.
 #[derive(Clone, Debug)]
 pub struct Sensitivity {
     electrodes: usize,
@@ -327,7 +327,8 @@ fn clip(polygon: &[Point], axis: usize, limit: f64, sign: f64, out: &mut Polygon
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::{Model, ModelOptions};
+    use crate::model::Model;
+    use crate::options::ModelOptions;
     use crate::{Geometry, Sheet};
     use std::sync::Arc;
 

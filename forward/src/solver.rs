@@ -1,11 +1,13 @@
 //! The state of a sheet under some resistivity, and its solution.
 
 use crate::cholesky::{BLOCK, CholeskyError, Factor};
+use crate::error::ForwardError;
 use crate::field::{DiscTouch, UNPRESSED, conductivity_of_discs};
 use crate::fit;
 use crate::impedance::ElectrodeMatrix;
 use crate::mesh::Mesh;
-use crate::model::{ForwardError, Model, ModelOptions};
+use crate::model::Model;
+use crate::options::ModelOptions;
 use crate::precision;
 use crate::system::Tensor;
 use crate::update::Update;
@@ -35,7 +37,8 @@ pub enum Work {
     OwnMesh,
 }
 
-/// Contrast `|2 rise / (2 + rise)|` of a touch from which a cut element's average costs more accuracy than the model has.
+/// Contrast `|2 rise / (2 + rise)|` of a touch above which a cut element's average costs more accuracy than the model has:
+/// such a touch gets a mesh of its own. Less makes more of those meshes, each at the cost of a new model; more costs accuracy.
 const STRONG: f64 = 0.3;
 
 /// The state of a sheet under some resistivity, and its solution.
@@ -156,11 +159,11 @@ impl Solver {
         self.replace(conductivity.to_vec(), None, None)
     }
 
-    /// Solves for disc touches on the unpressed sheet. Vertices near a disc's edge are moved onto it, the mesh's topology
-    /// and the elimination order staying as they are, so that the jump falls between elements; elements still cut get the
-    /// laminate's tensor. More accurate than [`Solver::solve`] with [`conductivity_of_discs`] on a mesh that does not
-    /// know the touches, and hardly slower. Where that leaves elements cut by the edge of a strong touch (one or two in a
-    /// hundred, all at the rim), a mesh of its own is made for the touches, which costs as much as a new model.
+    /// Solves for disc touches on the unpressed sheet. Vertices near a disc's edge are moved onto it: the jump then falls
+    /// between elements, while the mesh's topology and the elimination order stay. Elements still cut get the laminate's
+    /// tensor. More accurate than [`Solver::solve`] with [`conductivity_of_discs`] on a mesh that does not know the touches,
+    /// and hardly slower. One or two strong touches in a hundred, all at the rim, still cut elements; they get a mesh of
+    /// their own, at the cost of a new model.
     ///
     /// # Errors
     /// A touch without sense, or a system beyond double precision. The state is then that of before.

@@ -1,19 +1,22 @@
 //! A change of few equations as a correction to a factorisation (Woodbury 1950).
 //!
-//! With the factor of K0 kept and K = K0 + E D E^T, E picking the changed unknowns J, the electrodes' block of the inverse is
-//! `C - B^T D (I + A D)^-1 B`, where A, B and C are the blocks of K0's inverse between J and J, J and the electrodes, and
-//! the electrodes. With `X = L^-1 E` and `Y = L^-1 E_electrodes` they are `X^T X`, `X^T Y` and `Y^T Y`; a column of X starts
-//! at its own place in the elimination order and follows the tree to its root, so it is short, and Y is the inverse of the
-//! factor's last corner. Corrections always start from the factorised state: errors do not build up.
+//! The factor L of K0 is kept, and K = K0 + E D E^T, where E picks the changed unknowns J. Let A, B and C be the blocks of K0's
+//! inverse between J and J, between J and the electrodes, and between the electrodes. The electrodes' block of K's inverse is
+//! `C - B^T D (I + A D)^-1 B`. With `X = L^-1 E` and `Y = L^-1 E_electrodes` the three blocks are `X^T X`, `X^T Y` and `Y^T Y`.
+//! A column of X is short: it starts at its own place in the elimination order and follows the tree to its root. Y is the
+//! inverse of the factor's last corner. Corrections always start from the factorised state: errors do not build up.
 
 use crate::cholesky::{BLOCK, Factor, Symbolic};
 use nalgebra::DMatrix;
 
-/// Most unknowns changed.
+/// Most unknowns changed: the small dense system grows with their square in memory and their cube in time. More let such a
+/// correction take longer than a factorisation; fewer factorise for small touches already.
 const MOST: usize = 160;
-/// An operation of the triangular solves against one of the factorisation: measured, see docs/forward.md.
+/// Time of an operation of the triangular solves over one of the factorisation, as measured. More chooses the factorisation
+/// earlier.
 const WEIGHT: f64 = 0.5;
-/// A small system of larger condition is not trusted: its error stays below this times 1e-16.
+/// Largest condition of the small system: its relative error stays below this times 1e-16. Beyond, the sheet is factorised
+/// anew. Less factorises more often; more lets through larger errors.
 const MOST_CONDITION: f64 = 1e6;
 
 /// The changed unknowns' part of the solutions.

@@ -1,7 +1,26 @@
-//! Every message that crosses the wire between the sensor board and the PC, and how it is framed.
+//! The messages between the sensor board and the PC, and their framing. The board sends [`FromBoard`] and the PC sends
+//! [`ToBoard`]. A [`Plan`] says what one [`Frame`] measures. This crate is `no_std` and knows no other crate of the project:
+//! docs/architecture.md shows its place, docs/protocol.md describes every message.
 //!
 //! A frame on the wire is `COBS(postcard(message) + CRC-32C) + 0x00`, the CRC in little-endian order over the postcard
 //! bytes. [`encode`] makes one; a [`Decoder`] finds them again in any stream of bytes, however it is cut up.
+//!
+//! ```
+//! use protocol::{Decoder, Frame, FromBoard, MAX_FROM_BOARD_LEN, Outgoing, Value, encode};
+//!
+//! let values = [Value::new(1600), Value::new(-25)].into_iter().collect();
+//! let frame = Frame { sequence: 7, values, ..Frame::default() };
+//! let mut buffer = [0; MAX_FROM_BOARD_LEN];
+//! let bytes = encode(&Outgoing::Frame((&frame).into()), &mut buffer)?;
+//!
+//! let mut decoder = Decoder::<MAX_FROM_BOARD_LEN>::new();
+//! let mut received = Vec::new();
+//! for piece in bytes.chunks(3) {
+//!     decoder.push(piece, |message| received.push(message));
+//! }
+//! assert_eq!(received, [Ok(FromBoard::Frame(frame))]);
+//! # Ok::<(), protocol::EncodeError>(())
+//! ```
 //!
 //! Rules for changing a message, so that boards and programs of one major version understand each other:
 //! - enum variants are identified by their position: only ever append;
@@ -25,6 +44,7 @@ mod hello;
 mod message;
 mod plan;
 mod plan_error;
+mod plan_name;
 mod status;
 mod value;
 mod variance;
@@ -43,6 +63,7 @@ pub use hello::{Hello, Limits, PanicText, ResetCause, Text, Version, text};
 pub use message::{Command, FromBoard, Outgoing, ToBoard};
 pub use plan::{MAX_ELECTRODES, MAX_SLOTS, MAX_VALUES, Pair, Plan, QUARTERS, Recipe, Sampling, Slot};
 pub use plan_error::PlanError;
+pub use plan_name::{PlanName, UnknownPlan};
 pub use status::{Status, Stored};
 pub use value::Value;
 pub use variance::Variance;

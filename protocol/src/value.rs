@@ -8,11 +8,11 @@ use serde::{Deserialize, Serialize};
 /// Range: the largest amplitude a 12-bit converter can show is 2047.5 codes = 32,760 sixteenths, so an `i16` holds all of
 /// them; whatever exceeds it saturates and is flagged in the frame.
 ///
-/// Why a sixteenth: rounding to a step q adds noise of `q / sqrt(12)`. With q = 1/16 code that is 0.018 code. A touch of
-/// 25 N in the middle of the sheet changes the values by about 1.6 code rms, and the paper's noise is 27 dB below it,
-/// 0.07 code: rounding adds 7 % to the noise power of the slowest way of measuring (0.3 dB), and 1 % (0.05 dB) when one
-/// period is integrated instead of six. Noise of one step or more also dithers the rounding: the mean over many frames has
-/// no bias. A finer step would need a third byte, and 208 values at 184 frames/s no longer fit the link.
+/// Why a sixteenth: rounding to a step q adds noise of `q / sqrt(12)`, 0.018 code for q = 1/16 code. A touch of 25 N in the
+/// middle of the sheet changes the values by about 1.6 code rms. The paper's noise is 27 dB below such a touch, 0.07 code.
+/// Rounding adds 7 % (0.3 dB) to the noise power where six periods are integrated, and 1 % (0.05 dB) where one is. Noise of
+/// one step or more also dithers the rounding: the mean over many frames has no bias. A finer step would need a third byte,
+/// and 208 values at 184 frames/s would no longer fit the link.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub struct Value([u8; 2]);
 

@@ -1,8 +1,9 @@
 //! The duties of a front end.
 
 use crate::capture::{QUARTER_SAMPLES, Window};
+use crate::error::{Error, ErrorKind};
 use crate::fold::Folded;
-use crate::front_end::{Error, ErrorKind, FrontEnd};
+use crate::front_end::FrontEnd;
 use crate::route::{Route, Sense};
 use protocol::QUARTERS;
 
@@ -65,12 +66,12 @@ pub enum Violation {
     Stuck,
 }
 
-/// Polls without a block before a front end counts as stuck.
+/// Polls without a block before a front end counts as stuck. Fewer may accuse a slow front end; more only delay the report.
 const PATIENCE: u32 = 50_000_000;
 
-/// Runs every law on a front end. `route` must put a voltage on its first channel that is in phase with the excitation,
-/// of at least half the converter's range from peak to peak; `channels` is how many channels it has. `stall` must let
-/// more time pass than the front end has room for blocks.
+/// Runs every law on a front end. `route` must put a voltage on its first channel in phase with the excitation, of at least
+/// half the converter's range from peak to peak. `channels` is how many channels `route` has. `stall` must let more time
+/// pass than the front end has room for blocks.
 ///
 /// # Errors
 /// The first duty found broken. The excitation is then left on.

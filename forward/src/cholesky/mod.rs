@@ -1,6 +1,6 @@
 //! Sparse Cholesky factorisation of one pattern with many values: the symbolic part once, the numeric part as often as
-//! the values change. The last unknowns (the electrodes) stay last, so that their Schur complement is a corner of the
-//! factor and the electrodes' own impedances need no solve at all.
+//! the values change. The last unknowns, the electrodes, stay last. Their Schur complement is then a corner of the factor,
+//! and the electrodes' own impedances need no solve at all.
 
 mod factor;
 mod portable;

@@ -1,6 +1,6 @@
 //! A factorisation that rounds alike on every machine: sums in an order that the pattern alone decides, multiplications
-//! and additions each rounded by itself. (The tuned kernels choose their instructions, and with them their rounding, by
-//! the processor they find.) Left-looking by supernodes (Ng and Peyton 1993), in the same layout as the tuned one's.
+//! and additions each rounded by itself. The tuned kernels choose their instructions, and with them their rounding, by the
+//! processor. This factorisation is left-looking by supernodes (Ng and Peyton 1993), in the layout of the tuned one.
 
 use super::{CholeskyError, Factor, Symbolic};
 

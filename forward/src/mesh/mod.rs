@@ -1,12 +1,13 @@
 //! Triangle meshes of a sheet: graded towards the electrodes' edges, deterministic, quality-checked.
 
+mod circles;
 mod extract;
 mod refine;
 mod rim;
 mod segments;
 mod size;
 
-pub(crate) use rim::followed;
+pub(crate) use circles::followed;
 
 use crate::curve::Point;
 use crate::geometry::Geometry;
@@ -73,9 +74,11 @@ pub enum MeshError {
     },
 }
 
-/// Most nodes on the rims.
+/// Most nodes on the rims, far more than any accuracy of [`crate::ModelOptions`] asks of a sensible sheet. The limit names the
+/// mistake before memory runs out.
 const MOST_RIM_NODES: usize = 200_000;
-/// Triangles flatter than this (degrees) are refused.
+/// Smallest angle of a triangle, degrees; a flatter one is refused. Sharp corners of an outline cause them. Less lets flat
+/// elements spoil the voltages; more refuses outlines that could be computed.
 const LEAST_ANGLE_DEG: f64 = 1.0;
 
 /// A stretch of an electrode's contact: two vertices and, for quadratic elements, the node between.

@@ -1,8 +1,9 @@
 //! Nodes along the rims, and along the circles that the mesh follows.
 
+use super::circles::followed;
 use super::size::{SizeField, TIGHT};
 use super::{MOST_RIM_NODES, MeshError};
-use crate::curve::{Curve, Point, distance};
+use crate::curve::{Curve, Point};
 use crate::geometry::Geometry;
 
 /// A node on a ring: its arc length there.
@@ -55,21 +56,6 @@ pub(super) fn lines(geometry: &Geometry, field: &SizeField<'_>) -> Result<Lines,
         }
     }
     Ok(Lines { rims, circles })
-}
-
-/// How near a circle that the mesh follows may come to a rim or another circle, over its radius.
-pub(super) const CLEAR: f64 = 0.002;
-
-/// Whether the mesh can follow a circle: it is inside the sheet, and neither a rim nor another circle is too near.
-pub(crate) fn followed(geometry: &Geometry, circles: &[(Point, f64, f64)], k: usize) -> bool {
-    let (centre, radius, edge) = circles[k];
-    let near = CLEAR * radius;
-    let rims_clear = geometry.rings.iter().all(|ring| ring.nearest(centre).1 > radius + near);
-    let others_clear = circles.iter().enumerate().all(|(other, (c, r, _))| {
-        let d = distance(centre, *c);
-        other == k || d > radius + r + near || d + radius.min(*r) + near < radius.max(*r)
-    });
-    rims_clear && others_clear && radius > edge && geometry.contains(centre)
 }
 
 /// Nodes along every ring, spaced by the size field; electrode ends and corners are always nodes.

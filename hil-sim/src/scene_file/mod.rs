@@ -19,8 +19,7 @@ use crate::variation::{Ageing, Variation};
 use error::Mistake;
 use forward::file::parse_sheet;
 use forward::{ForwardError, Sheet};
-use protocol::Plan;
-use schema::{BoardTable, File, MaterialKind, MaterialTable, PlanName, SheetTable};
+use schema::{BoardTable, File, MaterialKind, MaterialTable, PlanKey, SheetTable};
 use std::path::Path;
 
 /// A scene with all that it takes to run it.
@@ -88,7 +87,7 @@ impl SceneFile {
 
     fn from_file(file: File, folder: Option<&Path>) -> Result<Self, Mistake> {
         let sheet = sheet(&file.sheet, folder)?;
-        let mut config = board(&file.board);
+        let mut config = board(&file.board, sheet.electrodes.len())?;
         if let Some(electronics) = file.electronics {
             let span = electronics.span();
             config.electronics = electronics.into_inner();
@@ -180,19 +179,20 @@ fn material(table: &MaterialTable) -> Material {
     }
 }
 
-fn board(table: &BoardTable) -> SimConfig {
-    let plan = match table.plan {
-        PlanName::Adjacent => None,
-        PlanName::Paper => Some(Plan::paper()),
-        PlanName::Sequential => Some(Plan::sequential()),
-        PlanName::Independent => Some(Plan::independent()),
-        PlanName::Fast => Some(Plan::fast()),
-        PlanName::Fastest => Some(Plan::fastest()),
-        PlanName::Fourteen => Some(Plan::fourteen()),
+fn board(table: &BoardTable, electrodes: usize) -> Result<SimConfig, Mistake> {
+    let plan = match &table.plan {
+        None => None,
+        Some(key) => match key.get_ref() {
+            PlanKey::Adjacent => None,
+            PlanKey::Named(name) => {
+                let plan = name.plan(u8::try_from(electrodes).unwrap_or(u8::MAX));
+                Some(plan.map_err(|e| Mistake::new(key.span(), e))?)
+            }
+        },
     };
-    SimConfig {
+    Ok(SimConfig {
         plan,
         look_samples: table.look_s.map(|s| samples(s.0).max(1)),
         ..SimConfig::default()
-    }
+    })
 }

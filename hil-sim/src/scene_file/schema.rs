@@ -3,7 +3,9 @@
 use super::number::{Change, Finite, NotNegative, OneOrMore, Positive, Share};
 use crate::electronics::Electronics;
 use crate::fault::Fault;
-use serde::Deserialize;
+use protocol::PlanName;
+use serde::de::Error;
+use serde::{Deserialize, Deserializer};
 use toml::Spanned;
 
 #[derive(Deserialize)]
@@ -104,21 +106,26 @@ pub(super) enum MaterialKind {
 #[derive(Default, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(super) struct BoardTable {
-    pub(super) plan: PlanName,
+    pub(super) plan: Option<Spanned<PlanKey>>,
     pub(super) look_s: Option<Positive>,
 }
 
-#[derive(Clone, Copy, Default, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub(super) enum PlanName {
-    #[default]
+/// What a board measures until it is told otherwise: a ready-made plan, or `adjacent`, the board's own choice.
+pub(super) enum PlanKey {
     Adjacent,
-    Paper,
-    Sequential,
-    Independent,
-    Fast,
-    Fastest,
-    Fourteen,
+    Named(PlanName),
+}
+
+impl<'de> Deserialize<'de> for PlanKey {
+    fn deserialize<D: Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
+        match String::deserialize(from)?.as_str() {
+            "adjacent" => Ok(Self::Adjacent),
+            name => name
+                .parse()
+                .map(Self::Named)
+                .map_err(|e| D::Error::custom(format_args!("{e}, or adjacent"))),
+        }
+    }
 }
 
 #[derive(Deserialize)]

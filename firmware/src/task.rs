@@ -1,0 +1,86 @@
+//! What is being measured, and by which recipe.
+
+use crate::settings::Settings;
+use protocol::{Pair, PeriodRequest, QUARTERS, Recipe, Sampling, Slot};
+
+/// What is being measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Task {
+    /// Nothing.
+    Off,
+    /// The plan's values.
+    Frames,
+    /// The watch's values.
+    Watch,
+    /// The source's amplitude, before and while the board measures.
+    Source,
+    /// The source's amplitude, first part of the self-test.
+    TestSource,
+    /// The voltage of one drive pair after the other, second part of the self-test.
+    TestPair,
+    /// One folded period.
+    Period,
+}
+
+/// One value that is measured by itself.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Probe {
+    pub(crate) request: PeriodRequest,
+    slot: Slot,
+}
+
+impl Probe {
+    /// A value asked for, on a board of `electrodes`, which the sense pair's are.
+    pub(crate) fn period(request: PeriodRequest, electrodes: u8) -> Self {
+        let Pair { plus, minus } = request.sense;
+        let step = (u16::from(plus) + u16::from(electrodes) - u16::from(minus)) % u16::from(electrodes.max(1));
+        Self {
+            request,
+            slot: Slot {
+                drive: request.drive,
+                sense_step: step as u8,
+                sense: 1u32.checked_shl(minus.into()).unwrap_or(0),
+                gain: request.gain,
+            },
+        }
+    }
+
+    /// The source, or the voltage of drive pair `m`.
+    pub(crate) fn drive_pair(m: u8, electrodes: u8, gain: u8) -> Self {
+        let next = (u16::from(m) + 1) % u16::from(electrodes.max(1));
+        let drive = Pair {
+            plus: m,
+            minus: next as u8,
+        };
+        let request = PeriodRequest {
+            drive,
+            sense: Pair {
+                plus: drive.minus,
+                minus: drive.plus,
+            },
+            gain,
+            settle_quarters: 2 * QUARTERS as u16,
+            periods: 8,
+        };
+        Self::period(request, electrodes)
+    }
+
+    pub(crate) fn recipe(&self) -> Recipe<'_> {
+        Recipe {
+            settle_quarters: self.request.settle_quarters,
+            integrate_periods: self.request.periods,
+            sampling: Sampling::Sequential,
+            quadrature: true,
+            slots: core::slice::from_ref(&self.slot),
+        }
+    }
+}
+
+/// The recipe of a task.
+pub(crate) fn recipe<'b>(task: Task, settings: &'b Settings, probe: &'b Probe) -> Recipe<'b> {
+    match (task, &settings.watch) {
+        (Task::Frames | Task::Off, _) => settings.plan.recipe(),
+        (Task::Watch, Some(watch)) => watch.recipe(),
+        _ => probe.recipe(),
+    }
+}
