@@ -1,7 +1,6 @@
 //! `skin bench`: what the reconstruction costs and how good it is, on this machine.
 
-use crate::reconstruct::DriveKind;
-use ::forward::Drive;
+use crate::drive::DriveKind;
 use anyhow::{Result, anyhow, bail};
 use clap::{Args, ValueEnum};
 use inverse::solvers::Method;
@@ -73,10 +72,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     if arguments.stress {
         return stress(arguments);
     }
-    let drive = match arguments.drive {
-        DriveKind::Voltage => Drive::PAPER,
-        DriveKind::Current => Drive::Current { amplitude_a: 1e-3 },
-    };
+    let drive = arguments.drive.drive();
     if let Some(path) = &arguments.fig7 {
         return Ok(studies::fig7::write(drive, arguments.seed, path)?);
     }

@@ -1,6 +1,6 @@
 //! Which board a command is for.
 
-use crate::run::simulated_board;
+use crate::simulated_skin;
 use anyhow::{Context, Result, anyhow, bail};
 use clap::Args;
 use link::{Link, Port, greet, ports};
@@ -41,7 +41,7 @@ impl Choice {
             })
         };
         if self.simulate {
-            return greeted(simulated_board()?, "simulated skin");
+            return greeted(simulated_skin::demo()?, "simulated skin");
         }
         if let Some(path) = &self.port {
             return greeted(ports::open(path).map_err(|e| anyhow!(e))?, path).with_context(|| path.clone());

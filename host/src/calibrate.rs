@@ -1,7 +1,7 @@
 //! `skin calibrate`: the rubber's parameters from a press-and-hold.
 
 use crate::files::{calibration_file, press_table};
-use crate::{number, run, scene, sheet};
+use crate::{number, scene, sheet};
 use ::forward::{Drive, Pattern, Sheet};
 use anyhow::{Context, Result, anyhow, bail};
 use clap::{ArgGroup, Args};
@@ -17,6 +17,7 @@ use serde::Serialize;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::Duration;
 use studies::paper::rig::{Mounted, Press, Rig};
 use studies::paper::simulated_rig::SimulatedRig;
 
@@ -225,6 +226,12 @@ fn record(arguments: &Arguments, path: &str) -> Result<Vec<Sample>> {
     Ok(samples)
 }
 
+/// How often the loop looks up while no frame comes.
+const LOOK: Duration = Duration::from_millis(100);
+/// A board that says nothing for so long is gone. A recording can wait longer than a live picture: for a board that is slow to
+/// begin, or a machine that is busy.
+const SILENCE: Duration = Duration::from_secs(10);
+
 /// Records until `seconds` after the baseline, with the force that the gauge shows at a time; `ready` is told when the baseline
 /// is there.
 fn take(
@@ -239,7 +246,7 @@ fn take(
         sheet,
         Drive::PAPER,
         Pattern::from_pairs(session.electrodes(), session.measurements())?,
-        run::cell_mm(sheet)?,
+        sheet::cell_mm(sheet)?,
     )?;
     let periods = f64::from(session.plan().quarters()) / 4.0;
     let frame_s = periods / session.hello().excitation_hz();
@@ -247,11 +254,9 @@ fn take(
     let mut recorder = Recorder::new(Arc::new(imager), frames, frame_s, near_mm);
     let mut end_s = f64::INFINITY;
     loop {
-        let Some(frame) = session.frame(run::SILENCE)? else {
-            bail!(
-                "the board has sent no frame for {} s; look at its cable and power",
-                run::SILENCE.as_secs()
-            );
+        let Some(frame) = session.frame(LOOK)? else {
+            session.check_silence(SILENCE)?;
+            continue;
         };
         let before = recorder.is_ready();
         recorder.take(frame.time_s, &frame.values_v, gauge(recorder.middle_s(frame.time_s)))?;

@@ -1,6 +1,5 @@
 //! `skin sim` as fast as it goes: frames as a table, or bytes.
 
-use crate::sim::Arguments;
 use ::forward::Pattern;
 use anyhow::{Context, Result, anyhow};
 use hil_sim::{Pace, Rubber, SceneFile, SimBoard, SimPort};
@@ -55,11 +54,11 @@ struct TrueTouch {
     rise: f64,
 }
 
-/// Prints frames at regular times as a table for `skin reconstruct`.
+/// Prints a frame every so many seconds as a table for `skin reconstruct`; what there really is goes into the file `truth`.
 ///
 /// # Errors
 /// The board does not answer, or a file cannot be written.
-pub(crate) fn table(arguments: &Arguments, file: &SceneFile, board: SimBoard<Rubber>) -> Result<()> {
+pub(crate) fn table(file: &SceneFile, board: SimBoard<Rubber>, every_s: f64, truth: Option<&Path>) -> Result<()> {
     let plan = file.config.plan.clone();
     let port = SimPort::new(board, Pace::Unpaced).context("the simulated skin does not start")?;
     let session = Session::start(Box::new(port), |hello| plan.map_or_else(|| adjacent_plan(hello), Ok))?;
@@ -74,11 +73,11 @@ pub(crate) fn table(arguments: &Arguments, file: &SceneFile, board: SimBoard<Rub
             break;
         }
         if frame.time_s >= next_s {
-            next_s = frame.time_s + arguments.every_s;
+            next_s = frame.time_s + every_s;
             frames.push(frame);
         }
     }
-    if let Some(path) = &arguments.truth {
+    if let Some(path) = truth {
         let mut out = create(path)?;
         for frame in &frames {
             let now = file.scene.truth(frame.time_s).into_iter().map(|t| {

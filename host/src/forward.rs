@@ -1,7 +1,7 @@
 //! `skin forward`: what a touched sheet gives, as a table.
 
-use super::Usage;
-use crate::reconstruct::DriveKind;
+use crate::drive::DriveKind;
+use crate::usage::Usage;
 use crate::{number, sheet};
 use ::forward::field::conductivity_of_discs;
 use ::forward::{DiscTouch, Drive, Model, ModelOptions, Pattern, Place, Sheet, Solver};

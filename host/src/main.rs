@@ -5,10 +5,12 @@ mod bench;
 mod board;
 mod calibrate;
 mod capture;
+mod drive;
 mod files;
 mod flash;
 mod forward;
 mod hello;
+mod live_output;
 mod method;
 mod number;
 mod paper;
@@ -19,6 +21,8 @@ mod scene;
 mod settings;
 mod sheet;
 mod sim;
+mod simulated_skin;
+mod usage;
 
 use clap::{Parser, Subcommand};
 use std::io::IsTerminal;
@@ -93,16 +97,11 @@ fn main() -> ExitCode {
         Err(error) if broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("skin: {error:#}");
-            let usage = error.downcast_ref::<Usage>().is_some();
+            let usage = error.downcast_ref::<usage::Usage>().is_some();
             ExitCode::from(if usage { 2 } else { 1 })
         }
     }
 }
-
-/// Options that make no sense together.
-#[derive(Debug, thiserror::Error)]
-#[error("{0}")]
-struct Usage(String);
 
 fn broken_pipe(error: &anyhow::Error) -> bool {
     error.chain().any(|cause| {

@@ -1,12 +1,13 @@
 //! `skin reconstruct`: frames of a table to touches and pictures.
 
+use crate::drive::DriveKind;
 use crate::files::calibration_file;
 use crate::files::measurements::MeasurementTable;
 use crate::number;
 use ::forward::file::MOST_ELECTRODES;
-use ::forward::{Drive, Electrode, Outline, Pattern, Place, Sheet};
+use ::forward::{Electrode, Outline, Pattern, Place, Sheet};
 use anyhow::{Context, Result, bail};
-use clap::{Args, ValueEnum};
+use clap::Args;
 use inverse::batch::{Batch, BatchOptions};
 use inverse::pipeline::FrameResult;
 use inverse::quality::doubt::Doubt;
@@ -20,15 +21,6 @@ use std::sync::Arc;
 use view::picture::Stats;
 use view::png;
 use view::surface::Surface;
-
-/// How the frames were driven.
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub(crate) enum DriveKind {
-    /// A voltage source behind switches, as on the board.
-    Voltage,
-    /// A constant current.
-    Current,
-}
 
 /// Arguments of `skin reconstruct`.
 #[derive(Debug, Args)]
@@ -194,10 +186,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     }
     let pattern = Pattern::from_list(electrodes, table.measurements.clone())
         .with_context(|| format!("{}", arguments.file.display()))?;
-    let drive = match arguments.drive {
-        DriveKind::Voltage => Drive::PAPER,
-        DriveKind::Current => Drive::Current { amplitude_a: 1e-3 },
-    };
+    let drive = arguments.drive.drive();
     let method = arguments.method;
     let cell_mm = arguments
         .cell_mm
@@ -412,6 +401,7 @@ fn print(results: &[(&str, FrameResult)], json: bool) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use ::forward::Drive;
 
     #[test]
     fn no_two_frames_share_a_file() {

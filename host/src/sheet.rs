@@ -45,3 +45,9 @@ pub(crate) fn look_at_baseline(imager: &Imager, baseline: &[f64]) {
         );
     }
 }
+
+/// 39 cells across: 5 mm on the paper's disc.
+pub(crate) fn cell_mm(sheet: &Sheet) -> Result<f64> {
+    let (low, high) = Geometry::new(sheet)?.bounding_box();
+    Ok((high[0] - low[0]).min(high[1] - low[1]) / 39.0)
+}

@@ -75,7 +75,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     match &arguments.bytes {
         _ if arguments.pty => serve(arguments, board),
         Some(path) => capture::bytes(board, file.duration_s, path),
-        None => capture::table(arguments, &file, board),
+        None => capture::table(&file, board, arguments.every_s, arguments.truth.as_deref()),
     }
 }
 

@@ -18,6 +18,12 @@ pub enum LinkError {
         /// How long was waited, ms.
         ms: u128,
     },
+    /// No frame and no sign of life.
+    #[error("the board has sent no frame for {s} s; look at its cable and power")]
+    NoFrames {
+        /// How long its port was listened to, s.
+        s: u64,
+    },
     /// The board speaks another protocol.
     #[error(
         "the board speaks protocol version {board}, this program {ours}; flash the firmware that belongs to this program"

@@ -28,7 +28,13 @@ pub struct LinkCounters {
     pub lost_frames: u64,
     /// Frames received whole and passed over for newer ones, see [`Link::skip_over`].
     pub skipped_frames: u64,
+    /// How long the port was listened to since the last frame or sign of life. A program that was stopped, or that had no
+    /// processor, did not listen; a simulated board that is still at work is not silent.
+    pub silent: Duration,
 }
+
+/// Most that one read of a port counts as listening: reads return within some 100 ms, unless the program was stopped.
+const LONGEST_READ: Duration = Duration::from_millis(200);
 
 /// An open link. Dropping it stops the board's stream, unless it was [left running](Link::leave_running), and closes the
 /// port.
@@ -178,7 +184,13 @@ fn pump(mut port: Box<dyn Port>, commands: &Receiver<ToBoard>, messages: &Writer
             Err(TryRecvError::Disconnected) => return,
             Err(TryRecvError::Empty) => {}
         }
-        let count = match port.read(&mut bytes) {
+        let begin = Instant::now();
+        let read = port.read(&mut bytes);
+        if !matches!(&read, Err(e) if e.kind() == ErrorKind::Interrupted) {
+            let mut counters = shared.lock().unwrap_or_else(PoisonError::into_inner);
+            counters.silent += begin.elapsed().min(LONGEST_READ);
+        }
+        let count = match read {
             Ok(0) => {
                 failure = Some(ErrorKind::UnexpectedEof.into());
                 break;
@@ -199,8 +211,10 @@ fn pump(mut port: Box<dyn Port>, commands: &Receiver<ToBoard>, messages: &Writer
         };
         let mut lost = 0;
         let mut frames = 0;
+        let mut alive = false;
         decoder.push(&bytes[..count], |message: Result<FromBoard, _>| match message {
             Ok(message) => {
+                alive |= matches!(message, FromBoard::Frame(_) | FromBoard::Heartbeat(_));
                 if let FromBoard::Frame(frame) = &message {
                     frames += 1;
                     if let Some(last) = last_sequence {
@@ -224,6 +238,9 @@ fn pump(mut port: Box<dyn Port>, commands: &Receiver<ToBoard>, messages: &Writer
         }
         let mut counters = shared.lock().unwrap_or_else(PoisonError::into_inner);
         counters.decoder = decoder.counters;
+        if alive {
+            counters.silent = Duration::ZERO;
+        }
         counters.bytes += count as u64;
         counters.frames += frames;
         counters.lost_frames += lost;

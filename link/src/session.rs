@@ -16,9 +16,8 @@ pub struct Session {
     told: Cell<Instant>,
     /// The watch in force.
     watch: RefCell<Option<Watch>>,
-    /// What the board does about it, and when it last said so.
+    /// What the board does about it, as it last said.
     watching: Cell<Watching>,
-    beat: Cell<Instant>,
 }
 
 /// One measured frame as numbers.
@@ -68,7 +67,6 @@ impl Session {
             told: Cell::new(Instant::now()),
             watch: RefCell::new(None),
             watching: Cell::new(Watching::Off),
-            beat: Cell::new(Instant::now()),
         })
     }
 
@@ -102,9 +100,20 @@ impl Session {
         self.link.skip_over((lag_s * self.hello.sample_rate()) as u64);
     }
 
-    /// What the board does about its watch, as it last said, and how long ago.
-    pub fn watching(&self) -> (Watching, Duration) {
-        (self.watching.get(), self.beat.get().elapsed())
+    /// What the board does about its watch, as it last said.
+    pub fn watching(&self) -> Watching {
+        self.watching.get()
+    }
+
+    /// Says so where the board has sent neither a frame nor a sign of life while its port was listened to for so long.
+    ///
+    /// # Errors
+    /// [`LinkError::NoFrames`].
+    pub fn check_silence(&self, most: Duration) -> Result<(), LinkError> {
+        if self.link.counters().silent > most {
+            return Err(LinkError::NoFrames { s: most.as_secs() });
+        }
+        Ok(())
     }
 
     /// Electrodes of the board.
@@ -144,7 +153,6 @@ impl Session {
                 }
                 Some(FromBoard::Heartbeat(beat)) => {
                     self.told.set(Instant::now());
-                    self.beat.set(Instant::now());
                     self.watching.set(beat.state);
                     return Ok(None);
                 }

@@ -127,16 +127,16 @@ fn what_the_board_cannot_do_is_refused_and_nothing_changed() {
 #[test]
 fn a_session_that_lets_the_board_watch_hears_that_it_is_asleep() {
     let session = Session::start(Box::new(board()), |_| Ok(Plan::fast())).unwrap();
-    assert_eq!(session.watching().0, Watching::Off);
+    assert_eq!(session.watching(), Watching::Off);
     assert!(session.frame(Duration::from_secs(60)).unwrap().is_some());
     session.set_watch(Some(Watch::paper()));
-    while session.watching().0 != Watching::Asleep {
+    while session.watching() != Watching::Asleep {
         session.frame(Duration::from_secs(60)).unwrap();
     }
     // Signs of life, no frames.
     for _ in 0..3 {
         assert_eq!(session.frame(Duration::from_secs(60)).unwrap(), None);
-        assert_eq!(session.watching().0, Watching::Asleep);
+        assert_eq!(session.watching(), Watching::Asleep);
     }
     session.set_watch(None);
     while session.frame(Duration::from_secs(60)).unwrap().is_none() {}

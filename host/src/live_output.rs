@@ -1,0 +1,221 @@
+//! What `skin run` shows: the page, JSON lines, the line on the terminal, doubts.
+
+use anyhow::{Context, Result};
+use inverse::pipeline::FrameResult;
+use inverse::quality::doubt::Doubt;
+use inverse::reference::imager::Imager;
+use inverse::touches::touch::Touch;
+use link::{LinkCounters, MeasuredFrame};
+use serde::Serialize;
+use std::collections::VecDeque;
+use std::io::{IsTerminal, Write};
+use std::mem::Discriminant;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+use view::picture::{Picture, Stats};
+use view::png;
+use view::surface::Surface;
+use view::web::{Command, LiveView};
+
+/// A doubt that lasts is said again after so long.
+const SAID_AGAIN: Duration = Duration::from_secs(10);
+#[derive(Serialize)]
+struct Line<'a> {
+    frame: u32,
+    time_s: f64,
+    touches: Vec<&'a Touch>,
+    residual: f64,
+    gap: f64,
+    solve_us: f64,
+    lost_frames: u64,
+    /// Passed over so far for newer ones.
+    skipped_frames: u64,
+    /// What speaks against the touches.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    doubt: Option<Doubt>,
+}
+
+/// Where pictures go, with what was shown before.
+pub(crate) struct Output {
+    page: Option<LiveView>,
+    source: String,
+    last: Option<Arc<Picture>>,
+    /// Of the imager that it was asked of.
+    surface: Option<(Arc<Imager>, Surface)>,
+    times: VecDeque<f64>,
+    /// The line on the terminal, and since when.
+    said: String,
+    said_at: Instant,
+    /// The kind of doubt that was said last, and when.
+    doubted: Option<(Discriminant<Doubt>, Instant)>,
+}
+
+/// A picture that does not change is drawn again after so long.
+const REDRAW_S: f64 = 0.25;
+
+impl Output {
+    /// To a page, or without one as JSON lines; `source` names the board.
+    pub(crate) fn new(page: Option<LiveView>, source: String) -> Self {
+        Self {
+            page,
+            source,
+            last: None,
+            surface: None,
+            times: VecDeque::new(),
+            said: String::new(),
+            said_at: Instant::now(),
+            doubted: None,
+        }
+    }
+
+    /// What somebody at the page asked for.
+    pub(crate) fn command(&self) -> Option<Command> {
+        self.page.as_ref().and_then(LiveView::command)
+    }
+
+    /// Shows a frame in which nothing was looked for, and why.
+    pub(crate) fn show_nothing(
+        &mut self,
+        imager: &Arc<Imager>,
+        frame: &MeasuredFrame,
+        counters: LinkCounters,
+        status: Option<String>,
+    ) -> Result<()> {
+        self.show(imager, &FrameResult::nothing(imager), frame, counters, status)
+    }
+
+    /// Shows a picture on all there is, and says what speaks against it.
+    pub(crate) fn show_picture(
+        &mut self,
+        imager: &Arc<Imager>,
+        result: &FrameResult,
+        frame: &MeasuredFrame,
+        counters: LinkCounters,
+    ) -> Result<()> {
+        if let Some(doubt) = result.doubt {
+            let kind = std::mem::discriminant(&doubt);
+            if self
+                .doubted
+                .is_none_or(|(last, at)| last != kind || at.elapsed() > SAID_AGAIN)
+            {
+                eprintln!("warning: frame {}: {doubt}", frame.sequence);
+                self.doubted = Some((kind, Instant::now()));
+            }
+        }
+        self.show(imager, result, frame, counters, result.doubt.map(|d| d.to_string()))?;
+        if self.page.is_none() {
+            return print(result, frame, counters);
+        }
+        self.status(result);
+        Ok(())
+    }
+
+    /// Writes the last picture.
+    pub(crate) fn write_png(&self, path: &Path) -> Result<()> {
+        let file = path.display();
+        let picture = self.last.as_ref();
+        let picture = picture.with_context(|| format!("{file}: not written, there was no picture yet"))?;
+        png::write_png(picture, path).with_context(|| format!("{file}: cannot write the picture"))
+    }
+
+    fn show(
+        &mut self,
+        imager: &Arc<Imager>,
+        result: &FrameResult,
+        frame: &MeasuredFrame,
+        counters: LinkCounters,
+        status: Option<String>,
+    ) -> Result<()> {
+        if self.times.back().is_some_and(|last| frame.time_s < *last) {
+            // The board was reset, and its clock with it.
+            self.times.clear();
+        }
+        self.times.push_back(frame.time_s);
+        while self.times.len() > 2 && frame.time_s - self.times[0] > 1.0 {
+            self.times.pop_front();
+        }
+        let span = frame.time_s - self.times[0];
+        let stats = Stats {
+            frames_per_s: if span > 0.0 {
+                ((self.times.len() - 1) as f64 / span) as f32
+            } else {
+                0.0
+            },
+            solve_us: result.changed.then_some(result.solve_us as f32),
+            residual: result.changed.then_some(result.residual as f32),
+            lost_frames: counters.lost_frames,
+            skipped_frames: counters.skipped_frames,
+            source: self.source.clone(),
+            status,
+        };
+        // What shows nothing new is drawn only now and then, for the rates beside it.
+        let old = !result.anew && stats.status.is_none();
+        if old
+            && self
+                .last
+                .as_ref()
+                .is_some_and(|p| (0.0..REDRAW_S).contains(&(frame.time_s - p.time_s)))
+        {
+            return Ok(());
+        }
+        let surface = match &self.surface {
+            Some((of, surface)) if Arc::ptr_eq(of, imager) => surface,
+            _ => &self.surface.insert((Arc::clone(imager), Surface::of(imager)?)).1,
+        };
+        let mut picture = surface.picture(result, frame.sequence.into(), frame.time_s, stats);
+        // A dent that somebody left is in the picture, but it is no touch.
+        picture.touches.retain(Touch::is_pressed);
+        let picture = Arc::new(picture);
+        if let Some(page) = &self.page {
+            page.publish(Arc::clone(&picture))?;
+        }
+        self.last = Some(picture);
+        Ok(())
+    }
+
+    /// A line on the terminal, written anew at most twice a second, when it says something else.
+    fn status(&mut self, result: &FrameResult) {
+        if !std::io::stderr().is_terminal() || self.said_at.elapsed() < Duration::from_millis(500) {
+            return;
+        }
+        self.said_at = Instant::now();
+        let list: Vec<String> = result
+            .touches
+            .iter()
+            .filter(|t| t.is_pressed())
+            .map(|t| {
+                let force = t.force_n.map_or(String::new(), |f| format!(" {f:.1} N"));
+                format!("({:.0}, {:.0}) mm {:+.0} %{force}", t.x_mm, t.y_mm, 100.0 * t.rise)
+            })
+            .collect();
+        let text = if list.is_empty() {
+            "no touch".to_owned()
+        } else {
+            list.join("   ")
+        };
+        if text != self.said {
+            eprint!("\r\x1b[K{text}");
+            self.said = text;
+        }
+    }
+}
+
+/// One JSON object on stdout.
+fn print(result: &FrameResult, frame: &MeasuredFrame, counters: LinkCounters) -> Result<()> {
+    let mut out = std::io::stdout().lock();
+    let line = Line {
+        frame: frame.sequence,
+        time_s: frame.time_s,
+        touches: result.touches.iter().filter(|t| t.is_pressed()).collect(),
+        residual: result.residual,
+        gap: result.gap,
+        solve_us: result.solve_us,
+        lost_frames: counters.lost_frames,
+        skipped_frames: counters.skipped_frames,
+        doubt: result.doubt,
+    };
+    serde_json::to_writer(&mut out, &line)?;
+    writeln!(out)?;
+    Ok(())
+}
