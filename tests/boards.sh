@@ -26,6 +26,16 @@ in_board() {
     (cd "boards/$folder" && CARGO_TARGET_DIR="$boards_target" board_cargo "$@")
 }
 
+say "clippy on the board crates, warnings denied: every unsafe block has its argument"
+if has_board_clippy; then
+    for features in laws st-link; do
+        in_board stm32f4 clippy --locked --features "$features" -- -D warnings || fail "clippy on stm32f4 ($features)"
+    done
+    in_board qemu-mps2 clippy --locked -- -D warnings || fail "clippy on qemu-mps2"
+else
+    say "skipped: clippy on the board crates: none for their compiler (rustup component add clippy, or apt-get install rust-web-clippy)"
+fi
+
 say "the STM32F4's program, for each chip, within 144 KiB of flash and 8 KiB of RAM"
 for chip in f446 f427 f405; do
     in_board stm32f4 build --release --locked --bin skin-board --no-default-features --features "$chip" || fail "stm32f4 ($chip) does not build"

@@ -1,4 +1,7 @@
-//! The memory map where the linker finds it (in the folder it is run in it must not be), and the state of the source tree for the board's introduction.
+//! Puts the memory map where the linker looks for it, and gives the program the state of the source tree for its
+//! introduction.
+//!
+//! The map has another name here: the linker would take a `memory.x` in the folder where it runs before any other.
 use std::{env, error::Error, fs, path::Path, path::PathBuf, process::Command};
 
 /// What the program is made of: a change of any of it makes the tree differ from its commit.

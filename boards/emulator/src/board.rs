@@ -22,8 +22,8 @@ use std::num::{NonZeroU32, NonZeroU64};
 /// Instructions a second of virtual time: the clock of 168 MHz at 1.4 cycles an instruction.
 const INSTRUCTIONS_PER_SECOND: u64 = 120_000_000;
 
-/// The DAC's first channel asks stream 5 of the first controller, channel 7, and the transmitter of the second serial port
-/// stream 6, channel 4 (RM0090 table 42).
+/// The DAC's first channel asks stream 5 of the first controller, channel 7, and the transmitter of the second serial
+/// port stream 6, channel 4 (RM0090 table 42).
 static DMA1_WIRES: [Wire; 2] = [
     Wire {
         instance: "DAC",
@@ -54,7 +54,8 @@ pub struct Chip {
 }
 
 impl Chip {
-    /// Powered up, with this world on its pins and this line on its first two serial ports, of which a program uses one.
+    /// Powered up, with this world on its pins and this line on its first two serial ports, of which a program uses
+    /// one.
     ///
     /// # Errors
     /// rigless's, when the chip does not fit together.

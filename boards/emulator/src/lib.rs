@@ -1,14 +1,16 @@
 //! An emulated STM32F427 that runs the board's program instruction by instruction, with the simulated skin on its pins.
 //!
-//! The crate `rigless` emulates the processor, its clocks, ports, DMA controllers, serial ports, flash memory and watchdog. Its
-//! authors wrote those models from ST's manuals, independently of this project. This crate adds what `rigless` lacks:
+//! The crate `rigless` emulates the processor, its clocks, ports, DMA controllers, serial ports, flash memory and
+//! watchdog. Its authors wrote those models from ST's manuals, independently of this project. This crate adds what
+//! `rigless` lacks:
 //!
 //! - the timer that triggers converter and source: [`timer`], [`converter`], [`source`]
 //! - the analogue world behind the pins, with the electronics and the sheet of `hil-sim`: [`world`]
 //! - the run of a program from power-up, and what it did: [`run`]
 //!
-//! More about the whole project is in [docs/architecture.md](../../../docs/architecture.md). The emulated circuit is that of
-//! [docs/board.md](../../../docs/board.md). `tests/boards.sh` builds the board's programs and runs the tests of this crate.
+//! More about the whole project is in [docs/architecture.md](../../../docs/architecture.md). The emulated circuit is
+//! that of [docs/board.md](../../../docs/board.md). `tests/boards.sh` builds the board's programs and runs the tests of
+//! this crate.
 //!
 //! The analogue world works without a program. It counts address lines that change while a switch is closed:
 //!

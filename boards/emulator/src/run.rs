@@ -37,7 +37,8 @@ pub struct Outcome {
     pub resets: usize,
     /// The brown-out reset's level in the option bytes: 3 is off, 0 the highest.
     pub brown_out: u64,
-    /// What the emulator could not stand in for: addresses without a register, refused accesses, registers without a model.
+    /// What the emulator lacks and the program used: addresses without a register, refused accesses, registers without
+    /// a model.
     pub gaps: Vec<String>,
     /// Instructions from the start of the work on a block to its end, of every block.
     pub work: Vec<u64>,

@@ -1,7 +1,7 @@
 //! The DAC's first channel, stepped by TIM2 and fed by DMA (RM0090 section 14).
 //!
-//! rigless hands the DAC no timer's trigger. The converter passes it on as a write to the register of the software trigger,
-//! with a bit that a program cannot mean.
+//! rigless gives the DAC no timer's trigger. The model of the converter passes the trigger on instead: it writes to the
+//! register of the software trigger, with a reserved bit that no program sets.
 
 use crate::world::{Shared, locked};
 use rigless::device::{Device, DeviceContext, Level, RegisterFile};

@@ -1,5 +1,5 @@
-//! TIM2 as far as a periodic trigger goes: up-counting, update as trigger output (RM0090 section 18). rigless's own counts
-//! as well but its trigger output reaches no converter.
+//! TIM2 as far as a periodic trigger goes: up-counting, update as trigger output (RM0090 section 18). The timer of
+//! rigless counts as well, but its trigger output reaches no converter.
 
 use rigless::device::{Device, DeviceContext, Level, RegisterFile};
 use rigless::soc::stm32f427::generated::tim2::Register;

@@ -1,4 +1,5 @@
-//! What is soldered to the pins: multiplexers, sheet, amplifiers, the source's filter. Electronics and sheet are `hil-sim`'s.
+//! What is soldered to the pins: multiplexers, sheet, amplifiers, the source's filter. Electronics and sheet are
+//! `hil-sim`'s.
 
 use firmware::{Route, SAMPLES_PER_PERIOD, Sense};
 use forward::ElectrodeMatrix;
@@ -9,8 +10,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// DAC codes of the source's amplitude at full scale.
 const FULL_SCALE: f64 = 1788.0;
-/// How much later than the DAC's steps the fundamental arrives at the electrodes, in periods: half a step of the DAC, and the
-/// second-order low-pass at 10 kHz (Butterworth) of docs/board.md.
+/// How much later than the DAC's steps the fundamental arrives at the electrodes, in periods. The delay is half a step
+/// of the DAC and that of the second-order Butterworth low-pass at 10 kHz of docs/board.md.
 fn lag_turns() -> f64 {
     let w: f64 = 84e6 / 1425.0 / 16.0 / 10e3;
     let filter = (2f64.sqrt() * w).atan2(1.0 - w * w) / TAU;

@@ -1,5 +1,5 @@
-//! In the very program that is flashed no way leads from what runs for every block of samples, and for every frame, to the
-//! panic handler. The calls are read from its instructions (ARM DDI 0403, A7.7: B, BL, BLX, BX).
+//! In the very program that is flashed, no chain of calls leads to the panic handler from what runs for every block of
+//! samples and for every frame. The calls are read from its instructions (ARM DDI 0403, A7.7: B, BL, BLX, BX).
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
 mod common;

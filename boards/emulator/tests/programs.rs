@@ -10,8 +10,8 @@ use emulator::world::World;
 use hil_sim::Electronics;
 use protocol::{FromBoard, Plan, ResetCause, Sampling, ToBoard};
 
-/// Instructions that the work on a block may take: a twentieth of the cycles of one period at 168 MHz, which is the time
-/// between blocks when nothing settles, at 1.4 cycles an instruction.
+/// Instructions that the work on a block may take: a twentieth of the cycles of one period at 168 MHz, which is the
+/// time between blocks when nothing settles, at 1.4 cycles an instruction.
 const BUDGET: u64 = (0.05 * 16.0 * 2850.0 / 1.4) as u64;
 
 fn start(name: &str, plan: &Plan, frames: usize, until_ns: u64) -> Outcome {
@@ -142,7 +142,8 @@ fn the_work_on_a_block_takes_under_a_twentieth_of_its_time() {
             work.len()
         );
         assert!(median <= BUDGET, "{median} of {BUDGET}");
-        // What the end of a frame takes (it is packed and summed) must not cost a sample: the ring holds three periods more.
+        // What the end of a frame takes (it is packed and summed) must not cost a sample: the ring holds three periods
+        // more.
         assert!(longest as f64 * 1.4 < 3.0 * 16.0 * 2850.0, "{longest}");
     }
 }
@@ -192,8 +193,8 @@ fn the_stack_has_room_to_spare() {
         ToBoard::SetPlan(plan),
         ToBoard::SaveSettings,
         ToBoard::SelfTest,
-        // Here it is restarted. What the emulated flash memory was told to keep it does not hold, so that the board begins as
-        // it was made.
+        // Here it is restarted. What the emulated flash memory was told to keep it does not hold, so that the board
+        // begins as it was made.
         ToBoard::GetPlan,
         ToBoard::SelfTest,
         ToBoard::GetCounters,

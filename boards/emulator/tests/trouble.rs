@@ -1,5 +1,5 @@
-//! The board's program where something around it is not as it should be, and with one channel's watch: on the emulated chip.
-//! `tests/boards.sh` builds the programs and says where they are.
+//! The board's program where something around it is not as it should be, and with one channel's watch: on the emulated
+//! chip. `tests/boards.sh` builds the programs and says where they are.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
 mod common;
@@ -80,7 +80,8 @@ fn with_one_channel_it_learns_sleeps_and_wakes_with_the_next_value() {
         (begun + 416 * 16 - contact) as f64 / 16.0 * PERIOD_NS * 1e-6,
         kinds.len() - 2
     );
-    // And shows it, value for value, as the one after the watch's next scan does; but for the first, which may still ring.
+    // And shows it, value for value, as the one after the watch's next scan does; but for the first, which may still
+    // ring.
     for there in &list {
         let here = &common::in_process_on(touched(), &plan, there.time, 1)[0];
         let different = here.values.iter().zip(&there.values).filter(|(a, b)| a != b).count();

@@ -1,4 +1,5 @@
-//! What the emulated machine has of a chip's support: a clock that counts polls. It has no watchdog and keeps no settings.
+//! What the emulated machine has of a chip's support: a clock that counts polls. It has no watchdog and keeps no
+//! settings.
 
 use core::convert::Infallible;
 use firmware::{Clock, Sector, Store, Watchdog};

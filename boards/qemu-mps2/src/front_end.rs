@@ -1,5 +1,5 @@
-//! Router, capture and excitation by remote call. Requests have eight bytes, replies sixteen and then the samples; numbers are
-//! little-endian. `tests/tests/emulated.rs` has the other end.
+//! Router, capture and excitation by remote call. Requests have eight bytes, replies sixteen and then the samples;
+//! numbers are little-endian. `tests/tests/emulated.rs` has the other end.
 
 use crate::pipe::{Pipe, PipeError};
 use firmware::{

@@ -1,8 +1,9 @@
-//! The traits of the library `firmware` on QEMU's machine `mps2-an386`, a Cortex-M4F. The programs of this crate run the
-//! firmware in emulation, with the simulated skin of the PC as their front end.
+//! The traits of the library `firmware` on QEMU's machine `mps2-an386`, a Cortex-M4F. The programs of this crate run
+//! the firmware in emulation, with the simulated skin of the PC as their front end.
 //!
-//! Routes, windows and samples go through two named pipes by semihosting, one block at a time. The serial line is the machine's
-//! first UART. Simulated time passes only while the board waits for a block: the frames are the same however slow the PC is.
+//! Routes, windows and samples go through two named pipes by semihosting, one block at a time. The serial line is the
+//! machine's first UART. Simulated time passes only while the board waits for a block: the frames are the same however
+//! slow the PC is.
 //!
 //! - [docs/architecture.md](../../../docs/architecture.md): what each crate is for, and the way of a frame
 //! - [docs/firmware.md](../../../docs/firmware.md): the traits, and what the library does with them

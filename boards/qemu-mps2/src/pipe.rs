@@ -43,8 +43,8 @@ impl Pipe {
     /// # Errors
     /// The PC closed its end.
     pub fn write(&mut self, bytes: &[u8]) -> Result<(), PipeError> {
-        // SAFETY: the call reads `bytes.len()` bytes from `bytes`, and nothing after it has returned. It returns how many bytes
-        // were not written.
+        // SAFETY: the call reads `bytes.len()` bytes from `bytes`, and nothing after it has returned. It returns how
+        // many bytes were not written.
         let left = unsafe { syscall!(WRITE, self.to, bytes.as_ptr(), bytes.len()) };
         if left == 0 { Ok(()) } else { Err(PipeError) }
     }
@@ -55,8 +55,8 @@ impl Pipe {
     /// The PC closed its end.
     pub fn read(&mut self, mut buffer: &mut [u8]) -> Result<(), PipeError> {
         while !buffer.is_empty() {
-            // SAFETY: the call writes at most `buffer.len()` bytes to the buffer, which is borrowed mutably, and nothing after it has
-            // returned. It returns how many it left unread.
+            // SAFETY: the call writes at most `buffer.len()` bytes to the buffer, which is borrowed mutably, and
+            // nothing after it has returned. It returns how many it left unread.
             let left = unsafe { syscall!(READ, self.from, buffer.as_mut_ptr(), buffer.len()) };
             let taken = buffer.len().checked_sub(left).filter(|n| *n > 0).ok_or(PipeError)?;
             buffer = buffer.get_mut(taken..).ok_or(PipeError)?;

@@ -21,14 +21,16 @@ const CLOCK_HZ: u32 = 25_000_000;
 /// Bits a second.
 const BAUD: u32 = 1_000_000;
 
-/// The serial port. Writing waits for room: simulated time stands still meanwhile, so the scan does not wait for the link.
+/// The serial port. Writing waits for room: simulated time stands still meanwhile, so the scan does not wait for the
+/// link.
 #[derive(Debug)]
 pub struct Uart(());
 
 impl Uart {
     /// Switches transmitter and receiver on. There is one such UART: make one of these.
     pub fn new() -> Self {
-        // SAFETY: the machine has these registers at these addresses. Only this module uses them, and they take these values.
+        // SAFETY: the machine has these registers at these addresses. Only this module uses them, and they take these
+        // values.
         unsafe {
             BAUDDIV.write_volatile(CLOCK_HZ / BAUD);
             CTRL.write_volatile(TX_ENABLE | RX_ENABLE);
@@ -57,7 +59,8 @@ impl serial::Read for Uart {
         if self.state() & RX_FULL == 0 {
             return Err(nb::Error::WouldBlock);
         }
-        // SAFETY: the machine has this register at this address. Reading it takes the received byte, which is what this is for.
+        // SAFETY: the machine has this register at this address. Reading it takes the received byte, which is what this
+        // is for.
         Ok(unsafe { DATA.cast_const().read_volatile() } as u8)
     }
 }
@@ -65,7 +68,8 @@ impl serial::Read for Uart {
 impl serial::Write for Uart {
     fn write(&mut self, byte: u8) -> nb::Result<(), serial::ErrorKind> {
         while self.state() & TX_FULL != 0 {}
-        // SAFETY: the machine has this register at this address. The write hands one byte to the transmitter, which has room.
+        // SAFETY: the machine has this register at this address. The write hands one byte to the transmitter, which has
+        // room.
         unsafe { DATA.write_volatile(byte.into()) };
         Ok(())
     }

@@ -22,7 +22,8 @@ pub struct Started {
 const NO_CRYSTAL: &str = "no 8 MHz clock: on the internal one, up to 1 % off";
 const LOW_SUPPLY: &str = "the supply is below 3.0 V: settings cannot be stored";
 
-/// What the watchdog counts down from, at 32 kHz / 64: 2 s. Erasing a sector of the settings takes half a second at most.
+/// What the watchdog counts down from, at 32 kHz / 64: 2 s. Erasing a sector of the settings takes half a second at
+/// most.
 const WATCHDOG_COUNTS: u16 = 1000;
 
 /// Sets the chip up: watchdog first, then clocks and pins.
@@ -98,14 +99,14 @@ const ST_LINK: bool = cfg!(feature = "st-link");
 /// The two keys that open the option bytes, in this order (RM0390 section 3.6.2, RM0090 section 3.7.2).
 const OPTION_KEY_1: u32 = 0x0819_2A3B;
 const OPTION_KEY_2: u32 = 0x4C5D_6E7F;
-/// The highest level of the brown-out reset in the field BOR_LEV: it counts downwards from 3, which is off (RM0390 section
-/// 3.8, RM0090 section 3.9). The names that the register crate has for the levels are the wrong way round.
+/// The highest level of the brown-out reset in the field BOR_LEV: it counts downwards from 3, which is off (RM0390
+/// section 3.8, RM0090 section 3.9). The names that the register crate has for the levels are the wrong way round.
 const BROWN_OUT_LEVEL_3: u8 = 0;
 
 /// Sets the chip's own brown-out reset to its highest level, some 2.8 V, unless it is set already.
 ///
-/// As delivered it is off, and between 1.8 V and 2.7 V the processor may do anything. The level is an option byte, which the
-/// chip keeps without power: this writes once in a chip's life.
+/// As delivered it is off, and between 1.8 V and 2.7 V the processor may do anything. The level is an option byte,
+/// which the chip keeps without power: this writes once in a chip's life.
 fn reset_below_2_7_volt(flash: &pac::FLASH) {
     if flash.optcr().read().bor_lev().bits() == BROWN_OUT_LEVEL_3 {
         return;
@@ -185,12 +186,13 @@ impl Clock for Chip {
 
 impl Watchdog for Chip {
     fn feed(&mut self) {
-        // Reads the time every tenth of a second, also while nothing is measured: the cycle counter must not come round unseen.
+        // Reads the time every tenth of a second, also while nothing is measured: the cycle counter must not come round
+        // unseen.
         sampler::keep_up();
         feed();
         if supply::sags() {
-            // Measurements are wrong now, and the supply may fall further. The sheet stays without voltage until the supply is back
-            // or the brown-out reset comes.
+            // Measurements are wrong now, and the supply may fall further. The sheet stays without voltage until the
+            // supply is back or the brown-out reset comes.
             multiplexer::release();
             while !supply_is_good() {
                 feed();

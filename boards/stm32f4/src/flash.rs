@@ -34,20 +34,24 @@ fn range(sector: Sector, offset: u32, len: usize) -> Result<u32, FlashError> {
     Ok(place(sector).1 + offset)
 }
 
+/// Reads from an offset on, in bytes.
+///
 /// # Errors
-/// It ends before that.
+/// The sector ends before that.
 pub fn read(sector: Sector, offset: u32, out: &mut [u8]) -> Result<(), FlashError> {
     let start = range(sector, offset, out.len())? as *const u8;
     for (k, byte) in out.iter_mut().enumerate() {
-        // SAFETY: `range` has checked that all of `out` is inside the sector, which is memory-mapped flash on every STM32F4 and may
-        // be read byte by byte. Volatile, since it changes behind the compiler's back.
+        // SAFETY: `range` has checked that all of `out` is inside the sector, which is memory-mapped flash on every
+        // STM32F4 and may be read byte by byte. Volatile, since it changes behind the compiler's back.
         *byte = unsafe { start.add(k).read_volatile() };
     }
     Ok(())
 }
 
+/// Writes from an offset on, in bytes. The place has to be erased.
+///
 /// # Errors
-/// It ends before that, the supply is low, or the memory did not take it.
+/// The sector ends before that, the supply is low, or the memory did not take the bytes.
 pub fn write(sector: Sector, offset: u32, bytes: &[u8]) -> Result<(), FlashError> {
     let start = range(sector, offset, bytes.len())? as *mut u8;
     let unlocked = Unlocked::new()?;
@@ -57,14 +61,16 @@ pub fn write(sector: Sector, offset: u32, bytes: &[u8]) -> Result<(), FlashError
         .cr()
         .write(|w| w.lock().unlocked().psize().psize8().pg().program());
     for (k, byte) in bytes.iter().enumerate() {
-        // SAFETY: `range` has checked that all of `bytes` is inside the sector. The sector holds no program and no variable
-        // (memory_map.x), and programming is on.
+        // SAFETY: `range` has checked that all of `bytes` is inside the sector. The sector holds no program and no
+        // variable (memory_map.x), and programming is on.
         unsafe { start.add(k).write_volatile(*byte) };
         unlocked.wait()?;
     }
     Ok(())
 }
 
+/// Erases the sector: every byte becomes 0xFF.
+///
 /// # Errors
 /// The supply is low, or the memory could not be erased.
 pub fn erase(sector: Sector) -> Result<(), FlashError> {
@@ -104,8 +110,8 @@ impl Unlocked {
     }
 
     fn registers(&self) -> &'static pac::flash::RegisterBlock {
-        // SAFETY: the address is that of the flash controller's registers. `chip::start` is done with them before anything is stored,
-        // and afterwards only the holder of an `Unlocked` writes them.
+        // SAFETY: the address is that of the flash controller's registers. `chip::start` is done with them before
+        // anything is stored, and afterwards only the holder of an `Unlocked` writes them.
         unsafe { &*pac::FLASH::ptr() }
     }
 

@@ -1,6 +1,7 @@
 //! The program of the sensor board, for an STM32F405, STM32F427 or STM32F446.
 //!
-//! This crate implements the traits of the library `firmware` with the registers of the chip. The library has all of the logic.
+//! This crate implements the traits of the library `firmware` with the registers of the chip. The library has all of
+//! the logic.
 //!
 //! - [docs/architecture.md](../../../docs/architecture.md): what each crate is for, and the way of a frame
 //! - [docs/board.md](../../../docs/board.md): pins, circuit, how to build and program the board

@@ -1,7 +1,7 @@
 //! The four 16-way multiplexers, each two 74HCT4051: three address lines and an enable line for each half.
 //!
-//! All twelve address lines are on port B and all eight enable lines (low: connected) on port C, so that each group changes in one
-//! write. Every change is: all enables off, dead time, addresses, enables on.
+//! All twelve address lines are on port B. All eight enable lines (low: connected) are on port C. Each group therefore
+//! changes in one write. Every change of route is: all enables off, dead time, addresses, dead time, enables on.
 
 use firmware::{ErrorKind, Route, Sense};
 use stm32f4xx_hal::pac;
@@ -17,8 +17,10 @@ const ENABLE_PINS: u32 = 0xFF;
 /// Port A, pin 8: high while the processor works on a block of samples; for an oscilloscope.
 const BUSY_PIN: u32 = 1 << 8;
 
-/// A 4051 lets go within 60 ns and connects within 70 ns at 4.5 V (its data sheet's longest at 25 degrees are 47 and 55):
-/// 0.12 us of doing nothing between the steps.
+/// Processor cycles between two steps of a change: 0.12 us.
+///
+/// A 74HCT4051 lets go within 60 ns and connects within 70 ns at 4.5 V. The longest times in its data sheet are 47 ns
+/// and 55 ns, at 25 degrees.
 const DEAD_CYCLES: u32 = 20;
 
 /// Electrodes that the multiplexers have.
@@ -57,9 +59,10 @@ type Port = pac::gpioa::RegisterBlock;
 
 /// Ports A, B and C.
 fn ports() -> [&'static Port; 3] {
-    // SAFETY: the addresses are those of the ports' registers, which are the same ones in the same places for every port (RM0390
-    // section 7.4, RM0090 section 8.4). This module changes its own pins only: at run time by a register that leaves all others
-    // alone, and in `start`, before interrupts are on, by reading, changing and writing the mode register.
+    // SAFETY: the addresses are those of the ports' registers, which are the same ones in the same places for every
+    // port (RM0390 section 7.4, RM0090 section 8.4). This module changes its own pins only: at run time by a register
+    // that leaves all others alone, and in `start`, before interrupts are on, by reading, changing and writing the mode
+    // register.
     unsafe {
         [
             &*pac::GPIOA::ptr(),
@@ -71,8 +74,8 @@ fn ports() -> [&'static Port; 3] {
 
 /// Sets some pins of a port and resets others, in one write.
 fn set_levels(port: &Port, set: u32, reset: u32) {
-    // SAFETY: the register takes any value. A one in its lower half sets a pin, in its upper half it resets one; zeros do nothing
-    // (RM0390 section 7.4.7, RM0090 section 8.4.7).
+    // SAFETY: the register takes any value. A one in its lower half sets a pin, in its upper half it resets one; zeros
+    // do nothing (RM0390 section 7.4.7, RM0090 section 8.4.7).
     port.bsrr().write(|w| unsafe { w.bits(set | reset << 16) });
 }
 

@@ -1,5 +1,5 @@
-//! What the program says about a bug in itself: kept in memory that a restart does not clear, and told by the board's next
-//! introduction.
+//! The record of a panic or a fault. It is kept in memory that a restart does not clear, and the board's next
+//! introduction tells it.
 
 use crate::identity::hexadecimal;
 use core::mem::MaybeUninit;
@@ -62,8 +62,9 @@ static mut RECORD: MaybeUninit<Report> = MaybeUninit::uninit();
 
 /// What the run before left, once.
 pub fn take() -> Option<Past> {
-    // SAFETY: the record is used here, and by functions that restart the chip and never return, one at a time. It lies in RAM,
-    // aligned for a `Report`. That is made of integers only, so that any bytes are one, if perhaps not a valid one.
+    // SAFETY: the record is used here, and by functions that restart the chip and never return, one at a time. It lies
+    // in RAM, aligned for a `Report`. That is made of integers only, so that any bytes are one, if perhaps not a valid
+    // one.
     let report = unsafe { addr_of!(RECORD).cast::<Report>().read_volatile() };
     // SAFETY: as above; the first word of the record is the mark.
     unsafe { addr_of_mut!(RECORD).cast::<u32>().write_volatile(0) };
@@ -150,8 +151,8 @@ unsafe extern "C" fn hard_fault(stack: u32) -> ! {
         report.add("stack overflow");
     } else {
         report.add("hard fault at 0x");
-        // SAFETY: `stack` is the stack pointer at the fault, inside the RAM. The processor has put eight registers there; the program
-        // counter is the seventh.
+        // SAFETY: `stack` is the stack pointer at the fault, inside the RAM. The processor has put eight registers
+        // there; the program counter is the seventh.
         let place = unsafe { (stack as *const u32).add(6).read_volatile() };
         let mut digits = [0; 8];
         hexadecimal(place, &mut digits);

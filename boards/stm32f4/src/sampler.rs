@@ -1,8 +1,8 @@
-//! Samples in step with the excitation: TIM2 starts a conversion of ADC1 and steps the DAC with one and the same pulse, and
-//! DMA writes the codes round a ring. While a block of it is worked on, the next ones are filled.
+//! Samples in step with the excitation: TIM2 starts a conversion of ADC1 and steps the DAC with one and the same pulse,
+//! and DMA writes the codes round a ring. While a block of it is worked on, the next ones are filled.
 //!
-//! Nothing here needs an interrupt. The DMA stream tells how far the ring is filled. The processor's cycle counter, which runs
-//! from the same clock, tells how often the stream went round.
+//! Nothing here needs an interrupt. The DMA stream tells how far the ring is filled. The processor's cycle counter,
+//! which runs from the same clock, tells how often the stream went round.
 
 use crate::ring::Shared;
 use crate::source::Source;
@@ -24,11 +24,12 @@ const CYCLES_PER_SAMPLE: u32 = 2 * TICKS_PER_SAMPLE;
 const RING: usize = 4 * SAMPLES_PER_PERIOD;
 static SAMPLES: Shared<u16, RING> = Shared::new(0);
 
-/// Timer ticks after which a conversion is over and in memory: 28 cycles of sampling and 12 of conversion at 21 MHz are 160.
+/// Timer ticks after which a conversion is over and in memory: 28 cycles of sampling and 12 of conversion at 21 MHz are
+/// 160.
 const CONVERTED_TICKS: u32 = 200;
 
-/// Samples by which the stream must still be away from a block when the work on it ends. Nearer than that, the stream may have
-/// overwritten some of the block.
+/// Samples by which the stream must still be away from a block when the work on it ends. Nearer than that, the stream
+/// may have overwritten some of the block.
 const SPARE: u64 = 2;
 
 /// A window that is being captured.
@@ -80,15 +81,15 @@ fn registers() -> (
     &'static pac::adc1::RegisterBlock,
     &'static pac::dma2::RegisterBlock,
 ) {
-    // SAFETY: the addresses are those of the registers. TIM2, ADC1 and stream 0 of DMA2 are this module's alone. Of DMA2 it
-    // writes no register that others write but one that clears flags; zeros there do nothing.
+    // SAFETY: the addresses are those of the registers. TIM2, ADC1 and stream 0 of DMA2 are this module's alone. Of
+    // DMA2 it writes no register that others write but one that clears flags; zeros there do nothing.
     unsafe { (&*pac::TIM2::ptr(), &*pac::ADC1::ptr(), &*pac::DMA2::ptr()) }
 }
 
 /// Samples taken and in memory since power-up.
 ///
-/// The next call has to come within 25 s, in which the cycle counter goes round once. If the sampling stops, the time goes on,
-/// twice as fast: a wait for samples has an end.
+/// The next call has to come within 25 s, in which the cycle counter goes round once. If the sampling stops, the time
+/// goes on, twice as fast: a wait for samples has an end.
 pub fn now() -> u64 {
     interrupt::free(|key| {
         let cell = TIME.borrow(key);
@@ -135,7 +136,8 @@ impl Timebase {
             return false;
         }
         let further = (RING + position - self.position) % RING;
-        // The cycle counter tells how many whole rounds that leaves out; it may be off by a few samples, not by half a ring.
+        // The cycle counter tells how many whole rounds that leaves out; it may be off by a few samples, not by half a
+        // ring.
         let about = (cycles.wrapping_sub(self.cycles) / CYCLES_PER_SAMPLE) as usize;
         let rounds = (about + RING / 2).saturating_sub(further) / RING;
         let samples = further + rounds * RING;
@@ -175,8 +177,9 @@ impl Sampler {
             w.cfeif0().clear().cdmeif0().clear().cteif0().clear();
             w.chtif0().clear().ctcif0().clear()
         });
-        // SAFETY: from here the stream reads the converter's data register and writes the ring, a static of as many samples as
-        // `ndtr` says. The processor only reads the ring, and `poll` finds out what was overwritten meanwhile.
+        // SAFETY: from here the stream reads the converter's data register and writes the ring, a static of as many
+        // samples as `ndtr` says. The processor only reads the ring, and `poll` finds out what was overwritten
+        // meanwhile.
         unsafe {
             stream.par().write(|w| w.pa().bits(adc.dr().as_ptr() as u32));
             stream.m0ar().write(|w| w.m0a().bits(SAMPLES.address()));
@@ -228,8 +231,8 @@ impl Sampler {
         if adc.sqr3().read().bits() == input as u32 {
             return;
         }
-        // A write during a conversion would cost that sample, and every later sample would be counted one too early. The write
-        // therefore waits until the conversion is over, and does not come just before the next one.
+        // A write during a conversion would cost that sample, and every later sample would be counted one too early.
+        // The write therefore waits until the conversion is over, and does not come just before the next one.
         const QUIET: core::ops::Range<u32> = CONVERTED_TICKS..TICKS_PER_SAMPLE - 60;
         let write = |_: &interrupt::CriticalSection| {
             let quiet = QUIET.contains(&timer.cnt().read().bits());
@@ -283,7 +286,8 @@ impl Sampler {
         crate::multiplexer::work();
         let place = (open.next % RING as u64) as usize;
         let len = (whole - open.next).min((RING - place) as u64);
-        // SAFETY: whether the stream wrote to it meanwhile is found out below; then nothing that was made of it is used.
+        // SAFETY: whether the stream wrote to it meanwhile is found out below; then nothing that was made of it is
+        // used.
         let samples = unsafe { SAMPLES.lend(place, len as usize) };
         let block = Block {
             samples,

@@ -1,6 +1,7 @@
-//! The serial port to the host, 1 Mbit/s: USART1 on PA9 (out) and PA10 (in), where the chip's own bootloader listens too; with
-//! the feature `st-link` USART2 on PA2 and PA3, which a Nucleo's debugger makes a serial port of its USB.
-//! Bytes go out by DMA from two buffers in turn and come in by interrupt.
+//! The serial port to the host, 1 Mbit/s. Bytes go out by DMA from two buffers in turn, and come in by interrupt.
+//!
+//! The port is USART1 on PA9 (out) and PA10 (in), where the chip's own bootloader listens too. With the feature
+//! `st-link` it is USART2 on PA2 and PA3, which the debugger of a Nucleo connects to its USB.
 
 use crate::ring::Shared;
 use core::sync::atomic::{AtomicBool, AtomicU8, AtomicUsize, Ordering};
@@ -71,16 +72,16 @@ mod port {
 }
 
 fn registers() -> (&'static pac::usart1::RegisterBlock, &'static pac::dma2::RegisterBlock) {
-    // SAFETY: the addresses are those of the registers. The port and the stream are this module's alone. Of the DMA controller
-    // it writes no register that others write but one that clears flags; zeros there do nothing.
+    // SAFETY: the addresses are those of the registers. The port and the stream are this module's alone. Of the DMA
+    // controller it writes no register that others write but one that clears flags; zeros there do nothing.
     unsafe { (&*port::Usart::ptr(), &*port::Dma::ptr()) }
 }
 
 impl Serial {
     /// Sets pins, port and DMA up, and lets bytes in.
     pub fn start() -> Self {
-        // SAFETY: the address is that of the port's registers. Both pins are this module's alone. Other modules change the same
-        // registers in their `start` only, one after the other, and no interrupt handler does.
+        // SAFETY: the address is that of the port's registers. Both pins are this module's alone. Other modules change
+        // the same registers in their `start` only, one after the other, and no interrupt handler does.
         let gpio = unsafe { &*pac::GPIOA::ptr() };
         // Alternate function 7 on both pins, with a pull-up on the receiver's: an open line is idle.
         const OUT_PIN: u8 = port::PIN;
@@ -113,7 +114,8 @@ impl Serial {
         dma.st(port::STREAM)
             .par()
             .write(|w| unsafe { w.pa().bits(usart.dr().as_ptr() as u32) });
-        // SAFETY: everything that the interrupt handler uses is set up, and no critical section relies on this interrupt being off.
+        // SAFETY: everything that the interrupt handler uses is set up, and no critical section relies on this
+        // interrupt being off.
         unsafe { cortex_m::peripheral::NVIC::unmask(port::INTERRUPT) };
         Self { filling: 0, filled: 0 }
     }
@@ -127,8 +129,8 @@ impl Serial {
         }
         dma.hifcr().write(port::clear);
         let buffer = OUT.get(self.filling).unwrap_or(&OUT[0]);
-        // SAFETY: the stream will read `filled` bytes of the buffer, which is a static and has as many. They are not written until
-        // the stream is off again: the other buffer is filled meanwhile.
+        // SAFETY: the stream will read `filled` bytes of the buffer, which is a static and has as many. They are not
+        // written until the stream is off again: the other buffer is filled meanwhile.
         stream.m0ar().write(|w| unsafe { w.m0a().bits(buffer.address()) });
         stream.ndtr().write(|w| w.ndt().set(self.filled as u16));
         // From memory to the transmitter, byte by byte.

@@ -1,6 +1,7 @@
-//! The excitation: a sine of sixteen steps from the first DAC channel (PA4), stepped by the sampling timer itself, so that
-//! its phase at every sample is fixed by the wiring. A table in memory goes round by DMA for ever; switching on and off and
-//! setting the amplitude write the table.
+//! The excitation: a sine of sixteen steps from the first DAC channel (PA4).
+//!
+//! The sampling timer itself steps the DAC, which fixes the phase of the sine at every sample. DMA reads a table in
+//! memory round and round. Switching on and off and setting the amplitude write the table.
 
 use crate::ring::Shared;
 use firmware::{ErrorKind, SAMPLES_PER_PERIOD};
@@ -12,8 +13,11 @@ const MIDDLE: i32 = 2048;
 const AMPLITUDE: i32 = 1788;
 const _: () = assert!(MIDDLE - AMPLITUDE > 248 && MIDDLE + AMPLITUDE < 4095 - 248);
 
-/// The sine runs ahead of the samples by what the way to the electrodes holds it back at 3.684 kHz: half a step of the DAC
-/// (1/32 of a period) and the second-order low-pass at 10 kHz behind it (31.1 degrees), 42.3 degrees together.
+/// How far the sine runs ahead of the samples, in periods: as far as it is delayed on the way to the electrodes at
+/// 3.684 kHz.
+///
+/// Half a step of the DAC is 1/32 of a period. The second-order low-pass at 10 kHz behind it adds 31.1 degrees.
+/// Together these are 42.3 degrees.
 const LEAD_TURNS: f64 = if cfg!(feature = "fault-phase") {
     0.0
 } else {
@@ -69,8 +73,8 @@ impl Source {
     /// Makes DAC and DMA ready; they wait for the timer. The first step of the timer puts out phase 0.
     pub fn arm(&self) {
         self.fill();
-        // SAFETY: the addresses are those of the registers. The DAC and stream 5 of DMA1 are this module's alone. Of DMA1 it writes
-        // no register that others write but one that clears flags; zeros there do nothing.
+        // SAFETY: the addresses are those of the registers. The DAC and stream 5 of DMA1 are this module's alone. Of
+        // DMA1 it writes no register that others write but one that clears flags; zeros there do nothing.
         let (dac, dma) = unsafe { (&*pac::DAC::ptr(), &*pac::DMA1::ptr()) };
         dac.cr().write(|w| w.en1().disabled());
         // An underrun of before: cleared by writing 1.
@@ -82,8 +86,8 @@ impl Source {
             w.cfeif5().clear().cdmeif5().clear().cteif5().clear();
             w.chtif5().clear().ctcif5().clear()
         });
-        // SAFETY: from here the stream reads the table, a static of as many codes as `ndtr` says, and writes the DAC's data register.
-        // The processor changes the table one whole code at a time.
+        // SAFETY: from here the stream reads the table, a static of as many codes as `ndtr` says, and writes the DAC's
+        // data register. The processor changes the table one whole code at a time.
         unsafe {
             stream.par().write(|w| w.pa().bits(dac.dhr12r1().as_ptr() as u32));
             stream.m0ar().write(|w| w.m0a().bits(TABLE.address()));
@@ -100,7 +104,8 @@ impl Source {
 
     /// Whether the DAC ran out of values, which would have put it out of step.
     pub fn underrun(&self) -> bool {
-        // SAFETY: the address is that of the DAC's registers. Only the status register is read, which has no side effect.
+        // SAFETY: the address is that of the DAC's registers. Only the status register is read, which has no side
+        // effect.
         let dac = unsafe { &*pac::DAC::ptr() };
         dac.sr().read().dmaudr1().is_underrun()
     }

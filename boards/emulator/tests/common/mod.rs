@@ -18,7 +18,8 @@ pub(crate) fn program(name: &str) -> PathBuf {
     PathBuf::from(folder).join(name)
 }
 
-/// The homogeneous disc with small electrodes on its rim, one place of it lifted so that no symmetry hides a wrong route.
+/// The homogeneous disc with small electrodes on its rim, one place of it lifted so that no symmetry hides a wrong
+/// route.
 pub(crate) fn sheet() -> ElectrodeMatrix {
     let potential = |distance: f64| -1000.0 / PI * distance.ln();
     ElectrodeMatrix::from_potentials(DMatrix::from_fn(16, 16, |i, j| {

@@ -1,7 +1,7 @@
 //! The hot path alone: what runs for every block of samples. It is only linked, never run.
 //!
-//! Its panic handler calls a function that does not exist. The program therefore links exactly if the compiler proves that
-//! nothing in it panics.
+//! Its panic handler calls a function that does not exist. The program therefore links exactly if the compiler proves
+//! that nothing in it panics.
 #![no_std]
 #![no_main]
 #![allow(dead_code, reason = "parts of the board")]
