@@ -14,7 +14,7 @@
 mod chain;
 
 use anyhow::{Context, Result};
-use host::plans::PlanName;
+use host::plans::PlanChoice;
 use host::study::scenes::quantile;
 
 const SCENES: [&str; 9] = [
@@ -47,12 +47,7 @@ fn main() -> Result<()> {
     let seconds: f64 = after("--seconds").first().map_or(Ok(60.0), |s| s.parse())?;
     let seed: u64 = after("--seed").first().map_or(Ok(1), |s| s.parse())?;
     let plan = match after("--plan").first() {
-        Some(name) => Some(
-            PlanName::ALL
-                .into_iter()
-                .find(|p| p.name() == name)
-                .context("no such plan")?,
-        ),
+        Some(name) => Some(PlanChoice::all().find(|p| p.name() == name).context("no such plan")?),
         None => None,
     };
     let mut scenes = after("--scene");

@@ -7,7 +7,7 @@ use host::doubt::Doubt;
 use host::imager::Imager;
 use host::live::{Live, LiveFrame, LiveOptions};
 use host::picture::Touch;
-use host::plans::{PlanName, live_plan};
+use host::plans::{PlanChoice, live_plan};
 use host::session::Session;
 use std::path::Path;
 use std::sync::Arc;
@@ -49,7 +49,7 @@ pub(crate) fn scene(name: &str) -> Result<SceneFile> {
 }
 
 /// Reconstructs the frames of a scene, over and over for so many seconds of the board's time, as `skin run` does.
-pub(crate) fn watch(mut file: SceneFile, seconds: f64, plan: Option<PlanName>) -> Result<Seen> {
+pub(crate) fn watch(mut file: SceneFile, seconds: f64, plan: Option<PlanChoice>) -> Result<Seen> {
     file.scene.loop_s.get_or_insert(file.duration_s);
     let truth = file.scene.clone();
     let port = SimPort::new(file.board()?, Pace::Unpaced)?;

@@ -12,7 +12,7 @@ use host::imager::{Imager, Surface};
 use host::link::{LinkCounters, Port};
 use host::live::{Live, LiveFrame, LiveOptions};
 use host::picture::{Picture, Stats, Touch};
-use host::plans::PlanName;
+use host::plans::PlanChoice;
 use host::reconstructor::FrameResult;
 use host::session::Session;
 use host::view::png;
@@ -53,8 +53,8 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "FILE")]
     png: Option<PathBuf>,
     /// What a frame measures.
-    #[arg(long, value_name = "PLAN", value_parser = plan::parser(), default_value_t = PlanName::Auto)]
-    plan: PlanName,
+    #[arg(long, value_name = "PLAN", value_parser = plan::parser(), default_value_t = PlanChoice::Auto)]
+    plan: PlanChoice,
     /// Let the board watch: while nothing touches it sends no frames, and a touch brings them with the next drive.
     #[arg(long)]
     watch: bool,
@@ -122,7 +122,7 @@ fn connect(arguments: &Arguments, sheet: &Sheet, scene: Option<&SceneFile>) -> R
     let choose = |hello: &Hello| arguments.plan.plan(hello);
     if let Some(scene) = scene {
         // What a scene says itself is only overruled by a plan that is asked for.
-        let plan = scene.config.plan.clone().filter(|_| arguments.plan == PlanName::Auto);
+        let plan = scene.config.plan.clone().filter(|_| arguments.plan == PlanChoice::Auto);
         let session = Session::start(simulated(scene)?, |hello| plan.map_or_else(|| choose(hello), Ok))?;
         let name = if scene.title.is_empty() { "scene" } else { &scene.title };
         return Ok((session, format!("simulated skin: {name}")));
