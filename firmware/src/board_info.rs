@@ -7,7 +7,7 @@ use protocol::{
     Hello, Limits, MAX_SLOTS, MAX_VALUES, MAX_WATCH_SLOTS, MAX_WATCH_VALUES, ResetCause, SCHEMA, Value, Version, text,
 };
 
-/// The excitation's frequency in mHz: the paper's 3.685 kHz.
+/// The excitation's frequency, mHz: the paper's 3.685 kHz.
 const EXCITATION_MHZ: u64 = 3_685_000;
 
 /// The constants of one board, gathered in one place of its crate. Everything else of [`Hello`] follows. A board asserts

@@ -13,10 +13,12 @@ pub const LEVEL_ONE: u32 = 256;
 /// Bits of fraction of a baseline, in units of a [`Value`].
 const FRACTION: u32 = 16;
 
-/// The baseline follows the values with a time constant of 2^16 scans: drift, not touches.
+/// Logarithm of the time constant, in scans, with which the baseline follows the values: 2^16 scans. More lets drift of the
+/// sheet wake the board; less lets the baseline follow a slow press.
 const DRIFT: u32 = 16;
 
-/// Least variance that is reckoned with, in sixteenths of a squared unit: a quarter. Rounding alone makes a twelfth.
+/// Least variance of a value, in sixteenths of a squared unit: a quarter. Rounding alone makes a twelfth. Less lets a value
+/// that happened to be steady while learning raise false alarms; more hides touches on a quiet board.
 const LEAST_VARIANCE: u32 = 4;
 
 /// What is known of one value.

@@ -14,7 +14,8 @@ use protocol::{
     Status, Stored, ToBoard, Watch, WatchNumber, Watching,
 };
 
-/// Most bytes of commands taken in one poll, so that a flood of them cannot starve the scan.
+/// Most bytes of commands taken in one poll: a flood of commands cannot starve the scan. At 1 Mbit/s 64 bytes arrive in 640 us;
+/// fewer could fall behind the link between rare polls, more delay the next block of samples.
 const BYTES_A_POLL: usize = 64;
 
 /// Whether a poll found anything to do. A board may sleep until the next interrupt when it did not.

@@ -6,7 +6,8 @@ use crate::scan::Scan;
 use crate::settings::Settings;
 use protocol::{Decoder, MAX_TO_BOARD_LEN, SelfTest};
 
-/// Bytes of messages that can wait for the link: two frames of 208 values, or one with quadrature and some answers.
+/// Bytes of messages that can wait for the link: two frames of 208 values, or one with quadrature and some answers. More
+/// costs RAM and lets frames become older before they are dropped; less than 1160 cannot hold the largest message.
 const QUEUE: usize = 1280;
 
 /// All of a controller that is large, about 5 KiB. A board keeps it in a static, since a stack that could build it would

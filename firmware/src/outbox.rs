@@ -5,7 +5,8 @@ use embedded_hal_nb::serial::Write;
 use heapless::Vec;
 use protocol::{MAX_FROM_BOARD_LEN, Outgoing, encode};
 
-/// Most messages that wait, however short they are.
+/// Most messages that wait, however short they are: the answers to a burst of commands. Each costs four bytes of RAM;
+/// older messages make room for more.
 const MESSAGES: usize = 16;
 
 /// One framed message.

@@ -62,11 +62,15 @@ pub(crate) fn copy_plan(to: &mut Plan, from: &Plan) {
 
 /// Version of the stored format. A firmware that knows another one starts with its own settings.
 const FORMAT: u8 = 1;
+/// First byte of a record; erased memory reads 0xFF.
 const MARK: u8 = 0xA5;
+/// Bytes before a record's settings.
 const HEADER: u32 = 8;
+/// Bytes of the check sum after them.
 const CRC_LEN: u32 = 4;
 const CRC: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISCSI);
-/// Bytes that are written at once, and that a cut may have written without a trace: a new record keeps this distance.
+/// Bytes that are written at once. A power cut may have written them without a trace: a new record keeps this distance from
+/// the last one.
 const GAP: u32 = 16;
 /// No settings are longer: a plan of 32 slots and a watch of 8.
 const LONGEST: u32 = 512;

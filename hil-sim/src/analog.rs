@@ -2,7 +2,8 @@
 
 use crate::clock::{PERIOD_SAMPLES, TICKS_PER_SAMPLE, TIMER_HZ};
 use crate::converter::Converter;
-use crate::electronics::{Electronics, ElectronicsError};
+use crate::electronics::Electronics;
+use crate::electronics_error::ElectronicsError;
 use crate::interference::Running;
 use crate::noise::{Flicker, Noise};
 use crate::wave::Wave;
@@ -33,7 +34,7 @@ pub struct Analog {
     converter: Converter,
 }
 
-/// What the channels are connected to, and what is left of what they were connected to before.
+/// What the channels are connected to, and the decaying residue of what they were connected to before.
 #[derive(Clone, Debug)]
 pub struct Routing {
     /// Amplitude of each channel, V at the converter.
@@ -129,8 +130,8 @@ impl Analog {
     }
 
     /// Amplitude of every channel of a route on this sheet with the source as it is set, V at the converter; 0 for channels
-    /// that do not exist. `None` for a gain that does not exist. An amplifier on an electrode of the set `open` (bit n for
-    /// electrode n) sees the middle of the source there, unless the source is connected to it.
+    /// that do not exist. `None` for a gain that does not exist. `open` is a set of electrodes, bit n for electrode n. An
+    /// amplifier on an open electrode sees the middle of the source, unless the source is connected to that electrode.
     pub fn amplitudes_v(&self, sheet: &ElectrodeMatrix, route: &Route, open: u64) -> Option<[f64; MAX_CHANNELS]> {
         let e = &self.electronics;
         let source_v = e.excitation_v * f64::from(self.permille) / 1000.0;
@@ -208,7 +209,7 @@ impl Analog {
     }
 
     /// Signal of a channel when it is converted in the row of this time, V at the converter from the middle of its range:
-    /// the excitation and what is left of a switch.
+    /// the excitation and the residue of a switch.
     pub fn voltage_v(&self, time: u64, channel: usize, routing: &Routing) -> f64 {
         let since_s = time.saturating_sub(routing.switched_at) as f64 * self.sample_s;
         let decay = decay(since_s - routing.open_s, self.electronics.settling_s);
@@ -319,7 +320,7 @@ impl Analog {
     }
 }
 
-/// What is left of a transient after a time.
+/// The part of a transient that remains after a time.
 fn decay(since_s: f64, settling_s: f64) -> f64 {
     if settling_s == 0.0 || since_s > OVER * settling_s {
         return 0.0;

@@ -3,7 +3,8 @@
 use crate::analog::Analog;
 use crate::chip::Chip;
 use crate::clock::{Clock, PERIOD_SAMPLES, QUARTER_SAMPLES, TICKS_PER_SAMPLE, TIMER_HZ, samples};
-use crate::electronics::{Electronics, ElectronicsError};
+use crate::electronics::Electronics;
+use crate::electronics_error::ElectronicsError;
 use crate::fault::{Fault, FaultError};
 use crate::flash::Flash;
 use crate::front_end::{SimFrontEnd, SimFrontEndError};
@@ -61,7 +62,8 @@ pub struct SimConfig {
     pub look_samples: Option<u64>,
 }
 
-/// Longest time that a reset waits for a frame to be half out, s.
+/// Longest time that a reset waits for a frame to be half out, s: that of several frames of the fast plans. A board that is
+/// sending nothing resets after this time.
 const MID_FRAME_S: f64 = 0.05;
 
 /// The firmware on simulated hardware. Time stands still between calls.

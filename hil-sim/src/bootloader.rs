@@ -1,5 +1,5 @@
-//! A model of the bootloader in an STM32F4's ROM, from the board's side of the cable (ST's AN3155 and AN2606), with the
-//! faults that a cable, a chip and a person can have.
+//! A model of the bootloader in an STM32F4's ROM, from the board's side of the cable (ST's AN3155 and AN2606). It has the
+//! faults of a cable, a chip and a person.
 
 use std::collections::VecDeque;
 use std::io::{self, ErrorKind, Read, Write};

@@ -4,7 +4,7 @@ use crate::clock::{Clock, samples};
 use crate::flash::{Flash, FlashError};
 use firmware::{Sector, Store, Watchdog};
 
-/// Time-out of the watchdog, s.
+/// Time-out of the watchdog, s: longer than erasing a sector takes, as [`firmware::Watchdog`] asks.
 const WATCHDOG_S: f64 = 2.0;
 
 /// A simulated chip.

@@ -10,7 +10,8 @@ use crate::scene::Scene;
 use forward::Mesh;
 use forward::field::{POINTS, points};
 
-/// An imprint of less strain than this loses its sharp edge.
+/// Least strain of an imprint that keeps its sharp edge; a fainter one becomes part of the smooth field. Less keeps more
+/// discs, whose edges the mesh has to follow; more blurs edges that can be measured.
 const FAINT: f64 = 1e-7;
 
 /// What a flat tip left where it stood.

@@ -1,9 +1,9 @@
 //! Source, switches, amplifiers and converter: what they are, flaws and all. [`crate::Analog`] computes with it.
 
+use crate::electronics_error::{ElectronicsError, in_range};
 use crate::interference::Line;
 use firmware::MAX_CHANNELS;
 use serde::{Deserialize, Serialize};
-use thiserror::Error;
 
 /// The board's analogue part, constant while it runs. Every flaw has a value with which it is absent, and costs nothing
 /// then.
@@ -74,8 +74,8 @@ pub struct Electronics {
 
 impl Default for Electronics {
     /// The paper's source (4.5 V peak to peak), and what it leaves open:
-    /// - gain 0 puts the largest sense voltage of the paper's untouched sheet at 80 % of the range, gain 1 the drive
-    ///   pair's own voltage;
+    /// - gain 0 puts the largest sense voltage of the paper's untouched sheet at 80 % of the range;
+    /// - gain 1 does so with the drive pair's own voltage;
     /// - 10 us of settling is an amplifier and filter of 16 kHz, and 40 mV a multiplexer of some picocoulomb;
     /// - 60 ticks of 84 MHz are a conversion of 15 clocks of a converter at 21 MHz;
     /// - the noise makes the paper's way of measuring have the paper's 27 dB.
@@ -109,44 +109,6 @@ impl Default for Electronics {
             dnl_codes: 0.0,
             seed: 1,
         }
-    }
-}
-
-/// What is wrong with a description of electronics.
-#[derive(Clone, Debug, PartialEq, Error)]
-pub enum ElectronicsError {
-    /// A number that it cannot have.
-    #[error("electronics: {field} is {value}; it must be {allowed}")]
-    Range {
-        /// Which one.
-        field: &'static str,
-        /// What was given.
-        value: f64,
-        /// What it may be.
-        allowed: &'static str,
-    },
-    /// A list that is too long or too short.
-    #[error("electronics: {field} has {given} entries; {allowed}")]
-    Length {
-        /// Which one.
-        field: &'static str,
-        /// How many it has.
-        given: usize,
-        /// What it may have.
-        allowed: &'static str,
-    },
-}
-
-pub(crate) fn in_range(
-    field: &'static str,
-    value: f64,
-    range: impl std::ops::RangeBounds<f64>,
-    allowed: &'static str,
-) -> Result<(), ElectronicsError> {
-    if value.is_finite() && range.contains(&value) {
-        Ok(())
-    } else {
-        Err(ElectronicsError::Range { field, value, allowed })
     }
 }
 

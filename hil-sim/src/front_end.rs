@@ -2,7 +2,8 @@
 
 use crate::analog::{Analog, Routing};
 use crate::clock::{Clock, PERIOD_SAMPLES, QUARTER_SAMPLES, samples};
-use crate::electronics::{Electronics, ElectronicsError};
+use crate::electronics::Electronics;
+use crate::electronics_error::ElectronicsError;
 use crate::noise::{mix, unit};
 use crate::sheet::SheetModel;
 use crate::timeline::Timeline;
@@ -15,6 +16,7 @@ use thiserror::Error as ThisError;
 const ROOM_PERIODS: u64 = 4;
 
 /// How often the sheet is looked at unless it is told otherwise, s. A finger that moves at 50 mm/s goes 1 mm in this time.
+/// Longer makes touches jump, shorter costs a solution each time.
 const SHEET_S: f64 = 0.02;
 
 /// What can go wrong in the simulated front end.
@@ -66,7 +68,7 @@ pub struct SimFrontEnd<S> {
     wiring_until_s: f64,
     seen: ElectrodeMatrix,
     clock: Clock,
-    /// Whether polling in vain lets a sample's time pass.
+    /// Whether a poll without a complete block lets a sample's time pass.
     self_clocked: bool,
     /// What the electrodes see now, and which look at the sheet it is from.
     matrix: ElectrodeMatrix,
@@ -121,7 +123,7 @@ impl<S: SheetModel> SimFrontEnd<S> {
         })
     }
 
-    /// Lets a sample's time pass whenever it is polled in vain, for callers that wait by polling.
+    /// Lets a sample's time pass at every poll without a complete block, for callers that wait by polling.
     pub fn self_clocked(mut self) -> Self {
         self.self_clocked = true;
         self

@@ -1,12 +1,12 @@
 //! The USB side of an FT232R and its driver: bytes reach a reader in lumps.
 //!
-//! The chip sends a packet when it has 62 bytes, or when its latency timer, which starts anew with every packet, runs out;
-//! then with what it has, be it nothing. The driver asks for eight packets at a time and passes them on when all
-//! are there, or with the first packet that is not full.
+//! The chip sends a packet when it has 62 bytes, or when its latency timer runs out, with the bytes there are, possibly none.
+//! The timer starts anew with every packet. The driver asks for eight packets at a time. It passes them on when all are
+//! there, or with the first packet that is not full.
 
 use std::collections::VecDeque;
 
-/// Bytes of the line in a full packet; two more tell the chip's state.
+/// Bytes of the line in a full packet, which has two more for the chip's state.
 const PACKET_BYTES: usize = 62;
 /// Bytes that the driver waits for.
 const TRANSFER_BYTES: usize = 8 * PACKET_BYTES;

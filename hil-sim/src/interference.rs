@@ -1,7 +1,7 @@
 //! What comes through the air: the mains, a motor.
 
-use crate::electronics::{ElectronicsError, in_range};
-use crate::wave::low_pass;
+use crate::electronics_error::{ElectronicsError, in_range};
+use crate::filter::low_pass;
 use firmware::MAX_CHANNELS;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;

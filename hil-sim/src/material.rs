@@ -29,8 +29,8 @@ pub struct Material {
 }
 
 impl Default for Material {
-    /// Elastic: nothing creeps. 25 N on a disc tip of 25 mm (0.051 MPa) strain it by 5.1 %, that of a rubber of 1 MPa, and
-    /// raise the resistivity below it by 20 %.
+    /// Elastic: nothing creeps. 25 N on a disc tip of 25 mm are 0.051 MPa. They strain the rubber, whose modulus is 1 MPa, by
+    /// 5.1 % and raise the resistivity below the tip by 20 %.
     fn default() -> Self {
         let area_mm2 = PI * 12.5 * 12.5;
         Self {

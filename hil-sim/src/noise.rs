@@ -1,5 +1,5 @@
-//! Noise that is a function of time: the same seed, sample and channel give the same value, whoever asks first, on any
-//! machine (the platforms' own logarithms and sines differ in their last bits).
+//! Noise that is a function of time: the same seed, sample and channel give the same value, in any order of asking and on
+//! any machine. The logarithms and sines are libm's, since those of platforms differ in their last bits.
 
 use firmware::MAX_CHANNELS;
 use std::f64::consts::TAU;
@@ -35,8 +35,8 @@ impl Noise {
 /// Octaves of [`Flicker`]: at 59 kHz down to 1/142 Hz.
 const OCTAVES: usize = 24;
 
-/// Noise with a power density of 1/f and the same power, 1, in every decade (with some 5 % of ripple, and a fifth less just
-/// below half the sample rate): a sum of white noises that hold their values for 1, 2, 4, ... samples (Voss, as told by
+/// Noise with a power density of 1/f and the same power, 1, in every decade. The density has some 5 % of ripple and is a
+/// fifth less just below half the sample rate. The noise is a sum of white noises that hold their values for 1, 2, 4, ... samples (Voss, after
 /// Gardner 1978). Each with variance s has the one-sided density `2 s T sinc(f T)^2`, T its time; over all octaves that is
 /// `s / (f ln 2)`: s in every octave.
 #[derive(Clone, Debug)]

@@ -1,12 +1,13 @@
 //! The simulated board as a serial port that a program can read and write.
 
+use crate::any_board::{AnyBoard, drain, locked};
 use crate::board::SimBoard;
 use crate::clock::samples;
 use crate::real_time::{Running, TICK};
 use crate::sheet::SheetModel;
 use std::collections::VecDeque;
 use std::io::{self, ErrorKind, Read, Write};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 /// How a simulated board's time passes.
@@ -14,47 +15,9 @@ use std::time::Duration;
 pub enum Pace {
     /// With the wall clock, on a thread of its own: bytes leave at 1 Mbit/s.
     RealTime,
-    /// As fast as somebody reads, without a thread. Time passes in reads only, and stands still while the board is idle, so
-    /// that the same commands give the same bytes however slow the reader is.
+    /// As fast as somebody reads, without a thread. Time passes in reads only, and stands still while the board is idle: the
+    /// same commands give the same bytes however slow the reader is.
     Unpaced,
-}
-
-/// A board, whatever its sheet.
-pub(crate) trait AnyBoard: Send {
-    fn now(&self) -> u64;
-    /// True time, s.
-    fn now_s(&self) -> f64;
-    /// How often the cable was put back; `None` while it is pulled.
-    fn plugged(&self) -> Option<u32>;
-    fn is_idle(&mut self) -> bool;
-    fn receive(&mut self, bytes: &[u8]);
-    fn step(&mut self, out: &mut VecDeque<u8>);
-}
-
-impl<S: SheetModel> AnyBoard for SimBoard<S> {
-    fn now(&self) -> u64 {
-        SimBoard::now(self)
-    }
-
-    fn now_s(&self) -> f64 {
-        SimBoard::now_s(self)
-    }
-
-    fn plugged(&self) -> Option<u32> {
-        SimBoard::plugged(self)
-    }
-
-    fn is_idle(&mut self) -> bool {
-        SimBoard::is_idle(self)
-    }
-
-    fn receive(&mut self, bytes: &[u8]) {
-        SimBoard::receive(self, bytes);
-    }
-
-    fn step(&mut self, out: &mut VecDeque<u8>) {
-        SimBoard::step(self, |byte| out.push_back(byte));
-    }
 }
 
 /// A serial port with a simulated board behind it. Reads wait for the first byte until the time-out, then fail with
@@ -145,20 +108,6 @@ impl Write for SimPort {
     fn flush(&mut self) -> io::Result<()> {
         Ok(())
     }
-}
-
-/// A lock is only poisoned by a panic elsewhere, and bytes are bytes.
-pub(crate) fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
-/// Moves what fits from a queue to a buffer.
-pub(crate) fn drain(queue: &mut VecDeque<u8>, buffer: &mut [u8]) -> usize {
-    let n = queue.len().min(buffer.len());
-    for (place, byte) in buffer.iter_mut().zip(queue.drain(..n)) {
-        *place = byte;
-    }
-    n
 }
 
 /// A board that runs when it is read.

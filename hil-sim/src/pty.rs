@@ -1,8 +1,9 @@
 //! The simulated board behind a serial port of the system: a pseudo-terminal, whose other end any program can open.
 
+use crate::any_board::{AnyBoard, locked};
 use crate::board::SimBoard;
 use crate::ftdi::Ftdi;
-use crate::port::{AnyBoard, Pace, locked};
+use crate::port::Pace;
 use crate::real_time::{Pacer, TICK};
 use crate::sheet::SheetModel;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
@@ -20,7 +21,8 @@ use std::time::Duration;
 /// Bytes that the system holds for a reader who is slow; later ones are lost.
 const READER_BYTES: usize = 1 << 16;
 
-/// Board time that passes at most between two looks at an unpaced port, s.
+/// Board time that passes at most between two looks at an unpaced port, s. Longer delays the answers to commands, shorter
+/// costs processor time.
 const SLICE_S: f64 = 16e-3;
 
 /// What a [`Pty`] is like.
@@ -30,7 +32,7 @@ pub struct PtyOptions {
     pub latency: Duration,
     /// A symbolic link that always points to the port.
     pub link: Option<PathBuf>,
-    /// How time passes. Unpaced it passes as fast as the port is read, and stands still while the reader is behind, while
+    /// How time passes. Unpaced time passes as fast as the port is read. It stands still while the reader is behind, while
     /// nobody has the port open and while the board is idle: no byte is ever lost, however slow the machine.
     pub pace: Pace,
 }
@@ -45,9 +47,9 @@ impl Default for PtyOptions {
     }
 }
 
-/// A board behind a pseudo-terminal, on a thread of its own, in step with the wall clock or with its reader. As on a port of
-/// an FT232R, what the board says while nobody has the port open is lost, and the port is gone while its cable is pulled.
-/// Dropping it switches the board off.
+/// A board behind a pseudo-terminal, on a thread of its own, in step with the wall clock or with its reader. Its port behaves
+/// like an FT232R's: bytes from the board are lost while nobody has the port open, and the port is gone while the cable is
+/// pulled. Dropping the value switches the board off.
 pub struct Pty {
     shared: Arc<Shared>,
     thread: Option<JoinHandle<()>>,
@@ -149,7 +151,7 @@ impl Plug {
         grantpt(&master)?;
         unlockpt(&master)?;
         let path = PathBuf::from(ptsname_r(&master)?);
-        // Opened and closed once: from then on the system tells whether somebody has it open.
+        // Opened and closed once: from then on the system reports whether somebody has it open.
         drop(fs::OpenOptions::new().read(true).write(true).open(&path)?);
         let mut plug = Self {
             master,

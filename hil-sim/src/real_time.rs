@@ -1,6 +1,6 @@
 //! A simulated board on a thread of its own, in step with the wall clock.
 
-use crate::port::{AnyBoard, drain, locked};
+use crate::any_board::{AnyBoard, drain, locked};
 use std::collections::VecDeque;
 use std::io::{self, ErrorKind};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
@@ -10,10 +10,11 @@ use std::time::{Duration, Instant};
 /// Bytes that the operating system would hold for a reader who does not come; later ones are lost, as on a real port.
 const PIPE_BYTES: usize = 1 << 16;
 
-/// How often the thread looks up, wall time.
+/// How often the thread lets the board catch up, wall time. Longer delays bytes, shorter costs processor time.
 pub(crate) const TICK: Duration = Duration::from_millis(1);
 
-/// Simulated time that the board may be behind the wall clock before it gives up catching up, s.
+/// Simulated time that the board may be behind the wall clock before it gives up catching up, s. More sends longer bursts of
+/// old frames after a pause of the machine; less gives up in pauses that a reader would not notice.
 const LAG_S: f64 = 0.25;
 
 /// What the port and the board's thread share.
@@ -106,7 +107,7 @@ impl Drop for Running {
     }
 }
 
-/// Tells readers that nothing more comes.
+/// Informs readers that nothing more comes.
 struct Ended<'a>(&'a Pipes);
 
 impl Drop for Ended<'_> {

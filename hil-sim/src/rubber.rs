@@ -8,16 +8,16 @@ use forward::field::{POINTS, conductivity_of, conductivity_of_steps};
 use forward::{DiscTouch, Electrode, ElectrodeMatrix, ForwardError, Model, ModelOptions, Sheet, Solver, Tensor};
 use std::sync::Arc;
 
-/// Relative accuracy of the simulated voltages. Finer than the reconstruction's mesh, so that the two do not share their
-/// errors.
+/// Relative accuracy of the simulated voltages. Finer than the reconstruction's mesh: the two do not share their errors. Less
+/// costs time in every scene that moves.
 const ACCURACY: f64 = 5e-4;
 
-/// Largest relative change of an element's conductivity that is not worth solving for again: what creeps so little moves no
-/// voltage by more than that, and mostly by far less.
+/// Largest relative change of an element's conductivity that is not solved for again. Such a change moves no voltage by more
+/// than itself, and mostly by far less. Less solves for creep that nobody can measure; more makes creep advance in steps.
 const UNCHANGED: f64 = 1e-5;
 
-/// Largest relative change of a contact impedance that is not worth a new model; it moves the sense voltages by a fraction
-/// of itself.
+/// Largest relative change of a contact impedance that gets no new model. Such a change moves the sense voltages by a
+/// fraction of itself. Less makes more models, more makes ageing contacts advance in steps.
 const SAME_CONTACT: f64 = 1e-4;
 
 /// A sheet of rubber and what happens on it.

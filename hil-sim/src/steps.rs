@@ -3,9 +3,11 @@
 use crate::pressure::Bump;
 use crate::scene::{Scene, TouchNow};
 
-/// Longest step, s: of a ramp of 0.1 s, smooth as it is, a straight line over this time misses 0.1 %.
+/// Longest step, s: a straight line over this time misses 0.1 % of a smooth ramp of 0.1 s. Longer steps miss more, shorter
+/// ones cost time.
 const MOST_S: f64 = 0.005;
-/// Farthest that anything moves in a step, mm: a third of a fingertip's radius.
+/// Farthest that anything moves in a step, mm: a third of a fingertip's radius. Longer steps leave gaps in a moving finger's
+/// trail, shorter ones cost time.
 const MOST_MM: f64 = 2.0;
 /// Times nearer to each other than this are the same, s.
 const SAME_S: f64 = 1e-9;

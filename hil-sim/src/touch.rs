@@ -92,8 +92,8 @@ impl Touch {
         Self::still(Shape::Disc, 12.5, x_mm, y_mm, force_n)
     }
 
-    /// A finger 13.5 mm wide that comes down over `ramp_s` where the path of (time s, x mm, y mm) starts, follows it, and
-    /// lifts over `ramp_s` at its end.
+    /// A finger 13.5 mm wide on a path of (time s, x mm, y mm). It comes down over `ramp_s` where the path starts, follows the
+    /// path, and lifts over `ramp_s` at the end.
     pub fn finger(path: &[(f64, f64, f64)], force_n: f64, ramp_s: f64) -> Self {
         let key = |(t_s, x_mm, y_mm): (f64, f64, f64), force_n| Key::new(t_s, x_mm, y_mm, force_n);
         let mut keys: Vec<Key> = path.iter().map(|p| key(*p, force_n)).collect();

@@ -17,8 +17,8 @@ pub struct Variation {
     pub seed: u64,
 }
 
-/// Waves that an uneven sheet is made of; their number is what keeps the field's deviation from that of a normal field
-/// below what shows.
+/// Waves that an uneven sheet is made of. Fewer make the field's distribution differ visibly from a normal one; more cost
+/// time when a sheet is made.
 const WAVES: u64 = 256;
 
 /// The sheet's own draws of the generator.

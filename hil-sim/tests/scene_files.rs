@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a failure here is a failed test")]
 
 use hil_sim::{SceneFile, SceneFileError, Shape, library};
+use protocol::PlanName;
 use std::path::Path;
 
 fn parse(text: &str) -> SceneFile {
@@ -154,15 +155,33 @@ kind = "cable_pulled"
 }
 
 #[test]
+fn every_ready_made_plan_is_read() {
+    let plan = |name: &str| {
+        let scene = parse(&format!("duration_s = 5\n[board]\nplan = \"{name}\"\n"));
+        scene.config.plan
+    };
+    for name in PlanName::ALL {
+        assert_eq!(plan(name.name()), Some(name.plan(16).unwrap()), "{name}");
+    }
+    assert_eq!(plan("quiet").unwrap().integrate_periods, 6);
+    assert_eq!(plan("adjacent"), None);
+}
+
+#[test]
 fn a_mistake_is_pointed_at_with_what_is_allowed() {
     let touch = "duration_s = 5\n[[touch]]\nshape = \"disc\"\n";
-    let cases: [(&str, (usize, usize), &[&str]); 16] = [
+    let cases: [(&str, (usize, usize), &[&str]); 17] = [
         (
             "duration_s = 5\ncolour = 3\n",
             (2, 1),
             &["colour", "duration_s", "material"],
         ),
         ("duration_s = -5\n", (1, 14), &["-5", "greater than 0"]),
+        (
+            "duration_s = 5\n[board]\nplan = \"slow\"\n",
+            (3, 8),
+            &["sequential-fast", "quiet", "adjacent"],
+        ),
         ("duration_s = nan\n", (1, 14), &["NaN", "greater than 0"]),
         ("duration_s = \"long\"\n", (1, 14), &["string"]),
         ("title = \"x\"\n", (1, 1), &["duration_s"]),

@@ -10,7 +10,7 @@ use clap::builder::RangedU64ValueParser;
 use hil_sim::SceneFile;
 use inverse::live::{Live, LiveFrame, LiveOptions};
 use inverse::reference::imager::Imager;
-use link::plans::PlanName;
+use link::plans::PlanChoice;
 use link::{MeasuredFrame, Session, ports};
 use protocol::{Hello, QUARTERS, Watch, Watching};
 use std::io::IsTerminal;
@@ -45,8 +45,8 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "FILE")]
     png: Option<PathBuf>,
     /// What a frame measures.
-    #[arg(long, value_name = "PLAN", value_parser = plan::parser(), default_value_t = PlanName::Auto)]
-    plan: PlanName,
+    #[arg(long, value_name = "PLAN", value_parser = plan::parser(), default_value_t = PlanChoice::Auto)]
+    plan: PlanChoice,
     /// Let the board watch: while nothing touches it sends no frames, and a touch brings them with the next drive.
     #[arg(long)]
     watch: bool,
@@ -82,7 +82,7 @@ fn connect(arguments: &Arguments, sheet: &Sheet, scene: Option<&SceneFile>) -> R
     let choose = |hello: &Hello| arguments.plan.plan(hello);
     if let Some(scene) = scene {
         // What a scene says itself is only overruled by a plan that is asked for.
-        let plan = scene.config.plan.clone().filter(|_| arguments.plan == PlanName::Auto);
+        let plan = scene.config.plan.clone().filter(|_| arguments.plan == PlanChoice::Auto);
         let session = Session::start(simulated_skin::start(scene)?, |hello| {
             plan.map_or_else(|| choose(hello), Ok)
         })?;

@@ -5,9 +5,9 @@ use crate::{number, plan};
 use anyhow::{Result, bail};
 use clap::builder::RangedU64ValueParser;
 use clap::{ArgGroup, Args, Subcommand, ValueEnum};
-use link::plans::{PlanName, described};
+use link::plans::{PlanChoice, described};
 use link::settings::{Change, Settings, change, learn, read, store};
-use protocol::{Baseline, Hello, QUARTERS, Stored, Watch, Watching};
+use protocol::{Baseline, Hello, PlanName, QUARTERS, Stored, Watch, Watching};
 use serde_json::json;
 
 /// Arguments of `skin settings`.
@@ -42,7 +42,7 @@ enum Action {
 struct Set {
     /// What frames measure.
     #[arg(long, value_name = "PLAN", group = "something", value_parser = plan::parser())]
-    plan: Option<PlanName>,
+    plan: Option<PlanChoice>,
     /// What the board does while nothing touches.
     #[arg(long, value_name = "WATCH", group = "something")]
     watch: Option<WatchName>,
@@ -218,7 +218,7 @@ fn describe(settings: &Settings, hello: &Hello, source: &str) {
     let Settings { status, plan, watch } = settings;
     println!("port        {source}");
     println!("board       {}, serial {}", hello.board, hello.serial);
-    let name = PlanName::of(plan, hello).map_or("of its own", PlanName::name);
+    let name = PlanName::of(plan, hello.electrodes).map_or("of its own", PlanName::name);
     println!("plan        {name}: {}", described(plan.recipe(), hello));
     match watch {
         None => println!("watch       none: frames all the time"),
@@ -271,7 +271,7 @@ fn as_json(settings: &Settings, baseline: Option<&Baseline>, hello: &Hello, sour
         "board": hello.board.as_str(),
         "serial": hello.serial.as_str(),
         "plan": {
-            "name": PlanName::of(plan, hello).map(PlanName::name),
+            "name": PlanName::of(plan, hello.electrodes).map(PlanName::name),
             "id": plan.id,
             "values": plan.value_count(),
             "frame_ms": frame_ms,

@@ -1,60 +1,31 @@
-//! Scan plans by name, and the one for live pictures.
+//! The plans that a user can ask for, and the one for live pictures.
 
-use protocol::{Hello, Plan, PlanError, QUARTERS, Recipe, Sampling};
+use protocol::{Hello, Plan, PlanError, PlanName, QUARTERS, Recipe, Sampling, UnknownPlan};
 use std::fmt;
 use std::str::FromStr;
 
-/// A ready-made plan of neighbouring pairs, for any number of electrodes. Times and signal to noise ratios on the paper's
-/// 16: docs/firmware.md.
+/// The plan asked for: a ready-made one of neighbouring pairs, or what suits the board. Times and signal to noise ratios on
+/// the paper's 16 electrodes: docs/firmware.md.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum PlanName {
+pub enum PlanChoice {
     /// What suits the board: see [`live_plan`].
     #[default]
     Auto,
-    /// One pair after the other, six periods each, nothing to settle: 339 ms.
-    Paper,
-    /// One pair after the other, one period to settle and one to integrate: 113 ms.
-    Sequential,
-    /// The same with a quarter period to settle: 71 ms.
-    SequentialFast,
-    /// One of each two pairs that reciprocity joins, one period to settle and one to integrate: 56 ms.
-    Independent,
-    /// All pairs of a drive at once, one period to settle and six to integrate: 30 ms, at the paper's noise.
-    Quiet,
-    /// All pairs of a drive at once, one period each: 8.7 ms.
-    Fast,
-    /// The same with a quarter period to settle: 5.4 ms.
-    Fastest,
-    /// The same without the last two drives, which reciprocity makes up for: 4.8 ms.
-    Fourteen,
+    /// This one.
+    Named(PlanName),
 }
 
-impl PlanName {
+impl PlanChoice {
     /// All of them.
-    pub const ALL: [Self; 9] = [
-        Self::Auto,
-        Self::Paper,
-        Self::Sequential,
-        Self::SequentialFast,
-        Self::Independent,
-        Self::Quiet,
-        Self::Fast,
-        Self::Fastest,
-        Self::Fourteen,
-    ];
+    pub fn all() -> impl Iterator<Item = Self> {
+        std::iter::once(Self::Auto).chain(PlanName::ALL.into_iter().map(Self::Named))
+    }
 
     /// As on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Auto => "auto",
-            Self::Paper => "paper",
-            Self::Sequential => "sequential",
-            Self::SequentialFast => "sequential-fast",
-            Self::Independent => "independent",
-            Self::Quiet => "quiet",
-            Self::Fast => "fast",
-            Self::Fastest => "fastest",
-            Self::Fourteen => "fourteen",
+            Self::Named(plan) => plan.name(),
         }
     }
 
@@ -62,14 +33,7 @@ impl PlanName {
     pub fn about(self) -> &'static str {
         match self {
             Self::Auto => "the fastest that is quiet enough: fast, or sequential-fast where there is one channel",
-            Self::Paper => "the paper's: 208 values one by one, six periods each; 3.0 frames/s",
-            Self::Sequential => "208 values one by one, one period to settle and one to integrate; 8.9 frames/s",
-            Self::SequentialFast => "the same with a quarter period to settle; 14.2 frames/s",
-            Self::Independent => "the 104 independent values one by one, one period each; 17.7 frames/s",
-            Self::Quiet => "all pairs of a drive at once, six periods: the paper's noise; 32.9 frames/s",
-            Self::Fast => "all pairs of a drive at once, one period each; 115.1 frames/s",
-            Self::Fastest => "the same with a quarter period to settle; 184.2 frames/s",
-            Self::Fourteen => "the same without the two drives that can be spared; 210.5 frames/s",
+            Self::Named(plan) => plan.about(),
         }
     }
 
@@ -78,71 +42,38 @@ impl PlanName {
     /// # Errors
     /// [`PlanError`] when the board cannot carry it out.
     pub fn plan(self, board: &Hello) -> Result<Plan, PlanError> {
-        let plan = self.unchecked(board)?;
-        plan.check(board)?;
-        Ok(plan)
-    }
-
-    fn unchecked(self, board: &Hello) -> Result<Plan, PlanError> {
-        let fast = Plan::adjacent(board.electrodes)?;
-        let timed = |name: &Plan, plan: Plan| Plan {
-            id: name.id,
-            settle_quarters: name.settle_quarters,
-            integrate_periods: name.integrate_periods,
-            sampling: name.sampling,
-            ..plan
-        };
-        Ok(match self {
-            Self::Auto => return live_plan(board),
-            Self::Quiet => Plan {
-                id: 3,
-                integrate_periods: 6,
-                ..fast
-            },
-            Self::Paper => timed(&Plan::paper(), fast),
-            Self::Sequential => timed(&Plan::sequential(), fast),
-            Self::SequentialFast => timed(&Plan::sequential_fast(), fast),
-            Self::Fast => fast,
-            Self::Fastest => timed(&Plan::fastest(), fast),
-            Self::Independent => {
-                // Of each two values that reciprocity joins the one of the drive with the lower number.
-                let mut plan = timed(&Plan::independent(), fast);
-                for (m, slot) in plan.slots.iter_mut().enumerate() {
-                    slot.sense &= u32::MAX << m;
-                }
-                plan.slots.retain(|slot| slot.sense != 0);
-                plan
-            }
-            Self::Fourteen => {
-                let mut plan = timed(&Plan::fourteen(), fast);
-                plan.slots.truncate(usize::from(board.electrodes).saturating_sub(2));
-                plan
-            }
-        })
-    }
-
-    /// The name of a plan that a board has in force, if it is a ready-made one.
-    pub fn of(plan: &Plan, board: &Hello) -> Option<Self> {
-        Self::ALL[1..].iter().copied().find(|name| {
-            let same = |p: Plan| Plan { id: plan.id, ..p } == *plan;
-            name.unchecked(board).is_ok_and(same)
-        })
+        match self {
+            Self::Auto => live_plan(board),
+            Self::Named(name) => plan_for(name, board),
+        }
     }
 }
 
-impl fmt::Display for PlanName {
+impl fmt::Display for PlanChoice {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(self.name())
     }
 }
 
-impl FromStr for PlanName {
-    type Err = String;
+impl FromStr for PlanChoice {
+    type Err = UnknownPlan;
 
-    fn from_str(name: &str) -> Result<Self, String> {
-        let found = Self::ALL.into_iter().find(|p| p.name() == name);
-        found.ok_or_else(|| format!("there is no plan called {name}"))
+    fn from_str(name: &str) -> Result<Self, UnknownPlan> {
+        match name {
+            "auto" => Ok(Self::Auto),
+            name => name.parse().map(Self::Named),
+        }
     }
+}
+
+/// A ready-made plan for a board.
+///
+/// # Errors
+/// [`PlanError`] when the board cannot carry it out.
+fn plan_for(name: PlanName, board: &Hello) -> Result<Plan, PlanError> {
+    let plan = name.plan(board.electrodes)?;
+    plan.check(board)?;
+    Ok(plan)
 }
 
 /// The plan for live pictures, the fastest whose noise the pictures bear: all pairs of a drive at once, one period to
@@ -154,7 +85,7 @@ impl FromStr for PlanName {
 pub fn live_plan(board: &Hello) -> Result<Plan, PlanError> {
     let mut refusal = None;
     for name in [PlanName::Fast, PlanName::SequentialFast, PlanName::Independent] {
-        match name.plan(board) {
+        match plan_for(name, board) {
             Ok(plan) => return Ok(plan),
             Err(e) => _ = refusal.get_or_insert(e),
         }
@@ -251,46 +182,19 @@ mod tests {
     }
 
     #[test]
-    fn on_sixteen_electrodes_the_plans_are_the_protocols() {
-        let board = board(16, 16);
-        for (name, plan) in [
-            (PlanName::Paper, Plan::paper()),
-            (PlanName::Sequential, Plan::sequential()),
-            (PlanName::SequentialFast, Plan::sequential_fast()),
-            (PlanName::Independent, Plan::independent()),
-            (PlanName::Fast, Plan::fast()),
-            (PlanName::Fastest, Plan::fastest()),
-            (PlanName::Fourteen, Plan::fourteen()),
-        ] {
-            assert_eq!(name.plan(&board), Ok(plan.clone()));
-            assert_eq!(PlanName::of(&plan, &board), Some(name));
-            assert_eq!(name.name().parse(), Ok(name));
+    fn every_choice_is_read_by_its_name() {
+        for choice in PlanChoice::all() {
+            assert_eq!(choice.name().parse(), Ok(choice));
         }
-        assert_eq!(PlanName::Quiet.plan(&board), adjacent_plan(&board));
-        assert_eq!(PlanName::of(&Plan::with_drive_pairs(0), &board), None);
+        assert_eq!(PlanChoice::all().count(), 9);
+        assert!("faster".parse::<PlanChoice>().is_err());
     }
 
     #[test]
-    fn reciprocity_joins_the_values_that_are_left_out_to_those_that_are_not() {
-        for electrodes in 4..=16u8 {
-            let board = board(electrodes, electrodes);
-            let pairs = |name: PlanName| {
-                let plan = name.plan(&board).unwrap();
-                let list = plan.measurements(electrodes).map(|(d, s)| {
-                    // Pair m is electrodes m and m + 1, driven from the first and sensed from the second.
-                    (d.plus.min(s.minus), d.plus.max(s.minus))
-                });
-                let mut list: Vec<(u8, u8)> = list.collect();
-                list.sort_unstable();
-                list
-            };
-            let mut all = pairs(PlanName::Fast);
-            all.dedup();
-            assert_eq!(pairs(PlanName::Independent), all, "{electrodes}");
-            let mut fourteen = pairs(PlanName::Fourteen);
-            fourteen.dedup();
-            assert_eq!(fourteen, all, "{electrodes}");
-        }
+    fn the_quiet_plan_is_that_of_a_session() {
+        let board = board(16, 16);
+        let quiet = PlanChoice::Named(PlanName::Quiet);
+        assert_eq!(quiet.plan(&board), adjacent_plan(&board));
     }
 
     #[test]
@@ -308,9 +212,9 @@ mod tests {
         assert_eq!(live_plan(&small), Ok(Plan::independent()));
         // And what it cannot do is said.
         small.limits.values = 100;
-        assert_eq!(live_plan(&small), PlanName::Fast.plan(&small));
+        assert_eq!(live_plan(&small), plan_for(PlanName::Fast, &small));
         assert!(live_plan(&board(3, 3)).is_err());
-        assert!(PlanName::Fast.plan(&board(16, 1)).is_err());
+        assert!(plan_for(PlanName::Fast, &board(16, 1)).is_err());
     }
 
     #[test]

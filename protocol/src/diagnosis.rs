@@ -1,4 +1,4 @@
-//! What the board tells about its own health.
+//! What the board reports about itself: the self-test, and folded periods.
 
 use crate::plan::{MAX_ELECTRODES, Pair};
 use crate::value::Value;

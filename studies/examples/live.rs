@@ -13,7 +13,7 @@
 use anyhow::{Context, Result};
 use forward::Sheet;
 use hil_sim::SceneFile;
-use link::plans::PlanName;
+use link::plans::PlanChoice;
 use std::path::Path;
 use studies::chain;
 use studies::scenes::quantile;
@@ -51,12 +51,7 @@ fn main() -> Result<()> {
     let seconds: f64 = after("--seconds").first().map_or(Ok(60.0), |s| s.parse())?;
     let seed: u64 = after("--seed").first().map_or(Ok(1), |s| s.parse())?;
     let plan = match after("--plan").first() {
-        Some(name) => Some(
-            PlanName::ALL
-                .into_iter()
-                .find(|p| p.name() == name)
-                .context("no such plan")?,
-        ),
+        Some(name) => Some(PlanChoice::all().find(|p| p.name() == name).context("no such plan")?),
         None => None,
     };
     let mut scenes = after("--scene");

@@ -7,7 +7,7 @@ use inverse::live::{Live, LiveFrame, LiveOptions};
 use inverse::quality::doubt::Doubt;
 use inverse::reference::imager::Imager;
 use inverse::touches::touch::Touch;
-use link::plans::{PlanName, live_plan};
+use link::plans::{PlanChoice, live_plan};
 use link::{MeasuredFrame, Port, Session};
 use protocol::{Hello, Plan, PlanError};
 use std::sync::Arc;
@@ -89,7 +89,7 @@ impl Chain {
     ///
     /// # Errors
     /// [`StudyError::Silent`] where none comes for a minute, the link, a frame of another pattern.
-    pub fn next(&mut self) -> Result<(MeasuredFrame, Duration, LiveFrame<'_>), StudyError> {
+    pub fn next_frame(&mut self) -> Result<(MeasuredFrame, Duration, LiveFrame<'_>), StudyError> {
         let frame = self.session.frame(WAIT)?.ok_or(StudyError::Silent)?;
         let start = Instant::now();
         let made = self.live.frame(frame.time_s, &frame.values_v)?;
@@ -101,7 +101,7 @@ impl Chain {
 ///
 /// # Errors
 /// [`StudyError`] where the simulated board does not come up, or the chain breaks.
-pub fn watch(mut file: SceneFile, seconds: f64, plan: Option<PlanName>) -> Result<Seen, StudyError> {
+pub fn watch(mut file: SceneFile, seconds: f64, plan: Option<PlanChoice>) -> Result<Seen, StudyError> {
     file.scene.loop_s.get_or_insert(file.duration_s);
     let truth = file.scene.clone();
     let board = file.board().map_err(|e| StudyError::Simulator(e.to_string()))?;
@@ -119,7 +119,7 @@ pub fn watch(mut file: SceneFile, seconds: f64, plan: Option<PlanName>) -> Resul
     let mut seen = Seen::default();
     let (mut contacts, mut doubted) = (Vec::new(), false);
     loop {
-        let (frame, took, made) = chain.next()?;
+        let (frame, took, made) = chain.next_frame()?;
         if frame.time_s > seconds {
             return Ok(seen);
         }

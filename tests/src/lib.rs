@@ -55,7 +55,7 @@ pub fn run_by(
     let mut pictures = Vec::new();
     let mut values_missing = 0;
     loop {
-        let (frame, _, made) = chain.next()?;
+        let (frame, _, made) = chain.next_frame()?;
         if frame.time_s > until_s {
             break;
         }
