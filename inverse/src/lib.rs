@@ -2,7 +2,7 @@
 //!
 //! Every folder knows only those below it: [`live`] (a stream of frames), [`force`] (newtons from a rubber that creeps),
 //! [`pipeline`] (one frame), [`quality`] (what can be believed of it), [`touches`] (found, fitted, followed), `change` (is there
-//! anything new), [`reference`](mod@reference) (what frames are compared with), [`solvers`], `linalg`. No I/O, no threads.
+//! anything new), [`reference`](mod@reference) (what frames are compared with), [`solvers`], `linalg` and `stats`. No I/O, no threads.
 //! The way of a frame through all crates: docs/architecture.md.
 #![forbid(unsafe_code)]
 
@@ -14,4 +14,5 @@ pub mod pipeline;
 pub mod quality;
 pub mod reference;
 pub mod solvers;
+mod stats;
 pub mod touches;

@@ -14,8 +14,10 @@
 //! a touch that comes down. A drift too slow to show in one frame shows in their mean: of 2, 4, 8 frames
 //! and so on, those since the last result are compared with those before, and where they differ they alone count.
 
+use crate::linalg::basis::orthogonalise;
+use crate::linalg::vector::square;
 use crate::solvers::{Problem, Projector};
-use statrs::distribution::{ChiSquared, ContinuousCDF};
+use crate::stats::chi_square_quantile;
 
 /// Directions in which a cell of the expected rise gives less than this part of the noise are not looked at.
 const LEAST_SIGNAL: f64 = 0.3;
@@ -158,13 +160,13 @@ impl Watch {
             .filter(|s| *s * signal >= LEAST_SIGNAL)
             .count();
         let projector = Projector::new(problem, strong.max(LEAST_DIRECTIONS));
-        let chi_square = ChiSquared::new(projector.directions() as f64).ok()?;
+        let quantile = |probability: f64| chi_square_quantile(projector.directions() as f64, 1.0 - probability);
         let variance = of_frame * sigma * sigma;
-        let anywhere = |probability: f64| chi_square.inverse_cdf(1.0 - probability) * variance;
+        let [anew, jump] = [quantile(ANEW_ANYWHERE)?, quantile(JUMP_ANYWHERE)?];
         Some(Self {
             used: gain.iter().filter(|g| **g != 0.0).count(),
-            limit: chi_square.inverse_cdf(1.0 - false_alarm) * sigma * sigma,
-            limits_same: [anywhere(ANEW_ANYWHERE), anywhere(JUMP_ANYWHERE)],
+            limit: quantile(false_alarm)? * sigma * sigma,
+            limits_same: [anew * variance, jump * variance],
             baseline: baseline.to_vec(),
             sigma,
             gain,
@@ -295,16 +297,7 @@ impl Watch {
             let start = last.along.len();
             last.along.extend_from_slice(&column[..directions]);
             let (earlier, this) = last.along.split_at_mut(start);
-            let before = square(this);
-            // Gram and Schmidt, twice: then they are orthogonal to rounding.
-            for _ in 0..2 {
-                for q in earlier.chunks_exact(directions) {
-                    let part = dot(q, this);
-                    this.iter_mut().zip(q).for_each(|(t, q)| *t -= part * q);
-                }
-            }
-            let length = square(this);
-            if length > DEPENDENT * before {
+            if let Some(length) = orthogonalise(earlier, this, DEPENDENT) {
                 let scale = 1.0 / length.sqrt();
                 this.iter_mut().for_each(|t| *t *= scale);
             } else {
@@ -314,9 +307,8 @@ impl Watch {
         let count = last.along.len() / directions.max(1);
         while self.limits_along.len() <= count {
             let freedom = self.limits_along.len().max(1) as f64;
-            let limit = |probability: f64| {
-                ChiSquared::new(freedom).map_or(0.0, |c| c.inverse_cdf(1.0 - probability)) * self.variance
-            };
+            let limit =
+                |probability: f64| chi_square_quantile(freedom, 1.0 - probability).unwrap_or(0.0) * self.variance;
             self.limits_along.push([ANEW_ALONG, JUMP_ALONG].map(limit));
         }
         let limits = self.limits_along[count];
@@ -328,12 +320,4 @@ impl Watch {
     pub(crate) fn forget(&mut self) {
         self.remembers = false;
     }
-}
-
-fn square(values: &[f64]) -> f64 {
-    dot(values, values)
-}
-
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }

@@ -7,3 +7,4 @@ pub(crate) mod columns;
 pub(crate) mod dense;
 pub(crate) mod kernels;
 pub(crate) mod signs;
+pub(crate) mod vector;

@@ -12,13 +12,13 @@ use crate::reference::imager::{Imager, ImagerError};
 use crate::solvers::{
     Method, Nnls, NnlsOptions, Problem, Projector, Status, discrepancy_ridge, lawson_hanson, pseudo_inverse, tikhonov,
 };
+use crate::stats::fisher_quantile;
 use crate::touches::fit::FitOptions;
 use crate::touches::fit::fitter::{Data, Fitter};
 use crate::touches::fit::responses::TouchTable;
 use crate::touches::peaks::{TouchFinder, TouchOptions};
 use crate::touches::touch::Touch;
 use nalgebra::{DMatrix, DVector};
-use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -756,5 +756,5 @@ fn scale(x: &mut [f64], prior: &DVector<f64>) {
 /// chi-square where the noise is known).
 fn gate(rank: usize, freedom: usize, false_alarm: f64) -> f64 {
     let freedom = if freedom == usize::MAX { 1e7 } else { freedom as f64 };
-    FisherSnedecor::new(rank as f64, freedom).map_or(f64::INFINITY, |f| f.inverse_cdf(1.0 - false_alarm))
+    fisher_quantile(rank as f64, freedom, 1.0 - false_alarm).unwrap_or(f64::INFINITY)
 }

@@ -10,8 +10,8 @@
 
 use crate::quality::reciprocity::{Disagreement, LEAST_FREEDOM, NoiseEstimate, Reciprocity};
 use crate::reference::imager::Difference;
+use crate::stats::fisher_quantile;
 use forward::Pattern;
-use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 
 /// Probability that chance alone leaves a suspect out.
 const FALSE_ALARM: f64 = 1e-6;
@@ -290,8 +290,8 @@ impl Health {
 
 /// How many times the noise the mean square of what is left out may be by chance.
 fn limit(gone: usize, freedom: usize, tries: usize) -> f64 {
-    FisherSnedecor::new(gone as f64, freedom as f64)
-        .map_or(f64::INFINITY, |f| f.inverse_cdf(1.0 - FALSE_ALARM / tries as f64))
+    let level = 1.0 - FALSE_ALARM / tries as f64;
+    fisher_quantile(gone as f64, freedom as f64, level).unwrap_or(f64::INFINITY)
 }
 
 #[cfg(test)]
