@@ -40,9 +40,10 @@ impl Basis {
 
 /// Makes a vector orthogonal to orthonormal ones of the same length, which stand one after the other in `before`.
 ///
-/// Returns the square of what remains; scaling to norm 1 is the caller's. `None` where at most `least_new` of the vector's
-/// square remains: the vector then counts as dependent. A larger `least_new` keeps fewer directions, all of them surer. A
-/// smaller one keeps directions of which rounding is a larger part. Below about 1e-30 rounding itself is kept.
+/// Returns the square of what remains; scaling to norm 1 is the caller's. `None` where at most `least_new` of the
+/// vector's square remains: the vector then counts as dependent. A larger `least_new` keeps fewer directions, all of
+/// them surer. A smaller one keeps directions of which rounding is a larger part. Below about 1e-30 rounding itself is
+/// kept.
 pub(crate) fn orthogonalise(before: &[f64], v: &mut [f64], least_new: f64) -> Option<f64> {
     let whole = square(v);
     // Twice: the vector is then orthogonal to rounding.

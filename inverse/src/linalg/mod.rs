@@ -1,4 +1,4 @@
-//! Dense linear algebra of the solvers: vectorised, on aligned columns, without allocation once they are made.
+//! Dense linear algebra of the solvers: vectorised, on aligned columns, without allocation after the first use.
 
 pub(crate) mod aligned;
 pub(crate) mod basis;

@@ -1,7 +1,7 @@
 //! Products and norms of plain slices.
 //!
-//! Functions differ in the order of summation alone, and therefore in the last digits. A caller that changes from one to
-//! another changes its figures.
+//! Functions differ in the order of summation alone, and therefore in the last digits. A caller that changes from one
+//! to another changes its figures.
 
 use crate::linalg::kernels::LANES;
 

@@ -1,7 +1,7 @@
 //! From a normalised difference to a picture of the resistivity's rise: the solvers.
 //!
-//! All solve `A x = b` for x, the relative rise in resistivity of every cell. A is the weighted sensitivity, b the weighted
-//! difference. How the solvers work and what they cost: docs/solver.md.
+//! All solve `A x = b` for x, the relative rise in resistivity of every cell. A is the weighted sensitivity, b the
+//! weighted difference. How the solvers work and what they cost: docs/solver.md.
 //!
 //! - [`Problem`] reduces A to its row space, once for a sheet.
 //! - [`Nnls`] is the solver of every frame. `newton` solves with a ridge, on the `factor` of the present passive set.

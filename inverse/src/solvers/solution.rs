@@ -92,3 +92,15 @@ impl Outcome {
         }
     }
 }
+
+/// How the run of an inner solver ended, for a right-hand side of norm 1.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Run {
+    /// Steps taken.
+    pub(super) steps: usize,
+    /// The gap: with a ridge a bound on the largest `|x - max(0, A^T (b - A x) / ridge^2)|` over the largest x, without
+    /// one the largest `|min(x_j |a_j|, -g_j / |a_j|)|`.
+    pub(super) gap: f64,
+    /// The gap that rounding alone can make.
+    pub(super) rounding: f64,
+}
