@@ -15,8 +15,10 @@
 //! 4, 8 frames and so on, those since the last result are compared with those before. Where they differ they alone count.
 
 use crate::change::rest_mean::RestMean;
+use crate::linalg::basis::orthogonalise;
+use crate::linalg::vector::square;
 use crate::solvers::{Problem, Projector};
-use statrs::distribution::{ChiSquared, ContinuousCDF};
+use crate::stats::chi_square_quantile;
 
 /// Thresholds of the change detector.
 ///
@@ -151,14 +153,14 @@ impl ChangeDetector {
             .filter(|s| *s * signal >= options.least_signal)
             .count();
         let projector = Projector::new(problem, strong.max(options.least_directions));
-        let chi_square = ChiSquared::new(projector.directions() as f64).ok()?;
+        let quantile = |probability: f64| chi_square_quantile(projector.directions() as f64, 1.0 - probability);
         let variance = 1.0 / (1.0 + baseline_share) * sigma * sigma;
-        let anywhere = |probability: f64| chi_square.inverse_cdf(1.0 - probability) * variance;
+        let [anew, jump] = [quantile(options.anew_anywhere)?, quantile(options.jump_anywhere)?];
         Some(Self {
             options,
             used: gain.iter().filter(|g| **g != 0.0).count(),
-            limit: chi_square.inverse_cdf(1.0 - false_alarm) * sigma * sigma,
-            limits_same: [anywhere(options.anew_anywhere), anywhere(options.jump_anywhere)],
+            limit: quantile(false_alarm)? * sigma * sigma,
+            limits_same: [anew * variance, jump * variance],
             gain,
             offset,
             projector,
@@ -269,16 +271,7 @@ impl ChangeDetector {
             let start = last.along.len();
             last.along.extend_from_slice(&column[..directions]);
             let (earlier, this) = last.along.split_at_mut(start);
-            let before = square(this);
-            // Gram and Schmidt, twice: then they are orthogonal to rounding.
-            for _ in 0..2 {
-                for q in earlier.chunks_exact(directions) {
-                    let part = dot(q, this);
-                    this.iter_mut().zip(q).for_each(|(t, q)| *t -= part * q);
-                }
-            }
-            let length = square(this);
-            if length > DEPENDENT * before {
+            if let Some(length) = orthogonalise(earlier, this, DEPENDENT) {
                 let scale = 1.0 / length.sqrt();
                 this.iter_mut().for_each(|t| *t *= scale);
             } else {
@@ -288,9 +281,8 @@ impl ChangeDetector {
         let count = last.along.len() / directions.max(1);
         while self.limits_along.len() <= count {
             let freedom = self.limits_along.len().max(1) as f64;
-            let limit = |probability: f64| {
-                ChiSquared::new(freedom).map_or(0.0, |c| c.inverse_cdf(1.0 - probability)) * self.variance
-            };
+            let limit =
+                |probability: f64| chi_square_quantile(freedom, 1.0 - probability).unwrap_or(0.0) * self.variance;
             self.limits_along
                 .push([self.options.anew_along, self.options.jump_along].map(limit));
         }
@@ -303,12 +295,4 @@ impl ChangeDetector {
     pub(crate) fn forget(&mut self) {
         self.remembers = false;
     }
-}
-
-fn square(values: &[f64]) -> f64 {
-    dot(values, values)
-}
-
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }

@@ -1,9 +1,9 @@
-//! From touches to newtons: every cell of the sheet remembers what was pressed on it.
+//! From touches to newtons: every cell of the sheet has the state of its rubber.
 //!
-//! What creeps is the rubber, not the touch: a finger that has moved on leaves its dent behind. So the state is kept for
-//! each cell of a grid. A touch, as it was fitted, lays its strain on the cells that it covers; their pressures, by the
-//! causal inverse of the solid, add up to its force. Where there is no touch the pressure is 0 and the dent recovers. A
-//! dent that is found as a touch has a force next to nothing, and is given exactly 0.
+//! The rubber creeps, not the touch: a finger that has moved on leaves its dent behind. The state is therefore kept for
+//! each cell of a grid. A fitted touch lays its strain on the cells that it covers. The causal inverse of the solid
+//! gives their pressures, which add up to the touch's force. Where there is no touch the pressure is 0 and the dent
+//! recovers. A dent that is found as a touch has a force of nearly nothing, and is given exactly 0.
 
 use crate::force::solid::{Solid, SolidState, Step};
 use crate::reference::imager::Imager;
@@ -15,26 +15,55 @@ use std::f64::consts::PI;
 pub struct Calibration {
     /// The rubber.
     pub solid: Solid,
-    /// Standard deviation of a force told from one frame, N.
+    /// Standard deviation of a force estimated from one frame, N.
     pub force_sd_n: f64,
 }
 
-/// A touch must have this many standard deviations of force.
-const LEAST_SD: f64 = 3.0;
-/// And this much of the dent below it, whose size is known no better.
-const LEAST_OF_DENT: f64 = 0.05;
-/// Points along the side of a cell at which its cover by a touch is looked at.
-const POINTS: usize = 4;
+/// Thresholds of a [`ForceMeter`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ForceMeterOptions {
+    /// Least force of a touch, in standard deviations of a force ([`Calibration::force_sd_n`]).
+    ///
+    /// More turns light touches into 0 N; less gives a force to dents. 3 is passed by noise once in 700 frames. No
+    /// experiment is on record.
+    pub least_sd: f64,
+    /// Further least force of a touch, as a part of the force of the dent below it.
+    ///
+    /// More hides light touches on a fresh dent; less takes the error of the dent's size for a force. Chosen by hand:
+    /// the dent's size is known no better (docs/creep.md, "What falls short").
+    pub least_of_dent: f64,
+    /// Distance from the edge of a touch within which a cell belongs to the touch, in cells.
+    ///
+    /// More lets a touch own cells that recover on their own; less cuts off cells that the touch presses in part.
+    /// Chosen by hand.
+    pub reach_cells: f64,
+    /// Points along the side of a cell that decide which part of the cell a touch covers.
+    ///
+    /// More is slower; less makes the cover coarser. Chosen by hand: 4 gives the cover to a sixteenth.
+    pub points: usize,
+}
 
-/// Tells forces, frame after frame.
+impl Default for ForceMeterOptions {
+    fn default() -> Self {
+        Self {
+            least_sd: 3.0,
+            least_of_dent: 0.05,
+            reach_cells: 1.5,
+            points: 4,
+        }
+    }
+}
+
+/// Estimates forces, frame after frame.
 #[derive(Clone, Debug)]
 pub struct ForceMeter {
     calibration: Calibration,
+    options: ForceMeterOptions,
     centres_mm: Vec<[f64; 2]>,
     cell_mm: f64,
     cells: Vec<SolidState>,
     time_s: Option<f64>,
-    /// For every cell: strain at the end of the interval, and the touch whose it is.
+    /// For every cell: the strain at the end of the interval, MPa, and the touch that it belongs to.
     strain_mpa: Vec<f64>,
     owner: Vec<Option<usize>>,
 }
@@ -42,14 +71,20 @@ pub struct ForceMeter {
 impl ForceMeter {
     /// For the sheet of an imager, which nothing has pressed yet.
     pub fn new(imager: &Imager, calibration: Calibration) -> Self {
-        let centres = (0..imager.grid.len()).map(|k| imager.grid.centre(k)).collect();
-        Self::on_cells(centres, imager.grid.cell_mm(), calibration)
+        Self::with_options(imager, calibration, ForceMeterOptions::default())
     }
 
-    fn on_cells(centres_mm: Vec<[f64; 2]>, cell_mm: f64, calibration: Calibration) -> Self {
+    /// As [`ForceMeter::new`], with other thresholds.
+    pub fn with_options(imager: &Imager, calibration: Calibration, options: ForceMeterOptions) -> Self {
+        let centres = (0..imager.grid.len()).map(|k| imager.grid.centre(k)).collect();
+        Self::on_cells(centres, imager.grid.cell_mm(), calibration, options)
+    }
+
+    fn on_cells(centres_mm: Vec<[f64; 2]>, cell_mm: f64, calibration: Calibration, options: ForceMeterOptions) -> Self {
         let cells = centres_mm.len();
         Self {
             calibration,
+            options,
             centres_mm,
             cell_mm,
             cells: vec![SolidState::default(); cells],
@@ -59,18 +94,20 @@ impl ForceMeter {
         }
     }
 
-    /// What it computes with.
+    /// The rubber and the noise that forces are computed with.
     pub fn calibration(&self) -> &Calibration {
         &self.calibration
     }
 
-    /// Forgets all dents: the sheet has rested.
+    /// Forgets all dents, for a sheet that has rested.
     pub fn rest(&mut self) {
         self.cells.fill(SolidState::default());
         self.time_s = None;
     }
 
-    /// Writes the force of every touch found at a time (s, of any clock; one that goes back counts as no time passed).
+    /// Writes the force (N) into every touch found at a time (s, of any clock).
+    ///
+    /// A clock that goes back counts as no time passed. A force that is no more than noise and dents is exactly 0.
     pub fn tell(&mut self, time_s: f64, touches: &mut [Touch]) {
         let step = self
             .calibration
@@ -90,13 +127,15 @@ impl ForceMeter {
             }
         }
         for (touch, [force_n, dent_n]) in touches.iter_mut().zip(sums) {
-            let least = LEAST_SD * self.calibration.force_sd_n + LEAST_OF_DENT * dent_n.max(0.0);
+            let Calibration { force_sd_n, .. } = self.calibration;
+            let least = self.options.least_sd * force_sd_n + self.options.least_of_dent * dent_n.max(0.0);
             touch.force_n = Some(if force_n > least { force_n } else { 0.0 });
         }
     }
 
-    /// The strain that touches lay on the cells, and which cells are whose: those within a cell of its edge, and of two
-    /// touches the nearer one's.
+    /// Lays the strain of touches on the cells, and assigns the cells to the touches.
+    ///
+    /// A cell belongs to the touch whose edge is nearest, where that is near enough.
     fn lay(&mut self, touches: &[Touch]) {
         self.strain_mpa.fill(0.0);
         self.owner.fill(None);
@@ -107,19 +146,19 @@ impl ForceMeter {
             covered.clear();
             for (c, centre) in self.centres_mm.iter().enumerate() {
                 let beyond = (centre[0] - touch.x_mm).hypot(centre[1] - touch.y_mm) - radius;
-                if beyond > 1.5 * self.cell_mm {
+                if beyond > self.options.reach_cells * self.cell_mm {
                     continue;
                 }
                 if beyond < nearest[c] {
                     nearest[c] = beyond;
                     self.owner[c] = Some(k);
                 }
-                let cover = cover(*centre, self.cell_mm, touch, radius);
+                let cover = cover(*centre, self.cell_mm, touch, radius, self.options.points);
                 if cover > 0.0 {
                     covered.push((c, cover));
                 }
             }
-            // The sheet takes all of a touch, also where that reaches over the rim or falls between the points.
+            // The sheet takes all of a touch, also of one that reaches over the rim or lies between the points.
             let whole = covered.iter().map(|(_, part)| part).sum::<f64>() * self.cell_mm * self.cell_mm;
             if whole > 0.0 && touch.area_mm2 > 0.0 {
                 let mean = touch.total_mm2 / touch.area_mm2;
@@ -132,7 +171,7 @@ impl ForceMeter {
     }
 }
 
-/// A cell that nothing presses.
+/// Lets a cell recover that nothing presses.
 fn recover(cell: &mut SolidState, step: &Step) {
     if *cell != SolidState::default() {
         cell.press(step, 0.0);
@@ -142,18 +181,19 @@ fn recover(cell: &mut SolidState, step: &Step) {
     }
 }
 
-/// Part of a cell that a touch covers. A touch smaller than the points are apart covers the cell that it is in.
-fn cover(centre: [f64; 2], cell_mm: f64, touch: &Touch, radius: f64) -> f64 {
+/// Part of a cell that a touch covers, from `points` by `points` points. A touch smaller than a cell counts as large as
+/// one.
+fn cover(centre: [f64; 2], cell_mm: f64, touch: &Touch, radius: f64, points: usize) -> f64 {
     let radius = radius.max(0.5 * cell_mm);
-    let at = |k: usize| ((k as f64 + 0.5) / POINTS as f64 - 0.5) * cell_mm;
+    let at = |k: usize| ((k as f64 + 0.5) / points as f64 - 0.5) * cell_mm;
     let [dx, dy] = [centre[0] - touch.x_mm, centre[1] - touch.y_mm];
     let mut hits = 0;
-    for i in 0..POINTS {
-        for j in 0..POINTS {
+    for i in 0..points {
+        for j in 0..points {
             hits += usize::from((dx + at(i)).hypot(dy + at(j)) <= radius);
         }
     }
-    hits as f64 / (POINTS * POINTS) as f64
+    hits as f64 / (points * points) as f64
 }
 
 #[cfg(test)]
@@ -180,6 +220,7 @@ mod tests {
                 solid,
                 force_sd_n: 0.05,
             },
+            ForceMeterOptions::default(),
         )
     }
 
@@ -211,7 +252,7 @@ mod tests {
                 let mut seen = [touch(x, y, solid.rise(strain))];
                 meter.tell(time_s, &mut seen);
                 let told = seen[0].force_n.unwrap();
-                // What is below the dent's own uncertainty is told as nothing.
+                // A force below the dent's own uncertainty is given as 0.
                 let dent = AREA_MM2 * rubber.delayed_mpa;
                 if force_n > 0.16 + 0.06 * dent {
                     prop_assert!((told - force_n).abs() < 1e-9, "{told} {force_n}");

@@ -1,7 +1,7 @@
 //! From the rise of touches to newtons: the rubber creeps.
 //!
-//! [`solid`] is the rubber and its inverse; [`meter`] makes newtons of touches; [`press`] records a press-and-hold as a
-//! [`recording`], in which [`calibration`] finds the rubber's parameters.
+//! [`solid`] is the rubber and its inverse. [`meter`] makes newtons of touches. [`press`] records a press-and-hold as a
+//! [`recording`], from which [`calibration`] estimates the rubber's parameters. Equations and accuracy: docs/creep.md.
 
 pub mod calibration;
 pub mod meter;

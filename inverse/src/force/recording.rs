@@ -1,8 +1,8 @@
-//! A press-and-hold: what was pressed and what the sheet showed, over time.
+//! A press-and-hold: the force on the sheet and the rise that it made, over time.
 
 use thiserror::Error;
 
-/// A press or a release does not show in a recording.
+/// No press and release stand out in a recording.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[error(
     "no press and release can be told from the noise; begin to record before the press, hold it, and go on after the \
@@ -15,28 +15,64 @@ pub struct NoEdges;
 pub struct Sample {
     /// Time, s.
     pub time_s: f64,
-    /// Force that the gauge showed, N.
+    /// Force of the gauge, N.
     pub force_n: f64,
     /// Integrated relative rise of the resistivity, mm²; 0 where no touch was found.
     pub total_mm2: f64,
     /// Area of the touch, mm², where one was found.
     pub area_mm2: Option<f64>,
-    /// Whether it takes part in a fit: not while the force is only guessed, nor where a dent is too small to be found.
+    /// Whether the sample takes part in a fit. A sample whose force is only guessed does not, nor one whose dent is too
+    /// small to be found.
     pub used: bool,
 }
 
-/// Half of the time over which an edge is looked for, s.
-const EDGE_S: f64 = 0.25;
-/// Least step of an edge over the scatter of the steps.
-const LEAST_EDGE: f64 = 10.0;
+/// How [`hold`] finds press and release.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EdgeOptions {
+    /// Time over which the rise is averaged before and after an edge, s.
+    ///
+    /// More averages more noise, and leaves more samples out of the fit; less mistakes noise for an edge. Chosen by
+    /// hand.
+    pub window_s: f64,
+    /// Least step of an edge, over the median step.
+    ///
+    /// More refuses weak presses; less takes noise for a press. Chosen by hand.
+    pub least_step: f64,
+    /// Least time between press and release, in windows.
+    ///
+    /// More refuses short presses; with less than 2 the windows of both edges overlap. Chosen by hand.
+    pub least_hold: f64,
+}
 
-/// Writes the forces of one press that was held at a force (N) from its rises alone: the press is where they rise fastest, the
-/// release where they fall fastest. What is measured during those takes no part in a fit.
+impl Default for EdgeOptions {
+    fn default() -> Self {
+        Self {
+            window_s: 0.25,
+            least_step: 10.0,
+            least_hold: 4.0,
+        }
+    }
+}
+
+/// Writes the forces of one press that was held at a force (N), from its rises alone: [`hold_by`] at the default
+/// options.
 ///
 /// # Errors
 /// [`NoEdges`] where press and release do not stand out of the scatter.
 pub fn hold(samples: &mut [Sample], force_n: f64) -> Result<(), NoEdges> {
-    // Mean rise over a quarter of a second after a time less that before it.
+    hold_by(samples, force_n, &EdgeOptions::default())
+}
+
+/// Writes the forces of one press that was held at a force (N), from its rises alone.
+///
+/// The press is where the rises grow fastest, the release where they fall fastest. Samples during either take no part
+/// in a fit.
+///
+/// # Errors
+/// [`NoEdges`] where press and release do not stand out of the scatter.
+pub fn hold_by(samples: &mut [Sample], force_n: f64, options: &EdgeOptions) -> Result<(), NoEdges> {
+    let window_s = options.window_s;
+    // Mean rise over a window after a time less that before it.
     let step = |k: usize| {
         let t = samples[k].time_s;
         let mean = |low: f64, high: f64| {
@@ -47,7 +83,7 @@ pub fn hold(samples: &mut [Sample], force_n: f64) -> Result<(), NoEdges> {
                 .collect();
             (!inside.is_empty()).then(|| inside.iter().sum::<f64>() / inside.len() as f64)
         };
-        Some(mean(t, t + EDGE_S)? - mean(t - EDGE_S, t)?)
+        Some(mean(t, t + window_s)? - mean(t - window_s, t)?)
     };
     let steps: Vec<(usize, f64)> = (0..samples.len()).filter_map(|k| Some((k, step(k)?))).collect();
     let best = |list: &mut dyn Iterator<Item = &(usize, f64)>, sign: f64| {
@@ -59,12 +95,12 @@ pub fn hold(samples: &mut [Sample], force_n: f64) -> Result<(), NoEdges> {
     sizes.sort_by(f64::total_cmp);
     let scatter = sizes[sizes.len() / 2];
     let (on_s, off_s) = (samples[press].time_s, samples[release].time_s);
-    if up.min(-down) <= LEAST_EDGE * scatter || off_s - on_s < 4.0 * EDGE_S {
+    if up.min(-down) <= options.least_step * scatter || off_s - on_s < options.least_hold * window_s {
         return Err(NoEdges);
     }
     for s in samples {
         let t = s.time_s;
-        s.used = s.used && (t - on_s).abs() > EDGE_S && (t - off_s).abs() > EDGE_S;
+        s.used = s.used && (t - on_s).abs() > window_s && (t - off_s).abs() > window_s;
         s.force_n = if t > on_s && t <= off_s { force_n } else { 0.0 };
     }
     Ok(())

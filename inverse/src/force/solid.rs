@@ -6,34 +6,35 @@
 //! e = J0 p + e1,   tau de1/dt = J1 p - e1,   rise = gauge |e|^exponent
 //! ```
 //!
-//! Strain is counted in units of the instant compliance, `s = e / J0` (MPa), so that the four parameters of [`Solid`] are
-//! all that can be told from outside. [`SolidState`] is the solid and its causal, exact inverse.
+//! Strain is counted in units of the instant compliance, `s = e / J0` (MPa). The four parameters of [`Solid`] are then
+//! all that measurements from outside can determine. [`SolidState`] is the solid and its causal, exact inverse. The
+//! letters are those of docs/creep.md.
 
 use thiserror::Error;
 
 /// Parameters of the rubber.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Solid {
-    /// Delayed over instant compliance, J1 / J0: 0 for rubber that does not creep.
+    /// Delayed over instant compliance, k = J1 / J0; 0 or more, 0 for rubber that does not creep.
     pub delayed_ratio: f64,
-    /// Time constant of the delayed part, s.
+    /// Time constant of the delayed part, s; above 0.
     pub tau_s: f64,
-    /// How the rise grows with the strain: 1 in proportion.
+    /// Power of the strain with which the rise grows, above 0; 1 is in proportion.
     pub exponent: f64,
-    /// Pressure that at once raises the resistivity by its own value (+100 %), MPa. With an exponent of 1 this is the force
-    /// of each mm² of integrated instant rise, N/mm².
+    /// Pressure that at once raises the resistivity by its own value (+100 %), MPa; above 0. With an exponent of 1 this
+    /// is the force of each mm² of integrated instant rise, N/mm².
     pub unit_rise_mpa: f64,
 }
 
-/// A parameter of a [`Solid`] that no rubber has.
+/// A parameter of a [`Solid`] has a value that no rubber has.
 #[derive(Clone, Debug, PartialEq, Error)]
 #[error("{name} is {value}; give {wanted}")]
 pub struct SolidError {
     /// The parameter.
     pub name: &'static str,
-    /// What it is.
+    /// Its value.
     pub value: f64,
-    /// What it may be.
+    /// The values that are allowed.
     pub wanted: &'static str,
 }
 
@@ -41,7 +42,7 @@ impl Solid {
     /// Checks that all parameters are those of a solid.
     ///
     /// # Errors
-    /// [`SolidError`] names the first that is not.
+    /// [`SolidError`] names the first parameter that is not.
     pub fn check(&self) -> Result<(), SolidError> {
         let positive = |value: f64| value.is_finite() && value > 0.0;
         let wrong = |name, value, wanted| Err(SolidError { name, value, wanted });
@@ -60,7 +61,7 @@ impl Solid {
         Ok(())
     }
 
-    /// Strain (MPa of instant pressure) that has a relative rise of the resistivity; 0 for a fall.
+    /// Strain (MPa of instant pressure) that makes a relative rise of the resistivity; 0 for a fall.
     pub fn strain_mpa(&self, rise: f64) -> f64 {
         self.unit_rise_mpa * rise.max(0.0).powf(1.0 / self.exponent)
     }
@@ -70,7 +71,7 @@ impl Solid {
         (strain_mpa.abs() / self.unit_rise_mpa).powf(self.exponent)
     }
 
-    /// Advance over an interval of `dt_s`; a negative one counts as 0.
+    /// The advance over an interval of `dt_s` (s); a negative one counts as 0.
     pub fn step(&self, dt_s: f64) -> Step {
         let h = dt_s.max(0.0) / self.tau_s;
         if h == 0.0 {
@@ -82,7 +83,7 @@ impl Solid {
         }
         let keep = (-h).exp();
         let mean = -(-h).exp_m1() / h;
-        // The differences lose digits for short intervals, where the series is exact.
+        // For short intervals the differences lose digits; there the series is exact to rounding.
         let (before, now) = if h < 1e-2 {
             (
                 h / 2.0 - h * h / 3.0 + h.powi(3) / 8.0 - h.powi(4) / 30.0 + h.powi(5) / 144.0,
@@ -98,9 +99,10 @@ impl Solid {
         }
     }
 
-    /// Largest error of the pressure over the largest error of the strain that causes it, whatever the history: the inverse's
-    /// response to an impulse is `delta(t) - (k / tau) exp(-(1 + k) t / tau)` with k the delayed ratio, whose absolute integral
-    /// is `1 + k / (1 + k)`, always below 2.
+    /// Largest error of the pressure over the largest error of the strain that causes it, whatever the history.
+    ///
+    /// The inverse's response to an impulse is `delta(t) - (k / tau) exp(-(1 + k) t / tau)`, with k the delayed ratio.
+    /// The integral of its absolute value is `1 + k / (1 + k)`, always below 2.
     pub fn worst_gain(&self) -> f64 {
         1.0 + self.delayed_ratio / (1.0 + self.delayed_ratio)
     }
@@ -115,7 +117,7 @@ pub struct Step {
     now: f64,
 }
 
-/// Where a piece of rubber is: the pressure at the last time and the delayed part of its strain, both MPa.
+/// The state of a piece of rubber: the pressure at the last time and the delayed part of the strain, both MPa.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SolidState {
     /// Pressure at the last time, MPa.
@@ -125,18 +127,18 @@ pub struct SolidState {
 }
 
 impl SolidState {
-    /// The solid: its strain (MPa) at the end of an interval that ends with this pressure (MPa).
+    /// The solid: the strain (MPa) at the end of an interval that ends with this pressure (MPa).
     pub fn press(&mut self, step: &Step, pressure_mpa: f64) -> f64 {
         self.delayed_mpa = step.keep * self.delayed_mpa + step.before * self.pressure_mpa + step.now * pressure_mpa;
         self.pressure_mpa = pressure_mpa;
         pressure_mpa + self.delayed_mpa
     }
 
-    /// Its inverse: the pressure (MPa) at the end of an interval at whose end there is this strain (MPa).
+    /// The inverse: the pressure (MPa) at the end of an interval that ends with this strain (MPa).
     ///
-    /// Stable for any intervals: its one pole is at `-(1 + k) / tau`. The gain is 1 for what changes at once and falls to
-    /// `1 / (1 + k)` for what is slow, so the noise of the pressure is never more than that of the strain; see
-    /// [`Solid::worst_gain`] for any other error.
+    /// The inverse is stable for any intervals: its one pole is at `-(1 + k) / tau`. The gain is 1 for fast changes and
+    /// `1 / (1 + k)` for slow ones. The noise of the pressure is therefore never more than that of the strain. For any
+    /// other error see [`Solid::worst_gain`].
     pub fn pressure(&mut self, step: &Step, strain_mpa: f64) -> f64 {
         let settled = step.keep * self.delayed_mpa + step.before * self.pressure_mpa;
         let pressure_mpa = (strain_mpa - settled) / (1.0 + step.now);

@@ -1,10 +1,10 @@
-//! Numbers that begin on a line of the cache.
+//! Arrays that begin on a line of the cache.
 
 /// Bytes of a line of the cache, and of the widest vector register.
 const LINE: usize = 64;
 
-/// A fixed number of numbers, `f64` unless said, of which the first lies on a line's boundary: no vector load straddles two
-/// lines.
+/// An array of fixed length, of `f64` unless said, that begins on a line of the cache. No vector load then straddles
+/// two lines.
 #[derive(Debug)]
 pub(crate) struct Aligned<T = f64> {
     values: Vec<T>,
@@ -17,7 +17,7 @@ impl<T: Copy + Default> Aligned<T> {
     pub(crate) fn zeros(length: usize) -> Self {
         let numbers = LINE / size_of::<T>();
         let values = vec![T::default(); length + numbers - 1];
-        // Where the pointer's alignment cannot be told the numbers are right all the same, only slower to load.
+        // Where the pointer's alignment is unknown, the array is right all the same, only slower to load.
         let start = values.as_ptr().align_offset(LINE);
         let start = if start < numbers { start } else { 0 };
         Self { values, start, length }

@@ -1,11 +1,11 @@
-//! A few columns side by side: row by row, [`WIDTH`] numbers to a row.
+//! A block of columns side by side, stored row by row with [`WIDTH`] numbers in a row.
 
 use pulp::{Arch, Simd, WithSimd};
 
 /// Most columns of a block.
 pub(crate) const WIDTH: usize = 16;
 
-/// `W = L^-1 W` for the first `count` columns (more may be solved for) of `W`, with the factor of
+/// `W = L^-1 W` for at least the first `count` columns of `W`, with the factor of
 /// [`dense::cholesky`](crate::linalg::dense::cholesky).
 pub(crate) fn forward(arch: Arch, l: &[f64], inverse: &[f64], w: &mut [f64], count: usize) {
     arch.dispatch(Forward { l, inverse, w, count });
@@ -37,7 +37,7 @@ impl WithSimd for Forward<'_> {
     }
 }
 
-/// Columns from `first` on, `N` vectors of them.
+/// Solves for `N` vectors of columns, from column `first` on.
 #[inline(always)]
 fn solve<S: Simd, const N: usize>(simd: S, l: &[f64], inverse: &[f64], w: &mut [f64], first: usize) {
     let rows = inverse.len();

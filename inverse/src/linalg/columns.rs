@@ -1,11 +1,12 @@
-//! A matrix as the kernels want it: padded, scaled to a largest singular value of 1, column by column.
+//! A matrix in the layout of the kernels: column by column, padded, scaled.
 
 use crate::linalg::aligned::Aligned;
 use crate::linalg::kernels::{self, COLUMNS_AT_ONCE, LANES, padded};
 use nalgebra::DMatrix;
 use pulp::Arch;
 
-/// A padded copy of a matrix over a scale. The columns added are zero, and so are the rows.
+/// A padded copy of a matrix over a scale, which is the largest singular value as a rule. Added rows and columns are
+/// zero.
 #[derive(Clone, Debug)]
 pub(crate) struct Columns {
     arch: Arch,
@@ -43,12 +44,12 @@ impl Columns {
         self.arch
     }
 
-    /// Rows with the padding.
+    /// Number of rows with the padding.
     pub(crate) fn rows(&self) -> usize {
         self.rows
     }
 
-    /// Columns with the padding.
+    /// Number of columns with the padding.
     pub(crate) fn cells(&self) -> usize {
         self.norms.len()
     }
@@ -58,12 +59,12 @@ impl Columns {
         &self.values[j * self.rows..(j + 1) * self.rows]
     }
 
-    /// Norms of the columns.
+    /// Norms of the columns; 0 for added ones.
     pub(crate) fn norms(&self) -> &[f64] {
         &self.norms
     }
 
-    /// The largest of them.
+    /// The largest norm of a column.
     pub(crate) fn largest_norm(&self) -> f64 {
         self.largest_norm
     }

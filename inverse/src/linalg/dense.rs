@@ -1,15 +1,16 @@
-//! Symmetric updates, Cholesky factors and triangular solves of a size that fits the second level of cache.
+//! Symmetric updates, Cholesky factors and triangular solves, for matrices that fit the second level of cache.
 //!
-//! Matrices are square, `rows x rows` with `rows` a multiple of [`LANES`], column by column; only the lower triangle is
-//! read or meant.
+//! Matrices are square, `rows x rows` with `rows` a multiple of [`LANES`], column by column. Only the lower triangle is
+//! read.
 
 use crate::linalg::kernels::LANES;
 use pulp::{Arch, Simd, WithSimd};
 
-/// Columns of a tile, and of a panel of the factorisation.
+/// Columns of a tile: with three vectors of rows a tile fits the registers.
 const TILE: usize = 4;
+/// Columns of a panel of the factorisation: one register of the widest vector unit.
 const PANEL: usize = 8;
-/// Columns packed before they are used: they fit the first level of cache.
+/// Columns packed before use: they fit the first level of cache.
 pub(crate) const PACK: usize = 24;
 
 /// `h += p p^T` or, with `MINUS`, `h -= p p^T` for `p` of `p.len() / rows` columns.
@@ -81,8 +82,8 @@ fn tile<S: Simd, const MINUS: bool, const N: usize>(
     }
 }
 
-/// Replaces the lower triangle by its Cholesky factor and fills `inverse` with one over the factor's diagonal; entries of
-/// the upper triangle become 0. False when the matrix is not positive definite.
+/// Replaces the lower triangle by its Cholesky factor, the upper one by 0, and fills `inverse` with one over the
+/// factor's diagonal. False when the matrix is not positive definite.
 pub(crate) fn cholesky(arch: Arch, l: &mut [f64], inverse: &mut [f64]) -> bool {
     arch.dispatch(Cholesky { l, inverse })
 }
@@ -117,7 +118,7 @@ impl WithSimd for Cholesky<'_> {
     }
 }
 
-/// Factors the columns from `first` on, of which everything to the left has been taken away.
+/// Factors the columns from `first` on, from which the columns to the left have been subtracted already.
 #[inline(always)]
 fn factor_panel<S: Simd>(simd: S, panel: &mut [f64], inverse: &mut [f64], rows: usize, first: usize) -> bool {
     for start in (0..inverse.len()).step_by(PANEL) {

@@ -1,16 +1,16 @@
-//! The few loops in which the solvers spend their time, with the vector unit found at run time.
+//! The loops in which the solvers spend their time, compiled for the vector unit found at run time.
 //!
-//! All matrices are column by column with a stride of [`LANES`] times something: no loop has a remainder.
+//! Matrices are column by column, with a stride that is a multiple of [`LANES`]: no loop has a remainder.
 
 use pulp::{Arch, Simd, WithSimd};
 
-/// Lengths are padded to a multiple of this many `f64`: one register of the widest vector unit.
+/// Lengths are padded to a multiple of so many `f64`: one register of the widest vector unit.
 pub(crate) const LANES: usize = 8;
 
-/// The same of `f32`.
+/// The same for `f32`.
 pub(crate) const SINGLE_LANES: usize = 16;
 
-/// Columns that [`dots`] takes at once; the number of columns is padded to a multiple of it.
+/// Columns that [`dots`] takes at once. The number of columns is padded to a multiple of this.
 pub(crate) const COLUMNS_AT_ONCE: usize = 8;
 
 /// Next multiple of `step`.
@@ -187,8 +187,8 @@ impl WithSimd for DotsOfSingle<'_> {
     }
 }
 
-/// What the entries that change sides between g and `g + t q` add to the derivative of `1/2 |max(0, g + t q)|^2` with
-/// respect to t over the straight line it has at t = 0, and the slope of that.
+/// Share of the entries that change sign between g and `g + t q` in the derivative of `1/2 |max(0, g + t q)|^2` with
+/// respect to t, and the slope of that share. The rest of the derivative is the straight line that it has at t = 0.
 pub(crate) fn crossings(arch: Arch, g: &[f64], q: &[f64], t: f64) -> (f64, f64) {
     arch.dispatch(Crossings { g, q, t })
 }
@@ -210,7 +210,7 @@ impl WithSimd for Crossings<'_> {
         for (g, q) in g.iter().zip(q) {
             let at = simd.mul_add_e_f64s(*q, t, *g);
             let (before, after) = (simd.greater_than_f64s(*g, zero), simd.greater_than_f64s(at, zero));
-            // +q for an entry that came up, -q for one that went down, 0 for the rest.
+            // +q for an entry that became positive, -q for one that ceased to be, 0 for the rest.
             let came = simd.select_f64s(before, zero, *q);
             let went = simd.select_f64s(before, simd.neg_f64s(*q), zero);
             let moved = simd.select_f64s(after, came, went);

@@ -1,4 +1,4 @@
-//! Dense linear algebra of the solvers: vectorised, on aligned columns, without allocation once they are made.
+//! Dense linear algebra of the solvers: vectorised, on aligned columns, without allocation after the first use.
 
 pub(crate) mod aligned;
 pub(crate) mod basis;
@@ -7,3 +7,4 @@ pub(crate) mod columns;
 pub(crate) mod dense;
 pub(crate) mod kernels;
 pub(crate) mod signs;
+pub(crate) mod vector;

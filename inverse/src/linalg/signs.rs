@@ -1,8 +1,8 @@
-//! Which side of zero every cell is on, a vector at a time.
+//! Signs of a vector's entries, and which of them change.
 
 use pulp::{Arch, Simd, WithSimd, bytemuck};
 
-/// `g += t q`; puts `(j, |g_j|)` of the entries that changed sides in the list and returns the largest entry, or 0.
+/// `g += t q`. Lists `(j, |g_j|)` of the entries that changed sign, and returns the largest entry, or 0.
 pub(crate) fn advance(arch: Arch, g: &mut [f64], q: &[f64], t: f64, list: &mut Vec<(usize, f64)>) -> f64 {
     arch.dispatch(Advance { g, q, t, list })
 }
@@ -48,7 +48,7 @@ impl WithSimd for Advance<'_> {
     }
 }
 
-/// The positive entries.
+/// Lists `(j, g_j)` of the positive entries.
 pub(crate) fn positive(g: &[f64], list: &mut Vec<(usize, f64)>) {
     list.clear();
     list.extend(g.iter().copied().enumerate().filter(|(_, g)| *g > 0.0));

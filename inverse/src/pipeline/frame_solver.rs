@@ -9,8 +9,8 @@ use crate::quality::contact::{self, Contacts, Evidence, Judged};
 use crate::reference::Difference;
 use crate::reference::imager::Imager;
 use crate::reference::noise::{NoiseEstimate, NoiseSource};
+use crate::stats::fisher_quantile;
 use crate::touches::fit::fitter::{Data, Fitter};
-use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -341,5 +341,5 @@ impl FrameSolver {
 /// How many times its noise the mean power of a frame may be by chance: the quantile of Fisher's distribution (of
 /// chi-square where the noise is known).
 fn gate(rank: usize, noise: NoiseSource, false_alarm: f64) -> f64 {
-    FisherSnedecor::new(rank as f64, noise.freedom()).map_or(f64::INFINITY, |f| f.inverse_cdf(1.0 - false_alarm))
+    fisher_quantile(rank as f64, noise.freedom(), 1.0 - false_alarm).unwrap_or(f64::INFINITY)
 }

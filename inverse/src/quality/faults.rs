@@ -11,8 +11,8 @@
 use crate::quality::reciprocity::{Disagreement, LEAST_FREEDOM, Reciprocity};
 use crate::reference::Difference;
 use crate::reference::noise::NoiseEstimate;
+use crate::stats::fisher_quantile;
 use forward::{Drive, Pattern};
-use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 
 /// When values are rejected. Ratios are those of Fisher's test: disagreement of a candidate over that of the rest.
 ///
@@ -357,8 +357,8 @@ impl OutlierSearch {
 
 /// How many times the noise the mean square of what is left out may be by chance.
 fn limit(gone: usize, freedom: usize, tries: usize, false_alarm: f64) -> f64 {
-    FisherSnedecor::new(gone as f64, freedom as f64)
-        .map_or(f64::INFINITY, |f| f.inverse_cdf(1.0 - false_alarm / tries as f64))
+    let level = 1.0 - false_alarm / tries as f64;
+    fisher_quantile(gone as f64, freedom as f64, level).unwrap_or(f64::INFINITY)
 }
 
 #[cfg(test)]

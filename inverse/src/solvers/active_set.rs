@@ -1,83 +1,105 @@
-//! Plain non-negative least squares (ridge 0): the active set method of Lawson and Hanson on the reduced rows, with few
-//! looks at all the columns.
+//! Non-negative least squares without a ridge: the active set method of Lawson and Hanson on the reduced rows, with few
+//! searches of all columns.
 //!
-//! A look computes the gradient of every column and keeps the most promising; columns enter one by one from those until
-//! none of them promises much, and only then all are looked at again. Where the columns' products are not kept, looks in
-//! single precision at some of the columns come first. The set of the frame before is the start of the next.
+//! A search computes the gradient of every column and queues the most promising. Columns enter one by one until no
+//! queued gradient is large, and only then all are searched again. Where the columns' products are not kept, searches
+//! in single precision come first. The passive set of the frame before is the start of the next.
 
 use crate::linalg::aligned::Aligned;
 use crate::linalg::columns::Columns;
 use crate::linalg::kernels::LANES;
-use crate::solvers::column_search::Search;
-use crate::solvers::factor::dot;
-use crate::solvers::newton::Run;
-use crate::solvers::passive_set::Passive;
+use crate::linalg::vector::{dot_of_lanes, norm};
+use crate::solvers::column_search::{ColumnSearch, ColumnSearchOptions};
+use crate::solvers::passive_set::PassiveSet;
 use crate::solvers::products::MOST_CELLS;
 use crate::solvers::queue::Queue;
+use crate::solvers::solution::Run;
 use pulp::{Simd, WithSimd};
 
-/// A column enters while its gradient is at least this fraction of the largest at the look.
-const PROMISING: f64 = 0.03;
-/// Least gradient that single precision tells from nothing, over the norm of the residual.
-const SINGLE: f64 = 3e-6;
-/// Entries for each column after which the method gives up.
-const MOST_ENTRIES: usize = 10;
+/// How an [`ActiveSet`] chooses the columns that enter.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct ActiveSetOptions {
+    /// Least gradient of a column that enters, over the largest gradient of the search; 0 to 1.
+    ///
+    /// More searches all columns more often; less lets columns in that fall out again. The times are those of
+    /// `cargo bench -p inverse --bench solver`, rows "plain" (docs/solver.md); the tried values are not on record.
+    pub(super) promising: f64,
+    /// Of the search in single precision.
+    pub(super) search: ColumnSearchOptions,
+}
 
-/// A run, to be compiled for the vector unit at hand.
-struct Here<'a> {
-    plain: &'a mut Plain,
+impl Default for ActiveSetOptions {
+    fn default() -> Self {
+        Self {
+            promising: 0.03,
+            search: ColumnSearchOptions::default(),
+        }
+    }
+}
+
+/// Least gradient that single precision tells from nothing, over the norm of the residual: 50 roundings of an `f32`.
+const LEAST_SINGLE: f64 = 3e-6;
+/// Entries for each column after which the method gives up. Solves take a few at most; the limit only ends a cycle.
+const MOST_ENTRIES: usize = 10;
+/// Rounding errors of a gradient, in units of the last place of the right-hand side.
+const ROUNDINGS: f64 = 64.0;
+/// Searches without progress after which rounding is taken to be the limit.
+const MOST_STALLS: usize = 3;
+
+/// The arguments of [`ActiveSet::run`], compiled for the vector unit at hand.
+struct Dispatched<'a> {
+    set: &'a mut ActiveSet,
     columns: &'a Columns,
     b: &'a [f64],
     tolerance: f64,
 }
 
-impl WithSimd for Here<'_> {
+impl WithSimd for Dispatched<'_> {
     type Output = Run;
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> Run {
-        self.plain.run_here(simd, self.columns, self.b, self.tolerance)
+        self.set.run_here(simd, self.columns, self.b, self.tolerance)
     }
 }
 
-/// Rounding errors of a gradient, in units of the last place of the right-hand side.
-const ROUNDINGS: f64 = 64.0;
-/// Looks without progress after which rounding is taken to be the limit.
-const MOST_STALLS: usize = 3;
-
 /// The method with its state from solve to solve.
 #[derive(Clone, Debug)]
-pub(super) struct Plain {
-    passive: Passive,
-    /// Of all columns, and the same with 0 for those that may not enter.
+pub(super) struct ActiveSet {
+    options: ActiveSetOptions,
+    passive: PassiveSet,
+    /// Gradients of all columns.
     gradient: Aligned,
+    /// The same, 0 for the columns that may not enter.
     outside: Aligned,
     /// Largest gradient of a column that is no member, or 0.
     worst_outside: f64,
     queue: Queue,
-    /// For matrices whose products are not kept.
-    search: Option<Box<Search>>,
-    refused: Vec<usize>,
+    /// The search in single precision, for matrices whose products are not kept.
+    single: Option<Box<ColumnSearch>>,
+    /// Columns that gained nothing since something last moved.
+    rejected: Vec<usize>,
 }
 
-impl Plain {
-    /// No state yet.
+impl ActiveSet {
+    /// A method that has seen no frame.
     pub(super) fn new(columns: &Columns) -> Self {
-        Self::with(columns, columns.cells() <= MOST_CELLS)
+        Self::with(columns, columns.cells() <= MOST_CELLS, ActiveSetOptions::default())
     }
 
     /// With the products of all columns, or with a search in single precision.
-    fn with(columns: &Columns, products: bool) -> Self {
+    fn with(columns: &Columns, products: bool, options: ActiveSetOptions) -> Self {
         let cells = columns.cells();
-        let passive = Passive::new(columns, products);
+        let passive = PassiveSet::new(columns, products);
         Self {
-            search: (!products).then(|| Box::new(Search::new(columns, passive.scales()))),
+            options,
+            single: (!products).then(|| Box::new(ColumnSearch::new(columns, passive.scales(), options.search))),
             passive,
             gradient: Aligned::zeros(cells),
             outside: Aligned::zeros(cells),
             worst_outside: 0.0,
             queue: Queue::new(cells),
-            refused: Vec::with_capacity(cells),
+            rejected: Vec::with_capacity(cells),
         }
     }
 
@@ -88,13 +110,13 @@ impl Plain {
 
     /// Norm of `b - A x`.
     pub(super) fn residual_norm(&self) -> f64 {
-        dot(self.passive.residual(), self.passive.residual()).sqrt()
+        dot_of_lanes(self.passive.residual(), self.passive.residual()).sqrt()
     }
 
-    /// Norm of the first `rows` of it.
+    /// Norm of the first `rows` entries of `b - A x`.
     pub(super) fn residual_norm_of(&self, rows: usize) -> f64 {
-        let head = self.passive.residual().iter().take(rows);
-        head.map(|r| r * r).sum::<f64>().sqrt()
+        let residual = self.passive.residual();
+        norm(residual.get(..rows).unwrap_or(residual))
     }
 
     /// Writes x, times `scale`.
@@ -106,11 +128,12 @@ impl Plain {
         }
     }
 
-    /// Solves for a right-hand side of norm 1. The gap is the largest entry of `|min(x_j |a_j|, -g_j / |a_j|)|`, g the
-    /// gradient `A^T (A x - b)`.
+    /// Solves for a right-hand side of norm 1.
+    ///
+    /// The gap is the largest entry of `|min(x_j |a_j|, -g_j / |a_j|)|`, with the gradient `g = A^T (A x - b)`.
     pub(super) fn run(&mut self, columns: &Columns, b: &[f64], tolerance: f64) -> Run {
-        columns.arch().dispatch(Here {
-            plain: self,
+        columns.arch().dispatch(Dispatched {
+            set: self,
             columns,
             b,
             tolerance,
@@ -119,8 +142,8 @@ impl Plain {
 
     #[inline(always)]
     fn run_here<S: Simd>(&mut self, simd: S, columns: &Columns, b: &[f64], tolerance: f64) -> Run {
-        self.refused.clear();
-        if self.passive.is_worn() {
+        self.rejected.clear();
+        if self.passive.needs_rebuild() {
             self.passive.rebuild(simd, columns);
         }
         let most = MOST_ENTRIES * columns.cells();
@@ -130,15 +153,15 @@ impl Plain {
         loop {
             self.passive.update(columns, b);
             if steps <= most {
-                let tried = self.search(simd, columns, b, tolerance, most);
+                let tried = self.search_single(simd, columns, b, tolerance, most);
                 steps += tried;
                 exact &= tried == 0;
             }
-            let largest = self.look(columns);
+            let largest = self.search_all(columns);
             let (gap, residual) = (self.gap(), self.residual_norm());
             let optimal = largest <= 0.5 * tolerance;
             if exact {
-                // Where the steps since then gained nothing, rounding is the limit.
+                // Where the steps since the last exact residual gained nothing, rounding is the limit.
                 stalls = if residual < least { 0 } else { stalls + 1 };
                 least = least.min(residual);
             }
@@ -150,7 +173,7 @@ impl Plain {
                 };
             }
             if optimal {
-                // What is left is rounding in the members' values, and if not there, in their factor.
+                // The rest is rounding in the members' values or, where those are exact, in their factor.
                 if exact {
                     self.passive.rebuild(simd, columns);
                 }
@@ -159,7 +182,7 @@ impl Plain {
                 continue;
             }
             exact = false;
-            let limit = (PROMISING * largest).max(0.5 * tolerance);
+            let limit = (self.options.promising * largest).max(0.5 * tolerance);
             self.queue.fill(&self.outside, limit);
             while steps <= most
                 && let Some((j, gradient)) = self.queue.next(limit, |j| self.passive.gradient(columns, j))
@@ -170,47 +193,48 @@ impl Plain {
         }
     }
 
-    /// Lets columns in as long as single precision tells which; returns how many were tried. The residual is that of the
-    /// present values before and after.
+    /// Lets columns in as long as single precision tells which; returns how many were tried.
+    ///
+    /// The residual is that of the present values, before and after.
     #[inline(always)]
-    fn search<S: Simd>(&mut self, simd: S, columns: &Columns, b: &[f64], tolerance: f64, most: usize) -> usize {
-        let Some(mut search) = self.search.take() else {
+    fn search_single<S: Simd>(&mut self, simd: S, columns: &Columns, b: &[f64], tolerance: f64, most: usize) -> usize {
+        let Some(mut search) = self.single.take() else {
             return 0;
         };
-        let least = (SINGLE * self.residual_norm()).max(0.5 * tolerance) as f32;
+        let least = (LEAST_SINGLE * self.residual_norm()).max(0.5 * tolerance) as f32;
         let mut tried = 0;
-        let mut largest = search.look_at_all(columns, self.passive.residual(), self.closed());
+        let mut largest = search.search_all(columns, self.passive.residual(), self.excluded());
         while largest > least && tried <= most {
-            let limit = least.max(PROMISING as f32 * largest);
+            let limit = least.max(self.options.promising as f32 * largest);
             while let Some(j) = search.next(columns, self.passive.residual(), limit) {
                 tried += 1;
                 let gradient = self.passive.gradient(columns, j);
                 self.enter(simd, columns, b, j, gradient);
             }
-            largest = search.look(columns, self.passive.residual(), self.closed());
+            largest = search.search_pool(columns, self.passive.residual(), self.excluded());
         }
-        self.search = Some(search);
+        self.single = Some(search);
         tried
     }
 
     /// Columns that cannot enter now.
-    fn closed(&self) -> [&[usize]; 2] {
-        [self.passive.members(), &self.refused]
+    fn excluded(&self) -> [&[usize]; 2] {
+        [self.passive.members(), &self.rejected]
     }
 
-    /// Lets a column in; one that gains nothing is refused until something else has moved.
+    /// Lets a column in. A column that gains nothing is rejected until something else has moved.
     #[inline(always)]
     fn enter<S: Simd>(&mut self, simd: S, columns: &Columns, b: &[f64], j: usize, gradient: f64) {
         if gradient > 0.0 && self.passive.enter(simd, columns, b, j, gradient) {
-            self.refused.clear();
+            self.rejected.clear();
         } else {
-            self.refused.push(j);
+            self.rejected.push(j);
         }
     }
 
     /// Computes every column's gradient; returns the largest of those that may enter, for columns of norm 1.
     #[inline(always)]
-    fn look(&mut self, columns: &Columns) -> f64 {
+    fn search_all(&mut self, columns: &Columns) -> f64 {
         if !self.passive.gradients(columns, &mut self.gradient) {
             columns.dots(self.passive.residual(), &mut self.gradient);
             for (g, scale) in self.gradient.iter_mut().zip(self.passive.scales()) {
@@ -222,16 +246,16 @@ impl Plain {
             self.outside[*j] = 0.0;
         }
         self.worst_outside = largest(&self.outside);
-        if self.refused.is_empty() {
+        if self.rejected.is_empty() {
             return self.worst_outside;
         }
-        for j in &self.refused {
+        for j in &self.rejected {
             self.outside[*j] = 0.0;
         }
         largest(&self.outside)
     }
 
-    /// See [`Plain::run`]; from the last look.
+    /// The gap of [`ActiveSet::run`], from the last search of all columns.
     #[inline(always)]
     fn gap(&self) -> f64 {
         if !self.residual_norm().is_finite() {
@@ -244,7 +268,7 @@ impl Plain {
     }
 }
 
-/// The largest number above 0, or 0.
+/// The largest number above 0, or 0; the length is a multiple of [`LANES`].
 #[inline(always)]
 fn largest(numbers: &[f64]) -> f64 {
     let mut most = [0.0_f64; LANES];
@@ -270,7 +294,7 @@ mod tests {
             frames in proptest::collection::vec(proptest::collection::vec(-1.0..1.0_f64, 32), 3),
         ) {
             let columns = Columns::new(&DMatrix::from_vec(32, 150, values), 1.0);
-            let [mut with, mut without] = [true, false].map(|products| Plain::with(&columns, products));
+            let [mut with, mut without] = [true, false].map(|products| ActiveSet::with(&columns, products, ActiveSetOptions::default()));
             for frame in frames {
                 let norm = frame.iter().map(|v| v * v).sum::<f64>().sqrt();
                 let b: Vec<f64> = frame.iter().map(|v| v / norm).collect();

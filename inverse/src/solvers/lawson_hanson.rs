@@ -4,11 +4,18 @@
 use crate::solvers::{Problem, Solution, Status};
 use nalgebra::{DMatrix, DVector};
 
+/// Least gradient that lets a column of norm 1 enter, over the norm of b: some hundred roundings.
+const TOLERANCE: f64 = 1e-13;
+/// Least pivot of the QR factor over the largest; with a smaller one the passive set counts as dependent.
+const DEPENDENT: f64 = 1e-12;
+/// Iterations for each cell after which the method gives up: three, as Lawson and Hanson do.
+const ITERATIONS_PER_CELL: usize = 3;
+
 /// `min over x >= 0 of |A x - b|^2`.
 ///
 /// The solution's `gap` is the largest entry of `min(x_j, -g_j / |a_j|^2)`, g the gradient, over the largest of x.
-/// Columns that are zero stay at 0; of columns that depend on those already chosen none enters, so that the passive set
-/// always has full rank.
+/// Columns of zeros stay at 0. A column that depends on the passive set does not enter, so that the set always has full
+/// rank.
 pub fn lawson_hanson(problem: &Problem, b: &DVector<f64>) -> Solution {
     Solution::in_units(problem, b, |b| solve(problem, b))
 }
@@ -17,18 +24,18 @@ fn solve(problem: &Problem, b: &DVector<f64>) -> Solution {
     let (a, cells) = (problem.a(), problem.cells());
     let (small, dropped) = problem.reduce(b);
     let norms: Vec<f64> = a.column_iter().map(|c| c.norm()).collect();
-    let tolerance = 1e-13 * small.norm();
+    let tolerance = TOLERANCE * small.norm();
     let mut x = DVector::zeros(cells);
     let mut passive: Vec<usize> = Vec::new();
-    // Columns that made the passive set singular when they entered; free again once the set has changed.
-    let mut refused = vec![false; cells];
+    // Columns that made the passive set singular. They may enter again once the set has changed.
+    let mut rejected = vec![false; cells];
     let mut iterations = 0;
     let mut status = Status::Converged;
     'outer: loop {
         let residual = &small - a * &x;
         let gradient = a.tr_mul(&residual);
         let entering = (0..cells)
-            .filter(|j| x[*j] == 0.0 && !refused[*j] && !passive.contains(j))
+            .filter(|j| x[*j] == 0.0 && !rejected[*j] && !passive.contains(j))
             .filter(|j| gradient[*j] > tolerance * norms[*j])
             .max_by(|i, j| (gradient[*i] / norms[*i]).total_cmp(&(gradient[*j] / norms[*j])));
         let Some(entering) = entering else {
@@ -37,26 +44,26 @@ fn solve(problem: &Problem, b: &DVector<f64>) -> Solution {
         passive.push(entering);
         loop {
             iterations += 1;
-            if iterations > 3 * cells.max(100) {
+            if iterations > ITERATIONS_PER_CELL * cells.max(100) {
                 status = Status::Stopped;
                 break 'outer;
             }
             let Some(s) = least_squares(a, &passive, &small) else {
                 passive.retain(|j| *j != entering);
-                refused[entering] = true;
+                rejected[entering] = true;
                 continue 'outer;
             };
             if s.iter().all(|v| *v > 0.0) {
                 for (j, v) in passive.iter().zip(&s) {
                     x[*j] = *v;
                 }
-                refused.fill(false);
+                rejected.fill(false);
                 break;
             }
-            // A new column whose own step is not positive is there by rounding only.
+            // A new column whose own step is not positive entered by rounding only.
             if x[entering] == 0.0 && s.last().is_some_and(|v| *v <= 0.0) && passive.last() == Some(&entering) {
                 passive.pop();
-                refused[entering] = true;
+                rejected[entering] = true;
                 continue 'outer;
             }
             let step = passive
@@ -114,7 +121,7 @@ fn least_squares(a: &DMatrix<f64>, passive: &[usize], b: &DVector<f64>) -> Optio
         low = low.min(r[(k, k)].abs());
         high = high.max(r[(k, k)].abs());
     }
-    if low <= 1e-12 * high {
+    if low <= DEPENDENT * high {
         return None;
     }
     let mut rhs = b.clone();

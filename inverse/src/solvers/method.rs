@@ -1,22 +1,22 @@
-//! The methods that a picture can be computed by.
+//! The methods by which a picture can be computed.
 
 use std::fmt;
 use std::str::FromStr;
 use thiserror::Error;
 
-/// How the picture is computed. Every parameter follows from the noise of the frame.
+/// The method by which the picture is computed. Every parameter follows from the noise of the frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Method {
     /// Non-negative least squares with a ridge, by semismooth Newton steps in measurement space. The ridge is the noise
     /// over the rise that a cell is expected to take.
     Nnls,
-    /// Plain non-negative least squares by the active set method of Lawson and Hanson (1974): the paper's, which has
-    /// elements of 20 mm and the sensitivity of a constant current. Nothing to choose.
+    /// Plain non-negative least squares by the active set method of Lawson and Hanson (1974): the paper's method, on
+    /// its elements of 20 mm and with the sensitivity of a constant current. No parameter.
     LawsonHanson,
-    /// Ridge regression without a sign. The ridge leaves as much of the frame unexplained as is noise (Morozov's
-    /// discrepancy principle), and is no less than the noise over the rise expected.
+    /// Ridge regression without a sign. The ridge makes the residual the noise (Morozov's discrepancy principle), and
+    /// is no less than the noise over the expected rise.
     Tikhonov,
-    /// The plain generalised inverse: the paper's example of what fails. Nothing to choose.
+    /// The plain generalised inverse: the paper's example of a method that fails. No parameter.
     PseudoInverse,
 }
 
@@ -29,10 +29,10 @@ pub struct UnknownMethod {
 }
 
 impl Method {
-    /// All of them.
+    /// All methods.
     pub const ALL: [Self; 4] = [Self::Nnls, Self::LawsonHanson, Self::Tikhonov, Self::PseudoInverse];
 
-    /// Its name on the command line.
+    /// The name on the command line.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Nnls => "nnls",
@@ -42,7 +42,7 @@ impl Method {
         }
     }
 
-    /// What it is, in a line.
+    /// A description of one line.
     pub const fn about(self) -> &'static str {
         match self {
             Self::Nnls => "non-negative least squares with a ridge chosen from the noise",
@@ -54,7 +54,7 @@ impl Method {
         }
     }
 
-    /// Side of its cells on a sheet as large as the paper's, mm.
+    /// Side of the method's cells on a sheet as large as the paper's, mm.
     pub const fn cell_mm(self) -> f64 {
         match self {
             Self::LawsonHanson => 20.0,

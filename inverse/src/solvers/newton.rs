@@ -1,43 +1,63 @@
-//! Semismooth Newton steps for `rho^2 u + A max(0, A^T u) = b`, with their state from one solve to the next.
+//! Semismooth Newton steps for `rho^2 u + A max(0, A^T u) = b`, rho the ridge, with their state from one solve to the
+//! next.
 //!
-//! The left side is increasing and piecewise linear in u, and the equation says that the gradient of the convex function
-//! `rho^2/2 |u|^2 + 1/2 |max(0, A^T u)|^2 - b.u` is zero. Each step solves the linear system of the present piece and
-//! goes to the least value of that function along the line, so that it ends after finitely many.
+//! The left side is increasing and piecewise linear in u. The equation says that the gradient of the convex dual
+//! function `rho^2/2 |u|^2 + 1/2 |max(0, A^T u)|^2 - b.u` is zero. Each step solves the linear system of the present
+//! piece and goes to the least value of that function along the line. The steps therefore end after finitely many.
 
 use crate::linalg::aligned::Aligned;
 use crate::linalg::columns::Columns;
 use crate::linalg::kernels::crossings;
 use crate::linalg::signs;
-use crate::solvers::factor::{Factor, dot};
+use crate::linalg::vector::dot_of_lanes;
+use crate::solvers::factor::Factor;
+use crate::solvers::solution::Run;
 
-/// A line search ends where the derivative is below this fraction of what it was at the start.
-const ENOUGH: f64 = 0.1;
-/// Evaluations of the derivative in one line search.
+/// How a [`Newton`] searches along a line.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct NewtonOptions {
+    /// A line search ends where the derivative is below this fraction of its value at the start; above 0, below 1.
+    ///
+    /// More takes fewer evaluations and more Newton steps; less makes the line search exact, which costs more than the
+    /// steps that it saves. The steps and times are those of `skin bench savings`, columns "steps" and "median us"
+    /// (docs/benchmarks.md); the tried values are not on record.
+    pub(super) slope: f64,
+}
+
+impl Default for NewtonOptions {
+    fn default() -> Self {
+        Self { slope: 0.1 }
+    }
+}
+
+/// Evaluations of the derivative in one line search: enough to halve an interval down to rounding.
 const MOST_EVALUATIONS: usize = 60;
 /// Units of the last place that rounding may cost.
 const ROUNDINGS: f64 = 16.0;
-/// Proofs without progress after which rounding is taken to be the limit.
+/// Exact residuals without progress after which rounding is taken to be the limit.
 const MOST_STALLS: usize = 3;
 
-/// The state: a point u, `g = A^T u`, what the point leaves, and the factor of its piece.
+/// The state: a point u, `g = A^T u`, the residual of the equation, and the factor of the point's piece.
 #[derive(Clone, Debug)]
 pub(super) struct Newton {
+    options: NewtonOptions,
     factor: Factor,
     u: Aligned,
     g: Aligned,
     /// `A max(0, g)`.
     ax: Aligned,
-    /// The left side of the equation less its right side.
-    left: Aligned,
+    /// Residual of the equation: its left side less its right side.
+    residual: Aligned,
     direction: Aligned,
     g_next: Aligned,
     list: Vec<(usize, f64)>,
     /// The largest entry of g, or 0.
     largest: f64,
+    /// Whether the point is that of an earlier solve.
     warm: bool,
 }
 
-/// What a run is to solve.
+/// The problem of a run.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Task<'a> {
     pub(super) columns: &'a Columns,
@@ -46,33 +66,24 @@ pub(super) struct Task<'a> {
     /// The right-hand side, of norm 1.
     pub(super) b: &'a [f64],
     /// The ridge squared.
-    pub(super) square: f64,
+    pub(super) ridge_squared: f64,
     /// The gap to reach.
     pub(super) tolerance: f64,
+    /// Most Newton steps.
     pub(super) most_steps: usize,
 }
 
-/// How a run ended.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Run {
-    /// Steps taken.
-    pub(super) steps: usize,
-    /// Bound on the largest `|x - max(0, A^T (b - A x) / rho^2)|` over the largest x.
-    pub(super) gap: f64,
-    /// The gap that rounding alone can make.
-    pub(super) rounding: f64,
-}
-
 impl Newton {
-    /// No state yet.
+    /// A state that has seen no frame.
     pub(super) fn new(columns: &Columns) -> Self {
         let (rows, cells) = (columns.rows(), columns.cells());
         Self {
+            options: NewtonOptions::default(),
             factor: Factor::new(columns),
             u: Aligned::zeros(rows),
             g: Aligned::zeros(cells),
             ax: Aligned::zeros(rows),
-            left: Aligned::zeros(rows),
+            residual: Aligned::zeros(rows),
             direction: Aligned::zeros(rows),
             g_next: Aligned::zeros(cells),
             list: Vec::with_capacity(cells),
@@ -88,7 +99,7 @@ impl Newton {
 
     /// Forgets the factor, not the point.
     pub(super) fn reset_factor(&mut self) {
-        self.factor.forget();
+        self.factor.clear_sum();
     }
 
     /// The point.
@@ -102,8 +113,12 @@ impl Newton {
     }
 
     /// Norm of `b - A x` of the last solve.
-    pub(super) fn residual_norm(&self, square: f64) -> f64 {
-        let each = self.u.iter().zip(&self.left).map(|(u, left)| square * u - left);
+    pub(super) fn residual_norm(&self, ridge_squared: f64) -> f64 {
+        let each = self
+            .u
+            .iter()
+            .zip(&self.residual)
+            .map(|(u, residual)| ridge_squared * u - residual);
         each.map(|r| r * r).sum::<f64>().sqrt()
     }
 
@@ -112,31 +127,32 @@ impl Newton {
         loop {
             let was_warm = self.warm;
             let run = self.run_from_here(task);
-            if (dot(&self.u, &self.u) + dot(&self.left, &self.left)).is_finite() {
+            if (dot_of_lanes(&self.u, &self.u) + dot_of_lanes(&self.residual, &self.residual)).is_finite() {
                 return run;
             }
-            // No frame is lost, and none after it, to what an earlier one left.
+            // A state that an earlier frame spoilt costs neither this frame nor a later one.
             self.reset();
-            self.factor.forget();
+            self.factor.clear_sum();
             if !was_warm {
                 return run;
             }
         }
     }
 
+    /// [`Newton::run`] from the present state.
     fn run_from_here(&mut self, task: Task) -> Run {
         let Task {
             columns,
             weights,
             b,
-            square,
+            ridge_squared,
             tolerance,
             most_steps,
         } = task;
         if !self.warm {
-            // Half of the cells pushing is the best guess before anything is known.
+            // Before anything is known, half of the cells are taken to be positive.
             for (u, (b, w)) in self.u.iter_mut().zip(b.iter().zip(weights)) {
-                *u = b / (square + 0.5 * w);
+                *u = b / (ridge_squared + 0.5 * w);
             }
         }
         if !self.warm {
@@ -145,41 +161,41 @@ impl Newton {
             self.product(columns);
         }
         self.warm = true;
-        self.residual(b, square);
+        self.compute_residual(b, ridge_squared);
         let (mut steps, mut stalls, mut best) = (0, 0, f64::INFINITY);
         let mut fresh = true;
         loop {
-            let bound = self.bound(columns, square);
+            let bound = self.bound(columns, ridge_squared);
             if fresh || bound <= tolerance {
                 if !fresh {
                     self.product(columns);
-                    self.residual(b, square);
+                    self.compute_residual(b, ridge_squared);
                 }
-                let mut gap = self.bound(columns, square);
+                let mut gap = self.bound(columns, ridge_squared);
                 if gap > tolerance && steps > 0 {
-                    gap = self.gap(columns, square);
+                    gap = self.gap(columns, ridge_squared);
                 }
                 stalls = if gap < 0.5 * best { 0 } else { stalls + 1 };
                 best = best.min(gap);
                 if stalls > 0 {
-                    self.factor.distrust();
+                    self.factor.invalidate();
                 }
                 if gap <= tolerance || stalls >= MOST_STALLS || steps >= most_steps {
                     return Run {
                         steps,
                         gap,
-                        rounding: self.rounding(columns, square),
+                        rounding: self.rounding(columns, ridge_squared),
                     };
                 }
             }
-            if steps >= most_steps || !self.step(columns, square) {
+            if steps >= most_steps || !self.step(columns, ridge_squared) {
                 self.product(columns);
-                self.residual(b, square);
-                let gap = self.gap(columns, square);
+                self.compute_residual(b, ridge_squared);
+                let gap = self.gap(columns, ridge_squared);
                 return Run {
                     steps,
                     gap,
-                    rounding: self.rounding(columns, square),
+                    rounding: self.rounding(columns, ridge_squared),
                 };
             }
             fresh = false;
@@ -187,7 +203,7 @@ impl Newton {
         }
     }
 
-    /// `A max(0, g)` afresh.
+    /// Computes `A max(0, g)` afresh.
     fn product(&mut self, columns: &Columns) {
         signs::positive(&self.g, &mut self.list);
         self.largest = self.list.iter().fold(0.0, |m, (_, g)| m.max(*g));
@@ -195,49 +211,53 @@ impl Newton {
         columns.add(&self.list, &mut self.ax);
     }
 
-    fn residual(&mut self, b: &[f64], square: f64) {
-        for (left, ((u, ax), b)) in self.left.iter_mut().zip(self.u.iter().zip(&self.ax).zip(b)) {
-            *left = square * u + ax - b;
+    /// Computes the residual of the equation afresh, from `A max(0, g)`.
+    fn compute_residual(&mut self, b: &[f64], ridge_squared: f64) {
+        for (residual, ((u, ax), b)) in self.residual.iter_mut().zip(self.u.iter().zip(&self.ax).zip(b)) {
+            *residual = ridge_squared * u + ax - b;
         }
     }
 
-    /// Bound on the relative gap: `b - A x = rho^2 u - left`, and no column turns `left` into more than its norm's share.
-    fn bound(&self, columns: &Columns, square: f64) -> f64 {
-        let left = dot(&self.left, &self.left).sqrt();
-        relative(columns.largest_norm() * left / square, self.largest)
+    /// Bound on the relative gap. `b - A x = rho^2 u - residual`, and no column turns the residual into more than the
+    /// column's norm times the residual's.
+    fn bound(&self, columns: &Columns, ridge_squared: f64) -> f64 {
+        let residual = dot_of_lanes(&self.residual, &self.residual).sqrt();
+        relative(columns.largest_norm() * residual / ridge_squared, self.largest)
     }
 
-    /// The gap itself; costs one product.
-    fn gap(&mut self, columns: &Columns, square: f64) -> f64 {
-        columns.dots(&self.left, &mut self.g_next);
+    /// The relative gap itself; costs one product.
+    fn gap(&mut self, columns: &Columns, ridge_squared: f64) -> f64 {
+        columns.dots(&self.residual, &mut self.g_next);
         let (mut off, mut largest) = (0.0_f64, 0.0_f64);
         for (g, h) in self.g.iter().zip(&self.g_next) {
-            let (x, again) = (g.max(0.0), (g - h / square).max(0.0));
+            let (x, again) = (g.max(0.0), (g - h / ridge_squared).max(0.0));
             off = off.max((x - again).abs());
             largest = largest.max(x).max(again);
         }
         relative(off, largest)
     }
 
-    /// The gap that comes of rounding alone, for a right-hand side of norm 1: the equation's terms are rounded, and so is
-    /// g, whose error reaches the equation through one more product.
-    fn rounding(&self, columns: &Columns, square: f64) -> f64 {
+    /// The relative gap that rounding alone can make, for a right-hand side of norm 1.
+    ///
+    /// The terms of the equation are rounded, and so is g. The error of g reaches the equation through one more
+    /// product.
+    fn rounding(&self, columns: &Columns, ridge_squared: f64) -> f64 {
         let largest = columns.largest_norm();
-        let terms = 1.0 + largest * dot(&self.u, &self.u).sqrt();
-        relative(ROUNDINGS * f64::EPSILON * largest * terms / square, self.largest)
+        let terms = 1.0 + largest * dot_of_lanes(&self.u, &self.u).sqrt();
+        relative(ROUNDINGS * f64::EPSILON * largest * terms / ridge_squared, self.largest)
     }
 
-    /// One Newton step; false when it cannot move.
-    fn step(&mut self, columns: &Columns, square: f64) -> bool {
-        if !self.factor.prepare(columns, square) && !self.factor.prepare(columns, square) {
+    /// One Newton step; false when the point cannot move.
+    fn step(&mut self, columns: &Columns, ridge_squared: f64) -> bool {
+        if !self.factor.prepare(columns, ridge_squared) && !self.factor.prepare(columns, ridge_squared) {
             return false;
         }
-        for (d, left) in self.direction.iter_mut().zip(&self.left) {
-            *d = -left;
+        for (d, residual) in self.direction.iter_mut().zip(&self.residual) {
+            *d = -residual;
         }
         self.factor.solve(columns, &mut self.direction);
-        // The product at the end of the whole step, not that with the direction: g never carries over an old rounding error
-        // when the step is taken whole.
+        // The product is that with the end of the whole step, not with the direction. When the step is taken whole, g
+        // then carries over no old rounding error.
         for (u, d) in self.u.iter_mut().zip(&self.direction) {
             *u += d;
         }
@@ -253,24 +273,25 @@ impl Newton {
         for (u, d) in self.u.iter_mut().zip(&self.direction) {
             *u += (t - 1.0) * d;
         }
-        // Along the line the left side falls in proportion, but for the columns that changed sides.
-        for left in &mut self.left {
-            *left *= 1.0 - t;
+        // Along the line the residual falls in proportion, but for the columns that change sign.
+        for residual in &mut self.residual {
+            *residual *= 1.0 - t;
         }
         self.largest = signs::advance(columns.arch(), &mut self.g, &self.g_next, t, &mut self.list);
         for (j, _) in &self.list {
             self.factor.toggle(*j);
         }
-        columns.add(&self.list, &mut self.left);
+        columns.add(&self.list, &mut self.residual);
         true
     }
 
-    /// The root of the derivative along the direction; `g_next` holds the change of g over the whole step.
+    /// The root of the derivative along the direction, in whole steps; `g_next` holds the change of g over the whole
+    /// step.
     ///
-    /// Without columns that change sides the derivative falls in proportion to what is left of the step; what they add is
-    /// summed apart, so that nothing cancels near the solution.
+    /// Without columns that change sign the derivative falls in proportion to the rest of the step. The share of those
+    /// columns is summed apart, so that nothing cancels near the solution.
     fn line_search(&self, columns: &Columns) -> f64 {
-        let start = dot(&self.direction, &self.left);
+        let start = dot_of_lanes(&self.direction, &self.residual);
         if !(start < 0.0) {
             return f64::NAN;
         }
@@ -278,7 +299,7 @@ impl Newton {
         for _ in 0..MOST_EVALUATIONS {
             let (value, slope) = crossings(columns.arch(), &self.g, &self.g_next, t);
             let (value, slope) = (value + (1.0 - t) * start, slope - start);
-            if value.abs() <= ENOUGH * start.abs() {
+            if value.abs() <= self.options.slope * start.abs() {
                 return t;
             }
             if value > 0.0 {
@@ -296,6 +317,7 @@ impl Newton {
     }
 }
 
+/// `off / largest`; 0 where nothing is off, infinite where something is off of nothing.
 fn relative(off: f64, largest: f64) -> f64 {
     if off == 0.0 {
         0.0
@@ -321,7 +343,7 @@ mod tests {
             columns: &columns,
             weights: &weights,
             b: &b,
-            square: 1e-3,
+            ridge_squared: 1e-3,
             tolerance: 1e-10,
             most_steps: 50,
         };

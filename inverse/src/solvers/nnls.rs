@@ -1,39 +1,40 @@
 //! Non-negative least squares with a ridge, solved where it is small: in the space of the measurements.
 //!
-//! `min over x >= 0 of 1/2 |A x - b|^2 + ridge^2/2 |x|^2`. At the optimum `x = max(0, A^T u)` with `ridge^2 u = b - A x`,
-//! so u, as long as the rank, solves `ridge^2 u + A max(0, A^T u) = b`: see the Newton steps, a few from the u of the
-//! frame before.
+//! `min over x >= 0 of 1/2 |A x - b|^2 + ridge^2/2 |x|^2`. At the optimum `x = max(0, A^T u)` with `ridge^2 u = b - A
+//! x`. The unknown is u, as long as the rank: it solves `ridge^2 u + A max(0, A^T u) = b`. A few Newton steps from the
+//! u of the frame before are enough.
 
 use crate::linalg::aligned::Aligned;
 use crate::linalg::columns::Columns;
-use crate::solvers::active_set::Plain;
+use crate::linalg::vector::norm;
+use crate::solvers::active_set::ActiveSet;
 use crate::solvers::newton::{Newton, Task};
 use crate::solvers::stacked::Stacked;
 use crate::solvers::{Outcome, Problem, Solution, Status};
 use nalgebra::DVector;
 use std::sync::Arc;
 
-/// Squared ridge, over the largest squared singular value, that is lost in rounding beside it.
-const LEAST_SQUARE: f64 = 1e-16;
-/// Relative error of x by rounding above which the ridge becomes further rows.
+/// Least squared ridge, over the largest squared singular value. A smaller one is lost in rounding beside it.
+const LEAST_RIDGE_SQUARED: f64 = 1e-16;
+/// Relative error of x by rounding above which the ridge becomes further rows (docs/solver.md, "Without a ridge").
 const MOST_ROUNDING: f64 = 1e-6;
 
-/// What the solver is asked for.
+/// Ridge and accuracy of a solve.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NnlsOptions {
-    /// The ridge, in units of A's singular values; 0 or more. Below 1e-8 of the largest singular value it is taken as 0:
-    /// plain non-negative least squares.
+    /// The ridge, in units of A's singular values; 0 or more. Below 1e-8 of the largest singular value the ridge is
+    /// taken as 0: plain non-negative least squares.
     pub ridge: f64,
-    /// Stop when the gap (see [`Nnls::solve`]) is at most this.
+    /// Largest gap (see [`Nnls::solve`]) of a solve that has converged, relative to x.
     pub tolerance: f64,
-    /// Most Newton steps. The plain problem takes as many as it needs.
+    /// Most Newton steps. The problem without a ridge takes as many steps as it needs.
     pub most_steps: usize,
 }
 
 /// The solver with its state from frame to frame.
 ///
-/// All that a solve needs is set aside at the first solve of a problem, and once more at the first without a ridge or with one too small for Newton's steps; after it
-/// [`Nnls::solve_into`] allocates nothing.
+/// The workspace is allocated at the first solve of a problem, and another at the first without a ridge or with one too
+/// small for Newton steps. After these [`Nnls::solve_into`] allocates nothing.
 #[derive(Clone, Debug)]
 pub struct Nnls {
     options: NnlsOptions,
@@ -42,12 +43,12 @@ pub struct Nnls {
 
 #[derive(Clone, Debug)]
 struct Workspace {
-    /// Which problem the state belongs to.
+    /// The problem that the state belongs to.
     columns: Arc<Columns>,
     newton: Newton,
-    /// For no ridge; made when it is wanted, as is the next.
-    plain: Option<Box<Plain>>,
-    /// For a ridge that is too small for Newton's steps.
+    /// For no ridge; made when first needed.
+    active_set: Option<Box<ActiveSet>>,
+    /// For a ridge that is too small for Newton steps; made when first needed.
     stacked: Option<Box<Stacked>>,
     /// Squared singular values over that of the largest.
     weights: Vec<f64>,
@@ -56,7 +57,7 @@ struct Workspace {
     /// The reduced one, of norm 1.
     unit: Aligned,
     rank: usize,
-    /// What turns Newton's point into the dual solution of the last right-hand side.
+    /// Factor that turns Newton's point into the dual solution of the last right-hand side.
     dual_scale: Option<f64>,
 }
 
@@ -68,7 +69,7 @@ impl Workspace {
         weights.resize(columns.rows(), 0.0);
         Self {
             newton: Newton::new(&columns),
-            plain: None,
+            active_set: None,
             stacked: None,
             weights,
             full: Aligned::zeros(problem.basis_columns().rows()),
@@ -89,17 +90,17 @@ impl Nnls {
         }
     }
 
-    /// What the solver is asked for.
+    /// Ridge and accuracy of the next solve.
     pub fn options(&self) -> NnlsOptions {
         self.options
     }
 
-    /// Changes the ridge; the next solve starts from the last frame all the same.
+    /// Changes the ridge. The next solve starts from the last frame all the same.
     pub fn set_ridge(&mut self, ridge: f64) {
         self.options.ridge = ridge;
     }
 
-    /// Changes the most Newton steps.
+    /// Changes the limit of Newton steps.
     pub fn set_most_steps(&mut self, most_steps: usize) {
         self.options.most_steps = most_steps;
     }
@@ -108,22 +109,22 @@ impl Nnls {
     pub fn reset(&mut self) {
         if let Some(workspace) = &mut self.workspace {
             workspace.newton.reset();
-            if let Some(plain) = &mut workspace.plain {
-                plain.reset();
+            if let Some(active_set) = &mut workspace.active_set {
+                active_set.reset();
             }
         }
     }
 
-    /// Forgets the factor of the last frame but not its solution: the next solve forms the factor anew. For measuring what
-    /// keeping it is worth.
+    /// Forgets the factor of the last frame but not its solution: the next solve forms the factor anew. The benchmarks
+    /// measure with it what a kept factor is worth.
     pub fn reset_factor(&mut self) {
         if let Some(workspace) = &mut self.workspace {
             workspace.newton.reset_factor();
         }
     }
 
-    /// The last solve's estimate of the reduced residual `b - A x`, the solution of the dual problem; none without a solve
-    /// or without a ridge.
+    /// The last solve's estimate of the reduced residual `b - A x`, which is the solution of the dual problem. `None`
+    /// without a solve or without a ridge.
     pub fn dual(&self) -> Option<DVector<f64>> {
         let workspace = self.workspace.as_ref()?;
         let scale = workspace.dual_scale.filter(|s| s.is_finite())?;
@@ -134,10 +135,13 @@ impl Nnls {
     /// Solves for one right-hand side, starting from the last frame's solution.
     ///
     /// The solution's `gap` is a bound on the largest entry of `|x - max(0, A^T (b - A x)) / ridge^2|` over the largest
-    /// of x. Without a ridge it is the largest `|min(x_j |a_j|, g_j / |a_j|)|` over `|b|`, with the gradient
-    /// `g = A^T (A x - b)`; so it is, with the ridge as further rows of A, where the ridge is so small beside what x leaves
-    /// unexplained that rounding spoils the Newton steps: such a solve takes longer. A solve has converged when the gap is at most the tolerance, or what rounding makes of it where
-    /// that is more.
+    /// of x. Without a ridge the gap is the largest `|min(x_j |a_j|, g_j / |a_j|)|` over `|b|`, with the gradient
+    /// `g = A^T (A x - b)`.
+    ///
+    /// Where the ridge is small beside the residual, rounding spoils the Newton steps. The ridge then becomes further
+    /// rows of A, and the gap is that without a ridge. Such a solve takes longer.
+    ///
+    /// A solve has converged when the gap is at most the tolerance, or the gap that rounding makes where that is more.
     pub fn solve(&mut self, problem: &Problem, b: &DVector<f64>) -> Solution {
         let mut x = DVector::zeros(problem.cells());
         let outcome = self.solve_into(problem, b.as_slice(), x.as_mut_slice());
@@ -152,7 +156,8 @@ impl Nnls {
 
     /// [`Nnls::solve`] into the caller's x, one entry for each cell; `b` has one for each row of the whole matrix.
     ///
-    /// Numbers that are not finite, lengths that do not fit and a negative ridge end as [`Status::BadInput`] with x = 0.
+    /// Numbers that are not finite, lengths that do not fit and a negative ridge end as [`Status::BadInput`] with x =
+    /// 0.
     pub fn solve_into(&mut self, problem: &Problem, b: &[f64], x: &mut [f64]) -> Outcome {
         x.fill(0.0);
         let ridge = self.options.ridge;
@@ -195,18 +200,18 @@ impl Workspace {
             *unit /= norm;
         }
         let sigma = problem.singular()[0];
-        let square = (options.ridge / sigma).powi(2);
-        if !square.is_finite() {
+        let ridge_squared = (options.ridge / sigma).powi(2);
+        if !ridge_squared.is_finite() {
             return Outcome::nothing(Status::Converged, 1.0);
         }
         let scale = norm * largest / sigma;
-        self.dual_scale = (square > LEAST_SQUARE).then_some(square * norm * largest);
-        let (run, left) = if square > LEAST_SQUARE {
+        self.dual_scale = (ridge_squared > LEAST_RIDGE_SQUARED).then_some(ridge_squared * norm * largest);
+        let (run, residual) = if ridge_squared > LEAST_RIDGE_SQUARED {
             let run = self.newton.run(Task {
                 columns: &self.columns,
                 weights: &self.weights,
                 b: &self.unit,
-                square,
+                ridge_squared,
                 tolerance: options.tolerance,
                 most_steps: options.most_steps,
             });
@@ -215,24 +220,26 @@ impl Workspace {
             }
             if run.gap > options.tolerance && run.rounding > MOST_ROUNDING {
                 let stacked = match &mut self.stacked {
-                    Some(s) if s.square() == square => s,
-                    other => other.insert(Box::new(Stacked::new(problem, square))),
+                    Some(s) if s.ridge_squared() == ridge_squared => s,
+                    other => other.insert(Box::new(Stacked::new(problem, ridge_squared))),
                 };
                 self.dual_scale = None;
                 stacked.run(&self.unit, options.tolerance, scale, x)
             } else {
-                (run, self.newton.residual_norm(square))
+                (run, self.newton.residual_norm(ridge_squared))
             }
         } else {
-            let plain = self.plain.get_or_insert_with(|| Box::new(Plain::new(&self.columns)));
-            let run = plain.run(&self.columns, &self.unit, options.tolerance);
-            plain.write(scale, x);
-            (run, plain.residual_norm())
+            let active_set = self
+                .active_set
+                .get_or_insert_with(|| Box::new(ActiveSet::new(&self.columns)));
+            let run = active_set.run(&self.columns, &self.unit, options.tolerance);
+            active_set.write(scale, x);
+            (run, active_set.residual_norm())
         };
         let explained = norm / whole;
         let rest = (1.0 - explained * explained).max(0.0).sqrt();
         Outcome {
-            residual: (left * explained).hypot(rest).min(1.0),
+            residual: (residual * explained).hypot(rest).min(1.0),
             gap: run.gap,
             iterations: run.steps,
             status: if run.gap <= options.tolerance.max(run.rounding) {
@@ -242,10 +249,6 @@ impl Workspace {
             },
         }
     }
-}
-
-fn norm(v: &[f64]) -> f64 {
-    v.iter().map(|v| v * v).sum::<f64>().sqrt()
 }
 
 #[cfg(test)]

@@ -1,32 +1,36 @@
-//! The passive set of plain non-negative least squares: a few columns, scaled to norm 1, with the inverse of the Cholesky
-//! factor of their products as they come and go.
+//! The passive set of plain non-negative least squares: the columns whose x is positive, scaled to norm 1.
 //!
-//! With the inverse at hand nothing has to be solved for: when a column enters a set whose gradient is zero, the way to the
-//! new least squares values is the inverse's last row.
+//! The set keeps the inverse of the Cholesky factor of the columns' products. Nothing has to be solved for: when a
+//! column enters a set whose gradient is zero, the step to the new least squares values is the inverse's last row.
 
 use crate::linalg::aligned::Aligned;
 use crate::linalg::columns::Columns;
 use crate::linalg::kernels::{LANES, padded};
+use crate::linalg::vector::dot_by_halves;
 use crate::solvers::products::Products;
 use pulp::Simd;
 
-/// Least squared distance of a column of norm 1 from the span of those chosen before; a closer one is taken as dependent.
+/// Least squared distance of a column of norm 1 from the span of the members. A closer column counts as dependent:
+/// rounding is a good part of its distance.
 const LEAST_DISTANCE: f64 = 1e-13;
-/// Share of the largest value at which a member has reached zero.
-const REACHED: f64 = 1e-14;
-/// Columns that came and went before the inverse is made afresh, so that rounding does not pile up.
+/// Share of the largest value at which a member has reached zero, to rounding.
+const ZERO: f64 = 1e-14;
+/// Columns that came and went before the inverse is made afresh. Its rounding then stays small beside the tolerance;
+/// the test of the inverse takes 3,000.
 const REFRESH: usize = 2000;
 
-/// Columns chosen, their inverse factor and their values.
+/// The members, their inverse factor and their values.
 #[derive(Clone, Debug)]
-pub(super) struct Passive {
+pub(super) struct PassiveSet {
     members: Vec<usize>,
     /// Values of the members, in units of columns of norm 1, and 0 from there on.
     values: Aligned,
-    /// Lower triangle, row by row with a stride; zero beyond the diagonal.
+    /// Inverse of the Cholesky factor: the lower triangle, row by row with a stride; zero beyond the diagonal.
     inverse: Aligned,
     stride: usize,
-    most: usize,
+    /// Most members.
+    capacity: usize,
+    /// Columns that came and went since the inverse was made.
     moves: usize,
     /// `b - A x`.
     residual: Aligned,
@@ -34,53 +38,55 @@ pub(super) struct Passive {
     scales: Vec<f64>,
     products: Option<Products>,
     /// `A^T b` where products are kept.
-    toward: Aligned,
+    projected: Aligned,
     list: Vec<(usize, f64)>,
     /// Gradients of the members while all are on their way to 0.
     gradients: Vec<f64>,
     dots: Vec<f64>,
-    /// Of a row that is turned: the share it keeps, that of the row carried, and its entry in the column that goes.
-    turns: Vec<[f64; 3]>,
+    /// For every rotated row: its own share, that of the row carried, and its entry in the column that goes.
+    rotations: Vec<[f64; 3]>,
     right: Aligned,
-    half: Aligned,
+    /// `L^-1 right`.
+    solved: Aligned,
+    /// Step of the values.
     step: Aligned,
 }
 
-impl Passive {
-    /// No column; at most as many as there are rows. With or without the products of all columns.
+impl PassiveSet {
+    /// The empty set, of at most as many columns as there are rows; with or without the products of all columns.
     pub(super) fn new(columns: &Columns, products: bool) -> Self {
-        let most = columns.rows();
-        let stride = padded(most, LANES) + LANES;
+        let capacity = columns.rows();
+        let stride = padded(capacity, LANES) + LANES;
         let over = |n: &f64| if *n >= f64::MIN_POSITIVE { 1.0 / n } else { 0.0 };
         let scales: Vec<f64> = columns.norms().iter().map(over).collect();
         Self {
-            members: Vec::with_capacity(most),
+            members: Vec::with_capacity(capacity),
             values: Aligned::zeros(stride),
-            inverse: Aligned::zeros(most * stride),
+            inverse: Aligned::zeros(capacity * stride),
             stride,
-            most,
+            capacity,
             moves: 0,
-            residual: Aligned::zeros(most),
-            toward: Aligned::zeros(columns.cells()),
+            residual: Aligned::zeros(capacity),
+            projected: Aligned::zeros(columns.cells()),
             products: products.then(|| Products::new(columns, &scales)),
             scales,
-            list: Vec::with_capacity(most),
-            gradients: Vec::with_capacity(most),
-            dots: Vec::with_capacity(most),
-            turns: Vec::with_capacity(most),
+            list: Vec::with_capacity(capacity),
+            gradients: Vec::with_capacity(capacity),
+            dots: Vec::with_capacity(capacity),
+            rotations: Vec::with_capacity(capacity),
             right: Aligned::zeros(stride),
-            half: Aligned::zeros(stride),
+            solved: Aligned::zeros(stride),
             step: Aligned::zeros(stride + LANES),
         }
     }
 
-    /// Takes every column out.
+    /// Removes every member.
     pub(super) fn clear(&mut self) {
         self.members.clear();
         self.values.fill(0.0);
     }
 
-    /// Indices of the columns.
+    /// Columns in the set.
     #[inline(always)]
     pub(super) fn members(&self) -> &[usize] {
         &self.members
@@ -92,7 +98,7 @@ impl Passive {
         &self.values[..self.members.len()]
     }
 
-    /// `b - A x` as of the last [`Passive::update`].
+    /// `b - A x` as of the last [`PassiveSet::update`].
     #[inline(always)]
     pub(super) fn residual(&self) -> &[f64] {
         &self.residual
@@ -114,13 +120,13 @@ impl Passive {
         columns.add(&self.list, &mut self.residual);
     }
 
-    /// Prepares for a right-hand side.
+    /// Prepares for the right-hand side b.
     #[inline(always)]
     pub(super) fn begin(&mut self, columns: &Columns, b: &[f64]) {
         if self.products.is_some() {
-            columns.dots(b, &mut self.toward);
-            for (toward, scale) in self.toward.iter_mut().zip(&self.scales) {
-                *toward *= scale;
+            columns.dots(b, &mut self.projected);
+            for (projected, scale) in self.projected.iter_mut().zip(&self.scales) {
+                *projected *= scale;
             }
         }
     }
@@ -134,7 +140,7 @@ impl Passive {
         self.list.clear();
         let each = self.members.iter().zip(&self.values);
         self.list.extend(each.map(|(j, x)| (*j, -x)));
-        out.copy_from_slice(&self.toward);
+        out.copy_from_slice(&self.projected);
         products.add(columns, &self.list, out);
         true
     }
@@ -143,10 +149,10 @@ impl Passive {
     #[inline(always)]
     pub(super) fn gradient(&self, columns: &Columns, j: usize) -> f64 {
         let Some(products) = &self.products else {
-            return dot(columns.column(j), &self.residual) * self.scales[j];
+            return dot_by_halves(columns.column(j), &self.residual) * self.scales[j];
         };
         let row = products.of(j);
-        // Four sums, so that none waits for the one before.
+        // Four sums: none waits for the one before.
         let mut sums = [0.0; 4];
         let (members, rest) = self.members.as_chunks::<4>();
         let (values, values_of_rest) = self.values().as_chunks::<4>();
@@ -158,28 +164,31 @@ impl Passive {
         for (member, value) in rest.iter().zip(values_of_rest) {
             sums[0] += value * row[*member];
         }
-        self.toward[j] - ((sums[0] + sums[1]) + (sums[2] + sums[3]))
+        self.projected[j] - ((sums[0] + sums[1]) + (sums[2] + sums[3]))
     }
 
-    /// Lets a column in whose gradient is this, above 0 while that of the members is 0, and goes to the least squares values; members
-    /// that would fall below zero are taken out on the way. False when the column depends on those chosen, or nothing moves.
+    /// Lets a column in and goes to the least squares values. `gradient` is the column's, above 0; that of the members
+    /// is 0.
+    ///
+    /// Members that would fall below zero are removed on the way. False when the column depends on the members, or
+    /// nothing moves.
     #[inline(always)]
     pub(super) fn enter<S: Simd>(&mut self, simd: S, columns: &Columns, b: &[f64], j: usize, gradient: f64) -> bool {
-        let moved = self.insert(simd, columns, j) && self.go(simd, j, gradient);
+        let moved = self.insert(simd, columns, j) && self.go_to_least_squares(simd, j, gradient);
         if self.products.is_none() {
             self.update(columns, b);
         }
         moved
     }
 
-    /// Goes to the least squares values after the j-th column has entered.
+    /// Goes to the least squares values after the j-th column has entered; whether anything moved.
     #[inline(always)]
-    fn go<S: Simd>(&mut self, simd: S, j: usize, gradient: f64) -> bool {
-        let (mut left, mut moved) = (gradient, false);
+    fn go_to_least_squares<S: Simd>(&mut self, simd: S, j: usize, gradient: f64) -> bool {
+        let (mut remaining, mut moved) = (gradient, false);
         loop {
             let count = self.members.len();
             let row = &self.inverse[(count - 1) * self.stride..][..padded(count, LANES)];
-            let scale = left * row[count - 1];
+            let scale = remaining * row[count - 1];
             for (step, r) in self.step.iter_mut().zip(row) {
                 *step = scale * r;
             }
@@ -188,20 +197,20 @@ impl Passive {
             if !(share < 1.0) {
                 return moved;
             }
-            left *= 1.0 - share;
-            self.take_out(simd);
+            remaining *= 1.0 - share;
+            self.remove_zeros(simd);
             if self.members.last() != Some(&j) {
-                // It came no further than rounding.
+                // The column came no further than rounding.
                 return false;
             }
         }
     }
 
-    /// Adds a column with value 0; false when it depends on those chosen.
+    /// Adds a column with value 0; false when it depends on the members.
     #[inline(always)]
     fn insert<S: Simd>(&mut self, simd: S, columns: &Columns, j: usize) -> bool {
         let count = self.members.len();
-        if count == self.most || !(self.scales[j] > 0.0) {
+        if count == self.capacity || !(self.scales[j] > 0.0) {
             return false;
         }
         if let Some(products) = &self.products {
@@ -216,12 +225,16 @@ impl Passive {
             }
         }
         self.right[count..padded(count, LANES)].fill(0.0);
-        self.halve(simd);
-        let distance = 1.0 - dot(&self.half[..padded(count, LANES)], &self.half[..padded(count, LANES)]);
+        self.apply_inverse(simd);
+        let distance = 1.0
+            - dot_by_halves(
+                &self.solved[..padded(count, LANES)],
+                &self.solved[..padded(count, LANES)],
+            );
         if !(distance > LEAST_DISTANCE) {
             return false;
         }
-        self.back(simd);
+        self.apply_inverse_transposed(simd);
         let one_over = 1.0 / distance.sqrt();
         let row = &mut self.inverse[count * self.stride..][..self.stride];
         let (start, rest) = row.split_at_mut(padded(count + 1, LANES));
@@ -235,14 +248,14 @@ impl Passive {
         true
     }
 
-    /// `half = L^-1 right`; right is 0 from the number of members to the next multiple of [`LANES`], and so is half.
+    /// `solved = L^-1 right`. Both are 0 from the number of members to the next multiple of [`LANES`].
     #[inline(always)]
-    fn halve<S: Simd>(&mut self, simd: S) {
+    fn apply_inverse<S: Simd>(&mut self, simd: S) {
         let (count, width) = (self.members.len(), self.stride / S::F64_LANES);
         let (inverse, right) = (S::as_simd_f64s(&self.inverse).0, S::as_simd_f64s(&self.right).0);
         // Rows are taken in eights, all as long as the last of them.
-        let blocks = self.half.as_chunks_mut::<LANES>().0.iter_mut();
-        for (block, half) in blocks.enumerate().take(count.div_ceil(LANES)) {
+        let blocks = self.solved.as_chunks_mut::<LANES>().0.iter_mut();
+        for (block, solved) in blocks.enumerate().take(count.div_ceil(LANES)) {
             let length = (block + 1) * (LANES / S::F64_LANES);
             let right = &right[..length];
             let rows: [&[S::f64s]; LANES] = std::array::from_fn(|k| &inverse[(block * LANES + k) * width..][..length]);
@@ -252,25 +265,25 @@ impl Passive {
                     *sum = simd.mul_add_e_f64s(row[v], right[v], *sum);
                 }
             }
-            for (half, sum) in half.iter_mut().zip(sums) {
-                *half = simd.reduce_sum_f64s(sum);
+            for (solved, sum) in solved.iter_mut().zip(sums) {
+                *solved = simd.reduce_sum_f64s(sum);
             }
         }
-        self.half[count..padded(count, LANES)].fill(0.0);
+        self.solved[count..padded(count, LANES)].fill(0.0);
     }
 
     /// `step = L^-T half`, and zero to the end of the register after the last.
     #[inline(always)]
-    fn back<S: Simd>(&mut self, simd: S) {
+    fn apply_inverse_transposed<S: Simd>(&mut self, simd: S) {
         let (count, width) = (self.members.len(), self.stride / S::F64_LANES);
         let inverse = S::as_simd_f64s(&self.inverse).0;
         self.step[count..padded(count + 1, LANES)].fill(0.0);
         let steps = S::as_mut_simd_f64s(&mut self.step).0.iter_mut();
         for (v, step) in steps.enumerate().take(count.div_ceil(S::F64_LANES)) {
-            // Several sums, so that none waits for the one before.
+            // Several sums: none waits for the one before.
             let [mut p, mut q, mut r, mut t] = [simd.splat_f64s(0.0); 4];
             let first = v * S::F64_LANES;
-            let (fours, rest) = self.half[first..count].as_chunks::<4>();
+            let (fours, rest) = self.solved[first..count].as_chunks::<4>();
             let mut rows = inverse[first * width..].chunks_exact(4 * width);
             for ([a, b, c, d], rows) in fours.iter().zip(rows.by_ref()) {
                 p = simd.mul_add_e_f64s(rows[v], simd.splat_f64s(*a), p);
@@ -278,36 +291,36 @@ impl Passive {
                 r = simd.mul_add_e_f64s(rows[2 * width + v], simd.splat_f64s(*c), r);
                 t = simd.mul_add_e_f64s(rows[3 * width + v], simd.splat_f64s(*d), t);
             }
-            let left = inverse[(count - rest.len()) * width..].chunks_exact(width);
-            for (a, row) in rest.iter().zip(left) {
+            let rows = inverse[(count - rest.len()) * width..].chunks_exact(width);
+            for (a, row) in rest.iter().zip(rows) {
                 p = simd.mul_add_e_f64s(row[v], simd.splat_f64s(*a), p);
             }
             *step = simd.add_f64s(simd.add_f64s(p, q), simd.add_f64s(r, t));
         }
     }
 
-    /// Takes the k-th column out.
+    /// Removes the k-th member.
     ///
-    /// Rows are turned into one another so that the column of the inverse that goes becomes zero but for its last entry, which goes
-    /// with its row. What the turned rows have in that column is known beforehand, so that no turn waits for a root.
+    /// Givens rotations of the rows make the column of the inverse that goes zero but for its last entry, which goes
+    /// with its row. All rotations follow from that column beforehand, so that none waits for a root.
     #[inline(always)]
     fn remove<S: Simd>(&mut self, simd: S, k: usize) {
         let (stride, last) = (self.stride, self.members.len() - 1);
-        // The row that is carried from turn to turn is the sum of all before, each times its entry in the column that goes, over
-        // the length of these entries.
-        self.turns.clear();
+        // The row that is carried is the sum of all rows before, each times its entry in the column that goes, over the
+        // length of these entries.
+        self.rotations.clear();
         let first = self.inverse[k * stride + k];
         let mut square = first * first;
         for i in k + 1..=last {
             let entry = self.inverse[i * stride + k];
-            self.turns.push([square, 0.0, entry]);
+            self.rotations.push([square, 0.0, entry]);
             square += entry * entry;
         }
-        for [keep, take, entry] in &mut self.turns {
+        for [keep, take, entry] in &mut self.rotations {
             let one_over = 1.0 / (*keep * (*keep + *entry * *entry)).sqrt();
             (*keep, *take) = (*keep * one_over, *entry * one_over);
         }
-        // Entries behind the column that goes move up by one: all but some of the first register, where it was.
+        // Entries behind the column that goes move up by one. In the first register, where the column was, some stay.
         let lanes = S::F64_LANES;
         let numbers: [f64; LANES] = std::array::from_fn(|n| n as f64);
         let order = S::as_simd_f64s(&numbers).0[0];
@@ -324,7 +337,7 @@ impl Passive {
                 simd.splat_f64s(if top == k { first } else { 0.0 }),
                 load(&self.inverse, top),
             );
-            for (i, [keep, take, entry]) in (top..last).zip(&self.turns[top - k..]) {
+            for (i, [keep, take, entry]) in (top..last).zip(&self.rotations[top - k..]) {
                 let lower = load(&self.inverse, i + 1);
                 let taken = simd.mul_f64s(simd.splat_f64s(*take), carried);
                 let upper = simd.mul_add_e_f64s(simd.splat_f64s(*keep), lower, simd.neg_f64s(taken));
@@ -341,8 +354,10 @@ impl Passive {
         self.moves += 1;
     }
 
-    /// Goes to the least squares values of the members for a right-hand side, as a correction from the residual: what rounding left in
-    /// the inverse shrinks from one call to the next. Those that reach zero on the way are taken out. Returns how often it solved.
+    /// Goes to the least squares values of the members for a right-hand side; returns the number of solves.
+    ///
+    /// The step is a correction from the true residual: the error of the inverse shrinks from one call to the next.
+    /// Members that reach zero on the way are removed.
     #[inline(always)]
     pub(super) fn refine<S: Simd>(&mut self, simd: S, columns: &Columns, b: &[f64]) -> usize {
         self.update(columns, b);
@@ -355,28 +370,28 @@ impl Passive {
             let count = self.members.len();
             self.right[..count].copy_from_slice(&self.gradients);
             self.right[count..padded(count, LANES)].fill(0.0);
-            self.halve(simd);
-            self.back(simd);
+            self.apply_inverse(simd);
+            self.apply_inverse_transposed(simd);
             solves += 1;
             let share = self.advance(simd);
             if !(share < 1.0) {
                 self.gradients.clear();
                 return solves;
             }
-            // A part of the way takes the same part of every member's gradient.
+            // A part of the step takes the same part of every member's gradient.
             for gradient in &mut self.gradients {
                 *gradient *= 1.0 - share;
             }
-            self.take_out(simd);
+            self.remove_zeros(simd);
         }
     }
 
-    /// Whether so much came and went that rounding may have piled up in the inverse.
-    pub(super) fn is_worn(&self) -> bool {
+    /// Whether so many columns came and went that rounding may have piled up in the inverse.
+    pub(super) fn needs_rebuild(&self) -> bool {
         self.moves > REFRESH
     }
 
-    /// Makes the inverse afresh; a column that depends on the others goes.
+    /// Makes the inverse afresh; a member that depends on the others is removed.
     #[inline(always)]
     pub(super) fn rebuild<S: Simd>(&mut self, simd: S, columns: &Columns) {
         let count = self.members.len();
@@ -393,7 +408,7 @@ impl Passive {
         self.moves = 0;
     }
 
-    /// Takes as much of the step as leaves no value below zero; returns its share, 1 for all of it.
+    /// Takes as much of the step as leaves no value below zero; returns that share, 1 for the whole step.
     #[inline(always)]
     fn advance<S: Simd>(&mut self, simd: S) -> f64 {
         let length = padded(self.members.len(), LANES);
@@ -418,41 +433,22 @@ impl Passive {
         share
     }
 
-    /// Takes out the members that have reached zero.
+    /// Removes the members that have reached zero.
     #[inline(always)]
-    fn take_out<S: Simd>(&mut self, simd: S) {
-        let mut most = [0.0; LANES];
+    fn remove_zeros<S: Simd>(&mut self, simd: S) {
+        let mut largest = [0.0; LANES];
         for values in self.values.as_chunks::<LANES>().0 {
-            for (most, value) in most.iter_mut().zip(values) {
-                *most = if value > most { *value } else { *most };
+            for (largest, value) in largest.iter_mut().zip(values) {
+                *largest = if value > largest { *value } else { *largest };
             }
         }
-        let limit = REACHED * most.into_iter().fold(0.0, f64::max);
+        let limit = ZERO * largest.into_iter().fold(0.0, f64::max);
         for k in (0..self.members.len()).rev() {
             if !(self.values[k] > limit) {
                 self.remove(simd, k);
             }
         }
     }
-}
-
-/// Scalar product of slices of the same length, a multiple of [`LANES`].
-#[inline(always)]
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let mut sums = [0.0; LANES];
-    for (a, b) in a.as_chunks::<LANES>().0.iter().zip(b.as_chunks::<LANES>().0) {
-        for k in 0..LANES {
-            sums[k] += a[k] * b[k];
-        }
-    }
-    total(&sums)
-}
-
-/// Sum of a register, by halves as is fastest.
-#[inline(always)]
-fn total(sums: &[f64; LANES]) -> f64 {
-    let fours: [f64; 4] = std::array::from_fn(|k| sums[k] + sums[k + 4]);
-    (fours[0] + fours[2]) + (fours[1] + fours[3])
 }
 
 #[cfg(test)]
@@ -462,7 +458,7 @@ mod tests {
     use rand::rngs::StdRng;
     use rand::{Rng, SeedableRng};
 
-    /// The inverse is that of the members' products, and the values are the least squares values, after any comings and goings.
+    /// After any changes the inverse is that of the members' products, and the values are the least squares values.
     #[test]
     fn the_inverse_stays_that_of_the_members() {
         the_inverse_stays(pulp::Scalar, true);
@@ -482,7 +478,7 @@ mod tests {
         let mut rng = StdRng::seed_from_u64(5);
         let matrix = DMatrix::from_fn(24, 40, |_, _| rng.random_range(-0.3..1.0));
         let columns = Columns::new(&matrix, 1.0);
-        let mut passive = Passive::new(&columns, products);
+        let mut passive = PassiveSet::new(&columns, products);
         let mut removed = 0;
         for _ in 0..3000 {
             let j = rng.random_range(0..40);
@@ -493,7 +489,7 @@ mod tests {
                 passive.insert(simd, &columns, j);
             }
         }
-        assert!(removed > 1000 && passive.is_worn());
+        assert!(removed > 1000 && passive.needs_rebuild());
         let count = passive.members.len();
         let chosen = DMatrix::from_columns(
             &passive

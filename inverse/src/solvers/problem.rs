@@ -4,33 +4,35 @@ use crate::linalg::columns::Columns;
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use std::sync::Arc;
 
-/// Singular values below this fraction of the largest are rounding: the reduction works on `A A^T`.
+/// Singular values below this fraction of the largest are rounding. The reduction works on `A A^T`, which has half of
+/// the digits.
 const LEAST_SINGULAR: f64 = 1e-7;
 
 /// `A x = b` with the rows of A replaced by an orthonormal basis of their span. Immutable; clones share their storage.
 ///
-/// The 208 values of an adjacent frame have rank 104 for a current drive and 118 for a voltage drive: half the rows carry
-/// nothing but noise, which no x can explain. What is dropped of b is kept as a number, so that residuals are those of
-/// the whole problem.
+/// The 208 values of an adjacent frame have rank 104 for a current drive and 118 for a voltage drive. Half of the rows
+/// carry nothing but noise, which no x can explain. The norm of the part of b outside the span is kept, so that
+/// residuals are those of the whole problem.
 #[derive(Clone, Debug)]
 pub struct Problem {
     a: Arc<DMatrix<f64>>,
     singular: DVector<f64>,
     /// Orthonormal columns, `rows x rank`: b is reduced by its transpose.
     basis: Arc<DMatrix<f64>>,
-    /// The reduced matrix and the basis, as the kernels want them.
+    /// The reduced matrix over its largest singular value, in the layout of the kernels.
     columns: Arc<Columns>,
+    /// The basis in the same layout.
     basis_columns: Arc<Columns>,
     finite: bool,
 }
 
 impl Problem {
-    /// Reduces a matrix, `values x cells`. Directions with a singular value below `drop` times the largest are left out;
-    /// 1e-7 and less is rounding.
+    /// Reduces a matrix, `values x cells`. Directions with a singular value of at most `rank_tolerance` times the
+    /// largest are left out. A tolerance below 1e-7 counts as 1e-7, since smaller singular values are rounding.
     ///
     /// A matrix with a number that is not finite has rank 0, and every solve of it ends as
     /// [`Status::BadInput`](crate::solvers::Status::BadInput).
-    pub fn new(a: &DMatrix<f64>, drop: f64) -> Self {
+    pub fn new(a: &DMatrix<f64>, rank_tolerance: f64) -> Self {
         let finite = a.iter().all(|v| v.is_finite());
         let scale = if finite && !a.is_empty() { a.amax() } else { 0.0 };
         if scale < f64::MIN_POSITIVE {
@@ -42,7 +44,7 @@ impl Problem {
         let value = |k: usize| eigen.eigenvalues[k].max(0.0).sqrt();
         let mut order: Vec<usize> = (0..a.nrows()).collect();
         order.sort_by(|i, j| value(*j).total_cmp(&value(*i)));
-        let limit = drop.max(LEAST_SINGULAR) * order.first().map_or(0.0, |k| value(*k));
+        let limit = rank_tolerance.max(LEAST_SINGULAR) * order.first().map_or(0.0, |k| value(*k));
         let kept: Vec<usize> = order.into_iter().filter(|k| value(*k) > limit).collect();
         let basis = eigen.eigenvectors.select_columns(&kept);
         let singular = DVector::from_iterator(kept.len(), kept.iter().map(|k| value(*k) * scale));
@@ -76,8 +78,8 @@ impl Problem {
         )
     }
 
-    /// The same problem with a second set of cells that lower what the first raise, at `weight` times the effect: x then
-    /// holds the rises, then the falls over `weight`.
+    /// The same problem with a second set of cells, which lower the resistivity at `weight` times the effect. x then
+    /// holds the rises, followed by the falls over `weight`.
     pub fn with_falls(&self, weight: f64) -> Self {
         let (rank, cells) = (self.rank(), self.cells());
         let mut a = DMatrix::zeros(rank, 2 * cells);
@@ -101,7 +103,7 @@ impl Problem {
         &self.singular
     }
 
-    /// Rank kept.
+    /// Rank: the number of directions kept.
     pub fn rank(&self) -> usize {
         self.a.nrows()
     }
@@ -116,21 +118,22 @@ impl Problem {
         self.basis.nrows()
     }
 
-    /// Rank and cells rounded up to what a register holds: lengths for [`Problem::back_project`].
+    /// Rank and cells, rounded up to whole registers: the lengths for [`Problem::back_project`].
     pub fn padded(&self) -> (usize, usize) {
         (self.columns.rows(), self.columns.cells())
     }
 
-    /// `A^T r` over A's largest singular value, by the solvers' own kernel: the least any solver has to do for a frame.
+    /// `A^T r` over A's largest singular value, by the solvers' own kernel. Every solver needs this product at least
+    /// once a frame.
     ///
-    /// `r` and `out` have the [padded](Problem::padded) lengths; what does not fit is left alone.
+    /// `r` and `out` have the [padded](Problem::padded) lengths; with others `out` stays as it is.
     pub fn back_project(&self, r: &[f64], out: &mut [f64]) {
         if (r.len(), out.len()) == self.padded() {
             self.columns.dots(r, out);
         }
     }
 
-    /// Whether the matrix was all finite.
+    /// Whether the whole matrix was finite.
     pub(super) fn is_finite(&self) -> bool {
         self.finite
     }
@@ -145,24 +148,24 @@ impl Problem {
         &self.basis
     }
 
-    /// The basis, as the kernels want it.
+    /// The basis in the layout of the kernels.
     pub(super) fn basis_columns(&self) -> &Arc<Columns> {
         &self.basis_columns
     }
 
-    /// The reduced right-hand side and the norm of what was dropped of it.
+    /// The reduced right-hand side, and the norm of the part outside the span.
     pub fn reduce(&self, b: &DVector<f64>) -> (DVector<f64>, f64) {
         let reduced = self.basis.tr_mul(b);
         let dropped = (b.norm_squared() - reduced.norm_squared()).max(0.0).sqrt();
         (reduced, dropped)
     }
 
-    /// The reduced right-hand sides, a column each.
+    /// The reduced right-hand sides, one in each column.
     pub fn reduce_all(&self, b: &DMatrix<f64>) -> DMatrix<f64> {
         self.basis.transpose() * b
     }
 
-    /// `|A x - b| / |b|` of the whole problem from the reduced residual and what was dropped.
+    /// `|A x - b| / |b|` of the whole problem, from the norms of the reduced residual and of the part outside the span.
     pub fn relative_residual(reduced: f64, dropped: f64, b: &DVector<f64>) -> f64 {
         let norm = b.norm();
         if norm > 0.0 { reduced.hypot(dropped) / norm } else { 0.0 }

@@ -4,7 +4,8 @@ use crate::linalg::aligned::Aligned;
 use crate::linalg::columns::Columns;
 use crate::linalg::kernels::add_columns;
 
-/// Most columns of a matrix whose products pay: 2 MB.
+/// Most columns of a matrix whose products are formed: with more, they take more than the 2 MB of the second level of
+/// cache.
 pub(super) const MOST_CELLS: usize = 512;
 
 /// `a_i . a_j` of columns scaled to norm 1.

@@ -1,11 +1,11 @@
-//! The leading directions of a problem, as fast as its kernels are.
+//! Projection of frames onto the leading directions of a problem, by the solvers' kernels.
 
 use crate::linalg::aligned::Aligned;
 use crate::linalg::columns::Columns;
 use crate::solvers::Problem;
 
-/// Projects right-hand sides onto the leading directions of a problem: the first values of what
-/// [`Problem::reduce`] gives, without an allocation.
+/// Projects right-hand sides onto the leading directions of a problem: the first values of [`Problem::reduce`], without
+/// an allocation.
 #[derive(Clone, Debug)]
 pub struct Projector {
     columns: Columns,
@@ -28,12 +28,12 @@ impl Projector {
         }
     }
 
-    /// How many directions.
+    /// The number of directions.
     pub fn directions(&self) -> usize {
         self.directions
     }
 
-    /// The projection of the values that `fill` writes.
+    /// The projection of the values that `fill` writes into a slice of the problem's rows, padded.
     pub fn project(&mut self, fill: impl FnOnce(&mut [f64])) -> &[f64] {
         fill(&mut self.values);
         self.columns.dots(&self.values, &mut self.out);

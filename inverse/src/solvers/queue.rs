@@ -1,8 +1,8 @@
-//! Columns that may enter, the one with the largest gradient first.
+//! A queue of the columns that may enter, the one with the largest gradient first.
 
 use std::collections::BinaryHeap;
 
-/// Candidates by the gradient that each had when it was last computed.
+/// Columns by the gradient that each had when last computed.
 #[derive(Clone, Debug)]
 pub(super) struct Queue {
     heap: BinaryHeap<Candidate>,
@@ -30,14 +30,14 @@ impl Candidate {
 }
 
 impl Queue {
-    /// Room for as many columns.
+    /// An empty queue with room for as many columns.
     pub(super) fn new(cells: usize) -> Self {
         Self {
             heap: BinaryHeap::with_capacity(cells),
         }
     }
 
-    /// Takes the columns whose gradients are above a limit of 0 or more.
+    /// Fills the queue with the columns whose gradients are above a limit of 0 or more.
     #[inline(always)]
     pub(super) fn fill(&mut self, gradients: &[f64], limit: f64) {
         let mut list = std::mem::take(&mut self.heap).into_vec();
@@ -50,10 +50,10 @@ impl Queue {
         self.heap = BinaryHeap::from(list);
     }
 
-    /// The column whose gradient is largest, if that is above a limit, with the gradient as it is now.
+    /// The column whose gradient is largest, with its present gradient, if that is above a limit.
     ///
-    /// A gradient that was computed earlier stands for the present one until its column is the first: what enters takes from its
-    /// neighbours, and hardly ever adds to one.
+    /// A gradient computed earlier stands for the present one until its column comes to the front: a column that enters
+    /// takes from its neighbours, and hardly ever adds to one.
     #[inline(always)]
     pub(super) fn next(&mut self, limit: f64, now: impl Fn(usize) -> f64) -> Option<(usize, f64)> {
         while let Some(first) = self.heap.peek().copied() {
@@ -64,7 +64,7 @@ impl Queue {
                 continue;
             }
             if (gradient as f32) < first.gradient() {
-                // It sinks to where it belongs.
+                // The column sinks to its place.
                 let next = Candidate::new(gradient as f32, j);
                 if let Some(mut top) = self.heap.peek_mut() {
                     *top = next;

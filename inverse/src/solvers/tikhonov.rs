@@ -3,6 +3,12 @@
 use crate::solvers::{Problem, Solution, Status};
 use nalgebra::DVector;
 
+/// How far beyond the singular values a ridge is sought, in natural logarithms: further out the residual does not
+/// change.
+const FAR: f64 = 30.0;
+/// Bisections of that interval: enough for full precision of a logarithm below 100.
+const BISECTIONS: usize = 60;
+
 /// `min |A x - b|^2 + ridge^2 |x|^2`, no sign constraint.
 ///
 /// The solution's `gap` is the norm of the normal equations' residual over that of `A^T b`.
@@ -10,16 +16,17 @@ pub fn tikhonov(problem: &Problem, b: &DVector<f64>, ridge: f64) -> Solution {
     filtered(problem, b, |s| s / (s * s + ridge * ridge), ridge)
 }
 
-/// The ridge at which [`tikhonov`] leaves of a frame what is noise: `|A x - b|^2 = rank sigma^2` over the reduced rows, for
-/// values of b with a standard deviation of `sigma` (the discrepancy principle: V. A. Morozov, 1966).
+/// The ridge at which the residual of [`tikhonov`] is the noise (the discrepancy principle: V. A. Morozov, 1966).
 ///
-/// Infinite where the whole frame is not more than its noise or not finite, and 0 without noise.
+/// `sigma` is the standard deviation of a value of b, in the unit of b. The residual is then `|A x - b|^2 = rank
+/// sigma^2` over the reduced rows. The ridge is infinite where the whole frame is not more than its noise or not
+/// finite, and 0 without noise.
 pub fn discrepancy_ridge(problem: &Problem, b: &DVector<f64>, sigma: f64) -> f64 {
     let largest = b.amax();
     if !largest.is_finite() || largest < f64::MIN_POSITIVE || problem.rank() == 0 {
         return f64::INFINITY;
     }
-    // In units of the largest value, so that no square overflows.
+    // In units of the largest value no square overflows.
     let ((small, _), sigma) = (problem.reduce(&(b / largest)), sigma / largest);
     let noise = small.len() as f64 * sigma * sigma;
     if !(noise > 0.0) {
@@ -28,8 +35,8 @@ pub fn discrepancy_ridge(problem: &Problem, b: &DVector<f64>, sigma: f64) -> f64
     if !(small.norm_squared() > noise) {
         return f64::INFINITY;
     }
-    // What is left grows with the ridge: halve the interval of its logarithm.
-    let left = |ridge: f64| -> f64 {
+    // The residual grows with the ridge: halve the interval of the ridge's logarithm.
+    let residual_square = |ridge: f64| -> f64 {
         let part = |s: f64| 1.0 / (1.0 + (s / ridge).powi(2));
         let each = small.iter().zip(problem.singular());
         each.map(|(v, s)| (v * part(*s)).powi(2)).sum()
@@ -38,7 +45,7 @@ pub fn discrepancy_ridge(problem: &Problem, b: &DVector<f64>, sigma: f64) -> f64
     let (mut low, mut high) = (least.ln() - FAR, largest.ln() + FAR);
     for _ in 0..BISECTIONS {
         let middle = 0.5 * (low + high);
-        if left(middle.exp()) > noise {
+        if residual_square(middle.exp()) > noise {
             high = middle;
         } else {
             low = middle;
@@ -47,19 +54,14 @@ pub fn discrepancy_ridge(problem: &Problem, b: &DVector<f64>, sigma: f64) -> f64
     (0.5 * (low + high)).exp()
 }
 
-/// How far (in natural logarithms) beyond the singular values a ridge is sought.
-const FAR: f64 = 30.0;
-/// Enough for full precision of a logarithm below 100.
-const BISECTIONS: usize = 60;
-
-/// `A^+ b`: the least squares solution of least norm, with nothing damped.
+/// `A^+ b`: the least squares solution of least norm, without regularisation.
 ///
 /// The solution's `gap` is the norm of the normal equations' residual over that of `A^T b`.
 pub fn pseudo_inverse(problem: &Problem, b: &DVector<f64>) -> Solution {
     filtered(problem, b, |s| 1.0 / s, 0.0)
 }
 
-/// The reduced matrix is `Sigma V^T`, so that `x = V f(Sigma) b` is `a^T (f(Sigma) / Sigma) b`.
+/// `x = V f(Sigma) b`. The reduced matrix a is `Sigma V^T`, so that x is `a^T (f(Sigma) / Sigma) b`.
 fn filtered(problem: &Problem, b: &DVector<f64>, filter: impl Fn(f64) -> f64, ridge: f64) -> Solution {
     Solution::in_units(problem, b, |b| solve(problem, b, &filter, ridge))
 }

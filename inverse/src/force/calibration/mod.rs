@@ -1,9 +1,11 @@
 //! The rubber's parameters from a press-and-hold.
 //!
-//! The rise that a force history leaves is `total = A (s / (A p1))^n` with `s = F + k w(tau)`, w the lag of F with time constant
-//! tau. For n = 1 this is linear in 1/p1 and k/p1: those are eliminated (variable projection, Golub and Pereyra 1973) and tau
-//! is searched for. From there Levenberg's and Marquardt's method fits the logarithms of all parameters, with n where it is asked
-//! for.
+//! The integrated rise under a force F is `total = A (s / (A p1))^n` with `s = F + k w(tau)`. A is the area of the
+//! touch, p1 the pressure of a unit rise, w the lag of F with time constant tau.
+//!
+//! For n = 1 this is linear in 1/p1 and k/p1. Both are eliminated (variable projection, Golub and Pereyra 1973), and
+//! tau is searched for. From there Levenberg's and Marquardt's method fits the logarithms of all parameters, with n on
+//! demand.
 
 use crate::force::meter::Calibration;
 use crate::force::recording::Sample;
@@ -12,23 +14,27 @@ use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-/// Why no parameters could be told.
+/// Why no parameters could be estimated.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum CalibrationError {
     /// Too little of the recording can be used.
     #[error(
-        "{pressed} frames under force and {rested} before the press are too few; record at least {LEAST_PRESSED} and {LEAST_RESTED}"
+        "{pressed} frames under force and {rested} before the press are too few; record at least {least_pressed} and {least_rested}"
     )]
     TooFew {
         /// Frames under force.
         pressed: usize,
         /// Frames before it.
         rested: usize,
+        /// Least frames under force.
+        least_pressed: usize,
+        /// Least frames before it.
+        least_rested: usize,
     },
     /// The rise does not follow the force.
     #[error("the rise does not grow with the force; is it the touch under the gauge, and the force in newtons?")]
     NoRise,
-    /// A parameter that the recording does not determine.
+    /// The recording does not determine a parameter.
     #[error(
         "the recording does not determine {name}: {value:.3} with a standard error of {error:.3}; hold the press for three time \
          constants or longer, and go on recording after the release{more}"
@@ -40,17 +46,57 @@ pub enum CalibrationError {
         value: f64,
         /// Its standard error.
         error: f64,
-        /// What else would help.
+        /// Further advice.
         more: &'static str,
     },
 }
 
-const LEAST_PRESSED: usize = 20;
-const LEAST_RESTED: usize = 3;
-/// Largest relative standard error of a parameter that counts as determined.
-const LARGEST_ERROR: f64 = 0.25;
-/// Delayed ratio in units of its standard error below which the rubber is taken not to creep.
-const LEAST_CREEP: f64 = 3.0;
+/// Which recordings are good enough, and when the rubber counts as creeping.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CalibrationOptions {
+    /// Least samples under force.
+    ///
+    /// More refuses short recordings; with less the standard errors are themselves uncertain. Chosen by hand.
+    pub least_pressed: usize,
+    /// Least samples before the press.
+    ///
+    /// More asks for a longer wait; without any, a recording that begins under load is not noticed. Chosen by hand.
+    pub least_rested: usize,
+    /// Largest relative standard error of a parameter that counts as determined.
+    ///
+    /// More accepts recordings that are too short for the time constant; less asks for longer ones. Chosen by hand:
+    /// docs/creep.md has standard errors below 3 % for good recordings.
+    pub largest_error: f64,
+    /// Least delayed ratio, in units of its standard error, of a rubber that surely creeps. Below it a fit without
+    /// creep is tried.
+    ///
+    /// More drops weak creep; less keeps creep that is noise. 3 is passed by noise once in 700 recordings. No
+    /// experiment is on record.
+    pub least_creep: f64,
+    /// Fall of chi-square that creep must bring where its ratio is uncertain.
+    ///
+    /// More drops weak creep; less keeps creep that is noise. The value is the 99.9 % quantile of chi-square with two
+    /// degrees of freedom, one for each parameter of creep.
+    pub creep_chi_square: f64,
+}
+
+impl Default for CalibrationOptions {
+    fn default() -> Self {
+        Self {
+            least_pressed: 20,
+            least_rested: 3,
+            largest_error: 0.25,
+            least_creep: 3.0,
+            creep_chi_square: 13.8,
+        }
+    }
+}
+
+/// Time constants tried for the start, less one. They span four decades, so that neighbours differ by a sixth.
+const TIME_CONSTANTS: i32 = 60;
+/// Shortest time constant tried, over the length of the recording. The longest is ten times that length.
+const SHORTEST: f64 = 1e-3;
+const DECADES: f64 = 4.0;
 
 /// Standard errors of the parameters; 0 for one that was not fitted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -66,38 +112,47 @@ pub struct StandardErrors {
     pub unit_rise_mpa: f64,
 }
 
-/// Parameters told from a recording.
+/// Parameters estimated from a recording.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fit {
-    /// What forces are computed with.
+    /// The parameters, and the noise of a force.
     pub calibration: Calibration,
     /// Standard errors of its parameters.
     pub errors: StandardErrors,
-    /// Standard deviation of the integrated rise about the fit, mm².
+    /// Standard deviation of the integrated rise about the fit, mm², under force.
     pub residual_mm2: f64,
-    /// The integrated rise that the fit has at every sample, mm².
+    /// The integrated rise of the fit at every sample, mm².
     pub fitted_mm2: Vec<f64>,
 }
 
-/// Fits the parameters; with the exponent too, if asked for, which takes more than one force to tell, else it is 1.
+/// Fits the parameters: [`fit_by`] at the default options.
 ///
 /// # Errors
 /// [`CalibrationError`] says what to record instead.
 pub fn fit(samples: &[Sample], with_exponent: bool) -> Result<Fit, CalibrationError> {
-    let problem = Recording::new(samples)?;
+    fit_by(samples, with_exponent, &CalibrationOptions::default())
+}
+
+/// Fits the parameters, with the exponent on demand. A recording determines the exponent only with more than one force;
+/// without the demand it is 1.
+///
+/// # Errors
+/// [`CalibrationError`] says what to record instead.
+pub fn fit_by(samples: &[Sample], with_exponent: bool, options: &CalibrationOptions) -> Result<Fit, CalibrationError> {
+    let problem = Recording::new(samples, options)?;
     let start = problem.start().ok_or(CalibrationError::NoRise)?;
     if start.delayed_ratio <= 0.0 {
         return Ok(problem.finish(start, StandardErrors::default()));
     }
     let count = if with_exponent { 4 } else { 3 };
     let (theta, covariance) = problem.levenberg_marquardt(logarithms(&start), count);
-    let solid = of(&theta);
+    let solid = from_logarithms(&theta);
     let relative = |k: usize| covariance.as_ref().map_or(f64::INFINITY, |c| c[(k, k)].max(0.0).sqrt());
-    if relative(1) > 1.0 / LEAST_CREEP
+    if relative(1) > 1.0 / options.least_creep
         && let Some(instant) = problem.instant()
-        && !problem.is_worse(&instant, &solid)
+        && !problem.is_worse(&instant, &solid, options.creep_chi_square)
     {
-        // Nothing delayed above the noise: the instant part alone.
+        // The delayed part is not above the noise: the instant part alone.
         return Ok(problem.finish(instant, StandardErrors::default()));
     }
     let exponent_error = if with_exponent { relative(3) } else { 0.0 };
@@ -108,7 +163,7 @@ pub fn fit(samples: &[Sample], with_exponent: bool) -> Result<Fit, CalibrationEr
         ("tau_s", solid.tau_s, relative(2)),
         ("exponent", solid.exponent, exponent_error),
     ] {
-        if error.is_nan() || error > LARGEST_ERROR {
+        if error.is_nan() || error > options.largest_error {
             let error = error * value;
             return Err(CalibrationError::Undetermined {
                 name,
@@ -132,7 +187,8 @@ fn logarithms(s: &Solid) -> [f64; 4] {
     [s.unit_rise_mpa, s.delayed_ratio, s.tau_s, s.exponent].map(f64::ln)
 }
 
-fn of(theta: &[f64; 4]) -> Solid {
+/// The solid that has these logarithms of its parameters.
+fn from_logarithms(theta: &[f64; 4]) -> Solid {
     let [unit_rise_mpa, delayed_ratio, tau_s, exponent] = theta.map(f64::exp);
     Solid {
         delayed_ratio,
@@ -142,22 +198,33 @@ fn of(theta: &[f64; 4]) -> Solid {
     }
 }
 
+/// A recording that is long enough to be fitted.
 struct Recording<'a> {
     samples: &'a [Sample],
-    /// Area under force, mm².
+    /// Median area of the touch under force, mm².
     area_mm2: f64,
 }
 
 impl<'a> Recording<'a> {
-    fn new(samples: &'a [Sample]) -> Result<Self, CalibrationError> {
+    fn new(samples: &'a [Sample], options: &CalibrationOptions) -> Result<Self, CalibrationError> {
+        let CalibrationOptions {
+            least_pressed,
+            least_rested,
+            ..
+        } = *options;
         let pressed = samples.iter().filter(|s| s.used && s.force_n > 0.0).count();
         let rested = samples
             .iter()
             .take_while(|s| s.force_n <= 0.0)
             .filter(|s| s.used)
             .count();
-        if pressed < LEAST_PRESSED || rested < LEAST_RESTED {
-            return Err(CalibrationError::TooFew { pressed, rested });
+        if pressed < least_pressed || rested < least_rested {
+            return Err(CalibrationError::TooFew {
+                pressed,
+                rested,
+                least_pressed,
+                least_rested,
+            });
         }
         let mut areas: Vec<f64> = samples
             .iter()
@@ -167,12 +234,12 @@ impl<'a> Recording<'a> {
         areas.sort_by(f64::total_cmp);
         Ok(Self {
             samples,
-            // Without any, it only scales what an exponent other than 1 calls a unit.
+            // Without any, the area only scales the unit rise of an exponent other than 1.
             area_mm2: areas.get(areas.len() / 2).copied().unwrap_or(1.0),
         })
     }
 
-    /// Forces and the lag of the forces (N) at every sample, for a time constant.
+    /// The lag of the forces (N) at every sample, for a time constant (s).
     fn lags(&self, tau_s: f64) -> Vec<f64> {
         let solid = Solid {
             delayed_ratio: 1.0,
@@ -191,27 +258,29 @@ impl<'a> Recording<'a> {
         self.samples.iter().map(lag).collect()
     }
 
+    /// Integrated rise of a solid at every sample, mm².
     fn model(&self, solid: &Solid) -> Vec<f64> {
         let force = |(s, w): (&Sample, f64)| s.force_n.max(0.0) + solid.delayed_ratio * w;
         let totals = self.samples.iter().zip(self.lags(solid.tau_s)).map(force);
         totals.map(|f| self.area_mm2 * solid.rise(f / self.area_mm2)).collect()
     }
 
+    /// Data minus model at the samples that take part, mm².
     fn residuals(&self, solid: &Solid) -> DVector<f64> {
         let pairs = self.samples.iter().zip(self.model(solid));
         let used: Vec<f64> = pairs.filter(|(s, _)| s.used).map(|(s, m)| s.total_mm2 - m).collect();
         DVector::from_vec(used)
     }
 
-    /// Whether a solid without a delayed part explains the recording worse than one with it by more than chance: two
-    /// parameters fewer, 99.9 % of chi-square.
-    fn is_worse(&self, instant: &Solid, with: &Solid) -> bool {
+    /// Whether a solid without a delayed part explains the recording worse than one with it, by more than `chi_square`
+    /// in units of the residual variance.
+    fn is_worse(&self, instant: &Solid, with: &Solid, chi_square: f64) -> bool {
         let squares = [instant, with].map(|s| self.residuals(s).norm_squared());
         let count = self.samples.iter().filter(|s| s.used).count() as f64;
-        squares[0] - squares[1] > 13.8 * squares[1] / (count - 3.0).max(1.0)
+        squares[0] - squares[1] > chi_square * squares[1] / (count - 3.0).max(1.0)
     }
 
-    /// Without a delayed part, in proportion.
+    /// The best solid without a delayed part, in proportion.
     fn instant(&self) -> Option<Solid> {
         let (mut ft, mut ff) = (0.0, 0.0);
         for s in self.samples.iter().filter(|s| s.used) {
@@ -226,13 +295,12 @@ impl<'a> Recording<'a> {
         })
     }
 
-    /// Variable projection over the time constant, in proportion.
+    /// The best solid with an exponent of 1, by variable projection over the time constant.
     fn start(&self) -> Option<Solid> {
         let span = self.samples.last()?.time_s - self.samples.first()?.time_s;
         let mut best: Option<(f64, Solid)> = None;
-        let steps = 60;
-        for k in 0..=steps {
-            let tau_s = 1e-3 * span * 10.0_f64.powf(4.0 * f64::from(k) / f64::from(steps));
+        for k in 0..=TIME_CONSTANTS {
+            let tau_s = SHORTEST * span * 10.0_f64.powf(DECADES * f64::from(k) / f64::from(TIME_CONSTANTS));
             let lags = self.lags(tau_s);
             let (mut normal, mut right) = (Matrix2::zeros(), Vector2::zeros());
             for (s, w) in self.samples.iter().zip(&lags).filter(|(s, _)| s.used) {
@@ -262,7 +330,7 @@ impl<'a> Recording<'a> {
 
     /// The best logarithms of the first `count` parameters, and their covariance where it exists.
     fn levenberg_marquardt(&self, mut theta: [f64; 4], count: usize) -> ([f64; 4], Option<DMatrix<f64>>) {
-        let mut residuals = self.residuals(&of(&theta));
+        let mut residuals = self.residuals(&from_logarithms(&theta));
         let mut damping = 1e-3;
         for _ in 0..100 {
             let slopes = self.slopes(&theta, count);
@@ -280,7 +348,7 @@ impl<'a> Recording<'a> {
                 // A factor of e at most: far from the solution the model is not even nearly linear.
                 next[k] += step[k].clamp(-1.0, 1.0);
             }
-            let then = self.residuals(&of(&next));
+            let then = self.residuals(&from_logarithms(&next));
             if then.norm_squared().is_finite() && then.norm_squared() <= residuals.norm_squared() {
                 theta = next;
                 residuals = then;
@@ -300,7 +368,7 @@ impl<'a> Recording<'a> {
         (theta, covariance.map(|c| c * (residuals.norm_squared() / freedom)))
     }
 
-    /// Derivatives of the model by the logarithms, by central differences.
+    /// Derivatives of the model with respect to the logarithms, by central differences.
     fn slopes(&self, theta: &[f64; 4], count: usize) -> DMatrix<f64> {
         const STEP: f64 = 1e-5;
         let columns: Vec<DVector<f64>> = (0..count)
@@ -308,7 +376,7 @@ impl<'a> Recording<'a> {
                 let at = |sign: f64| {
                     let mut moved = *theta;
                     moved[k] += sign * STEP;
-                    self.residuals(&of(&moved))
+                    self.residuals(&from_logarithms(&moved))
                 };
                 (at(-1.0) - at(1.0)) / (2.0 * STEP)
             })
@@ -316,9 +384,10 @@ impl<'a> Recording<'a> {
         DMatrix::from_columns(&columns)
     }
 
+    /// The fit of a solid, with the noise about it.
     fn finish(&self, solid: Solid, errors: StandardErrors) -> Fit {
         let fitted_mm2 = self.model(&solid);
-        // Under force: where nothing is pressed, nothing is found, without any noise.
+        // Only under force: without a press nothing is found, without any noise.
         let pressed = self
             .samples
             .iter()
@@ -326,7 +395,7 @@ impl<'a> Recording<'a> {
             .filter(|(s, _)| s.used && s.force_n > 0.0);
         let squares: Vec<f64> = pressed.map(|(s, m)| (s.total_mm2 - m).powi(2)).collect();
         let residual_mm2 = (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt();
-        // What that is in newtons where a newton more raises it least steeply: at the mean force under load.
+        // The noise in newtons follows from the slope of the rise at the mean force under load.
         let forces: Vec<f64> = self
             .samples
             .iter()

@@ -10,11 +10,11 @@
 //! and one of the changes that would make them fewer, in turn. Only where that does not explain the frame as well as the one
 //! before, the search begins again. A search has a limit; one that reaches it goes on in the next frame.
 
+use crate::stats::fisher_quantile;
 use crate::touches::fit::interpolation::{add_scaled, dot};
 use crate::touches::fit::levenberg_marquardt::{FEW_STEPS, Fit, MOST_STEPS, PARAMETERS, Workspace, fit};
 use crate::touches::fit::responses::TouchTable;
 use crate::touches::fit::{Disc, Discs, FitOptions};
-use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 
 /// Most changes of the number of touches in one frame.
 const MOST_CHANGES: usize = 24;
@@ -105,7 +105,7 @@ pub fn drop(table: &TouchTable, options: &FitOptions, freedom: f64) -> f64 {
     let places = 4.0 * table.coarse_norms().len() as f64 * table.step_mm().powi(2)
         / (std::f64::consts::PI * options.radius_mm.powi(2));
     let level = 1.0 - options.false_touch / places.max(1.0);
-    FisherSnedecor::new(PARAMETERS as f64, freedom).map_or(f64::INFINITY, |f| PARAMETERS as f64 * f.inverse_cdf(level))
+    fisher_quantile(PARAMETERS as f64, freedom, level).map_or(f64::INFINITY, |f| PARAMETERS as f64 * f)
 }
 
 impl<'a> Search<'a> {

@@ -1,0 +1,78 @@
+//! Quantiles of the distributions that tests of the noise need.
+
+use statrs::distribution::{ChiSquared, ContinuousCDF, FisherSnedecor};
+
+/// The value that Fisher's F exceeds with a probability of `1 - probability`.
+///
+/// F is the ratio of two independent mean squares of noise. The degrees of freedom are those of the `numerator` and of the
+/// `denominator`, each above 0 and finite. With many in the denominator F is chi-square over its degrees of freedom.
+///
+/// `None` for degrees of freedom out of range, or a `probability` outside 0..=1.
+pub(crate) fn fisher_quantile(numerator: f64, denominator: f64, probability: f64) -> Option<f64> {
+    let distribution = FisherSnedecor::new(numerator, denominator).ok()?;
+    is_probability(probability).then(|| distribution.inverse_cdf(probability))
+}
+
+/// The value that chi-square exceeds with a probability of `1 - probability`.
+///
+/// Chi-square is the sum of the squares of `freedom` independent normal numbers of variance 1. `freedom` is above 0 and
+/// finite.
+///
+/// `None` for a `freedom` out of range, or a `probability` outside 0..=1.
+pub(crate) fn chi_square_quantile(freedom: f64, probability: f64) -> Option<f64> {
+    let distribution = ChiSquared::new(freedom).ok()?;
+    (freedom.is_finite() && is_probability(probability)).then(|| distribution.inverse_cdf(probability))
+}
+
+fn is_probability(p: f64) -> bool {
+    (0.0..=1.0).contains(&p)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Values of published tables.
+    #[test]
+    fn quantiles_are_those_of_the_tables() {
+        for (freedom, probability, value) in [
+            (1.0, 0.95, 3.841_459),
+            (2.0, 0.999, 13.815_511),
+            (100.0, 0.95, 124.342_1),
+        ] {
+            let found = chi_square_quantile(freedom, probability).unwrap();
+            assert!((found / value - 1.0).abs() < 1e-5, "{freedom} {probability}: {found}");
+        }
+        for (numerator, denominator, probability, value) in [(3.0, 60.0, 0.99, 4.126), (1.0, 10.0, 0.95, 4.965)] {
+            let found = fisher_quantile(numerator, denominator, probability).unwrap();
+            assert!((found / value - 1.0).abs() < 2e-4, "{numerator} {denominator}: {found}");
+        }
+    }
+
+    /// F with many degrees of freedom in the denominator is chi-square over that of the numerator.
+    #[test]
+    fn a_known_noise_makes_fishers_chi_square() {
+        for freedom in [1.0, 4.0, 118.0] {
+            let fisher = fisher_quantile(freedom, 1e7, 0.99).unwrap();
+            let chi_square = chi_square_quantile(freedom, 0.99).unwrap() / freedom;
+            // The inverse of the beta function is good to three digits there.
+            assert!(
+                (fisher / chi_square - 1.0).abs() < 1e-3,
+                "{freedom}: {fisher} {chi_square}"
+            );
+        }
+    }
+
+    #[test]
+    fn what_no_distribution_has_is_none() {
+        for freedom in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            assert_eq!(chi_square_quantile(freedom, 0.5), None);
+            assert_eq!(fisher_quantile(freedom, 1.0, 0.5), None);
+            assert_eq!(fisher_quantile(1.0, freedom, 0.5), None);
+        }
+        for probability in [-0.1, 1.1, f64::NAN, f64::NEG_INFINITY] {
+            assert_eq!(chi_square_quantile(3.0, probability), None);
+            assert_eq!(fisher_quantile(3.0, 4.0, probability), None);
+        }
+    }
+}
