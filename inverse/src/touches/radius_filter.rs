@@ -6,7 +6,7 @@
 //! say, so it can be no further off than the worst of them. Slow frames are left as they are. What the mean of several frames says
 //! takes the place of what those of them said that were there before.
 
-use crate::touches::fit::Disc;
+use crate::touches::fit::disc::Disc;
 use crate::touches::touch::Touch;
 use std::f64::consts::PI;
 

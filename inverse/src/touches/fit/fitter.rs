@@ -2,12 +2,14 @@
 
 use crate::quality::reciprocity::NoiseEstimate;
 use crate::reference::imager::Imager;
+use crate::touches::fit::disc::{Disc, Discs, MOST_TOUCHES};
 use crate::touches::fit::electrode_uncertainty::Placement;
+use crate::touches::fit::frame_fit::{Fitted, Frame, Start, fit};
 use crate::touches::fit::linearisation_error::Correction;
 use crate::touches::fit::model_order::{self, Before, Scratch};
 use crate::touches::fit::nonlinear::{self, Beyond};
+use crate::touches::fit::prior::FitOptions;
 use crate::touches::fit::responses::TouchTable;
-use crate::touches::fit::{Disc, Discs, FitOptions, Fitted, Frame, MOST_TOUCHES, Start, fit};
 use std::sync::Arc;
 
 /// Part of the data that the linear model of touches may get wrong before it is corrected.

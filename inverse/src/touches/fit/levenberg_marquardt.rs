@@ -2,9 +2,10 @@
 
 use crate::linalg::dense::{backward, cholesky, forward};
 use crate::linalg::kernels::{LANES, padded};
+use crate::touches::fit::disc::{Disc, Discs, MOST_TOUCHES};
 use crate::touches::fit::interpolation::{add_scaled, normal};
+use crate::touches::fit::prior::FitOptions;
 use crate::touches::fit::responses::TouchTable;
-use crate::touches::fit::{Disc, Discs, FitOptions, MOST_TOUCHES};
 use pulp::Arch;
 
 /// Parameters of a touch, in the order of the Jacobian's columns: x, y, radius, strength.

@@ -4,9 +4,9 @@
 //! What was left out for the touches of an earlier frame goes with the squares of their strengths, and is off by about twice
 //! what they moved in radii; it serves for as long as that does not show.
 
+use crate::touches::fit::disc::{Disc, Discs, MOST_TOUCHES};
 use crate::touches::fit::nonlinear::Beyond;
 use crate::touches::fit::responses::TouchTable;
-use crate::touches::fit::{Disc, Discs, MOST_TOUCHES};
 
 /// Relative change of what is left out over that of a disc's strength, over its move in radii, and over the relative change of its
 /// radius: the first is 2.0 for any touches, the others scatter (0.6 to 2, now and then 3.6; and 0.3 to 1.8).
@@ -80,8 +80,8 @@ impl Correction {
 mod tests {
     use super::*;
     use crate::reference::imager::Imager;
-    use crate::touches::fit::FitOptions;
     use crate::touches::fit::fitter::Fitter;
+    use crate::touches::fit::prior::FitOptions;
     use forward::{Drive, Pattern, Sheet};
     use rand::rngs::StdRng;
     use rand::{Rng, SeedableRng};

@@ -10,10 +10,11 @@
 //! and one of the changes that would make them fewer, in turn. Only where that does not explain the frame as well as the one
 //! before, the search begins again. A search has a limit; one that reaches it goes on in the next frame.
 
+use crate::touches::fit::disc::{Disc, Discs};
 use crate::touches::fit::interpolation::{add_scaled, dot};
 use crate::touches::fit::levenberg_marquardt::{FEW_STEPS, Fit, MOST_STEPS, PARAMETERS, Workspace, fit};
+use crate::touches::fit::prior::FitOptions;
 use crate::touches::fit::responses::TouchTable;
-use crate::touches::fit::{Disc, Discs, FitOptions};
 use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 
 /// Most changes of the number of touches in one frame.

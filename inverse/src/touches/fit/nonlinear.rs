@@ -5,8 +5,8 @@
 //! says, is left out. Taken off the data, it leaves what the table can fit; a few rounds, each from the touches of the one before,
 //! are enough for +300 %. What the table's interpolation gets wrong goes with it.
 
+use crate::touches::fit::disc::{Disc, Discs, MOST_TOUCHES};
 use crate::touches::fit::responses::TouchTable;
-use crate::touches::fit::{Disc, Discs, MOST_TOUCHES};
 use forward::{DiscTouch, Drive, Model, Pattern, Solver};
 use std::f64::consts::PI;
 use std::sync::Arc;
