@@ -6,8 +6,8 @@ use crate::reference::baseline::{Baseline, BaselineTaker};
 use crate::reference::electrode_fit;
 use crate::reference::imager::{Imager, ImagerError};
 use crate::solvers::Method;
-use crate::touches::radius_filter::Steadier;
-use crate::touches::tracker::{Following, Tracker};
+use crate::touches::radius_filter::RadiusFilter;
+use crate::touches::tracker::{Tracker, TrackerOptions};
 use std::sync::Arc;
 
 /// How a live picture is made.
@@ -59,7 +59,7 @@ pub struct Live {
     options: LiveOptions,
     reconstructor: Reconstructor,
     tracker: Tracker,
-    steadier: Steadier,
+    radius_filter: RadiusFilter,
     meter: Option<ForceMeter>,
     taker: Option<BaselineTaker>,
     baseline: Option<Baseline>,
@@ -85,11 +85,11 @@ impl Live {
                 Arc::clone(&imager),
                 ReconstructorOptions::for_imager(&imager, options.method).of_sequence(),
             ),
-            tracker: Tracker::new(Following {
+            tracker: Tracker::new(TrackerOptions {
                 reach_mm: 2.0 * REACH * extent,
                 patience_s: PATIENCE_S,
             }),
-            steadier: Steadier::default(),
+            radius_filter: RadiusFilter::default(),
             meter: options.calibration.map(|c| ForceMeter::new(&imager, c)),
             taker: Some(BaselineTaker::new(values, options.baseline_frames)),
             baseline: None,
@@ -163,9 +163,9 @@ impl Live {
         let result = self.reconstructor.frame(&baseline.values_v, values_v)?;
         self.tracker.update(time_s, &mut result.touches);
         if result.anew {
-            self.steadier.update(time_s, result.grown, &mut result.touches);
+            self.radius_filter.update(time_s, result.grown, &mut result.touches);
         } else {
-            self.steadier.keep(time_s, &result.touches);
+            self.radius_filter.keep(time_s, &result.touches);
         }
         if let Some(meter) = &mut self.meter {
             meter.tell(time_s, &mut result.touches);

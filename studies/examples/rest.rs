@@ -5,8 +5,8 @@
 //! many frames, by the chain of the live view.
 
 use forward::Drive;
-use inverse::touches::radius_filter::Steadier;
-use inverse::touches::tracker::{Following, Tracker};
+use inverse::touches::radius_filter::RadiusFilter;
+use inverse::touches::tracker::{TrackerOptions, Tracker};
 use studies::scenes::{Bench, Kind, Score, imager, noisy, quantile, rng};
 
 /// Frames after which is looked.
@@ -53,12 +53,12 @@ fn main() -> anyhow::Result<()> {
                 let gain = reconstructor.imager().gain(&baseline);
                 reconstructor.set_noise(Some(sigma * gain * (1.0 + of_baseline).sqrt()));
                 reconstructor.set_baseline_frames(BASELINE_FRAMES);
-                let (mut tracker, mut steadier) = (
-                    Tracker::new(Following {
+                let (mut tracker, mut radius_filter) = (
+                    Tracker::new(TrackerOptions {
                         reach_mm: 20.0,
                         patience_s: 0.5,
                     }),
-                    Steadier::default(),
+                    RadiusFilter::default(),
                 );
                 let mut looks = LOOKS.iter().zip(&mut scores).peekable();
                 for frame in 1.. {
@@ -66,9 +66,9 @@ fn main() -> anyhow::Result<()> {
                     let result = reconstructor.frame(&baseline, &noisy(clean.clone(), sigma, &mut rng))?;
                     tracker.update(time_s, &mut result.touches);
                     if result.anew {
-                        steadier.update(time_s, result.grown, &mut result.touches);
+                        radius_filter.update(time_s, result.grown, &mut result.touches);
                     } else {
-                        steadier.keep(time_s, &result.touches);
+                        radius_filter.keep(time_s, &result.touches);
                     }
                     if let Some((_, score)) = looks.next_if(|(at, _)| **at == frame) {
                         score.add(&scene, &result.touches);

@@ -14,7 +14,8 @@ use crate::solvers::{
 };
 use crate::touches::fit::FitOptions;
 use crate::touches::fit::fitter::{Data, Fitter};
-use crate::touches::fit::responses::TouchTable;
+use crate::touches::fit::reduction::WeightedProjection;
+use crate::touches::fit::responses::ResponseTable;
 use crate::touches::peaks::{TouchFinder, TouchOptions};
 use crate::touches::touch::Touch;
 use nalgebra::{DMatrix, DVector};
@@ -176,7 +177,7 @@ struct Weighted {
     /// The problem with cells that fall; made when a frame first needs it.
     with_falls: Option<Problem>,
     /// Answers to touches in the reduced space; made for the watch, or when a frame first needs them.
-    table: Option<TouchTable>,
+    table: Option<ResponseTable>,
 }
 
 /// Turns frames into pictures, with its state from frame to frame.
@@ -507,8 +508,8 @@ impl Reconstructor {
         self.reduced.iter().map(|v| v * v).sum::<f64>() / self.reduced.len() as f64
     }
 
-    /// Reconstructs a difference into the result.
-    fn solve(&mut self, difference: &Difference, noise: Option<NoiseEstimate>) {
+    /// Reconstructs a difference into the result. With `patient`, the touches' search must end in this frame.
+    fn solve(&mut self, difference: &Difference, noise: Option<NoiseEstimate>, patient: bool) {
         let used = difference.used.iter().filter(|u| **u).count();
         // What the watch let through has something in it, unless it was in the values that are left out now.
         let watched = self.known_noise.is_some()
@@ -531,7 +532,7 @@ impl Reconstructor {
         let ridge = self.picture(of_frame.hypot(self.options.model_error * power.sqrt()), &mut result);
         result.solve_us = start.elapsed().as_secs_f64() * 1e6;
         self.finder.find(&result.x, &mut result.touches);
-        if !self.fit(sigma, noise, &mut result)
+        if !self.fit(sigma, noise, patient, &mut result)
             && let Some(ridge) = ridge.filter(|_| self.fitter.is_some())
         {
             self.with_falls(ridge, &mut result);
@@ -554,32 +555,28 @@ impl Reconstructor {
     }
 
     /// Fits touches from the picture's; false when discs do not explain the frame.
-    fn fit(&mut self, sigma: f64, noise: Option<NoiseEstimate>, result: &mut FrameResult) -> bool {
+    fn fit(&mut self, sigma: f64, noise: Option<NoiseEstimate>, patient: bool, result: &mut FrameResult) -> bool {
         self.tabulate();
         let (Some(fitter), Some(weighted)) = (&mut self.fitter, &mut self.weighted) else {
             return false;
         };
         let Some(table) = &weighted.table else { return false };
-        let (used, spread) = (&weighted.used, &weighted.spread);
-        let weight = |k: usize| if used[k] { 1.0 / spread[k] } else { 0.0 };
-        let projector = &mut weighted.projector;
-        let reduce = |volts: &[f64], reduced: &mut Vec<f64>| {
-            let fill = |to: &mut [f64]| {
-                to.iter_mut()
-                    .zip(volts)
-                    .enumerate()
-                    .for_each(|(k, (to, v))| *to = v * weight(k))
-            };
-            reduced.extend_from_slice(projector.project(fill));
+        let mut reduction = WeightedProjection {
+            used: &weighted.used,
+            spread: &weighted.spread,
+            projector: &mut weighted.projector,
         };
         let data = Data {
+            table,
+            reduction: &mut reduction,
             values: &self.reduced,
             sigma,
             noise,
             gain: self.gain,
+            patient,
         };
         let seeds = result.touches.iter().map(|t| [t.x_mm, t.y_mm]);
-        let Some(fitted) = fitter.fit(table, reduce, data, seeds) else {
+        let Some(fitted) = fitter.fit(data, seeds) else {
             return false;
         };
         // Only a frame of which all values took part lies in the space that the watch looks at.

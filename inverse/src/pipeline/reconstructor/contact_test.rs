@@ -11,32 +11,30 @@ impl Reconstructor {
     pub(super) fn settle(&mut self, difference: &Difference, noise: Option<NoiseEstimate>) {
         if self.frames > 1 {
             // Contacts are asked for in frames: what touches are not discs shows more in a mean.
-            self.fitter.iter_mut().for_each(|f| f.set_patient(false));
-            self.solve_evened(difference, noise);
+            self.solve_evened(difference, noise, false);
             return;
         }
         // With and without a contact is told by what both come to in the end.
         let patient = !self.options.sequence || self.inquiry.asks_next();
-        self.fitter.iter_mut().for_each(|f| f.set_patient(patient));
         if let Some(changed) = self.inquiry.begin() {
-            let without = self.solve_evened(difference, noise);
+            let without = self.solve_evened(difference, noise, patient);
             let result = self.result.clone();
             self.inquiry.keep(changed);
-            let with = self.solve_evened(difference, noise);
+            let with = self.solve_evened(difference, noise, patient);
             if self.inquiry.hear_again(with, without) {
                 self.result = result;
                 self.fitter.iter_mut().for_each(Fitter::forget);
             }
             return;
         }
-        let mut without = self.solve_evened(difference, noise);
+        let mut without = self.solve_evened(difference, noise, patient);
         while self.inquiry.changed().len() < MOST_CONTACTS {
             let suspect = self.suspect();
             if !self.inquiry.suspect(suspect) {
                 break;
             }
             let result = self.result.clone();
-            let with = self.solve_evened(difference, noise);
+            let with = self.solve_evened(difference, noise, patient);
             if self.inquiry.hear(with, without) != Verdict::Changed {
                 tracing::debug!(suspect, ?with, ?without, "no contact yet");
                 self.result = result;
@@ -49,16 +47,21 @@ impl Reconstructor {
     }
 
     /// Reconstructs a difference without what the contacts did that changed.
-    fn solve_evened(&mut self, difference: &Difference, noise: Option<NoiseEstimate>) -> Option<Outcome> {
+    fn solve_evened(
+        &mut self,
+        difference: &Difference,
+        noise: Option<NoiseEstimate>,
+        patient: bool,
+    ) -> Option<Outcome> {
         if self.inquiry.changed().is_empty() {
-            self.solve(difference, noise);
+            self.solve(difference, noise, patient);
         } else {
             let mut evened = self.evened.take().unwrap_or_else(|| difference.clone());
             evened.clone_from(difference);
             if let Some(contacts) = &self.contacts {
                 contacts.even_out(self.inquiry.changed(), &self.imager.model_v, &mut evened);
             }
-            self.solve(&evened, noise);
+            self.solve(&evened, noise, patient);
             self.evened = Some(evened);
         }
         let changed = self.inquiry.changed().iter();
@@ -91,7 +94,7 @@ impl Reconstructor {
         let table = weighted.table.as_ref().filter(|_| self.result.changed)?;
         let fitted = fitter.last();
         // What is left of an earlier frame, where this one could not be fitted.
-        if fitted.left.len() < self.reduced.len() {
+        if fitted.residual_whitened.len() < self.reduced.len() {
             return None;
         }
         if fitted.misfit <= EXPLAINED && !contact::near(&self.imager, &fitted.all) {

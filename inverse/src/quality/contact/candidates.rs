@@ -94,7 +94,7 @@ impl Suspects {
     pub(crate) fn suspect(&mut self, imager: &Imager, known: &[usize], judged: Judged) -> Option<usize> {
         let fitted = judged.fitted;
         let length = self.signatures.first()?.0.nrows();
-        let square: f64 = fitted.left.iter().map(|v| v * v).sum();
+        let square: f64 = fitted.residual_whitened.iter().map(|v| v * v).sum();
         let freedom = (length as f64 - 3.0 * fitted.all.len() as f64).max(1.0);
         let chance = 3.0 * (2.0 * freedom).sqrt();
         let explained = square <= freedom + chance;
@@ -143,7 +143,7 @@ impl Suspects {
             }
             // What the others could still make of what is left, had they not to be touches.
             self.left.clear();
-            self.left.extend_from_slice(&fitted.left[..length]);
+            self.left.extend_from_slice(&fitted.residual_whitened[..length]);
             let without = self.basis.outside(&mut self.left);
             self.without(judged, replaced);
             let signature = &self.signatures[l].0;
@@ -195,7 +195,7 @@ impl Suspects {
             sigma,
         } = judged;
         self.left.clear();
-        self.left.extend_from_slice(&fitted.left[..data.len()]);
+        self.left.extend_from_slice(&fitted.residual_whitened[..data.len()]);
         self.whole.clear();
         self.whole.extend(data.iter().map(|v| v / sigma));
         for (k, columns) in fitted.slopes.chunks_exact(PARAMETERS * stride).enumerate() {

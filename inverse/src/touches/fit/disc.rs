@@ -1,4 +1,4 @@
-//! A disc: a touch as it is fitted.
+//! A disc of raised resistivity: a touch as it is fitted.
 
 use arrayvec::ArrayVec;
 use std::f64::consts::PI;
@@ -14,7 +14,7 @@ pub struct Disc {
     pub strength: f64,
 }
 
-/// Largest `s = S / (pi R²)` that is believed: the rise goes to infinity as s goes to 2.
+/// Largest `s = S / (pi R²)` that is accepted: a rise of 11. The rise goes to infinity as s goes to 2. Chosen by hand.
 const LARGEST_CONTRAST: f64 = 1.7;
 
 impl Disc {
@@ -23,12 +23,12 @@ impl Disc {
         PI * self.radius * self.radius
     }
 
-    /// The rise that the linear model sees, `s = S / (pi R²)`, as far as it is believed.
+    /// The rise that the linear model sees, `s = S / (pi R²)`, at most what is accepted.
     pub fn contrast(&self) -> f64 {
         (self.strength / self.area_mm2()).min(LARGEST_CONTRAST)
     }
 
-    /// The same strength on as large a disc as makes its contrast believable.
+    /// The same strength on a disc that is large enough for its contrast to be accepted.
     pub fn believable(&self) -> Self {
         let least = (self.strength.max(0.0) / (PI * LARGEST_CONTRAST)).sqrt();
         Self {

@@ -1,14 +1,24 @@
-//! Touches fitted to the measurements: where the picture's peaks begin, a handful of parameters ends.
+//! Touches fitted to the measurements: the picture's peaks are the start, a few parameters the result.
 //!
 //! A touch is a disc of raised resistivity with four parameters: x and y of its centre (mm), its radius R (mm) and its
-//! strength S (mm²), the rise integrated over it as the linear model sees it. In a uniform sheet the answer to a disc of any
-//! contrast is that of the linear model with the rise c replaced by 2 c / (2 + c), for every order of the field's
-//! multipoles; only what touches do to one another and the rim's image of a touch are left out, below 1 % for +20 %. So S
-//! is fitted, and the true rise is c = 2 s / (2 - s) with s = S / (pi R²).
+//! strength S (mm²). The strength is the rise integrated over the disc, as the linear model sees it. In a uniform sheet the
+//! response to a disc of any rise c is that of the linear model with the rise s = 2 c / (2 + c). That holds for every order
+//! of the field's multipoles. It leaves out what touches do to one another and the rim's image of a touch: below 1 % for
+//! +20 %. The fit therefore finds S, and the true rise is c = 2 s / (2 - s) with s = S / (pi R²).
 //!
-//! [`responses`] holds the answer to a disc of unit strength over the sheet and interpolates it with its derivatives,
-//! [`levenberg_marquardt`] fits a given number of touches, [`model_order`] chooses the number, [`nonlinear`] tells what the linear model leaves
-//! out, [`linearisation_error`] carries that from frame to frame, [`fitter`] does it all frame after frame, and this module turns the outcome into touches with their uncertainty.
+//! From the bottom up:
+//!
+//! - [`disc`]: a touch as it is fitted; [`prior`]: what is known of touches before.
+//! - [`responses`]: the response to a disc of unit strength over the sheet, interpolated with its derivatives.
+//! - [`levenberg_marquardt`]: fits a given number of touches.
+//! - [`model_order`]: chooses the number.
+//! - [`frame_fit`]: fits one frame, and states the uncertainties.
+//! - [`nonlinear`]: the linearisation error of discs; [`linearisation_error`]: the same, carried from frame to frame.
+//! - [`electrode_uncertainty`]: what the electrodes' uncertainty adds to that of touches.
+//! - [`reduction`]: brings frames of the model into the space of the data.
+//! - [`fitter`]: fits frame after frame, with all of these.
+//!
+//! The thresholds are in `FitOptions`, `FitterOptions`, `ModelOrderOptions`, `LevenbergMarquardtOptions` and `ErrorGrowth`.
 
 pub mod disc;
 pub mod electrode_uncertainty;
@@ -20,6 +30,7 @@ pub mod linearisation_error;
 pub mod model_order;
 pub mod nonlinear;
 pub mod prior;
+pub mod reduction;
 pub mod responses;
 
 pub use disc::{Disc, Discs, MOST_TOUCHES};

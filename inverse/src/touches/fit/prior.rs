@@ -1,33 +1,42 @@
-//! What is known of touches before a measurement: how large, how strong and how many they are.
+//! The prior: how large, how strong and how many touches are before a measurement.
 
 use crate::touches::fit::disc::Disc;
 
 /// What is known of touches before the measurement.
+///
+/// Lengths are for the paper's disc and in proportion on other sheets ([`FitOptions::for_extent`]). Where a field names no
+/// experiment, none is on record: the value was chosen by hand. What all give together is in docs/results.md:
+/// `cargo run --release -p studies --example touch_accuracy`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FitOptions {
     /// Radius that a touch is expected to have, mm: the paper's 25 mm tip.
     pub radius_mm: f64,
-    /// Standard deviation of a touch's radius, mm.
+    /// Standard deviation of a touch's radius, mm. Less makes the totals of strong touches more exact where the tip is
+    /// known (docs/results.md, "The bound", column "bound with the prior"), and biases the radii of others.
     pub radius_sd_mm: f64,
-    /// Radius of a wide touch, mm: a palm. It is a second possibility beside the expected radius.
+    /// Radius of a wide touch, mm: a palm. A wide touch is a second possibility beside the expected radius.
     pub wide_mm: f64,
     /// Standard deviation of a wide touch's radius, mm.
     pub wide_sd_mm: f64,
-    /// How many wide touches there are for one of the expected radius.
+    /// How many wide touches there are for one of the expected radius. Less takes a palm for several tips; more takes
+    /// neighbouring tips for a palm.
     pub wide_odds: f64,
-    /// Probability that noise adds a touch to a frame.
+    /// Probability that noise adds a touch to a frame, 0 to 1. More finds weaker touches and adds more false ones.
     pub false_touch: f64,
-    /// Weakest touch, as a fraction of the strongest one's integrated rise.
+    /// Weakest touch, as a fraction of the strongest one's integrated rise. Less shows weaker touches beside strong ones, and
+    /// what the model leaves of the strong ones.
     pub least_of_strongest: f64,
     /// Weakest touch, relative rise at its peak.
     pub least_rise: f64,
-    /// Relative error of the linear disc model, as a standard deviation of one value: it widens the stated uncertainty.
+    /// Relative error of the disc model, as a standard deviation of one value. More widens the stated uncertainty
+    /// (`touch_accuracy`, column "within 2 sd") and the fall of chi-square that an additional touch must bring.
     pub model_error: f64,
-    /// Most touches in a frame.
+    /// Most touches in a frame, at most [`MOST_TOUCHES`](crate::touches::fit::disc::MOST_TOUCHES).
     pub most_touches: usize,
-    /// What the search in one frame of many may cost, in evaluations of the answer to a touch (3 to 5 us each): more is left to the
-    /// next frame. Four touches take 50 to 300, a hand that lands 1,500. There is no limit where the noise has to be told from the
-    /// frame: it may be the only one.
+    /// What the search in one frame of many may cost, in evaluations of the response to one touch (3 to 5 us each). The rest
+    /// is left to the next frame. Four touches take 50 to 300, a hand that lands 1,500. More makes the longest frame longer
+    /// (`skin bench cost`, column `p99`). There is no limit where the noise is estimated from the frame, which may be the
+    /// only one.
     pub most_work: usize,
 }
 
@@ -60,12 +69,14 @@ impl FitOptions {
     }
 }
 
-/// What is known of a radius before the measurement, at one radius: minus twice the logarithm of its probability against that of the
-/// expected radius, half its derivative (per mm), and half its second derivative without what would make it negative (per mm²).
+/// The prior of the radius at one radius.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct RadiusPrior {
+    /// Minus twice the logarithm of the radius's probability density over that of the expected radius.
     pub(crate) penalty: f64,
+    /// Half the penalty's derivative, per mm.
     pub(crate) slope: f64,
+    /// Half the penalty's second derivative without its negative part, per mm².
     pub(crate) curvature: f64,
 }
 
