@@ -6,7 +6,7 @@
 
 use forward::Drive;
 use inverse::touches::radius_filter::RadiusFilter;
-use inverse::touches::tracker::{TrackerOptions, Tracker};
+use inverse::touches::tracker::{Tracker, TrackerOptions};
 use studies::scenes::{Bench, Kind, Score, imager, noisy, quantile, rng};
 
 /// Frames after which is looked.

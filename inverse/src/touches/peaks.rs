@@ -5,12 +5,12 @@ use forward::CellGrid;
 
 /// Which peaks of a picture count as touches. No experiment is on record; chosen by hand.
 ///
-/// Where touches are fitted, peaks are only the places that the fit starts from: it adds and removes touches. A peak too many
-/// costs time. Where they are not fitted, peaks are the touches (docs/results.md, "Without the fit").
+/// Where touches are fitted, peaks are only the places that the fit starts from: it adds and removes touches. A peak
+/// too many costs time. Where they are not fitted, peaks are the touches (docs/results.md, "Without the fit").
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TouchOptions {
-    /// Standard deviation of the smoothing before peaks are looked for, mm. More merges neighbours; less splits one touch
-    /// into the cells of its picture.
+    /// Standard deviation of the smoothing before peaks are looked for, mm. More merges neighbours; less splits one
+    /// touch into the cells of its picture.
     pub smoothing_mm: f64,
     /// Weakest peak, as a fraction of the strongest one's height.
     pub least_of_strongest: f64,
@@ -80,8 +80,8 @@ impl TouchFinder {
         self.order
             .sort_unstable_by(|a, b| smooth[*b as usize].total_cmp(&smooth[*a as usize]).then(a.cmp(b)));
         self.ground.fill(NONE);
-        // Flood from the top. A cell without a higher neighbour starts a peak. A cell between two peaks is their saddle: there
-        // the lower one is merged, unless it stands far enough above.
+        // Flood from the top. A cell without a higher neighbour starts a peak. A cell between two peaks is their
+        // saddle: there the lower one is merged, unless it stands far enough above.
         let mut peaks = std::mem::take(&mut self.peaks);
         peaks.clear();
         for cell in &self.order {
@@ -158,8 +158,8 @@ impl TouchFinder {
     }
 }
 
-/// A bell of a standard deviation over the cells there are, normalised so that a touch at the rim is not dimmed. Rows and
-/// columns of the lattice are smoothed one after the other.
+/// A bell of a standard deviation over the cells there are, normalised so that a touch at the rim is not dimmed. Rows
+/// and columns of the lattice are smoothed one after the other.
 #[derive(Clone, Debug)]
 struct Smoothing {
     taps: Vec<f64>,

@@ -1,10 +1,10 @@
 //! Radius filter: a Kalman filter on the radius of every followed touch.
 //!
-//! A fast frame determines the strength of a touch well and its radius badly. The peak rise goes with the inverse square of
-//! the radius. A touch does not widen from one frame to the next by as much as the noise of its radius. The filter therefore
-//! weighs the radius known before against the frame's. The outcome lies between the radii of the frames: it is no further off
-//! than the worst of them. Slow frames are hardly changed. The mean of several frames takes the place of those of them that
-//! were filtered before.
+//! A fast frame determines the strength of a touch well and its radius badly. The peak rise goes with the inverse
+//! square of the radius. A touch does not widen from one frame to the next by as much as the noise of its radius. The
+//! filter therefore weighs the radius known before against the frame's. The outcome lies between the radii of the
+//! frames: it is no further off than the worst of them. Slow frames are hardly changed. The mean of several frames
+//! takes the place of those of them that were filtered before.
 
 use crate::touches::fit::disc::Disc;
 use crate::touches::touch::Touch;
@@ -12,20 +12,20 @@ use std::f64::consts::PI;
 
 /// How radii change.
 ///
-/// What the filter does is in docs/results.md, "Radius filter": the scatter of peak rises in the demo, with it and without.
-/// No experiment is on record that chose a single field.
+/// What the filter does is in docs/results.md, "Radius filter": the scatter of peak rises in the demo, with it and
+/// without. No experiment is on record that chose a single field.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RadiusFilterOptions {
-    /// Relative change of a radius in a second, as a standard deviation: that of a finger that comes down in a quarter of a
-    /// second. More follows faster, and filters less.
+    /// Relative change of a radius in a second, as a standard deviation: that of a finger that comes down in a quarter
+    /// of a second. More follows faster, and filters less.
     pub rate_per_s: f64,
-    /// A radius further off than so many standard deviations is another touch's: the filter begins anew. Less begins anew
-    /// more often by chance.
+    /// A radius further off than so many standard deviations is another touch's: the filter begins anew. Less begins
+    /// anew more often by chance.
     pub outlier_sd: f64,
     /// A touch that is gone for longer is forgotten, s.
     pub patience_s: f64,
-    /// A touch with this relative rise or more is left as it is: its radius was fitted too small, so that its strength does
-    /// not follow from it. It is just below the largest rise that a fit gives.
+    /// A touch with this relative rise or more is left as it is: its radius was fitted too small, so that its strength
+    /// does not follow from it. It is just below the largest rise that a fit gives.
     pub too_strong: f64,
 }
 
@@ -74,8 +74,8 @@ impl RadiusFilter {
     /// Filters the touches of a frame that was reconstructed anew, or of a mean of which it is the last: area, peak and
     /// integrated rise. Sorts them strongest first again.
     ///
-    /// `time_s` is the board's time of the frame. `grown` says that the frames of the update before are among the mean's.
-    /// Touches without a number or an uncertainty are left as they are.
+    /// `time_s` is the board's time of the frame. `grown` says that the frames of the update before are among the
+    /// mean's. Touches without a number or an uncertainty are left as they are.
     pub fn update(&mut self, time_s: f64, grown: bool, touches: &mut [Touch]) {
         let options = self.options;
         self.known
@@ -224,8 +224,8 @@ mod tests {
         assert!(jumps[118..].iter().all(|f| f.0.abs() < 1.5));
     }
 
-    /// The mean of frames holds the first of them, which must not count twice. The outcome is the mean's alone, or that with
-    /// the radius known before.
+    /// The mean of frames holds the first of them, which must not count twice. The outcome is the mean's alone, or that
+    /// with the radius known before.
     #[test]
     fn a_mean_takes_the_place_of_its_first_frame() {
         let radius = |radius_filter: &mut RadiusFilter, frames: usize, radius: f64, sd: f64| {

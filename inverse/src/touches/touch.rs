@@ -25,7 +25,8 @@ pub struct Touch {
     pub area_sd_mm2: Option<f64>,
     /// Standard uncertainty of `total_mm2`; none where the touch was not fitted to the measurements.
     pub total_sd_mm2: Option<f64>,
-    /// Force, N, corrected for the creep of the rubber; 0 for a dent that an earlier touch left. None without a calibration.
+    /// Force, N, corrected for the creep of the rubber; 0 for a dent that an earlier touch left. None without a
+    /// calibration.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub force_n: Option<f64>,
 }

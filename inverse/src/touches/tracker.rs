@@ -1,19 +1,19 @@
 //! Numbers that stay with a touch from frame to frame.
 //!
-//! A touch has the number of the nearest one of the frame before, within a reach. A new touch where another vanished a moment
-//! ago is that one again: on a hand, weak touches come and go with the noise. Every other touch gets a number that none had
-//! before.
+//! A touch has the number of the nearest one of the frame before, within a reach. A new touch where another vanished a
+//! moment ago is that one again: on a hand, weak touches come and go with the noise. Every other touch gets a number
+//! that none had before.
 
 use crate::touches::touch::Touch;
 
 /// How far and how long a touch is followed. No experiment is on record; chosen by hand.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrackerOptions {
-    /// Longest move of a touch from frame to frame, and from where it vanishes to where it is seen again, mm. More follows
-    /// faster touches. Above the least distance at which two touches are resolved it takes one for the other.
+    /// Longest move of a touch from frame to frame, and from where it vanishes to where it is seen again, mm. More
+    /// follows faster touches. Above the least distance at which two touches are resolved it takes one for the other.
     pub reach_mm: f64,
-    /// How long a touch may be gone and keep its number, s. More takes a second tap at the same place for the same touch; less
-    /// numbers flickering touches anew.
+    /// How long a touch may be gone and keep its number, s. More takes a second tap at the same place for the same
+    /// touch; less numbers flickering touches anew.
     pub patience_s: f64,
 }
 
@@ -155,8 +155,8 @@ mod tests {
     }
 
     proptest! {
-        /// However touches flicker and tremble at their places, in any order: one number each, as long as none is gone for
-        /// longer than the patience.
+        /// However touches flicker and tremble at their places, in any order: one number each, as long as none is gone
+        /// for longer than the patience.
         #[test]
         fn flickering_touches_keep_their_numbers(
             frames in prop::collection::vec((any::<[bool; 5]>(), any::<[[i8; 2]; 5]>(), any::<bool>(), 0.001..0.25f64), 1..100)

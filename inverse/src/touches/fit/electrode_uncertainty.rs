@@ -1,9 +1,9 @@
 //! How far touches are shifted by the electrodes' uncertainty.
 //!
-//! No frame shows that its electrodes are not where the model has them. A difference to the baseline that touches explain
-//! looks the same with all touches a little elsewhere. This part of a touch's uncertainty is therefore computed beforehand.
-//! For every direction in which the electrodes are uncertain, the sheet is modelled with them one standard deviation off. The
-//! model in use is then fitted, to first order, to the response to a touch in that model.
+//! No frame shows that its electrodes are not where the model has them. A difference to the baseline that touches
+//! explain looks the same with all touches a little elsewhere. This part of a touch's uncertainty is therefore computed
+//! beforehand. For every direction in which the electrodes are uncertain, the sheet is modelled with them one standard
+//! deviation off. The model in use is then fitted, to first order, to the response to a touch in that model.
 
 use crate::reference::imager::Imager;
 use forward::{Model, ModelOptions, Sensitivity, Solver};
@@ -15,7 +15,8 @@ use std::sync::Arc;
 const MOST_DIRECTIONS: usize = 6;
 /// A direction with less than this part of the variance is left out. Chosen by hand.
 const LEAST_PART: f64 = 1e-3;
-/// Standard deviation of the bump that stands for a touch, over the touch's radius. A disc's is a half: its second moment.
+/// Standard deviation of the bump that stands for a touch, over the touch's radius. A disc's is a half: its second
+/// moment.
 const WIDTH: f64 = 0.5;
 /// The bump ends at so many of its standard deviations, where it is a hundredth of its height.
 const REACH: f64 = 3.0;

@@ -15,41 +15,42 @@ use std::sync::Arc;
 
 /// When the linear model is corrected, when touches are followed, and when they explain a frame.
 ///
-/// Norms and errors of a whole frame are in standard deviations of the noise of one value. Where a field names no experiment,
-/// none is on record: the value was chosen by hand, on the seeds that docs/results.md names. What all give together is
-/// `cargo run --release -p studies --example touch_accuracy`; what the corrections cost is the column `median` of
-/// `skin bench cost`.
+/// Norms and errors of a whole frame are in standard deviations of the noise of one value. Where a field names no
+/// experiment, none is on record: the value was chosen by hand, on the seeds that docs/results.md names. What all give
+/// together is `cargo run --release -p studies --example touch_accuracy`; what the corrections cost is the column
+/// `median` of `skin bench cost`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FitterOptions {
     /// Relative error of the linear model before anything is known of the touches, 0 to 1. More adds no touch for the
     /// linearisation error of strong ones, and finds fewer weak touches beside these.
     pub linear_error: f64,
-    /// Norm of `linear_error` of a frame from which that error is taken to show. Less is careful with weaker frames, at the
-    /// cost of a second fit.
+    /// Norm of `linear_error` of a frame from which that error is taken to show. Less is careful with weaker frames, at
+    /// the cost of a second fit.
     pub linear_error_shows: f64,
-    /// Norm of the expected linearisation error that is worth a nonlinear solution. Less solves more often, 5 ms each. At
-    /// 27 dB a touch of +20 % alone is below, two side by side are above.
+    /// Norm of the expected linearisation error that is worth a nonlinear solution. Less solves more often, 5 ms each.
+    /// At 27 dB a touch of +20 % alone is below, two side by side are above.
     pub worth_a_solution: f64,
-    /// Norm of the error of a carried linearisation error before it is solved for anew. It is less than `worth_a_solution`,
-    /// because all of it may lie along one touch's move.
+    /// Norm of the error of a carried linearisation error before it is solved for anew. It is less than
+    /// `worth_a_solution`, because all of it may lie along one touch's move.
     pub carried_error: f64,
-    /// Part of `worth_a_solution` from which a linearisation error goes on being carried. Below 1, so that touches at the
-    /// limit do not switch from frame to frame.
+    /// Part of `worth_a_solution` from which a linearisation error goes on being carried. Below 1, so that touches at
+    /// the limit do not switch from frame to frame.
     pub still_worth: f64,
-    /// Most solutions of a frame that cannot leave its correction to the next. More lets the totals of strong touches settle
-    /// further.
+    /// Most solutions of a frame that cannot leave its correction to the next. More lets the totals of strong touches
+    /// settle further.
     pub most_rounds: usize,
     /// Relative change of the integrated rises from one solution to the next that ends them. Less takes more rounds.
     pub settled: f64,
-    /// A new solution for a mean of frames failed if it leaves more than this misfit, and more than `failed_part` of the
-    /// misfit before: the touches are no discs.
+    /// A new solution for a mean of frames failed if it leaves more than this misfit, and more than `failed_part` of
+    /// the misfit before: the touches are no discs.
     pub failed_misfit: f64,
     /// See `failed_misfit`.
     pub failed_part: f64,
-    /// After a failed solution there is no other while the unexplained misfit is at most this many times what it was then.
+    /// After a failed solution there is no other while the unexplained misfit is at most this many times what it was
+    /// then.
     pub failed_until: f64,
-    /// By how much the misfit of one frame scatters: three standard deviations. More follows touches that explain a mean less
-    /// well than they explained its first frame.
+    /// By how much the misfit of one frame scatters: three standard deviations. More follows touches that explain a
+    /// mean less well than they explained its first frame.
     pub misfit_scatter: f64,
     /// Frames one after another whose search may be cut short. The next frame's has no limit.
     pub most_unfinished: usize,
@@ -58,7 +59,8 @@ pub struct FitterOptions {
     /// Mean square misfit, in noise variances of one frame, up to which discs explain a frame. More shows discs where
     /// something else presses; less falls back to the picture's peaks, without an uncertainty.
     pub most_misfit: f64,
-    /// Norm of the residual over that of the data up to which discs explain a frame, whatever the noise. As `most_misfit`.
+    /// Norm of the residual over that of the data up to which discs explain a frame, whatever the noise. As
+    /// `most_misfit`.
     pub most_residual: f64,
     /// How the number of touches is chosen.
     pub order: ModelOrderOptions,
@@ -102,8 +104,8 @@ pub struct Data<'a> {
     pub sigma: f64,
     /// The noise that `sigma` is from; none where that is a guess.
     pub noise: Option<NoiseEstimate>,
-    /// Variance of one frame's noise over that of this one: 1, or more for a mean of several. The error of the disc model does
-    /// not average out, so an additional touch needs as much in a mean as in one frame.
+    /// Variance of one frame's noise over that of this one: 1, or more for a mean of several. The error of the disc
+    /// model does not average out, so an additional touch needs as much in a mean as in one frame.
     pub gain: f64,
     /// Whether the search must end in this frame, however many follow.
     pub patient: bool,
@@ -199,8 +201,8 @@ impl Default for Followed {
 }
 
 impl Followed {
-    /// The misfit that data of this gain have if they are explained as well as the best before. `scatter` is that of the
-    /// misfit of one frame: a mean determines it better.
+    /// The misfit that data of this gain have if they are explained as well as the best before. `scatter` is that of
+    /// the misfit of one frame: a mean determines it better.
     fn least_misfit(&self, gain: f64, scatter: f64) -> f64 {
         let scatter = if gain > self.gain { scatter / self.gain } else { 0.0 };
         1.0 + gain * (self.least_unexplained + scatter)
@@ -226,8 +228,8 @@ struct Fits {
 }
 
 impl Fits {
-    /// Fits a frame from these places, or from the touches fitted last. With a misfit, the touches fitted last are followed
-    /// as long as the frame's misfit is about as small.
+    /// Fits a frame from these places, or from the touches fitted last. With a misfit, the touches fitted last are
+    /// followed as long as the frame's misfit is about as small.
     fn fit(
         &mut self,
         model: DiscModel,
@@ -379,8 +381,8 @@ impl Fitter {
         Some(())
     }
 
-    /// Solves anew for touches that were followed, if the linearisation error taken off is not theirs any more. `scale` is
-    /// how many times the carried one was taken off, `size` its norm.
+    /// Solves anew for touches that were followed, if the linearisation error taken off is not theirs any more. `scale`
+    /// is how many times the carried one was taken off, `size` its norm.
     fn renew(&mut self, job: &mut Job, scale: f64, size: f64) -> Option<()> {
         let options = self.options;
         self.fits.now.settled = self.serves(scale, size)?;
@@ -407,8 +409,8 @@ impl Fitter {
         Some(())
     }
 
-    /// Whether the linearisation error that was taken off, so many times and of this norm, is that of the touches as far as
-    /// it shows. A residual that no correction explains hides errors as noise does.
+    /// Whether the linearisation error that was taken off, so many times and of this norm, is that of the touches as
+    /// far as it shows. A residual that no correction explains hides errors as noise does.
     fn serves(&self, scale: f64, size: f64) -> Option<bool> {
         let fitted = &self.fits.now;
         let error = self.carried.error.as_ref()?;
@@ -416,7 +418,8 @@ impl Fitter {
         Some(error <= self.options.carried_error * fitted.misfit.max(1.0).sqrt())
     }
 
-    /// Takes the linearisation error of the touches fitted last off the data and fits again, until that changes nothing.
+    /// Takes the linearisation error of the touches fitted last off the data and fits again, until that changes
+    /// nothing.
     fn correct(&mut self, job: &mut Job) -> Option<()> {
         // In a hurry, the next frame goes on with the correction.
         for round in 0..if job.hurried { 1 } else { self.options.most_rounds } {
@@ -436,8 +439,8 @@ impl Fitter {
         Some(())
     }
 
-    /// Tries fewer discs than were fitted; keeps them if they explain the frame better. Both are corrected to the end before
-    /// they are compared.
+    /// Tries fewer discs than were fitted; keeps them if they explain the frame better. Both are corrected to the end
+    /// before they are compared.
     fn try_merged(&mut self, job: &mut Job, discs: Discs) -> Option<()> {
         job.hurried = false;
         if !self.fits.now.settled {
@@ -509,8 +512,8 @@ impl Fitter {
     }
 }
 
-/// The discs with one of the expected size in place of two neighbours; `None` where no disc with a near neighbour has more
-/// than the contrast `too_strong`. The linearisation error of one strong touch can look like two touches.
+/// The discs with one of the expected size in place of two neighbours; `None` where no disc with a near neighbour has
+/// more than the contrast `too_strong`. The linearisation error of one strong touch can look like two touches.
 fn merged(discs: &Discs, radius_mm: f64, too_strong: f64) -> Option<Discs> {
     let apart = |p: &Disc, q: &Disc| (p.at[0] - q.at[0]).hypot(p.at[1] - q.at[1]);
     let pairs = (0..discs.len()).flat_map(|i| (0..i).map(move |k| (k, i)));
@@ -668,8 +671,8 @@ mod tests {
         }
     }
 
-    /// Two strong touches side by side move and grow a little from frame to frame. The linearisation error is solved for now
-    /// and then, and the touches are where they would be without the frames before.
+    /// Two strong touches side by side move and grow a little from frame to frame. The linearisation error is solved
+    /// for now and then, and the touches are where they would be without the frames before.
     #[test]
     fn the_linearisation_error_is_carried_from_frame_to_frame() {
         let (mut f, mut alone) = (fitter(), fitter());

@@ -8,8 +8,8 @@ use crate::touches::touch::Touch;
 use arrayvec::ArrayVec;
 use std::f64::consts::PI;
 
-/// Relative error of the integrated rise that more measurements would not lessen. Where the linear model is good enough for
-/// the places of touches, it is off by as much for their strengths: the totals of single touches in docs/results.md
+/// Relative error of the integrated rise that more measurements would not lessen. Where the linear model is good enough
+/// for the places of touches, it is off by as much for their strengths: the totals of single touches in docs/results.md
 /// (`touch_accuracy`, column "total") are 1.01.
 const TOTAL_ERROR: f64 = 0.01;
 

@@ -10,23 +10,23 @@ use pulp::Arch;
 
 /// Parameters of a touch, in the order of the Jacobian's columns: x, y, radius, strength.
 pub const PARAMETERS: usize = 4;
-/// Added to the scaled diagonal of the normal equations, which is 1: it keeps a singular problem solvable and is far below
-/// what changes a step.
+/// Added to the scaled diagonal of the normal equations, which is 1: it keeps a singular problem solvable and is far
+/// below what changes a step.
 const DIAGONAL_FLOOR: f64 = 1e-12;
 
 /// When a fit ends, and how far one step goes.
 ///
-/// No experiment is on record for a single field: the values were chosen by hand. The accuracy that they give together is
-/// in docs/results.md (`touch_accuracy`), their cost in docs/benchmarks.md (`skin bench cost`, column `median`).
+/// No experiment is on record for a single field: the values were chosen by hand. The accuracy that they give together
+/// is in docs/results.md (`touch_accuracy`), their cost in docs/benchmarks.md (`skin bench cost`, column `median`).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LevenbergMarquardtOptions {
-    /// Least fall of chi-square that a step must promise, or bring, for the fit to go on. More ends fits earlier and less
-    /// exactly. 1e-3 is a thirtieth of a standard deviation.
+    /// Least fall of chi-square that a step must promise, or bring, for the fit to go on. More ends fits earlier and
+    /// less exactly. 1e-3 is a thirtieth of a standard deviation.
     pub least_gain: f64,
     /// Most steps of a fit from a rough start. Fewer cost less where touches are far from their start.
     pub most_steps: usize,
-    /// Most steps of a fit from the touches of the frame before. More follow faster touches, and cost more in frames that
-    /// show something else.
+    /// Most steps of a fit from the touches of the frame before. More follow faster touches, and cost more in frames
+    /// that show something else.
     pub few_steps: usize,
     /// Longest move of a touch in one step, as a fraction of its expected radius. More converges in fewer steps, and
     /// overshoots more often: the model is not linear in the place.
@@ -305,8 +305,8 @@ impl Task<'_> {
         discs
     }
 
-    /// Lowers the objective of `best`, which is evaluated, in at most so many steps; `next` is room for a trial. Returns why
-    /// that ended, and how many trials there were.
+    /// Lowers the objective of `best`, which is evaluated, in at most so many steps; `next` is room for a trial.
+    /// Returns why that ended, and how many trials there were.
     fn descend(&self, best: &mut Fit, next: &mut Fit, factor: &mut Factor, most_steps: usize) -> (Ended, usize) {
         let (arch, options) = (self.table.arch(), self.options);
         let mut damping = options.damping.first;

@@ -1,8 +1,8 @@
 //! The linearisation error, carried from frame to frame.
 //!
-//! Solving the sheet costs a hundred times what a frame's fit does. Touches move by tenths of a millimetre from one frame to
-//! the next. The linearisation error of an earlier frame's touches goes with the squares of their strengths. Its relative
-//! error is about twice what the touches moved, in radii. It is carried as long as that does not show.
+//! Solving the sheet costs a hundred times what a frame's fit does. Touches move by tenths of a millimetre from one
+//! frame to the next. The linearisation error of an earlier frame's touches goes with the squares of their strengths.
+//! Its relative error is about twice what the touches moved, in radii. It is carried as long as that does not show.
 
 use crate::touches::fit::disc::{Disc, Discs, MOST_TOUCHES};
 use crate::touches::fit::nonlinear::NonlinearModel;
@@ -10,7 +10,8 @@ use crate::touches::fit::responses::ResponseTable;
 
 /// Relative change of the linearisation error over what changes of a disc. More solves anew more often.
 ///
-/// The test below holds them on seed 71: over all scenes the error is stated within a factor of 1.6, in any scene within 4.
+/// The test below holds them on seed 71: over all scenes the error is stated within a factor of 1.6, in any scene
+/// within 4.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ErrorGrowth {
     /// Over the relative change of the strength. From theory: the error goes with the square of the strengths.
@@ -120,8 +121,8 @@ mod tests {
         discs
     }
 
-    /// Strengths that grow together scale it by their square. Moves, other strengths and other radii make the stated error: at
-    /// most four times that in any scene, and within a factor of 1.6 over all.
+    /// Strengths that grow together scale it by their square. Moves, other strengths and other radii make the stated
+    /// error: at most four times that in any scene, and within a factor of 1.6 over all.
     #[test]
     fn the_stated_error_is_that_of_touches_that_changed_a_little() {
         let pattern = Pattern::adjacent(16).unwrap();

@@ -1,10 +1,10 @@
 //! Touches fitted to the measurements: the picture's peaks are the start, a few parameters the result.
 //!
 //! A touch is a disc of raised resistivity with four parameters: x and y of its centre (mm), its radius R (mm) and its
-//! strength S (mm²). The strength is the rise integrated over the disc, as the linear model sees it. In a uniform sheet the
-//! response to a disc of any rise c is that of the linear model with the rise s = 2 c / (2 + c). That holds for every order
-//! of the field's multipoles. It leaves out what touches do to one another and the rim's image of a touch: below 1 % for
-//! +20 %. The fit therefore finds S, and the true rise is c = 2 s / (2 - s) with s = S / (pi R²).
+//! strength S (mm²). The strength is the rise integrated over the disc, as the linear model sees it. In a uniform sheet
+//! the response to a disc of any rise c is that of the linear model with the rise s = 2 c / (2 + c). That holds for
+//! every order of the field's multipoles. It leaves out what touches do to one another and the rim's image of a touch:
+//! below 1 % for +20 %. The fit therefore finds S, and the true rise is c = 2 s / (2 - s) with s = S / (pi R²).
 //!
 //! From the bottom up:
 //!
@@ -18,7 +18,8 @@
 //! - [`reduction`]: brings frames of the model into the space of the data.
 //! - [`fitter`]: fits frame after frame, with all of these.
 //!
-//! The thresholds are in `FitOptions`, `FitterOptions`, `ModelOrderOptions`, `LevenbergMarquardtOptions` and `ErrorGrowth`.
+//! The thresholds are in `FitOptions`, `FitterOptions`, `ModelOrderOptions`, `LevenbergMarquardtOptions` and
+//! `ErrorGrowth`.
 
 pub mod disc;
 pub mod electrode_uncertainty;

@@ -6,10 +6,10 @@
 //! - what the model may be wrong by;
 //! - a multiple of what stays unexplained. A wrong model leaves a residual that touches can lessen and cannot remove.
 //!
-//! Touches that move a little from frame to frame are followed. A few steps lead from where they were to where they are. The
-//! residual is searched for new touches, and one of the changes that would make them fewer is tried, in turn. The search
-//! begins again only where that does not explain the frame as well as the frame before. A search has a limit; one that
-//! reaches the limit goes on in the next frame.
+//! Touches that move a little from frame to frame are followed. A few steps lead from where they were to where they
+//! are. The residual is searched for new touches, and one of the changes that would make them fewer is tried, in turn.
+//! The search begins again only where that does not explain the frame as well as the frame before. A search has a
+//! limit; one that reaches the limit goes on in the next frame.
 
 use crate::touches::fit::disc::{Disc, Discs};
 use crate::touches::fit::interpolation::{add_scaled, dot};
@@ -20,22 +20,24 @@ use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 
 /// When touches are added, split, merged, removed and followed.
 ///
-/// No experiment is on record for a single field: the values were chosen by hand, on the seeds that docs/results.md names.
-/// What they give together is the column "count right" of `cargo run --release -p studies --example touch_accuracy`; what
-/// following costs is the column `median` of `skin bench cost`.
+/// No experiment is on record for a single field: the values were chosen by hand, on the seeds that docs/results.md
+/// names. What they give together is the column "count right" of `cargo run --release -p studies --example
+/// touch_accuracy`; what following costs is the column `median` of `skin bench cost`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ModelOrderOptions {
     /// Most changes of the number of touches in one frame. Fewer end the search for many touches early.
     pub most_changes: usize,
-    /// Part of the chi-square threshold that a place alone must promise before a touch there is fitted. More saves fits and
-    /// misses touches that only show once the others have moved.
+    /// Part of the chi-square threshold that a place alone must promise before a touch there is fitted. More saves fits
+    /// and misses touches that only show once the others have moved.
     pub worth_a_try: f64,
-    /// The same for a split, as a part of `worth_a_try`: a split gains most of what it brings only when both halves move.
+    /// The same for a split, as a part of `worth_a_try`: a split gains most of what it brings only when both halves
+    /// move.
     pub split_worth: f64,
-    /// Part of the unexplained chi-square that an additional touch must bring besides the threshold. More adds fewer touches
-    /// where touches are no discs, and finds fewer where several are missing.
+    /// Part of the unexplained chi-square that an additional touch must bring besides the threshold. More adds fewer
+    /// touches where touches are no discs, and finds fewer where several are missing.
     pub of_unexplained: f64,
-    /// Most touches added at once, where one alone explains too little. More costs time in frames that no touches explain.
+    /// Most touches added at once, where one alone explains too little. More costs time in frames that no touches
+    /// explain.
     pub most_ahead: usize,
     /// Places tried for an additional touch. More costs time.
     pub places: usize,
@@ -45,14 +47,14 @@ pub struct ModelOrderOptions {
     pub near: f64,
     /// A touch is tried to be removed where its significance is below this many times what it must bring.
     pub removal_worth: f64,
-    /// Two touches overlap, and are not believed, when nearer than this part of the sum of their radii. Fingers do not
+    /// Two touches overlap, and are rejected, when nearer than this part of the sum of their radii. Fingers do not
     /// overlap.
     pub overlap: f64,
-    /// Longest move of a followed touch from one frame to the next, in expected radii. More follows faster touches, and may
-    /// take another touch for the same.
+    /// Longest move of a followed touch from one frame to the next, in expected radii. More follows faster touches, and
+    /// may take another touch for the same.
     pub longest_move: f64,
-    /// A frame is explained as well as those before when its misfit is at most this many times theirs. Less searches anew
-    /// more often, which costs time.
+    /// A frame is explained as well as those before when its misfit is at most this many times theirs. Less searches
+    /// anew more often, which costs time.
     pub as_well: f64,
     /// Part of what an additional touch must bring that is enough for a followed touch to stay. Less keeps touches that
     /// have gone; more lets weak touches come and go. Touches stay far longer than a frame.
@@ -151,9 +153,9 @@ pub struct Found {
     pub finished: bool,
 }
 
-/// Fall of chi-square that an additional touch must bring not to be noise: the quantile of Fisher's distribution for the
-/// four parameters of a touch. The probability is that of a false touch over the number of places (sheet's area over a
-/// touch's) where chance could have put it. `freedom` is the noise's number of degrees of freedom.
+/// Fall of chi-square that an additional touch must bring not to be noise: the quantile of Fisher's distribution for
+/// the four parameters of a touch. The probability is that of a false touch over the number of places (sheet's area
+/// over a touch's) where chance could have put it. `freedom` is the noise's number of degrees of freedom.
 pub fn chi_square_threshold(table: &ResponseTable, options: &FitOptions, freedom: usize) -> f64 {
     let places = 4.0 * table.coarse_norms().len() as f64 * table.step_mm().powi(2)
         / (std::f64::consts::PI * options.radius_mm.powi(2));
@@ -163,8 +165,8 @@ pub fn chi_square_threshold(table: &ResponseTable, options: &FitOptions, freedom
 }
 
 impl<'a> Search<'a> {
-    /// Prepares for whitened data of [`ResponseTable::stride`] entries. `chi_square_threshold` is what a touch must bring.
-    /// `None` when the lengths do not match.
+    /// Prepares for whitened data of [`ResponseTable::stride`] entries. `chi_square_threshold` is what a touch must
+    /// bring. `None` when the lengths do not match.
     pub fn new(
         model: DiscModel<'a>,
         data: &'a [f64],
@@ -365,8 +367,8 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// A fit without a touch that is not worth it, or with one in place of two. With a turn, only one of these changes is
-    /// tried.
+    /// A fit without a touch that is not worth it, or with one in place of two. With a turn, only one of these changes
+    /// is tried.
     fn fewer(&mut self, best: &Fit, turn: Option<usize>) -> Option<Fit> {
         let DiscModel { table, prior, order } = self.model;
         let part = if turn.is_some() { order.to_stay } else { 1.0 };
@@ -426,8 +428,8 @@ impl<'a> Search<'a> {
         self.scratch.spare.push(candidates);
     }
 
-    /// A fit with additional touches where they are worth it. Where several are missing, one alone explains too little of
-    /// the residual: the next ones are tried with it.
+    /// A fit with additional touches where they are worth it. Where several are missing, one alone explains too little
+    /// of the residual: the next ones are tried with it.
     fn more(&mut self, best: &Fit) -> Option<Fit> {
         let most_ahead = self.model.order.most_ahead;
         let mut reached = self.one_more(best)?;

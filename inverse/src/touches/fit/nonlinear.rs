@@ -1,10 +1,10 @@
 //! The nonlinear model, and the linearisation error of discs.
 //!
-//! The linear model leaves out three effects: touches that see one another, the rim's image of a touch, and the current that a
-//! voltage drive loses. The sheet is solved with the discs and without, on one mesh that follows their edges. The
-//! linearisation error is the difference of the two solutions less the table's response. It includes the table's
-//! interpolation error. Taken off the data, it leaves what the table can fit. A few rounds, each from the touches of the
-//! round before, are enough for +300 %.
+//! The linear model leaves out three effects: touches that see one another, the rim's image of a touch, and the current
+//! that a voltage drive loses. The sheet is solved with the discs and without, on one mesh that follows their edges.
+//! The linearisation error is the difference of the two solutions less the table's response. It includes the table's
+//! interpolation error. Taken off the data, it leaves what the table can fit. A few rounds, each from the touches of
+//! the round before, are enough for +300 %.
 
 use crate::touches::fit::disc::{Disc, Discs, MOST_TOUCHES};
 use crate::touches::fit::responses::ResponseTable;
@@ -29,11 +29,11 @@ impl NonlinearModel {
         })
     }
 
-    /// Linearisation error of the discs (strengths in mm²): what they change, less the table's response, V of the model.
-    /// `table` holds volts of the model. `None` when the sheet with these discs cannot be solved.
+    /// Linearisation error of the discs (strengths in mm²): what they change, less the table's response, V of the
+    /// model. `table` holds volts of the model. `None` when the sheet with these discs cannot be solved.
     ///
-    /// The error depends on the strengths far more than on the radii. A disc too small for its strength is therefore taken
-    /// larger, not weaker.
+    /// The error depends on the strengths far more than on the radii. A disc too small for its strength is therefore
+    /// taken larger, not weaker.
     pub fn linearisation_error_v(&mut self, table: &ResponseTable, discs: &[Disc]) -> Option<Vec<f64>> {
         let discs: Discs = discs.iter().take(MOST_TOUCHES).map(Disc::believable).collect();
         let touches: Vec<DiscTouch> = discs
@@ -63,11 +63,12 @@ impl NonlinearModel {
     }
 }
 
-/// Norm of the linearisation error as dipoles estimate it, in the unit of `norms`, which are those of the discs' responses.
+/// Norm of the linearisation error as dipoles estimate it, in the unit of `norms`, which are those of the discs'
+/// responses.
 ///
-/// Every other touch, and the rim's image, changes a response by half the contrast times R²/d². This is a dipole's field at
-/// the distance d, which is twice the distance of the rim for the image. Dipoles lie in all directions: their parts are added
-/// by squares. The estimate is within a factor of 1.6 of a solution's.
+/// Every other touch, and the rim's image, changes a response by half the contrast times R²/d². This is a dipole's
+/// field at the distance d, which is twice the distance of the rim for the image. Dipoles lie in all directions: their
+/// parts are added by squares. The estimate is within a factor of 1.6 of a solution's.
 pub fn expected_error(discs: &[Disc], norms: &[f64], outline_mm: &[[f64; 2]]) -> f64 {
     let one = |d: &Disc| {
         let q = d.radius * d.radius;

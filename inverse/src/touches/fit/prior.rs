@@ -4,9 +4,9 @@ use crate::touches::fit::disc::Disc;
 
 /// What is known of touches before the measurement.
 ///
-/// Lengths are for the paper's disc and in proportion on other sheets ([`FitOptions::for_extent`]). Where a field names no
-/// experiment, none is on record: the value was chosen by hand. What all give together is in docs/results.md:
-/// `cargo run --release -p studies --example touch_accuracy`.
+/// Lengths are for the paper's disc and in proportion on other sheets ([`FitOptions::for_extent`]). Where a field names
+/// no experiment, none is on record: the value was chosen by hand. What all give together is in docs/results.md: `cargo
+/// run --release -p studies --example touch_accuracy`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FitOptions {
     /// Radius that a touch is expected to have, mm: the paper's 25 mm tip.
@@ -23,8 +23,8 @@ pub struct FitOptions {
     pub wide_odds: f64,
     /// Probability that noise adds a touch to a frame, 0 to 1. More finds weaker touches and adds more false ones.
     pub false_touch: f64,
-    /// Weakest touch, as a fraction of the strongest one's integrated rise. Less shows weaker touches beside strong ones, and
-    /// what the model leaves of the strong ones.
+    /// Weakest touch, as a fraction of the strongest one's integrated rise. Less shows weaker touches beside strong
+    /// ones, and what the model leaves of the strong ones.
     pub least_of_strongest: f64,
     /// Weakest touch, relative rise at its peak.
     pub least_rise: f64,
@@ -33,10 +33,10 @@ pub struct FitOptions {
     pub model_error: f64,
     /// Most touches in a frame, at most [`MOST_TOUCHES`](crate::touches::fit::disc::MOST_TOUCHES).
     pub most_touches: usize,
-    /// What the search in one frame of many may cost, in evaluations of the response to one touch (3 to 5 us each). The rest
-    /// is left to the next frame. Four touches take 50 to 300, a hand that lands 1,500. More makes the longest frame longer
-    /// (`skin bench cost`, column `p99`). There is no limit where the noise is estimated from the frame, which may be the
-    /// only one.
+    /// What the search in one frame of many may cost, in evaluations of the response to one touch (3 to 5 us each). The
+    /// rest is left to the next frame. Four touches take 50 to 300, a hand that lands 1,500. More makes the longest
+    /// frame longer (`skin bench cost`, column `p99`). There is no limit where the noise is estimated from the frame,
+    /// which may be the only one.
     pub most_work: usize,
 }
 

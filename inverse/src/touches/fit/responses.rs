@@ -1,10 +1,10 @@
 //! The response of every measurement to a disc touch of unit strength, anywhere on the sheet and of any radius.
 //!
-//! The table holds the mean of the sensitivity's density over the disc, at the nodes of a square lattice and for a few radii,
-//! from a finger's tip to a palm. Between the nodes it is interpolated by cubic convolution (Keys 1981), between the radii by a
-//! parabola in R² through three of them. Away from the electrodes the fields are smooth, and the mean over a disc is a power
-//! series in R² (f + R²/8 lap f + R⁴/192 lap lap f + ...). The result is within 0.4 % of a new solution: the tests below hold
-//! that.
+//! The table holds the mean of the sensitivity's density over the disc, at the nodes of a square lattice and for a few
+//! radii, from a finger's tip to a palm. Between the nodes it is interpolated by cubic convolution (Keys 1981), between
+//! the radii by a parabola in R² through three of them. Away from the electrodes the fields are smooth, and the mean
+//! over a disc is a power series in R² (f + R²/8 lap f + R⁴/192 lap lap f + ...). The result is within 0.4 % of a new
+//! solution: the tests below hold that.
 
 use crate::linalg::aligned::Aligned;
 use crate::linalg::kernels::{LANES, dots_of, padded};
@@ -25,8 +25,8 @@ const LARGEST: f64 = 3.0;
 const EXPECTED: usize = 1;
 /// Nodes outside the rim that the interpolation needs.
 const MARGIN: i64 = 2;
-/// Lattice steps from the sheet's middle to its farthest point: 2.4 mm each on the paper's disc. More makes the table larger and
-/// more exact.
+/// Lattice steps from the sheet's middle to its farthest point: 2.4 mm each on the paper's disc. More makes the table
+/// larger and more exact.
 const STEPS: f64 = 40.0;
 /// Columns mapped at once. It bounds the memory that a mapping takes.
 const COLUMNS_MAPPED: usize = 768;
@@ -40,10 +40,10 @@ struct Lattice {
     step_mm: f64,
     columns: usize,
     rows: usize,
-    /// Place of every node in the table; that of nothing for nodes off the sheet.
+    /// Slot of every node in the table; `empty_slot` for nodes off the sheet.
     slot: Vec<u32>,
-    /// The place of nothing, which is the last.
-    nothing: u32,
+    /// The last slot, which holds zeros.
+    empty_slot: u32,
     outline_mm: Vec<[f64; 2]>,
     /// Nodes on the sheet, every other column and row: where a touch is looked for.
     coarse: Vec<[f64; 2]>,
@@ -90,8 +90,9 @@ fn keys(t: f64) -> ([f64; 4], [f64; 4]) {
     )
 }
 
-/// A parabola in q = R² through three of the radii (R over the expected radius, `unit` mm): the lowest three up to the third, then
-/// those around R. At the third and the fourth radius one parabola hands over to the next: all pass through these.
+/// A parabola in q = R² through three of the radii (R over the expected radius, `unit` mm): the lowest three up to the
+/// third, then those around R. At the third and the fourth radius one parabola hands over to the next: all pass through
+/// these.
 fn radii_at(r: f64, unit: f64) -> Radii {
     let first = RADII[AT_ONCE - 1..RADII.len() - 1]
         .iter()
@@ -187,7 +188,7 @@ impl RowSums {
         }
     }
 
-    /// Adds the cells of a span around a centre, times a weight; there is nothing outside of the grid.
+    /// Adds the cells of a span around a centre, times a weight; cells outside of the grid count as zero.
     fn add(&self, span: &Span, [column, row]: [i64; 2], weight: f64, out: &mut [f64]) {
         let row = match usize::try_from(row + span.row) {
             Ok(row) if row < self.rows => row,
@@ -204,8 +205,8 @@ impl RowSums {
 }
 
 impl ResponseTable {
-    /// Tabulates a sheet. `radius_mm` is the expected radius. `None` when the model cannot be solved or the sheet is too
-    /// small for a touch of that size.
+    /// Tabulates a sheet. `radius_mm` is the expected radius. `None` when the model cannot be solved or the sheet is
+    /// too small for a touch of that size.
     pub fn new(model: &Arc<Model>, drive: Drive, pattern: &Pattern, radius_mm: f64) -> Option<Self> {
         let (low, high) = model.geometry().bounding_box();
         let extent = 0.5 * (high[0] - low[0]).max(high[1] - low[1]);
@@ -227,10 +228,10 @@ impl ResponseTable {
         let stencils = RADII.map(|k| coverage(k * radius_mm / grid.cell_mm()));
         let rows_of_cells = RowSums::new(&grid, &cells);
         let on_sheet = (0..(nc * nr) as i64).filter(|k| near(k % nc as i64 - MARGIN, k / nc as i64 - MARGIN));
-        let nothing = on_sheet.clone().count() as u32;
-        let mut slot = vec![nothing; nc * nr];
+        let empty_slot = on_sheet.clone().count() as u32;
+        let mut slot = vec![empty_slot; nc * nr];
         let stride = padded(length, LANES);
-        let mut values = Aligned::zeros((nothing as usize + 1) * RADII.len() * stride);
+        let mut values = Aligned::zeros((empty_slot as usize + 1) * RADII.len() * stride);
         let (mut coarse, mut coarse_columns) = (Vec::new(), Vec::new());
         let columns_of_nodes = values.chunks_exact_mut(RADII.len() * stride);
         for (count, (node, columns)) in on_sheet.zip(columns_of_nodes).enumerate() {
@@ -255,7 +256,7 @@ impl ResponseTable {
             columns: nc,
             rows: nr,
             slot,
-            nothing,
+            empty_slot,
             outline_mm: model.geometry().outline().polyline().to_vec(),
             coarse,
             coarse_columns,
@@ -311,8 +312,8 @@ impl ResponseTable {
         })
     }
 
-    /// How much of a vector of [`ResponseTable::stride`] entries lies along what splitting a touch of unit strength changes, in
-    /// the direction where that is most, with that direction; none where no split stays on the sheet.
+    /// How much of a vector of [`ResponseTable::stride`] entries lies along what splitting a touch of unit strength
+    /// changes, in the direction where that is most, with that direction; none where no split stays on the sheet.
     pub fn best_split(&self, v: &[f64], at: [f64; 2]) -> Option<(f64, usize)> {
         let l = &*self.lattice;
         let nearest = l.coarse.iter().map(|c| (c[0] - at[0]).powi(2) + (c[1] - at[1]).powi(2));
@@ -345,7 +346,8 @@ impl ResponseTable {
             .sum()
     }
 
-    /// The table with its values (a matrix of a column each) replaced by others: the reduced and weighted measurements, say.
+    /// The table with its values (a matrix of a column each) replaced by others: the reduced and weighted measurements,
+    /// say.
     pub fn map(&self, f: impl Fn(&DMatrix<f64>) -> DMatrix<f64>) -> Self {
         let stride = self.stride();
         let count = self.values.len() / stride.max(1);
@@ -430,7 +432,7 @@ impl ResponseTable {
                 let slot = if inside {
                     l.slot[row as usize * l.columns + column as usize]
                 } else {
-                    l.nothing
+                    l.empty_slot
                 };
                 slot as usize * RADII.len()
             }),
