@@ -7,8 +7,8 @@ use crate::reference::baseline::{Baseline, BaselineTaker};
 use crate::reference::electrode_fit;
 use crate::reference::imager::{Imager, ImagerError};
 use crate::solvers::Method;
-use crate::touches::radius_filter::Steadier;
-use crate::touches::tracker::{Following, Tracker};
+use crate::touches::radius_filter::RadiusFilter;
+use crate::touches::tracker::{Tracker, TrackerOptions};
 use std::sync::Arc;
 
 /// How a live picture is made.
@@ -56,7 +56,7 @@ pub struct Live {
     /// After the first baseline.
     running: Option<Running>,
     tracker: Tracker,
-    steadier: Steadier,
+    radius_filter: RadiusFilter,
     meter: Option<ForceMeter>,
     /// When the frame before was measured, s.
     before_s: Option<f64>,
@@ -81,11 +81,11 @@ impl Live {
         let extent = imager.reach_mm();
         let values = imager.pattern.len();
         Self {
-            tracker: Tracker::new(Following {
+            tracker: Tracker::new(TrackerOptions {
                 reach_mm: 2.0 * REACH * extent,
                 patience_s: PATIENCE_S,
             }),
-            steadier: Steadier::default(),
+            radius_filter: RadiusFilter::default(),
             meter: options.calibration.map(|c| ForceMeter::new(&imager, c)),
             taker: Some(BaselineTaker::new(values, options.baseline_frames)),
             running: None,
@@ -155,9 +155,9 @@ impl Live {
         let result = reconstructor.frame_after(values_v, self.interval_s)?;
         self.tracker.update(time_s, &mut result.touches);
         if result.anew {
-            self.steadier.update(time_s, result.grown, &mut result.touches);
+            self.radius_filter.update(time_s, result.grown, &mut result.touches);
         } else {
-            self.steadier.keep(time_s, &result.touches);
+            self.radius_filter.keep(time_s, &result.touches);
         }
         if let Some(meter) = &mut self.meter {
             meter.tell(time_s, &mut result.touches);

@@ -6,8 +6,8 @@
 
 use forward::Drive;
 use inverse::reference::noise::FrameNoise;
-use inverse::touches::radius_filter::Steadier;
-use inverse::touches::tracker::{Following, Tracker};
+use inverse::touches::radius_filter::RadiusFilter;
+use inverse::touches::tracker::{Tracker, TrackerOptions};
 use studies::scenes::{Bench, Kind, Score, imager, live_reconstructor, noise_v, noisy, quantile, rng};
 
 /// Frames after which is looked.
@@ -53,12 +53,12 @@ fn main() -> anyhow::Result<()> {
                     baseline_frames: Some(BASELINE_FRAMES),
                 };
                 let mut reconstructor = live_reconstructor(&bench.seen(), &baseline, noise)?;
-                let (mut tracker, mut steadier) = (
-                    Tracker::new(Following {
+                let (mut tracker, mut radius_filter) = (
+                    Tracker::new(TrackerOptions {
                         reach_mm: 20.0,
                         patience_s: 0.5,
                     }),
-                    Steadier::default(),
+                    RadiusFilter::default(),
                 );
                 let mut looks = LOOKS.iter().zip(&mut scores).peekable();
                 for frame in 1.. {
@@ -66,9 +66,9 @@ fn main() -> anyhow::Result<()> {
                     let result = reconstructor.frame(&noisy(clean.clone(), sigma, &mut rng))?;
                     tracker.update(time_s, &mut result.touches);
                     if result.anew {
-                        steadier.update(time_s, result.grown, &mut result.touches);
+                        radius_filter.update(time_s, result.grown, &mut result.touches);
                     } else {
-                        steadier.keep(time_s, &result.touches);
+                        radius_filter.keep(time_s, &result.touches);
                     }
                     if let Some((_, score)) = looks.next_if(|(at, _)| **at == frame) {
                         score.add(&scene, &result.touches);

@@ -11,6 +11,7 @@ use crate::reference::imager::Imager;
 use crate::reference::noise::{NoiseEstimate, NoiseSource};
 use crate::stats::fisher_quantile;
 use crate::touches::fit::fitter::{Data, Fitter};
+use crate::touches::fit::reduction::WeightedProjection;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -232,33 +233,22 @@ impl FrameSolver {
         let (Some(fitter), Some(weighted)) = (&mut self.fitter, self.weightings.current_mut()) else {
             return false;
         };
-        let difference = task.difference;
-        let weight = |k: usize| {
-            if difference.used[k] {
-                1.0 / difference.spread[k]
-            } else {
-                0.0
-            }
-        };
         let Some(tables) = &weighted.tables else { return false };
-        let projector = &mut weighted.projector;
-        let reduce = |volts: &[f64], reduced: &mut Vec<f64>| {
-            let fill = |to: &mut [f64]| {
-                to.iter_mut()
-                    .zip(volts)
-                    .enumerate()
-                    .for_each(|(k, (to, v))| *to = v * weight(k))
-            };
-            reduced.extend_from_slice(projector.project(fill));
+        let mut reduction = WeightedProjection {
+            used: &task.difference.used,
+            spread: &task.difference.spread,
+            projector: &mut weighted.projector,
         };
         let data = Data {
+            table: &tables.touches,
+            reduction: &mut reduction,
             values: &self.reduced,
             noise,
             gain: task.averaged.gain,
+            patient: task.patient,
         };
         let seeds = result.touches.iter().map(|t| [t.x_mm, t.y_mm]);
-        fitter.set_patient(task.patient);
-        let Some(fitted) = fitter.fit(&tables.touches, reduce, data, seeds) else {
+        let Some(fitted) = fitter.fit(data, seeds) else {
             return false;
         };
         // Only a frame of which all values took part lies in the space that the detector looks at; and frames that have
@@ -313,7 +303,7 @@ impl FrameSolver {
             .filter(|_| result.changed)?;
         let fitted = fitter.last();
         // The residual is that of an earlier frame, where this one could not be fitted.
-        if fitted.left.len() < self.reduced.len() {
+        if fitted.residual_whitened.len() < self.reduced.len() {
             return None;
         }
         if fitted.misfit <= self.options.contacts.explained

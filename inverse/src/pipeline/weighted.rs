@@ -7,7 +7,7 @@ use crate::reference::Difference;
 use crate::reference::imager::Imager;
 use crate::solvers::{Method, Problem, Projector};
 use crate::touches::fit::fitter::Fitter;
-use crate::touches::fit::responses::TouchTable;
+use crate::touches::fit::responses::ResponseTable;
 use nalgebra::{DMatrix, DVector};
 
 /// The weighted and reduced problem for the values that take part, without what some contacts do.
@@ -33,7 +33,7 @@ pub(crate) struct Weighted {
 /// Reduced responses.
 pub(crate) struct Tables {
     /// To touches.
-    pub(crate) touches: TouchTable,
+    pub(crate) touches: ResponseTable,
     /// To contacts.
     pub(crate) contacts: Option<Candidates>,
 }

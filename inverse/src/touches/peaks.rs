@@ -1,18 +1,23 @@
-//! From a picture to touches: smooth, find the peaks that stand out, measure each over its own ground.
+//! From a picture to touches: smooths it, finds the peaks that stand out, and measures each over its own ground.
 
 use crate::touches::touch::Touch;
 use forward::CellGrid;
 
-/// What counts as a touch.
+/// Which peaks of a picture count as touches. No experiment is on record; chosen by hand.
+///
+/// Where touches are fitted, peaks are only the places that the fit starts from: it adds and removes touches. A peak
+/// too many costs time. Where they are not fitted, peaks are the touches (docs/results.md, "Without the fit").
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TouchOptions {
-    /// Standard deviation of the smoothing before peaks are sought, mm.
+    /// Standard deviation of the smoothing before peaks are looked for, mm. More merges neighbours; less splits one
+    /// touch into the cells of its picture.
     pub smoothing_mm: f64,
-    /// A peak weaker than this fraction of the strongest is none.
+    /// Weakest peak, as a fraction of the strongest one's height.
     pub least_of_strongest: f64,
-    /// A peak must rise above the saddle to a higher one by this fraction of its own height.
+    /// Least height of a peak above the saddle to a higher one, as a fraction of the peak's own height. More merges
+    /// neighbours.
     pub prominence: f64,
-    /// A peak weaker than this relative rise is none.
+    /// Weakest peak, relative rise.
     pub least_rise: f64,
 }
 
@@ -59,7 +64,7 @@ impl TouchFinder {
         }
     }
 
-    /// The touches of a picture (relative rise of every cell), strongest first; `touches` is emptied before.
+    /// The touches of a picture (relative rise of every cell), strongest first. `touches` is emptied before.
     pub fn find(&mut self, x: &[f64], touches: &mut Vec<Touch>) {
         touches.clear();
         self.smoothing.smooth(x, &mut self.smooth);
@@ -75,8 +80,8 @@ impl TouchFinder {
         self.order
             .sort_unstable_by(|a, b| smooth[*b as usize].total_cmp(&smooth[*a as usize]).then(a.cmp(b)));
         self.ground.fill(NONE);
-        // Flood from the top: a cell without a higher neighbour starts a peak, one between two joins them, and the lower
-        // peak is judged there by how far it stands above the saddle.
+        // Flood from the top. A cell without a higher neighbour starts a peak. A cell between two peaks is their
+        // saddle: there the lower one is merged, unless it stands far enough above.
         let mut peaks = std::mem::take(&mut self.peaks);
         peaks.clear();
         for cell in &self.order {
@@ -153,8 +158,8 @@ impl TouchFinder {
     }
 }
 
-/// A bell of a standard deviation over the cells there are, normalised so that a touch at the rim is not dimmed. Rows and
-/// columns of the lattice are smoothed one after the other.
+/// A bell of a standard deviation over the cells there are, normalised so that a touch at the rim is not dimmed. Rows
+/// and columns of the lattice are smoothed one after the other.
 #[derive(Clone, Debug)]
 struct Smoothing {
     taps: Vec<f64>,

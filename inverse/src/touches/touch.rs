@@ -25,13 +25,14 @@ pub struct Touch {
     pub area_sd_mm2: Option<f64>,
     /// Standard uncertainty of `total_mm2`; none where the touch was not fitted to the measurements.
     pub total_sd_mm2: Option<f64>,
-    /// Force, N, without the creep of the rubber; 0 for a dent that an earlier touch left. None without a calibration.
+    /// Force, N, corrected for the creep of the rubber; 0 for a dent that an earlier touch left. None without a
+    /// calibration.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub force_n: Option<f64>,
 }
 
 impl Touch {
-    /// Whether anything presses there: not where the force is told and is none, as on a dent that was left.
+    /// Whether anything presses there. A force of 0 is that of a dent, where nothing presses.
     pub fn is_pressed(&self) -> bool {
         self.force_n != Some(0.0)
     }

@@ -1,23 +1,26 @@
 //! Numbers that stay with a touch from frame to frame.
 //!
-//! A touch is the nearest one of the frame before, within a reach. One that is new where another vanished a moment ago is that one
-//! again: on a hand, weak touches come and go with the noise. Every other touch gets a number that none had before.
+//! A touch has the number of the nearest one of the frame before, within a reach. A new touch where another vanished a
+//! moment ago is that one again: on a hand, weak touches come and go with the noise. Every other touch gets a number
+//! that none had before.
 
 use crate::touches::touch::Touch;
 
-/// How far and how long a touch is followed.
+/// How far and how long a touch is followed. No experiment is on record; chosen by hand.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Following {
-    /// The most that a touch moves from frame to frame, and between where it vanishes and where it is seen again, mm.
+pub struct TrackerOptions {
+    /// Longest move of a touch from frame to frame, and from where it vanishes to where it is seen again, mm. More
+    /// follows faster touches. Above the least distance at which two touches are resolved it takes one for the other.
     pub reach_mm: f64,
-    /// How long it may be gone, s.
+    /// How long a touch may be gone and keep its number, s. More takes a second tap at the same place for the same
+    /// touch; less numbers flickering touches anew.
     pub patience_s: f64,
 }
 
 /// Follows touches.
 #[derive(Clone, Debug)]
 pub struct Tracker {
-    following: Following,
+    following: TrackerOptions,
     known: Vec<Known>,
     next: u32,
 }
@@ -33,7 +36,7 @@ struct Known {
 
 impl Tracker {
     /// Knows no touch yet.
-    pub fn new(following: Following) -> Self {
+    pub fn new(following: TrackerOptions) -> Self {
         Self {
             following,
             known: Vec::new(),
@@ -43,7 +46,7 @@ impl Tracker {
 
     /// Numbers the touches of a frame, measured at the board's time.
     pub fn update(&mut self, time_s: f64, touches: &mut [Touch]) {
-        let Following { reach_mm, patience_s } = self.following;
+        let TrackerOptions { reach_mm, patience_s } = self.following;
         for touch in &mut *touches {
             touch.id = None;
         }
@@ -52,7 +55,7 @@ impl Tracker {
             known.seen_s = known.seen_s.min(time_s);
         }
         self.known.retain(|k| time_s - k.seen_s <= patience_s);
-        // What was there is followed first: nobody who vanished takes its place.
+        // Touches of the frame before come first: none that vanished takes their place.
         let mut seen = vec![false; self.known.len()];
         for present in [true, false] {
             // Nearest pairs first; a handful of touches, so every pair is looked at.
@@ -97,7 +100,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    const FOLLOWING: Following = Following {
+    const FOLLOWING: TrackerOptions = TrackerOptions {
         reach_mm: 20.0,
         patience_s: 0.5,
     };
@@ -152,8 +155,8 @@ mod tests {
     }
 
     proptest! {
-        /// However touches flicker and tremble at their places, in any order: one number each, as long as none is gone for longer than
-        /// the patience.
+        /// However touches flicker and tremble at their places, in any order: one number each, as long as none is gone
+        /// for longer than the patience.
         #[test]
         fn flickering_touches_keep_their_numbers(
             frames in prop::collection::vec((any::<[bool; 5]>(), any::<[[i8; 2]; 5]>(), any::<bool>(), 0.001..0.25f64), 1..100)

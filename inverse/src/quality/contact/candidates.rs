@@ -62,7 +62,7 @@ struct Explained {
 
 impl Explained {
     fn of(fitted: &Fitted, length: usize) -> Self {
-        let square: f64 = fitted.left.iter().map(|v| v * v).sum();
+        let square: f64 = fitted.residual_whitened.iter().map(|v| v * v).sum();
         let freedom = (length as f64 - 3.0 * fitted.all.len() as f64).max(1.0);
         let chance = CHANCE_SD * (2.0 * freedom).sqrt();
         Self {
@@ -181,7 +181,7 @@ impl Candidates {
         }
         // What the others could still make of the residual, had they not to be touches.
         self.residual.clear();
-        self.residual.extend_from_slice(&fitted.left[..length]);
+        self.residual.extend_from_slice(&fitted.residual_whitened[..length]);
         let without = self.basis.outside(&mut self.residual);
         self.without(judged, replaced);
         let signature = &self.signatures[h.electrode].0;
@@ -237,7 +237,7 @@ impl Candidates {
             sigma,
         } = judged;
         self.residual.clear();
-        self.residual.extend_from_slice(&fitted.left[..data.len()]);
+        self.residual.extend_from_slice(&fitted.residual_whitened[..data.len()]);
         self.whole.clear();
         self.whole.extend(data.iter().map(|v| v / sigma));
         for (k, columns) in fitted.slopes.chunks_exact(PARAMETERS * stride).enumerate() {

@@ -1,32 +1,33 @@
-//! How far touches are shifted by what is uncertain of the electrodes.
+//! How far touches are shifted by the electrodes' uncertainty.
 //!
-//! No frame shows that its electrodes are not where the model has them: a difference to the baseline that touches explain
-//! looks the same with all of them a little elsewhere. So this part of a touch's uncertainty is worked out beforehand. For
-//! every direction in which the electrodes are uncertain the sheet is modelled with them one standard deviation off, the
-//! answer to a touch taken in that model, and the model in use fitted to it to first order.
+//! No frame shows that its electrodes are not where the model has them. A difference to the baseline that touches
+//! explain looks the same with all touches a little elsewhere. This part of a touch's uncertainty is therefore computed
+//! beforehand. For every direction in which the electrodes are uncertain, the sheet is modelled with them one standard
+//! deviation off. The model in use is then fitted, to first order, to the response to a touch in that model.
 
 use crate::reference::imager::Imager;
 use forward::{Model, ModelOptions, Sensitivity, Solver};
 use nalgebra::{DMatrix, DVector, Matrix4, SymmetricEigen, Vector4};
 use std::sync::Arc;
 
-/// Most directions of the electrodes' uncertainty that are followed: a fit to the baseline leaves three (all of them
-/// turned, or spread out along a diameter, which a disc hardly shows) and little else.
+/// Most directions of the electrodes' uncertainty that count. A fit to the baseline leaves three and little else: all
+/// electrodes turned, or spread out along either diameter (docs/results.md, "Misplaced electrodes").
 const MOST_DIRECTIONS: usize = 6;
-/// A direction with less than this part of the variance is left out.
+/// A direction with less than this part of the variance is left out. Chosen by hand.
 const LEAST_PART: f64 = 1e-3;
-/// Standard deviation of the bump that stands for a touch, over the radius of a touch: its second moment.
+/// Standard deviation of the bump that stands for a touch, over the touch's radius. A disc's is a half: its second
+/// moment.
 const WIDTH: f64 = 0.5;
-/// The bump ends at so many of its standard deviations.
+/// The bump ends at so many of its standard deviations, where it is a hundredth of its height.
 const REACH: f64 = 3.0;
 
 /// Variance of x and y (mm²) from the electrodes' uncertainty, cell by cell.
 #[derive(Clone, Debug)]
-pub struct Placement {
+pub struct ElectrodeUncertainty {
     variance: Vec<[f64; 2]>,
 }
 
-impl Placement {
+impl ElectrodeUncertainty {
     /// For touches of about this radius; `None` when the imager's electrodes are taken as certain or a sheet with them
     /// elsewhere cannot be modelled.
     pub fn new(imager: &Imager, radius_mm: f64) -> Option<Self> {
@@ -45,10 +46,10 @@ impl Placement {
                 break;
             }
             let off = eigen.eigenvectors.column(k) * eigen.eigenvalues[k].sqrt();
-            let answers = answers_with(imager, &off.into_owned())?;
+            let responses = responses_with(imager, &off.into_owned())?;
             for (cell, (slopes, variance)) in slopes.iter().zip(&mut variance).enumerate() {
                 let Some(slopes) = slopes else { continue };
-                let bump = bump(imager, &answers, cell, radius_mm).0;
+                let bump = bump(imager, &responses, cell, radius_mm).0;
                 let shift = slopes.fitted(&(bump - &slopes.bump));
                 variance[0] += shift[0] * shift[0];
                 variance[1] += shift[1] * shift[1];
@@ -79,26 +80,26 @@ impl Placement {
 }
 
 /// The normalised sensitivity (volts of the imager's model) of the sheet with its electrodes off by this much.
-fn answers_with(imager: &Imager, off: &DVector<f64>) -> Option<DMatrix<f64>> {
+fn responses_with(imager: &Imager, off: &DVector<f64>) -> Option<DMatrix<f64>> {
     let sheet = imager
         .model
         .geometry()
         .displaced(imager.model.sheet(), off.as_slice())?;
     let solver = Solver::new(Arc::new(Model::new(&sheet, &ModelOptions::default()).ok()?)).ok()?;
     let matrix = solver.electrode_matrix();
-    let mut answers = Sensitivity::by_cell(&solver, &imager.grid).matrix_v(imager.drive, matrix, &imager.pattern);
+    let mut responses = Sensitivity::by_cell(&solver, &imager.grid).matrix_v(imager.drive, matrix, &imager.pattern);
     let volts = imager.drive.frame_v(matrix, &imager.pattern);
-    for ((mut row, v), own) in answers.row_iter_mut().zip(volts).zip(&imager.model_v) {
+    for ((mut row, v), own) in responses.row_iter_mut().zip(volts).zip(&imager.model_v) {
         row *= own / v;
     }
-    Some(answers)
+    Some(responses)
 }
 
-/// Answer to a bump at a cell, and its derivatives by x, y and width.
-fn bump(imager: &Imager, answers: &DMatrix<f64>, cell: usize, radius_mm: f64) -> (DVector<f64>, [DVector<f64>; 3]) {
+/// Response to a bump at a cell, and its derivatives by x, y and width.
+fn bump(imager: &Imager, responses: &DMatrix<f64>, cell: usize, radius_mm: f64) -> (DVector<f64>, [DVector<f64>; 3]) {
     let at = imager.grid.centre(cell);
     let s = WIDTH * radius_mm;
-    let zeros = || DVector::zeros(answers.nrows());
+    let zeros = || DVector::zeros(responses.nrows());
     let (mut sum, mut slopes) = (zeros(), [zeros(), zeros(), zeros()]);
     for other in 0..imager.grid.len() {
         let [x, y] = imager.grid.centre(other);
@@ -108,7 +109,7 @@ fn bump(imager: &Imager, answers: &DMatrix<f64>, cell: usize, radius_mm: f64) ->
             continue;
         }
         let w = (-0.5 * d2).exp();
-        let column = answers.column(other);
+        let column = responses.column(other);
         sum.axpy(w, &column, 1.0);
         for (slope, d) in slopes.iter_mut().zip([dx, dy, d2 - 2.0]) {
             slope.axpy(w * d / s, &column, 1.0);
@@ -117,7 +118,7 @@ fn bump(imager: &Imager, answers: &DMatrix<f64>, cell: usize, radius_mm: f64) ->
     (sum, slopes)
 }
 
-/// The model in use about a touch: what fits to its answer move the touch by.
+/// The model in use, linear about a touch: it says by how much a changed response moves the fitted touch.
 struct Slopes {
     bump: DVector<f64>,
     /// Derivatives by x, y, width and strength.
@@ -126,8 +127,8 @@ struct Slopes {
 }
 
 impl Slopes {
-    fn new(imager: &Imager, answers: &DMatrix<f64>, cell: usize, radius_mm: f64) -> Option<Self> {
-        let (bump, [x, y, width]) = bump(imager, answers, cell, radius_mm);
+    fn new(imager: &Imager, responses: &DMatrix<f64>, cell: usize, radius_mm: f64) -> Option<Self> {
+        let (bump, [x, y, width]) = bump(imager, responses, cell, radius_mm);
         let by = [x, y, width, bump.clone()];
         let normal = Matrix4::from_fn(|i, j| by[i].dot(&by[j]));
         Some(Self {

@@ -1,398 +1,518 @@
-//! Fits frame after frame: keeps what only depends on the sheet, and goes beyond the linear model where it shows.
+//! Fits frame after frame: keeps what depends on the sheet only, and corrects the linear model where its error shows.
 
 use crate::reference::imager::Imager;
 use crate::reference::noise::{NoiseEstimate, NoiseSource};
-use crate::touches::fit::electrode_uncertainty::Placement;
-use crate::touches::fit::linearisation_error::Correction;
-use crate::touches::fit::model_order::{self, Before, Scratch};
-use crate::touches::fit::nonlinear::{self, Beyond};
-use crate::touches::fit::responses::TouchTable;
-use crate::touches::fit::{Disc, Discs, FitOptions, Fitted, Frame, MOST_TOUCHES, Start, fit};
+use crate::touches::fit::disc::{Disc, Discs, MOST_TOUCHES};
+use crate::touches::fit::electrode_uncertainty::ElectrodeUncertainty;
+use crate::touches::fit::frame_fit::{Fitted, Frame, Start, fit};
+use crate::touches::fit::linearisation_error::{ErrorGrowth, LinearisationError};
+use crate::touches::fit::model_order::{self, Before, DiscModel, ModelOrderOptions, Scratch};
+use crate::touches::fit::nonlinear::{self, NonlinearModel};
+use crate::touches::fit::prior::FitOptions;
+use crate::touches::fit::reduction::Reduce;
+use crate::touches::fit::responses::ResponseTable;
 use std::sync::Arc;
 
-/// Part of the data that the linear model of touches may get wrong before it is corrected.
-const LINEAR_ERROR: f64 = 0.02;
-/// Most corrections of a frame.
-const MOST_ROUNDS: usize = 4;
-/// Change of the integrated rises from one correction to the next, relative, that ends them.
-const SETTLED: f64 = 0.01;
-/// Error of the linear model, in standard deviations of the noise over the whole frame, that is worth two solutions of the
-/// nonlinear model. At 27 dB a touch of +20 % alone is below, two of them side by side are above.
-const WORTH_A_SOLUTION: f64 = 4.2;
-/// The same for a correction that is carried from an earlier frame, before it is solved for anew: all of it may lie along one touch's
-/// move.
-const CARRIED_ERROR: f64 = 1.5;
-/// Part of what is worth a solution from which one goes on being carried.
-const STILL_WORTH: f64 = 0.7;
-/// A correction was in vain that left more than this misfit, and more than this part of what there was before: the touches are no discs.
-const UNEXPLAINED: f64 = 1.5;
-const LITTLE_LESS: f64 = 0.8;
-/// As long as no more than this many times as much is left, that is so.
-const AS_MUCH: f64 = 1.5;
-/// By how much a misfit scatters, three standard deviations.
-const SCATTER: f64 = 0.4;
-/// Where `LINEAR_ERROR` of a frame is more than this, in the same unit, it is taken to show before anything is known of the touches.
-const SHOWS: f64 = 9.0;
-/// After so many frames one after the other whose search did not come to its end, the next one's has no limit.
-const MOST_UNFINISHED: usize = 8;
-/// Contrast of a disc above which another explanation is tried: a rise of seven times.
-const TOO_STRONG: f64 = 1.55;
-/// Mean squared misfit, in noise variances, up to which discs explain a frame.
-const MOST_MISFIT: f64 = 4.0;
-/// Part of a frame (norm of the residual over that of the data) that fitted touches may leave, whatever the noise: beyond,
-/// they are no discs.
-const MOST_RESIDUAL: f64 = 0.06;
+/// When the linear model is corrected, when touches are followed, and when they explain a frame.
+///
+/// Norms and errors of a whole frame are in standard deviations of the noise of one value. Where a field names no
+/// experiment, none is on record: the value was chosen by hand, on the seeds that docs/results.md names. What all give
+/// together is `cargo run --release -p studies --example touch_accuracy`; what the corrections cost is the column
+/// `median` of `skin bench cost`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FitterOptions {
+    /// Relative error of the linear model before anything is known of the touches, 0 to 1. More adds no touch for the
+    /// linearisation error of strong ones, and finds fewer weak touches beside these.
+    pub linear_error: f64,
+    /// Norm of `linear_error` of a frame from which that error is taken to show. Less is careful with weaker frames, at
+    /// the cost of a second fit.
+    pub linear_error_shows: f64,
+    /// Norm of the expected linearisation error that is worth a nonlinear solution. Less solves more often, 5 ms each.
+    /// At 27 dB a touch of +20 % alone is below, two side by side are above.
+    pub worth_a_solution: f64,
+    /// Norm of the error of a carried linearisation error before it is solved for anew. It is less than
+    /// `worth_a_solution`, because all of it may lie along one touch's move.
+    pub carried_error: f64,
+    /// Part of `worth_a_solution` from which a linearisation error goes on being carried. Below 1, so that touches at
+    /// the limit do not switch from frame to frame.
+    pub still_worth: f64,
+    /// Most solutions of a frame that cannot leave its correction to the next. More lets the totals of strong touches
+    /// settle further.
+    pub most_rounds: usize,
+    /// Relative change of the integrated rises from one solution to the next that ends them. Less takes more rounds.
+    pub settled: f64,
+    /// A new solution for a mean of frames failed if it leaves more than this misfit, and more than `failed_part` of
+    /// the misfit before: the touches are no discs.
+    pub failed_misfit: f64,
+    /// See `failed_misfit`.
+    pub failed_part: f64,
+    /// After a failed solution there is no other while the unexplained misfit is at most this many times what it was
+    /// then.
+    pub failed_until: f64,
+    /// By how much the misfit of one frame scatters: three standard deviations. More follows touches that explain a
+    /// mean less well than they explained its first frame.
+    pub misfit_scatter: f64,
+    /// Frames one after another whose search may be cut short. The next frame's has no limit.
+    pub most_unfinished: usize,
+    /// Contrast of a disc above which one touch in place of two is tried: a rise of seven.
+    pub too_strong: f64,
+    /// Mean square misfit, in noise variances of one frame, up to which discs explain a frame. More shows discs where
+    /// something else presses; less falls back to the picture's peaks, without an uncertainty.
+    pub most_misfit: f64,
+    /// Norm of the residual over that of the data up to which discs explain a frame, whatever the noise. As
+    /// `most_misfit`.
+    pub most_residual: f64,
+    /// How the number of touches is chosen.
+    pub order: ModelOrderOptions,
+    /// When a carried linearisation error is no longer that of the touches.
+    pub growth: ErrorGrowth,
+}
+
+impl Default for FitterOptions {
+    fn default() -> Self {
+        Self {
+            linear_error: 0.02,
+            linear_error_shows: 9.0,
+            worth_a_solution: 4.2,
+            carried_error: 1.5,
+            still_worth: 0.7,
+            most_rounds: 4,
+            settled: 0.01,
+            failed_misfit: 1.5,
+            failed_part: 0.8,
+            failed_until: 1.5,
+            misfit_scatter: 0.4,
+            most_unfinished: 8,
+            too_strong: 1.55,
+            most_misfit: 4.0,
+            most_residual: 0.06,
+            order: ModelOrderOptions::default(),
+            growth: ErrorGrowth::default(),
+        }
+    }
+}
 
 /// A frame to fit, reduced and weighted.
-#[derive(Clone, Copy, Debug)]
 pub struct Data<'a> {
+    /// Responses to touches in the space of the data.
+    pub table: &'a ResponseTable,
+    /// Brings other frames of the model there.
+    pub reduction: &'a mut dyn Reduce,
     /// The difference, V.
     pub values: &'a [f64],
     /// The noise of one of them, and how it is known.
     pub noise: NoiseEstimate,
-    /// How many times as large the variance of one frame's noise is: 1, or more where these are the mean of several. What touches are not
-    /// discs, or the model gets wrong, is as large in the mean, so that it takes as much to believe in another one as in a frame.
+    /// Variance of one frame's noise over that of this one: 1, or more for a mean of several. The error of the disc
+    /// model does not average out, so an additional touch needs as much in a mean as in one frame.
     pub gain: f64,
+    /// Whether the search must end in this frame, however many follow.
+    pub patient: bool,
+}
+
+impl Data<'_> {
+    /// Part of a misfit that noise does not explain, in variances of one frame's noise.
+    fn unexplained(&self, misfit: f64) -> f64 {
+        (misfit - 1.0) / self.gain
+    }
 }
 
 /// What is the same for all fits of a frame.
-#[derive(Clone, Copy)]
 struct Job<'a> {
-    table: &'a TouchTable,
-    options: FitOptions,
     data: Data<'a>,
-    drop: f64,
+    chi_square_threshold: f64,
     /// Whether the next frame may go on with it.
     hurried: bool,
+    /// Number of the frame.
     turn: usize,
 }
 
-impl Job<'_> {
-    fn frame<'a>(&self, values: &'a [f64], error: f64) -> Frame<'a> {
-        Frame {
-            values,
-            sigma: self.data.noise.sigma,
-            drop: self.drop,
-            error,
-            most_work: if self.hurried {
-                self.options.most_work
-            } else {
-                usize::MAX
-            },
+/// Which values are fitted.
+#[derive(Clone, Copy)]
+enum Values {
+    Measured,
+    /// Without the linearisation error.
+    Corrected,
+}
+
+/// Values without a linearisation error.
+#[derive(Debug, Default)]
+struct Corrected {
+    error: Vec<f64>,
+    values: Vec<f64>,
+}
+
+impl Corrected {
+    /// Takes `scale` times a linearisation error off the data. Returns the norm of what was taken off, over the noise.
+    fn take_off(&mut self, error: &LinearisationError, scale: f64, data: &mut Data) -> f64 {
+        self.error.clear();
+        data.reduction.reduce(error.volts(), &mut self.error);
+        self.error.resize(data.values.len(), 0.0);
+        self.values.clear();
+        let values = data.values.iter().zip(&self.error).map(|(v, e)| v - scale * e);
+        self.values.extend(values);
+        scale * self.error.iter().map(|v| v * v).sum::<f64>().sqrt() / data.noise.sigma
+    }
+}
+
+/// The nonlinear correction, carried from frame to frame.
+#[derive(Debug, Default)]
+struct Carried {
+    /// Linearisation error of the frame before, solved for in that frame or an earlier one.
+    error: Option<LinearisationError>,
+    /// Unexplained misfit after the last failed solution for a mean, in variances of one frame's noise.
+    failed: Option<f64>,
+    /// Solutions so far.
+    solutions: usize,
+}
+
+/// The touches of the frame before, as far as the next frame goes on from them.
+#[derive(Debug)]
+struct Followed {
+    /// Whether the next frame is to follow them.
+    holds: bool,
+    /// Frames so far.
+    turn: usize,
+    /// Least unexplained misfit since the touches were searched for, in variances of one frame's noise.
+    least_unexplained: f64,
+    /// The gain of the data in which that was found.
+    gain: f64,
+    /// Frames one after another in which a search did not come to its end.
+    unfinished: usize,
+}
+
+impl Default for Followed {
+    fn default() -> Self {
+        Self {
+            holds: false,
+            turn: 0,
+            least_unexplained: f64::INFINITY,
+            gain: 1.0,
+            unfinished: 0,
         }
+    }
+}
+
+impl Followed {
+    /// The misfit that data of this gain have if they are explained as well as the best before. `scatter` is that of
+    /// the misfit of one frame: a mean determines it better.
+    fn least_misfit(&self, gain: f64, scatter: f64) -> f64 {
+        let scatter = if gain > self.gain { scatter / self.gain } else { 0.0 };
+        1.0 + gain * (self.least_unexplained + scatter)
+    }
+
+    /// Notes the outcome of a frame.
+    fn note(&mut self, data: &Data, fitted: &Fitted, explained: bool) {
+        let unexplained = data.unexplained(fitted.misfit);
+        if !(fitted.followed && self.least_unexplained <= unexplained) {
+            (self.least_unexplained, self.gain) = (unexplained, data.gain);
+        }
+        self.unfinished = if fitted.finished { 0 } else { self.unfinished + 1 };
+        self.holds = explained || !fitted.finished;
+    }
+}
+
+/// The last two fits.
+#[derive(Debug, Default)]
+struct Fits {
+    now: Fitted,
+    before: Fitted,
+    scratch: Scratch,
+}
+
+impl Fits {
+    /// Fits a frame from these places, or from the touches fitted last. With a misfit, the touches fitted last are
+    /// followed as long as the frame's misfit is about as small.
+    fn fit(
+        &mut self,
+        model: DiscModel,
+        frame: Frame,
+        seeds: Option<&[Disc]>,
+        least_misfit: Option<f64>,
+        turn: usize,
+    ) -> Option<()> {
+        std::mem::swap(&mut self.before, &mut self.now);
+        let from = &self.before;
+        let follow = |misfit| Before {
+            discs: &from.all,
+            misfit,
+            finished: from.finished,
+            turn,
+        };
+        let start = Start {
+            seeds: seeds.unwrap_or(&from.discs),
+            before: least_misfit.map(follow),
+        };
+        fit(model, frame, start, &mut self.scratch, &mut self.now)
     }
 }
 
 /// Fits touches to the frames of one imager.
 pub struct Fitter {
-    options: FitOptions,
+    prior: FitOptions,
+    options: FitterOptions,
     imager: Arc<Imager>,
-    /// Answers to touches, V of the model.
-    volts: TouchTable,
-    /// Made when a frame first needs it.
-    beyond: Option<Beyond>,
-    /// What was left out of the frame before, as it was solved for it or an earlier one.
-    correction: Option<Correction>,
-    /// How often it was solved for.
-    solutions: usize,
-    /// Whether no frame leaves its search to the next.
-    patient: bool,
-    /// What was left unexplained when it was last solved for in vain for a mean, in variances of one frame's noise.
-    in_vain: Option<f64>,
-    left_out: Vec<f64>,
-    corrected: Vec<f64>,
+    /// Responses to touches, V of the model.
+    volts: ResponseTable,
     /// What the electrodes' uncertainty adds to that of touches.
-    placement: Option<Placement>,
-    /// Degrees of freedom of the noise, and what a touch must bring at them.
-    drop: Option<(NoiseSource, f64)>,
-    scratch: Scratch,
-    fitted: Fitted,
-    before: Fitted,
-    /// Whether `fitted` is what the next frame is to be followed from, and how many frames there were.
-    follows: bool,
-    turn: usize,
-    /// The least part of a misfit that noise does not explain since the touches were searched for, in variances of one frame's noise, and
-    /// the data's gain.
-    least_unexplained: (f64, f64),
-    /// Frames one after the other in which a search did not come to its end.
-    unfinished: usize,
+    electrodes: Option<ElectrodeUncertainty>,
+    /// Made when a frame first needs it.
+    nonlinear: Option<NonlinearModel>,
+    /// How the noise is known, and the chi-square threshold for that.
+    chi_square_threshold: Option<(NoiseSource, f64)>,
+    carried: Carried,
+    followed: Followed,
+    fits: Fits,
+    corrected: Corrected,
 }
 
 impl Fitter {
     /// Tabulates the imager's sheet; `None` when that cannot be done.
-    pub fn new(imager: &Arc<Imager>, options: FitOptions) -> Option<Self> {
+    pub fn new(imager: &Arc<Imager>, prior: FitOptions) -> Option<Self> {
+        Self::with_options(imager, prior, FitterOptions::default())
+    }
+
+    /// The same with other thresholds.
+    pub fn with_options(imager: &Arc<Imager>, prior: FitOptions, options: FitterOptions) -> Option<Self> {
         Some(Self {
-            volts: TouchTable::new(&imager.model, imager.drive, &imager.pattern, options.radius_mm)?,
-            placement: Placement::new(imager, options.radius_mm),
+            volts: ResponseTable::new(&imager.model, imager.drive, &imager.pattern, prior.radius_mm)?,
+            electrodes: ElectrodeUncertainty::new(imager, prior.radius_mm),
             imager: Arc::clone(imager),
+            prior,
             options,
-            beyond: None,
-            correction: None,
-            solutions: 0,
-            patient: false,
-            in_vain: None,
-            left_out: Vec::new(),
-            corrected: Vec::new(),
-            drop: None,
-            scratch: Scratch::default(),
-            fitted: Fitted::default(),
-            before: Fitted::default(),
-            follows: false,
-            turn: 0,
-            least_unexplained: (f64::INFINITY, 1.0),
-            unfinished: 0,
+            nonlinear: None,
+            chi_square_threshold: None,
+            carried: Carried::default(),
+            followed: Followed::default(),
+            fits: Fits::default(),
+            corrected: Corrected::default(),
         })
     }
 
-    /// What the last fit came to, also where it does not explain its frame.
+    /// The last fit, also where it does not explain its frame.
     pub fn last(&self) -> &Fitted {
-        &self.fitted
+        &self.fits.now
     }
 
     /// Forgets the touches of the frame before: they have gone.
     pub fn forget(&mut self) {
-        self.follows = false;
-        (self.correction, self.in_vain) = (None, None);
+        self.followed.holds = false;
+        (self.carried.error, self.carried.failed) = (None, None);
     }
 
-    /// Whether every search is to come to its end in its own frame, however many follow.
-    pub fn set_patient(&mut self, patient: bool) {
-        self.patient = patient;
-    }
-
-    /// Answers to touches, V of the model: to be reduced and weighted as the data are.
-    pub fn volts(&self) -> &TouchTable {
+    /// Responses to touches, V of the model: to be reduced and weighted as the data are.
+    pub fn volts(&self) -> &ResponseTable {
         &self.volts
     }
 
-    /// Touches fitted from the places of a picture's peaks, mm; `None` when discs do not explain the frame. `table` and
-    /// `reduce` bring volts of the model into the space of the data.
-    pub fn fit(
-        &mut self,
-        table: &TouchTable,
-        mut reduce: impl FnMut(&[f64], &mut Vec<f64>),
-        data: Data,
-        seeds: impl Iterator<Item = [f64; 2]>,
-    ) -> Option<&Fitted> {
-        let live = data.noise.source == NoiseSource::Known;
-        self.turn = self.turn.wrapping_add(1);
-        let job = Job {
-            table,
-            options: self.options,
+    /// Touches fitted from the places of a picture's peaks, mm; `None` when discs do not explain the frame.
+    pub fn fit(&mut self, data: Data, seeds: impl Iterator<Item = [f64; 2]>) -> Option<&Fitted> {
+        let source = data.noise.source;
+        self.followed.turn = self.followed.turn.wrapping_add(1);
+        let mut job = Job {
+            chi_square_threshold: data.gain * self.chi_square_threshold(data.table, source),
+            hurried: source == NoiseSource::Known
+                && !data.patient
+                && self.followed.unfinished < self.options.most_unfinished,
+            turn: self.followed.turn,
             data,
-            drop: data.gain * self.drop(table, data.noise.source),
-            hurried: live && !self.patient && self.unfinished < MOST_UNFINISHED,
-            turn: self.turn,
         };
-        let seeds: Discs = seeds.take(MOST_TOUCHES).map(|at| job.options.seed(at)).collect();
-        self.find(&job, &mut reduce, &seeds)?;
-        let fitted = &mut self.fitted;
-        if let Some(placement) = &self.placement {
+        let seeds: Discs = seeds.take(MOST_TOUCHES).map(|at| self.prior.seed(at)).collect();
+        self.find(&mut job, &seeds)?;
+        let fitted = &mut self.fits.now;
+        if let Some(electrodes) = &self.electrodes {
             for t in &mut fitted.touches {
-                let [x, y] = placement.variance(&self.imager, [t.x_mm, t.y_mm]);
+                let [x, y] = electrodes.variance(&self.imager, [t.x_mm, t.y_mm]);
                 t.x_sd_mm = t.x_sd_mm.map(|sd| sd.hypot(x.sqrt()));
                 t.y_sd_mm = t.y_sd_mm.map(|sd| sd.hypot(y.sqrt()));
             }
         }
-        let unexplained = (fitted.misfit - 1.0) / data.gain;
-        if !(fitted.followed && self.least_unexplained.0 <= unexplained) {
-            self.least_unexplained = (unexplained, data.gain);
-        }
-        let explained = fitted.misfit <= data.gain * MOST_MISFIT || fitted.residual <= MOST_RESIDUAL;
-        self.unfinished = if fitted.finished { 0 } else { self.unfinished + 1 };
-        self.follows = explained || !fitted.finished;
-        self.follows.then_some(&self.fitted)
+        let explained = fitted.misfit <= job.data.gain * self.options.most_misfit
+            || fitted.relative_residual <= self.options.most_residual;
+        self.followed.note(&job.data, fitted, explained);
+        self.followed.holds.then_some(&self.fits.now)
     }
 
-    /// Fits by the linear model, without what that leaves out as far as it is known from the frame before or worth a solution.
-    fn find(&mut self, job: &Job, reduce: &mut impl FnMut(&[f64], &mut Vec<f64>), seeds: &[Disc]) -> Option<()> {
-        std::mem::swap(&mut self.before, &mut self.fitted);
-        let follows = std::mem::replace(&mut self.follows, false);
+    /// Fits the linear model, corrected by what the frame before left or where a nonlinear solution is worth it.
+    fn find(&mut self, job: &mut Job, seeds: &[Disc]) -> Option<()> {
+        let follows = std::mem::replace(&mut self.followed.holds, false);
         if job.data.gain <= 1.0 {
-            self.in_vain = None;
+            self.carried.failed = None;
         }
-        self.correction = self.correction.take().filter(|_| follows);
-        let scale = self.correction.as_ref().map(|c| c.scale(&self.before.discs));
-        let carried = scale.map(|scale| (scale, self.take_off(job, reduce, scale)));
+        self.carried.error = self.carried.error.take().filter(|_| follows);
+        let carried = self.carried.error.as_ref().map(|error| {
+            let scale = error.scale(&self.fits.now.discs);
+            (scale, self.corrected.take_off(error, scale, &mut job.data))
+        });
         // Where the linear model's error shows, no touch may be added for it before it is corrected.
         let norm = job.data.values.iter().map(|v| v * v).sum::<f64>().sqrt() / job.data.noise.sigma;
-        let shows = carried.is_none() && LINEAR_ERROR * norm > SHOWS;
-        let model_error = job.options.model_error;
-        let frame = match carried {
-            Some(_) => job.frame(&self.corrected, model_error),
-            None => job.frame(job.data.values, if shows { LINEAR_ERROR } else { model_error }),
-        };
-        let first = start(seeds, &self.before, follows.then_some(self.least_misfit(job)), job.turn);
-        fit(
-            job.table,
-            &job.options,
-            frame,
-            first,
-            &mut self.scratch,
-            &mut self.fitted,
-        )?;
-        if let Some((scale, size)) = carried
-            && self.fitted.followed
-        {
-            return self.renew(job, reduce, scale, size);
+        let linear_error = self.options.linear_error;
+        let shows = carried.is_none() && linear_error * norm > self.options.linear_error_shows;
+        let model_error = self.prior.model_error;
+        match carried {
+            Some(_) => self.fit_from(job, Values::Corrected, model_error, Some(seeds), follows)?,
+            None => {
+                let error = if shows { linear_error } else { model_error };
+                self.fit_from(job, Values::Measured, error, Some(seeds), follows)?;
+            }
         }
-        if self.expected_error() > WORTH_A_SOLUTION {
-            self.correct(job, reduce)?;
-            // That was asked in the first of several frames.
-            let merged = merged(&self.fitted.discs, job.options.radius_mm).filter(|_| job.data.gain <= 1.0);
-            if let Some(discs) = merged {
-                // One or two is told by what both come to in the end.
-                let job = &Job { hurried: false, ..*job };
-                if !self.fitted.settled {
-                    self.correct(job, reduce)?;
-                }
-                let (two, correction) = (self.fitted.clone(), self.correction.clone());
-                self.fitted = Fitted { discs, ..two.clone() };
-                self.fitted.followed = false;
-                let better = self.correct(job, reduce).is_some() && self.fitted.misfit < two.misfit;
-                if !better {
-                    (self.fitted, self.correction) = (two, correction);
-                }
+        if let Some((scale, size)) = carried
+            && self.fits.now.followed
+        {
+            return self.renew(job, scale, size);
+        }
+        if self.expected_error() > self.options.worth_a_solution {
+            self.correct(job)?;
+            // In a mean, the first of its frames decided between one touch and two.
+            if job.data.gain <= 1.0
+                && let Some(discs) = merged(&self.fits.now.discs, self.prior.radius_mm, self.options.too_strong)
+            {
+                self.try_merged(job, discs)?;
             }
         } else if shows || carried.is_some() {
-            self.correction = None;
-            self.again(job, job.frame(job.data.values, model_error))?;
+            self.carried.error = None;
+            self.again(job, Values::Measured)?;
         }
         Some(())
     }
 
-    /// Takes what is left out, so many times, off the data: `corrected`. Returns its norm over the noise.
-    fn take_off(&mut self, job: &Job, reduce: &mut impl FnMut(&[f64], &mut Vec<f64>), scale: f64) -> f64 {
-        self.left_out.clear();
-        if let Some(correction) = &self.correction {
-            reduce(correction.volts(), &mut self.left_out);
-        }
-        self.left_out.resize(job.data.values.len(), 0.0);
-        self.corrected.clear();
-        let corrected = job.data.values.iter().zip(&self.left_out).map(|(v, m)| v - scale * m);
-        self.corrected.extend(corrected);
-        scale * self.left_out.iter().map(|v| v * v).sum::<f64>().sqrt() / job.data.noise.sigma
-    }
-
-    /// Solves anew for touches that were followed where what was taken off is not theirs any more.
-    fn renew(
-        &mut self,
-        job: &Job,
-        reduce: &mut impl FnMut(&[f64], &mut Vec<f64>),
-        scale: f64,
-        size: f64,
-    ) -> Option<()> {
-        // What no correction explains hides errors as noise does.
-        let serves = |c: &Correction, fitted: &Fitted, scale, size| {
-            size * c.error(&fitted.discs, scale) <= CARRIED_ERROR * fitted.misfit.max(1.0).sqrt()
-        };
-        self.fitted.settled = serves(self.correction.as_ref()?, &self.fitted, scale, size);
+    /// Solves anew for touches that were followed, if the linearisation error taken off is not theirs any more. `scale`
+    /// is how many times the carried one was taken off, `size` its norm.
+    fn renew(&mut self, job: &mut Job, scale: f64, size: f64) -> Option<()> {
+        let options = self.options;
+        self.fits.now.settled = self.serves(scale, size)?;
         // Once a solution has brought nothing, none does for the mean of more frames of the same.
-        let mean = job.data.gain > 1.0;
-        let unexplained = (self.fitted.misfit - 1.0) / job.data.gain;
-        self.fitted.settled |= self.in_vain.is_some_and(|then| unexplained <= AS_MUCH * then);
-        if !self.fitted.settled {
-            let before = self.fitted.misfit;
-            let Some(correction) = self.solve() else {
+        let unexplained = job.data.unexplained(self.fits.now.misfit);
+        let failed_before = |then| unexplained <= options.failed_until * then;
+        self.fits.now.settled |= self.carried.failed.is_some_and(failed_before);
+        if !self.fits.now.settled {
+            let before = self.fits.now.misfit;
+            let Some(error) = self.solve() else {
                 return Some(());
             };
-            self.correction = Some(correction);
-            let size = self.take_off(job, reduce, 1.0);
-            let corrected = std::mem::take(&mut self.corrected);
-            let again = self.again(job, job.frame(&corrected, job.options.model_error));
-            self.corrected = corrected;
-            again?;
-            self.fitted.settled = serves(self.correction.as_ref()?, &self.fitted, 1.0, size);
-            let unexplained = (self.fitted.misfit - 1.0) / job.data.gain;
-            let in_vain = mean && self.fitted.misfit > UNEXPLAINED.max(LITTLE_LESS * before);
-            self.in_vain = in_vain.then_some(unexplained);
+            let size = self.corrected.take_off(&error, 1.0, &mut job.data);
+            self.carried.error = Some(error);
+            self.again(job, Values::Corrected)?;
+            self.fits.now.settled = self.serves(1.0, size)?;
+            let misfit = self.fits.now.misfit;
+            let failed = job.data.gain > 1.0 && misfit > options.failed_misfit.max(options.failed_part * before);
+            self.carried.failed = failed.then_some(job.data.unexplained(misfit));
         }
-        if self.expected_error() <= STILL_WORTH * WORTH_A_SOLUTION {
-            self.correction = None;
+        if self.expected_error() <= options.still_worth * options.worth_a_solution {
+            self.carried.error = None;
         }
         Some(())
     }
 
-    /// The misfit that these data would have if they were explained as well as the best before.
-    fn least_misfit(&self, job: &Job) -> f64 {
-        let (least, gain) = self.least_unexplained;
-        // What was told of one frame is told less well than the mean's.
-        let scatter = if job.data.gain > gain { SCATTER / gain } else { 0.0 };
-        1.0 + job.data.gain * (least + scatter)
+    /// Whether the linearisation error that was taken off, so many times and of this norm, is that of the touches as
+    /// far as it shows. A residual that no correction explains hides errors as noise does.
+    fn serves(&self, scale: f64, size: f64) -> Option<bool> {
+        let fitted = &self.fits.now;
+        let error = self.carried.error.as_ref()?;
+        let error = size * error.error(&self.options.growth, &fitted.discs, scale);
+        Some(error <= self.options.carried_error * fitted.misfit.max(1.0).sqrt())
     }
 
-    /// What the linear model leaves out of what was fitted last.
-    fn solve(&mut self) -> Option<Correction> {
-        if self.beyond.is_none() {
-            self.beyond = Beyond::new(&self.imager.model, self.imager.drive, &self.imager.pattern);
+    /// Takes the linearisation error of the touches fitted last off the data and fits again, until that changes
+    /// nothing.
+    fn correct(&mut self, job: &mut Job) -> Option<()> {
+        // In a hurry, the next frame goes on with the correction.
+        for round in 0..if job.hurried { 1 } else { self.options.most_rounds } {
+            if round > 0 && self.expected_error() <= self.options.worth_a_solution {
+                self.fits.now.settled = true;
+                break;
+            }
+            let error = self.solve()?;
+            self.corrected.take_off(&error, 1.0, &mut job.data);
+            self.carried.error = Some(error);
+            self.again(job, Values::Corrected)?;
+            self.fits.now.settled = settled(&self.fits.before, &self.fits.now, self.options.settled);
+            if self.fits.now.settled {
+                break;
+            }
         }
-        self.solutions += 1;
-        Correction::solve(self.beyond.as_mut()?, &self.volts, &self.fitted.discs)
+        Some(())
     }
 
-    /// About what the linear model leaves out of what was fitted last, in standard deviations of the noise.
+    /// Tries fewer discs than were fitted; keeps them if they explain the frame better. Both are corrected to the end
+    /// before they are compared.
+    fn try_merged(&mut self, job: &mut Job, discs: Discs) -> Option<()> {
+        job.hurried = false;
+        if !self.fits.now.settled {
+            self.correct(job)?;
+        }
+        let (two, error) = (self.fits.now.clone(), self.carried.error.clone());
+        self.fits.now = Fitted { discs, ..two.clone() };
+        self.fits.now.followed = false;
+        let better = self.correct(job).is_some() && self.fits.now.misfit < two.misfit;
+        if !better {
+            (self.fits.now, self.carried.error) = (two, error);
+        }
+        Some(())
+    }
+
+    /// The linearisation error of the touches fitted last; `None` when the sheet cannot be solved with them.
+    fn solve(&mut self) -> Option<LinearisationError> {
+        if self.nonlinear.is_none() {
+            self.nonlinear = NonlinearModel::new(&self.imager.model, self.imager.drive, &self.imager.pattern);
+        }
+        self.carried.solutions += 1;
+        LinearisationError::solve(self.nonlinear.as_mut()?, &self.volts, &self.fits.now.discs)
+    }
+
+    /// Estimated norm of the linearisation error of the touches fitted last, in standard deviations of the noise.
     fn expected_error(&self) -> f64 {
-        nonlinear::expected(&self.fitted.discs, &self.fitted.norms, &self.imager.outline_mm)
+        let fitted = &self.fits.now;
+        nonlinear::expected_error(&fitted.discs, &fitted.norms, &self.imager.outline_mm)
     }
 
-    /// Takes what the touches fitted last leave out off the data and fits again, until that changes nothing any more.
-    fn correct(&mut self, job: &Job, reduce: &mut impl FnMut(&[f64], &mut Vec<f64>)) -> Option<()> {
-        // The next frame goes on with what is left out.
-        for round in 0..if job.hurried { 1 } else { MOST_ROUNDS } {
-            if round > 0 && self.expected_error() <= WORTH_A_SOLUTION {
-                self.fitted.settled = true;
-                break;
-            }
-            self.correction = Some(self.solve()?);
-            self.take_off(job, reduce, 1.0);
-            let corrected = std::mem::take(&mut self.corrected);
-            let again = self.again(job, job.frame(&corrected, job.options.model_error));
-            self.corrected = corrected;
-            again?;
-            self.fitted.settled = settled(&self.before, &self.fitted);
-            if self.fitted.settled {
-                break;
-            }
-        }
-        Some(())
+    /// Fits from the touches fitted last.
+    fn again(&mut self, job: &Job, values: Values) -> Option<()> {
+        let follows = self.fits.now.followed;
+        self.fit_from(job, values, self.prior.model_error, None, follows)
     }
 
-    /// Fits from what was fitted last.
-    fn again(&mut self, job: &Job, frame: Frame) -> Option<()> {
-        std::mem::swap(&mut self.before, &mut self.fitted);
-        let before = &self.before;
-        let follow = before.followed.then_some(self.least_misfit(job));
-        let start = start(&before.discs, before, follow, job.turn);
-        fit(
-            job.table,
-            &job.options,
-            frame,
-            start,
-            &mut self.scratch,
-            &mut self.fitted,
-        )
+    /// Fits from these places, or from the touches fitted last. `error` is the part of the data that the model may get
+    /// wrong; with `follows` the touches fitted last are followed.
+    fn fit_from(&mut self, job: &Job, values: Values, error: f64, seeds: Option<&[Disc]>, follows: bool) -> Option<()> {
+        let model = DiscModel {
+            table: job.data.table,
+            prior: &self.prior,
+            order: &self.options.order,
+        };
+        let frame = Frame {
+            values: match values {
+                Values::Measured => job.data.values,
+                Values::Corrected => &self.corrected.values,
+            },
+            sigma: job.data.noise.sigma,
+            chi_square_threshold: job.chi_square_threshold,
+            error,
+            most_work: if job.hurried { self.prior.most_work } else { usize::MAX },
+        };
+        let least_misfit = || self.followed.least_misfit(job.data.gain, self.options.misfit_scatter);
+        self.fits.fit(model, frame, seeds, follows.then(least_misfit), job.turn)
     }
 
-    /// What a touch must bring, kept for as long as the noise is told as well.
-    fn drop(&mut self, table: &TouchTable, source: NoiseSource) -> f64 {
-        match self.drop {
-            Some((known, drop)) if known == source => drop,
+    /// The chi-square threshold, kept as long as the noise is known as well.
+    fn chi_square_threshold(&mut self, table: &ResponseTable, source: NoiseSource) -> f64 {
+        match self.chi_square_threshold {
+            Some((known, threshold)) if known == source => threshold,
             _ => {
-                let drop = model_order::drop(table, &self.options, source.freedom());
-                self.drop = Some((source, drop));
-                drop
+                let threshold = model_order::chi_square_threshold(table, &self.prior, source.freedom());
+                self.chi_square_threshold = Some((source, threshold));
+                threshold
             }
         }
     }
 }
 
-/// The discs with one of the expected size in place of the two nearest to each other, where one of these is too strong to be
-/// believed: a strong touch takes much of the data with it, and what the linear model gets wrong of it can look like two.
-fn merged(discs: &Discs, radius_mm: f64) -> Option<Discs> {
+/// The discs with one of the expected size in place of two neighbours; `None` where no disc with a near neighbour has
+/// more than the contrast `too_strong`. The linearisation error of one strong touch can look like two touches.
+fn merged(discs: &Discs, radius_mm: f64, too_strong: f64) -> Option<Discs> {
     let apart = |p: &Disc, q: &Disc| (p.at[0] - q.at[0]).hypot(p.at[1] - q.at[1]);
     let pairs = (0..discs.len()).flat_map(|i| (0..i).map(move |k| (k, i)));
     let (k, i) = pairs
-        .filter(|(k, i)| discs[*k].contrast().max(discs[*i].contrast()) > TOO_STRONG)
+        .filter(|(k, i)| discs[*k].contrast().max(discs[*i].contrast()) > too_strong)
         .filter(|(k, i)| apart(&discs[*k], &discs[*i]) < 2.0 * radius_mm)
         .min_by(|p, q| apart(&discs[p.0], &discs[p.1]).total_cmp(&apart(&discs[q.0], &discs[q.1])))?;
     let (one, other) = (discs[k], discs[i]);
@@ -408,28 +528,14 @@ fn merged(discs: &Discs, radius_mm: f64) -> Option<Discs> {
     Some(merged)
 }
 
-/// Where a fit begins: at these places, or following an earlier one.
-fn start<'a>(seeds: &'a [Disc], from: &'a Fitted, least_misfit: Option<f64>, turn: usize) -> Start<'a> {
-    let before = |misfit| Before {
-        discs: &from.all,
-        misfit,
-        finished: from.finished,
-        turn,
-    };
-    Start {
-        seeds,
-        before: least_misfit.map(before),
-    }
-}
-
-/// Whether a correction changed nothing that matters.
-fn settled(before: &Fitted, after: &Fitted) -> bool {
+/// Whether a correction changed no integrated rise by more than this part of it.
+fn settled(before: &Fitted, after: &Fitted, part: f64) -> bool {
     before.touches.len() == after.touches.len()
         && before
             .touches
             .iter()
             .zip(&after.touches)
-            .all(|(a, b)| (a.total_mm2 - b.total_mm2).abs() <= SETTLED * b.total_mm2)
+            .all(|(a, b)| (a.total_mm2 - b.total_mm2).abs() <= part * b.total_mm2)
 }
 
 #[cfg(test)]
@@ -458,9 +564,10 @@ mod tests {
             disc(0.0, 5.0, 1.7 * std::f64::consts::PI * 25.0),
             disc(18.0, 12.0, 0.2 * std::f64::consts::PI * 144.0),
         );
+        const TOO_STRONG: f64 = 1.55;
         let far = disc(-70.0, 12.0, 100.0);
         let discs: Discs = [strong, far, weak].into_iter().collect();
-        let found = merged(&discs, 12.5).unwrap();
+        let found = merged(&discs, 12.5, TOO_STRONG).unwrap();
         assert_eq!(found.len(), 2);
         assert!(found.contains(&far));
         let one = found.iter().find(|d| **d != far).unwrap();
@@ -468,12 +575,12 @@ mod tests {
         assert!((one.strength - strength).abs() < 1e-9 && one.radius == 12.5);
         assert!((one.at[0] * strength - 18.0 * weak.strength).abs() < 1e-9 && (one.at[1] - 3.0).abs() < 1e-12);
         // Nobody near, or none too strong.
-        assert!(merged(&[strong, far].into_iter().collect(), 12.5).is_none());
-        assert!(merged(&[weak, disc(10.0, 12.0, 100.0)].into_iter().collect(), 12.5).is_none());
+        assert!(merged(&[strong, far].into_iter().collect(), 12.5, TOO_STRONG).is_none());
+        assert!(merged(&[weak, disc(10.0, 12.0, 100.0)].into_iter().collect(), 12.5, TOO_STRONG).is_none());
     }
 
-    /// Discs of the linear model itself, with noise of one part in ten thousand of their answer.
-    fn data(table: &TouchTable, discs: &[Disc], seed: u64) -> (DVector<f64>, f64) {
+    /// Discs of the linear model itself, with noise of one part in ten thousand of their response.
+    fn data(table: &ResponseTable, discs: &[Disc], seed: u64) -> (DVector<f64>, f64) {
         let n = table.length();
         let mut sum = DVector::zeros(n);
         for d in discs {
@@ -491,17 +598,22 @@ mod tests {
         (sum.map(|v| v + sigma * rng.sample::<f64, _>(StandardNormal)), sigma)
     }
 
-    fn fitted(f: &Fitter, values: &DVector<f64>, sigma: f64, drop: f64, seeds: &[Disc]) -> Option<Fitted> {
+    fn fitted(f: &Fitter, values: &DVector<f64>, sigma: f64, threshold: f64, seeds: &[Disc]) -> Option<Fitted> {
         let frame = Frame {
             values: values.as_slice(),
             sigma,
-            drop,
+            chi_square_threshold: threshold,
             error: 0.0,
             most_work: usize::MAX,
         };
         let mut found = Fitted::default();
         let start = Start { seeds, before: None };
-        fit(f.volts(), &f.options, frame, start, &mut Scratch::default(), &mut found)?;
+        let model = DiscModel {
+            table: f.volts(),
+            prior: &f.prior,
+            order: &f.options.order,
+        };
+        fit(model, frame, start, &mut Scratch::default(), &mut found)?;
         Some(found)
     }
 
@@ -521,16 +633,16 @@ mod tests {
             },
         ];
         let (values, sigma) = data(f.volts(), &truth, 1);
-        let options = f.options;
-        let drop = model_order::drop(f.volts(), &options, 89.0);
+        let prior = f.prior;
+        let threshold = model_order::chi_square_threshold(f.volts(), &prior, 89.0);
         // From a wrong number of touches in wrong places.
         for seeds in [
             vec![],
             vec![[0.0, 0.0]],
             vec![[-25.0, 25.0], [30.0, -30.0], [60.0, 60.0]],
         ] {
-            let seeds: Vec<Disc> = seeds.into_iter().map(|at| options.seed(at)).collect();
-            let found = fitted(&f, &values, sigma, drop, &seeds).unwrap();
+            let seeds: Vec<Disc> = seeds.into_iter().map(|at| prior.seed(at)).collect();
+            let found = fitted(&f, &values, sigma, threshold, &seeds).unwrap();
             assert_eq!(found.discs.len(), 2, "{seeds:?} {found:?}");
             for t in &truth {
                 let near = found
@@ -544,14 +656,22 @@ mod tests {
         }
     }
 
-    /// Two strong touches side by side that move and grow a little from frame to frame: what the linear model leaves out is solved for now
-    /// and then, and the touches are where they would be without the frames before.
+    /// Data that are volts of the model.
+    struct Unreduced;
+
+    impl Reduce for Unreduced {
+        fn reduce(&mut self, volts: &[f64], reduced: &mut Vec<f64>) {
+            reduced.extend_from_slice(volts);
+        }
+    }
+
+    /// Two strong touches side by side move and grow a little from frame to frame. The linearisation error is solved
+    /// for now and then, and the touches are where they would be without the frames before.
     #[test]
-    fn what_is_left_out_is_carried_from_frame_to_frame() {
+    fn the_linearisation_error_is_carried_from_frame_to_frame() {
         let (mut f, mut alone) = (fitter(), fitter());
-        alone.set_patient(true);
         let table = f.volts.clone();
-        let mut beyond = Beyond::new(&f.imager.model, f.imager.drive, &f.imager.pattern).unwrap();
+        let mut nonlinear = NonlinearModel::new(&f.imager.model, f.imager.drive, &f.imager.pattern).unwrap();
         let at = |frame: usize| {
             let k = frame as f64;
             let disc = |x: f64, y, rise: f64| Disc {
@@ -565,14 +685,13 @@ mod tests {
             ]
         };
         let mut rng = rand::rngs::StdRng::seed_from_u64(6);
-        let reduce = |volts: &[f64], out: &mut Vec<f64>| out.extend_from_slice(volts);
         let (mut sigma, mut first) = (0.0, 0);
         for frame in 0..40 {
             let truth = at(frame);
-            let mut values = beyond.table_v(&table, &truth).unwrap();
+            let mut values = nonlinear.linearisation_error_v(&table, &truth).unwrap();
             let (linear, _) = data(&table, &truth, 0);
             if frame == 0 {
-                // What is left out comes to ten standard deviations.
+                // The linearisation error comes to ten standard deviations.
                 sigma = values.iter().map(|v| v * v).sum::<f64>().sqrt() / 10.0;
             }
             for (v, l) in values.iter_mut().zip(linear.iter()) {
@@ -582,19 +701,24 @@ mod tests {
                 sigma,
                 source: NoiseSource::Known,
             };
-            let data = Data {
-                values: &values,
-                noise,
-                gain: 1.0,
+            let fit = |fitter: &mut Fitter, patient| {
+                let data = Data {
+                    table: &table,
+                    reduction: &mut Unreduced,
+                    values: &values,
+                    noise,
+                    gain: 1.0,
+                    patient,
+                };
+                fitter.fit(data, truth.iter().map(|d| d.at)).unwrap().clone()
             };
-            let found = f.fit(&table, reduce, data, truth.iter().map(|d| d.at)).unwrap().clone();
+            let found = fit(&mut f, false);
             if frame == 1 {
-                first = f.solutions;
+                first = f.carried.solutions;
             }
             assert_eq!(found.discs.len(), 2, "{frame}");
             alone.forget();
-            let seeds = truth.iter().map(|d| d.at);
-            let without = alone.fit(&table, reduce, data, seeds).unwrap();
+            let without = fit(&mut alone, true);
             for t in &found.touches {
                 let near = without.touches.iter().map(|o| (t.x_mm - o.x_mm).hypot(t.y_mm - o.y_mm));
                 let (off, sd) = (
@@ -605,26 +729,26 @@ mod tests {
             }
             assert!(frame == 0 || found.misfit < 1.5, "{frame}: {}", found.misfit);
         }
-        let later = f.solutions - first;
+        let later = f.carried.solutions - first;
         assert!(first <= 2 && (2..=33).contains(&later), "{first} and {later} solutions");
         assert!(
-            alone.solutions > 2 * f.solutions,
+            alone.carried.solutions > 2 * f.carried.solutions,
             "{} without the frames before",
-            alone.solutions
+            alone.carried.solutions
         );
-        assert!(f.correction.is_some());
+        assert!(f.carried.error.is_some());
         f.forget();
-        assert!(f.correction.is_none());
+        assert!(f.carried.error.is_none());
     }
 
     #[test]
     fn noise_grows_no_touch() {
         let f = fitter();
-        let drop = model_order::drop(f.volts(), &f.options, 89.0);
+        let threshold = model_order::chi_square_threshold(f.volts(), &f.prior, 89.0);
         for seed in 0..200 {
             let (values, sigma) = data(f.volts(), &[], seed);
-            let seeds = [f.options.seed([10.0, 20.0])];
-            let found = fitted(&f, &values, sigma, drop, &seeds).unwrap();
+            let seeds = [f.prior.seed([10.0, 20.0])];
+            let found = fitted(&f, &values, sigma, threshold, &seeds).unwrap();
             assert!(found.touches.is_empty(), "{seed}: {:?}", found.touches);
         }
     }

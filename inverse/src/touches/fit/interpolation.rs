@@ -24,8 +24,8 @@ pub(super) struct Stencil {
     pub(super) up_slope: [f64; 4],
 }
 
-/// Interpolates a table of columns (a few radii at every node): the value and its derivatives by x, y and radius, each of the
-/// length of a column.
+/// Interpolates a table of columns (a few radii at every node): the value and its derivatives by x, y and radius, each
+/// of the length of a column.
 pub(super) fn interpolate(arch: Arch, table: &[f64], radii: &Radii, stencil: &Stencil, out: [&mut [f64]; 4]) {
     arch.dispatch(Interpolate {
         table,

@@ -1,41 +1,59 @@
-//! What the linear model leaves out, carried from frame to frame.
+//! The linearisation error, carried from frame to frame.
 //!
-//! Solving the sheet costs a hundred times what a frame's fit does, and touches move by tenths of a millimetre from one frame to the next.
-//! What was left out for the touches of an earlier frame goes with the squares of their strengths, and is off by about twice
-//! what they moved in radii; it serves for as long as that does not show.
+//! Solving the sheet costs a hundred times what a frame's fit does. Touches move by tenths of a millimetre from one
+//! frame to the next. The linearisation error of an earlier frame's touches goes with the squares of their strengths.
+//! Its relative error is about twice what the touches moved, in radii. It is carried as long as that does not show.
 
-use crate::touches::fit::nonlinear::Beyond;
-use crate::touches::fit::responses::TouchTable;
-use crate::touches::fit::{Disc, Discs, MOST_TOUCHES};
+use crate::touches::fit::disc::{Disc, Discs, MOST_TOUCHES};
+use crate::touches::fit::nonlinear::NonlinearModel;
+use crate::touches::fit::responses::ResponseTable;
 
-/// Relative change of what is left out over that of a disc's strength, over its move in radii, and over the relative change of its
-/// radius: the first is 2.0 for any touches, the others scatter (0.6 to 2, now and then 3.6; and 0.3 to 1.8).
-const BY_STRENGTH: f64 = 2.0;
-const BY_MOVE: f64 = 2.0;
-const BY_RADIUS: f64 = 0.8;
+/// Relative change of the linearisation error over what changes of a disc. More solves anew more often.
+///
+/// The test below holds them on seed 71: over all scenes the error is stated within a factor of 1.6, in any scene
+/// within 4.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ErrorGrowth {
+    /// Over the relative change of the strength. From theory: the error goes with the square of the strengths.
+    pub by_strength: f64,
+    /// Over the move in radii. Seen were 0.6 to 2, now and then 3.6.
+    pub by_move: f64,
+    /// Over the relative change of the radius. Seen were 0.3 to 1.8.
+    pub by_radius: f64,
+}
 
-/// What is left out for some discs.
+impl Default for ErrorGrowth {
+    fn default() -> Self {
+        Self {
+            by_strength: 2.0,
+            by_move: 2.0,
+            by_radius: 0.8,
+        }
+    }
+}
+
+/// The linearisation error of some discs.
 #[derive(Clone, Debug)]
-pub struct Correction {
+pub struct LinearisationError {
     discs: Discs,
     volts: Vec<f64>,
 }
 
-impl Correction {
-    /// Solves for discs.
-    pub fn solve(beyond: &mut Beyond, table: &TouchTable, discs: &[Disc]) -> Option<Self> {
+impl LinearisationError {
+    /// Solves the sheet with discs (strengths in mm²). `None` when that cannot be done.
+    pub fn solve(nonlinear: &mut NonlinearModel, table: &ResponseTable, discs: &[Disc]) -> Option<Self> {
         Some(Self {
-            volts: beyond.table_v(table, discs)?,
+            volts: nonlinear.linearisation_error_v(table, discs)?,
             discs: discs.iter().copied().take(MOST_TOUCHES).collect(),
         })
     }
 
-    /// V of the model.
+    /// The error of every value, V of the model.
     pub fn volts(&self) -> &[f64] {
         &self.volts
     }
 
-    /// How many times as much is left out for these discs, as far as their strengths say.
+    /// How many times as large it is for these discs, as far as their strengths say.
     pub fn scale(&self, discs: &[Disc]) -> f64 {
         let square = |discs: &[Disc]| discs.iter().map(|d| d.strength * d.strength).sum::<f64>();
         let scale = square(discs) / square(&self.discs);
@@ -43,10 +61,10 @@ impl Correction {
     }
 
     /// Relative error of `scale` times this for other discs.
-    pub fn error(&self, discs: &[Disc], scale: f64) -> f64 {
+    pub fn error(&self, growth: &ErrorGrowth, discs: &[Disc], scale: f64) -> f64 {
         let all = self.discs.iter().map(|d| d.strength * d.strength).sum::<f64>().sqrt();
         // One that has come or gone.
-        let alone = |strength: f64| BY_STRENGTH * strength / all;
+        let alone = |strength: f64| growth.by_strength * strength / all;
         let apart = |a: &Disc, b: &Disc| (a.at[0] - b.at[0]).hypot(a.at[1] - b.at[1]);
         let mut met = [false; MOST_TOUCHES];
         let mut of = |d: &Disc| {
@@ -59,9 +77,9 @@ impl Correction {
                 return alone(d.strength / scale.sqrt());
             };
             met[k] = true;
-            let strength = BY_STRENGTH * (d.strength / (old.strength * scale.sqrt()) - 1.0);
-            let moved = BY_MOVE * apart(old, d) / old.radius;
-            let radius = BY_RADIUS * (d.believable().radius / old.believable().radius - 1.0);
+            let strength = growth.by_strength * (d.strength / (old.strength * scale.sqrt()) - 1.0);
+            let moved = growth.by_move * apart(old, d) / old.radius;
+            let radius = growth.by_radius * (d.believable().radius / old.believable().radius - 1.0);
             strength.hypot(moved).hypot(radius)
         };
         let error = discs.iter().map(&mut of).fold(0.0, f64::max);
@@ -80,8 +98,8 @@ impl Correction {
 mod tests {
     use super::*;
     use crate::reference::imager::Imager;
-    use crate::touches::fit::FitOptions;
     use crate::touches::fit::fitter::Fitter;
+    use crate::touches::fit::prior::FitOptions;
     use forward::{Drive, Pattern, Sheet};
     use rand::rngs::StdRng;
     use rand::{Rng, SeedableRng};
@@ -103,17 +121,17 @@ mod tests {
         discs
     }
 
-    /// Strengths that grow together scale it by their square; moves, other strengths and radii make the error that is said: at most
-    /// four times that in any scene, and within a factor of 1.6 over all.
+    /// Strengths that grow together scale it by their square. Moves, other strengths and other radii make the stated
+    /// error: at most four times that in any scene, and within a factor of 1.6 over all.
     #[test]
-    fn it_serves_touches_that_changed_a_little_as_well_as_it_says() {
+    fn the_stated_error_is_that_of_touches_that_changed_a_little() {
         let pattern = Pattern::adjacent(16).unwrap();
         let imager = Arc::new(Imager::new(&Sheet::paper(), Drive::PAPER, pattern, 5.0).unwrap());
         let fitter = Fitter::new(&imager, FitOptions::for_extent(97.5)).unwrap();
-        let mut beyond = Beyond::new(&imager.model, imager.drive, &imager.pattern).unwrap();
-        let mut solve = |discs: &[Disc]| Correction::solve(&mut beyond, fitter.volts(), discs).unwrap();
+        let mut nonlinear = NonlinearModel::new(&imager.model, imager.drive, &imager.pattern).unwrap();
+        let mut solve = |discs: &[Disc]| LinearisationError::solve(&mut nonlinear, fitter.volts(), discs).unwrap();
         let norm = |v: &[f64]| v.iter().map(|v| v * v).sum::<f64>().sqrt();
-        let off = |carried: &Correction, scale: f64, now: &Correction| {
+        let off = |carried: &LinearisationError, scale: f64, now: &LinearisationError| {
             let difference: Vec<f64> = carried
                 .volts()
                 .iter()
@@ -122,13 +140,13 @@ mod tests {
                 .collect();
             norm(&difference) / norm(now.volts())
         };
-        let mut rng = StdRng::seed_from_u64(71);
-        let (mut said, mut true_ones) = (Vec::new(), Vec::new());
-        // A touch alone leaves so little out that the table's own error is as large.
+        let (mut rng, growth) = (StdRng::seed_from_u64(71), ErrorGrowth::default());
+        let (mut stated, mut true_ones) = (Vec::new(), Vec::new());
+        // The linearisation error of a single touch is no larger than the table's own error.
         for count in [2, 3, 4, 2, 3, 4, 2, 3, 4] {
             let discs = scene(count, &mut rng);
             let carried = solve(&discs);
-            assert_eq!((carried.scale(&discs), carried.error(&discs, 1.0)), (1.0, 0.0));
+            assert_eq!((carried.scale(&discs), carried.error(&growth, &discs, 1.0)), (1.0, 0.0));
             let stronger: Vec<Disc> = discs
                 .iter()
                 .map(|d| Disc {
@@ -137,9 +155,9 @@ mod tests {
                 })
                 .collect();
             let scale = carried.scale(&stronger);
-            assert!((scale - 1.21).abs() < 1e-12 && carried.error(&stronger, scale) < 1e-12);
-            let left = off(&carried, scale, &solve(&stronger));
-            assert!(left < 0.05, "{count}: {left}");
+            assert!((scale - 1.21).abs() < 1e-12 && carried.error(&growth, &stronger, scale) < 1e-12);
+            let deviation = off(&carried, scale, &solve(&stronger));
+            assert!(deviation < 0.05, "{count}: {deviation}");
             for size in [0.02, 0.06] {
                 let mut moved = discs.clone();
                 for d in &mut moved {
@@ -150,15 +168,18 @@ mod tests {
                     d.radius *= 1.0 + size * rng.random_range(-1.0..1.0);
                 }
                 let scale = carried.scale(&moved);
-                let (error, truth) = (carried.error(&moved, scale), off(&carried, scale, &solve(&moved)));
+                let (error, truth) = (
+                    carried.error(&growth, &moved, scale),
+                    off(&carried, scale, &solve(&moved)),
+                );
                 assert!(truth < 4.0 * error, "{count}, {size}: {truth} {error}");
-                said.push(error);
+                stated.push(error);
                 true_ones.push(truth);
             }
             let fewer = &discs[1..];
-            assert!(carried.error(fewer, 1.0) > 0.1);
+            assert!(carried.error(&growth, fewer, 1.0) > 0.1);
         }
-        let ratio = norm(&true_ones) / norm(&said);
-        assert!((0.6..1.6).contains(&ratio), "{said:?} {true_ones:?}");
+        let ratio = norm(&true_ones) / norm(&stated);
+        assert!((0.6..1.6).contains(&ratio), "{stated:?} {true_ones:?}");
     }
 }

@@ -1,70 +1,133 @@
-//! How many touches there are: the data decide, one change at a time.
+//! Model order selection: the data decide how many touches there are, one change at a time.
 //!
-//! A touch more must lower the misfit by more than noise would by chance anywhere on the sheet: the quantile of Fisher's
-//! distribution for the four parameters of a touch, at the wanted probability divided by the number of places (sheet's area
-//! over a touch's) where chance could have put it; and by more than the model may be wrong by. Where a fit still explains
-//! the data less well than the noise allows, a touch must have taken away more than is left: what a wrong model leaves
-//! can be lessened by touches that are not there, but not made to go.
+//! An additional touch must lower chi-square by the sum of three parts:
 //!
-//! Touches that move a little from frame to frame are followed: a few steps from where they were, a look at the residual for what is new,
-//! and one of the changes that would make them fewer, in turn. Only where that does not explain the frame as well as the one
-//! before, the search begins again. A search has a limit; one that reaches it goes on in the next frame.
+//! - [`chi_square_threshold`]: more than noise would by chance anywhere on the sheet;
+//! - what the model may be wrong by;
+//! - a multiple of what stays unexplained. A wrong model leaves a residual that touches can lessen and cannot remove.
+//!
+//! Touches that move a little from frame to frame are followed. A few steps lead from where they were to where they
+//! are. The residual is searched for new touches, and one of the changes that would make them fewer is tried, in turn.
+//! The search begins again only where that does not explain the frame as well as the frame before. A search has a
+//! limit; one that reaches the limit goes on in the next frame.
 
 use crate::stats::fisher_quantile;
+use crate::touches::fit::disc::{Disc, Discs};
 use crate::touches::fit::interpolation::{add_scaled, dot};
-use crate::touches::fit::levenberg_marquardt::{FEW_STEPS, Fit, MOST_STEPS, PARAMETERS, Workspace, fit};
-use crate::touches::fit::responses::TouchTable;
-use crate::touches::fit::{Disc, Discs, FitOptions};
+use crate::touches::fit::levenberg_marquardt::{Fit, LevenbergMarquardtOptions, PARAMETERS, Workspace, fit};
+use crate::touches::fit::prior::FitOptions;
+use crate::touches::fit::responses::ResponseTable;
 
-/// Most changes of the number of touches in one frame.
-const MOST_CHANGES: usize = 24;
-/// A candidate is fitted when its place alone promises this part of the drop needed.
-const WORTH_A_TRY: f64 = 0.3;
-/// Part of what stays unexplained that a further touch must explain.
-const OF_UNEXPLAINED: f64 = 1.5;
-/// Most touches added at once.
-const MOST_AHEAD: usize = 3;
-/// Places tried for a further touch.
-const PLACES: usize = 2;
-/// Two touches nearer than this many expected radii may be one.
-const NEAR: f64 = 2.6;
-/// A touch that is followed moves at most this part of its expected radius from one frame to the next.
-const LONGEST_MOVE: f64 = 0.6;
-/// A frame is explained as well as those before when its misfit is no more than this many times theirs.
-const AS_WELL: f64 = 1.3;
-/// Part of what makes a touch believed that is enough for one that was there in the frame before: touches stay far longer than a
-/// frame.
-const TO_STAY: f64 = 0.35;
+/// When touches are added, split, merged, removed and followed.
+///
+/// No experiment is on record for a single field: the values were chosen by hand, on the seeds that docs/results.md
+/// names. What they give together is the column "count right" of `cargo run --release -p studies --example
+/// touch_accuracy`; what following costs is the column `median` of `skin bench cost`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ModelOrderOptions {
+    /// Most changes of the number of touches in one frame. Fewer end the search for many touches early.
+    pub most_changes: usize,
+    /// Part of the chi-square threshold that a place alone must promise before a touch there is fitted. More saves fits
+    /// and misses touches that only show once the others have moved.
+    pub worth_a_try: f64,
+    /// The same for a split, as a part of `worth_a_try`: a split gains most of what it brings only when both halves
+    /// move.
+    pub split_worth: f64,
+    /// Part of the unexplained chi-square that an additional touch must bring besides the threshold. More adds fewer
+    /// touches where touches are no discs, and finds fewer where several are missing.
+    pub of_unexplained: f64,
+    /// Most touches added at once, where one alone explains too little. More costs time in frames that no touches
+    /// explain.
+    pub most_ahead: usize,
+    /// Places tried for an additional touch. More costs time.
+    pub places: usize,
+    /// Least distance of an additional touch from the others, in expected radii.
+    pub apart: f64,
+    /// Two touches nearer than this many expected radii may be one: a fit with one is tried. More costs time.
+    pub near: f64,
+    /// A touch is tried to be removed where its significance is below this many times what it must bring.
+    pub removal_worth: f64,
+    /// Two touches overlap, and are rejected, when nearer than this part of the sum of their radii. Fingers do not
+    /// overlap.
+    pub overlap: f64,
+    /// Longest move of a followed touch from one frame to the next, in expected radii. More follows faster touches, and
+    /// may take another touch for the same.
+    pub longest_move: f64,
+    /// A frame is explained as well as those before when its misfit is at most this many times theirs. Less searches
+    /// anew more often, which costs time.
+    pub as_well: f64,
+    /// Part of what an additional touch must bring that is enough for a followed touch to stay. Less keeps touches that
+    /// have gone; more lets weak touches come and go. Touches stay far longer than a frame.
+    pub to_stay: f64,
+    /// Of the fits.
+    pub steps: LevenbergMarquardtOptions,
+}
+
+impl Default for ModelOrderOptions {
+    fn default() -> Self {
+        Self {
+            most_changes: 24,
+            worth_a_try: 0.3,
+            split_worth: 0.3,
+            of_unexplained: 1.5,
+            most_ahead: 3,
+            places: 2,
+            apart: 0.8,
+            near: 2.6,
+            removal_worth: 3.0,
+            overlap: 0.5,
+            longest_move: 0.6,
+            as_well: 1.3,
+            to_stay: 0.35,
+            steps: LevenbergMarquardtOptions::default(),
+        }
+    }
+}
+
+/// What touches are fitted with.
+#[derive(Clone, Copy, Debug)]
+pub struct DiscModel<'a> {
+    /// Responses in the space of the data.
+    pub table: &'a ResponseTable,
+    /// What is known of touches before.
+    pub prior: &'a FitOptions,
+    /// How their number is chosen.
+    pub order: &'a ModelOrderOptions,
+}
+
+/// Standard deviation of chi-square with so many degrees of freedom.
+fn scatter(freedom: f64) -> f64 {
+    (2.0 * freedom).sqrt()
+}
 
 /// Sets of touches to try, best first.
 type Candidates = Vec<(f64, Discs)>;
 
-/// What a search needs besides the frame: nothing is allocated once it is as large as it gets.
+/// Room for a search. Nothing is allocated once it is as large as it gets.
 #[derive(Clone, Debug, Default)]
 pub struct Scratch {
     /// For the fits.
     pub(super) work: Workspace,
     /// The data over their noise.
     pub(super) whitened: Vec<f64>,
-    /// Values and derivatives of a touch.
-    answers: Vec<f64>,
+    /// A residual, then the response to a touch and its derivatives.
+    responses: Vec<f64>,
     products: Vec<f64>,
     gains: Vec<(f64, Disc)>,
-    /// Lists of candidates that are not in use.
+    /// Lists of sets that are not in use.
     spare: Vec<Candidates>,
 }
 
 /// A search in one frame.
 pub struct Search<'a> {
-    table: &'a TouchTable,
-    options: &'a FitOptions,
-    /// As long as the table's columns.
+    model: DiscModel<'a>,
+    /// The data over their noise, as long as the table's columns.
     data: &'a [f64],
-    /// Drop of chi-square that a touch must bring: by chance, and by the model's error.
-    drop: f64,
+    /// Fall of chi-square that a touch must bring: by chance, and by the model's error.
+    chi_square_threshold: f64,
     scratch: &'a mut Scratch,
-    /// What fits may still cost, in evaluations of a touch.
-    left: usize,
+    /// What fits may still cost, in evaluations of the response to one touch.
+    remaining_work: usize,
 }
 
 /// Where a search begins besides the picture's peaks.
@@ -76,7 +139,7 @@ pub struct Before<'a> {
     pub misfit: f64,
     /// Whether that search came to its end.
     pub finished: bool,
-    /// Counts the frames: says which of the changes is tried.
+    /// Number of the frame: it says which of the changes is tried.
     pub turn: usize,
 }
 
@@ -90,18 +153,10 @@ pub struct Found {
     pub finished: bool,
 }
 
-/// Whether two touches lie in one another: nearer than half the sum of their radii. Fingers do not.
-fn overlap(discs: &[Disc]) -> bool {
-    discs.iter().enumerate().any(|(k, a)| {
-        discs[..k]
-            .iter()
-            .any(|b| (a.at[0] - b.at[0]).hypot(a.at[1] - b.at[1]) < 0.5 * (a.radius + b.radius))
-    })
-}
-
-/// The fall of chi-square that a touch must bring not to be noise, where the noise was told with so many degrees of
-/// freedom.
-pub fn drop(table: &TouchTable, options: &FitOptions, freedom: f64) -> f64 {
+/// Fall of chi-square that an additional touch must bring not to be noise: the quantile of Fisher's distribution for
+/// the four parameters of a touch. The probability is that of a false touch over the number of places (sheet's area
+/// over a touch's) where chance could have put it. `freedom` is the noise's number of degrees of freedom.
+pub fn chi_square_threshold(table: &ResponseTable, options: &FitOptions, freedom: f64) -> f64 {
     let places = 4.0 * table.coarse_norms().len() as f64 * table.step_mm().powi(2)
         / (std::f64::consts::PI * options.radius_mm.powi(2));
     let level = 1.0 - options.false_touch / places.max(1.0);
@@ -109,39 +164,47 @@ pub fn drop(table: &TouchTable, options: &FitOptions, freedom: f64) -> f64 {
 }
 
 impl<'a> Search<'a> {
-    /// Prepares for whitened data of [`TouchTable::stride`] entries; `drop` is what a touch must bring. `None` when the
-    /// lengths do not match.
+    /// Prepares for whitened data of [`ResponseTable::stride`] entries. `chi_square_threshold` is what a touch must
+    /// bring. `None` when the lengths do not match.
     pub fn new(
-        table: &'a TouchTable,
-        options: &'a FitOptions,
+        model: DiscModel<'a>,
         data: &'a [f64],
-        drop: f64,
+        chi_square_threshold: f64,
         scratch: &'a mut Scratch,
     ) -> Option<Self> {
-        (data.len() == table.stride() && !data.is_empty()).then_some(Self {
-            table,
-            options,
+        (data.len() == model.table.stride() && !data.is_empty()).then_some(Self {
+            model,
             data,
-            drop,
+            chi_square_threshold,
             scratch,
-            left: usize::MAX,
+            remaining_work: usize::MAX,
+        })
+    }
+
+    /// Whether any two touches lie in one another.
+    fn overlap(&self, discs: &[Disc]) -> bool {
+        let part = self.model.order.overlap;
+        discs.iter().enumerate().any(|(k, a)| {
+            discs[..k]
+                .iter()
+                .any(|b| (a.at[0] - b.at[0]).hypot(a.at[1] - b.at[1]) < part * (a.radius + b.radius))
         })
     }
 
     fn freedom(&self, fit: &Fit) -> f64 {
-        (self.table.length() as f64 - 3.0 * fit.discs.len() as f64).max(1.0)
+        (self.model.table.length() as f64 - 3.0 * fit.discs.len() as f64).max(1.0)
     }
 
     /// Part of a fit's misfit that noise does not explain.
     fn unexplained(&self, fit: &Fit) -> f64 {
         let freedom = self.freedom(fit);
-        // The misfit scatters by chance; only what is above three of its standard deviations counts.
-        (fit.square - freedom - 3.0 * (2.0 * freedom).sqrt()).max(0.0)
+        // The misfit scatters by chance. Only what is above three of its standard deviations counts.
+        (fit.square - freedom - 3.0 * scatter(freedom)).max(0.0)
     }
 
-    /// What a further touch must bring, so that this fit is the better one.
+    /// Fall of chi-square that an additional touch must bring for this fit to be the better one.
     fn need(&self, more: &Fit) -> f64 {
-        self.drop + OF_UNEXPLAINED * self.unexplained(more)
+        self.chi_square_threshold + self.model.order.of_unexplained * self.unexplained(more)
     }
 
     /// Whether a fit with more touches is worth them.
@@ -149,31 +212,32 @@ impl<'a> Search<'a> {
         self.earns_part(fewer, more, 1.0)
     }
 
-    /// Whether it brings this part of what makes its touches believed.
+    /// Whether a fit with more touches brings this part of what it must bring.
     fn earns_part(&self, fewer: &Fit, more: &Fit, part: f64) -> bool {
         let touches = more.discs.len().saturating_sub(fewer.discs.len()) as f64;
-        !overlap(&more.discs) && fewer.objective - more.objective > part * touches * self.need(more)
+        !self.overlap(&more.discs) && fewer.objective - more.objective > part * touches * self.need(more)
     }
 
-    /// A fit from a start; none beyond what the search may cost.
+    /// A fit from a start; `None` once the search has cost what it may.
     fn fit(&mut self, start: &[Disc]) -> Option<Fit> {
-        if self.left == 0 {
+        if self.remaining_work == 0 {
             return None;
         }
-        self.fit_in(start, MOST_STEPS)
+        self.fit_in(start, self.model.order.steps.most_steps)
     }
 
     fn fit_in(&mut self, start: &[Disc], most_steps: usize) -> Option<Fit> {
+        let DiscModel { table, prior, order } = self.model;
         let work = &mut self.scratch.work;
-        let fit = fit(self.table, self.options, self.data, start, most_steps, work)?;
-        self.left = self.left.saturating_sub(fit.work);
+        let fit = fit(table, prior, &order.steps, self.data, start, most_steps, work)?;
+        self.remaining_work = self.remaining_work.saturating_sub(fit.work);
         Some(fit)
     }
 
-    /// Limits what the search may cost, in evaluations of the answer to a touch.
+    /// Limits what the search may cost, in evaluations of the response to one touch.
     pub fn within(self, most_work: usize) -> Self {
         Self {
-            left: most_work,
+            remaining_work: most_work,
             ..self
         }
     }
@@ -182,20 +246,20 @@ impl<'a> Search<'a> {
     pub fn run(mut self, seeds: &[Disc], before: Option<Before>) -> Option<Found> {
         let mut rival = None;
         if let Some(before) = before.filter(|b| !b.discs.is_empty()) {
-            let fit = self.fit_in(before.discs, FEW_STEPS)?;
+            let fit = self.fit_in(before.discs, self.model.order.steps.few_steps)?;
             if self.are_those(&before, &fit) {
                 let (fit, followed) = self.followed(fit, before.turn);
                 return Some(self.found(fit, followed));
             }
             rival = Some(fit);
         }
-        let most = self.options.most_touches.min(Discs::new_const().capacity());
+        let most = self.model.prior.most_touches.min(Discs::new_const().capacity());
         let mut start: Discs = seeds.iter().copied().take(most).collect();
         self.strengthen(&mut start);
-        let mut best = self.fit_in(&start, MOST_STEPS)?;
+        let mut best = self.fit_in(&start, self.model.order.steps.most_steps)?;
         // Whatever has changed, most of it may have stayed.
         if let Some(mut rival) = rival {
-            let cost = |fit: &Fit| fit.objective + self.drop * fit.discs.len() as f64;
+            let cost = |fit: &Fit| fit.objective + self.chi_square_threshold * fit.discs.len() as f64;
             if cost(&rival) < cost(&best) {
                 std::mem::swap(&mut best, &mut rival);
             }
@@ -209,13 +273,13 @@ impl<'a> Search<'a> {
         Found {
             fit,
             followed,
-            finished: self.left > 0,
+            finished: self.remaining_work > 0,
         }
     }
 
     /// Changes the number of touches until no change is worth it.
     fn improved(&mut self, mut best: Fit) -> Fit {
-        for _ in 0..MOST_CHANGES {
+        for _ in 0..self.model.order.most_changes {
             let fewer = self.fewer(&best, None);
             let Some(next) = fewer.or_else(|| self.more(&best)) else {
                 break;
@@ -227,12 +291,16 @@ impl<'a> Search<'a> {
 
     /// Whether a fit from the touches of the frame before is of the same ones: none went far, and they explain as much.
     fn are_those(&self, before: &Before, fit: &Fit) -> bool {
-        let far = LONGEST_MOVE * self.options.radius_mm;
+        let DiscModel { prior, order, .. } = self.model;
+        let far = order.longest_move * prior.radius_mm;
         let near = |(a, b): (&Disc, &Disc)| (a.at[0] - b.at[0]).hypot(a.at[1] - b.at[1]) <= far;
         let freedom = self.freedom(fit);
         // By chance the misfit of either scatters.
-        let most = (AS_WELL * before.misfit).max(1.0) * freedom + 3.0 * (2.0 * freedom).sqrt();
-        before.finished && before.discs.iter().zip(&fit.discs).all(near) && !overlap(&fit.discs) && fit.square <= most
+        let most = (order.as_well * before.misfit).max(1.0) * freedom + 3.0 * scatter(freedom);
+        before.finished
+            && before.discs.iter().zip(&fit.discs).all(near)
+            && !self.overlap(&fit.discs)
+            && fit.square <= most
     }
 
     /// Looks whether touches that were followed have become more or fewer.
@@ -253,59 +321,63 @@ impl<'a> Search<'a> {
 
     /// Whether the residual asks for a touch more, or for one to be split.
     fn news(&mut self, fit: &Fit) -> bool {
-        let worth = WORTH_A_TRY * self.drop;
-        let apart = LONGEST_MOVE * self.options.radius_mm;
+        let DiscModel { table, prior, order } = self.model;
+        let worth = order.worth_a_try * self.chi_square_threshold;
+        let apart = order.longest_move * prior.radius_mm;
         let Scratch { products, .. } = &mut *self.scratch;
-        self.table.coarse_products(&fit.residual, products);
+        table.coarse_products(&fit.residual, products);
         let far = |at: &[f64; 2]| {
             fit.discs
                 .iter()
                 .all(|d| (d.at[0] - at[0]).hypot(d.at[1] - at[1]) > apart)
         };
-        let mut places = self.table.coarse().iter().zip(products).zip(self.table.coarse_norms());
+        let mut places = table.coarse().iter().zip(products).zip(table.coarse_norms());
         let further = places.any(|((at, product), norm)| {
             let along = *product / norm.max(f64::MIN_POSITIVE);
             along > 0.0 && along * along > worth && far(at)
         });
         let long = |d: &Disc| {
-            let split = self.table.best_split(&fit.residual, d.at);
+            let split = table.best_split(&fit.residual, d.at);
             split.is_some_and(|(gain, _)| gain > 0.0 && gain * gain > worth)
         };
         further || fit.discs.iter().any(long)
     }
 
-    /// First strengths of the touches that have none, one after the other by what is left of the data.
+    /// First strengths of the touches that have none: each from the residual of those before.
     fn strengthen(&mut self, discs: &mut [Disc]) {
-        let (n, arch) = (self.table.stride(), self.table.arch());
-        let answers = &mut self.scratch.answers;
-        answers.clear();
-        answers.resize(5 * n, 0.0);
-        let (left, rest) = answers.split_at_mut(n);
-        left.copy_from_slice(self.data);
+        let table = self.model.table;
+        let (n, arch) = (table.stride(), table.arch());
+        let responses = &mut self.scratch.responses;
+        responses.clear();
+        responses.resize(5 * n, 0.0);
+        let (residual, rest) = responses.split_at_mut(n);
+        residual.copy_from_slice(self.data);
         let mut parts = rest.chunks_exact_mut(n);
         let [Some(value), Some(a), Some(b), Some(c)] = [parts.next(), parts.next(), parts.next(), parts.next()] else {
             return;
         };
         for d in discs {
-            self.table.at(d.at, d.radius, [&mut *value, &mut *a, &mut *b, &mut *c]);
+            table.at(d.at, d.radius, [&mut *value, &mut *a, &mut *b, &mut *c]);
             let power = dot(arch, value, value).max(f64::MIN_POSITIVE);
             if d.strength <= 0.0 {
-                d.strength = (dot(arch, value, left) / power).max(1.0 / power.sqrt());
+                d.strength = (dot(arch, value, residual) / power).max(1.0 / power.sqrt());
             }
-            add_scaled(arch, value, -d.strength, left);
+            add_scaled(arch, value, -d.strength, residual);
         }
     }
 
-    /// A fit without a touch that is not worth it, or with one in place of two. With a turn, only one of the changes is tried.
+    /// A fit without a touch that is not worth it, or with one in place of two. With a turn, only one of these changes
+    /// is tried.
     fn fewer(&mut self, best: &Fit, turn: Option<usize>) -> Option<Fit> {
-        let part = if turn.is_some() { TO_STAY } else { 1.0 };
+        let DiscModel { table, prior, order } = self.model;
+        let part = if turn.is_some() { order.to_stay } else { 1.0 };
         let need = part * self.need(best);
         let mut candidates = self.scratch.spare.pop().unwrap_or_default();
-        let covariance = self.scratch.work.covariance(self.table.arch(), best)?;
+        let covariance = self.scratch.work.covariance(table.arch(), best)?;
         for (k, d) in best.discs.iter().enumerate() {
             let at = PARAMETERS * k + 3;
             let significance = d.strength.powi(2) / covariance.of(at, at).max(f64::MIN_POSITIVE);
-            if significance < 3.0 * need {
+            if significance < order.removal_worth * need {
                 let mut discs = best.discs.clone();
                 discs.remove(k);
                 candidates.push((significance, discs));
@@ -314,13 +386,13 @@ impl<'a> Search<'a> {
         for (k, a) in best.discs.iter().enumerate() {
             for (other, b) in best.discs.iter().enumerate().take(k) {
                 let apart = (a.at[0] - b.at[0]).hypot(a.at[1] - b.at[1]);
-                if apart < NEAR * self.options.radius_mm {
+                if apart < order.near * prior.radius_mm {
                     let strength = a.strength + b.strength;
                     let share = a.strength / strength;
                     let mut discs = best.discs.clone();
                     discs[other] = Disc {
                         at: [0, 1].map(|i| share * a.at[i] + (1.0 - share) * b.at[i]),
-                        radius: self.options.radius_mm.max(0.5 * apart),
+                        radius: prior.radius_mm.max(0.5 * apart),
                         strength,
                     };
                     discs.remove(k);
@@ -355,16 +427,20 @@ impl<'a> Search<'a> {
         self.scratch.spare.push(candidates);
     }
 
-    /// A fit with a further touch where that is worth it. Where several are missing one alone explains too little of what
-    /// is left, so the next ones are tried with it.
+    /// A fit with additional touches where they are worth it. Where several are missing, one alone explains too little
+    /// of the residual: the next ones are tried with it.
     fn more(&mut self, best: &Fit) -> Option<Fit> {
+        let most_ahead = self.model.order.most_ahead;
         let mut reached = self.one_more(best)?;
-        for ahead in 1..=MOST_AHEAD {
+        for ahead in 1..=most_ahead {
             if self.earns(best, &reached) {
                 return Some(reached);
             }
             let gain = best.objective - reached.objective;
-            if ahead == MOST_AHEAD || gain < ahead as f64 * self.drop || self.unexplained(&reached) <= 0.0 {
+            if ahead == most_ahead
+                || gain < ahead as f64 * self.chi_square_threshold
+                || self.unexplained(&reached) <= 0.0
+            {
                 break;
             }
             let Some(next) = self.one_more(&reached) else { break };
@@ -374,9 +450,9 @@ impl<'a> Search<'a> {
         None
     }
 
-    /// The best fit with a further touch, or with a touch split in two.
+    /// The best fit with one touch more, or with a touch split in two.
     fn one_more(&mut self, best: &Fit) -> Option<Fit> {
-        if best.discs.len() >= self.options.most_touches.min(best.discs.capacity()) {
+        if best.discs.len() >= self.model.prior.most_touches.min(best.discs.capacity()) {
             return None;
         }
         let mut candidates = self.scratch.spare.pop().unwrap_or_default();
@@ -388,7 +464,7 @@ impl<'a> Search<'a> {
         let mut chosen: Option<Fit> = None;
         for (_, discs) in &candidates {
             let Some(more) = self.fit(discs) else { continue };
-            let better = !overlap(&more.discs) && chosen.as_ref().is_none_or(|c| more.objective < c.objective);
+            let better = !self.overlap(&more.discs) && chosen.as_ref().is_none_or(|c| more.objective < c.objective);
             let other = if better { chosen.replace(more) } else { Some(more) };
             other.into_iter().for_each(|fit| self.scratch.work.put(fit));
         }
@@ -398,22 +474,24 @@ impl<'a> Search<'a> {
 
     /// The touches with one more where the residual asks for it most.
     fn further(&mut self, best: &Fit, candidates: &mut Candidates) {
-        let apart = 0.8 * self.options.radius_mm;
+        let DiscModel { table, prior, order } = self.model;
+        let apart = order.apart * prior.radius_mm;
+        let worth = order.worth_a_try * self.chi_square_threshold;
         let far = |at: [f64; 2], others: &[Disc], least: f64| {
             others.iter().all(|o| (o.at[0] - at[0]).hypot(o.at[1] - at[1]) > least)
         };
         let Scratch { products, gains, .. } = &mut *self.scratch;
-        self.table.coarse_products(&best.residual, products);
+        table.coarse_products(&best.residual, products);
         gains.clear();
-        for ((at, product), norm) in self.table.coarse().iter().zip(products).zip(self.table.coarse_norms()) {
+        for ((at, product), norm) in table.coarse().iter().zip(products).zip(table.coarse_norms()) {
             let along = *product / norm.max(f64::MIN_POSITIVE);
-            if along > 0.0 && along * along > WORTH_A_TRY * self.drop {
+            if along > 0.0 && along * along > worth {
                 let strength = along / norm;
                 gains.push((
                     along,
                     Disc {
                         strength,
-                        ..self.options.seed(*at)
+                        ..prior.seed(*at)
                     },
                 ));
             }
@@ -421,10 +499,10 @@ impl<'a> Search<'a> {
         gains.sort_unstable_by(|a, b| b.0.total_cmp(&a.0));
         let mut chosen = Discs::new();
         for (_, d) in gains {
-            if chosen.len() == PLACES {
+            if chosen.len() == order.places {
                 break;
             }
-            if far(d.at, &best.discs, apart) && far(d.at, &chosen, 2.0 * self.options.radius_mm) {
+            if far(d.at, &best.discs, apart) && far(d.at, &chosen, 2.0 * prior.radius_mm) {
                 chosen.push(*d);
             }
         }
@@ -436,16 +514,17 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// The touches with one split along the direction in which the residual says it is long.
+    /// The touches with one split along the direction in which the residual says that the touch is long.
     fn split(&self, best: &Fit, k: usize, d: &Disc) -> Option<Discs> {
-        let (gain, direction) = self.table.best_split(&best.residual, d.at)?;
-        if gain <= 0.0 || gain * gain < 0.3 * WORTH_A_TRY * self.drop {
+        let DiscModel { table, prior, order } = self.model;
+        let (gain, direction) = table.best_split(&best.residual, d.at)?;
+        if gain <= 0.0 || gain * gain < order.split_worth * order.worth_a_try * self.chi_square_threshold {
             return None;
         }
         let mut discs = best.discs.clone();
-        let [a, b] = self.table.split(d.at, direction).map(|at| Disc {
+        let [a, b] = table.split(d.at, direction).map(|at| Disc {
             strength: 0.5 * d.strength,
-            ..self.options.seed(at)
+            ..prior.seed(at)
         });
         discs[k] = a;
         discs.try_push(b).ok()?;

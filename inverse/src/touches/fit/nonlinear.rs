@@ -1,24 +1,25 @@
-//! What the linear model of discs leaves out: touches that see one another, the rim's image of a touch, the current that a
-//! voltage drive loses.
+//! The nonlinear model, and the linearisation error of discs.
 //!
-//! The sheet is solved with the discs and without, on one mesh that follows their edges; the difference, less what the table
-//! says, is left out. Taken off the data, it leaves what the table can fit; a few rounds, each from the touches of the one before,
-//! are enough for +300 %. What the table's interpolation gets wrong goes with it.
+//! The linear model leaves out three effects: touches that see one another, the rim's image of a touch, and the current
+//! that a voltage drive loses. The sheet is solved with the discs and without, on one mesh that follows their edges.
+//! The linearisation error is the difference of the two solutions less the table's response. It includes the table's
+//! interpolation error. Taken off the data, it leaves what the table can fit. A few rounds, each from the touches of
+//! the round before, are enough for +300 %.
 
-use crate::touches::fit::responses::TouchTable;
-use crate::touches::fit::{Disc, Discs, MOST_TOUCHES};
+use crate::touches::fit::disc::{Disc, Discs, MOST_TOUCHES};
+use crate::touches::fit::responses::ResponseTable;
 use forward::{DiscTouch, Drive, Model, Pattern, Solver};
 use std::f64::consts::PI;
 use std::sync::Arc;
 
 /// Solves for discs on the imager's own mesh, moved onto their edges.
-pub struct Beyond {
+pub struct NonlinearModel {
     solver: Solver,
     drive: Drive,
     pattern: Pattern,
 }
 
-impl Beyond {
+impl NonlinearModel {
     /// Prepares the solver; `None` when the model cannot be solved.
     pub fn new(model: &Arc<Model>, drive: Drive, pattern: &Pattern) -> Option<Self> {
         Some(Self {
@@ -28,10 +29,12 @@ impl Beyond {
         })
     }
 
-    /// What the discs (strengths in mm²) change beyond what the table (volts of the model) says, V.
+    /// Linearisation error of the discs (strengths in mm²): what they change, less the table's response, V of the
+    /// model. `table` holds volts of the model. `None` when the sheet with these discs cannot be solved.
     ///
-    /// It depends on the strengths far more than on the radii: a disc too small for its strength is taken larger, not weaker.
-    pub fn table_v(&mut self, table: &TouchTable, discs: &[Disc]) -> Option<Vec<f64>> {
+    /// The error depends on the strengths far more than on the radii. A disc too small for its strength is therefore
+    /// taken larger, not weaker.
+    pub fn linearisation_error_v(&mut self, table: &ResponseTable, discs: &[Disc]) -> Option<Vec<f64>> {
         let discs: Discs = discs.iter().take(MOST_TOUCHES).map(Disc::believable).collect();
         let touches: Vec<DiscTouch> = discs
             .iter()
@@ -41,29 +44,32 @@ impl Beyond {
                 rise: d.rise(),
             })
             .collect();
-        let mut more = self
+        let mut error_v = self
             .drive
             .frame_v(self.solver.solve_touches(&touches).ok()?, &self.pattern);
         let untouched = self.solver.solve_untouched_there().ok()?;
-        for (m, unpressed) in more.iter_mut().zip(self.drive.frame_v(untouched, &self.pattern)) {
-            *m -= unpressed;
+        for (error, unpressed) in error_v.iter_mut().zip(self.drive.frame_v(untouched, &self.pattern)) {
+            *error -= unpressed;
         }
-        let mut answers: [Vec<f64>; 4] = std::array::from_fn(|_| vec![0.0; table.stride()]);
+        let mut response: [Vec<f64>; 4] = std::array::from_fn(|_| vec![0.0; table.stride()]);
         for d in &discs {
-            let [value, x, y, radius] = &mut answers;
+            let [value, x, y, radius] = &mut response;
             table.at(d.at, d.radius, [value, x, y, radius]);
-            for (m, v) in more.iter_mut().zip(value) {
-                *m -= d.strength * *v;
+            for (error, v) in error_v.iter_mut().zip(value) {
+                *error -= d.strength * *v;
             }
         }
-        Some(more)
+        Some(error_v)
     }
 }
 
-/// About how much the linear model gets wrong, in the unit of the norms of the discs' answers: of every answer half the contrast
-/// times R²/d² for each of the other touches and for the rim's image (a dipole's field at the distance d, or twice the distance of
-/// the rim). Dipoles lie in all directions, so all of it adds up by squares. Within a factor of 1.6 of what a solution says.
-pub fn expected(discs: &[Disc], norms: &[f64], outline_mm: &[[f64; 2]]) -> f64 {
+/// Norm of the linearisation error as dipoles estimate it, in the unit of `norms`, which are those of the discs'
+/// responses.
+///
+/// Every other touch, and the rim's image, changes a response by half the contrast times R²/d². This is a dipole's
+/// field at the distance d, which is twice the distance of the rim for the image. Dipoles lie in all directions: their
+/// parts are added by squares. The estimate is within a factor of 1.6 of a solution's.
+pub fn expected_error(discs: &[Disc], norms: &[f64], outline_mm: &[[f64; 2]]) -> f64 {
     let one = |d: &Disc| {
         let q = d.radius * d.radius;
         let rim = outline_mm

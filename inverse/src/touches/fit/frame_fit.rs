@@ -1,0 +1,183 @@
+//! The fit of one frame: from the data to touches with their uncertainty.
+
+use crate::touches::fit::disc::{Disc, Discs, MOST_TOUCHES};
+use crate::touches::fit::interpolation;
+use crate::touches::fit::levenberg_marquardt::PARAMETERS;
+use crate::touches::fit::model_order::{Before, DiscModel, Scratch, Search};
+use crate::touches::touch::Touch;
+use arrayvec::ArrayVec;
+use std::f64::consts::PI;
+
+/// Relative error of the integrated rise that more measurements would not lessen. Where the linear model is good enough
+/// for the places of touches, it is off by as much for their strengths: the totals of single touches in docs/results.md
+/// (`touch_accuracy`, column "total") are 1.01.
+const TOTAL_ERROR: f64 = 0.01;
+
+/// The outcome of a fit.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Fitted {
+    /// The touches with their standard uncertainties, strongest (by peak rise) first.
+    pub touches: Vec<Touch>,
+    /// The discs behind, in the same order.
+    pub discs: Discs,
+    /// Norm of the response to every one of them over the noise.
+    pub norms: ArrayVec<f64, MOST_TOUCHES>,
+    /// All discs that were fitted, also those too weak for touches. The next frame's fit begins at them.
+    pub all: Discs,
+    /// Whether they are those of the frame before, followed.
+    pub followed: bool,
+    /// Whether the search for them came to its end.
+    pub finished: bool,
+    /// Whether the linearisation error taken off the data was that of these touches, as far as it matters.
+    pub settled: bool,
+    /// Mean square of the whitened residual per degree of freedom: 1 where noise explains it.
+    pub misfit: f64,
+    /// Norm of the residual over the norm of the data.
+    pub relative_residual: f64,
+    /// Data minus model over the noise, of [`stride`](crate::touches::fit::responses::ResponseTable::stride) entries.
+    pub residual_whitened: Vec<f64>,
+    /// Chi-square with the priors' penalty, and the number of parameters.
+    pub cost: f64,
+    /// Jacobian: derivatives of the whitened data by the parameters of all discs that were fitted
+    /// ([`PARAMETERS`] each), a column of as many entries for each.
+    pub slopes: Vec<f64>,
+}
+
+/// What is to be fitted.
+#[derive(Clone, Copy, Debug)]
+pub struct Frame<'a> {
+    /// The data in the space of the table, V.
+    pub values: &'a [f64],
+    /// Standard deviation of one of them, V.
+    pub sigma: f64,
+    /// Fall of chi-square that an additional touch must bring
+    /// ([`chi_square_threshold`](crate::touches::fit::model_order::chi_square_threshold)).
+    pub chi_square_threshold: f64,
+    /// Part of the data that the model may get wrong, 0 to 1: no touch is added for less.
+    pub error: f64,
+    /// What the search may cost: see [`most_work`](crate::touches::fit::prior::FitOptions::most_work).
+    pub most_work: usize,
+}
+
+/// Where a fit begins.
+#[derive(Clone, Copy, Debug)]
+pub struct Start<'a> {
+    /// Touches to start with. Those without a strength get one.
+    pub seeds: &'a [Disc],
+    /// The frame before, to be followed from.
+    pub before: Option<Before<'a>>,
+}
+
+/// Fits touches to a frame.
+///
+/// `None` when lengths do not match or a number is not finite; `out` is then what it was.
+pub fn fit(model: DiscModel, frame: Frame, start: Start, scratch: &mut Scratch, out: &mut Fitted) -> Option<()> {
+    let mut whitened = std::mem::take(&mut scratch.whitened);
+    whitened.clear();
+    whitened.extend(frame.values.iter().map(|v| v / frame.sigma));
+    let fits = whitened.len() == model.table.length();
+    whitened.resize(model.table.stride(), 0.0);
+    let outcome = if fits {
+        fit_whitened(model, frame, &whitened, start, scratch, out)
+    } else {
+        None
+    };
+    scratch.whitened = whitened;
+    outcome
+}
+
+fn fit_whitened(
+    model: DiscModel,
+    frame: Frame,
+    whitened: &[f64],
+    start: Start,
+    scratch: &mut Scratch,
+    out: &mut Fitted,
+) -> Option<()> {
+    let DiscModel { table, prior, .. } = model;
+    let sigma = frame.sigma;
+    let norm = whitened.iter().map(|v| v * v).sum::<f64>().sqrt();
+    let chi_square_threshold = frame.chi_square_threshold + (frame.error * norm).powi(2);
+    let in_noise = |discs: &[Disc]| -> Discs {
+        let of = |d: &Disc| Disc {
+            strength: d.strength / sigma,
+            ..*d
+        };
+        discs.iter().take(MOST_TOUCHES).map(of).collect()
+    };
+    let discs_before = start.before.map_or_else(Discs::new, |b| in_noise(b.discs));
+    let before = start.before.map(|b| Before {
+        discs: &discs_before,
+        ..b
+    });
+    let search = Search::new(model, whitened, chi_square_threshold, scratch)?.within(frame.most_work);
+    let found = search.run(&in_noise(start.seeds), before)?;
+    let best = found.fit;
+    let freedom = (table.length() as f64 - 3.0 * best.discs.len() as f64).max(1.0);
+    let misfit = best.square / freedom;
+    // Variance of one value over sigma²: the noise, or the misfit where that is larger, and the model's own error.
+    let model_error = prior.model_error.max(frame.error) * norm;
+    let variance = misfit.max(1.0) + model_error * model_error / freedom;
+    let covariance = scratch.work.covariance(table.arch(), &best);
+    let n = table.stride();
+    let norm_of = |k: usize, d: &Disc| {
+        let response = &best.jacobian[(PARAMETERS * k + 3) * n..][..n];
+        d.strength * interpolation::dot(table.arch(), response, response).sqrt()
+    };
+    (out.followed, out.finished, out.settled) = (found.followed, found.finished, true);
+    let mut found: ArrayVec<(Touch, Disc, f64), MOST_TOUCHES> = best
+        .discs
+        .iter()
+        .enumerate()
+        .map(|(k, d)| {
+            let disc = Disc {
+                strength: d.strength * sigma,
+                ..*d
+            };
+            let rise = disc.rise();
+            let sd = |variance_of: f64| (variance_of.max(0.0) * variance).sqrt();
+            let of = |i: usize, j: usize| covariance.as_ref().map(|c| c.of(4 * k + i, 4 * k + j));
+            let [by_radius, by_strength] = disc.total_slopes();
+            let by_strength = by_strength * sigma;
+            let total_variance = || {
+                let (radius, strength, both) = (of(2, 2)?, of(3, 3)?, of(2, 3)?);
+                Some(
+                    by_radius * by_radius * radius
+                        + by_strength * by_strength * strength
+                        + 2.0 * by_radius * by_strength * both,
+                )
+            };
+            let touch = Touch {
+                id: None,
+                x_mm: disc.at[0],
+                y_mm: disc.at[1],
+                rise,
+                area_mm2: disc.area_mm2(),
+                total_mm2: rise * disc.area_mm2(),
+                x_sd_mm: of(0, 0).map(sd),
+                y_sd_mm: of(1, 1).map(sd),
+                area_sd_mm2: of(2, 2).map(|v| 2.0 * PI * disc.radius * sd(v)),
+                total_sd_mm2: total_variance().map(|v| sd(v).hypot(TOTAL_ERROR * rise * disc.area_mm2())),
+                force_n: None,
+            };
+            (touch, disc, norm_of(k, d))
+        })
+        .collect();
+    out.all = found.iter().map(|f| f.1).collect();
+    found.sort_unstable_by(|a, b| b.0.rise.total_cmp(&a.0.rise));
+    let strongest = found.iter().map(|f| f.0.total_mm2).fold(0.0, f64::max);
+    found.retain(|(t, ..)| t.total_mm2 >= prior.least_of_strongest * strongest && t.rise >= prior.least_rise);
+    out.touches.clear();
+    out.touches.extend(found.iter().map(|f| f.0));
+    out.discs = found.iter().map(|f| f.1).collect();
+    out.norms = found.iter().map(|f| f.2).collect();
+    out.misfit = misfit;
+    out.relative_residual = best.square.sqrt() / norm.max(f64::MIN_POSITIVE);
+    out.residual_whitened.clear();
+    out.residual_whitened.extend_from_slice(&best.residual);
+    out.cost = best.objective + (PARAMETERS * best.discs.len()) as f64;
+    out.slopes.clear();
+    out.slopes.extend_from_slice(&best.jacobian);
+    scratch.work.put(best);
+    Some(())
+}
