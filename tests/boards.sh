@@ -17,13 +17,13 @@ fail() {
     exit 1
 }
 
-. firmware/boards/toolchain.sh || exit 77
+. boards/toolchain.sh || exit 77
 
 # in_board FOLDER ARGUMENTS...: cargo in a board's folder, where its target and linker are set.
 in_board() {
     local folder="$1"
     shift
-    (cd "firmware/boards/$folder" && CARGO_TARGET_DIR="$boards_target" board_cargo "$@")
+    (cd "boards/$folder" && CARGO_TARGET_DIR="$boards_target" board_cargo "$@")
 }
 
 say "the STM32F4's program, for each chip, within 144 KiB of flash and 8 KiB of RAM"
@@ -53,7 +53,7 @@ done
 
 say "the programs on an emulated STM32F427, with the simulated skin on its pins"
 # The emulator's crate asks for a newer Rust than it needs.
-(cd firmware/boards/emulator && CARGO_TARGET_DIR="$target/emulator" SKIN_STM32_PROGRAMS="$programs" \
+(cd boards/emulator && CARGO_TARGET_DIR="$target/emulator" SKIN_STM32_PROGRAMS="$programs" \
     cargo test --locked --ignore-rust-version -- --nocapture --test-threads 2) || fail "the STM32F4's program in emulation"
 
 say "board programs for the emulated mps2-an386"

@@ -277,7 +277,7 @@ impl Curve {
 
     /// Whether the point is inside the curve (by the polyline).
     pub fn contains(&self, p: Point) -> bool {
-        inside_polygon(&self.polyline, p)
+        contains(&self.polyline, p)
     }
 
     /// Area enclosed, mm², by the polyline.
@@ -286,8 +286,9 @@ impl Curve {
     }
 }
 
-/// Whether the point lies inside the polygon (even-odd rule).
-pub(crate) fn inside_polygon(polygon: &[Point], p: Point) -> bool {
+/// Whether the point lies inside the polygon, by the even-odd rule. The last vertex joins the first; the sense of turn does
+/// not matter. A point on a side may count as either; fewer than three vertices contain nothing.
+pub fn contains(polygon: &[Point], p: Point) -> bool {
     let n = polygon.len();
     let sides = (0..n).map(|k| (polygon[k], polygon[(k + 1) % n]));
     crossings(sides, p) % 2 == 1

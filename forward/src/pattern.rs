@@ -104,6 +104,22 @@ pub struct Pattern {
 }
 
 impl Pattern {
+    /// Checks a list of drive and sense pairs, each `[plus, minus]`, electrodes counted from 0: the order of all vectors.
+    ///
+    /// # Errors
+    /// As for [`Pattern::from_list`].
+    pub fn from_pairs(
+        electrodes: usize,
+        pairs: impl IntoIterator<Item = [[usize; 2]; 2]>,
+    ) -> Result<Self, PatternError> {
+        let pair = |[plus, minus]: [usize; 2]| Pair::new(plus, minus);
+        let measurement = |[drive, sense]: [[usize; 2]; 2]| Measurement {
+            drive: pair(drive),
+            sense: pair(sense),
+        };
+        Self::from_list(electrodes, pairs.into_iter().map(measurement).collect())
+    }
+
     /// Any list of measurements.
     ///
     /// # Errors

@@ -1,139 +1,287 @@
-//! What a board is set to and keeps: plan, watch, excitation, autostart.
+//! `skin settings`: what a board is set to and keeps.
 
-use crate::link::{Link, LinkError};
-use crate::session::{PATIENCE, insist};
-use protocol::{Baseline, Command, FromBoard, Plan, Status, ToBoard, Watch};
-use std::time::{Duration, Instant};
+use crate::board::{Choice, Connected};
+use crate::{number, plan};
+use anyhow::{Result, bail};
+use clap::builder::RangedU64ValueParser;
+use clap::{ArgGroup, Args, Subcommand, ValueEnum};
+use link::plans::{PlanName, described};
+use link::settings::{Change, Settings, change, learn, read, store};
+use protocol::{Baseline, Hello, QUARTERS, Stored, Watch, Watching};
+use serde_json::json;
 
-/// What is in force on a board.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Settings {
-    /// What it is set to besides, and does.
-    pub status: Status,
-    /// What frames measure.
-    pub plan: Plan,
-    /// What is watched while nothing touches.
-    pub watch: Option<Watch>,
+/// Arguments of `skin settings`.
+#[derive(Debug, Args)]
+pub(crate) struct Arguments {
+    #[command(subcommand)]
+    action: Option<Action>,
+    #[command(flatten)]
+    board: Choice,
+    /// One JSON object on stdout.
+    #[arg(long, global = true)]
+    json: bool,
 }
 
-/// What to change; `None` leaves it as it is.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Change {
-    /// What frames measure.
-    pub plan: Option<Plan>,
-    /// What is watched, or nothing.
-    pub watch: Option<Option<Watch>>,
-    /// Amplitude of the source, in thousandths of full scale.
-    pub excitation_permille: Option<u16>,
-    /// Whether to start by itself at power-up.
-    pub autostart: Option<bool>,
+#[derive(Debug, Subcommand)]
+enum Action {
+    /// What is set and what is stored (what `skin settings` alone does).
+    Show,
+    /// Sets something, and stores it with all that is set.
+    Set(Set),
+    /// Stores what is set.
+    Store,
+    /// Forgets what is stored: from the next start on the board is as it was made.
+    Forget,
+    /// Learns anew what the watch takes for untouched; nothing may touch. A board does so at every start by itself.
+    Baseline,
 }
 
-/// Asks for everything.
+#[derive(Debug, Args)]
+#[group(skip)]
+#[command(group(ArgGroup::new("something").required(true).multiple(true)))]
+struct Set {
+    /// What frames measure.
+    #[arg(long, value_name = "PLAN", group = "something", value_parser = plan::parser())]
+    plan: Option<PlanName>,
+    /// What the board does while nothing touches.
+    #[arg(long, value_name = "WATCH", group = "something")]
+    watch: Option<WatchName>,
+    /// The watch wakes the board when the mean square of the changes is so many times their noise's [default: the watch's
+    /// own: 6.25 for paper, 9 for sequential].
+    #[arg(long, value_name = "TIMES", requires = "watch", allow_negative_numbers = true, value_parser = threshold())]
+    threshold: Option<f64>,
+    /// The board starts by itself at power-up.
+    #[arg(long, value_name = "ON", group = "something")]
+    autostart: Option<Switch>,
+    /// Amplitude of the excitation, thousandths of full scale.
+    #[arg(
+        long,
+        value_name = "PERMILLE",
+        group = "something",
+        value_parser = RangedU64ValueParser::<u16>::new().range(1..=1000)
+    )]
+    excitation: Option<u16>,
+    /// Only until the board is reset, which opening its port does where reset is wired to RTS.
+    #[arg(long)]
+    no_store: bool,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum Switch {
+    On,
+    Off,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum WatchName {
+    /// Frames all the time.
+    None,
+    /// The one that suits the board.
+    Auto,
+    /// Two drives, six pairs of each at once; a scan every 3.4 ms.
+    Paper,
+    /// Eight values one by one, for a board with one channel; a scan every 8.1 ms.
+    Sequential,
+}
+
+impl WatchName {
+    fn watch(self, board: &Hello) -> Result<Option<Watch>> {
+        Ok(match self {
+            Self::None => None,
+            Self::Auto => match Watch::for_board(board) {
+                None => bail!(
+                    "there is no ready-made watch for {} electrodes, only for 16",
+                    board.electrodes
+                ),
+                some => some,
+            },
+            Self::Paper => Some(Watch::paper()),
+            Self::Sequential => Some(Watch::sequential()),
+        })
+    }
+}
+
+/// Runs the command.
 ///
 /// # Errors
-/// [`LinkError`]: no answer, a lost port.
-pub fn read(link: &Link) -> Result<Settings, LinkError> {
-    let status = insist(link, "its status", &ToBoard::GetStatus, PATIENCE, |m| match m {
-        FromBoard::Status(status) => Some(status),
-        _ => None,
-    })?;
-    let plan = insist(link, "its plan", &ToBoard::GetPlan, PATIENCE, |m| match m {
-        FromBoard::Plan(plan) => Some(plan),
-        _ => None,
-    })?;
-    let watch = insist(link, "its watch", &ToBoard::GetWatch, PATIENCE, |m| match m {
-        FromBoard::Watch(watch) => Some(watch),
-        _ => None,
-    })?;
-    Ok(Settings { status, plan, watch })
-}
-
-/// Changes what is in force. What the board refuses it leaves as it was, and so all that comes after it here.
-///
-/// # Errors
-/// [`LinkError`]: a refusal with its reason, no answer, a lost port.
-pub fn change(link: &Link, change: &Change) -> Result<(), LinkError> {
-    if let Some(plan) = &change.plan {
-        let command = ToBoard::SetPlan(plan.clone());
-        insist(link, "the plan", &command, PATIENCE, |m| {
-            matches!(m, FromBoard::Plan(p) if p == *plan).then_some(())
-        })?;
+/// No board, or one that refuses.
+pub(crate) fn run(arguments: &Arguments) -> Result<()> {
+    let Connected {
+        mut link,
+        hello,
+        source,
+    } = arguments.board.connect()?;
+    let before = read(&link)?;
+    if before.status.running {
+        link.leave_running();
     }
-    if let Some(watch) = &change.watch {
-        let command = ToBoard::SetWatch(watch.clone());
-        insist(link, "the watch", &command, PATIENCE, |m| {
-            matches!(m, FromBoard::Watch(w) if w == *watch).then_some(())
-        })?;
+    let mut baseline = None;
+    match arguments.action.as_ref().unwrap_or(&Action::Show) {
+        Action::Show => {}
+        Action::Set(set) => {
+            change(&link, &set.change(&hello)?)?;
+            if !set.no_store {
+                store(&link, true)?;
+            }
+        }
+        Action::Store => store(&link, true)?,
+        Action::Forget => store(&link, false)?,
+        Action::Baseline => {
+            if before.watch.is_none() {
+                bail!("the board has no watch, and so no baseline; set one with: skin settings set --watch auto");
+            }
+            baseline = Some(learn(&link)?);
+        }
     }
-    if let Some(permille) = change.excitation_permille {
-        order(link, ToBoard::SetExcitation(permille), Command::SetExcitation)?;
-    }
-    if let Some(on) = change.autostart {
-        order(link, ToBoard::SetAutostart(on), Command::SetAutostart)?;
+    let settings = read(&link)?;
+    if arguments.json {
+        println!("{}", as_json(&settings, baseline.as_ref(), &hello, &source));
+    } else {
+        describe(&settings, &hello, &source);
+        if let Some(baseline) = &baseline {
+            println!(
+                "baseline    of {} values from {} scans, noise {:.2} codes rms",
+                baseline.values.len(),
+                baseline.scans,
+                noise_codes(baseline)
+            );
+        }
     }
     Ok(())
 }
 
-/// Stores what is in force, or forgets what is stored (`keep` false). The board stops meanwhile if it measures, and goes on
-/// afterwards.
-///
-/// # Errors
-/// [`LinkError`]: a store that does not work, no answer, a lost port.
-pub fn store(link: &Link, keep: bool) -> Result<(), LinkError> {
-    let running = read(link)?.status.running;
-    if running {
-        order(link, ToBoard::Stop, Command::Stop)?;
-    }
-    let stored = if keep {
-        order(link, ToBoard::SaveSettings, Command::SaveSettings)
-    } else {
-        order(link, ToBoard::ForgetSettings, Command::ForgetSettings)
-    };
-    if running {
-        order(link, ToBoard::Start, Command::Start)?;
-    }
-    stored
+/// 256ths in 16 bits.
+fn threshold() -> impl Fn(&str) -> Result<f64, String> + Clone {
+    let wanted = "1 to 255; at 1 the noise alone wakes the board";
+    number::allowed(wanted, |times| (1.0..=255.0).contains(&times))
 }
 
-/// Lets the board learn anew what its watch takes for untouched, and waits for it; starts it for that if it is stopped.
-///
-/// # Errors
-/// [`LinkError`]: the board has no watch, no answer, a lost port.
-pub fn learn(link: &Link) -> Result<Baseline, LinkError> {
-    /// Longer than any watch of use takes to learn.
-    const LEARNING: Duration = Duration::from_secs(20);
-    let running = read(link)?.status.running;
-    order(link, ToBoard::TakeBaseline, Command::TakeBaseline)?;
-    if !running {
-        order(link, ToBoard::Start, Command::Start)?;
-    }
-    let end = Instant::now() + LEARNING;
-    let learned = loop {
-        let baseline = insist(link, "its baseline", &ToBoard::GetBaseline, PATIENCE, |m| match m {
-            FromBoard::Baseline(baseline) => Some(baseline),
-            _ => None,
-        });
-        match baseline {
-            Ok(baseline) if baseline.scans == 0 && Instant::now() < end => {
-                std::thread::sleep(Duration::from_millis(50));
+impl Set {
+    fn change(&self, board: &Hello) -> Result<Change> {
+        let mut watch = self.watch.map(|w| w.watch(board)).transpose()?;
+        if let Some(times) = self.threshold {
+            match &mut watch {
+                Some(Some(watch)) => watch.threshold = (times * 256.0).round() as u16,
+                _ => bail!("--threshold is for a watch: name one with --watch"),
             }
-            Ok(baseline) if baseline.scans == 0 => {
-                let (what, ms) = ("with the baseline that it learns", LEARNING.as_millis());
-                break Err(LinkError::Silent { what, ms });
-            }
-            other => break other,
         }
-    };
-    if !running {
-        order(link, ToBoard::Stop, Command::Stop)?;
+        Ok(Change {
+            plan: self.plan.map(|p| p.plan(board)).transpose()?,
+            watch,
+            excitation_permille: self.excitation,
+            autostart: self.autostart.map(|s| matches!(s, Switch::On)),
+        })
     }
-    learned
 }
 
-/// A command that is acknowledged. The store may take half a second to be erased.
-fn order(link: &Link, command: ToBoard, expected: Command) -> Result<(), LinkError> {
-    insist(link, "a command", &command, 2 * PATIENCE, |m| {
-        matches!(m, FromBoard::Ack(c) if c == expected).then_some(())
+/// Root of the mean variance that the change test reckons with.
+fn noise_codes(baseline: &Baseline) -> f64 {
+    let sum: f64 = baseline.variance.iter().map(|v| f64::from(*v)).sum();
+    (sum / baseline.variance.len().max(1) as f64 / 4096.0).sqrt()
+}
+
+/// The name of a watch that a board has in force, whatever its threshold.
+fn watch_name(watch: &Watch) -> &'static str {
+    let is = |ready: Watch| {
+        *watch
+            == Watch {
+                threshold: watch.threshold,
+                ..ready
+            }
+    };
+    if is(Watch::paper()) {
+        "paper"
+    } else if is(Watch::sequential()) {
+        "sequential"
+    } else {
+        "of its own"
+    }
+}
+
+/// From one scan of the watch to the next, ms.
+fn scan_ms(watch: &Watch, board: &Hello) -> f64 {
+    let quarters = watch.recipe().quarters() + u32::from(watch.rest_quarters);
+    1e3 * f64::from(quarters) / f64::from(QUARTERS) / board.excitation_hz()
+}
+
+fn doing(settings: &Settings) -> &'static str {
+    match (settings.status.running, settings.status.watching) {
+        (false, _) => "stopped",
+        (true, Watching::Off) => "measuring",
+        (true, Watching::Learning) => "learning the watch's baseline",
+        (true, Watching::Asleep) => "watching, nothing touches",
+        (true, Watching::Awake) => "measuring, something touches",
+    }
+}
+
+fn describe(settings: &Settings, hello: &Hello, source: &str) {
+    let Settings { status, plan, watch } = settings;
+    println!("port        {source}");
+    println!("board       {}, serial {}", hello.board, hello.serial);
+    let name = PlanName::of(plan, hello).map_or("of its own", PlanName::name);
+    println!("plan        {name}: {}", described(plan.recipe(), hello));
+    match watch {
+        None => println!("watch       none: frames all the time"),
+        Some(watch) => println!(
+            "watch       {}: {}, every {:.1} ms; threshold {}",
+            watch_name(watch),
+            described(watch.recipe(), hello),
+            scan_ms(watch, hello),
+            f64::from(watch.threshold) / 256.0
+        ),
+    }
+    println!(
+        "excitation  {:.1} % of {:.2} V",
+        f64::from(status.excitation_permille) / 10.0,
+        f64::from(hello.excitation_uv) * 1e-6
+    );
+    println!("autostart   {}", if status.autostart { "on" } else { "off" });
+    println!("state       {}", doing(settings));
+    println!(
+        "stored      {}",
+        match status.stored {
+            Stored::Nothing => "nothing: it starts as it was made",
+            Stored::InForce => "all of this",
+            Stored::Others => "other settings than these; `skin settings store` stores these",
+            Stored::Unusable => "something that this firmware cannot use; `skin settings store` stores these",
+        }
+    );
+}
+
+fn as_json(settings: &Settings, baseline: Option<&Baseline>, hello: &Hello, source: &str) -> serde_json::Value {
+    let Settings { status, plan, watch } = settings;
+    let watch = watch.as_ref().map(|w| {
+        json!({
+            "name": watch_name(w),
+            "values": w.recipe().value_count(),
+            "scan_ms": scan_ms(w, hello),
+            "threshold": f64::from(w.threshold) / 256.0,
+        })
+    });
+    let baseline = baseline.map(|b| {
+        json!({
+            "scans": b.scans,
+            "values_codes": b.values.iter().map(|v| v.codes()).collect::<Vec<f64>>(),
+            "noise_codes": b.variance.iter().map(|v| (f64::from(*v) / 4096.0).sqrt()).collect::<Vec<f64>>(),
+        })
+    });
+    let frame_ms = 1e3 * f64::from(plan.quarters()) / f64::from(QUARTERS) / hello.excitation_hz();
+    json!({
+        "port": source,
+        "board": hello.board.as_str(),
+        "serial": hello.serial.as_str(),
+        "plan": {
+            "name": PlanName::of(plan, hello).map(PlanName::name),
+            "id": plan.id,
+            "values": plan.value_count(),
+            "frame_ms": frame_ms,
+        },
+        "watch": watch,
+        "excitation_permille": status.excitation_permille,
+        "autostart": status.autostart,
+        "running": status.running,
+        "watching": format!("{:?}", status.watching),
+        "stored": format!("{:?}", status.stored),
+        "baseline": baseline,
     })
 }

@@ -302,13 +302,16 @@ fn a_table_whose_times_are_known_gives_newtons_too() {
     )
     .unwrap();
     // The lag of a force that rises over the first second, is held for two, falls over one and is gone.
-    let solid = host::creep::Solid {
+    let solid = inverse::force::solid::Solid {
         delayed_ratio: k,
         tau_s,
         exponent: 1.0,
         unit_rise_mpa: unit,
     };
-    let (mut rubber, area) = (host::creep::SolidState::default(), std::f64::consts::PI * 12.5 * 12.5);
+    let (mut rubber, area) = (
+        inverse::force::solid::SolidState::default(),
+        std::f64::consts::PI * 12.5 * 12.5,
+    );
     let forces = [0.0, 25.0, 25.0, 25.0, 0.0, 0.0];
     let rises = forces.map(|f| solid.rise(rubber.press(&solid.step(1.0), f / area)));
     let columns: Vec<String> = rises

@@ -1,17 +1,15 @@
 //! End-to-end tests: the firmware on the simulated skin, through protocol and link, to the host's touches.
 #![forbid(unsafe_code)]
 
-use forward::{Drive, Sheet};
+use forward::Sheet;
 use hil_sim::{Pace, Rubber, Scene, SimBoard, SimConfig, SimPort};
-use host::imager::Imager;
-use host::link::Port;
-use host::live::{Live, LiveFrame, LiveOptions};
-use host::picture::Touch;
-use host::session::{Session, adjacent_plan};
+use inverse::live::{LiveFrame, LiveOptions};
+use inverse::touches::touch::Touch;
+use link::Port;
+use link::plans::adjacent_plan;
 use protocol::{Hello, Plan, PlanError};
 use std::error::Error;
-use std::sync::Arc;
-use std::time::Duration;
+use studies::chain::Chain;
 
 /// What the tests need of a run that went well.
 pub struct Run {
@@ -50,30 +48,25 @@ pub fn run_by(
     baseline_frames: usize,
     until_s: f64,
 ) -> Result<Run, Box<dyn Error>> {
-    let session = Session::start(port, choose)?;
-    let imager = Arc::new(Imager::new(&Sheet::paper(), Drive::PAPER, session.pattern()?, 5.0)?);
-    let options = LiveOptions {
+    let mut chain = Chain::start(port, &Sheet::paper(), choose, |_| LiveOptions {
         baseline_frames,
         ..LiveOptions::default()
-    };
-    let mut live = Live::new(imager, options);
+    })?;
     let mut pictures = Vec::new();
     let mut values_missing = 0;
     loop {
-        let frame = session
-            .frame(Duration::from_secs(10))?
-            .ok_or("the simulated board sends no frame")?;
+        let (frame, _, made) = chain.next()?;
         if frame.time_s > until_s {
             break;
         }
         values_missing += frame.values_v.iter().filter(|v| !v.is_finite()).count();
-        if let LiveFrame::Picture(result) = live.frame(&frame)? {
+        if let LiveFrame::Picture(result) = made {
             pictures.push((frame.time_s, result.touches.clone()));
         }
     }
     Ok(Run {
         pictures,
-        lost_frames: session.link().counters().lost_frames,
+        lost_frames: chain.session().link().counters().lost_frames,
         values_missing,
     })
 }

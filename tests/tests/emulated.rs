@@ -1,12 +1,10 @@
-//! The firmware as a Cortex-M4F program on QEMU (`firmware/boards/qemu-mps2`), with the simulated skin on its front end.
+//! The firmware as a Cortex-M4F program on QEMU (`boards/qemu-mps2`), with the simulated skin on its front end.
 //! These tests need QEMU and the board's programs: `tests/boards.sh` builds them and runs this.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "a test")]
 
 use forward::Sheet;
 use hil_sim::{Clock, Electronics, Pace, Rubber, Scene, SimBoard, SimConfig, SimFrontEnd, SimPort, Touch};
-use host::link::{Link, Port};
-use host::ports;
-use host::session::greet;
+use link::{Link, Port, greet, ports};
 use protocol::{Frame, FromBoard, Pair, Plan, ToBoard};
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Write};

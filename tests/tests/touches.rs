@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used, reason = "a test")]
 
 use hil_sim::{Scene, SimConfig, Touch};
-use host::plans::live_plan;
+use link::plans::live_plan;
 use rand::{Rng, SeedableRng};
 use tests::{run, run_by, simulated};
 

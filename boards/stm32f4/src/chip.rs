@@ -1,0 +1,221 @@
+//! The chip's start (watchdog, clocks, analogue pins), and `firmware`'s clock, watchdog and store.
+
+use crate::flash;
+use crate::multiplexer;
+use crate::panic_record;
+use crate::sampler;
+use crate::supply::{self, supply_is_good, wait_for_supply};
+use firmware::{Clock, Sector, Store, Watchdog};
+use protocol::ResetCause;
+use stm32f4xx_hal::pac;
+use stm32f4xx_hal::prelude::*;
+use stm32f4xx_hal::rcc::Config;
+
+/// What was found at the start.
+pub struct Started {
+    /// Why the chip started.
+    pub cause: ResetCause,
+    /// What is wrong, in words; empty when nothing is.
+    pub note: &'static str,
+}
+
+const NO_CRYSTAL: &str = "no 8 MHz clock: on the internal one, up to 1 % off";
+const LOW_SUPPLY: &str = "the supply is below 3.0 V: settings cannot be stored";
+
+/// What the watchdog counts down from, at 32 kHz / 64: 2 s. Erasing a sector of the settings takes half a second at most.
+const WATCHDOG_COUNTS: u16 = 1000;
+
+/// Sets the chip up: watchdog first, then clocks and pins.
+pub fn start(device: pac::Peripherals, mut core: cortex_m::Peripherals) -> Started {
+    // The watchdog stands still while a debugger has halted the processor.
+    device.DBGMCU.apb1_fz().modify(|_, w| w.dbg_iwdg_stop().set_bit());
+    device.IWDG.kr().write(|w| w.key().start());
+    device.IWDG.kr().write(|w| w.key().unlock());
+    device.IWDG.pr().write(|w| w.pr().divide_by64());
+    device.IWDG.rlr().write(|w| w.rl().set(WATCHDOG_COUNTS));
+    // Both registers count once the slow clock has taken them over. The feed then loads the new value.
+    while device.IWDG.sr().read().bits() != 0 {}
+    device.IWDG.kr().write(|w| w.key().feed());
+
+    let cause = reset_cause(&device.RCC.csr().read());
+    device.RCC.csr().modify(|_, w| w.rmvf().clear());
+    device.RCC.ahb1enr().modify(|_, w| {
+        w.gpioaen().enabled().gpioben().enabled().gpiocen().enabled();
+        w.dma1en().enabled().dma2en().enabled()
+    });
+    device.RCC.apb1enr().modify(|_, w| {
+        w.tim2en().enabled().pwren().enabled().dacen().enabled();
+        if ST_LINK { w.usart2en().enabled() } else { w }
+    });
+    device.RCC.apb2enr().modify(|_, w| {
+        w.adc1en().enabled();
+        if ST_LINK { w } else { w.usart1en().enabled() }
+    });
+    let supplied = wait_for_supply(&device.PWR);
+    if supplied {
+        reset_below_2_7_volt(&device.FLASH);
+    }
+
+    let crystal = hse_runs(&device.RCC);
+    let clock = match (crystal, NUCLEO) {
+        (true, false) => Config::hse(8.MHz()),
+        (true, true) => Config::hse(8.MHz()).bypass_hse_oscillator(),
+        // The internal oscillator is good enough for the serial line. The lock-in compares with no other clock.
+        (false, _) => Config::hsi(),
+    };
+    let rcc = device
+        .RCC
+        .freeze(clock.sysclk(168.MHz()).pclk1(42.MHz()).pclk2(84.MHz()));
+    // From here on a crystal that stops is a non-maskable interrupt, not a frequency that silently changes.
+    if crystal {
+        rcc.cr().modify(|_, w| w.csson().on());
+    }
+
+    core.DCB.enable_trace();
+    // A reset does not clear the counter, and the time of the samples begins at 0.
+    core.DWT.set_cycle_count(0);
+    core.DWT.enable_cycle_counter();
+    multiplexer::start();
+    // Analog: PA0, PA1 and PA6 to the converter, PA4 from the DAC.
+    device.GPIOA.moder().modify(|_, w| {
+        w.moder0().analog().moder1().analog();
+        w.moder4().analog().moder6().analog()
+    });
+    // The converters' clock is 84 MHz / 4.
+    device.ADC_COMMON.ccr().modify(|_, w| w.adcpre().div4());
+    let note = match (crystal, supplied) {
+        (false, _) => NO_CRYSTAL,
+        (true, false) => LOW_SUPPLY,
+        (true, true) => "",
+    };
+    Started { cause, note }
+}
+
+/// A Nucleo gets its 8 MHz from the debugger on it, without a crystal.
+const NUCLEO: bool = cfg!(feature = "f446");
+const ST_LINK: bool = cfg!(feature = "st-link");
+
+/// The two keys that open the option bytes, in this order (RM0390 section 3.6.2, RM0090 section 3.7.2).
+const OPTION_KEY_1: u32 = 0x0819_2A3B;
+const OPTION_KEY_2: u32 = 0x4C5D_6E7F;
+/// The highest level of the brown-out reset in the field BOR_LEV: it counts downwards from 3, which is off (RM0390 section
+/// 3.8, RM0090 section 3.9). The names that the register crate has for the levels are the wrong way round.
+const BROWN_OUT_LEVEL_3: u8 = 0;
+
+/// Sets the chip's own brown-out reset to its highest level, some 2.8 V, unless it is set already.
+///
+/// As delivered it is off, and between 1.8 V and 2.7 V the processor may do anything. The level is an option byte, which the
+/// chip keeps without power: this writes once in a chip's life.
+fn reset_below_2_7_volt(flash: &pac::FLASH) {
+    if flash.optcr().read().bor_lev().bits() == BROWN_OUT_LEVEL_3 {
+        return;
+    }
+    // A reset in the middle would leave the option bytes half written.
+    let finish = || {
+        while flash.sr().read().bsy().is_busy() {
+            feed();
+        }
+    };
+    flash.optkeyr().write(|w| w.optkeyr().set(OPTION_KEY_1));
+    flash.optkeyr().write(|w| w.optkeyr().set(OPTION_KEY_2));
+    finish();
+    // All other bits stay as they are. Then the start bit.
+    flash.optcr().modify(|_, w| w.bor_lev().set(BROWN_OUT_LEVEL_3));
+    flash.optcr().modify(|_, w| w.optstrt().set_bit());
+    finish();
+    flash.optcr().modify(|_, w| w.optlock().set_bit());
+}
+
+/// Feeds the watchdog.
+fn feed() {
+    // SAFETY: the address is that of the watchdog's registers. The one write restarts its count, which any code may do.
+    let watchdog = unsafe { &*pac::IWDG::ptr() };
+    watchdog.kr().write(|w| w.key().feed());
+}
+
+/// Starts the oscillator of the crystal, or the input for the Nucleo's clock; whether it runs after 50 ms at most.
+fn hse_runs(rcc: &pac::RCC) -> bool {
+    fn bypass(w: &mut pac::rcc::cr::W, bypassed: bool) -> &mut pac::rcc::cr::W {
+        if NUCLEO { w.hsebyp().bit(bypassed) } else { w }
+    }
+    // The bypass can only be changed while the oscillator is off.
+    rcc.cr().modify(|_, w| bypass(w.hseon().off(), true));
+    rcc.cr().modify(|_, w| bypass(w.hseon().on(), true));
+    let runs = || rcc.cr().read().hserdy().is_ready();
+    let mut patience = 100_000;
+    while !runs() && patience > 0 {
+        patience -= 1;
+    }
+    let found = runs();
+    if !found {
+        rcc.cr().modify(|_, w| bypass(w.hseon().off(), false));
+    }
+    found
+}
+
+fn reset_cause(flags: &pac::rcc::csr::R) -> ResetCause {
+    if flags.wdgrstf().is_reset() || flags.wwdgrstf().is_reset() {
+        ResetCause::Watchdog
+    } else if flags.sftrstf().is_reset() {
+        ResetCause::Software
+    } else if flags.porrstf().is_reset() {
+        ResetCause::PowerOn
+    } else if flags.borrstf().is_reset() {
+        ResetCause::BrownOut
+    } else if flags.padrstf().is_reset() {
+        ResetCause::Pin
+    } else {
+        ResetCause::Unknown
+    }
+}
+
+#[cortex_m_rt::exception]
+unsafe fn NonMaskableInt() {
+    panic!("the crystal stopped");
+}
+
+/// Clock, watchdog and store.
+pub struct Chip;
+
+impl Clock for Chip {
+    fn now(&mut self) -> u64 {
+        sampler::now()
+    }
+}
+
+impl Watchdog for Chip {
+    fn feed(&mut self) {
+        // Reads the time every tenth of a second, also while nothing is measured: the cycle counter must not come round unseen.
+        sampler::keep_up();
+        feed();
+        if supply::sags() {
+            // Measurements are wrong now, and the supply may fall further. The sheet stays without voltage until the supply is back
+            // or the brown-out reset comes.
+            multiplexer::release();
+            while !supply_is_good() {
+                feed();
+            }
+            panic_record::restart_after_a_sag();
+        }
+    }
+}
+
+impl Store for Chip {
+    type Error = flash::FlashError;
+
+    fn sector_len(&self) -> u32 {
+        flash::SECTOR_LEN
+    }
+
+    fn read(&mut self, sector: Sector, offset: u32, out: &mut [u8]) -> Result<(), Self::Error> {
+        flash::read(sector, offset, out)
+    }
+
+    fn write(&mut self, sector: Sector, offset: u32, bytes: &[u8]) -> Result<(), Self::Error> {
+        flash::write(sector, offset, bytes)
+    }
+
+    fn erase(&mut self, sector: Sector) -> Result<(), Self::Error> {
+        flash::erase(sector)
+    }
+}

@@ -1,0 +1,129 @@
+//! The program of the sensor board, for an STM32F405, STM32F427 or STM32F446.
+//!
+//! This crate implements the traits of the library `firmware` with the registers of the chip. The library has all of the logic.
+//!
+//! - [docs/architecture.md](../../../docs/architecture.md): what each crate is for, and the way of a frame
+//! - [docs/board.md](../../../docs/board.md): pins, circuit, how to build and program the board
+//! - [docs/firmware.md](../../../docs/firmware.md): the traits, and what the library does with them
+//!
+//! `RM0390` and `RM0090` in comments are ST's reference manuals: of the STM32F446, and of the STM32F405 and STM32F427.
+#![no_std]
+#![no_main]
+
+mod chip;
+mod flash;
+mod front_end;
+mod identity;
+mod multiplexer;
+mod panic_record;
+mod ring;
+mod sampler;
+mod serial;
+mod source;
+mod supply;
+
+use chip::Chip;
+use cortex_m_rt::entry;
+use firmware::{Activity, BoardInfo, Controller, Memory};
+use front_end::FrontEnd;
+use panic_record::{Past, Report};
+use protocol::{Plan, PlanError, ResetCause, Sampling};
+use serial::Serial;
+use stm32f4xx_hal::pac;
+
+/// Everything about the board that never changes.
+const INFO: BoardInfo<'static> = BoardInfo {
+    name: if cfg!(feature = "f405") {
+        "skin-stm32f405"
+    } else if cfg!(feature = "f427") {
+        "skin-stm32f427"
+    } else {
+        "skin-stm32f446"
+    },
+    serial: "",
+    git: env!("SKIN_GIT"),
+    electrodes: 16,
+    channels: 1,
+    timer_hz: sampler::TIMER_HZ,
+    ticks_per_sample: sampler::TICKS_PER_SAMPLE,
+    skew_ticks: 0,
+    adc_span_uv: 3_300_000,
+    excitation_uv: 2_250_000,
+    source_gain_milli: 586,
+    gains_milli: [13_000, 600, 0, 0],
+    reset: ResetCause::Unknown,
+    last_panic: "",
+};
+
+const _: () = assert!(INFO.is_sound());
+
+/// Which chip the image is for, in words that `skin flash` looks for.
+static IMAGE_TAG: &[u8] = if cfg!(feature = "f405") {
+    b"skin-board-image for chip 0x413"
+} else if cfg!(feature = "f427") {
+    b"skin-board-image for chip 0x419"
+} else {
+    b"skin-board-image for chip 0x421"
+};
+
+#[entry]
+fn main() -> ! {
+    // All that is large. These are statics since the stack has no room for them; `entry` lends them to `main` alone.
+    static mut MEMORY: Memory = Memory::new();
+    static mut SERIAL_NUMBER: [u8; 24] = [0; 24];
+    static mut LAST_PANIC: Option<Report> = None;
+    let mut started = start(MEMORY, SERIAL_NUMBER, LAST_PANIC);
+    // Lent, not taken out: a copy would cost the stack as much again.
+    let Ok(board) = &mut started else {
+        panic!("the first plan does not suit the board");
+    };
+    board.start_up();
+    // Nothing reads it here; without this the linker would leave it out.
+    core::hint::black_box(IMAGE_TAG);
+    panic_record::planted();
+    loop {
+        if board.poll() == Activity::Idle {
+            multiplexer::rest();
+        }
+    }
+}
+
+type Board = Controller<'static, FrontEnd, Serial, Chip, &'static mut Memory>;
+
+/// Once; in a function of its own so that the loop's stack need not hold what it leaves behind.
+#[inline(never)]
+fn start(
+    memory: &'static mut Memory,
+    serial_number: &'static mut [u8; 24],
+    last_panic: &'static mut Option<Report>,
+) -> Result<Board, PlanError> {
+    let (Some(core), Some(device)) = (cortex_m::Peripherals::take(), pac::Peripherals::take()) else {
+        panic!("started twice");
+    };
+    let started = chip::start(device, core);
+    let mut info = BoardInfo {
+        serial: identity::serial_number(serial_number),
+        reset: started.cause,
+        last_panic: started.note,
+        ..INFO
+    };
+    // Taken only now, so that it stays if the start does not succeed.
+    match panic_record::take() {
+        Some(Past::Panic(report)) => {
+            info.reset = ResetCause::Panic;
+            info.last_panic = last_panic.insert(report).text();
+        }
+        Some(Past::Sag) => info.reset = ResetCause::BrownOut,
+        None => {}
+    }
+    Controller::asleep(info, first_plan(), FrontEnd::start(), Serial::start(), Chip, memory)
+}
+
+/// 208 values one after the other, a period to settle and one to integrate, until the host says otherwise.
+#[inline(never)]
+fn first_plan() -> Plan {
+    Plan {
+        sampling: Sampling::Sequential,
+        ..Plan::fast()
+    }
+}

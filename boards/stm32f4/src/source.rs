@@ -1,0 +1,146 @@
+//! The excitation: a sine of sixteen steps from the first DAC channel (PA4), stepped by the sampling timer itself, so that
+//! its phase at every sample is fixed by the wiring. A table in memory goes round by DMA for ever; switching on and off and
+//! setting the amplitude write the table.
+
+use crate::ring::Shared;
+use firmware::{ErrorKind, SAMPLES_PER_PERIOD};
+use stm32f4xx_hal::pac;
+
+/// Middle of the DAC's range.
+const MIDDLE: i32 = 2048;
+/// Amplitude at full scale, DAC codes: 1.44 V. The buffered output is linear to 0.2 V, 248 codes, from either end.
+const AMPLITUDE: i32 = 1788;
+const _: () = assert!(MIDDLE - AMPLITUDE > 248 && MIDDLE + AMPLITUDE < 4095 - 248);
+
+/// The sine runs ahead of the samples by what the way to the electrodes holds it back at 3.684 kHz: half a step of the DAC
+/// (1/32 of a period) and the second-order low-pass at 10 kHz behind it (31.1 degrees), 42.3 degrees together.
+const LEAD_TURNS: f64 = if cfg!(feature = "fault-phase") {
+    0.0
+} else {
+    42.33 / 360.0
+};
+
+/// Full-scale codes about the middle, by phase.
+const SINE: [i16; SAMPLES_PER_PERIOD] = table();
+
+const fn table() -> [i16; SAMPLES_PER_PERIOD] {
+    let (mut out, mut k) = ([0; SAMPLES_PER_PERIOD], 0);
+    while k < SAMPLES_PER_PERIOD {
+        let mut turns = k as f64 / SAMPLES_PER_PERIOD as f64 + LEAD_TURNS;
+        while turns > 0.5 {
+            turns -= 1.0;
+        }
+        let x = core::f64::consts::TAU * turns;
+        // The sine's power series; 1e-9 after twelve terms for |x| up to pi.
+        let (mut term, mut sin, mut n) = (x, x, 1);
+        while n < 12 {
+            term *= -x * x / ((2 * n) as f64 * (2 * n + 1) as f64);
+            sin += term;
+            n += 1;
+        }
+        let code = sin * AMPLITUDE as f64;
+        out[k] = if code < 0.0 {
+            (code - 0.5) as i16
+        } else {
+            (code + 0.5) as i16
+        };
+        k += 1;
+    }
+    out
+}
+
+/// What the DMA channel reads. The entry for the first sample is last: the DAC holds one value ahead.
+static TABLE: Shared<u16, SAMPLES_PER_PERIOD> = Shared::new(MIDDLE as u16);
+
+/// The source.
+pub struct Source {
+    on: bool,
+    permille: u16,
+}
+
+impl Source {
+    pub const fn new() -> Self {
+        Self {
+            on: false,
+            permille: 1000,
+        }
+    }
+
+    /// Makes DAC and DMA ready; they wait for the timer. The first step of the timer puts out phase 0.
+    pub fn arm(&self) {
+        self.fill();
+        // SAFETY: the addresses are those of the registers. The DAC and stream 5 of DMA1 are this module's alone. Of DMA1 it writes
+        // no register that others write but one that clears flags; zeros there do nothing.
+        let (dac, dma) = unsafe { (&*pac::DAC::ptr(), &*pac::DMA1::ptr()) };
+        dac.cr().write(|w| w.en1().disabled());
+        // An underrun of before: cleared by writing 1.
+        dac.sr().write(|w| w.dmaudr1().set_bit());
+        let stream = dma.st(5);
+        stream.cr().write(|w| w.en().disabled());
+        while stream.cr().read().en().is_enabled() {}
+        dma.hifcr().write(|w| {
+            w.cfeif5().clear().cdmeif5().clear().cteif5().clear();
+            w.chtif5().clear().ctcif5().clear()
+        });
+        // SAFETY: from here the stream reads the table, a static of as many codes as `ndtr` says, and writes the DAC's data register.
+        // The processor changes the table one whole code at a time.
+        unsafe {
+            stream.par().write(|w| w.pa().bits(dac.dhr12r1().as_ptr() as u32));
+            stream.m0ar().write(|w| w.m0a().bits(TABLE.address()));
+        }
+        stream.ndtr().write(|w| w.ndt().set(SAMPLES_PER_PERIOD as u16));
+        stream.cr().write(round_the_table);
+        stream.cr().write(|w| round_the_table(w).en().enabled());
+        dac.dhr12r1().write(|w| w.daccdhr().set(self.code(0)));
+        dac.cr().write(|w| {
+            w.dmaen1().enabled().tsel1().tim2trgo();
+            w.ten1().enabled().en1().enabled()
+        });
+    }
+
+    /// Whether the DAC ran out of values, which would have put it out of step.
+    pub fn underrun(&self) -> bool {
+        // SAFETY: the address is that of the DAC's registers. Only the status register is read, which has no side effect.
+        let dac = unsafe { &*pac::DAC::ptr() };
+        dac.sr().read().dmaudr1().is_underrun()
+    }
+
+    pub fn set(&mut self, on: bool) {
+        self.on = on;
+        self.fill();
+    }
+
+    /// # Errors
+    /// An amplitude that the source has not.
+    pub fn set_amplitude(&mut self, permille: u16) -> Result<(), ErrorKind> {
+        if !(1..=1000).contains(&permille) {
+            return Err(ErrorKind::Other);
+        }
+        self.permille = permille;
+        self.fill();
+        Ok(())
+    }
+
+    fn code(&self, phase: usize) -> u16 {
+        let full = i32::from(SINE.get(phase).copied().unwrap_or(0));
+        let part = if self.on {
+            full * i32::from(self.permille) / 1000
+        } else {
+            0
+        };
+        (MIDDLE + part) as u16
+    }
+
+    fn fill(&self) {
+        for phase in 0..SAMPLES_PER_PERIOD {
+            TABLE.write((phase + SAMPLES_PER_PERIOD - 1) % SAMPLES_PER_PERIOD, self.code(phase));
+        }
+    }
+}
+
+/// From the table to the DAC (channel 7) for ever, 16 bits at a time; not enabled.
+fn round_the_table(w: &mut pac::dma2::st::cr::W) -> &mut pac::dma2::st::cr::W {
+    w.chsel().set(7).dir().memory_to_peripheral();
+    w.psize().bits16().msize().bits16();
+    w.minc().incremented().circ().enabled()
+}

@@ -1,0 +1,79 @@
+//! Which board a command is for.
+
+use crate::run::simulated_board;
+use anyhow::{Context, Result, anyhow, bail};
+use clap::Args;
+use link::{Link, Port, greet, ports};
+use protocol::Hello;
+
+/// The board's port, on the command line.
+#[derive(Debug, Args)]
+pub(crate) struct Choice {
+    /// Serial port of the board [default: the first on USB that may be one and answers].
+    #[arg(long, value_name = "PORT", global = true)]
+    port: Option<String>,
+    /// The simulated skin.
+    #[arg(long, conflicts_with = "port", global = true)]
+    simulate: bool,
+}
+
+/// A board that has introduced itself.
+pub(crate) struct Connected {
+    pub(crate) link: Link,
+    pub(crate) hello: Hello,
+    /// Its port's name.
+    pub(crate) source: String,
+}
+
+impl Choice {
+    /// Greets the board.
+    ///
+    /// # Errors
+    /// There is none, or it does not answer.
+    pub(crate) fn connect(&self) -> Result<Connected> {
+        let greeted = |port: Box<dyn Port>, source: &str| -> Result<Connected> {
+            let link = Link::open(port)?;
+            let hello = greet(&link)?;
+            Ok(Connected {
+                link,
+                hello,
+                source: source.to_owned(),
+            })
+        };
+        if self.simulate {
+            return greeted(simulated_board()?, "simulated skin");
+        }
+        if let Some(path) = &self.port {
+            return greeted(ports::open(path).map_err(|e| anyhow!(e))?, path).with_context(|| path.clone());
+        }
+        match first(greeted)? {
+            Ok(found) => Ok(found),
+            Err(why) => {
+                bail!("no board found ({why}); name its port with --port, or ask the simulated skin with --simulate")
+            }
+        }
+    }
+}
+
+/// What `start` makes of the first port that a board may be behind and that answers as one; or why there is none. No other device is
+/// sent anything.
+///
+/// # Errors
+/// The ports cannot be listed.
+pub(crate) fn first<T>(start: impl Fn(Box<dyn Port>, &str) -> Result<T>) -> Result<Result<T, String>> {
+    let candidates = ports::candidates().context("the serial ports cannot be listed")?;
+    for path in &candidates.likely {
+        match ports::open(path)
+            .map_err(|e| anyhow!(e))
+            .and_then(|port| start(port, path))
+        {
+            Ok(found) => return Ok(Ok(found)),
+            Err(e) => eprintln!("{path}: {e:#}"),
+        }
+    }
+    let why = match candidates.likely.len() {
+        0 => "there is no serial port on USB as a board has".to_owned(),
+        n => format!("none of {n} serial ports on USB answered as one"),
+    };
+    Ok(Err(why + &candidates.left_alone()))
+}

@@ -1,0 +1,266 @@
+//! `skin calibrate`: the rubber's parameters from a press-and-hold.
+
+use crate::files::{calibration_file, press_table};
+use crate::{number, run, scene, sheet};
+use ::forward::{Drive, Pattern, Sheet};
+use anyhow::{Context, Result, anyhow, bail};
+use clap::{ArgGroup, Args};
+use hil_sim::{Pace, SimPort};
+use inverse::force::calibration::{self, Fit, StandardErrors};
+use inverse::force::press::Recorder;
+use inverse::force::recording::{self, Sample};
+use inverse::live::LiveOptions;
+use inverse::reference::imager::Imager;
+use link::plans::adjacent_plan;
+use link::{Session, ports};
+use serde::Serialize;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use studies::paper::rig::{Mounted, Press, Rig};
+use studies::paper::simulated_rig::SimulatedRig;
+
+/// Arguments of `skin calibrate`.
+#[derive(Debug, Args)]
+#[command(group(ArgGroup::new("source").required(true)))]
+pub(crate) struct Arguments {
+    /// A recorded press-and-hold (CSV with columns time_s, rise_mm2 and, where they are known, force_n and area_mm2).
+    #[arg(group = "source", value_name = "TABLE")]
+    file: Option<PathBuf>,
+    /// Serial port of the board: records now.
+    #[arg(long, group = "source", value_name = "PORT")]
+    port: Option<String>,
+    /// A press-and-hold of the paper's tip on the simulated skin.
+    #[arg(long, group = "source")]
+    simulate: bool,
+    /// A scene with one touch at a time, a TOML file or a name of the library such as creep; its forces are the gauge's.
+    #[arg(long, group = "source", value_name = "FILE")]
+    scene: Option<PathBuf>,
+    /// The force that is held, N [default: the table's forces; simulated: 25].
+    #[arg(long, allow_negative_numbers = true, value_name = "N", value_parser = number::positive("a force in newtons above 0"))]
+    force_n: Option<f64>,
+    /// How long to record after the baseline, s; a scene has its own length.
+    #[arg(long, allow_negative_numbers = true, default_value_t = 45.0, value_name = "S", value_parser = number::positive("a time in seconds above 0"))]
+    seconds: f64,
+    /// Fit the exponent of the resistivity too; it takes a recording of more than one force.
+    #[arg(long)]
+    exponent: bool,
+    /// The sheet of the board, a TOML file as for `skin forward` [default: the paper's disc].
+    #[arg(long, value_name = "FILE", requires = "port")]
+    sheet: Option<PathBuf>,
+    /// Where to write the calibration.
+    #[arg(long, default_value = "calibration.toml", value_name = "FILE")]
+    out: PathBuf,
+    /// Writes the recording to this file, a table to calibrate from again.
+    #[arg(long, value_name = "FILE")]
+    save: Option<PathBuf>,
+    /// Source of the simulated noise.
+    #[arg(long, default_value_t = 1, value_name = "N")]
+    seed: u64,
+    /// One JSON object on stdout.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Serialize)]
+struct Line {
+    delayed_ratio: f64,
+    tau_s: f64,
+    exponent: f64,
+    unit_rise_mpa: f64,
+    force_sd_n: f64,
+    standard_error: StandardErrors,
+    residual_mm2: f64,
+    frames: usize,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// A recording that cannot be read or made, or that does not tell the parameters; a file that cannot be written.
+pub(crate) fn run(arguments: &Arguments) -> Result<()> {
+    let samples = match (&arguments.file, &arguments.port, &arguments.scene) {
+        (Some(table), ..) => press_table::read(table, arguments.force_n)?,
+        (_, Some(port), _) => record(arguments, port)?,
+        (.., Some(file)) => play(arguments, file)?,
+        _ => simulate(arguments)?,
+    };
+    if let Some(path) = &arguments.save {
+        calibration_file::write(path, &press_table::text(&samples))?;
+    }
+    let fit = calibration::fit(&samples, arguments.exponent)?;
+    calibration_file::write(
+        &arguments.out,
+        &calibration_file::text(&fit.calibration, Some(fit.errors))?,
+    )?;
+    let mut out = std::io::stdout().lock();
+    if arguments.json {
+        serde_json::to_writer(&mut out, &line(&fit, samples.len()))?;
+        writeln!(out)?;
+    } else {
+        write!(out, "{}", words(&fit))?;
+    }
+    eprintln!(
+        "{}: written; skin run --calibration {} shows forces",
+        arguments.out.display(),
+        arguments.out.display()
+    );
+    Ok(())
+}
+
+fn line(fit: &Fit, frames: usize) -> Line {
+    let solid = fit.calibration.solid;
+    Line {
+        delayed_ratio: solid.delayed_ratio,
+        tau_s: solid.tau_s,
+        exponent: solid.exponent,
+        unit_rise_mpa: solid.unit_rise_mpa,
+        force_sd_n: fit.calibration.force_sd_n,
+        standard_error: fit.errors,
+        residual_mm2: fit.residual_mm2,
+        frames,
+    }
+}
+
+fn words(fit: &Fit) -> String {
+    let (solid, errors) = (fit.calibration.solid, fit.errors);
+    let creep = if solid.delayed_ratio > 0.0 {
+        format!(
+            "delayed part    {:.1} ± {:.1} % of the instant one\ntime constant   {:.2} ± {:.2} s\n",
+            100.0 * solid.delayed_ratio,
+            100.0 * errors.delayed_ratio,
+            solid.tau_s,
+            errors.tau_s
+        )
+    } else {
+        "delayed part    none above the noise\n".to_owned()
+    };
+    let exponent = if errors.exponent > 0.0 {
+        format!("exponent        {:.3} ± {:.3}\n", solid.exponent, errors.exponent)
+    } else {
+        String::new()
+    };
+    format!(
+        "unit rise       {:.4} ± {:.4} N/mm²\n{creep}{exponent}one frame       ± {:.2} N\n",
+        solid.unit_rise_mpa, errors.unit_rise_mpa, fit.calibration.force_sd_n
+    )
+}
+
+/// When the simulated tip comes down (s), how fast, and for which part of the time it stays.
+const DOWN_S: f64 = 1.5;
+const RAMP_S: f64 = 0.5;
+const HELD: f64 = 0.6;
+
+fn simulate(arguments: &Arguments) -> Result<Vec<Sample>> {
+    let (force_n, at) = (arguments.force_n.unwrap_or(25.0), [0.0, 0.0]);
+    let (lifted, end) = (DOWN_S + HELD * arguments.seconds, DOWN_S + arguments.seconds);
+    // With an exponent to tell, half of the force first.
+    let first = if arguments.exponent { 0.5 * force_n } else { force_n };
+    let half = DOWN_S + 0.5 * HELD * arguments.seconds;
+    let path = [
+        [DOWN_S, 0.0],
+        [DOWN_S + RAMP_S, first],
+        [half, first],
+        [half + RAMP_S, force_n],
+        [lifted, force_n],
+        [lifted + RAMP_S, 0.0],
+        [end, 0.0],
+    ];
+    if path.windows(2).any(|w| w[1][0] <= w[0][0]) {
+        bail!(
+            "--seconds {} is too short to press and hold; give 5 or more",
+            arguments.seconds
+        );
+    }
+    let Mounted { port, gauge } = SimulatedRig::new()?
+        .mount(&[Press::tip(at, &path)], true, arguments.seed)
+        .map_err(|e| anyhow!(e))?;
+    let session = Session::start(port, adjacent_plan)?;
+    take(&session, &Sheet::paper(), Some(at), end, gauge, |_| ())
+}
+
+fn play(arguments: &Arguments, file: &Path) -> Result<Vec<Sample>> {
+    let mut file = scene::load(file)?;
+    file.config.electronics.seed = arguments.seed;
+    let most = (0..=1000)
+        .map(|k| file.scene.truth(1e-3 * f64::from(k) * file.duration_s).len())
+        .max();
+    if most != Some(1) {
+        bail!(
+            "the scene \"{}\" has {} touches at a time; calibrate with one that has one",
+            file.title,
+            most.unwrap_or(0)
+        );
+    }
+    let session = Session::start(Box::new(SimPort::new(file.board()?, Pace::Unpaced)?), adjacent_plan)?;
+    let gauge = |t_s: f64| file.scene.truth(t_s).iter().map(|t| t.force_n).sum();
+    take(&session, &file.sheet, None, file.duration_s, gauge, |_| ())
+}
+
+fn record(arguments: &Arguments, path: &str) -> Result<Vec<Sample>> {
+    let Some(force_n) = arguments.force_n else {
+        bail!("give the force that you will hold on the sheet with --force-n");
+    };
+    let (sheet, _) = sheet::load(arguments.sheet.as_deref())?;
+    let port = ports::open(path).map_err(|e| anyhow!(e))?;
+    let session = Session::start(port, adjacent_plan).with_context(|| path.to_owned())?;
+    eprintln!("taking the baseline, do not touch");
+    let mut samples = take(
+        &session,
+        &sheet,
+        None,
+        arguments.seconds,
+        |_| 0.0,
+        |ready| {
+            if ready {
+                eprintln!(
+                    "press {force_n} N, hold for about {:.0} s, let go; recording for {:.0} s",
+                    HELD * arguments.seconds,
+                    arguments.seconds
+                );
+            }
+        },
+    )?;
+    recording::hold(&mut samples, force_n)?;
+    Ok(samples)
+}
+
+/// Records until `seconds` after the baseline, with the force that the gauge shows at a time; `ready` is told when the baseline
+/// is there.
+fn take(
+    session: &Session,
+    sheet: &Sheet,
+    near_mm: Option<[f64; 2]>,
+    seconds: f64,
+    gauge: impl Fn(f64) -> f64,
+    mut ready: impl FnMut(bool),
+) -> Result<Vec<Sample>> {
+    let imager = Imager::new(
+        sheet,
+        Drive::PAPER,
+        Pattern::from_pairs(session.electrodes(), session.measurements())?,
+        run::cell_mm(sheet)?,
+    )?;
+    let periods = f64::from(session.plan().quarters()) / 4.0;
+    let frame_s = periods / session.hello().excitation_hz();
+    let frames = LiveOptions::default().baseline_frames;
+    let mut recorder = Recorder::new(Arc::new(imager), frames, frame_s, near_mm);
+    let mut end_s = f64::INFINITY;
+    loop {
+        let Some(frame) = session.frame(run::SILENCE)? else {
+            bail!(
+                "the board has sent no frame for {} s; look at its cable and power",
+                run::SILENCE.as_secs()
+            );
+        };
+        let before = recorder.is_ready();
+        recorder.take(frame.time_s, &frame.values_v, gauge(recorder.middle_s(frame.time_s)))?;
+        if recorder.is_ready() && !before {
+            end_s = frame.time_s + seconds;
+            ready(true);
+        }
+        if frame.time_s > end_s {
+            return Ok(recorder.into_samples());
+        }
+    }
+}

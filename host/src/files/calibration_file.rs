@@ -1,0 +1,166 @@
+//! The calibration file: TOML with a unit in every key.
+
+use inverse::force::calibration::StandardErrors;
+use inverse::force::meter::Calibration;
+use inverse::force::solid::Solid;
+
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+use thiserror::Error;
+
+/// Why a calibration file cannot be used.
+#[derive(Debug, Error)]
+pub(crate) enum CalibrationFileError {
+    /// It cannot be read or written.
+    #[error("{file}: {cause}; check the path and the permissions")]
+    Io {
+        /// The file.
+        file: String,
+        /// What the system said.
+        cause: std::io::Error,
+    },
+    /// It is not a calibration; what and where is in the text.
+    #[error("{file}: {message}\nmake one with skin calibrate")]
+    Malformed {
+        /// The file.
+        file: String,
+        /// What is wrong, with the line.
+        message: String,
+    },
+}
+
+/// The keys of the file.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Keys {
+    delayed_ratio: f64,
+    tau_s: f64,
+    exponent: f64,
+    unit_rise_mpa: f64,
+    force_sd_n: f64,
+    /// Standard errors of the above, for people.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    standard_error: Option<StandardErrors>,
+}
+
+const HEAD: &str = "\
+# Calibration of a tactile skin for `skin run --calibration FILE`.
+# delayed_ratio: delayed over instant compliance. tau_s: time constant of the delayed part.
+# exponent: relative rise of the resistivity = (strain / unit_rise_mpa) ^ exponent, strain as the pressure that makes it at
+# once. With exponent 1, unit_rise_mpa is the force (N) of each mm2 of integrated rise.
+# force_sd_n: standard deviation of a force told from one frame.
+";
+
+/// The text of a calibration file.
+///
+/// # Errors
+/// What the format cannot hold, which no calibration has.
+pub(crate) fn text(calibration: &Calibration, errors: Option<StandardErrors>) -> Result<String, toml::ser::Error> {
+    let solid = calibration.solid;
+    let keys = Keys {
+        delayed_ratio: solid.delayed_ratio,
+        tau_s: solid.tau_s,
+        exponent: solid.exponent,
+        unit_rise_mpa: solid.unit_rise_mpa,
+        force_sd_n: calibration.force_sd_n,
+        standard_error: errors,
+    };
+    Ok(format!("{HEAD}{}", toml::to_string(&keys)?))
+}
+
+/// Reads a calibration; `file` is its name in messages.
+///
+/// # Errors
+/// [`CalibrationFileError::Malformed`] with the line, or the parameter that no rubber has.
+pub(crate) fn parse(file: &str, text: &str) -> Result<Calibration, CalibrationFileError> {
+    let malformed = |message: String| CalibrationFileError::Malformed {
+        file: file.to_owned(),
+        message,
+    };
+    let keys: Keys = toml::from_str(text).map_err(|e| malformed(e.to_string().trim_end().to_owned()))?;
+    let solid = Solid {
+        delayed_ratio: keys.delayed_ratio,
+        tau_s: keys.tau_s,
+        exponent: keys.exponent,
+        unit_rise_mpa: keys.unit_rise_mpa,
+    };
+    solid.check().map_err(|e| malformed(e.to_string()))?;
+    if !(keys.force_sd_n.is_finite() && keys.force_sd_n >= 0.0) {
+        return Err(malformed(format!(
+            "force_sd_n is {}; give 0 or a positive number",
+            keys.force_sd_n
+        )));
+    }
+    Ok(Calibration {
+        solid,
+        force_sd_n: keys.force_sd_n,
+    })
+}
+
+/// Reads a calibration from a file.
+///
+/// # Errors
+/// [`CalibrationFileError`] says what to do.
+pub(crate) fn read(path: &Path) -> Result<Calibration, CalibrationFileError> {
+    let file = path.display().to_string();
+    match std::fs::read_to_string(path) {
+        Ok(text) => parse(&file, &text),
+        Err(cause) => Err(CalibrationFileError::Io { file, cause }),
+    }
+}
+
+/// Writes text into a file.
+///
+/// # Errors
+/// [`CalibrationFileError::Io`].
+pub(crate) fn write(path: &Path, text: &str) -> Result<(), CalibrationFileError> {
+    std::fs::write(path, text).map_err(|cause| CalibrationFileError::Io {
+        file: path.display().to_string(),
+        cause,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_written_is_read() {
+        let calibration = Calibration {
+            solid: Solid {
+                delayed_ratio: 0.31,
+                tau_s: 7.25,
+                exponent: 1.0,
+                unit_rise_mpa: 0.2546,
+            },
+            force_sd_n: 0.125,
+        };
+        let errors = StandardErrors {
+            tau_s: 0.1,
+            ..StandardErrors::default()
+        };
+        for errors in [None, Some(errors)] {
+            assert_eq!(parse("c", &text(&calibration, errors).unwrap()).unwrap(), calibration);
+        }
+    }
+
+    #[test]
+    fn what_is_wrong_is_named_with_its_place() {
+        let good = "delayed_ratio = 0.3\ntau_s = 5.0\nexponent = 1.0\nunit_rise_mpa = 0.25\nforce_sd_n = 0.1\n";
+        parse("c.toml", good).unwrap();
+        for (from, to, words) in [
+            ("tau_s = 5.0", "tau_s = -5.0", ["c.toml", "tau_s is -5"]),
+            ("tau_s = 5.0", "tau_ms = 5.0", ["line 2", "tau_ms"]),
+            ("exponent = 1.0\n", "", ["exponent", "skin calibrate"]),
+            ("0.25", "\"much\"", ["line 4", "string"]),
+            (
+                "force_sd_n = 0.1",
+                "force_sd_n = nan",
+                ["force_sd_n", "0 or a positive"],
+            ),
+        ] {
+            let message = parse("c.toml", &good.replace(from, to)).unwrap_err().to_string();
+            assert!(words.iter().all(|w| message.contains(w)), "{message}");
+        }
+    }
+}

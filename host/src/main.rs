@@ -1,0 +1,115 @@
+//! `skin`: the tactile skin's command line. Data go to stdout, everything else to stderr.
+#![forbid(unsafe_code)]
+
+mod bench;
+mod board;
+mod calibrate;
+mod capture;
+mod files;
+mod flash;
+mod forward;
+mod hello;
+mod method;
+mod number;
+mod paper;
+mod plan;
+mod reconstruct;
+mod run;
+mod scene;
+mod settings;
+mod sheet;
+mod sim;
+
+use clap::{Parser, Subcommand};
+use std::io::IsTerminal;
+use std::process::ExitCode;
+use tracing_subscriber::filter::{LevelFilter, Targets};
+use tracing_subscriber::prelude::*;
+
+/// A tactile skin without a wire in it: pictures of pressure by electrical impedance tomography.
+///
+/// Without a command: shows the board that is plugged in, or the simulated skin when there is none, live in the browser.
+///
+/// Exit codes: 0 all went well, 1 an error (said on stderr), 2 wrong usage.
+#[derive(Debug, Parser)]
+#[command(name = "skin", version, args_conflicts_with_subcommands = true)]
+struct Cli {
+    #[command(subcommand)]
+    command: Option<Command>,
+    #[command(flatten)]
+    run: run::Arguments,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Live pictures of the board, or of the simulated skin (what `skin` alone does).
+    Run(run::Arguments),
+    /// Touches and pictures from a table of measured frames.
+    Reconstruct(reconstruct::Arguments),
+    /// What a touched sheet gives: the table of measurements, simulated.
+    Forward(forward::Arguments),
+    /// What the reconstruction costs and how good it is, measured on this machine with simulated frames.
+    Bench(bench::Arguments),
+    /// The source paper's experiments again, on the simulated skin: one report with every figure and number.
+    Paper(paper::Arguments),
+    /// The rubber's creep and the force of a touch, from a press-and-hold: for `run --calibration`.
+    Calibrate(calibrate::Arguments),
+    /// Programs a board over its serial cable.
+    Flash(flash::Arguments),
+    /// Who the board is, and its self-test.
+    Hello(hello::Arguments),
+    /// A simulated board with a scene on its sheet: its frames as a table, its bytes, or a serial port to read them from.
+    Sim(sim::Arguments),
+    /// What a board measures, watches and does at power-up: shows, sets, stores and forgets it.
+    Settings(settings::Arguments),
+}
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    // What the library has to say beside its results; RUST_LOG asks for more.
+    let asked = std::env::var("RUST_LOG").ok().and_then(|levels| levels.parse().ok());
+    let levels = asked.unwrap_or_else(|| Targets::new().with_default(LevelFilter::WARN));
+    let log = tracing_subscriber::fmt::layer()
+        .with_writer(std::io::stderr)
+        .with_ansi(std::io::stderr().is_terminal());
+    // Fails only where there is a subscriber already.
+    let _ = tracing_subscriber::registry().with(log).with(levels).try_init();
+    let outcome = match cli.command {
+        Some(Command::Reconstruct(arguments)) => reconstruct::run(&arguments),
+        Some(Command::Forward(arguments)) => forward::run(&arguments),
+        Some(Command::Bench(arguments)) => bench::run(&arguments),
+        Some(Command::Paper(arguments)) => paper::run(&arguments),
+        Some(Command::Calibrate(arguments)) => calibrate::run(&arguments),
+        Some(Command::Flash(arguments)) => flash::run(&arguments),
+        Some(Command::Hello(arguments)) => hello::run(&arguments),
+        Some(Command::Sim(arguments)) => sim::run(&arguments),
+        Some(Command::Settings(arguments)) => settings::run(&arguments),
+        Some(Command::Run(arguments)) => run::run(&arguments),
+        None => run::run(&cli.run),
+    };
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        // Whoever read our output has seen enough (`skin ... | head`).
+        Err(error) if broken_pipe(&error) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("skin: {error:#}");
+            let usage = error.downcast_ref::<Usage>().is_some();
+            ExitCode::from(if usage { 2 } else { 1 })
+        }
+    }
+}
+
+/// Options that make no sense together.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+struct Usage(String);
+
+fn broken_pipe(error: &anyhow::Error) -> bool {
+    error.chain().any(|cause| {
+        let io = cause.downcast_ref::<std::io::Error>().map(std::io::Error::kind);
+        let json = cause
+            .downcast_ref::<serde_json::Error>()
+            .and_then(serde_json::Error::io_error_kind);
+        io.or(json) == Some(std::io::ErrorKind::BrokenPipe)
+    })
+}

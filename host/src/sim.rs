@@ -1,0 +1,127 @@
+//! `skin sim`: a scene on the simulated board, for other programs: as fast as it goes, or behind a serial port of this
+//! machine as any program talks to the real one.
+
+use crate::{capture, number, scene};
+use ::forward::Sheet;
+use anyhow::Result;
+use clap::Args;
+use hil_sim::{Fault, Rubber, SceneFile, SimBoard};
+use std::path::PathBuf;
+
+/// Arguments of `skin sim`.
+#[derive(Debug, Args)]
+pub(crate) struct Arguments {
+    /// The scene: a TOML file (docs/scenes.md), or a name of the library, such as hand or fast-tap [default: one to four
+    /// fingers].
+    #[arg(long, value_name = "FILE")]
+    scene: Option<PathBuf>,
+    /// Something that breaks, for ever or for a time (s), such as cable_pulled@5+2, bytes_lost:0.001@5, electrode_open:3@5+10 or
+    /// multiplexer_stuck:drive_plus,3@5; repeatable, in addition to the scene's (docs/simulator.md lists them); electrodes count from 1.
+    #[arg(long, value_name = "KIND@AT[+FOR]")]
+    fault: Vec<Fault>,
+    /// Seed of all that is random [default: the scene's].
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+    /// Behind a pseudo-terminal, whose name is printed: open it as a serial port (`skin run --port NAME`). Until it is
+    /// interrupted.
+    #[arg(long, conflicts_with_all = ["duration_s", "every_s", "bytes", "truth"])]
+    pty: bool,
+    /// A symbolic link that always points to the port, whatever its name.
+    #[arg(long, value_name = "PATH", requires = "pty")]
+    link: Option<PathBuf>,
+    /// Latency timer of the simulated FTDI adapter, ms; 16 is its driver's default.
+    #[arg(
+        long,
+        value_name = "MS",
+        default_value_t = 16,
+        value_parser = clap::value_parser!(u64).range(1..=255),
+        requires = "pty"
+    )]
+    latency_ms: u64,
+    /// Behind the port time passes as fast as the port is read, and stands still while nobody reads or the board is idle: for
+    /// tests of other programs, on however slow a machine.
+    #[arg(long, requires = "pty")]
+    unpaced: bool,
+    /// How long it runs, s [default: as long as the scene].
+    #[arg(long, value_name = "S", value_parser = number::positive("a time in seconds above 0"))]
+    duration_s: Option<f64>,
+    /// Simulated time from one frame of the table to the next, s.
+    #[arg(long, value_name = "S", default_value = "0.5", value_parser = number::positive("a time in seconds above 0"))]
+    pub(crate) every_s: f64,
+    /// Writes what the board sends, byte for byte, to this file, and no table.
+    #[arg(long, value_name = "FILE")]
+    bytes: Option<PathBuf>,
+    /// Writes the touches that there really are at every frame of the table to this file, one JSON object a line.
+    #[arg(long, value_name = "FILE", conflicts_with = "bytes")]
+    pub(crate) truth: Option<PathBuf>,
+}
+
+/// Runs the command; behind a port until it is interrupted.
+///
+/// # Errors
+/// A scene that makes no sense, a fault that cannot be, a file, port or link that cannot be made.
+pub(crate) fn run(arguments: &Arguments) -> Result<()> {
+    let mut file = match &arguments.scene {
+        Some(path) => scene::load(path)?,
+        None => SceneFile::demo(Sheet::paper()),
+    };
+    file.config.faults.extend(arguments.fault.iter().cloned());
+    if let Some(seed) = arguments.seed {
+        file.config.electronics.seed = seed;
+        file.scene.variation.seed = seed;
+    }
+    file.duration_s = arguments.duration_s.unwrap_or(file.duration_s);
+    let board = file.board()?;
+    match &arguments.bytes {
+        _ if arguments.pty => serve(arguments, board),
+        Some(path) => capture::bytes(board, file.duration_s, path),
+        None => capture::table(arguments, &file, board),
+    }
+}
+
+#[cfg(target_os = "linux")]
+fn serve(arguments: &Arguments, board: SimBoard<Rubber>) -> Result<()> {
+    use anyhow::Context;
+    use hil_sim::{Pace, Pty, PtyOptions};
+    use std::io::Write;
+    use std::sync::Arc;
+    use std::sync::atomic::{AtomicBool, Ordering};
+    use std::time::Duration;
+
+    let stop = Arc::new(AtomicBool::new(false));
+    let flag = Arc::clone(&stop);
+    ctrlc::set_handler(move || flag.store(true, Ordering::Relaxed)).context("Ctrl-C cannot be caught")?;
+    let options = PtyOptions {
+        latency: Duration::from_millis(arguments.latency_ms),
+        link: arguments.link.clone(),
+        pace: if arguments.unpaced {
+            Pace::Unpaced
+        } else {
+            Pace::RealTime
+        },
+    };
+    let port = Pty::start(board, options).context("the port cannot be made")?;
+    let mut shown = None;
+    while !stop.load(Ordering::Relaxed) {
+        let path = port
+            .wait(shown.as_deref(), Duration::from_millis(100))
+            .context("the port")?;
+        if path != shown {
+            match &path {
+                Some(path) => {
+                    let mut out = std::io::stdout().lock();
+                    writeln!(out, "{}", path.display())?;
+                    out.flush()?;
+                }
+                None => eprintln!("the cable is pulled"),
+            }
+            shown = path;
+        }
+    }
+    Ok(())
+}
+
+#[cfg(not(target_os = "linux"))]
+fn serve(_arguments: &Arguments, _board: SimBoard<Rubber>) -> Result<()> {
+    anyhow::bail!("simulated serial ports need Linux; `skin run --simulate` shows the simulated skin here")
+}

@@ -1,0 +1,117 @@
+//! A table of frames to pictures: baseline from some of its frames, then every other frame in order.
+
+use crate::force::meter::{Calibration, ForceMeter};
+use crate::pipeline::{FrameResult, Reconstructor, ReconstructorOptions};
+use crate::reference::Reference;
+use crate::reference::baseline::Baseline;
+use crate::reference::electrode_fit::{self, ElectrodeFit};
+use crate::reference::imager::{Imager, ImagerError};
+use crate::reference::noise::FrameNoise;
+use crate::solvers::Method;
+use crate::touches::touch::Touch;
+use std::sync::Arc;
+
+/// How a table is reconstructed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BatchOptions {
+    /// The solver.
+    pub method: Method,
+    /// Whether the electrodes are looked for in the baseline, or taken to be where the sheet says.
+    pub find_electrodes: bool,
+    /// Time from a frame to the next, s, where they follow one another; none where nothing says so.
+    pub interval_s: Option<f64>,
+    /// What the forces of the touches are computed with, for frames that follow one another; none: no forces.
+    pub calibration: Option<Calibration>,
+    /// Fewest baseline frames that tell the noise. Of fewer a drift looks like noise.
+    pub noise_frames: usize,
+}
+
+impl BatchOptions {
+    /// Defaults for a method: frames that have nothing to do with each other, electrodes looked for by the one that fits.
+    pub fn of(method: Method) -> Self {
+        Self {
+            method,
+            find_electrodes: method == Method::Nnls,
+            interval_s: None,
+            calibration: None,
+            noise_frames: 8,
+        }
+    }
+}
+
+/// Reconstructs the frames of one table.
+pub struct Batch {
+    reconstructor: Reconstructor,
+    /// What the baseline said of the electrodes.
+    electrodes: Option<ElectrodeFit>,
+    interval_s: Option<f64>,
+    meter: Option<ForceMeter>,
+}
+
+impl Batch {
+    /// Takes frames of the unpressed sheet (any unit, in the pattern's order; not a number where a value is missing) as the
+    /// baseline.
+    ///
+    /// # Errors
+    /// [`ImagerError::Baseline`] when a frame does not have the pattern's length.
+    pub fn new(imager: Arc<Imager>, unpressed: &[&[f64]], options: BatchOptions) -> Result<Self, ImagerError> {
+        let baseline = Baseline::of_frames(imager.pattern.len(), unpressed);
+        let electrodes = options
+            .find_electrodes
+            .then(|| electrode_fit::find(&imager, &baseline.values_v))
+            .flatten();
+        let imager = electrodes
+            .as_ref()
+            .map_or(imager, |found| Arc::new(found.imager.clone()));
+        let how = ReconstructorOptions {
+            sequence: options.interval_s.is_some(),
+            ..ReconstructorOptions::for_imager(&imager, options.method)
+        };
+        let meter = options.calibration.map(|c| ForceMeter::new(&imager, c));
+        let noise = if unpressed.len() < options.noise_frames {
+            FrameNoise::Unknown
+        } else {
+            FrameNoise::Known {
+                sigma: baseline.noise_v,
+                baseline_frames: Some(baseline.frames),
+            }
+        };
+        Ok(Self {
+            reconstructor: Reconstructor::new(Reference::new(imager, baseline.values_v, noise)?, how),
+            electrodes,
+            interval_s: options.interval_s,
+            meter,
+        })
+    }
+
+    /// The model in use: with the electrodes where the baseline showed them to be.
+    pub fn imager(&self) -> &Arc<Imager> {
+        self.reconstructor.imager()
+    }
+
+    /// What the baseline said of the electrodes, where they were looked for and found.
+    pub fn electrodes(&self) -> Option<&ElectrodeFit> {
+        self.electrodes.as_ref()
+    }
+
+    /// Passes over the baseline frame at this place of the table: nothing pressed then, so that what presses in the next
+    /// frame came down since.
+    pub fn pass_over(&mut self, place: usize) {
+        if let (Some(meter), Some(interval_s)) = (&mut self.meter, self.interval_s) {
+            meter.tell(place as f64 * interval_s, &mut []);
+        }
+    }
+
+    /// Reconstructs the frame at this place of the table.
+    ///
+    /// # Errors
+    /// [`ImagerError::Baseline`] when it does not have the pattern's length.
+    pub fn frame(&mut self, place: usize, values: &[f64]) -> Result<FrameResult, ImagerError> {
+        let mut result = self.reconstructor.frame_after(values, self.interval_s)?.clone();
+        if let (Some(meter), Some(interval_s)) = (&mut self.meter, self.interval_s) {
+            meter.tell(place as f64 * interval_s, &mut result.touches);
+            result.touches.retain(Touch::is_pressed);
+        }
+        Ok(result)
+    }
+}

@@ -1,0 +1,314 @@
+//! The change detector: does a frame show anything, and anything new?
+//!
+//! With the noise and the baseline known, most frames need no reconstruction. A frame of the untouched sheet has only noise in
+//! the directions in which touches show. A frame of a scene at rest differs from the last one reconstructed by the noise of
+//! both. Both are chi-square tests on the leading directions of the weighted sensitivity: one product with a small matrix.
+//!
+//! In the second test the sum over all directions would hide a slow move among the noise. The part of the difference along
+//! the touches' own parameters is therefore tested by itself, at a quantile that noise often exceeds: a reconstruction too
+//! many costs time, a touch that lags behind costs accuracy.
+//!
+//! Frames of a scene at rest that are measured one after another are averaged. When as many have come as the last result is
+//! of, the mean of both is reconstructed. The mean of the most frames is followed by the mean of as many new ones. One
+//! reconstruction too many then costs accuracy as well, so noise seldom exceeds those quantiles. The first frames are the
+//! exception: they may be the last of a touch that comes down. A drift too slow to show in one frame shows in a mean: of 2,
+//! 4, 8 frames and so on, those since the last result are compared with those before. Where they differ they alone count.
+
+use crate::change::rest_mean::RestMean;
+use crate::solvers::{Problem, Projector};
+use statrs::distribution::{ChiSquared, ContinuousCDF};
+
+/// Thresholds of the change detector.
+///
+/// The probabilities were chosen by hand on `cargo run --release -p studies --example rest` (errors of scenes at rest, last
+/// columns) and `skin bench cost` (row "four fingers, still"). docs/results.md has the tables.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ChangeOptions {
+    /// Directions in which a cell of the expected rise gives less than this part of the noise are not tested. Less makes the
+    /// test dearer, more blunts it for weak touches.
+    pub least_signal: f64,
+    /// Fewest directions tested.
+    pub least_directions: usize,
+    /// Probability that noise alone makes a frame of a scene at rest new, by all directions together, where frames are not
+    /// averaged. One reconstruction too many then costs time only.
+    pub anew_anywhere: f64,
+    /// The same by the directions along the touches' parameters. More costs time, less makes slow touches lag.
+    pub anew_along: f64,
+    /// The same as `anew_anywhere` where frames are averaged: one reconstruction too many then costs accuracy as well.
+    pub jump_anywhere: f64,
+    /// The same as `anew_along` where frames are averaged.
+    pub jump_along: f64,
+    /// A mean of at most so many frames takes more in at the quantile of `anew_along`: they may be the last of a touch that
+    /// comes down.
+    pub first_frames: usize,
+    /// Most frames of a mean, a power of two. The error falls with its root; a press creeps meanwhile.
+    pub most_frames: usize,
+    /// How often a mean is reconstructed once more, where its fit did not come to its end.
+    pub most_rounds: usize,
+}
+
+impl Default for ChangeOptions {
+    fn default() -> Self {
+        Self {
+            least_signal: 0.3,
+            least_directions: 8,
+            anew_anywhere: 0.01,
+            anew_along: 0.1,
+            jump_anywhere: 0.001,
+            jump_along: 0.003,
+            first_frames: 2,
+            most_frames: 16,
+            most_rounds: 2,
+        }
+    }
+}
+
+/// A direction of which less than this part (of its square) is new lies in those before it.
+const DEPENDENT: f64 = 1e-18;
+
+/// What a frame turns out to be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Change {
+    /// Nothing but noise against the baseline.
+    Nothing,
+    /// Nothing but noise against the frame, or the mean, reconstructed last.
+    Same,
+    /// Nothing that shows in a frame, and [`ChangeDetector::rest`] is to be reconstructed.
+    Mean,
+    /// Something to reconstruct.
+    New,
+}
+
+/// The frame reconstructed last.
+#[derive(Clone, Debug, Default)]
+struct Last {
+    reduced: Vec<f64>,
+    /// Orthonormal directions along the touches' parameters, one after the other.
+    along: Vec<f64>,
+    limit_along: f64,
+    limit_first: f64,
+}
+
+impl Last {
+    /// Whether `share` times a reduced sum of frames differs by nothing but noise, in all directions and in those along the
+    /// touches. `before` is the variance of this frame's noise, over that of one frame.
+    fn is_same(&self, sum: &[f64], share: f64, before: f64, limit: f64, limit_along: f64) -> bool {
+        let (mut change, mut along) = (0.0, 0.0);
+        for (a, b) in sum.iter().zip(&self.reduced) {
+            change += (share * a - b) * (share * a - b);
+        }
+        for q in self.along.chunks_exact(sum.len()) {
+            let each = q.iter().zip(sum).zip(&self.reduced);
+            let part: f64 = each.map(|((q, a), b)| q * (share * a - b)).sum();
+            along += part * part;
+        }
+        let noise = share + before;
+        change <= noise * limit && along <= noise * limit_along
+    }
+}
+
+/// Looks at frames against one baseline at one noise.
+#[derive(Clone, Debug)]
+pub(crate) struct ChangeDetector {
+    options: ChangeOptions,
+    /// Volts of the model for a volt of the frame, over the spread; and what that makes of the baseline.
+    gain: Vec<f64>,
+    offset: Vec<f64>,
+    used: usize,
+    projector: Projector,
+    limit: f64,
+    /// Often, seldom exceeded by noise.
+    limits_same: [f64; 2],
+    last: Last,
+    /// Whether `last` is meant.
+    remembers: bool,
+    /// Most frames at rest of which the mean is taken.
+    most: usize,
+    rest: RestMean,
+    /// Variance of one frame's noise.
+    variance: f64,
+    /// Limits along so many directions (often, seldom exceeded by noise), as far as they were needed.
+    limits_along: Vec<[f64; 2]>,
+}
+
+impl ChangeDetector {
+    /// `weights` are gain and offset: a frame v is weighted as `gain v - offset`, 0 where a value is left out. `sigma` is the
+    /// noise of one value of the difference, `baseline_share` the variance of the baseline's noise over that of one frame's,
+    /// `signal` the rise expected of a cell over the noise, `false_alarm` the probability that noise alone is a change.
+    pub(crate) fn new(
+        problem: &Problem,
+        weights: (Vec<f64>, Vec<f64>),
+        sigma: f64,
+        baseline_share: f64,
+        signal: f64,
+        false_alarm: f64,
+        options: ChangeOptions,
+    ) -> Option<Self> {
+        let (gain, offset) = weights;
+        let strong = problem
+            .singular()
+            .iter()
+            .filter(|s| *s * signal >= options.least_signal)
+            .count();
+        let projector = Projector::new(problem, strong.max(options.least_directions));
+        let chi_square = ChiSquared::new(projector.directions() as f64).ok()?;
+        let variance = 1.0 / (1.0 + baseline_share) * sigma * sigma;
+        let anywhere = |probability: f64| chi_square.inverse_cdf(1.0 - probability) * variance;
+        Some(Self {
+            options,
+            used: gain.iter().filter(|g| **g != 0.0).count(),
+            limit: chi_square.inverse_cdf(1.0 - false_alarm) * sigma * sigma,
+            limits_same: [anywhere(options.anew_anywhere), anywhere(options.jump_anywhere)],
+            gain,
+            offset,
+            projector,
+            last: Last::default(),
+            remembers: false,
+            most: 1,
+            rest: RestMean::default(),
+            variance,
+            limits_along: Vec::new(),
+        })
+    }
+
+    /// How many values take part.
+    pub(crate) fn used(&self) -> usize {
+        self.used
+    }
+
+    /// Tests a frame. At most so many frames at rest are averaged; fewer than two average nothing. A frame with a value that
+    /// is no number where there should be one is new.
+    pub(crate) fn test(&mut self, frame: &[f64], most_averaged: usize) -> Change {
+        self.most = most_averaged.min(self.options.most_frames);
+        let change = self.look(frame);
+        match change {
+            Change::Nothing => self.remembers = false,
+            Change::New => {
+                self.remembers = false;
+                self.rest.begin(frame);
+            }
+            Change::Mean => self.remembers = false,
+            Change::Same => {}
+        }
+        change
+    }
+
+    fn look(&mut self, frame: &[f64]) -> Change {
+        if frame.len() != self.gain.len() {
+            return Change::New;
+        }
+        let (gain, offset) = (&self.gain, &self.offset);
+        let reduced = self.projector.project(|values| {
+            for (k, value) in values.iter_mut().take(frame.len()).enumerate() {
+                *value = if gain[k] == 0.0 {
+                    0.0
+                } else {
+                    gain[k] * frame[k] - offset[k]
+                };
+            }
+        });
+        // A comparison with what is no number is false: such a frame is new.
+        if square(reduced) <= self.limit {
+            return Change::Nothing;
+        }
+        if !self.remembers {
+            return Change::New;
+        }
+        let (last, rest) = (&self.last, &mut self.rest);
+        let limit = self.limits_same[usize::from(self.most > 1)];
+        let before = 1.0 / rest.frames().max(1) as f64;
+        if !last.is_same(reduced, 1.0, before, limit, last.limit_along) {
+            return Change::New;
+        }
+        if self.most < 2 {
+            return Change::Same;
+        }
+        if rest.take_again() {
+            return Change::Mean;
+        }
+        rest.add(frame, reduced);
+        let (since, frames) = (rest.since(), rest.frames());
+        let all = since >= frames;
+        let limit_along = if all && frames <= self.options.first_frames {
+            last.limit_first
+        } else {
+            last.limit_along
+        };
+        let share = 1.0 / since as f64;
+        let drifts = since.is_power_of_two() && !last.is_same(rest.reduced_sum(), share, before, limit, limit_along);
+        if !drifts && !all {
+            return Change::Same;
+        }
+        rest.renew(!drifts && 2 * frames <= self.most);
+        Change::Mean
+    }
+
+    /// The frames at rest.
+    pub(crate) fn rest(&self) -> &RestMean {
+        &self.rest
+    }
+
+    /// The mean is to be reconstructed once more, with the next frame that is the same.
+    pub(crate) fn once_more(&mut self) {
+        self.rest.once_more(self.options.most_rounds);
+    }
+
+    /// Remembers the frame looked at last as reconstructed, with the directions (in the problem's reduced space) in which
+    /// the parameters of its touches move it: columns of `stride` entries.
+    pub(crate) fn remember(&mut self, reduced: &[f64], slopes: &[f64], stride: usize) {
+        let directions = self.projector.directions();
+        self.remembers = stride >= directions && reduced.len() >= directions && !slopes.is_empty();
+        if !self.remembers {
+            return;
+        }
+        let last = &mut self.last;
+        last.reduced.clear();
+        last.reduced.extend_from_slice(&reduced[..directions]);
+        last.along.clear();
+        for column in slopes.chunks_exact(stride) {
+            let start = last.along.len();
+            last.along.extend_from_slice(&column[..directions]);
+            let (earlier, this) = last.along.split_at_mut(start);
+            let before = square(this);
+            // Gram and Schmidt, twice: then they are orthogonal to rounding.
+            for _ in 0..2 {
+                for q in earlier.chunks_exact(directions) {
+                    let part = dot(q, this);
+                    this.iter_mut().zip(q).for_each(|(t, q)| *t -= part * q);
+                }
+            }
+            let length = square(this);
+            if length > DEPENDENT * before {
+                let scale = 1.0 / length.sqrt();
+                this.iter_mut().for_each(|t| *t *= scale);
+            } else {
+                last.along.truncate(start);
+            }
+        }
+        let count = last.along.len() / directions.max(1);
+        while self.limits_along.len() <= count {
+            let freedom = self.limits_along.len().max(1) as f64;
+            let limit = |probability: f64| {
+                ChiSquared::new(freedom).map_or(0.0, |c| c.inverse_cdf(1.0 - probability)) * self.variance
+            };
+            self.limits_along
+                .push([self.options.anew_along, self.options.jump_along].map(limit));
+        }
+        let limits = self.limits_along[count];
+        last.limit_first = limits[0];
+        last.limit_along = limits[usize::from(self.most > 1)];
+    }
+
+    /// Forgets it: the next frame that is not nothing is new.
+    pub(crate) fn forget(&mut self) {
+        self.remembers = false;
+    }
+}
+
+fn square(values: &[f64]) -> f64 {
+    dot(values, values)
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}

@@ -1,0 +1,167 @@
+//! Frames to pictures, live: takes the baseline, then reconstructs, follows touches and tells their forces.
+
+use crate::force::meter::{Calibration, ForceMeter};
+use crate::pipeline::{FrameResult, Reconstructor, ReconstructorOptions};
+use crate::reference::Reference;
+use crate::reference::baseline::{Baseline, BaselineTaker};
+use crate::reference::electrode_fit;
+use crate::reference::imager::{Imager, ImagerError};
+use crate::solvers::Method;
+use crate::touches::radius_filter::Steadier;
+use crate::touches::tracker::{Following, Tracker};
+use std::sync::Arc;
+
+/// How a live picture is made.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LiveOptions {
+    /// Frames of the unpressed sheet that make the baseline.
+    pub baseline_frames: usize,
+    /// The solver.
+    pub method: Method,
+    /// Whether the electrodes are looked for in the baseline, or taken to be where the sheet says.
+    pub find_electrodes: bool,
+    /// What the forces of the touches are computed with; none: no forces.
+    pub calibration: Option<Calibration>,
+}
+
+impl Default for LiveOptions {
+    fn default() -> Self {
+        Self {
+            baseline_frames: 24,
+            method: Method::Nnls,
+            find_electrodes: true,
+            calibration: None,
+        }
+    }
+}
+
+/// What became of a measured frame.
+#[derive(Debug, PartialEq)]
+pub enum LiveFrame<'a> {
+    /// It went into the baseline; so many more are wanted.
+    Baseline {
+        /// Frames still wanted.
+        left: usize,
+    },
+    /// A picture, its touches numbered.
+    Picture(&'a FrameResult),
+}
+
+/// The chain behind the link, with its state.
+pub struct Live {
+    /// With the electrodes where they are said to be.
+    nominal: Arc<Imager>,
+    options: LiveOptions,
+    taker: Option<BaselineTaker>,
+    /// After the first baseline.
+    running: Option<Running>,
+    tracker: Tracker,
+    steadier: Steadier,
+    meter: Option<ForceMeter>,
+    /// When the frame before was measured, s.
+    before_s: Option<f64>,
+    /// Time from a frame to the next, s, as last seen.
+    interval_s: Option<f64>,
+}
+
+/// What a baseline makes possible.
+struct Running {
+    baseline: Baseline,
+    reconstructor: Reconstructor,
+}
+
+/// A touch keeps its number while it moves by less than this from frame to frame, as a fraction of the sheet; and when it is seen again
+/// so near to where it vanished. Nearer to each other, two touches are seldom told apart.
+const REACH: f64 = 0.1;
+/// How long a touch may be gone and keep its number, s: a second tap at the same place within it is the same touch.
+const PATIENCE_S: f64 = 0.5;
+impl Live {
+    /// Starts with taking the baseline.
+    pub fn new(imager: Arc<Imager>, options: LiveOptions) -> Self {
+        let extent = imager.reach_mm();
+        let values = imager.pattern.len();
+        Self {
+            tracker: Tracker::new(Following {
+                reach_mm: 2.0 * REACH * extent,
+                patience_s: PATIENCE_S,
+            }),
+            steadier: Steadier::default(),
+            meter: options.calibration.map(|c| ForceMeter::new(&imager, c)),
+            taker: Some(BaselineTaker::new(values, options.baseline_frames)),
+            running: None,
+            before_s: None,
+            interval_s: None,
+            nominal: imager,
+            options,
+        }
+    }
+
+    /// The model behind: after the baseline, with the electrodes where that showed them to be.
+    pub fn imager(&self) -> &Arc<Imager> {
+        self.running
+            .as_ref()
+            .map_or(&self.nominal, |r| r.reconstructor.imager())
+    }
+
+    /// Takes the baseline anew, from the next frame on.
+    pub fn tare(&mut self) {
+        self.taker = Some(BaselineTaker::new(
+            self.nominal.pattern.len(),
+            self.options.baseline_frames,
+        ));
+    }
+
+    /// The baseline in force.
+    pub fn baseline(&self) -> Option<&Baseline> {
+        self.running.as_ref().map(|r| &r.baseline)
+    }
+
+    /// Takes the next frame: when it was measured (the board's time, s) and its values (V, in the pattern's order; not a
+    /// number where one is missing).
+    ///
+    /// # Errors
+    /// [`ImagerError`] when the frame does not have the pattern's length.
+    pub fn frame(&mut self, time_s: f64, values_v: &[f64]) -> Result<LiveFrame<'_>, ImagerError> {
+        if let Some(taker) = &mut self.taker {
+            let done = taker.take(values_v);
+            let left = taker.left();
+            let Some(baseline) = done else {
+                return Ok(LiveFrame::Baseline { left });
+            };
+            self.taker = None;
+            if let Some(meter) = &mut self.meter {
+                // What is pressed in now belongs to the baseline.
+                meter.rest();
+            }
+            let found = self
+                .options
+                .find_electrodes
+                .then(|| electrode_fit::find(&self.nominal, &baseline.values_v))
+                .flatten();
+            let imager = found.map_or_else(|| Arc::clone(self.imager()), |found| Arc::new(found.imager));
+            let options = ReconstructorOptions::for_imager(&imager, self.options.method).of_sequence();
+            let reference = Reference::of(imager, &baseline)?;
+            self.running = Some(Running {
+                reconstructor: Reconstructor::new(reference, options),
+                baseline,
+            });
+            return Ok(LiveFrame::Baseline { left: 0 });
+        }
+        let Some(Running { reconstructor, .. }) = &mut self.running else {
+            return Ok(LiveFrame::Baseline { left: 0 });
+        };
+        let interval_s = self.before_s.replace(time_s).map(|before| time_s - before);
+        self.interval_s = interval_s.filter(|s| *s > 0.0).or(self.interval_s);
+        let result = reconstructor.frame_after(values_v, self.interval_s)?;
+        self.tracker.update(time_s, &mut result.touches);
+        if result.anew {
+            self.steadier.update(time_s, result.grown, &mut result.touches);
+        } else {
+            self.steadier.keep(time_s, &result.touches);
+        }
+        if let Some(meter) = &mut self.meter {
+            meter.tell(time_s, &mut result.touches);
+        }
+        Ok(LiveFrame::Picture(result))
+    }
+}

@@ -1,0 +1,13 @@
+//! From a frame to a picture and its touches.
+
+mod contact_test;
+mod frame_solver;
+mod image;
+mod options;
+mod reconstructor;
+mod result;
+mod weighted;
+
+pub use options::ReconstructorOptions;
+pub use reconstructor::Reconstructor;
+pub use result::FrameResult;

@@ -1,0 +1,186 @@
+//! From a frame to a picture and its touches: every step is entered once and returns a value.
+
+use crate::change::detector::{Change, ChangeDetector};
+use crate::pipeline::contact_test::ContactTest;
+use crate::pipeline::frame_solver::{Averaged, FrameSolver, Task};
+use crate::pipeline::options::ReconstructorOptions;
+use crate::pipeline::result::FrameResult;
+use crate::quality::doubt::Doubt;
+use crate::quality::faults::FaultDetector;
+use crate::reference::imager::{Imager, ImagerError};
+use crate::reference::noise::NoiseEstimate;
+use crate::reference::{Difference, Reference};
+use std::sync::Arc;
+
+/// Turns the frames of one reference into pictures, with its state from frame to frame.
+pub struct Reconstructor {
+    reference: Reference,
+    options: ReconstructorOptions,
+    detector: Option<ChangeDetector>,
+    faults: FaultDetector,
+    contacts: ContactTest,
+    solver: FrameSolver,
+    /// Frames one after another that no touches explained.
+    unexplained: usize,
+    /// Room for a frame, and for the mean of several.
+    difference: Difference,
+    mean: Vec<f64>,
+    result: FrameResult,
+}
+
+impl Reconstructor {
+    /// Prepares for the frames of a reference; where its noise is known, that takes as long as many frames (60 ms).
+    pub fn new(reference: Reference, options: ReconstructorOptions) -> Self {
+        let imager = reference.imager();
+        let mut solver = FrameSolver::new(imager, options);
+        let detector = reference.noise().and_then(|noise| {
+            let share = reference.baseline_share();
+            solver.detector(reference.unchanged(), reference.baseline(), noise.sigma, share)
+        });
+        Self {
+            detector,
+            faults: FaultDetector::new(&imager.pattern, imager.drive, options.sequence, options.faults),
+            contacts: ContactTest::new(&options),
+            solver,
+            unexplained: 0,
+            difference: reference.unchanged().clone(),
+            mean: Vec::new(),
+            result: FrameResult::nothing(imager),
+            reference,
+            options,
+        }
+    }
+
+    /// What frames are compared with.
+    pub fn reference(&self) -> &Reference {
+        &self.reference
+    }
+
+    /// The imager.
+    pub fn imager(&self) -> &Arc<Imager> {
+        self.reference.imager()
+    }
+
+    /// Rank of the sensitivity in use; none before the first frame.
+    pub fn rank(&self) -> Option<usize> {
+        self.solver.rank()
+    }
+
+    /// Reconstructs a frame (the baseline's unit).
+    ///
+    /// With the noise known, a frame that shows nothing, or in a sequence ([`ReconstructorOptions::sequence`]) nothing new,
+    /// costs one product with a small matrix and no allocation: the result is then the earlier one ([`FrameResult::anew`]).
+    /// Frames of a sequence that show nothing new are averaged, and the result is made anew from the mean of 2, 4, 8 and 16.
+    ///
+    /// # Errors
+    /// [`ImagerError::Baseline`] when the length does not match the pattern.
+    pub fn frame(&mut self, values: &[f64]) -> Result<&mut FrameResult, ImagerError> {
+        self.frame_after(values, None)
+    }
+
+    /// The same for a frame of a sequence that was measured so long after the one before, s: fewer than 16 frames at rest are
+    /// averaged where they are slow, so that what drifts is not left behind.
+    ///
+    /// # Errors
+    /// As for [`Reconstructor::frame`].
+    pub fn frame_after(&mut self, values: &[f64], interval_s: Option<f64>) -> Result<&mut FrameResult, ImagerError> {
+        let most_averaged = self.options.most_averaged(interval_s);
+        let change = self.detector.as_mut().map(|d| d.test(values, most_averaged));
+        match change {
+            Some(Change::Nothing) => self.clear(),
+            Some(Change::Same) => self.result.anew = false,
+            Some(Change::Mean) => {
+                let mut mean = std::mem::take(&mut self.mean);
+                let averaged = self.averaged(&mut mean);
+                let done = self.reconstruct(&mean, averaged);
+                self.mean = mean;
+                done?;
+            }
+            Some(Change::New) | None => self.reconstruct(values, Averaged::ONE)?,
+        }
+        Ok(&mut self.result)
+    }
+
+    /// The frame showed nothing.
+    fn clear(&mut self) {
+        let used = self.detector.as_ref().map_or(0, ChangeDetector::used);
+        self.result.clear(self.reference.noise(), used);
+        self.solver.forget();
+        self.contacts.clear();
+        self.faults.clear();
+        self.unexplained = 0;
+    }
+
+    /// Copies the mean of the frames at rest, and says what it is the mean of.
+    fn averaged(&self, mean: &mut Vec<f64>) -> Averaged {
+        mean.clear();
+        let Some(detector) = &self.detector else {
+            return Averaged::ONE;
+        };
+        let rest = detector.rest();
+        mean.extend_from_slice(rest.mean());
+        let share = self.reference.baseline_share();
+        Averaged {
+            frames: rest.frames(),
+            grown: rest.has_grown(),
+            gain: (1.0 + share) / (1.0 / rest.frames() as f64 + share),
+            frame_sigma: self.reference.noise().map(|n| n.sigma).filter(|_| rest.frames() > 1),
+        }
+    }
+
+    /// Reconstructs a frame, or the mean of several.
+    fn reconstruct(&mut self, values: &[f64], averaged: Averaged) -> Result<(), ImagerError> {
+        self.reference.difference_into(values, &mut self.difference)?;
+        if !self.options.sequence {
+            // What was in the frame before says nothing of this one.
+            self.solver.forget_touches();
+        }
+        let model_v = &self.reference.imager().model_v;
+        // Nothing is left out of frames that are averaged, and what would be of their mean is not in a frame.
+        let estimated = match averaged.frames {
+            1 => self.faults.judge(model_v, &mut self.difference),
+            _ => None,
+        };
+        let known = self.reference.noise().map(|noise| NoiseEstimate {
+            sigma: if averaged.frames > 1 {
+                noise.sigma / averaged.gain.sqrt()
+            } else {
+                noise.sigma
+            },
+            ..noise
+        });
+        let task = Task {
+            difference: &self.difference,
+            noise: known.or(estimated),
+            averaged,
+            changed: &[],
+            patient: false,
+        };
+        self.contacts
+            .solve(&mut self.solver, task, self.detector.as_mut(), &mut self.result);
+        let changed = self.contacts.changed();
+        if let Some(detector) = &mut self.detector
+            && (self.contacts.is_open() || !changed.is_empty() || self.faults.is_open())
+        {
+            // Every frame counts.
+            detector.forget();
+        }
+        let unexplained = self.solver.fits() && self.result.misfit.is_none() && !self.result.touches.is_empty();
+        self.unexplained = if unexplained { self.unexplained + 1 } else { 0 };
+        let least = if self.options.sequence {
+            self.options.unexplained_frames
+        } else {
+            1
+        };
+        let contact = changed.first().map(|electrode| Doubt::Contact {
+            electrode: *electrode,
+            more: changed.len() - 1,
+        });
+        self.result.doubt = Doubt::of(&self.difference, model_v, self.options.doubts)
+            .or((self.unexplained >= least).then_some(Doubt::NotTouches))
+            .or(contact);
+        self.result.contacts.clear();
+        self.result.contacts.extend_from_slice(changed);
+        Ok(())
+    }
+}

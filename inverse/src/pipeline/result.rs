@@ -1,0 +1,83 @@
+//! What became of a frame.
+
+use crate::quality::doubt::Doubt;
+use crate::reference::imager::Imager;
+use crate::reference::noise::NoiseEstimate;
+use crate::solvers::Status;
+use crate::touches::touch::Touch;
+
+/// What became of a frame.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FrameResult {
+    /// Relative rise in resistivity of every cell; all zero when the gate found nothing.
+    pub x: Vec<f64>,
+    /// Touches, strongest first.
+    pub touches: Vec<Touch>,
+    /// Part of the change that the picture leaves unexplained, 0 to 1.
+    pub residual: f64,
+    /// The solve's proof: relative KKT residual of the problem that was solved, which leaves out the directions below
+    /// [`ReconstructorOptions::drop_below_ridge`].
+    pub gap: f64,
+    /// Time of the solve alone, us; 0 when the gate found nothing.
+    pub solve_us: f64,
+    /// Noise of one value, V of the model, and how it is known; of the mean where the result is of several frames. None where
+    /// nothing was looked for and nothing tells it.
+    pub noise: Option<NoiseEstimate>,
+    /// Of how many frames one after another, in which nothing changed, this is the mean's result.
+    pub frames: usize,
+    /// Whether frames of the result before are among them.
+    pub grown: bool,
+    /// How many values took part.
+    pub used: usize,
+    /// Whether there was a change above the noise.
+    pub changed: bool,
+    /// How the solve ended.
+    pub status: Status,
+    /// Mean squared misfit of the touches' fit, in variances of the noise; none where the touches are the picture's peaks
+    /// because discs do not explain the frame.
+    pub misfit: Option<f64>,
+    /// What speaks against the touches.
+    pub doubt: Option<Doubt>,
+    /// Electrodes whose contact changed since the baseline, and whose doing was taken out of the frame.
+    pub contacts: Vec<usize>,
+    /// Whether this frame was reconstructed. Otherwise it differs from an earlier one by nothing but noise, and the rest is
+    /// that one's result.
+    pub anew: bool,
+}
+
+impl FrameResult {
+    /// The result of a frame in which nothing was looked for.
+    pub fn nothing(imager: &Imager) -> Self {
+        Self {
+            x: vec![0.0; imager.grid.len()],
+            touches: Vec::new(),
+            residual: 0.0,
+            gap: 0.0,
+            solve_us: 0.0,
+            noise: None,
+            frames: 1,
+            grown: false,
+            used: 0,
+            changed: false,
+            status: Status::Converged,
+            misfit: None,
+            doubt: None,
+            contacts: Vec::new(),
+            anew: true,
+        }
+    }
+
+    /// Makes it the result of a frame in which there was nothing.
+    pub(crate) fn clear(&mut self, noise: Option<NoiseEstimate>, used: usize) {
+        self.anew = self.changed;
+        if self.changed {
+            self.x.fill(0.0);
+            self.touches.clear();
+            (self.residual, self.gap, self.solve_us) = (0.0, 0.0, 0.0);
+            (self.changed, self.status, self.misfit) = (false, Status::Converged, None);
+        }
+        (self.noise, self.used, self.doubt) = (noise, used, None);
+        (self.frames, self.grown) = (1, false);
+        self.contacts.clear();
+    }
+}

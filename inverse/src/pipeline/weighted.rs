@@ -1,0 +1,183 @@
+//! The reduced problem for one set of weights, and all that only depends on it.
+
+use crate::linalg::basis::Basis;
+use crate::pipeline::options::ReconstructorOptions;
+use crate::quality::contact::{Candidates, Contacts};
+use crate::reference::Difference;
+use crate::reference::imager::Imager;
+use crate::solvers::{Method, Problem, Projector};
+use crate::touches::fit::fitter::Fitter;
+use crate::touches::fit::responses::TouchTable;
+use nalgebra::{DMatrix, DVector};
+
+/// The weighted and reduced problem for the values that take part, without what some contacts do.
+pub(crate) struct Weighted {
+    used: Vec<bool>,
+    spread: Vec<f64>,
+    /// Electrodes whose contact's shapes are left out.
+    contacts: Vec<usize>,
+    /// The problem, with columns scaled by `prior`.
+    pub(crate) problem: Problem,
+    /// Expected rise of every cell over [`ReconstructorOptions::expected_rise`].
+    pub(crate) prior: DVector<f64>,
+    /// Onto the problem's rows.
+    pub(crate) projector: Projector,
+    /// The part of the problem that the solve uses, and the ridge that it was made for.
+    pub(crate) solving: Option<(f64, Problem)>,
+    /// The problem with cells that fall; made when a frame first needs it.
+    pub(crate) with_falls: Option<Problem>,
+    /// Reduced responses to touches and to contacts; made when a frame first needs them.
+    pub(crate) tables: Option<Tables>,
+}
+
+/// Reduced responses.
+pub(crate) struct Tables {
+    /// To touches.
+    pub(crate) touches: TouchTable,
+    /// To contacts.
+    pub(crate) contacts: Option<Candidates>,
+}
+
+impl Weighted {
+    fn new(
+        imager: &Imager,
+        options: &ReconstructorOptions,
+        contacts: Option<&mut Contacts>,
+        difference: &Difference,
+        changed: &[usize],
+    ) -> Self {
+        let mut a = imager.sensitivity.clone();
+        for (k, mut row) in a.row_iter_mut().enumerate() {
+            row *= weight(difference, k);
+        }
+        // Lawson-Hanson and the generalised inverse are the plain methods; the others expect less of sensitive cells.
+        let ridged = matches!(options.method, Method::Nnls | Method::Tikhonov);
+        let depth = if ridged { options.depth } else { 0.0 };
+        let norms: Vec<f64> = a.column_iter().map(|c| c.norm()).collect();
+        let mut sorted = norms.clone();
+        sorted.sort_by(f64::total_cmp);
+        let median = sorted[sorted.len() / 2].max(f64::MIN_POSITIVE);
+        let prior = DVector::from_iterator(
+            norms.len(),
+            norms
+                .iter()
+                .map(|n| (n / median).max(options.least_sensitivity).powf(-depth)),
+        );
+        for (mut column, prior) in a.column_iter_mut().zip(&prior) {
+            column *= *prior;
+        }
+        let mut left_out = Basis::default();
+        if let Some(contacts) = contacts {
+            for electrode in changed {
+                if let Some(shapes) = contacts.shapes(imager, *electrode) {
+                    let shapes = weighed(shapes, &difference.used, &difference.spread);
+                    shapes.column_iter().for_each(|c| left_out.add(c.as_slice()));
+                }
+            }
+        }
+        for mut column in a.column_iter_mut() {
+            left_out.outside(column.as_mut_slice());
+        }
+        let problem = Problem::new(&a, options.drop);
+        Self {
+            used: difference.used.clone(),
+            spread: difference.spread.clone(),
+            contacts: changed.to_vec(),
+            projector: Projector::new(&problem, problem.rank()),
+            problem,
+            solving: None,
+            prior,
+            with_falls: None,
+            tables: None,
+        }
+    }
+
+    fn is_for(&self, difference: &Difference, changed: &[usize]) -> bool {
+        self.used == difference.used && self.spread == difference.spread && self.contacts == changed
+    }
+
+    /// Weight of value k: 0 where it takes no part.
+    pub(crate) fn weight(&self, k: usize) -> f64 {
+        if self.used[k] { 1.0 / self.spread[k] } else { 0.0 }
+    }
+
+    /// Weighs a difference into `values` and reduces it into `reduced`.
+    pub(crate) fn reduce(&mut self, difference: &Difference, values: &mut Vec<f64>, reduced: &mut Vec<f64>) {
+        values.clear();
+        values.extend(difference.y.iter().zip(&difference.spread).map(|(y, s)| y / s));
+        reduced.clear();
+        reduced.extend_from_slice(self.projector.project(|to| to[..values.len()].copy_from_slice(values)));
+    }
+
+    /// Reduces the responses to touches and to contacts, once.
+    pub(crate) fn tabulate(&mut self, imager: &Imager, fitter: &Fitter, contacts: Option<&Contacts>) {
+        if self.tables.is_none() {
+            let reduce_all = |volts: &DMatrix<f64>| self.problem.reduce_all(&weighed(volts, &self.used, &self.spread));
+            self.tables = Some(Tables {
+                contacts: contacts.map(|c| Candidates::new(c, imager, reduce_all)),
+                touches: fitter.volts().map(reduce_all),
+            });
+        }
+    }
+
+    /// Makes a solution of the scaled problem relative rises (and falls, where it holds both).
+    pub(crate) fn scale(&self, x: &mut [f64]) {
+        for part in x.chunks_exact_mut(self.prior.len().max(1)) {
+            part.iter_mut().zip(&self.prior).for_each(|(x, prior)| *x *= prior);
+        }
+    }
+}
+
+fn weight(difference: &Difference, k: usize) -> f64 {
+    if difference.used[k] {
+        1.0 / difference.spread[k]
+    } else {
+        0.0
+    }
+}
+
+/// Volts of the model (a frame in each column) over the spread of the values, 0 for those that are not used.
+fn weighed(volts: &DMatrix<f64>, used: &[bool], spread: &[f64]) -> DMatrix<f64> {
+    DMatrix::from_fn(volts.nrows(), volts.ncols(), |k, c| {
+        if used[k] { volts[(k, c)] / spread[k] } else { 0.0 }
+    })
+}
+
+/// The two problems used last: contacts and values may come and go.
+#[derive(Default)]
+pub(crate) struct Weightings {
+    current: Option<Weighted>,
+    before: Option<Weighted>,
+}
+
+impl Weightings {
+    /// The problem in use.
+    pub(crate) fn current(&self) -> Option<&Weighted> {
+        self.current.as_ref()
+    }
+
+    /// The problem in use, to be changed.
+    pub(crate) fn current_mut(&mut self) -> Option<&mut Weighted> {
+        self.current.as_mut()
+    }
+
+    /// Makes the problem for the values of a difference the one in use; whether it was another before.
+    pub(crate) fn switch(
+        &mut self,
+        imager: &Imager,
+        options: &ReconstructorOptions,
+        contacts: Option<&mut Contacts>,
+        difference: &Difference,
+        changed: &[usize],
+    ) -> bool {
+        let fits = |w: &Weighted| w.is_for(difference, changed);
+        if self.current.as_ref().is_some_and(fits) {
+            return false;
+        }
+        std::mem::swap(&mut self.current, &mut self.before);
+        if !self.current.as_ref().is_some_and(fits) {
+            self.current = Some(Weighted::new(imager, options, contacts, difference, changed));
+        }
+        true
+    }
+}

@@ -1,0 +1,50 @@
+//! What a frame comes to with or without a contact.
+
+use crate::quality::contact::options::ContactOptions;
+
+/// The cost of one explanation of a frame.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Evidence {
+    /// Chi-square and the number of parameters: of touches, and of directions left out.
+    pub(crate) cost: f64,
+    /// Mean square of the residual, in variances of the noise.
+    pub(crate) misfit: f64,
+    /// Chi-square that the model of touches may be wrong by.
+    pub(crate) model: f64,
+}
+
+impl std::ops::Add for Evidence {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        Self {
+            cost: self.cost + other.cost,
+            misfit: self.misfit + other.misfit,
+            model: self.model + other.model,
+        }
+    }
+}
+
+impl Evidence {
+    /// Of a sum over frames, the mean.
+    pub(crate) fn mean_of(self, frames: usize) -> Self {
+        let part = 1.0 / frames as f64;
+        Self {
+            cost: part * self.cost,
+            misfit: part * self.misfit,
+            model: part * self.model,
+        }
+    }
+
+    /// Whether a contact that was accepted stays so: this is with it.
+    pub(crate) fn stays(self, without: Self, options: &ContactOptions) -> bool {
+        self.cost + options.margin + self.model < without.cost
+    }
+
+    /// Whether this, with a contact, is accepted rather than that without.
+    pub(crate) fn instead_of(self, without: Self, options: &ContactOptions) -> bool {
+        let unexplained = |evidence: Self| (evidence.misfit - options.explained).max(0.0);
+        self.cost + options.margin_accepted + self.model < without.cost
+            && unexplained(self) <= options.of_unexplained * unexplained(without)
+    }
+}

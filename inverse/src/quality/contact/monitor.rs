@@ -1,0 +1,291 @@
+//! Whether a contact changed: what frame after frame says of it.
+//!
+//! A contact that changed stays so. Noise names one contact in a frame and another in the next. A touch that comes down or
+//! moves while a frame is measured does the same. A contact is therefore tested once linear fits have named it in frame after
+//! frame. It is accepted when the full fits of some frames, taken together, are better with it than without.
+
+use crate::quality::contact::evidence::Evidence;
+use crate::quality::contact::options::ContactOptions;
+
+/// Tests the contacts of a sheet, frame after frame.
+#[derive(Clone, Debug)]
+pub(crate) struct ContactMonitor {
+    options: ContactOptions,
+    /// Frames that a decision takes.
+    frames: usize,
+    /// Electrodes whose contact is accepted to have changed.
+    changed: Vec<usize>,
+    /// Frames until they are tested again, and whether the last test was inconclusive.
+    until: usize,
+    inconclusive: bool,
+    candidate: Option<Candidate>,
+    /// An electrode that was rejected, and for how many frames it is no candidate.
+    rejected: Option<(usize, usize)>,
+}
+
+/// An electrode named by the linear fits, and the frames that named it and that were compared.
+#[derive(Clone, Copy, Debug)]
+struct Candidate {
+    electrode: usize,
+    named: usize,
+    compared: usize,
+    /// Sums over the frames compared.
+    with: Evidence,
+    without: Evidence,
+}
+
+/// What the full fits decide on a contact.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Decision {
+    /// It changed.
+    Changed,
+    /// It did not.
+    Unchanged,
+    /// More frames are wanted.
+    Open,
+}
+
+impl ContactMonitor {
+    /// A decision takes so many frames, one or more.
+    pub(crate) fn new(frames: usize, options: ContactOptions) -> Self {
+        Self {
+            options,
+            frames: frames.max(1),
+            changed: Vec::new(),
+            until: 0,
+            inconclusive: false,
+            candidate: None,
+            rejected: None,
+        }
+    }
+
+    /// Electrodes whose contact changed.
+    pub(crate) fn changed(&self) -> &[usize] {
+        &self.changed
+    }
+
+    /// Whether an electrode is a candidate: then every frame counts.
+    pub(crate) fn is_open(&self) -> bool {
+        self.candidate.is_some()
+    }
+
+    /// Forgets everything: the sheet is unpressed.
+    pub(crate) fn clear(&mut self) {
+        self.changed.clear();
+        self.candidate = None;
+        self.rejected = None;
+        self.inconclusive = false;
+    }
+
+    /// Whether the full fits are compared in the next frame: one that names the candidate once more, or one in which accepted
+    /// contacts are tested again.
+    pub(crate) fn asks_next(&self) -> bool {
+        let ripe = self
+            .candidate
+            .is_some_and(|s| s.named + self.full_fits() >= self.frames);
+        ripe || self.is_due()
+    }
+
+    fn is_due(&self) -> bool {
+        !self.changed.is_empty() && self.until <= 1
+    }
+
+    /// Begins a frame. Gives the accepted electrodes where it is time to test them again: then [`ContactMonitor::changed`] has
+    /// none until [`ContactMonitor::keep`].
+    pub(crate) fn begin(&mut self) -> Option<Vec<usize>> {
+        self.rejected = self.rejected.and_then(|(l, frames)| Some((l, frames.checked_sub(1)?)));
+        if self.is_due() {
+            return Some(std::mem::take(&mut self.changed));
+        }
+        self.until = self.until.saturating_sub(1);
+        None
+    }
+
+    /// Leaves these out again while the full fit with them is computed.
+    pub(crate) fn keep(&mut self, changed: Vec<usize>) {
+        self.changed = changed;
+    }
+
+    /// Decides on accepted contacts from the full fits of a frame with and without them. True when they are rejected: when
+    /// two tests one after the other speak against them.
+    pub(crate) fn decide_again(&mut self, with: Option<Evidence>, without: Option<Evidence>) -> bool {
+        let options = self.options;
+        let stays = with
+            .zip(without)
+            .is_some_and(|(with, without)| with.stays(without, &options));
+        let gone = !stays && (self.inconclusive || self.frames == 1);
+        self.inconclusive = !stays && !gone;
+        self.until = if stays {
+            self.retest_frames()
+        } else {
+            self.options.retest_soon_frames
+        };
+        if gone {
+            self.changed.clear();
+        }
+        gone
+    }
+
+    /// Takes the electrode that the linear fits of a frame name. True when the full fits with and without it are to be
+    /// compared: the electrode is then in [`ContactMonitor::changed`] until [`ContactMonitor::decide`].
+    pub(crate) fn propose(&mut self, electrode: Option<usize>) -> bool {
+        let electrode = electrode.filter(|l| self.rejected.is_none_or(|(rejected, _)| rejected != *l));
+        self.candidate = match self.candidate {
+            Some(s) if Some(s.electrode) == electrode => Some(Candidate {
+                named: s.named + 1,
+                ..s
+            }),
+            // Noise may hide it in a frame.
+            Some(s) if s.named > self.options.miss_penalty => Some(Candidate {
+                named: s.named - self.options.miss_penalty,
+                ..s
+            }),
+            _ => electrode.map(|electrode| Candidate {
+                electrode,
+                named: 1,
+                compared: 0,
+                with: Evidence::default(),
+                without: Evidence::default(),
+            }),
+        };
+        let ripe = self
+            .candidate
+            .filter(|s| Some(s.electrode) == electrode && s.named + self.full_fits() > self.frames);
+        self.changed.extend(ripe.map(|s| s.electrode));
+        ripe.is_some()
+    }
+
+    /// Decides on the candidate from the full fits of a frame with and without it.
+    pub(crate) fn decide(&mut self, with: Option<Evidence>, without: Option<Evidence>) -> Decision {
+        let full_fits = self.full_fits();
+        let options = self.options;
+        let decision = match (&mut self.candidate, with.zip(without)) {
+            (Some(s), Some((with, without))) => {
+                s.compared += 1;
+                s.with = s.with + with;
+                s.without = s.without + without;
+                let (with, without) = (s.with.mean_of(s.compared), s.without.mean_of(s.compared));
+                match s.compared >= full_fits {
+                    true if with.instead_of(without, &options) => Decision::Changed,
+                    false if with.cost < without.cost => Decision::Open,
+                    _ => Decision::Unchanged,
+                }
+            }
+            _ => Decision::Unchanged,
+        };
+        match decision {
+            Decision::Changed => {
+                self.candidate = None;
+                (self.until, self.inconclusive) = (self.retest_frames(), false);
+            }
+            Decision::Unchanged => {
+                self.rejected = self.changed.pop().map(|l| (l, self.options.rejected_frames));
+                self.candidate = None;
+            }
+            Decision::Open => {
+                self.changed.pop();
+            }
+        }
+        decision
+    }
+
+    /// Where one frame decides, every frame decides anew.
+    fn retest_frames(&self) -> usize {
+        if self.frames == 1 {
+            1
+        } else {
+            self.options.retest_frames
+        }
+    }
+
+    fn full_fits(&self) -> usize {
+        self.frames.min(self.options.full_fits)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn options() -> ContactOptions {
+        ContactOptions::default()
+    }
+
+    const BETTER: Evidence = Evidence {
+        cost: 100.0,
+        misfit: 1.0,
+        model: 5.0,
+    };
+    const WORSE: Evidence = Evidence {
+        cost: 300.0,
+        misfit: 2.5,
+        model: 5.0,
+    };
+
+    /// Frames until it is accepted, of at most `most`.
+    fn frames(monitor: &mut ContactMonitor, most: usize, named: impl Fn(usize) -> Option<usize>) -> Option<usize> {
+        (0..most).find(|k| {
+            monitor.begin();
+            monitor.propose(named(*k)) && monitor.decide(Some(BETTER), Some(WORSE)) == Decision::Changed
+        })
+    }
+
+    #[test]
+    fn it_takes_as_many_frames_as_it_was_told() {
+        for n in [1, 2, 3, 4, 5, 16, 40] {
+            let mut monitor = ContactMonitor::new(n, ContactOptions::default());
+            assert_eq!(frames(&mut monitor, 100, |_| Some(3)), Some(n - 1));
+            assert_eq!(monitor.changed(), [3]);
+        }
+    }
+
+    #[test]
+    fn one_that_is_named_in_two_frames_of_three_or_as_often_as_others_is_none() {
+        let mut monitor = ContactMonitor::new(16, ContactOptions::default());
+        assert_eq!(frames(&mut monitor, 1000, |k| (k % 3 != 0).then_some(5)), None);
+        assert_eq!(frames(&mut monitor, 1000, |k| Some(k / 12 % 2)), None);
+        assert!(monitor.changed().is_empty());
+        // In seven of eight it is.
+        assert!(frames(&mut monitor, 40, |k| (k % 8 != 0).then_some(5)).is_some());
+    }
+
+    #[test]
+    fn an_accepted_contact_is_rejected_when_two_tests_speak_against_it() {
+        let mut monitor = ContactMonitor::new(2, ContactOptions::default());
+        assert_eq!(frames(&mut monitor, 2, |_| Some(3)), Some(1));
+        let mut ask = |with, without| {
+            for wait in 1.. {
+                let asks = monitor.asks_next();
+                let Some(changed) = monitor.begin() else {
+                    assert!(!asks && monitor.changed() == [3]);
+                    continue;
+                };
+                assert!(asks && changed == [3] && monitor.changed().is_empty());
+                monitor.keep(changed);
+                return (wait, monitor.decide_again(Some(with), Some(without)));
+            }
+            unreachable!()
+        };
+        assert_eq!(ask(WORSE, BETTER), (options().retest_frames, false));
+        assert_eq!(ask(BETTER, WORSE), (options().retest_soon_frames, false));
+        assert_eq!(ask(WORSE, BETTER), (options().retest_frames, false));
+        assert_eq!(ask(WORSE, BETTER), (options().retest_soon_frames, true));
+        assert!(monitor.changed().is_empty());
+    }
+
+    #[test]
+    fn a_candidate_that_the_full_fit_rejects_is_none_for_a_while() {
+        let mut monitor = ContactMonitor::new(16, ContactOptions::default());
+        let asked = (0..16 + options().rejected_frames + 16).filter(|_| {
+            monitor.begin();
+            let asked = monitor.propose(Some(2));
+            if asked {
+                assert_eq!(monitor.changed(), [2]);
+                assert_eq!(monitor.decide(Some(WORSE), Some(BETTER)), Decision::Unchanged);
+            }
+            assert!(monitor.changed().is_empty());
+            asked
+        });
+        assert_eq!(asked.count(), 2);
+    }
+}

@@ -1,0 +1,177 @@
+//! What contacts do to a frame.
+
+use crate::quality::contact::options::ContactOptions;
+use crate::reference::Difference;
+use crate::reference::imager::Imager;
+use forward::{Drive, Sensitivity, Solver};
+use nalgebra::DMatrix;
+use std::sync::Arc;
+
+/// Factors of a contact impedance whose shapes are left out with the derivative: what lies between lies in their span, to one
+/// standard deviation of the noise at 27 dB.
+const FACTORS: [f64; 2] = [2.5, 8.0];
+/// A scale of a drive below this is no contact: it is lost.
+const LEAST_SCALE: f64 = 0.05;
+
+/// What contacts do to the frames of an imager.
+#[derive(Clone, Debug)]
+pub(crate) struct Contacts {
+    options: ContactOptions,
+    /// Measurements of every drive.
+    drives: Vec<Vec<usize>>,
+    /// Drives of every electrode whose current goes with its contact: none where the current is given.
+    driven: Vec<Vec<usize>>,
+    /// Change of every voltage (V) by a unit relative rise of every contact.
+    slopes: DMatrix<f64>,
+    /// The same and the change for [`FACTORS`], made when first needed.
+    shapes: Vec<Option<DMatrix<f64>>>,
+}
+
+impl Contacts {
+    /// For the frames of an imager; `None` when its sheet cannot be solved.
+    pub(crate) fn new(imager: &Imager, options: ContactOptions) -> Option<Self> {
+        let (pattern, n) = (&imager.pattern, imager.pattern.electrodes());
+        let solver = Solver::new(Arc::clone(&imager.model)).ok()?;
+        let matrix = solver.electrode_matrix();
+        let all = Sensitivity::by_electrode(&solver).matrix_v(imager.drive, matrix, pattern);
+        let of = |drive| (0..pattern.len()).filter(move |k| pattern.measurements()[*k].drive == drive);
+        let through = |l: usize| {
+            let drives = pattern.drives().iter().enumerate();
+            let own = drives.filter(|(_, p)| p.plus == l || p.minus == l).map(|(m, _)| m);
+            match imager.drive {
+                Drive::Voltage { .. } => own.collect(),
+                Drive::Current { .. } => Vec::new(),
+            }
+        };
+        Some(Self {
+            options,
+            drives: pattern.drives().iter().map(|p| of(*p).collect()).collect(),
+            driven: (0..n).map(through).collect(),
+            slopes: all.columns(0, n).into_owned(),
+            shapes: vec![None; n],
+        })
+    }
+
+    /// When a contact counts as changed.
+    pub(crate) fn options(&self) -> ContactOptions {
+        self.options
+    }
+
+    /// How many electrodes there are.
+    pub(crate) fn electrodes(&self) -> usize {
+        self.driven.len()
+    }
+
+    /// How many directions of a frame an electrode's contact takes.
+    pub(crate) fn directions(&self, electrode: usize) -> usize {
+        self.driven[electrode].len() + 1 + FACTORS.len()
+    }
+
+    /// What a small change of a contact does to a frame, V: its drives' scales and the shunt. A column each.
+    pub(crate) fn small(&self, imager: &Imager, electrode: usize) -> DMatrix<f64> {
+        let driven = &self.driven[electrode];
+        let mut out = DMatrix::zeros(imager.pattern.len(), driven.len() + 1);
+        for (mut column, drive) in out.column_iter_mut().zip(driven) {
+            self.drives[*drive].iter().for_each(|k| column[*k] = imager.model_v[*k]);
+        }
+        out.column_mut(driven.len()).copy_from(&self.slopes.column(electrode));
+        out
+    }
+
+    /// What any change of a contact does to a frame, V, a column each. `None` when a sheet with such a contact cannot be solved.
+    pub(crate) fn shapes(&mut self, imager: &Imager, electrode: usize) -> Option<&DMatrix<f64>> {
+        if self.shapes.get(electrode)?.is_none() {
+            let small = self.small(imager, electrode);
+            let mut out = small.clone().resize_horizontally(small.ncols() + FACTORS.len(), 0.0);
+            let contacts: Vec<f64> = imager.model.sheet().electrodes.iter().map(|e| e.contact_mm).collect();
+            for (k, factor) in FACTORS.into_iter().enumerate() {
+                let mut changed = contacts.clone();
+                changed[electrode] *= factor;
+                let model = imager.model.with_contacts(&changed).ok()?;
+                let solver = Solver::new(Arc::new(model)).ok()?;
+                let volts = imager.drive.frame_v(solver.electrode_matrix(), &imager.pattern);
+                let change = volts.iter().zip(&imager.model_v).map(|(v, m)| v - m);
+                out.column_mut(small.ncols() + k)
+                    .iter_mut()
+                    .zip(change)
+                    .for_each(|(o, c)| *o = c);
+            }
+            self.shapes[electrode] = Some(out);
+        }
+        self.shapes[electrode].as_ref()
+    }
+
+    /// Undoes the scales of the drives through these electrodes.
+    pub(crate) fn even_out(&self, electrodes: &[usize], model_v: &[f64], d: &mut Difference) {
+        for (drive, measurements) in self.drives.iter().enumerate() {
+            if !electrodes.iter().any(|l| self.driven[*l].contains(&drive)) {
+                continue;
+            }
+            let (mut along, mut all) = (0.0, 0.0);
+            for k in measurements.iter().copied().filter(|k| d.used[*k]) {
+                along += d.y[k] * model_v[k] / d.spread[k].powi(2);
+                all += (model_v[k] / d.spread[k]).powi(2);
+            }
+            // What touches change of this sum is small against the voltages, and their share in the scale is a
+            // hundredth of a hundredth.
+            let scale = 1.0 + along / all;
+            if scale.is_finite() && scale > LEAST_SCALE {
+                for k in measurements.iter().copied().filter(|k| d.used[*k]) {
+                    d.y[k] = (d.y[k] - (scale - 1.0) * model_v[k]) / scale;
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::linalg::basis::Basis;
+    use forward::{ElectrodeMatrix, Pattern, Sheet};
+
+    fn imager(drive: Drive) -> Imager {
+        Imager::new(&Sheet::paper(), drive, Pattern::adjacent(16).unwrap(), 10.0).unwrap()
+    }
+
+    /// A resistance in an electrode's wire scales its two drives and does no more.
+    #[test]
+    fn what_a_wire_does_is_undone() {
+        let imager = imager(Drive::PAPER);
+        let contacts = Contacts::new(&imager, ContactOptions::default()).unwrap();
+        let solver = Solver::new(Arc::clone(&imager.model)).unwrap();
+        for ohm in [20.0, 500.0] {
+            let mut potentials = solver.electrode_matrix().potentials_ohm().clone();
+            potentials[(11, 11)] += ohm;
+            let frame = imager
+                .drive
+                .frame_v(&ElectrodeMatrix::from_potentials(potentials), &imager.pattern);
+            let mut d = imager.difference(&imager.model_v, &frame).unwrap();
+            let before = d.y.norm();
+            contacts.even_out(&[11], &imager.model_v, &mut d);
+            assert!(d.y.norm() < 1e-9 * before, "{ohm}");
+        }
+    }
+
+    /// What a contact's impedance does, whatever its size, lies along its shapes.
+    #[test]
+    fn any_change_of_a_contact_lies_along_its_shapes() {
+        for drive in [Drive::PAPER, Drive::Current { amplitude_a: 1e-3 }] {
+            let imager = imager(drive);
+            let mut contacts = Contacts::new(&imager, ContactOptions::default()).unwrap();
+            let mut basis = Basis::default();
+            for column in contacts.shapes(&imager, 4).unwrap().column_iter() {
+                basis.add(column.as_slice());
+            }
+            for factor in [1.1, 1.6, 4.0, 6.0] {
+                let mut contact: Vec<f64> = imager.model.sheet().electrodes.iter().map(|e| e.contact_mm).collect();
+                contact[4] *= factor;
+                let solver = Solver::new(Arc::new(imager.model.with_contacts(&contact).unwrap())).unwrap();
+                let frame = drive.frame_v(solver.electrode_matrix(), &imager.pattern);
+                let mut y: Vec<f64> = frame.iter().zip(&imager.model_v).map(|(v, m)| v - m).collect();
+                let before: f64 = y.iter().map(|v| v * v).sum();
+                assert!(basis.outside(&mut y) < 1e-4 * before, "{drive:?} {factor}");
+            }
+        }
+    }
+}

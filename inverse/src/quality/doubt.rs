@@ -1,0 +1,134 @@
+//! When a frame's touches should not be believed, and why.
+
+use crate::reference::Difference;
+use serde::{Serialize, Serializer};
+use std::fmt;
+
+/// What speaks against a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Doubt {
+    /// Most values are missing, clipped or contradict the others.
+    FewValues {
+        /// How many are used.
+        used: usize,
+        /// Of how many.
+        of: usize,
+    },
+    /// The frame is not that of the sheet whose baseline was taken.
+    NotThisSheet,
+    /// Something changed, but no touches explain it.
+    NotTouches,
+    /// The contact of an electrode changed since the baseline; what it does to the frame is taken out.
+    Contact {
+        /// The electrode, from 0; a person reads it from 1.
+        electrode: usize,
+        /// How many more.
+        more: usize,
+    },
+}
+
+/// When the values of a frame speak against it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DoubtOptions {
+    /// Part of the values that a frame needs. Without three electrodes of sixteen there is half; the touches of such frames
+    /// are still right.
+    pub least_values: f64,
+    /// Largest change over the unpressed values, 2-norms. A whole hand with +300 % changes a tenth of this, a lost or reversed
+    /// source more than this.
+    pub largest_change: f64,
+}
+
+impl Default for DoubtOptions {
+    fn default() -> Self {
+        Self {
+            least_values: 0.5,
+            largest_change: 0.6,
+        }
+    }
+}
+
+impl Doubt {
+    /// What the values themselves say.
+    pub(crate) fn of(difference: &Difference, model_v: &[f64], options: DoubtOptions) -> Option<Self> {
+        let of = difference.used.len();
+        let used = difference.used.iter().filter(|used| **used).count();
+        if (used as f64) < options.least_values * of as f64 {
+            return Some(Self::FewValues { used, of });
+        }
+        let (mut change, mut all) = (0.0, 0.0);
+        for ((y, v), used) in difference.y.iter().zip(model_v).zip(&difference.used) {
+            if *used {
+                change += y * y;
+                all += v * v;
+            }
+        }
+        let small = change <= options.largest_change * options.largest_change * all;
+        (!small).then_some(Self::NotThisSheet)
+    }
+}
+
+impl fmt::Display for Doubt {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::FewValues { used, of } => {
+                write!(
+                    f,
+                    "only {used} of {of} values can be used: look at cables, electrodes and range"
+                )
+            }
+            Self::NotThisSheet => {
+                write!(
+                    f,
+                    "not the sheet of the baseline: look at excitation, cables and multiplexers"
+                )
+            }
+            Self::Contact { electrode, more } => {
+                write!(f, "the contact of electrode {}", electrode + 1)?;
+                if *more > 0 {
+                    write!(f, " and of {more} more")?;
+                }
+                write!(
+                    f,
+                    " changed since the baseline and is left out: look at its clamp and cable, then take a new baseline"
+                )
+            }
+            Self::NotTouches => write!(
+                f,
+                "no touches of the expected size explain the change: shown are the picture's peaks, of other objects or of \
+                 contacts that changed since the baseline"
+            ),
+        }
+    }
+}
+
+impl Serialize for Doubt {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_frame_without_values_or_of_another_sheet_is_doubted() {
+        let model = [1.0, -2.0, 3.0, 4.0];
+        let of = |frame: [f64; 4]| {
+            Doubt::of(
+                &Difference::new(&model, &model, &frame),
+                &model,
+                DoubtOptions::default(),
+            )
+        };
+        assert_eq!(of([1.1, -2.2, 3.3, 4.4]), None);
+        assert_eq!(of([f64::NAN, f64::NAN, 3.0, 4.0]), None);
+        assert_eq!(
+            of([f64::NAN, f64::NAN, f64::NAN, 4.0]),
+            Some(Doubt::FewValues { used: 1, of: 4 })
+        );
+        // A source that is lost, one that is turned round.
+        assert_eq!(of([0.0; 4]), Some(Doubt::NotThisSheet));
+        assert_eq!(of([-1.0, 2.0, -3.0, -4.0]), Some(Doubt::NotThisSheet));
+    }
+}

@@ -1,0 +1,497 @@
+//! Outlier rejection: a lost electrode, a stuck channel, a glitch, found in the frame itself.
+//!
+//! Where values are wrong, reciprocal pairs disagree by more than all the others do. Candidates are every pair of electrodes,
+//! every electrode and every single pair of values. A candidate is rejected when the rest then agrees so much better that
+//! chance would not do it (Fisher's test), and the search goes on with the rest.
+//!
+//! A touch that comes down or moves while a frame is measured makes its pairs disagree as well, because the two values are
+//! measured at different times. What is broken stays broken, mostly by far. In frames that follow one another, a candidate
+//! beyond no doubt is therefore rejected only when frame after frame names it.
+
+use crate::quality::reciprocity::{Disagreement, LEAST_FREEDOM, Reciprocity};
+use crate::reference::Difference;
+use crate::reference::noise::NoiseEstimate;
+use forward::{Drive, Pattern};
+use statrs::distribution::{ContinuousCDF, FisherSnedecor};
+
+/// When values are rejected. Ratios are those of Fisher's test: disagreement of a candidate over that of the rest.
+///
+/// Chosen by hand so that the kinds "dead", "missing" and "stuck" of `cargo run --release -p studies --example touch_accuracy`
+/// (column "counts") lose no touch, and `--example live` (column "count right") rejects nothing sound.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FaultOptions {
+    /// Probability that chance alone rejects anything in a frame. More finds weaker faults and rejects sound values.
+    pub false_alarm: f64,
+    /// Most candidates rejected in a frame.
+    pub most_faults: usize,
+    /// A smaller candidate is preferred when it explains as much of the disagreement, up to this factor of the noise.
+    pub as_good: f64,
+    /// A candidate that disagrees by this many times what chance allows is rejected at once. Motion reaches five times, a lost
+    /// electrode a million.
+    pub at_once: f64,
+    /// A candidate that was rejected stays so above this part of what chance allows: others may disagree beside it.
+    pub stays: f64,
+    /// Other candidates are rejected after so many frames one after the other that name them.
+    pub lasting_frames: usize,
+    /// Candidates whose mean square is below this many times that of the others are not tested: it saves time only.
+    pub worth_a_test: f64,
+}
+
+impl Default for FaultOptions {
+    fn default() -> Self {
+        Self {
+            false_alarm: 1e-6,
+            most_faults: 4,
+            as_good: 1.2,
+            at_once: 30.0,
+            stays: 0.3,
+            lasting_frames: 4,
+            worth_a_test: 2.5,
+        }
+    }
+}
+
+/// Finds faults in frames of one pattern, by reciprocity.
+#[derive(Clone, Debug)]
+pub struct FaultDetector {
+    reciprocity: Reciprocity,
+    search: OutlierSearch,
+}
+
+impl FaultDetector {
+    /// For the frames of a pattern, which are measured one after another or have nothing to do with each other.
+    pub fn new(pattern: &Pattern, drive: Drive, sequence: bool, options: FaultOptions) -> Self {
+        Self {
+            reciprocity: Reciprocity::new(pattern, drive),
+            search: OutlierSearch::new(pattern, sequence, options),
+        }
+    }
+
+    /// Whether a candidate is named that is not rejected yet: then every frame counts.
+    pub fn is_open(&self) -> bool {
+        self.search.is_open()
+    }
+
+    /// Forgets all that earlier frames said.
+    pub fn clear(&mut self) {
+        self.search.named.clear();
+    }
+
+    /// Rejects the values of a difference that cannot be believed (their `used` becomes false). Returns the noise that is
+    /// estimated from the rest, `None` where the pattern has too few reciprocal pairs.
+    ///
+    /// Nothing is allocated where all can be believed and the same values take part as in the frame before.
+    pub fn judge(&mut self, model_v: &[f64], d: &mut Difference) -> Option<NoiseEstimate> {
+        self.search.run(&mut self.reciprocity, model_v, d)
+    }
+}
+
+/// The search for candidates without which the rest agrees.
+#[derive(Clone, Debug)]
+struct OutlierSearch {
+    options: FaultOptions,
+    /// Measurements of every candidate, the smaller candidates first: pairs of electrodes, then electrodes.
+    candidates: Vec<Vec<bool>>,
+    /// Freedom and pairs, and the limit of a single pair at them.
+    limit: Option<((usize, usize), f64)>,
+    /// A frame without each of the candidates.
+    without: Vec<Without>,
+    /// Whether frames follow one another.
+    sequence: bool,
+    /// Candidates of the last frame, and how many frames named them one after another.
+    named: Vec<(Candidate, usize)>,
+    /// Those of the frame before it.
+    earlier: Vec<(Candidate, usize)>,
+}
+
+/// Who disagrees.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Candidate {
+    /// One of the list.
+    Listed(usize),
+    /// A value and its reciprocal.
+    Values([usize; 2]),
+}
+
+/// A candidate that is to be left out.
+struct Outlier {
+    who: Candidate,
+    /// What is used without it, and how that agrees.
+    used: Vec<bool>,
+    rest: Disagreement,
+    /// How many times as much it disagrees as chance allows.
+    by: f64,
+}
+
+/// A frame without a candidate: what does not change from frame to frame.
+#[derive(Clone, Debug)]
+struct Without {
+    used: Vec<bool>,
+    reciprocity: Reciprocity,
+    /// Values left out, freedom and tries, and the limit at them.
+    limit: Option<((usize, usize, usize), f64)>,
+}
+
+impl Without {
+    fn new(reciprocity: &Reciprocity) -> Self {
+        Self {
+            used: Vec::new(),
+            reciprocity: reciprocity.clone(),
+            limit: None,
+        }
+    }
+}
+
+impl OutlierSearch {
+    /// Lists the candidates of a pattern, for frames that are measured one after another or have nothing to do with each other.
+    fn new(pattern: &Pattern, sequence: bool, options: FaultOptions) -> Self {
+        let measurements = pattern.measurements();
+        let same = |a: forward::Pair, b: forward::Pair| a == b || a == b.reversed();
+        let pairs = pattern.drives().iter().map(|p| {
+            measurements
+                .iter()
+                .map(|m| same(m.drive, *p) || same(m.sense, *p))
+                .collect()
+        });
+        let electrodes = (0..pattern.electrodes()).map(|l| {
+            let touches = |p: forward::Pair| p.plus == l || p.minus == l;
+            measurements
+                .iter()
+                .map(|m| touches(m.drive) || touches(m.sense))
+                .collect()
+        });
+        Self {
+            options,
+            candidates: pairs.chain(electrodes).collect(),
+            limit: None,
+            without: Vec::new(),
+            sequence,
+            named: Vec::new(),
+            earlier: Vec::new(),
+        }
+    }
+
+    fn is_open(&self) -> bool {
+        self.sequence
+            && self
+                .named
+                .iter()
+                .any(|(_, frames)| *frames < self.options.lasting_frames)
+    }
+
+    fn run(&mut self, reciprocity: &mut Reciprocity, model_v: &[f64], d: &mut Difference) -> Option<NoiseEstimate> {
+        if self.without.len() != self.candidates.len() {
+            self.without = self.candidates.iter().map(|_| Without::new(reciprocity)).collect();
+        }
+        std::mem::swap(&mut self.named, &mut self.earlier);
+        self.named.clear();
+        let (now, leverage) = reciprocity.look(&d.y, model_v, &d.spread, &d.used)?;
+        if !self.may_hold_outliers(now, leverage, model_v, d) {
+            return now.noise();
+        }
+        let mut now = now.clone();
+        for _ in 0..self.options.most_faults {
+            let look = |used: &[bool]| reciprocity.disagreement(&d.y, model_v, &d.spread, used);
+            // Whoever was left out before comes first: nobody else's motion brings it back.
+            let left_out = |who: &Candidate| {
+                let named =
+                    |(other, frames): &(Candidate, usize)| other == who && *frames >= self.options.lasting_frames;
+                self.sequence && self.earlier.iter().any(named) && !self.named.iter().any(|(other, _)| other == who)
+            };
+            let again = self.worst(&now, &d.used, look, left_out, self.options.stays);
+            let Some(is_outlier) = again.or_else(|| self.worst(&now, &d.used, look, |_| true, 1.0)) else {
+                break;
+            };
+            let before = self.earlier.iter().find(|(who, _)| *who == is_outlier.who);
+            let frames = match before {
+                _ if is_outlier.by >= self.options.at_once => self.options.lasting_frames,
+                Some((_, frames)) => frames + 1,
+                None => 1,
+            };
+            self.named.push((is_outlier.who, frames));
+            if self.sequence && frames < self.options.lasting_frames {
+                break;
+            }
+            let Outlier { used, rest: better, .. } = is_outlier;
+            for (y, used) in d.y.iter_mut().zip(&used) {
+                if !used {
+                    *y = 0.0;
+                }
+            }
+            d.used = used;
+            now = better;
+        }
+        now.noise()
+    }
+
+    /// Whether anything might be left out: a single pair by chance alone, or a candidate that is worth a look.
+    fn may_hold_outliers(&mut self, now: &Disagreement, leverage: &[f64], model_v: &[f64], d: &Difference) -> bool {
+        let worst = now
+            .left
+            .iter()
+            .zip(leverage)
+            .max_by(|a, b| a.0.abs().total_cmp(&b.0.abs()));
+        let Some((left, leverage)) = worst else { return false };
+        if now.freedom < 2 {
+            return false;
+        }
+        let gone = left * left / (1.0 - leverage).max(f64::EPSILON);
+        let freedom = now.freedom - 1;
+        let rest = (now.square - gone).max(0.0) / freedom as f64;
+        let limit = match self.limit {
+            Some((known, limit)) if known == (freedom, now.pairs.len()) => limit,
+            _ => limit(
+                1,
+                freedom,
+                self.candidates.len() + now.pairs.len(),
+                self.options.false_alarm,
+            ),
+        };
+        self.limit = Some(((freedom, now.pairs.len()), limit));
+        let believed = gone <= limit * rest;
+        // What is no number is not.
+        !believed
+            || (0..self.candidates.len()).any(|k| self.worth_a_test(k, now) && self.is_outlier(k, now, model_v, d))
+    }
+
+    /// Whether a frame agrees better without a candidate than by chance.
+    fn is_outlier(&mut self, candidate: usize, now: &Disagreement, model_v: &[f64], d: &Difference) -> bool {
+        let tries = self.candidates.len() + now.pairs.len();
+        let Some(without) = self.without.get_mut(candidate) else {
+            return true;
+        };
+        without.used.clear();
+        without.used.extend(
+            d.used
+                .iter()
+                .zip(&self.candidates[candidate])
+                .map(|(used, s)| *used && !s),
+        );
+        let rest = without
+            .reciprocity
+            .look(&d.y, model_v, &d.spread, &without.used)
+            .map(|(rest, _)| (rest.square, rest.freedom));
+        let Some((square, freedom)) = rest.filter(|(_, freedom)| *freedom >= LEAST_FREEDOM) else {
+            return false;
+        };
+        let gone = now.freedom.saturating_sub(freedom);
+        let limit = match without.limit {
+            Some((known, limit)) if known == (gone, freedom, tries) => limit,
+            _ => limit(gone, freedom, tries, self.options.false_alarm),
+        };
+        without.limit = Some(((gone, freedom, tries), limit));
+        let chance = (now.square - square) / gone as f64 <= limit * square / freedom as f64;
+        gone > 0 && !chance
+    }
+
+    fn worth_a_test(&self, candidate: usize, now: &Disagreement) -> bool {
+        let candidate = &self.candidates[candidate];
+        let (mut inside, mut outside, mut count) = (0.0, 0.0, 0);
+        for (pair, left) in now.pairs.iter().zip(&now.left) {
+            if candidate[pair[0]] || candidate[pair[1]] {
+                inside += left * left;
+                count += 1;
+            } else {
+                outside += left * left;
+            }
+        }
+        let others = now.pairs.len() - count;
+        count > 0 && others > 0 && inside / count as f64 > self.options.worth_a_test * outside / others as f64
+    }
+
+    /// The candidate among some without which the rest agrees best, if that is more than this part of what chance allows.
+    fn worst(
+        &self,
+        now: &Disagreement,
+        used: &[bool],
+        look: impl Fn(&[bool]) -> Option<Disagreement>,
+        among: impl Fn(&Candidate) -> bool,
+        part: f64,
+    ) -> Option<Outlier> {
+        let mut chosen: Option<(f64, Outlier)> = None;
+        let mut consider = |who: Candidate, used: Vec<bool>| {
+            let Some(rest) = look(&used) else { return };
+            let Some(noise) = rest.noise() else { return };
+            let gone = now.freedom.saturating_sub(rest.freedom);
+            if gone == 0 {
+                return;
+            }
+            let ratio = (now.square - rest.square) / gone as f64 / noise.sigma.powi(2).max(f64::MIN_POSITIVE);
+            let limit = limit(
+                gone,
+                rest.freedom,
+                self.candidates.len() + now.pairs.len(),
+                self.options.false_alarm,
+            );
+            if ratio > part * limit
+                && chosen
+                    .as_ref()
+                    .is_none_or(|(sigma, ..)| noise.sigma * self.options.as_good < *sigma)
+            {
+                let by = ratio / limit;
+                chosen = Some((noise.sigma, Outlier { who, used, rest, by }));
+            }
+        };
+        // One pair of values: the one that disagrees most.
+        let pairs = now
+            .left
+            .iter()
+            .zip(&now.pairs)
+            .filter(|(_, pair)| among(&Candidate::Values(**pair)));
+        if let Some((_, pair)) = pairs.max_by(|a, b| a.0.abs().total_cmp(&b.0.abs())) {
+            let mut without = used.to_vec();
+            pair.iter().for_each(|m| without[*m] = false);
+            consider(Candidate::Values(*pair), without);
+        }
+        for (k, candidate) in self.candidates.iter().enumerate() {
+            if among(&Candidate::Listed(k)) && self.worth_a_test(k, now) {
+                consider(
+                    Candidate::Listed(k),
+                    used.iter().zip(candidate).map(|(u, s)| *u && !s).collect(),
+                );
+            }
+        }
+        chosen.map(|(_, is_outlier)| is_outlier)
+    }
+}
+
+/// How many times the noise the mean square of what is left out may be by chance.
+fn limit(gone: usize, freedom: usize, tries: usize, false_alarm: f64) -> f64 {
+    FisherSnedecor::new(gone as f64, freedom as f64)
+        .map_or(f64::INFINITY, |f| f.inverse_cdf(1.0 - false_alarm / tries as f64))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use forward::Drive;
+    use nalgebra::DVector;
+    use rand::{Rng, SeedableRng};
+    use rand_distr::StandardNormal;
+
+    struct Frames {
+        pattern: Pattern,
+        model_v: Vec<f64>,
+        rng: rand::rngs::StdRng,
+    }
+
+    impl Frames {
+        fn new() -> Self {
+            let pattern = Pattern::adjacent(16).unwrap();
+            let model_v = vec![1.0; pattern.len()];
+            Self {
+                pattern,
+                model_v,
+                rng: rand::rngs::StdRng::seed_from_u64(5),
+            }
+        }
+
+        fn quiet(&mut self) -> Difference {
+            let n = self.pattern.len();
+            let y = DVector::from_fn(n, |_, _| 1e-4 * self.rng.sample::<f64, _>(StandardNormal));
+            Difference {
+                y,
+                used: vec![true; n],
+                spread: vec![1.0; n],
+            }
+        }
+
+        fn judge(&self, d: &mut Difference) -> f64 {
+            let mut faults = FaultDetector::new(&self.pattern, Drive::PAPER, false, FaultOptions::default());
+            faults.judge(&self.model_v, d).unwrap().sigma
+        }
+    }
+
+    #[test]
+    fn sound_frames_are_left_alone() {
+        let mut frames = Frames::new();
+        for _ in 0..300 {
+            let mut d = frames.quiet();
+            frames.judge(&mut d);
+            assert!(d.used.iter().all(|u| *u));
+        }
+    }
+
+    #[test]
+    fn a_lost_electrode_is_left_out_and_no_more() {
+        let mut frames = Frames::new();
+        for l in 0..16 {
+            let mut d = frames.quiet();
+            let touches: Vec<bool> = frames
+                .pattern
+                .measurements()
+                .iter()
+                .map(|m| [m.drive.plus, m.drive.minus, m.sense.plus, m.sense.minus].contains(&l))
+                .collect();
+            for (y, _) in d.y.iter_mut().zip(&touches).filter(|(_, t)| **t) {
+                *y = frames.rng.random_range(-2.0..2.0);
+            }
+            let sigma = frames.judge(&mut d);
+            assert!((sigma / 1e-4 - 1.0).abs() < 0.35, "{l}: {sigma}");
+            assert!(d.used.iter().zip(&touches).all(|(u, t)| *u != *t), "{l}");
+        }
+    }
+
+    /// Leverage tells what leaving a pair out would.
+    #[test]
+    fn a_pair_left_out_takes_what_its_leverage_says() {
+        let mut frames = Frames::new();
+        let d = frames.quiet();
+        let mut reciprocity = Reciprocity::new(&frames.pattern, Drive::PAPER);
+        let (all, leverage) = reciprocity.look(&d.y, &frames.model_v, &d.spread, &d.used).unwrap();
+        let (all, leverage) = (all.clone(), leverage.to_vec());
+        for k in [0, 17, 103] {
+            let mut used = d.used.clone();
+            all.pairs[k].iter().for_each(|m| used[*m] = false);
+            let rest = reciprocity
+                .disagreement(&d.y, &frames.model_v, &d.spread, &used)
+                .unwrap();
+            let fall = all.left[k].powi(2) / (1.0 - leverage[k]);
+            assert!((all.square - rest.square - fall).abs() < 1e-9 * all.square, "{k}");
+            assert_eq!((all.freedom, rest.freedom), (89, 88));
+        }
+    }
+
+    #[test]
+    fn a_glitch_takes_its_pair_only() {
+        let mut frames = Frames::new();
+        let mut d = frames.quiet();
+        d.y[77] = 0.5;
+        let sigma = frames.judge(&mut d);
+        assert!((sigma / 1e-4 - 1.0).abs() < 0.35, "{sigma}");
+        assert!(!d.used[77] && d.used.iter().filter(|u| !**u).count() == 2);
+    }
+
+    #[test]
+    fn in_a_sequence_what_is_broken_beyond_doubt_goes_at_once_and_the_rest_when_it_lasts() {
+        let mut frames = Frames::new();
+        let options = FaultOptions::default();
+        let mut faults = FaultDetector::new(&frames.pattern, Drive::PAPER, true, options);
+        // Whether values 77 and 140, off by so much, are left out of the next frame, in which others are not measured.
+        let mut left_out = |errors: [f64; 2], missing: usize| {
+            let mut d = frames.quiet();
+            d.used[missing] = missing == 77;
+            (d.y[77], d.y[140]) = (errors[0], errors[1]);
+            faults.judge(&frames.model_v, &mut d);
+            ([!d.used[77], !d.used[140]], faults.is_open())
+        };
+        assert_eq!(left_out([0.5, 0.0], 77), ([true, false], false));
+        assert_eq!(left_out([0.0, 0.0], 77), ([false, false], false));
+        // Fifteen times the noise; what else is missing does not matter.
+        for frame in 1..3 * options.lasting_frames {
+            let lasts = frame >= options.lasting_frames;
+            assert_eq!(
+                left_out([1.5e-3, 0.0], 10 + frame % 3),
+                ([lasts, false], !lasts),
+                "{frame}"
+            );
+        }
+        // A second one waits for as long, and the first stays out, whichever is the worse.
+        for frame in 1..3 * options.lasting_frames {
+            let lasts = frame >= options.lasting_frames;
+            assert_eq!(left_out([1.5e-3, 1.8e-3], 77), ([true, lasts], !lasts), "{frame}");
+        }
+        assert_eq!(left_out([0.0, 0.0], 77), ([false, false], false));
+        assert_eq!(left_out([1.5e-3, 0.0], 77), ([false, false], true));
+    }
+}

@@ -1,0 +1,6 @@
+//! What can be believed of a frame: noise by reciprocity, faults of electrodes, contacts that changed, doubts.
+
+pub mod contact;
+pub mod doubt;
+pub mod faults;
+pub mod reciprocity;

@@ -1,0 +1,60 @@
+//! What changed against a baseline, in volts of the model.
+
+use nalgebra::DVector;
+
+/// A normalised difference.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Difference {
+    /// `V_model (V / V_baseline - 1)`; 0 where the value is not used.
+    pub y: DVector<f64>,
+    /// Which values take part.
+    pub used: Vec<bool>,
+    /// Noise of every value relative to the others: `V_model / V_baseline` over its median.
+    pub spread: Vec<f64>,
+}
+
+/// A baseline below this fraction of its median is too small to divide by.
+const LEAST_BASELINE: f64 = 1e-3;
+
+impl Difference {
+    /// Of a frame (any unit) to its baseline (the same unit), all of one length.
+    ///
+    /// Values that are not finite, in either, and values whose baseline is too small to divide by are left out.
+    pub(crate) fn new(model_v: &[f64], baseline: &[f64], frame: &[f64]) -> Self {
+        let mut sizes: Vec<f64> = baseline.iter().map(|v| v.abs()).filter(|v| v.is_finite()).collect();
+        sizes.sort_by(f64::total_cmp);
+        let least = sizes.get(sizes.len() / 2).map_or(f64::INFINITY, |m| LEAST_BASELINE * m);
+        let used: Vec<bool> = baseline
+            .iter()
+            .zip(frame)
+            .map(|(b, v)| b.is_finite() && v.is_finite() && b.abs() > least)
+            .collect();
+        let mut spread: Vec<f64> = model_v
+            .iter()
+            .zip(baseline)
+            .zip(&used)
+            .map(|((m, b), used)| if *used { (m / b).abs() } else { 1.0 })
+            .collect();
+        let mut gains: Vec<f64> = spread.iter().zip(&used).filter(|(_, u)| **u).map(|(s, _)| *s).collect();
+        gains.sort_by(f64::total_cmp);
+        let median = gains.get(gains.len() / 2).copied().unwrap_or(1.0);
+        for (s, used) in spread.iter_mut().zip(&used) {
+            *s = if *used { *s / median } else { 1.0 };
+        }
+        let mut difference = Self {
+            y: DVector::zeros(model_v.len()),
+            used,
+            spread,
+        };
+        difference.fill(model_v, baseline, frame);
+        difference
+    }
+
+    /// Gives it the values of another frame; which take part stays.
+    pub(crate) fn fill(&mut self, model_v: &[f64], baseline: &[f64], frame: &[f64]) {
+        let volts = model_v.iter().zip(baseline).zip(frame);
+        for ((y, used), ((m, b), v)) in self.y.iter_mut().zip(&self.used).zip(volts) {
+            *y = if *used { m * (v / b - 1.0) } else { 0.0 };
+        }
+    }
+}

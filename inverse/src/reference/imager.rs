@@ -1,0 +1,181 @@
+//! The model side of a picture: what the unpressed sheet gives, how it answers to every cell, and the normalised
+//! difference that connects a measured frame to both.
+
+use crate::reference::difference::Difference;
+use crate::solvers::Method;
+use forward::{CellError, CellGrid, Drive, ForwardError, Model, ModelOptions, Pattern, Sensitivity, Sheet, Solver};
+use nalgebra::DMatrix;
+use std::sync::Arc;
+use thiserror::Error;
+
+/// Why no imager could be made.
+#[derive(Clone, Debug, Error, PartialEq)]
+#[non_exhaustive]
+pub enum ImagerError {
+    /// The sheet or its model.
+    #[error(transparent)]
+    Forward(#[from] ForwardError),
+    /// The cells.
+    #[error(transparent)]
+    Cells(#[from] CellError),
+    /// Pattern and sheet do not belong together.
+    #[error(
+        "the measurements are of {pattern} electrodes, but the sheet has {sheet}; describe the sheet that was measured"
+    )]
+    Electrodes {
+        /// Of the pattern.
+        pattern: usize,
+        /// Of the sheet.
+        sheet: usize,
+    },
+    /// A frame or a baseline that does not belong to the pattern.
+    #[error("{given} values were given for {expected} measurements; give a value for each, in the pattern's order")]
+    Baseline {
+        /// Values given.
+        given: usize,
+        /// Values expected.
+        expected: usize,
+    },
+}
+
+/// The unpressed sheet as the model sees it, and its sensitivity. Immutable.
+#[derive(Clone, Debug)]
+pub struct Imager {
+    /// The sheet made ready to solve.
+    pub model: Arc<Model>,
+    /// The measurements, in the order of all vectors.
+    pub pattern: Pattern,
+    /// The drive.
+    pub drive: Drive,
+    /// The cells of the picture.
+    pub grid: CellGrid,
+    /// Voltages of the unpressed sheet, V.
+    pub model_v: Vec<f64>,
+    /// Change of every voltage (V) for a unit relative rise of every cell.
+    pub sensitivity: DMatrix<f64>,
+    /// Rim of the sheet, mm.
+    pub outline_mm: Vec<[f64; 2]>,
+    /// Centres of the electrodes, mm.
+    pub electrodes_mm: Vec<[f64; 2]>,
+    /// Covariance of what is uncertain of the electrodes: the logarithms of their contact impedances, then their places
+    /// along the rim (mm). None where they are taken as certain.
+    pub electrode_covariance: Option<DMatrix<f64>>,
+}
+
+impl Imager {
+    /// Models a sheet.
+    ///
+    /// # Errors
+    /// [`ImagerError`] names what does not fit.
+    pub fn new(sheet: &Sheet, drive: Drive, pattern: Pattern, cell_mm: f64) -> Result<Self, ImagerError> {
+        if pattern.electrodes() != sheet.electrodes.len() {
+            return Err(ImagerError::Electrodes {
+                pattern: pattern.electrodes(),
+                sheet: sheet.electrodes.len(),
+            });
+        }
+        let model = Arc::new(Model::new(sheet, &ModelOptions::default())?);
+        let grid = CellGrid::new(model.geometry(), cell_mm)?;
+        let solver = Solver::new(model.clone())?;
+        let matrix = solver.electrode_matrix();
+        let sensitivity = Sensitivity::by_cell(&solver, &grid).matrix_v(drive, matrix, &pattern);
+        Ok(Self {
+            model_v: drive.frame_v(matrix, &pattern),
+            sensitivity,
+            outline_mm: model.geometry().outline().polyline().to_vec(),
+            electrodes_mm: model.geometry().electrode_centres(),
+            model,
+            pattern,
+            drive,
+            grid,
+            electrode_covariance: None,
+        })
+    }
+
+    /// How far the sheet reaches from the origin, mm.
+    pub fn reach_mm(&self) -> f64 {
+        self.outline_mm.iter().map(|p| p[0].hypot(p[1])).fold(0.0, f64::max)
+    }
+
+    /// Models a sheet as a method wants it: for the paper's, [`Method::LawsonHanson`], the sensitivity is that of a constant
+    /// current (the paper's eq. 3), which leaves out that a voltage source gives a touched sheet less current. With what it
+    /// leaves out there are x > 0 with S x = 0, and without a ridge positivity constrains nothing.
+    ///
+    /// # Errors
+    /// See [`Imager::new`].
+    pub fn for_method(
+        method: Method,
+        sheet: &Sheet,
+        drive: Drive,
+        pattern: Pattern,
+        cell_mm: f64,
+    ) -> Result<Self, ImagerError> {
+        if method != Method::LawsonHanson {
+            return Self::new(sheet, drive, pattern, cell_mm);
+        }
+        let constant = Self::new(sheet, Drive::Current { amplitude_a: 1.0 }, pattern.clone(), cell_mm)?;
+        let mut imager = Self::new(sheet, drive, pattern, cell_mm)?;
+        imager.sensitivity = constant.sensitivity;
+        let volts = imager.model_v.iter().zip(&constant.model_v);
+        for (mut row, (v, constant)) in imager.sensitivity.row_iter_mut().zip(volts) {
+            row *= v / constant;
+        }
+        Ok(imager)
+    }
+
+    /// The normalised difference of a frame (any unit) to its baseline (the same unit).
+    ///
+    /// Values that are not finite, in either, and values whose baseline is too small to divide by are left out.
+    ///
+    /// # Errors
+    /// [`ImagerError::Baseline`] when the lengths do not match the pattern.
+    pub fn difference(&self, baseline: &[f64], frame: &[f64]) -> Result<Difference, ImagerError> {
+        self.fits(baseline, frame)?;
+        Ok(Difference::new(&self.model_v, baseline, frame))
+    }
+
+    /// Whether a baseline and a frame have a value for every measurement.
+    pub(crate) fn fits(&self, baseline: &[f64], frame: &[f64]) -> Result<(), ImagerError> {
+        match [baseline.len(), frame.len()]
+            .into_iter()
+            .find(|n| *n != self.pattern.len())
+        {
+            Some(given) => Err(ImagerError::Baseline {
+                given,
+                expected: self.pattern.len(),
+            }),
+            None => Ok(()),
+        }
+    }
+
+    /// Volts of the model for one volt of a baseline: the median over its values.
+    pub fn gain(&self, baseline: &[f64]) -> f64 {
+        let mut gains: Vec<f64> = self
+            .model_v
+            .iter()
+            .zip(baseline)
+            .map(|(m, b)| (m / b).abs())
+            .filter(|g| g.is_finite())
+            .collect();
+        gains.sort_by(f64::total_cmp);
+        gains.get(gains.len() / 2).copied().unwrap_or(1.0)
+    }
+
+    /// Correlation of a baseline with the unpressed model over the values in use: above 0.95 when electrode order, sense
+    /// of turn and sign are right.
+    pub fn correlation(&self, baseline: &[f64]) -> f64 {
+        let (mut ab, mut aa, mut bb) = (0.0, 0.0, 0.0);
+        for (a, b) in baseline.iter().zip(&self.model_v) {
+            if a.is_finite() {
+                ab += a * b;
+                aa += a * a;
+                bb += b * b;
+            }
+        }
+        if aa > 0.0 && bb > 0.0 {
+            ab / (aa * bb).sqrt()
+        } else {
+            0.0
+        }
+    }
+}

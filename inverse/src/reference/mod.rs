@@ -1,0 +1,11 @@
+//! What frames are compared with: the baseline, the model of the sheet it was taken on, and what it says of the electrodes.
+
+pub mod baseline;
+mod difference;
+pub mod electrode_fit;
+pub mod imager;
+pub mod noise;
+mod taken;
+
+pub use difference::Difference;
+pub use taken::Reference;

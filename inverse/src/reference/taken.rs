@@ -1,0 +1,173 @@
+//! What frames are compared with, made once.
+
+use crate::reference::baseline::Baseline;
+use crate::reference::difference::Difference;
+use crate::reference::imager::{Imager, ImagerError};
+use crate::reference::noise::{FrameNoise, NoiseEstimate, NoiseSource};
+use std::sync::Arc;
+
+/// A sheet, its model and its baseline. Immutable: another baseline is another reference.
+#[derive(Clone, Debug)]
+pub struct Reference {
+    imager: Arc<Imager>,
+    baseline: Vec<f64>,
+    /// The baseline's difference to itself: which values take part, and how they scatter.
+    unchanged: Difference,
+    noise: Option<f64>,
+    /// 0 for a baseline without noise.
+    baseline_share: f64,
+}
+
+impl Reference {
+    /// A baseline (any unit, in the pattern's order; not a number where a value is missing) on an imager's sheet.
+    ///
+    /// A noise that is not a positive number counts as unknown.
+    ///
+    /// # Errors
+    /// [`ImagerError::Baseline`] when its length does not match the pattern.
+    pub fn new(imager: Arc<Imager>, baseline: Vec<f64>, noise: FrameNoise) -> Result<Self, ImagerError> {
+        let unchanged = imager.difference(&baseline, &baseline)?;
+        let (noise, baseline_share) = match noise {
+            FrameNoise::Known { sigma, baseline_frames } if sigma > 0.0 && sigma.is_finite() => {
+                let share = baseline_frames.filter(|n| *n > 0).map_or(0.0, |n| 1.0 / n as f64);
+                let sigma = sigma * imager.gain(&baseline) * (1.0 + share).sqrt();
+                (Some(sigma).filter(|s| *s > 0.0 && s.is_finite()), share)
+            }
+            _ => (None, 0.0),
+        };
+        Ok(Self {
+            imager,
+            baseline,
+            unchanged,
+            noise,
+            baseline_share,
+        })
+    }
+
+    /// Frames of the unpressed sheet as the baseline, with the noise that they show.
+    ///
+    /// # Errors
+    /// As for [`Reference::new`].
+    pub fn of(imager: Arc<Imager>, baseline: &Baseline) -> Result<Self, ImagerError> {
+        let noise = FrameNoise::Known {
+            sigma: baseline.noise_v,
+            baseline_frames: Some(baseline.frames),
+        };
+        Self::new(imager, baseline.values_v.clone(), noise)
+    }
+
+    /// The model of the sheet.
+    pub fn imager(&self) -> &Arc<Imager> {
+        &self.imager
+    }
+
+    /// The baseline, in its own unit.
+    pub fn baseline(&self) -> &[f64] {
+        &self.baseline
+    }
+
+    /// Noise of one value of a frame's difference, where it is known.
+    pub fn noise(&self) -> Option<NoiseEstimate> {
+        self.noise.map(|sigma| NoiseEstimate {
+            sigma,
+            source: NoiseSource::Known,
+        })
+    }
+
+    /// Variance of the baseline's noise over that of one frame's.
+    pub fn baseline_share(&self) -> f64 {
+        self.baseline_share
+    }
+
+    /// The baseline's difference to itself: 0, with the values that take part and their spread.
+    pub(crate) fn unchanged(&self) -> &Difference {
+        &self.unchanged
+    }
+
+    /// The normalised difference of a frame (the baseline's unit).
+    ///
+    /// # Errors
+    /// [`ImagerError::Baseline`] when its length does not match the pattern.
+    pub fn difference(&self, frame: &[f64]) -> Result<Difference, ImagerError> {
+        let mut difference = self.unchanged.clone();
+        self.difference_into(frame, &mut difference)?;
+        Ok(difference)
+    }
+
+    /// The same into a difference that was this reference's before: nothing is allocated where the frame has all values
+    /// that the baseline has.
+    pub(crate) fn difference_into(&self, frame: &[f64], difference: &mut Difference) -> Result<(), ImagerError> {
+        self.imager.fits(&self.baseline, frame)?;
+        let whole = self
+            .unchanged
+            .used
+            .iter()
+            .zip(frame)
+            .all(|(used, v)| !used || v.is_finite());
+        if whole {
+            difference.used.clone_from(&self.unchanged.used);
+            difference.spread.clone_from(&self.unchanged.spread);
+            difference.fill(&self.imager.model_v, &self.baseline, frame);
+        } else {
+            *difference = Difference::new(&self.imager.model_v, &self.baseline, frame);
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use forward::{Drive, Pattern, Sheet};
+
+    fn imager() -> Arc<Imager> {
+        Arc::new(Imager::new(&Sheet::paper(), Drive::PAPER, Pattern::adjacent(16).unwrap(), 20.0).unwrap())
+    }
+
+    #[test]
+    fn one_after_the_other_is_as_each_by_itself() {
+        let imager = imager();
+        let mut baseline = imager.model_v.clone();
+        baseline[3] = f64::NAN;
+        baseline[4] = 1e-9 * baseline[5];
+        let reference = Reference::new(Arc::clone(&imager), baseline.clone(), FrameNoise::Unknown).unwrap();
+        let mut before = reference.difference(&baseline).unwrap();
+        assert!(before.y.iter().all(|y| *y == 0.0));
+        for missing in [None, Some(7), None, Some(9)] {
+            let mut frame: Vec<f64> = baseline.iter().map(|v| 1.1 * v).collect();
+            if let Some(k) = missing {
+                frame[k] = f64::INFINITY;
+            }
+            reference.difference_into(&frame, &mut before).unwrap();
+            assert_eq!(before, Difference::new(&imager.model_v, &baseline, &frame));
+            assert!(missing.is_none_or(|k| !before.used[k]) && !before.used[3] && !before.used[4]);
+        }
+        assert!(reference.difference(&baseline[1..]).is_err());
+    }
+
+    /// The difference to a mean of n frames has 1 + 1/n times a frame's variance.
+    #[test]
+    fn the_baseline_adds_its_share_of_the_noise() {
+        let imager = imager();
+        let sigma = |baseline_frames| {
+            let noise = FrameNoise::Known {
+                sigma: 1e-3,
+                baseline_frames,
+            };
+            let baseline = imager.model_v.iter().map(|v| 0.5 * v).collect();
+            let reference = Reference::new(Arc::clone(&imager), baseline, noise).unwrap();
+            reference.noise().unwrap().sigma
+        };
+        // A baseline of half the model's volts: the model has a gain of two.
+        assert!((sigma(None) / 2e-3 - 1.0).abs() < 1e-12);
+        assert!((sigma(Some(4)) / 2e-3 - 1.25_f64.sqrt()).abs() < 1e-12);
+        for sigma in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            let noise = FrameNoise::Known {
+                sigma,
+                baseline_frames: None,
+            };
+            let reference = Reference::new(Arc::clone(&imager), imager.model_v.clone(), noise).unwrap();
+            assert_eq!(reference.noise(), None);
+        }
+    }
+}

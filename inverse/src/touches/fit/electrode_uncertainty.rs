@@ -1,0 +1,143 @@
+//! How far touches are shifted by what is uncertain of the electrodes.
+//!
+//! No frame shows that its electrodes are not where the model has them: a difference to the baseline that touches explain
+//! looks the same with all of them a little elsewhere. So this part of a touch's uncertainty is worked out beforehand. For
+//! every direction in which the electrodes are uncertain the sheet is modelled with them one standard deviation off, the
+//! answer to a touch taken in that model, and the model in use fitted to it to first order.
+
+use crate::reference::imager::Imager;
+use forward::{Model, ModelOptions, Sensitivity, Solver};
+use nalgebra::{DMatrix, DVector, Matrix4, SymmetricEigen, Vector4};
+use std::sync::Arc;
+
+/// Most directions of the electrodes' uncertainty that are followed: a fit to the baseline leaves three (all of them
+/// turned, or spread out along a diameter, which a disc hardly shows) and little else.
+const MOST_DIRECTIONS: usize = 6;
+/// A direction with less than this part of the variance is left out.
+const LEAST_PART: f64 = 1e-3;
+/// Standard deviation of the bump that stands for a touch, over the radius of a touch: its second moment.
+const WIDTH: f64 = 0.5;
+/// The bump ends at so many of its standard deviations.
+const REACH: f64 = 3.0;
+
+/// Variance of x and y (mm²) from the electrodes' uncertainty, cell by cell.
+#[derive(Clone, Debug)]
+pub struct Placement {
+    variance: Vec<[f64; 2]>,
+}
+
+impl Placement {
+    /// For touches of about this radius; `None` when the imager's electrodes are taken as certain or a sheet with them
+    /// elsewhere cannot be modelled.
+    pub fn new(imager: &Imager, radius_mm: f64) -> Option<Self> {
+        let covariance = imager.electrode_covariance.as_ref()?;
+        let eigen = SymmetricEigen::new(covariance.clone());
+        let total = eigen.eigenvalues.sum().max(f64::MIN_POSITIVE);
+        let mut order: Vec<usize> = (0..eigen.eigenvalues.len()).collect();
+        order.sort_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]));
+        let cells = imager.grid.len();
+        let slopes: Vec<Option<Slopes>> = (0..cells)
+            .map(|cell| Slopes::new(imager, &imager.sensitivity, cell, radius_mm))
+            .collect();
+        let mut variance = vec![[0.0; 2]; cells];
+        for k in order.into_iter().take(MOST_DIRECTIONS) {
+            if eigen.eigenvalues[k] < LEAST_PART * total {
+                break;
+            }
+            let off = eigen.eigenvectors.column(k) * eigen.eigenvalues[k].sqrt();
+            let answers = answers_with(imager, &off.into_owned())?;
+            for (cell, (slopes, variance)) in slopes.iter().zip(&mut variance).enumerate() {
+                let Some(slopes) = slopes else { continue };
+                let bump = bump(imager, &answers, cell, radius_mm).0;
+                let shift = slopes.fitted(&(bump - &slopes.bump));
+                variance[0] += shift[0] * shift[0];
+                variance[1] += shift[1] * shift[1];
+            }
+        }
+        Some(Self { variance })
+    }
+
+    /// Variance of x and y at a place, mm².
+    pub fn variance(&self, imager: &Imager, at: [f64; 2]) -> [f64; 2] {
+        let grid = &imager.grid;
+        let corner = grid.low_mm();
+        let [column, row] = [0, 1].map(|k| (at[k] - corner[k]) / grid.cell_mm());
+        let under = (column >= 0.0 && row >= 0.0)
+            .then(|| grid.at(column as usize, row as usize))
+            .flatten();
+        let nearest = || {
+            (0..self.variance.len()).min_by(|a, b| {
+                let d = |cell: usize| {
+                    let [x, y] = grid.centre(cell);
+                    (x - at[0]).powi(2) + (y - at[1]).powi(2)
+                };
+                d(*a).total_cmp(&d(*b))
+            })
+        };
+        under.or_else(nearest).map_or([0.0; 2], |cell| self.variance[cell])
+    }
+}
+
+/// The normalised sensitivity (volts of the imager's model) of the sheet with its electrodes off by this much.
+fn answers_with(imager: &Imager, off: &DVector<f64>) -> Option<DMatrix<f64>> {
+    let sheet = imager
+        .model
+        .geometry()
+        .displaced(imager.model.sheet(), off.as_slice())?;
+    let solver = Solver::new(Arc::new(Model::new(&sheet, &ModelOptions::default()).ok()?)).ok()?;
+    let matrix = solver.electrode_matrix();
+    let mut answers = Sensitivity::by_cell(&solver, &imager.grid).matrix_v(imager.drive, matrix, &imager.pattern);
+    let volts = imager.drive.frame_v(matrix, &imager.pattern);
+    for ((mut row, v), own) in answers.row_iter_mut().zip(volts).zip(&imager.model_v) {
+        row *= own / v;
+    }
+    Some(answers)
+}
+
+/// Answer to a bump at a cell, and its derivatives by x, y and width.
+fn bump(imager: &Imager, answers: &DMatrix<f64>, cell: usize, radius_mm: f64) -> (DVector<f64>, [DVector<f64>; 3]) {
+    let at = imager.grid.centre(cell);
+    let s = WIDTH * radius_mm;
+    let zeros = || DVector::zeros(answers.nrows());
+    let (mut sum, mut slopes) = (zeros(), [zeros(), zeros(), zeros()]);
+    for other in 0..imager.grid.len() {
+        let [x, y] = imager.grid.centre(other);
+        let (dx, dy) = ((x - at[0]) / s, (y - at[1]) / s);
+        let d2 = dx * dx + dy * dy;
+        if d2 > REACH * REACH {
+            continue;
+        }
+        let w = (-0.5 * d2).exp();
+        let column = answers.column(other);
+        sum.axpy(w, &column, 1.0);
+        for (slope, d) in slopes.iter_mut().zip([dx, dy, d2 - 2.0]) {
+            slope.axpy(w * d / s, &column, 1.0);
+        }
+    }
+    (sum, slopes)
+}
+
+/// The model in use about a touch: what fits to its answer move the touch by.
+struct Slopes {
+    bump: DVector<f64>,
+    /// Derivatives by x, y, width and strength.
+    by: [DVector<f64>; 4],
+    inverse: Matrix4<f64>,
+}
+
+impl Slopes {
+    fn new(imager: &Imager, answers: &DMatrix<f64>, cell: usize, radius_mm: f64) -> Option<Self> {
+        let (bump, [x, y, width]) = bump(imager, answers, cell, radius_mm);
+        let by = [x, y, width, bump.clone()];
+        let normal = Matrix4::from_fn(|i, j| by[i].dot(&by[j]));
+        Some(Self {
+            inverse: normal.try_inverse()?,
+            bump,
+            by,
+        })
+    }
+
+    fn fitted(&self, change: &DVector<f64>) -> Vector4<f64> {
+        self.inverse * Vector4::from_fn(|i, _| self.by[i].dot(change))
+    }
+}

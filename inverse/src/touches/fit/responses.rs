@@ -1,0 +1,565 @@
+//! The answer of every measurement to a disc touch of unit strength, anywhere on the sheet and of any radius.
+//!
+//! Tabulated at the nodes of a square lattice for a few radii, from a finger's tip to a palm: the mean over the disc of the
+//! sensitivity's density. Between the nodes cubic convolution (Keys 1981), between the radii a parabola in R² through three of
+//! them: for the smooth fields away from the electrodes the mean over a disc is a power series in R²
+//! (f + R²/8 lap f + R⁴/192 lap lap f + ...).
+
+use crate::linalg::aligned::Aligned;
+use crate::linalg::kernels::{LANES, dots_of, padded};
+use crate::touches::fit::interpolation::{Radii, Stencil, add_scaled, dot, interpolate};
+use forward::{CellGrid, Drive, Model, Pattern, Sensitivity, Solver};
+use nalgebra::DMatrix;
+use pulp::Arch;
+use std::sync::Arc;
+
+/// Radii tabulated, over the expected radius.
+const RADII: [f64; 5] = [0.5, 1.0, 1.5, 2.0, 2.7];
+/// How many of them are interpolated between.
+const AT_ONCE: usize = 3;
+/// Smallest and largest radius that the interpolation is good for, over the expected radius.
+const SMALLEST: f64 = 0.4;
+const LARGEST: f64 = 3.0;
+/// Which of them is the expected one.
+const EXPECTED: usize = 1;
+/// Nodes beyond the rim that the interpolation needs.
+const MARGIN: i64 = 2;
+/// Lattice steps from the sheet's middle to its farthest point.
+const STEPS: f64 = 40.0;
+/// Columns mapped at once.
+const COLUMNS_MAPPED: usize = 768;
+/// Divisions of a cell's side when its part inside a disc is measured.
+const CUTS: i32 = 16;
+
+/// Where the nodes are; shared by the tables of one sheet.
+#[derive(Debug)]
+struct Lattice {
+    first_mm: [f64; 2],
+    step_mm: f64,
+    columns: usize,
+    rows: usize,
+    /// Place of every node in the table; that of nothing for nodes off the sheet.
+    slot: Vec<u32>,
+    /// The place of nothing, which is the last.
+    nothing: u32,
+    outline_mm: Vec<[f64; 2]>,
+    /// Nodes on the sheet, every other column and row: where a touch is looked for.
+    coarse: Vec<[f64; 2]>,
+    /// Column of the table of every one of them, for the expected radius.
+    coarse_columns: Vec<usize>,
+    radius_mm: f64,
+}
+
+/// The table, with values as volts (or whatever [`TouchTable::map`] made of them) per mm² of strength.
+#[derive(Clone, Debug)]
+pub struct TouchTable {
+    lattice: Arc<Lattice>,
+    arch: Arch,
+    length: usize,
+    /// For every slot the radii, each a column of `length` values and zeros up to a multiple of [`LANES`].
+    values: Aligned,
+    /// Norm of the values of every coarse node at the expected radius.
+    norms: Vec<f64>,
+    /// Norm of what a split there changes, for every direction of [`SPLITS`].
+    split_norms: Vec<[f64; SPLITS]>,
+}
+
+/// Directions in which a touch is tried to be split, evenly spread over half a turn.
+pub const SPLITS: usize = 4;
+/// Half distance between the halves of a touch that is split, over the expected radius.
+const HALF_SPLIT: f64 = 1.1;
+
+/// Weights of the four nodes around a fraction of a step, and their derivatives per step.
+fn keys(t: f64) -> ([f64; 4], [f64; 4]) {
+    let (t2, t3) = (t * t, t * t * t);
+    (
+        [
+            0.5 * (-t3 + 2.0 * t2 - t),
+            0.5 * (3.0 * t3 - 5.0 * t2 + 2.0),
+            0.5 * (-3.0 * t3 + 4.0 * t2 + t),
+            0.5 * (t3 - t2),
+        ],
+        [
+            0.5 * (-3.0 * t2 + 4.0 * t - 1.0),
+            0.5 * (9.0 * t2 - 10.0 * t),
+            0.5 * (-9.0 * t2 + 8.0 * t + 1.0),
+            0.5 * (3.0 * t2 - 2.0 * t),
+        ],
+    )
+}
+
+/// A parabola in q = R² through three of the radii (R over the expected radius, `unit` mm): the lowest three up to the third, then
+/// those around R. At the third and the fourth radius one parabola hands over to the next: all pass through these.
+fn radii_at(r: f64, unit: f64) -> Radii {
+    let first = RADII[AT_ONCE - 1..RADII.len() - 1]
+        .iter()
+        .filter(|top| r > **top)
+        .count();
+    let [a, b, c] = [0, 1, 2].map(|k| RADII[first + k].powi(2));
+    let (q, dq) = (r * r, 2.0 * r / unit);
+    let below = [(a - b) * (a - c), (b - a) * (b - c), (c - a) * (c - b)];
+    Radii {
+        first,
+        value: [
+            (q - b) * (q - c) / below[0],
+            (q - a) * (q - c) / below[1],
+            (q - a) * (q - b) / below[2],
+        ],
+        slope: [
+            (2.0 * q - b - c) / below[0] * dq,
+            (2.0 * q - a - c) / below[1] * dq,
+            (2.0 * q - a - b) / below[2] * dq,
+        ],
+    }
+}
+
+/// Cells of one row, beside one another, of which a disc covers the same part.
+struct Span {
+    /// Columns from the first to before the last, and the row, all counted from the disc's centre.
+    first: i64,
+    last: i64,
+    row: i64,
+    part: f64,
+}
+
+/// What a disc around the centre of a cell covers; the parts sum up to 1.
+fn coverage(radius_cells: f64) -> Vec<Span> {
+    let reach = radius_cells.ceil() as i64 + 1;
+    let mut out: Vec<Span> = Vec::new();
+    for row in -reach..=reach {
+        for column in -reach..=reach {
+            let offset = |k: i32| (f64::from(k) + 0.5) / f64::from(CUTS) - 0.5;
+            let mut inside = 0;
+            for i in 0..CUTS {
+                for j in 0..CUTS {
+                    let d = (column as f64 + offset(i)).hypot(row as f64 + offset(j));
+                    inside += i32::from(d < radius_cells);
+                }
+            }
+            let part = f64::from(inside);
+            match out.last_mut() {
+                Some(span) if span.row == row && span.last == column && span.part == part => span.last += 1,
+                _ if inside > 0 => out.push(Span {
+                    first: column,
+                    last: column + 1,
+                    row,
+                    part,
+                }),
+                _ => {}
+            }
+        }
+    }
+    let sum: f64 = out.iter().map(|s| s.part * (s.last - s.first) as f64).sum();
+    out.iter_mut().for_each(|s| s.part /= sum);
+    out
+}
+
+/// Sums of the cells' columns along every row of the grid, so that a span costs two of them however long it is.
+struct RowSums {
+    length: usize,
+    columns: usize,
+    rows: usize,
+    /// For every row `columns + 1` sums, of the cells before each column.
+    sums: Vec<f64>,
+}
+
+impl RowSums {
+    fn new(grid: &CellGrid, cells: &DMatrix<f64>) -> Self {
+        let (columns, rows) = grid.shape();
+        let n = cells.nrows();
+        let mut sums = vec![0.0; (columns + 1) * rows * n];
+        for (row, sums) in sums.chunks_exact_mut(((columns + 1) * n).max(1)).enumerate() {
+            for column in 0..columns {
+                let (before, after) = sums.split_at_mut((column + 1) * n);
+                after[..n].copy_from_slice(&before[column * n..]);
+                if let Some(cell) = grid.at(column, row) {
+                    after.iter_mut().zip(&cells.column(cell)).for_each(|(s, v)| *s += v);
+                }
+            }
+        }
+        Self {
+            length: n,
+            columns,
+            rows,
+            sums,
+        }
+    }
+
+    /// Adds the cells of a span around a centre, times a weight; there is nothing outside of the grid.
+    fn add(&self, span: &Span, [column, row]: [i64; 2], weight: f64, out: &mut [f64]) {
+        let row = match usize::try_from(row + span.row) {
+            Ok(row) if row < self.rows => row,
+            _ => return,
+        };
+        let [first, last] = [span.first, span.last].map(|k| (column + k).clamp(0, self.columns as i64) as usize);
+        let of = |k: usize| &self.sums[(row * (self.columns + 1) + k) * self.length..][..self.length];
+        if first < last {
+            for ((o, a), b) in out.iter_mut().zip(of(first)).zip(of(last)) {
+                *o += weight * (b - a);
+            }
+        }
+    }
+}
+
+impl TouchTable {
+    /// Tabulates a sheet. `radius_mm` is the expected radius. `None` when the model cannot be solved or the sheet is too
+    /// small for a touch of that size.
+    pub fn new(model: &Arc<Model>, drive: Drive, pattern: &Pattern, radius_mm: f64) -> Option<Self> {
+        let (low, high) = model.geometry().bounding_box();
+        let extent = 0.5 * (high[0] - low[0]).max(high[1] - low[1]);
+        let step = extent / STEPS;
+        let grid = CellGrid::new(model.geometry(), step).ok()?;
+        let solver = Solver::new(Arc::clone(model)).ok()?;
+        let cells = Sensitivity::by_cell(&solver, &grid).matrix_v(drive, solver.electrode_matrix(), pattern);
+        let length = cells.nrows();
+        let (columns, rows) = grid.shape();
+        let (nc, nr) = (columns + 2 * MARGIN as usize, rows + 2 * MARGIN as usize);
+        let corner = grid.low_mm();
+        let first_mm = [0, 1].map(|k| corner[k] + (0.5 - MARGIN as f64) * grid.cell_mm());
+        let at = |c: i64, r: i64| match (usize::try_from(c), usize::try_from(r)) {
+            (Ok(c), Ok(r)) => grid.at(c, r),
+            _ => None,
+        };
+        let near =
+            |c: i64, r: i64| (-MARGIN..=MARGIN).any(|dr| (-MARGIN..=MARGIN).any(|dc| at(c + dc, r + dr).is_some()));
+        let stencils = RADII.map(|k| coverage(k * radius_mm / grid.cell_mm()));
+        let rows_of_cells = RowSums::new(&grid, &cells);
+        let on_sheet = (0..(nc * nr) as i64).filter(|k| near(k % nc as i64 - MARGIN, k / nc as i64 - MARGIN));
+        let nothing = on_sheet.clone().count() as u32;
+        let mut slot = vec![nothing; nc * nr];
+        let stride = padded(length, LANES);
+        let mut values = Aligned::zeros((nothing as usize + 1) * RADII.len() * stride);
+        let (mut coarse, mut coarse_columns) = (Vec::new(), Vec::new());
+        let columns_of_nodes = values.chunks_exact_mut(RADII.len() * stride);
+        for (count, (node, columns)) in on_sheet.zip(columns_of_nodes).enumerate() {
+            let (column, row) = (node % nc as i64, node / nc as i64);
+            let (c, r) = (column - MARGIN, row - MARGIN);
+            slot[node as usize] = count as u32;
+            if at(c, r).is_some() && column % 2 == 0 && row % 2 == 0 {
+                let p = [column, row];
+                coarse.push([0, 1].map(|k| first_mm[k] + p[k] as f64 * step));
+                coarse_columns.push(RADII.len() * count + EXPECTED);
+            }
+            for (stencil, out) in stencils.iter().zip(columns.chunks_exact_mut(stride)) {
+                for span in stencil {
+                    // Per mm² of strength: the disc's mean of the cells' sensitivity over their area.
+                    rows_of_cells.add(span, [c, r], span.part / (step * step), out);
+                }
+            }
+        }
+        let lattice = Lattice {
+            first_mm,
+            step_mm: step,
+            columns: nc,
+            rows: nr,
+            slot,
+            nothing,
+            outline_mm: model.geometry().outline().polyline().to_vec(),
+            coarse,
+            coarse_columns,
+            radius_mm,
+        };
+        Some(Self::with_norms(Arc::new(lattice), length, values))
+    }
+
+    fn with_norms(lattice: Arc<Lattice>, length: usize, values: Aligned) -> Self {
+        let stride = padded(length, LANES);
+        let norm = |column: &usize| {
+            let v = &values[column * stride..][..length];
+            v.iter().map(|x| x * x).sum::<f64>().sqrt()
+        };
+        let mut table = Self {
+            norms: lattice.coarse_columns.iter().map(norm).collect(),
+            split_norms: Vec::new(),
+            lattice,
+            arch: Arch::new(),
+            length,
+            values,
+        };
+        table.split_norms = table.coarse().iter().map(|at| table.split_norms_at(*at)).collect();
+        table
+    }
+
+    /// The ends of a split in a direction.
+    pub fn split(&self, at: [f64; 2], direction: usize) -> [[f64; 2]; 2] {
+        let reach = HALF_SPLIT * self.lattice.radius_mm;
+        let (sin, cos) = (direction as f64 * std::f64::consts::PI / SPLITS as f64).sin_cos();
+        [1.0, -1.0].map(|s| [at[0] + s * reach * cos, at[1] + s * reach * sin])
+    }
+
+    fn split_norms_at(&self, at: [f64; 2]) -> [f64; SPLITS] {
+        let n = self.stride();
+        let mut sum = vec![0.0; n];
+        std::array::from_fn(|direction| {
+            sum.fill(0.0);
+            let [a, b] = self.split(at, direction);
+            for (place, weight) in [(at, -2.0), (a, 1.0), (b, 1.0)] {
+                let stencil = self.stencil(place);
+                for (k, column) in stencil.columns.iter().enumerate() {
+                    let weight = weight * stencil.across[k % 4] * stencil.up[k / 4];
+                    add_scaled(
+                        self.arch,
+                        &self.values[(column + EXPECTED) * n..][..n],
+                        weight,
+                        &mut sum,
+                    );
+                }
+            }
+            sum.iter().map(|v| v * v).sum::<f64>().sqrt()
+        })
+    }
+
+    /// How much of a vector of [`TouchTable::stride`] entries lies along what splitting a touch of unit strength changes, in
+    /// the direction where that is most, with that direction; none where no split stays on the sheet.
+    pub fn best_split(&self, v: &[f64], at: [f64; 2]) -> Option<(f64, usize)> {
+        let l = &*self.lattice;
+        let nearest = l.coarse.iter().map(|c| (c[0] - at[0]).powi(2) + (c[1] - at[1]).powi(2));
+        let (nearest, _) = nearest.enumerate().min_by(|a, b| a.1.total_cmp(&b.1))?;
+        let middle = self.product(v, at);
+        (0..SPLITS)
+            .filter_map(|direction| {
+                let ends = self.split(at, direction);
+                let change = self.product(v, ends[0]) + self.product(v, ends[1]) - 2.0 * middle;
+                let norm = self.split_norms[nearest][direction].max(f64::MIN_POSITIVE);
+                ends.iter()
+                    .all(|e| self.holds(*e))
+                    .then_some((change / norm, direction))
+            })
+            .max_by(|a, b| a.0.total_cmp(&b.0))
+    }
+
+    /// Product of a vector with the values of a touch of unit strength and the expected radius.
+    fn product(&self, v: &[f64], at: [f64; 2]) -> f64 {
+        let stencil = self.stencil(at);
+        let n = self.stride();
+        stencil
+            .columns
+            .iter()
+            .enumerate()
+            .map(|(k, column)| {
+                let values = &self.values[(column + EXPECTED) * n..][..n];
+                stencil.across[k % 4] * stencil.up[k / 4] * dot(self.arch, values, v)
+            })
+            .sum()
+    }
+
+    /// The table with its values (a matrix of a column each) replaced by others: the reduced and weighted measurements, say.
+    pub fn map(&self, f: impl Fn(&DMatrix<f64>) -> DMatrix<f64>) -> Self {
+        let stride = self.stride();
+        let count = self.values.len() / stride.max(1);
+        let (mut length, mut values) = (0, Aligned::zeros(0));
+        for first in (0..count).step_by(COLUMNS_MAPPED) {
+            let columns = COLUMNS_MAPPED.min(count - first);
+            let block = &self.values[first * stride..(first + columns) * stride];
+            let out = f(&DMatrix::from_fn(self.length, columns, |k, c| block[c * stride + k]));
+            if first == 0 {
+                length = out.nrows();
+                values = Aligned::zeros(count * padded(length, LANES));
+            }
+            let to = values[first * padded(length, LANES)..].chunks_exact_mut(padded(length, LANES));
+            for (to, from) in to.zip(out.column_iter()) {
+                for (to, from) in to.iter_mut().zip(&from) {
+                    *to = *from;
+                }
+            }
+        }
+        Self::with_norms(Arc::clone(&self.lattice), length, values)
+    }
+
+    /// Values of one touch: the length of the data.
+    pub fn length(&self) -> usize {
+        self.length
+    }
+
+    /// The same with the zeros that follow.
+    pub fn stride(&self) -> usize {
+        padded(self.length, LANES)
+    }
+
+    /// The vector unit in use.
+    pub(super) fn arch(&self) -> Arch {
+        self.arch
+    }
+
+    /// Distance between two nodes, mm.
+    pub fn step_mm(&self) -> f64 {
+        self.lattice.step_mm
+    }
+
+    /// Whether a place is on the sheet and inside the table.
+    pub fn holds(&self, at: [f64; 2]) -> bool {
+        forward::curve::contains(&self.lattice.outline_mm, at)
+    }
+
+    /// Smallest and largest radius that the table is good for, mm.
+    pub fn radii_mm(&self) -> [f64; 2] {
+        [SMALLEST, LARGEST].map(|r| r * self.lattice.radius_mm)
+    }
+
+    /// Places where a touch is looked for, mm.
+    pub fn coarse(&self) -> &[[f64; 2]] {
+        &self.lattice.coarse
+    }
+
+    /// Norms of the values of a touch of unit strength and the expected radius at those places.
+    pub fn coarse_norms(&self) -> &[f64] {
+        &self.norms
+    }
+
+    /// Products of those values with a vector of [`TouchTable::stride`] entries; `out` is emptied first.
+    pub fn coarse_products(&self, v: &[f64], out: &mut Vec<f64>) {
+        if v.len() == self.stride() && !v.is_empty() {
+            dots_of(self.arch, &self.values, &self.lattice.coarse_columns, v, out);
+        } else {
+            out.clear();
+        }
+    }
+
+    fn stencil(&self, at: [f64; 2]) -> Stencil {
+        let l = &*self.lattice;
+        let u = [0, 1].map(|k| (at[k] - l.first_mm[k]) / l.step_mm);
+        let base = u.map(|v| v.floor());
+        let (across, across_slope) = keys(u[0] - base[0]);
+        let (up, up_slope) = keys(u[1] - base[1]);
+        Stencil {
+            columns: std::array::from_fn(|k| {
+                let (column, row) = (base[0] as i64 + (k % 4) as i64 - 1, base[1] as i64 + (k / 4) as i64 - 1);
+                let inside = column >= 0 && row >= 0 && column < l.columns as i64 && row < l.rows as i64;
+                let slot = if inside {
+                    l.slot[row as usize * l.columns + column as usize]
+                } else {
+                    l.nothing
+                };
+                slot as usize * RADII.len()
+            }),
+            across,
+            across_slope: across_slope.map(|d| d / l.step_mm),
+            up,
+            up_slope: up_slope.map(|d| d / l.step_mm),
+        }
+    }
+
+    /// Values of a touch of unit strength with their derivatives by x, y (per mm) and radius (per mm), each
+    /// [`TouchTable::stride`] long; zero off the sheet.
+    pub fn at(&self, at: [f64; 2], radius: f64, out: [&mut [f64]; 4]) {
+        let l = &*self.lattice;
+        let stencil = self.stencil(at);
+        let radii = radii_at(radius / l.radius_mm, l.radius_mm);
+        let n = self.stride();
+        interpolate(self.arch, &self.values, &radii, &stencil, out.map(|o| &mut o[..n]));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use forward::field::conductivity_of_discs;
+    use forward::{DiscTouch, ModelOptions, Sheet};
+
+    fn paper() -> (Arc<Model>, TouchTable) {
+        let options = ModelOptions {
+            accuracy: 5e-5,
+            ..ModelOptions::default()
+        };
+        let model = Arc::new(Model::new(&Sheet::paper(), &options).unwrap());
+        let table = TouchTable::new(&model, Drive::PAPER, &Pattern::adjacent(16).unwrap(), 12.5).unwrap();
+        (model, table)
+    }
+
+    fn at(table: &TouchTable, p: [f64; 2], radius: f64) -> [Vec<f64>; 4] {
+        let mut out: [Vec<f64>; 4] = std::array::from_fn(|_| vec![0.0; table.stride()]);
+        let [a, b, c, d] = &mut out;
+        table.at(p, radius, [a, b, c, d]);
+        out
+    }
+
+    fn norm(v: &[f64]) -> f64 {
+        v.iter().map(|x| x * x).sum::<f64>().sqrt()
+    }
+
+    #[test]
+    fn the_weights_of_the_nodes_add_up_to_one() {
+        for k in 0..=10 {
+            let (w, d) = keys(f64::from(k) / 10.0);
+            assert!((w.iter().sum::<f64>() - 1.0).abs() < 1e-14);
+            assert!(d.iter().sum::<f64>().abs() < 1e-14);
+        }
+    }
+
+    /// The frame of a weak disc by a new solution: places and radii between the nodes.
+    #[test]
+    fn a_weak_disc_answers_as_tabulated() {
+        let (model, table) = paper();
+        let mut solver = Solver::new(Arc::clone(&model)).unwrap();
+        let pattern = Pattern::adjacent(16).unwrap();
+        let unpressed = Drive::PAPER.frame_v(solver.electrode_matrix(), &pattern);
+        for (p, radius) in [
+            ([1.3, 0.7], 12.5),
+            ([41.1, -33.9], 9.0),
+            ([-70.2, 20.6], 12.5),
+            ([3.0, 62.3], 15.5),
+            // Palms.
+            ([11.0, -38.7], 26.0),
+            ([-20.6, 31.3], 22.0),
+            ([4.1, 3.3], 34.0),
+        ] {
+            let touch = DiscTouch {
+                centre_mm: p,
+                radius_mm: radius,
+                rise: 0.01,
+            };
+            solver.solve(&conductivity_of_discs(model.mesh(), &[touch])).unwrap();
+            let v = Drive::PAPER.frame_v(solver.electrode_matrix(), &pattern);
+            let change: Vec<f64> = v.iter().zip(&unpressed).map(|(v, u)| v - u).collect();
+            // The rise that the linear model sees: 2 c / (2 + c).
+            let strength = 0.02 / 2.01 * std::f64::consts::PI * radius * radius;
+            let off: Vec<f64> = at(&table, p, radius)[0]
+                .iter()
+                .zip(&change)
+                .map(|(t, c)| strength * t - c)
+                .collect();
+            let relative = norm(&off) / norm(&change);
+            assert!(relative < 0.004, "{p:?} {radius}: {relative}");
+        }
+    }
+
+    #[test]
+    fn derivatives_are_those_of_the_values() {
+        let (_, table) = paper();
+        let (p, step) = ([20.3, -41.7], 1e-4);
+        for radius in [11.0, 21.0, 30.0] {
+            derivatives_at(&table, p, radius, step);
+        }
+    }
+
+    fn derivatives_at(table: &TouchTable, p: [f64; 2], radius: f64, step: f64) {
+        let values = at(table, p, radius);
+        let moves = [([step, 0.0], 0.0), ([0.0, step], 0.0), ([0.0, 0.0], step)];
+        for (k, (d, dr)) in moves.into_iter().enumerate() {
+            let up = at(table, [p[0] + d[0], p[1] + d[1]], radius + dr);
+            let down = at(table, [p[0] - d[0], p[1] - d[1]], radius - dr);
+            let off: Vec<f64> = (0..table.length())
+                .map(|m| (up[0][m] - down[0][m]) / (2.0 * step) - values[k + 1][m])
+                .collect();
+            assert!(norm(&off) < 1e-6 * norm(&values[k + 1]), "{k}");
+        }
+    }
+
+    #[test]
+    fn one_parabola_hands_over_to_the_next_at_a_tabulated_radius() {
+        let (_, table) = paper();
+        let p = [-33.0, 24.6];
+        for radius in [1.5 * 12.5, 2.0 * 12.5] {
+            let (below, above) = (at(&table, p, radius - 1e-9), at(&table, p, radius + 1e-9));
+            let jump: Vec<f64> = below[0].iter().zip(&above[0]).map(|(a, b)| a - b).collect();
+            assert!(norm(&jump) < 1e-8 * norm(&below[0]), "{radius}");
+        }
+    }
+
+    #[test]
+    fn a_place_off_the_table_is_nothing() {
+        let (_, table) = paper();
+        assert!(!table.holds([98.0, 0.0]) && table.holds([90.0, 0.0]));
+        assert!(at(&table, [1e4, -1e4], 12.5).iter().flatten().all(|v| *v == 0.0));
+    }
+}

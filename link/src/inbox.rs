@@ -1,0 +1,223 @@
+//! Messages on their way from the link's thread to the program: all of them in order, or of the frames only those that are new.
+
+use std::collections::VecDeque;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use protocol::FromBoard;
+
+use crate::error::LinkError;
+
+/// Messages that may wait.
+const MOST: usize = 256;
+
+type Message = Result<FromBoard, LinkError>;
+
+/// A queue for one writer and one reader.
+#[derive(Debug, Default)]
+pub(crate) struct Inbox {
+    state: Mutex<State>,
+    changed: Condvar,
+}
+
+#[derive(Debug, Default)]
+struct State {
+    waiting: VecDeque<Message>,
+    /// Frames older than the newest by more than so many samples are passed over.
+    span: Option<u64>,
+    skipped: u64,
+    /// Nobody reads, or nobody writes any more.
+    closed: bool,
+    ended: bool,
+}
+
+fn is_frame(message: &Message) -> bool {
+    matches!(message, Ok(FromBoard::Frame(_)))
+}
+
+impl State {
+    /// Makes room by passing over the oldest frame; false if none waits.
+    fn drop_oldest(&mut self) -> bool {
+        let at = self.waiting.iter().position(is_frame);
+        at.and_then(|k| self.waiting.remove(k)).is_some_and(|_| {
+            self.skipped += 1;
+            true
+        })
+    }
+
+    /// Passes over all frames but the newest, if the oldest is too old.
+    fn skip(&mut self) {
+        let Some(span) = self.span else { return };
+        let mut frames = self.waiting.iter().filter_map(|m| match m {
+            Ok(FromBoard::Frame(frame)) => Some(frame),
+            _ => None,
+        });
+        let (Some(oldest), Some(newest)) = (frames.next(), frames.next_back()) else {
+            return;
+        };
+        // After a reset the board's time begins anew: then nothing is known to be old.
+        if newest.time.saturating_sub(oldest.time) <= span {
+            return;
+        }
+        let mut older = self.waiting.iter().filter(|m| is_frame(m)).count() - 1;
+        self.skipped += older as u64;
+        self.waiting.retain(|m| {
+            let drop = older > 0 && is_frame(m);
+            older -= usize::from(drop);
+            !drop
+        });
+    }
+}
+
+impl Inbox {
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn put(&self, message: Message) {
+        let mut state = self.state();
+        while state.waiting.len() >= MOST && !state.closed && !(state.span.is_some() && state.drop_oldest()) {
+            state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
+        }
+        if !state.closed {
+            state.waiting.push_back(message);
+            self.changed.notify_all();
+        }
+    }
+
+    /// The next message; none if none came in time. After the writer's end and its last message: [`LinkError::Lost`].
+    pub(crate) fn take(&self, wait: Duration) -> Option<Message> {
+        let end = Instant::now() + wait;
+        let mut state = self.state();
+        loop {
+            state.skip();
+            if let Some(message) = state.waiting.pop_front() {
+                self.changed.notify_all();
+                return Some(message);
+            }
+            if state.ended {
+                return Some(Err(LinkError::Lost("the link has ended".to_owned())));
+            }
+            let left = end.saturating_duration_since(Instant::now());
+            if left.is_zero() {
+                return None;
+            }
+            let woken = self.changed.wait_timeout(state, left);
+            state = woken.unwrap_or_else(PoisonError::into_inner).0;
+        }
+    }
+
+    pub(crate) fn skip_over(&self, samples: u64) {
+        self.state().span = Some(samples);
+        // The writer may wait for a place.
+        self.changed.notify_all();
+    }
+
+    pub(crate) fn skipped(&self) -> u64 {
+        self.state().skipped
+    }
+
+    /// Nobody reads any more.
+    pub(crate) fn close(&self) {
+        self.state().closed = true;
+        self.changed.notify_all();
+    }
+
+    /// For the writer to hold: once it is dropped, nobody writes any more.
+    pub(crate) fn writer(self: &Arc<Self>) -> Writer {
+        Writer(Arc::clone(self))
+    }
+}
+
+/// The writer's end.
+#[derive(Debug)]
+pub(crate) struct Writer(Arc<Inbox>);
+
+impl Writer {
+    /// Puts a message in. Where every frame counts it waits for a place, and drops the message once nobody reads.
+    pub(crate) fn put(&self, message: Message) {
+        self.0.put(message);
+    }
+}
+
+impl Drop for Writer {
+    fn drop(&mut self) {
+        self.0.state().ended = true;
+        self.0.changed.notify_all();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use protocol::{Command, Frame};
+
+    const NOW: Duration = Duration::ZERO;
+
+    fn frame(sequence: u32, time: u64) -> Message {
+        Ok(FromBoard::Frame(Frame {
+            sequence,
+            time,
+            ..Frame::default()
+        }))
+    }
+
+    fn sequences(inbox: &Inbox) -> Vec<Option<u32>> {
+        std::iter::from_fn(|| inbox.take(NOW))
+            .map(|m| match m {
+                Ok(FromBoard::Frame(f)) => Some(f.sequence),
+                _ => None,
+            })
+            .collect()
+    }
+
+    #[test]
+    fn what_is_old_is_passed_over_and_the_rest_keeps_its_order() {
+        let inbox = Inbox::default();
+        inbox.skip_over(25);
+        for k in 0..3 {
+            inbox.put(frame(k, 10 * u64::from(k)));
+        }
+        assert_eq!(sequences(&inbox), [Some(0), Some(1), Some(2)], "20 samples are not old");
+        for k in 0..4 {
+            inbox.put(frame(k, 10 * u64::from(k)));
+            inbox.put(Ok(FromBoard::Ack(Command::Start)));
+        }
+        assert_eq!(sequences(&inbox), [None, None, None, Some(3), None]);
+        assert_eq!(inbox.skipped(), 3);
+        // A reset: the times fall.
+        inbox.put(frame(4, 1000));
+        inbox.put(frame(0, 0));
+        assert_eq!(sequences(&inbox), [Some(4), Some(0)]);
+    }
+
+    proptest! {
+        /// Whenever the reader looks, every frame put in was taken, passed over, or is newer than what it takes next; what it takes
+        /// is in order and never older than the span against what waits; and the writer never waits.
+        #[test]
+        fn nothing_is_lost_and_nothing_old_is_taken(
+            steps in prop::collection::vec((0..400u32, 0..4usize), 1..40), span in 0..100u64
+        ) {
+            let inbox = Inbox::default();
+            inbox.skip_over(span);
+            let (mut put, mut taken) = (0, 0);
+            let mut last = None;
+            for (arrive, looks) in steps {
+                for _ in 0..arrive {
+                    inbox.put(frame(put, 7 * u64::from(put)));
+                    put += 1;
+                }
+                for _ in 0..looks {
+                    let Some(Ok(FromBoard::Frame(f))) = inbox.take(NOW) else { break };
+                    prop_assert!(last.is_none_or(|l| f.sequence > l));
+                    prop_assert!(7 * u64::from(put - 1) - f.time <= span);
+                    last = Some(f.sequence);
+                    taken += 1;
+                }
+            }
+            let left = sequences(&inbox).len() as u64;
+            prop_assert_eq!(u64::from(put), taken + inbox.skipped() + left);
+        }
+    }
+}

@@ -1,0 +1,165 @@
+//! Contacts that changed since the baseline: whether they are told from touches. The table of docs/reconstruction.md.
+//!
+//! `cargo run --release -p host --example contacts -- [--scenes N] [--seed S]`
+//!
+//! Frames come from a finer mesh than the imager's with the nonlinear model, with the noise at which a finger of +20 % half way
+//! to the rim has 27 dB, known as live. N scenes of every kind (default 20) with none to two fingers, 50 mm apart, judged by their
+//! 30th frame after rest; then as many scenes
+//! of one to four ordinary touches of which one is at the rim, in 120 frames of which no contact changed.
+
+use forward::{DiscTouch, Drive};
+use inverse::reference::noise::FrameNoise;
+use rand::Rng;
+use rand::rngs::StdRng;
+use studies::scenes::{Bench, Worse, imager, noise_v, noisy, quantile, rng};
+use tracing_subscriber::filter::{LevelFilter, Targets};
+use tracing_subscriber::prelude::*;
+
+const RIM_MM: f64 = 97.5;
+/// A contact is believed after 16.
+const FRAMES: usize = 30;
+const SOUND_FRAMES: u64 = 120;
+
+fn finger(at: [f64; 2], rise: f64) -> DiscTouch {
+    DiscTouch {
+        centre_mm: at,
+        radius_mm: 12.5,
+        rise,
+    }
+}
+
+/// Places 50 mm apart, 20 mm or more from the rim; the first may be at the rim.
+fn places(rng: &mut StdRng, count: usize, at_rim: bool) -> Vec<[f64; 2]> {
+    let mut out: Vec<[f64; 2]> = Vec::new();
+    while out.len() < count {
+        let angle = rng.random_range(0.0..std::f64::consts::TAU);
+        let radius = if at_rim && out.is_empty() {
+            RIM_MM - rng.random_range(6.0..20.0)
+        } else {
+            (RIM_MM - 20.0) * rng.random_range(0.0..1.0_f64).sqrt()
+        };
+        let p = [radius * f64::cos(angle), radius * f64::sin(angle)];
+        if out.iter().all(|q| (p[0] - q[0]).hypot(p[1] - q[1]) > 50.0) {
+            out.push(p);
+        }
+    }
+    out
+}
+
+struct Stage {
+    bench: Bench,
+    reconstructor: inverse::pipeline::Reconstructor,
+    sigma: f64,
+    rng: StdRng,
+}
+
+impl Stage {
+    fn new(drive: Drive, seed: u64) -> anyhow::Result<Self> {
+        let mut rng = rng(seed);
+        let imager = imager(drive, 5.0)?;
+        let mut bench = Bench::new(&imager, drive, 0.0, 0.0, &mut rng)?;
+        let clean = bench.worse_frame(&[finger([48.0, 0.0], 0.2)], &[])?;
+        let sigma = noise_v(&clean, &bench.baseline, 27.0);
+        let reconstructor = bench.live_reconstructor(FrameNoise::of_frames(sigma))?;
+        Ok(Self {
+            bench,
+            reconstructor,
+            sigma,
+            rng,
+        })
+    }
+}
+
+fn main() -> anyhow::Result<()> {
+    let levels = std::env::var("RUST_LOG").ok().and_then(|levels| levels.parse().ok());
+    tracing_subscriber::registry()
+        .with(tracing_subscriber::fmt::layer().with_writer(std::io::stderr))
+        .with(levels.unwrap_or_else(|| Targets::new().with_default(LevelFilter::ERROR)))
+        .init();
+    let given: Vec<String> = std::env::args().collect();
+    let after = |name: &str| given.iter().position(|a| a == name).and_then(|k| given.get(k + 1));
+    let number = |name: &str, default: u64| after(name).and_then(|v| v.parse().ok()).unwrap_or(default);
+    let (scenes, seed) = (number("--scenes", 20), number("--seed", 1));
+    println!("seed {seed}, {scenes} scenes of every kind");
+    println!(
+        "| drive, change | electrode named, % | count right, % | position, median / 95th percentile mm | longest frame ms |"
+    );
+    println!("|---|---|---|---|---|");
+    for (name, drive) in [
+        ("voltage", Drive::PAPER),
+        ("current", Drive::Current { amplitude_a: 1e-3 }),
+    ] {
+        let mut stage = Stage::new(drive, seed)?;
+        let faces = [20.0, 50.0, 100.0, 200.0, 500.0].map(Worse::Face);
+        let wires = [20.0, 100.0, 500.0].map(Worse::Wire);
+        for worse in faces.into_iter().chain(wires) {
+            let (mut named, mut right, mut errors, mut longest) = (0, 0, Vec::new(), 0.0_f64);
+            for k in 0..scenes {
+                let electrode = stage.rng.random_range(0..16);
+                let touches: Vec<DiscTouch> = places(&mut stage.rng, k as usize % 3, false)
+                    .into_iter()
+                    .map(|p| finger(p, 0.2))
+                    .collect();
+                let clean = stage.bench.worse_frame(&touches, &[(electrode, worse)])?;
+                // Every scene is new: the sheet rested before.
+                let rest = noisy(stage.bench.baseline.clone(), stage.sigma, &mut stage.rng);
+                stage.reconstructor.frame(&rest)?;
+                for _ in 1..FRAMES {
+                    let frame = noisy(clean.clone(), stage.sigma, &mut stage.rng);
+                    let start = std::time::Instant::now();
+                    stage.reconstructor.frame(&frame)?;
+                    longest = longest.max(start.elapsed().as_secs_f64() * 1e3);
+                }
+                let frame = noisy(clean, stage.sigma, &mut stage.rng);
+                let found = stage.reconstructor.frame(&frame)?;
+                if found.contacts != [electrode] || found.touches.len() != touches.len() {
+                    tracing::debug!(?electrode, ?worse, ?touches, ?found.contacts, ?found.touches, ?found.misfit, "wrong");
+                }
+                named += usize::from(found.contacts == [electrode]);
+                right += usize::from(found.touches.len() == touches.len());
+                for t in &touches {
+                    let off =
+                        |f: &inverse::touches::touch::Touch| (f.x_mm - t.centre_mm[0]).hypot(f.y_mm - t.centre_mm[1]);
+                    errors.push(found.touches.iter().map(off).fold(50.0, f64::min));
+                }
+            }
+            println!(
+                "| {name}, {worse:?} ohm | {:.0} | {:.0} | {:.2} / {:.2} | {longest:.0} |",
+                100.0 * named as f64 / scenes as f64,
+                100.0 * right as f64 / scenes as f64,
+                quantile(&errors, 0.5),
+                quantile(&errors, 0.95),
+            );
+        }
+        let (mut alarms, mut right, mut errors) = (0, 0, Vec::new());
+        for k in 0..scenes {
+            let rise = [0.03, 0.1, 0.2, 0.4, 1.0][k as usize % 5];
+            let touches: Vec<DiscTouch> = places(&mut stage.rng, 1 + k as usize % 4, true)
+                .into_iter()
+                .map(|p| finger(p, rise))
+                .collect();
+            let clean = stage.bench.worse_frame(&touches, &[])?;
+            let rest = noisy(stage.bench.baseline.clone(), stage.sigma, &mut stage.rng);
+            stage.reconstructor.frame(&rest)?;
+            for _ in 0..SOUND_FRAMES {
+                let frame = noisy(clean.clone(), stage.sigma, &mut stage.rng);
+                let found = stage.reconstructor.frame(&frame)?;
+                alarms += usize::from(!found.contacts.is_empty());
+                right += usize::from(found.touches.len() == touches.len());
+                for t in &touches {
+                    let off =
+                        |f: &inverse::touches::touch::Touch| (f.x_mm - t.centre_mm[0]).hypot(f.y_mm - t.centre_mm[1]);
+                    errors.push(found.touches.iter().map(off).fold(50.0, f64::min));
+                }
+            }
+        }
+        println!(
+            "| {name}, {} frames, a touch at the rim, no change | {alarms} alarms | {:.0} | {:.2} / {:.2} | |",
+            SOUND_FRAMES * scenes,
+            100.0 * right as f64 / (SOUND_FRAMES * scenes) as f64,
+            quantile(&errors, 0.5),
+            quantile(&errors, 0.95),
+        );
+    }
+    Ok(())
+}

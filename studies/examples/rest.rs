@@ -1,0 +1,96 @@
+//! What averaging frames of a scene at rest brings: `cargo run --release -p host --example rest -- [--scenes N] [--seed S]`
+//!
+//! Touches come between two frames and stay. Frames are simulated as those of `touch_accuracy`, with the noise of a board on which one
+//! touch of +20 % has 27 dB; the baseline is the mean of 24 frames with the same noise. Printed is what is said of them after so
+//! many frames, by the chain of the live view.
+
+use forward::Drive;
+use inverse::reference::noise::FrameNoise;
+use inverse::touches::radius_filter::Steadier;
+use inverse::touches::tracker::{Following, Tracker};
+use studies::scenes::{Bench, Kind, Score, imager, live_reconstructor, noise_v, noisy, quantile, rng};
+
+/// Frames after which is looked.
+const LOOKS: [usize; 6] = [1, 2, 4, 8, 16, 57];
+const BASELINE_FRAMES: usize = 24;
+const FRAME_S: f64 = 1.0 / 115.0;
+
+fn main() -> anyhow::Result<()> {
+    let given: Vec<String> = std::env::args().collect();
+    let after = |name: &str| given.iter().position(|a| a == name).and_then(|k| given.get(k + 1));
+    let number = |name: &str, default: u64| after(name).and_then(|v| v.parse().ok()).unwrap_or(default);
+    let (scenes, seed) = (number("--scenes", 50), number("--seed", 1));
+    println!("seed {seed}, {scenes} scenes of every kind");
+    println!(
+        "| scenes | frames | count right % | median mm | p95 mm | within 2 sd % | total, median / p95 off | \
+         total within 2 sd % |\n|---|---|---|---|---|---|---|---|"
+    );
+    for (drive_name, drive) in [
+        ("voltage", Drive::PAPER),
+        ("current", Drive::Current { amplitude_a: 1e-3 }),
+    ] {
+        let imager = imager(drive, 5.0)?;
+        for (name, kind, rise) in [
+            ("one", Kind::Equal(1), 0.2),
+            ("four", Kind::Equal(4), 0.2),
+            ("four fingers", Kind::Fingers(4), 0.2),
+            ("+100 %", Kind::Strong(1.0), 1.0),
+            ("+300 %", Kind::Strong(3.0), 3.0),
+        ] {
+            let mut rng = rng(seed);
+            let mut scores = vec![Score::default(); LOOKS.len()];
+            for _ in 0..scenes {
+                let mut bench = Bench::new(&imager, drive, 0.0, 0.0, &mut rng)?;
+                let scene = kind.scene(&mut rng, f64::INFINITY);
+                let clean = bench.frame(&scene, &mut rng)?;
+                // A disc answers with 2 c / (2 + c).
+                let answer = |c: f64| 2.0 * c / (2.0 + c);
+                let sigma = noise_v(&clean, &bench.baseline, 27.0) * answer(0.2) / answer(rise);
+                let of_baseline = 1.0 / BASELINE_FRAMES as f64;
+                let baseline = noisy(bench.baseline.clone(), sigma * of_baseline.sqrt(), &mut rng);
+                let noise = FrameNoise::Known {
+                    sigma,
+                    baseline_frames: Some(BASELINE_FRAMES),
+                };
+                let mut reconstructor = live_reconstructor(&bench.seen(), &baseline, noise)?;
+                let (mut tracker, mut steadier) = (
+                    Tracker::new(Following {
+                        reach_mm: 20.0,
+                        patience_s: 0.5,
+                    }),
+                    Steadier::default(),
+                );
+                let mut looks = LOOKS.iter().zip(&mut scores).peekable();
+                for frame in 1.. {
+                    let time_s = frame as f64 * FRAME_S;
+                    let result = reconstructor.frame(&noisy(clean.clone(), sigma, &mut rng))?;
+                    tracker.update(time_s, &mut result.touches);
+                    if result.anew {
+                        steadier.update(time_s, result.grown, &mut result.touches);
+                    } else {
+                        steadier.keep(time_s, &result.touches);
+                    }
+                    if let Some((_, score)) = looks.next_if(|(at, _)| **at == frame) {
+                        score.add(&scene, &result.touches);
+                    }
+                    if looks.peek().is_none() {
+                        break;
+                    }
+                }
+            }
+            for (frames, s) in LOOKS.iter().zip(&scores) {
+                println!(
+                    "| {drive_name} {name} | {frames} | {:.0} | {:.3} | {:.3} | {:.1} | {:.3} / {:.3} | {:.1} |",
+                    100.0 * s.counted_part(),
+                    s.error_mm(0.5),
+                    s.error_mm(0.95),
+                    100.0 * s.honest_part(),
+                    quantile(&s.totals, 0.5),
+                    quantile(&s.totals.iter().map(|t| (t - 1.0).abs()).collect::<Vec<_>>(), 0.95),
+                    100.0 * s.honest_total_part(),
+                );
+            }
+        }
+    }
+    Ok(())
+}

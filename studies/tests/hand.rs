@@ -1,0 +1,50 @@
+//! A whole hand, five tips and a palm, is counted right and followed.
+#![allow(clippy::unwrap_used, reason = "a test")]
+
+use forward::Drive;
+use inverse::reference::noise::FrameNoise;
+use studies::cost::Happening;
+use studies::scenes::{Bench, imager, noise_v, noisy, rng};
+
+/// From frame to frame the hand moves 1 mm. The noise is that of four fingers at 27 dB, known as live.
+#[test]
+fn a_hand_that_moves_keeps_its_count_and_its_palm() {
+    let mut rng = rng(91);
+    let imager = imager(Drive::PAPER, 5.0).unwrap();
+    let mut bench = Bench::new(&imager, Drive::PAPER, 0.0, 0.0, &mut rng).unwrap();
+    let clean = bench.clean_frame(&Happening::Four.touches(0)).unwrap();
+    let sigma = noise_v(&clean, &bench.baseline, 27.0);
+    let mut r = bench.live_reconstructor(FrameNoise::of_frames(sigma)).unwrap();
+    let (mut right, mut allocated, frames) = (0, 0, 48);
+    let sequence: Vec<Vec<f64>> = (0..frames)
+        .map(|k| {
+            let clean = bench.clean_frame(&Happening::Hand.touches(k)).unwrap();
+            noisy(clean, sigma, &mut rng)
+        })
+        .collect();
+    for pass in 0..2 {
+        for (k, frame) in sequence.iter().enumerate() {
+            let mut found = Vec::new();
+            let used = allocation_counter::measure(|| {
+                let touches = &r.frame(frame).unwrap().touches;
+                found.clone_from(touches);
+            });
+            // One is the copy of the touches above.
+            allocated += usize::from(pass > 0 && k > 0 && used.count_total > 1);
+            let truth = Happening::Hand.touches(k);
+            right += usize::from(found.len() == truth.len());
+            // The palm is one wide touch at its place from the frame after the first.
+            let palm = truth[0];
+            let off =
+                |t: &&inverse::touches::touch::Touch| (t.x_mm - palm.centre_mm[0]).hypot(t.y_mm - palm.centre_mm[1]);
+            let nearest = found.iter().min_by(|a, b| off(a).total_cmp(&off(b))).unwrap();
+            let radius = (nearest.area_mm2 / std::f64::consts::PI).sqrt();
+            assert!(
+                k == 0 || (off(&nearest) < 2.5 && (radius / palm.radius_mm - 1.0).abs() < 0.15),
+                "{pass} {k}: {nearest:?}"
+            );
+        }
+    }
+    assert!(right >= 2 * frames * 9 / 10, "{right} of {}", 2 * frames);
+    assert_eq!(allocated, 0);
+}

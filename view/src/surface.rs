@@ -1,0 +1,59 @@
+//! Where the cells, the rim and the electrodes are: what all pictures of a sheet share.
+
+use crate::picture::{Grid, Picture, PictureError, Stats};
+use inverse::pipeline::FrameResult;
+use inverse::reference::imager::Imager;
+use std::sync::Arc;
+
+/// Where the cells, the rim and the electrodes are, for a viewer.
+#[derive(Clone, Debug)]
+pub struct Surface {
+    grid: Arc<Grid>,
+    outline_mm: Arc<Vec<[f64; 2]>>,
+    electrodes_mm: Arc<Vec<[f64; 2]>>,
+}
+
+impl Surface {
+    /// That of an imager's sheet.
+    ///
+    /// # Errors
+    /// [`PictureError`] when the cells are too many to show.
+    pub fn of(imager: &Imager) -> Result<Self, PictureError> {
+        Ok(Self {
+            grid: grid_of(imager)?,
+            outline_mm: Arc::new(imager.outline_mm.clone()),
+            electrodes_mm: Arc::new(imager.electrodes_mm.clone()),
+        })
+    }
+
+    /// The picture of a result.
+    pub fn picture(&self, result: &FrameResult, sequence: u64, time_s: f64, stats: Stats) -> Picture {
+        Picture {
+            sequence,
+            time_s,
+            grid: Arc::clone(&self.grid),
+            outline_mm: Arc::clone(&self.outline_mm),
+            electrodes_mm: Arc::clone(&self.electrodes_mm),
+            values: result.x.iter().map(|x| x.max(0.0) as f32).collect(),
+            touches: result.touches.clone(),
+            stats,
+        }
+    }
+}
+
+/// The cells of an imager as a viewer wants them.
+///
+/// # Errors
+/// [`PictureError`] when they are too many to show.
+pub fn grid_of(imager: &Imager) -> Result<Arc<Grid>, PictureError> {
+    let (columns, rows) = imager.grid.shape();
+    let [left, bottom] = imager.grid.low_mm();
+    // More columns than fit 16 bits are refused by the grid itself.
+    let cells = imager
+        .grid
+        .cells()
+        .iter()
+        .map(|[c, r]| (*c as u16, *r as u16))
+        .collect();
+    Grid::new(columns, rows, imager.grid.cell_mm(), left, bottom, cells).map(Arc::new)
+}

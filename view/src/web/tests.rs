@@ -1,0 +1,343 @@
+//! The server as a page and as a hostile neighbour see it.
+
+use std::io::{Read, Write};
+use std::net::TcpStream;
+
+use tungstenite::client::IntoClientRequest;
+use tungstenite::{Message, WebSocket};
+
+use super::*;
+use crate::wire::tests::picture;
+
+type Page = WebSocket<TcpStream>;
+
+fn view() -> LiveView {
+    LiveView::start(LiveOptions {
+        listen: "127.0.0.1:0".parse().unwrap(),
+        ..LiveOptions::default()
+    })
+    .unwrap()
+}
+
+/// Longer than the slowest machine needs for what is done at once.
+const NOT_FOR_EVER: Duration = Duration::from_secs(30);
+
+fn connect(address: SocketAddr) -> Page {
+    let stream = TcpStream::connect(address).unwrap();
+    stream.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
+    tungstenite::client(format!("ws://{address}/live"), stream).unwrap().0
+}
+
+/// The next frame and the texts before it; not acknowledged.
+fn next_frame(page: &mut Page) -> (wire::Frame, Vec<serde_json::Value>) {
+    let mut texts = Vec::new();
+    loop {
+        match page.read().unwrap() {
+            Message::Binary(bytes) => return (wire::decode(&bytes).unwrap(), texts),
+            Message::Text(text) => texts.push(serde_json::from_str(&text).unwrap()),
+            other => panic!("{other:?}"),
+        }
+    }
+}
+
+fn acknowledge(page: &mut Page) {
+    page.send(Message::Binary(vec![1].into())).unwrap();
+}
+
+/// Waits for something that other threads are about to do.
+fn eventually(what: &str, mut done: impl FnMut() -> bool) {
+    let start = Instant::now();
+    while !done() {
+        assert!(start.elapsed() < NOT_FOR_EVER, "never: {what}");
+        std::thread::sleep(Duration::from_millis(2));
+    }
+}
+
+/// Status line and body of a request with these header lines.
+fn request(address: SocketAddr, path: &str, headers: &str) -> (String, Vec<u8>) {
+    let mut stream = TcpStream::connect(address).unwrap();
+    stream.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
+    write!(stream, "GET {path} HTTP/1.1\r\nConnection: close\r\n{headers}\r\n").unwrap();
+    let mut bytes = Vec::new();
+    stream.read_to_end(&mut bytes).unwrap();
+    let end = bytes.windows(4).position(|w| w == b"\r\n\r\n").unwrap();
+    (
+        String::from_utf8(bytes[..end].to_vec()).unwrap(),
+        bytes[end + 4..].to_vec(),
+    )
+}
+
+#[test]
+fn the_page_and_its_parts_are_served() {
+    let view = view();
+    let host = format!("Host: {}\r\n", view.address);
+    let (head, body) = request(view.address, "/", &host);
+    assert!(
+        head.starts_with("HTTP/1.1 200") && head.contains("frame-ancestors 'none'"),
+        "{head}"
+    );
+    let page = String::from_utf8(body).unwrap();
+    // Every part that the page names is there, and nothing comes from elsewhere.
+    let parts: Vec<&str> = page
+        .split(['"', '\''])
+        .filter(|s| s.ends_with(".js") || s.ends_with(".css"))
+        .collect();
+    assert!(parts.len() >= 2, "{parts:?}");
+    for part in parts.into_iter().chain([
+        "palettes.js",
+        "wire.js",
+        "field.js",
+        "sheet.js",
+        "labels.js",
+        "trace.js",
+    ]) {
+        let (head, body) = request(view.address, &format!("/{}", part.trim_start_matches("./")), &host);
+        assert!(head.starts_with("HTTP/1.1 200") && !body.is_empty(), "{part}: {head}");
+        assert!(!String::from_utf8_lossy(&body).contains("//cdn"));
+    }
+    // The one address in it names the language of the icon.
+    assert!(!page.replace("http://www.w3.org/2000/svg", "").contains("://"));
+    assert!(
+        request(view.address, "/picture.png", &host)
+            .0
+            .starts_with("HTTP/1.1 404")
+    );
+    view.publish(picture(1)).unwrap();
+    let (head, body) = request(view.address, "/picture.png", &host);
+    assert!(head.contains("image/png") && body.starts_with(b"\x89PNG"), "{head}");
+}
+
+#[test]
+fn strangers_are_refused() {
+    let view = view();
+    let upgrade = "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n";
+    let own = view.address;
+    let cases = [
+        ("/", "Host: rebound.example.org\r\n".to_owned()),
+        ("/picture.png", format!("Host: rebound.example.org:{}\r\n", own.port())),
+        (
+            "/live",
+            format!("Host: {own}\r\nOrigin: https://example.org\r\n{upgrade}"),
+        ),
+        (
+            "/live",
+            format!("Host: {own}\r\nOrigin: http://127.0.0.1:1\r\n{upgrade}"),
+        ),
+        (
+            "/live",
+            format!("Host: example.org\r\nOrigin: http://example.org\r\n{upgrade}"),
+        ),
+    ];
+    for (path, headers) in cases {
+        let (head, body) = request(own, path, &headers);
+        assert!(
+            head.starts_with("HTTP/1.1 403") && !body.is_empty(),
+            "{path} {headers}: {head}"
+        );
+    }
+    assert_eq!(view.clients(), 0);
+    // The own page and a program without an origin are let in.
+    let mut page = format!("ws://{own}/live").into_client_request().unwrap();
+    page.headers_mut()
+        .insert("Origin", format!("http://{own}").parse().unwrap());
+    tungstenite::client(page, TcpStream::connect(own).unwrap()).unwrap();
+    connect(own);
+}
+
+#[test]
+fn a_page_gets_the_scene_once_and_then_frames() {
+    let view = view();
+    view.publish(picture(10)).unwrap();
+    let mut page = connect(view.address);
+    let (frame, texts) = next_frame(&mut page);
+    assert_eq!((frame.sequence, frame.scene, texts.len()), (10, 1, 1));
+    assert_eq!(
+        (&texts[0]["kind"], &texts[0]["source"]),
+        (&"scene".into(), &"simulated skin".into())
+    );
+    let cells = texts[0]["cells"].as_array().unwrap().len();
+    assert_eq!(cells, picture(10).values.len());
+    assert_eq!((frame.base, wire::Cells::new(cells).take(&frame)), (0, Some(())));
+    // An equal sheet at another address is the same scene; another source is not.
+    view.publish(picture(11)).unwrap();
+    let (frame, texts) = next_frame(&mut page);
+    assert_eq!((frame.sequence, texts.len()), (11, 0));
+    // It shows the same, so there is no cell to tell.
+    assert_eq!((frame.base, frame.runs.len()), (1, 0));
+    let mut other = picture(12);
+    other.stats.source = "/dev/ttyUSB0".into();
+    acknowledge(&mut page);
+    view.publish(other).unwrap();
+    let (frame, texts) = next_frame(&mut page);
+    assert_eq!(
+        (frame.sequence, frame.scene, &texts[0]["source"]),
+        (12, 2, &"/dev/ttyUSB0".into())
+    );
+    assert_eq!(view.clients(), 1);
+}
+
+#[test]
+fn a_page_without_credit_skips_to_the_newest() {
+    let view = view();
+    let (mut slow, mut quick) = (connect(view.address), connect(view.address));
+    for sequence in 0..100 {
+        view.publish(picture(sequence)).unwrap();
+        assert_eq!(next_frame(&mut quick).0.sequence, sequence);
+        acknowledge(&mut quick);
+        // As long as it has credit the slow page gets them too; then it takes no more.
+        if sequence < 2 {
+            assert_eq!(next_frame(&mut slow).0.sequence, sequence);
+        }
+    }
+    acknowledge(&mut slow);
+    let (last, _) = next_frame(&mut slow);
+    assert_eq!((last.sequence, last.base), (99, 2));
+    // Both pages together needed every picture encoded once, and the last one also for a page that lags.
+    assert_eq!(view.shared.encoded.load(Ordering::Relaxed), 101);
+}
+
+#[test]
+fn quick_slow_and_late_pages_put_the_same_picture_together() {
+    let view = view();
+    let mut at = picture(0);
+    let mut pages: Vec<(Page, wire::Cells)> = Vec::new();
+    for round in 0..6 {
+        pages.push((connect(view.address), wire::Cells::new(at.values.len())));
+        for step in 0..20 {
+            at.sequence += 1;
+            // Something moves about on the sheet.
+            let moved = (37 * at.sequence as usize + step) % at.values.len();
+            at.values[moved] = 0.3 - at.values[moved];
+            view.publish(at.clone()).unwrap();
+        }
+        for (k, (page, cells)) in pages.iter_mut().enumerate() {
+            // Some lag by rounds.
+            if (round + k) % (k + 1) == 0 || round == 5 {
+                while {
+                    let (frame, _) = next_frame(page);
+                    acknowledge(page);
+                    cells.take(&frame).unwrap();
+                    frame.sequence < at.sequence
+                } {}
+                let latest = view.shared.latest.borrow();
+                assert_eq!(cells.steps(), latest.as_ref().unwrap().shown.steps());
+            }
+        }
+    }
+}
+
+#[test]
+fn publishing_to_nobody_encodes_nothing() {
+    let view = view();
+    let pictures = 2_000;
+    let template = picture(0);
+    for sequence in 0..pictures {
+        view.publish(Picture {
+            sequence,
+            ..template.clone()
+        })
+        .unwrap();
+    }
+    assert_eq!(view.shared.encoded.load(Ordering::Relaxed), 0);
+}
+
+#[test]
+fn a_page_that_never_reads_blocks_nobody() {
+    let view = view();
+    let _deaf = connect(view.address);
+    eventually("the page is counted", || view.clients() == 1);
+    for sequence in 0..2_000 {
+        view.publish(picture(sequence)).unwrap();
+    }
+    assert!(view.shared.encoded.load(Ordering::Relaxed) <= 2);
+}
+
+#[test]
+fn pages_come_back_after_a_restart_and_commands_arrive() {
+    let first = view();
+    let address = first.address;
+    let mut page = connect(address);
+    eventually("the page is counted", || first.clients() == 1);
+    let start = Instant::now();
+    drop(first);
+    assert!(start.elapsed() < NOT_FOR_EVER, "{:?}", start.elapsed());
+    assert!(matches!(page.read(), Ok(Message::Close(_))), "the page is told");
+    let second = LiveView::start(LiveOptions {
+        listen: address,
+        ..LiveOptions::default()
+    })
+    .unwrap();
+    let mut page = connect(address);
+    second.publish(picture(5)).unwrap();
+    assert_eq!(next_frame(&mut page).0.sequence, 5);
+    page.send(Message::Text("nonsense".into())).unwrap();
+    page.send(Message::Text(r#"{"kind":"tare"}"#.into())).unwrap();
+    let mut command = None;
+    eventually("the command arrives", || {
+        command = second.command();
+        command.is_some()
+    });
+    assert_eq!((command, second.command()), (Some(Command::Tare), None));
+    page.send(Message::Text(r#"{"kind":"clock","page_ms":1.5}"#.into()))
+        .unwrap();
+    let answer = page.read().unwrap().into_text().unwrap();
+    let answer: serde_json::Value = serde_json::from_str(&answer).unwrap();
+    assert!(
+        answer["page_ms"] == 1.5 && answer["server_ms"].as_f64().unwrap() > 0.0,
+        "{answer}"
+    );
+    drop(page);
+    eventually("the page is gone", || second.clients() == 0);
+}
+
+#[test]
+fn stopping_does_not_wait_for_a_stuck_page_or_a_half_request() {
+    let view = view();
+    let mut stuck = connect(view.address);
+    view.publish(picture(1)).unwrap();
+    next_frame(&mut stuck);
+    let mut half = TcpStream::connect(view.address).unwrap();
+    half.write_all(b"GET / HTTP/1.1\r\nHost: loc").unwrap();
+    let start = Instant::now();
+    drop(view);
+    assert!(start.elapsed() < NOT_FOR_EVER, "{:?}", start.elapsed());
+}
+
+#[test]
+fn errors_say_what_to_do() {
+    let view = view();
+    let error = |listen| {
+        LiveView::start(LiveOptions {
+            listen,
+            ..LiveOptions::default()
+        })
+        .map(|v| v.url())
+        .unwrap_err()
+    };
+    let taken = error(view.address);
+    assert_eq!(taken.kind(), io::ErrorKind::AddrInUse);
+    assert!(taken.to_string().contains("another port"), "{taken}");
+    let open = error("0.0.0.0:0".parse().unwrap());
+    assert_eq!(open.kind(), io::ErrorKind::InvalidInput);
+    assert!(open.to_string().contains("ssh -L"), "{open}");
+    let mut bad = picture(0);
+    bad.values.pop();
+    assert!(view.publish(bad).is_err());
+}
+
+#[test]
+fn one_frame_is_the_same_for_the_page_and_for_us() {
+    // The page's reader is written by hand: what it takes from where must be what is written.
+    let reader = include_str!("../page/wire.js");
+    for at in [
+        "getUint32(4",
+        "getBigUint64(8",
+        "getFloat64(16",
+        "getFloat64(24",
+        "getFloat32(44",
+        "getBigUint64(72",
+        "getUint16(86",
+    ] {
+        assert!(reader.contains(at), "{at}");
+    }
+}
