@@ -1,73 +1,33 @@
-//! Numeric factorisation and triangular solves.
+//! The factor's values and triangular solves.
 
+use super::structure::Structure;
 use super::{BLOCK, CholeskyError, Symbolic};
-use faer::dyn_stack::{MemBuffer, MemStack};
-use faer::linalg::cholesky::llt::factor::{self as llt, LltParams, LltRegularization};
-use faer::sparse::linalg::cholesky::supernodal;
-use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
-use faer::{Par, Side, Spec};
 use nalgebra::DMatrix;
 
 /// The numbers of a factorisation; as many as wanted can share one [`Symbolic`].
 pub(crate) struct Factor {
     pub(super) values: Vec<f64>,
-    memory: MemBuffer,
 }
 
 impl Factor {
     pub(crate) fn new(symbolic: &Symbolic) -> Result<Self, CholeskyError> {
-        let scratch = symbolic
-            .factor
-            .factorize_numeric_llt_scratch::<f64>(Par::Seq, Spec::default());
-        Ok(Self {
-            values: vec![0.0; symbolic.factor.len_val()],
-            memory: MemBuffer::try_new(scratch).map_err(|_| CholeskyError::OutOfMemory { unknowns: symbolic.n })?,
-        })
-    }
-
-    /// Factorises; `values` are in the pattern's slots.
-    pub(crate) fn factorize(&mut self, symbolic: &Symbolic, values: &[f64]) -> Result<(), CholeskyError> {
-        let matrix = SparseColMatRef::new(
-            SymbolicSparseColMatRef::new_checked(
-                symbolic.n,
-                symbolic.n,
-                &symbolic.column_start,
-                None,
-                &symbolic.row_index,
-            ),
-            values,
-        );
-        symbolic
-            .factor
-            .factorize_numeric_llt(
-                &mut self.values,
-                matrix,
-                Side::Lower,
-                LltRegularization::default(),
-                Par::Seq,
-                MemStack::new(&mut self.memory),
-                Spec::<LltParams, f64>::default(),
-            )
-            .map(|_| ())
-            .map_err(|llt::LltError::NonPositivePivot { index }| CholeskyError::NotPositiveDefinite { unknown: index })
+        let mut values = Vec::new();
+        values
+            .try_reserve_exact(symbolic.structure.values())
+            .map_err(|_| CholeskyError::OutOfMemory { unknowns: symbolic.n })?;
+        values.resize(symbolic.structure.values(), 0.0);
+        Ok(Self { values })
     }
 
     /// One supernode: its first column, how many columns, the rows below, and its values by column (the diagonal block
     /// first).
-    fn supernode<'a>(
-        &'a self,
-        structure: &'a supernodal::SymbolicSupernodalCholesky<usize>,
-        s: usize,
-    ) -> Supernode<'a> {
-        let start = structure.supernode_begin()[s];
-        let columns = structure.supernode_end()[s] - start;
-        let below = structure.supernode(s).pattern();
-        let range = structure.col_ptr_for_val()[s]..structure.col_ptr_for_val()[s + 1];
+    fn supernode<'a>(&'a self, structure: &'a Structure, s: usize) -> Supernode<'a> {
+        let columns = structure.columns(s);
         Supernode {
-            start,
-            columns,
-            below,
-            values: &self.values[range],
+            start: columns.start,
+            columns: columns.len(),
+            below: structure.below(s),
+            values: &self.values[structure.block(s)],
         }
     }
 
@@ -75,10 +35,8 @@ impl Factor {
     pub(crate) fn corner(&self, symbolic: &Symbolic, k: usize) -> DMatrix<f64> {
         let first = symbolic.n - k;
         let mut corner = DMatrix::zeros(k, k);
-        let Some(structure) = symbolic.supernodal() else {
-            return corner;
-        };
-        for s in (0..structure.n_supernodes()).rev() {
+        let structure = &symbolic.structure;
+        for s in (0..structure.count()).rev() {
             let node = self.supernode(structure, s);
             if node.start + node.columns <= first {
                 break;
@@ -98,10 +56,8 @@ impl Factor {
 
     /// Solves `L^T X = B` in place, in elimination order.
     pub(crate) fn back_substitute(&self, symbolic: &Symbolic, x: &mut [[f64; BLOCK]]) {
-        let Some(structure) = symbolic.supernodal() else {
-            return;
-        };
-        for s in (0..structure.n_supernodes()).rev() {
+        let structure = &symbolic.structure;
+        for s in (0..structure.count()).rev() {
             let node = self.supernode(structure, s);
             for c in (0..node.columns).rev() {
                 let column = node.column(c);
@@ -121,20 +77,16 @@ impl Factor {
 
     /// Solves `L X = B` in place, in elimination order. Rows before `first` of B are zero and stay so.
     pub(crate) fn forward_substitute(&self, symbolic: &Symbolic, x: &mut [[f64; BLOCK]], first: usize) {
-        let Some(structure) = symbolic.supernodal() else {
-            return;
-        };
-        let from = structure.supernode_end().partition_point(|end| *end <= first);
-        for s in from..structure.n_supernodes() {
+        let structure = &symbolic.structure;
+        let from = structure.end().partition_point(|end| *end <= first);
+        for s in from..structure.count() {
             self.forward_step(&self.supernode(structure, s), x);
         }
     }
 
     /// The same where only these supernodes (in order) are reached, by [`Symbolic::reach`].
     pub(crate) fn forward_along(&self, symbolic: &Symbolic, x: &mut [[f64; BLOCK]], reach: &[usize]) {
-        let Some(structure) = symbolic.supernodal() else {
-            return;
-        };
+        let structure = &symbolic.structure;
         for s in reach {
             self.forward_step(&self.supernode(structure, *s), x);
         }

@@ -13,24 +13,21 @@ const NONE: usize = usize::MAX;
 impl Factor {
     /// Factorises as [`Factor::factorize`] does, to the last bit the same on every machine.
     pub(crate) fn factorize_portably(&mut self, symbolic: &Symbolic, values: &[f64]) -> Result<(), CholeskyError> {
-        let Some(structure) = symbolic.supernodal() else {
-            return self.factorize(symbolic, values);
-        };
-        let (begin, end) = (structure.supernode_begin(), structure.supernode_end());
-        let at = structure.col_ptr_for_val();
-        let count = structure.n_supernodes();
+        let structure = &symbolic.structure;
+        let (begin, end) = (structure.begin(), structure.end());
+        let count = structure.count();
         // For every supernode a list of the earlier ones whose next row is in it, and where in their rows that is.
         let (mut first_of, mut next_of, mut reached) = (vec![NONE; count], vec![NONE; count], vec![0; count]);
         let mut local = vec![0; symbolic.n];
         let (mut update, mut places) = (Vec::new(), Vec::new());
         for s in 0..count {
-            let below = structure.supernode(s).pattern();
+            let below = structure.below(s);
             let width = end[s] - begin[s];
             let height = width + below.len();
             for (k, row) in (begin[s]..end[s]).chain(below.iter().copied()).enumerate() {
                 local[row] = k;
             }
-            let (done, rest) = self.values.split_at_mut(at[s]);
+            let (done, rest) = self.values.split_at_mut(structure.block(s).start);
             let panel = &mut rest[..width * height];
             panel.fill(0.0);
             for (column, panel) in (begin[s]..end[s]).zip(panel.chunks_exact_mut(height)) {
@@ -41,12 +38,12 @@ impl Factor {
             let mut d = std::mem::replace(&mut first_of[s], NONE);
             while d != NONE {
                 let after = next_of[d];
-                let pattern = structure.supernode(d).pattern();
+                let pattern = structure.below(d);
                 let rows = &pattern[reached[d]..];
                 let columns = rows.partition_point(|r| *r < end[s]);
                 let wide = end[d] - begin[d];
                 let source = Columns {
-                    values: &done[at[d]..at[d + 1]],
+                    values: &done[structure.block(d)],
                     height: wide + pattern.len(),
                     width: wide,
                     first: wide + reached[d],

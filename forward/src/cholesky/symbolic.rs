@@ -1,15 +1,7 @@
 //! Elimination order, pattern and supernodes.
 
 use super::CholeskyError;
-use faer::Side;
-use faer::dyn_stack::{MemBuffer, MemStack};
-use faer::sparse::SymbolicSparseColMatRef;
-use faer::sparse::linalg::SupernodalThreshold;
-use faer::sparse::linalg::amd;
-use faer::sparse::linalg::cholesky::{
-    CholeskySymbolicParams, SymbolicCholesky, SymbolicCholeskyRaw, SymmetricOrdering, factorize_symbolic_cholesky,
-    supernodal,
-};
+use super::structure::Structure;
 
 /// Order, pattern and supernodes of a symmetric matrix; no values.
 #[derive(Debug)]
@@ -19,7 +11,7 @@ pub(crate) struct Symbolic {
     position: Vec<usize>,
     pub(super) column_start: Vec<usize>,
     pub(super) row_index: Vec<usize>,
-    pub(super) factor: SymbolicCholesky<usize>,
+    pub(super) structure: Structure,
     /// Supernode of every column.
     supernode_of: Vec<u32>,
 }
@@ -28,53 +20,34 @@ impl Symbolic {
     /// Analyses a pattern of `n` unknowns. `pairs` lists coupled unknowns in any order, with repeats, the diagonal left
     /// out; the last `keep_last` unknowns are eliminated last, in their order.
     pub(crate) fn new(n: usize, keep_last: usize, pairs: &[[usize; 2]]) -> Result<Self, CholeskyError> {
-        let no_memory = |_| CholeskyError::OutOfMemory { unknowns: n };
         let inner = n - keep_last;
         let (start, rows) = columns(inner, pairs.iter().filter(|p| p[0] < inner && p[1] < inner), |i| i);
-        let pattern = SymbolicSparseColMatRef::new_checked(inner, inner, &start, None, &rows);
-        let (mut order, mut position) = (vec![0; inner], vec![0; inner]);
-        let scratch = amd::order_maybe_unsorted_scratch::<usize>(inner, rows.len());
-        let mut memory = MemBuffer::try_new(scratch).map_err(|_| CholeskyError::OutOfMemory { unknowns: n })?;
-        amd::order_maybe_unsorted(
-            &mut order,
-            &mut position,
-            pattern,
-            amd::Control::default(),
-            MemStack::new(&mut memory),
-        )
-        .map_err(no_memory)?;
+        // The order depends on which triangle is given.
+        let (start, rows) = transposed(inner, &start, &rows);
+        let mut position: Vec<usize> = match amd::order(inner, &start, &rows, &amd::Control::default()) {
+            Ok((_, position, _)) => position,
+            // Not reached: the pattern is sorted and within its bounds.
+            Err(_) => (0..inner).collect(),
+        };
         position.extend(inner..n);
 
-        // The pattern in elimination order, lower triangle.
+        // The pattern in elimination order, lower triangle; it is analysed from the upper one.
         let (column_start, row_index) = columns(n, pairs.iter(), |i| position[i]);
-        // faer analyses the upper triangle and factorises from the lower one.
         let (upper_start, upper_rows) = transposed(n, &column_start, &row_index);
-        let factor = factorize_symbolic_cholesky(
-            SymbolicSparseColMatRef::new_checked(n, n, &upper_start, None, &upper_rows),
-            Side::Upper,
-            SymmetricOrdering::Identity,
-            CholeskySymbolicParams {
-                supernodal_flop_ratio_threshold: SupernodalThreshold::FORCE_SUPERNODAL,
-                ..Default::default()
-            },
-        )
-        .map_err(no_memory)?;
-        let mut this = Self {
+        let structure =
+            Structure::new(n, &upper_start, &upper_rows).map_err(|_| CholeskyError::OutOfMemory { unknowns: n })?;
+        let mut supernode_of = vec![0; n];
+        for s in 0..structure.count() {
+            supernode_of[structure.columns(s)].fill(s as u32);
+        }
+        Ok(Self {
             n,
             position,
             column_start,
             row_index,
-            factor,
-            supernode_of: vec![0; n],
-        };
-        let mut supernode_of = std::mem::take(&mut this.supernode_of);
-        if let Some(s) = this.supernodal() {
-            for (k, (begin, end)) in s.supernode_begin().iter().zip(s.supernode_end()).enumerate() {
-                supernode_of[*begin..*end].fill(k as u32);
-            }
-        }
-        this.supernode_of = supernode_of;
-        Ok(this)
+            structure,
+            supernode_of,
+        })
     }
 
     /// How many values the lower triangle has.
@@ -110,15 +83,12 @@ impl Symbolic {
 
     /// The supernodes that right-hand sides with entries at these positions reach, in order.
     pub(crate) fn reach(&self, positions: &[usize]) -> Vec<usize> {
-        let Some(structure) = self.supernodal() else {
-            return Vec::new();
-        };
-        let mut reached = vec![false; structure.n_supernodes()];
+        let mut reached = vec![false; self.structure.count()];
         for p in positions {
             let mut s = self.supernode_of[*p] as usize;
             while !reached[s] {
                 reached[s] = true;
-                match structure.supernode(s).pattern().first() {
+                match self.structure.below(s).first() {
                     Some(row) => s = self.supernode_of[*row] as usize,
                     None => break,
                 }
@@ -134,29 +104,18 @@ impl Symbolic {
 
     /// Columns of a supernode and entries of one of them.
     pub(crate) fn supernode_shape(&self, s: usize) -> (usize, usize) {
-        self.supernodal().map_or((0, 0), |structure| {
-            let columns = structure.supernode_end()[s] - structure.supernode_begin()[s];
-            (columns, columns + structure.supernode(s).pattern().len())
-        })
+        let columns = self.structure.columns(s).len();
+        (columns, columns + self.structure.below(s).len())
     }
 
     /// The columns of a supernode.
     pub(crate) fn supernode_columns(&self, s: usize) -> std::ops::Range<usize> {
-        self.supernodal().map_or(0..0, |structure| {
-            structure.supernode_begin()[s]..structure.supernode_end()[s]
-        })
+        self.structure.columns(s)
     }
 
     /// How many supernodes.
     pub(crate) fn supernodes(&self) -> usize {
-        self.supernodal().map_or(0, |s| s.n_supernodes())
-    }
-
-    pub(super) fn supernodal(&self) -> Option<&supernodal::SymbolicSupernodalCholesky<usize>> {
-        match self.factor.raw() {
-            SymbolicCholeskyRaw::Supernodal(s) => Some(s),
-            SymbolicCholeskyRaw::Simplicial(_) => None,
-        }
+        self.structure.count()
     }
 }
 
