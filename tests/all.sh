@@ -1,18 +1,32 @@
 #!/usr/bin/env bash
 # Every test there is. Installs with apt-get what is missing where it may, says what it skipped and why, and fails if
-# anything failed. Usage: tests/all.sh [--quick]   (--quick: no documentation build)
+# anything failed. Usage: tests/all.sh [--quick]
+# --quick: only the tests of the crates, without clippy, boards, browser installation and documentation build.
 set -u
 cd "$(dirname "$0")/.."
 
+quick=false
+[ "${1:-}" = --quick ] && quick=true
+begin=$SECONDS
 failed=()
 skipped=()
+times=()
+# took NAME START: notes and says how long a step took.
+took() {
+    local line
+    line=$(printf '%4d s  %s' $((SECONDS - $2)) "$1")
+    times+=("$line")
+    printf '== %s\n' "$line"
+}
 step() {
-    printf '\n== %s\n' "$1"
+    local name="$1" start=$SECONDS
+    printf '\n== %s\n' "$name"
     shift
     if ! "$@"; then
         failed+=("$*")
         printf '== FAILED: %s\n' "$*"
     fi
+    took "$name" "$start"
 }
 skip() {
     skipped+=("$1")
@@ -24,6 +38,7 @@ install() {
     have apt-get && [ "$(id -u)" = 0 ] || return 1
     apt-get install -y -qq "$@" >/dev/null 2>&1 || { apt-get update -qq >/dev/null 2>&1 && apt-get install -y -qq "$@" >/dev/null 2>&1; }
 }
+browser() { have chromium || have chromium-browser || have google-chrome; }
 
 have cargo || { echo "no cargo: install Rust (https://rustup.rs) and run this again"; exit 1; }
 have cc || install gcc libc6-dev || { echo "no C linker (cc): install gcc or clang and run this again"; exit 1; }
@@ -33,29 +48,36 @@ if cargo fmt --version >/dev/null 2>&1; then
 else
     skip "format: this toolchain has no rustfmt (rustup component add rustfmt)"
 fi
-if cargo clippy --version >/dev/null 2>&1; then
+if $quick; then
+    skip "clippy, boards, documentation build: --quick"
+elif cargo clippy --version >/dev/null 2>&1; then
     step "clippy, warnings denied" cargo clippy --workspace --all-targets --locked -- -D warnings
 else
     skip "clippy: this toolchain has none (rustup component add clippy)"
 fi
-have chromium || have chromium-browser || have google-chrome || skip "the live page in a browser: no chromium (apt-get install chromium)"
+if ! browser; then
+    $quick || step "a browser for the live page's tests" install chromium
+    browser || skip "the live page in a browser: no chromium (apt-get install chromium)"
+fi
 step "tests of every crate, end to end, and documentation examples" cargo test --workspace --locked
-printf '\n== the firmware on emulated Cortex-M processors\n'
-boards=$(mktemp)
-tests/boards.sh 2>&1 | tee "$boards"
-case "${PIPESTATUS[0]}" in
-    0) while read -r line; do skip "boards: $line"; done < <(sed -n 's/^-- skipped: //p' "$boards") ;;
-    77) skip "boards: $(tail -n 1 "$boards")" ;;
-    *) failed+=("tests/boards.sh: $(tail -n 1 "$boards")") ;;
-esac
-rm -f "$boards"
-if [ "${1:-}" = --quick ]; then
-    skip "documentation build: --quick"
-else
+if ! $quick; then
+    printf '\n== the firmware on emulated Cortex-M processors\n'
+    start=$SECONDS
+    boards=$(mktemp)
+    tests/boards.sh 2>&1 | tee "$boards"
+    case "${PIPESTATUS[0]}" in
+        0) while read -r line; do skip "boards: $line"; done < <(sed -n 's/^-- skipped: //p' "$boards") ;;
+        77) skip "boards: $(tail -n 1 "$boards")" ;;
+        *) failed+=("tests/boards.sh: $(tail -n 1 "$boards")") ;;
+    esac
+    rm -f "$boards"
+    took "the firmware on emulated Cortex-M processors" "$start"
     step "documentation build, warnings denied" env RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --locked
 fi
 
 printf '\n'
+for t in "${times[@]}"; do printf '%s\n' "$t"; done
+printf '%4d s  in all\n' $((SECONDS - begin))
 for s in "${skipped[@]}"; do printf 'skipped: %s\n' "$s"; done
 if [ "${#failed[@]}" -gt 0 ]; then
     for f in "${failed[@]}"; do printf 'FAILED: %s\n' "$f"; done

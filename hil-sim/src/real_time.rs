@@ -37,11 +37,16 @@ struct PipeState {
     ended: bool,
     /// How often the cable was put back; `None` while it is pulled.
     plugged: Option<u32>,
+    /// The board's time, s.
+    now_s: f64,
 }
 
 impl Pipes {
+    /// Time-outs are those of the board's time: where less than half of that went by, because the machine is busy, the error
+    /// is [`ErrorKind::Interrupted`] in place of [`ErrorKind::TimedOut`].
     pub(crate) fn read(&self, buffer: &mut [u8], timeout: Duration, plug: u32) -> io::Result<usize> {
         let state = locked(&self.state);
+        let begin_s = state.now_s;
         let (mut state, _) = self
             .readable
             .wait_timeout_while(state, timeout, |s| {
@@ -53,6 +58,7 @@ impl Pipes {
         }
         match drain(&mut state.from_board, buffer) {
             0 if state.ended => Err(ErrorKind::BrokenPipe.into()),
+            0 if state.now_s - begin_s < 0.5 * timeout.as_secs_f64() => Err(ErrorKind::Interrupted.into()),
             0 => Err(ErrorKind::TimedOut.into()),
             n => Ok(n),
         }
@@ -160,6 +166,7 @@ fn pace(mut board: Box<dyn AnyBoard>, pipes: &Pipes) {
             state.from_board.clear();
             pipes.readable.notify_all();
         }
+        state.now_s = board.now_s();
         let room = PIPE_BYTES.saturating_sub(state.from_board.len());
         bytes.truncate(room);
         if !bytes.is_empty() {
