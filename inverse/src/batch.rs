@@ -98,7 +98,7 @@ impl Batch {
     /// frame came down since.
     pub fn pass_over(&mut self, place: usize) {
         if let (Some(meter), Some(interval_s)) = (&mut self.meter, self.interval_s) {
-            meter.tell(place as f64 * interval_s, &mut []);
+            meter.update(place as f64 * interval_s, &mut []);
         }
     }
 
@@ -109,7 +109,7 @@ impl Batch {
     pub fn frame(&mut self, place: usize, values: &[f64]) -> Result<FrameResult, ImagerError> {
         let mut result = self.reconstructor.frame_after(values, self.interval_s)?.clone();
         if let (Some(meter), Some(interval_s)) = (&mut self.meter, self.interval_s) {
-            meter.tell(place as f64 * interval_s, &mut result.touches);
+            meter.update(place as f64 * interval_s, &mut result.touches);
             result.touches.retain(Touch::is_pressed);
         }
         Ok(result)

@@ -160,7 +160,7 @@ impl Live {
             self.radius_filter.keep(time_s, &result.touches);
         }
         if let Some(meter) = &mut self.meter {
-            meter.tell(time_s, &mut result.touches);
+            meter.update(time_s, &mut result.touches);
         }
         Ok(LiveFrame::Picture(result))
     }

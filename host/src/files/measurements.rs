@@ -6,7 +6,8 @@
 //! infinite values are measurements left out.
 
 use crate::files::malformed::FileError;
-use forward::{Measurement, Pair};
+use ::forward::{Measurement, Pair};
+use csv::StringRecord;
 use std::collections::HashMap;
 use std::io::Read;
 use std::path::Path;
@@ -63,6 +64,83 @@ struct Field {
     imaginary: bool,
 }
 
+/// A file that is read, for messages.
+struct Place<'a> {
+    file: &'a str,
+}
+
+impl Place<'_> {
+    fn malformed(&self, line: u64, column: &str, expected: &str, found: &str) -> TableError {
+        FileError::malformed(self.file, line, column, expected, found).into()
+    }
+
+    /// The lines that are neither empty nor comments, with their numbers from 1, as fields.
+    fn lines(&self, bytes: &[u8]) -> Result<Vec<(u64, StringRecord)>, TableError> {
+        let mut records = Vec::new();
+        // Spreadsheets begin a file with a byte order mark.
+        let bytes = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes);
+        for (number, line) in (1..).zip(bytes.split(|b| *b == b'\n')) {
+            let line = std::str::from_utf8(line)
+                .map_err(|_| self.malformed(number, "1", "text in UTF-8", "other bytes"))?
+                .trim();
+            if line.is_empty() || line.starts_with('#') {
+                continue;
+            }
+            // Line by line, so that an error can name the line whatever comments stand before it.
+            let record = csv::ReaderBuilder::new()
+                .has_headers(false)
+                .trim(csv::Trim::All)
+                .from_reader(line.as_bytes())
+                .records()
+                .next()
+                .and_then(Result::ok)
+                .ok_or_else(|| self.malformed(number, "1", "comma-separated fields", line))?;
+            records.push((number, record));
+        }
+        Ok(records)
+    }
+
+    /// The frames that a header names, and the fields that hold their values.
+    fn header(&self, line: u64, header: &StringRecord) -> Result<(Vec<Column>, Vec<Field>), TableError> {
+        for (k, key) in KEYS.iter().enumerate() {
+            let found = header.get(k).unwrap_or("nothing");
+            if found != *key {
+                return Err(self.malformed(line, &(k + 1).to_string(), key, &format!("'{found}'")));
+            }
+        }
+        let names: Vec<&str> = header.iter().skip(KEYS.len()).collect();
+        let (columns, fields) = frames(&names).map_err(|(k, expected)| {
+            let place = (KEYS.len() + k + 1).to_string();
+            self.malformed(line, &place, &expected, &format!("'{}'", names[k]))
+        })?;
+        if columns.is_empty() {
+            return Err(self.malformed(line, "5", "at least one frame", "nothing"));
+        }
+        Ok((columns, fields))
+    }
+
+    /// The electrodes of a line, from 0, in the order of [`KEYS`].
+    fn electrodes(&self, line: u64, record: &StringRecord) -> Result<[usize; 4], TableError> {
+        let mut electrodes = [0; 4];
+        for (k, key) in KEYS.iter().enumerate() {
+            electrodes[k] = match record[k].parse::<usize>() {
+                Ok(e) if (1..=1024).contains(&e) => e - 1,
+                _ => {
+                    let found = format!("'{}'", &record[k]);
+                    return Err(self.malformed(line, key, "an electrode's number from 1 to 1024", &found));
+                }
+            };
+        }
+        for (k, what) in [(1, "drive_b"), (3, "sense_b")] {
+            if electrodes[k] == electrodes[k - 1] {
+                let found = format!("'{}'", &record[k]);
+                return Err(self.malformed(line, what, "another electrode than the pair's first", &found));
+            }
+        }
+        Ok(electrodes)
+    }
+}
+
 impl MeasurementTable {
     /// Reads a table from a file.
     ///
@@ -82,140 +160,82 @@ impl MeasurementTable {
     /// # Errors
     /// As for [`MeasurementTable::read`].
     pub(crate) fn parse(file: &str, mut text: impl Read) -> Result<Self, TableError> {
-        let malformed = |line: u64, column: &str, expected: &str, found: &str| {
-            TableError::from(FileError::malformed(file, line, column, expected, found))
-        };
+        let at = Place { file };
         let mut bytes = Vec::new();
         text.read_to_end(&mut bytes).map_err(|cause| FileError::Io {
             file: file.to_owned(),
             cause,
         })?;
-        let mut records = Vec::new();
-        // Spreadsheets begin a file with a byte order mark.
-        let bytes = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(&bytes);
-        for (k, line) in bytes.split(|b| *b == b'\n').enumerate() {
-            let line_number = k as u64 + 1;
-            let line = std::str::from_utf8(line)
-                .map_err(|_| malformed(line_number, "1", "text in UTF-8", "other bytes"))?
-                .trim();
-            if line.is_empty() || line.starts_with('#') {
-                continue;
-            }
-            // Line by line, so that an error can name the line whatever comments stand before it.
-            let record = csv::ReaderBuilder::new()
-                .has_headers(false)
-                .trim(csv::Trim::All)
-                .from_reader(line.as_bytes())
-                .records()
-                .next()
-                .and_then(Result::ok)
-                .ok_or_else(|| malformed(line_number, "1", "comma-separated fields", line))?;
-            records.push((line_number, record));
-        }
-        let mut records = records.into_iter();
-        let Some((header_line, header)) = records.next() else {
-            return Err(malformed(1, "1", "a header that begins with drive_a", "nothing"));
+        let mut lines = at.lines(&bytes)?.into_iter();
+        let Some((header_line, header)) = lines.next() else {
+            return Err(at.malformed(1, "1", "a header that begins with drive_a", "nothing"));
         };
-        for (k, key) in KEYS.iter().enumerate() {
-            let found = header.get(k).unwrap_or("nothing");
-            if found != *key {
-                return Err(malformed(header_line, &(k + 1).to_string(), key, &format!("'{found}'")));
-            }
-        }
-        let names: Vec<&str> = header.iter().skip(KEYS.len()).collect();
-        let (mut columns, fields) = frames(&names).map_err(|(k, expected)| {
-            malformed(
-                header_line,
-                &(KEYS.len() + k + 1).to_string(),
-                &expected,
-                &format!("'{}'", names[k]),
-            )
-        })?;
-        if columns.is_empty() {
-            return Err(malformed(header_line, "5", "at least one frame", "nothing"));
-        }
-
-        let mut measurements = Vec::new();
-        let mut electrodes = 0;
+        let (columns, fields) = at.header(header_line, &header)?;
+        let mut table = Self {
+            file: file.to_owned(),
+            measurements: Vec::new(),
+            electrodes: 0,
+            infinite: 0,
+            columns,
+        };
         let mut seen = HashMap::new();
-        let mut infinite = 0;
-        for (line, record) in records {
+        for (line, record) in lines {
             if record.len() != header.len() {
-                return Err(malformed(
+                return Err(at.malformed(
                     line,
                     &(record.len().min(header.len()) + 1).to_string(),
                     &format!("{} fields as in the header", header.len()),
                     &format!("{}", record.len()),
                 ));
             }
-            let mut pair = [0; 4];
-            for (k, key) in KEYS.iter().enumerate() {
-                pair[k] = match record[k].parse::<usize>() {
-                    Ok(e) if (1..=1024).contains(&e) => e - 1,
-                    _ => {
-                        let found = format!("'{}'", &record[k]);
-                        return Err(malformed(line, key, "an electrode's number from 1 to 1024", &found));
-                    }
-                };
-                electrodes = electrodes.max(pair[k] + 1);
+            let electrodes = at.electrodes(line, &record)?;
+            if let Some(before) = seen.insert(electrodes, line) {
+                let again = format!("the measurement of line {before} again");
+                return Err(at.malformed(line, "drive_a", "every measurement once", &again));
             }
-            for (k, what) in [(1, "drive_b"), (3, "sense_b")] {
-                if pair[k] == pair[k - 1] {
-                    let found = format!("'{}'", &record[k]);
-                    return Err(malformed(line, what, "another electrode than the pair's first", &found));
-                }
-            }
-            if let Some(before) = seen.insert(pair, line) {
-                return Err(malformed(
-                    line,
-                    "drive_a",
-                    "every measurement once",
-                    &format!("the measurement of line {before} again"),
-                ));
-            }
-            measurements.push(Measurement {
-                drive: Pair::new(pair[0], pair[1]),
-                sense: Pair::new(pair[3], pair[2]),
+            let [drive_a, drive_b, sense_a, sense_b] = electrodes;
+            table.measurements.push(Measurement {
+                drive: Pair::new(drive_a, drive_b),
+                sense: Pair::new(sense_b, sense_a),
             });
-            let mut values = vec![[0.0_f64; 2]; columns.len()];
-            for (k, field) in fields.iter().enumerate() {
-                let text = &record[KEYS.len() + k];
-                let value = match text.parse::<f64>() {
-                    _ if text.is_empty() => f64::NAN,
-                    Ok(v) if v.is_infinite() => {
-                        infinite += 1;
-                        f64::NAN
-                    }
-                    Ok(v) => v,
-                    _ => {
-                        let found = format!("'{text}'");
-                        return Err(malformed(line, names[k], "a number, nothing or NaN", &found));
-                    }
-                };
-                values[field.frame][usize::from(field.imaginary)] = value;
-            }
-            let complex: Vec<bool> = (0..columns.len())
-                .map(|f| fields.iter().any(|field| field.frame == f && field.imaginary))
-                .collect();
-            for ((column, v), complex) in columns.iter_mut().zip(&values).zip(complex) {
-                column.values.push(if complex { v[0].hypot(v[1]) } else { v[0] });
-            }
+            table.electrodes = electrodes.iter().map(|e| e + 1).fold(table.electrodes, usize::max);
+            table.take(&at, line, &header, &record, &fields)?;
         }
-        if measurements.is_empty() {
-            return Err(malformed(
-                header_line + 1,
-                "1",
-                "at least one measurement",
-                "the end of the file",
-            ));
+        if table.measurements.is_empty() {
+            return Err(at.malformed(header_line + 1, "1", "at least one measurement", "the end of the file"));
         }
-        Ok(Self {
-            file: file.to_owned(),
-            measurements,
-            electrodes,
-            infinite,
-            columns,
-        })
+        Ok(table)
+    }
+
+    /// Takes the values of a line: an amplitude for every frame.
+    fn take(
+        &mut self,
+        at: &Place,
+        line: u64,
+        header: &StringRecord,
+        record: &StringRecord,
+        fields: &[Field],
+    ) -> Result<(), TableError> {
+        let mut values = vec![[0.0_f64; 2]; self.columns.len()];
+        let mut complex = vec![false; self.columns.len()];
+        for (k, field) in (KEYS.len()..).zip(fields) {
+            let text = &record[k];
+            let value = match text.parse::<f64>() {
+                _ if text.is_empty() => f64::NAN,
+                Ok(v) if v.is_infinite() => {
+                    self.infinite += 1;
+                    f64::NAN
+                }
+                Ok(v) => v,
+                _ => return Err(at.malformed(line, &header[k], "a number, nothing or NaN", &format!("'{text}'"))),
+            };
+            values[field.frame][usize::from(field.imaginary)] = value;
+            complex[field.frame] |= field.imaginary;
+        }
+        for ((column, v), complex) in self.columns.iter_mut().zip(&values).zip(complex) {
+            column.values.push(if complex { v[0].hypot(v[1]) } else { v[0] });
+        }
+        Ok(())
     }
 
     /// The frame of a name (`water_1` and `water_1_re` are the same frame).

@@ -108,7 +108,7 @@ impl ForceMeter {
     /// Writes the force (N) into every touch found at a time (s, of any clock).
     ///
     /// A clock that goes back counts as no time passed. A force that is no more than noise and dents is exactly 0.
-    pub fn tell(&mut self, time_s: f64, touches: &mut [Touch]) {
+    pub fn update(&mut self, time_s: f64, touches: &mut [Touch]) {
         let step = self
             .calibration
             .solid
@@ -245,12 +245,12 @@ mod tests {
             prop_assume!(x.hypot(y) < 90.0);
             let mut meter = meter(exponent);
             let (solid, mut rubber, mut time_s) = (meter.calibration.solid, SolidState::default(), 0.0);
-            meter.tell(0.0, &mut []);
+            meter.update(0.0, &mut []);
             for (dt_s, force_n) in history {
                 time_s += dt_s;
                 let strain = rubber.press(&solid.step(dt_s), force_n / AREA_MM2);
                 let mut seen = [touch(x, y, solid.rise(strain))];
-                meter.tell(time_s, &mut seen);
+                meter.update(time_s, &mut seen);
                 let told = seen[0].force_n.unwrap();
                 // A force below the dent's own uncertainty is given as 0.
                 let dent = AREA_MM2 * rubber.delayed_mpa;
@@ -271,7 +271,7 @@ mod tests {
             let step = solid.step(if k == 0 { 0.0 } else { 0.03 });
             let pressure = if k < 500 { p } else { 0.0 };
             let mut seen = [touch(10.0, 5.0, solid.rise(rubber.press(&step, pressure)))];
-            meter.tell(0.03 * f64::from(k), &mut seen);
+            meter.update(0.03 * f64::from(k), &mut seen);
             let told = seen[0].force_n.unwrap();
             if k < 500 {
                 assert!((told - 25.0).abs() < 1e-9, "{told}");
@@ -285,7 +285,7 @@ mod tests {
             touch(-50.0, 0.0, solid.rise(p)),
             touch(10.0, 5.0, solid.rise(p + rubber.delayed_mpa)),
         ];
-        meter.tell(0.03 * 999.0, &mut both);
+        meter.update(0.03 * 999.0, &mut both);
         for told in both {
             assert!((told.force_n.unwrap() - 25.0).abs() < 1e-9, "{told:?}");
         }
@@ -302,13 +302,13 @@ mod tests {
             let strain = rubber.press(&solid.step(dt), pressure);
             let mut seen = vec![touch(0.0, 0.0, solid.rise(strain))];
             seen.retain(|_| pressure > 0.0);
-            meter.tell(t, &mut seen);
+            meter.update(t, &mut seen);
         }
         let dent: f64 = meter.cells.iter().map(|c| 25.0 * c.delayed_mpa).sum();
         assert!((dent / (AREA_MM2 * rubber.delayed_mpa) - 1.0).abs() < 1e-9, "{dent}");
         // A clock that goes back, as after the board's reset, does no harm.
         let mut seen = [touch(0.0, 0.0, solid.rise(p + rubber.delayed_mpa))];
-        meter.tell(0.5, &mut seen);
+        meter.update(0.5, &mut seen);
         assert!((seen[0].force_n.unwrap() - 25.0).abs() < 1e-6);
         meter.rest();
         assert!(meter.cells.iter().all(|c| *c == SolidState::default()));

@@ -113,7 +113,7 @@ enum Candidate {
     Values([usize; 2]),
 }
 
-/// A candidate that is to be left out.
+/// A candidate that is to be rejected.
 struct Outlier {
     who: Candidate,
     /// What is used without it, and how that agrees.
@@ -192,13 +192,13 @@ impl OutlierSearch {
         let mut now = now.clone();
         for _ in 0..self.options.most_faults {
             let look = |used: &[bool]| reciprocity.disagreement(&d.y, model_v, &d.spread, used);
-            // Whoever was left out before comes first: nobody else's motion brings it back.
-            let left_out = |who: &Candidate| {
+            // A candidate that was rejected before comes first: the motion of another does not bring it back.
+            let rejected = |who: &Candidate| {
                 let named =
                     |(other, frames): &(Candidate, usize)| other == who && *frames >= self.options.lasting_frames;
                 self.sequence && self.earlier.iter().any(named) && !self.named.iter().any(|(other, _)| other == who)
             };
-            let again = self.worst(&now, &d.used, look, left_out, self.options.stays);
+            let again = self.worst(&now, &d.used, look, rejected, self.options.stays);
             let Some(is_outlier) = again.or_else(|| self.worst(&now, &d.used, look, |_| true, 1.0)) else {
                 break;
             };
@@ -224,18 +224,20 @@ impl OutlierSearch {
         now.noise()
     }
 
-    /// Whether anything might be left out: a single pair by chance alone, or a candidate that is worth a look.
+    /// Whether anything may be rejected: a single pair by chance alone, or a candidate that is worth a test.
     fn may_hold_outliers(&mut self, now: &Disagreement, leverage: &[f64], model_v: &[f64], d: &Difference) -> bool {
         let worst = now
-            .left
+            .residual
             .iter()
             .zip(leverage)
             .max_by(|a, b| a.0.abs().total_cmp(&b.0.abs()));
-        let Some((left, leverage)) = worst else { return false };
+        let Some((residual, leverage)) = worst else {
+            return false;
+        };
         if now.freedom < 2 {
             return false;
         }
-        let gone = left * left / (1.0 - leverage).max(f64::EPSILON);
+        let gone = residual * residual / (1.0 - leverage).max(f64::EPSILON);
         let freedom = now.freedom - 1;
         let rest = (now.square - gone).max(0.0) / freedom as f64;
         let limit = match self.limit {
@@ -248,9 +250,9 @@ impl OutlierSearch {
             ),
         };
         self.limit = Some(((freedom, now.pairs.len()), limit));
-        let believed = gone <= limit * rest;
+        let by_chance = gone <= limit * rest;
         // What is no number is not.
-        !believed
+        !by_chance
             || (0..self.candidates.len()).any(|k| self.worth_a_test(k, now) && self.is_outlier(k, now, model_v, d))
     }
 
@@ -287,12 +289,12 @@ impl OutlierSearch {
     fn worth_a_test(&self, candidate: usize, now: &Disagreement) -> bool {
         let candidate = &self.candidates[candidate];
         let (mut inside, mut outside, mut count) = (0.0, 0.0, 0);
-        for (pair, left) in now.pairs.iter().zip(&now.left) {
+        for (pair, residual) in now.pairs.iter().zip(&now.residual) {
             if candidate[pair[0]] || candidate[pair[1]] {
-                inside += left * left;
+                inside += residual * residual;
                 count += 1;
             } else {
-                outside += left * left;
+                outside += residual * residual;
             }
         }
         let others = now.pairs.len() - count;
@@ -334,7 +336,7 @@ impl OutlierSearch {
         };
         // One pair of values: the one that disagrees most.
         let pairs = now
-            .left
+            .residual
             .iter()
             .zip(&now.pairs)
             .filter(|(_, pair)| among(&Candidate::Values(**pair)));
@@ -446,7 +448,7 @@ mod tests {
             let rest = reciprocity
                 .disagreement(&d.y, &frames.model_v, &d.spread, &used)
                 .unwrap();
-            let fall = all.left[k].powi(2) / (1.0 - leverage[k]);
+            let fall = all.residual[k].powi(2) / (1.0 - leverage[k]);
             assert!((all.square - rest.square - fall).abs() < 1e-9 * all.square, "{k}");
             assert_eq!((all.freedom, rest.freedom), (89, 88));
         }

@@ -57,7 +57,7 @@ impl Reciprocity {
     /// The noise of a normalised difference `y = V_model (V / V_baseline - 1)`, whose values scatter by the same amount
     /// times `spread` (1 for a value as noisy as the others). Values whose `used` is false take no part.
     ///
-    /// `None` when there are not enough pairs to tell.
+    /// `None` when there are too few pairs for an estimate.
     pub fn noise(&self, y: &DVector<f64>, model_v: &[f64], spread: &[f64], used: &[bool]) -> Option<NoiseEstimate> {
         self.disagreement(y, model_v, spread, used)?.noise()
     }
@@ -75,7 +75,7 @@ impl Reciprocity {
         Some(prepared.now)
     }
 
-    /// The same, with every pair's leverage: by how much the square falls without a pair is `left² / (1 - leverage)`.
+    /// The same, with every pair's leverage: by how much the square falls without a pair is `residual² / (1 - leverage)`.
     ///
     /// Nothing is allocated while the same values take part with the same spread.
     pub fn look(
@@ -116,7 +116,7 @@ impl Reciprocity {
             if !normal.iter().all(|v| v.is_finite()) {
                 return None;
             }
-            // The scales are told up to a common one, and drives without pairs are not told: their eigenvalues are 0.
+            // The scales are determined up to a common one; those of drives without pairs are not: their eigenvalues are 0.
             let eigen = SymmetricEigen::new(normal);
             let least = LEAST_EIGENVALUE * eigen.eigenvalues.amax();
             let kept: Vec<usize> = (0..self.drives).filter(|k| eigen.eigenvalues[*k] > least).collect();
@@ -133,7 +133,7 @@ impl Reciprocity {
             spread: spread.to_vec(),
             leverage: explained.row_iter().map(|r| r.norm_squared()).collect(),
             now: Disagreement {
-                left: DVector::zeros(pairs.len()),
+                residual: DVector::zeros(pairs.len()),
                 square: 0.0,
                 freedom: pairs.len().saturating_sub(explained.ncols()),
                 pairs,
@@ -153,15 +153,15 @@ impl Prepared {
             if change > LEAST_CHANGE { change.ln_1p() } else { change }
         };
         let now = &mut self.now;
-        for ((left, [a, b]), weight) in now.left.iter_mut().zip(&now.pairs).zip(&self.weights) {
-            *left = (ratio(*a) - ratio(*b)) * weight;
+        for ((residual, [a, b]), weight) in now.residual.iter_mut().zip(&now.pairs).zip(&self.weights) {
+            *residual = (ratio(*a) - ratio(*b)) * weight;
         }
         // The columns are orthonormal: one after the other takes away what all of them explain.
         for column in self.explained.column_iter() {
-            let part = column.dot(&now.left);
-            now.left.axpy(-part, &column, 1.0);
+            let part = column.dot(&now.residual);
+            now.residual.axpy(-part, &column, 1.0);
         }
-        now.square = now.left.norm_squared();
+        now.square = now.residual.norm_squared();
     }
 }
 
@@ -169,7 +169,7 @@ impl Prepared {
 const LEAST_EIGENVALUE: f64 = 1e-10;
 /// A change of a voltage below this is no touch: the voltage is gone or turned round.
 const LEAST_CHANGE: f64 = -0.9;
-/// Fewest degrees of freedom that noise is told from.
+/// Fewest degrees of freedom of an estimate of the noise: its standard deviation is then good to a quarter.
 pub(crate) const LEAST_FREEDOM: usize = 8;
 
 /// By how much reciprocal pairs disagree.
@@ -178,7 +178,7 @@ pub struct Disagreement {
     /// The pairs, by measurement.
     pub pairs: Vec<[usize; 2]>,
     /// Disagreement of every pair over its spread: as noisy as one value of the difference.
-    pub left: DVector<f64>,
+    pub residual: DVector<f64>,
     /// Sum of its squares.
     pub square: f64,
     /// Degrees of freedom left.
@@ -186,7 +186,7 @@ pub struct Disagreement {
 }
 
 impl Disagreement {
-    /// The noise of one value; `None` when there are not enough pairs to tell.
+    /// The noise of one value; `None` when there are too few pairs for an estimate.
     pub fn noise(&self) -> Option<NoiseEstimate> {
         (self.freedom >= LEAST_FREEDOM && self.square.is_finite()).then(|| NoiseEstimate {
             sigma: (self.square / self.freedom as f64).sqrt(),

@@ -1,4 +1,4 @@
-//! Where the electrodes are and how well they make contact, told from the unpressed sheet's own values.
+//! Where the electrodes are and how well they make contact, estimated from the unpressed sheet's own values.
 //!
 //! Nobody places electrodes to a tenth of a millimetre, and half a millimetre moves touches by as much as the noise does.
 //! But the baseline shows it: each value's logarithm against the model is linear in small moves of the electrodes along
@@ -26,22 +26,57 @@ pub struct ElectrodeFit {
     pub unevenness: f64,
 }
 
-/// Candidates for the standard deviations, of which the evidence chooses: a value's relative error, the relative
-/// unevenness, a place (mm on the paper's disc), the logarithm of a contact.
-const ERRORS: [f64; 5] = [3e-4, 1e-3, 3e-3, 1e-2, 3e-2];
-const UNEVENNESSES: [f64; 3] = [0.0, 0.02, 0.1];
-const PLACES_MM: [f64; 3] = [0.1, 0.5, 2.0];
-const CONTACTS: [f64; 2] = [0.1, 0.5];
-/// Of the logarithm of what all contacts have in common, and of the gain.
-const COMMON_CONTACT: f64 = 1.0;
-const GAIN: f64 = 10.0;
-/// Distance of the bumps that the unevenness is made of, over the sheet's reach.
-const BUMPS: f64 = 0.3;
-const MOST_ROUNDS: usize = 4;
-/// A round that moves no electrode by more than this, mm on the paper's disc, is the last.
-const SETTLED_MM: f64 = 0.01;
-/// Fewest values for every electrode.
-const LEAST_VALUES: usize = 4;
+/// What is expected of electrodes and sheet before the baseline is looked at. Lengths are for the paper's disc (97.5 mm) and
+/// grow with the sheet.
+///
+/// The candidates span what is built by hand, a factor of three to five apart: the evidence is flat between neighbours.
+/// `cargo run --release -p studies --example mismatch` and `--example uneven_sheet` measure what comes of them (docs/results.md,
+/// "Misplaced electrodes" and "Uneven sheets"); the single values were chosen by hand.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ElectrodeFitOptions {
+    /// Candidates for the relative error of a value, one standard deviation. The largest is for sheets that the model hardly
+    /// describes: their electrodes stay where they were said to be.
+    pub errors: [f64; 5],
+    /// Candidates for the standard deviation of the sheet's relative unevenness.
+    pub unevennesses: [f64; 3],
+    /// Candidates for the standard deviation of an electrode's place along the rim, mm.
+    pub places_mm: [f64; 3],
+    /// Candidates for the standard deviation of the logarithm of a contact impedance.
+    pub contacts: [f64; 2],
+    /// Standard deviation of the logarithm of what all contacts have in common.
+    pub common_contact: f64,
+    /// Standard deviation of the logarithm of the common gain: nothing is known of it.
+    pub gain: f64,
+    /// Distance of the bumps that an unevenness is made of, over the sheet's reach. Less follows finer unevenness and takes
+    /// longer.
+    pub bumps: f64,
+    /// Most steps of Gauss and Newton, one model each.
+    pub most_rounds: usize,
+    /// A step that moves no electrode by more than this is the last, mm.
+    pub settled_mm: f64,
+    /// Fewest values for every electrode. Fewer cannot tell a place from a contact.
+    pub least_values: usize,
+}
+
+impl Default for ElectrodeFitOptions {
+    fn default() -> Self {
+        Self {
+            errors: [3e-4, 1e-3, 3e-3, 1e-2, 3e-2],
+            unevennesses: [0.0, 0.02, 0.1],
+            places_mm: [0.1, 0.5, 2.0],
+            contacts: [0.1, 0.5],
+            common_contact: 1.0,
+            gain: 10.0,
+            bumps: 0.3,
+            most_rounds: 4,
+            settled_mm: 0.01,
+            least_values: 4,
+        }
+    }
+}
+
+/// Reach of the paper's disc, mm.
+const PAPER_REACH_MM: f64 = 97.5;
 
 /// One choice of the standard deviations.
 #[derive(Clone, Copy)]
@@ -54,8 +89,9 @@ struct Scales {
 
 /// The linear model of the baseline's logarithms about some sheet.
 struct Linear {
+    options: ElectrodeFitOptions,
     /// Logarithm of the baseline over the model, for the values in use.
-    left: DVector<f64>,
+    residual: DVector<f64>,
     /// Its derivatives by the logarithms of the contacts and by the places.
     slopes: DMatrix<f64>,
     /// Covariance that an unevenness of 1 makes.
@@ -67,18 +103,23 @@ struct Linear {
 /// Finds the electrodes of an imager's sheet from a baseline (any unit). `None` when too few values can be used or the
 /// sheet that comes out makes no sense; the electrodes are then best left where they are.
 pub fn find(imager: &Imager, baseline: &[f64]) -> Option<ElectrodeFit> {
+    find_with(imager, baseline, &ElectrodeFitOptions::default())
+}
+
+/// The same with other expectations.
+pub fn find_with(imager: &Imager, baseline: &[f64], options: &ElectrodeFitOptions) -> Option<ElectrodeFit> {
     let sheet = imager.model.sheet();
     let geometry = imager.model.geometry();
     let n = sheet.electrodes.len();
-    let reach = imager.reach_mm() / 97.5;
+    let reach = imager.reach_mm() / PAPER_REACH_MM;
     let mut at = DVector::zeros(2 * n);
     let mut here = imager.clone();
     let mut scales = None;
     let mut fit = None;
-    for _ in 0..MOST_ROUNDS {
-        let linear = Linear::new(&here, baseline)?;
+    for _ in 0..options.most_rounds {
+        let linear = Linear::new(&here, baseline, options)?;
         // Beyond the linear part: what the values would be if all were linear about the prior's mean.
-        let y = &linear.left + &linear.slopes * &at;
+        let y = &linear.residual + &linear.slopes * &at;
         let s = *scales.get_or_insert_with(|| linear.best(&y, reach));
         let (mean, covariance) = linear.solve(&y, s)?;
         let step = (&mean - &at).rows(n, n).amax();
@@ -93,7 +134,7 @@ pub fn find(imager: &Imager, baseline: &[f64]) -> Option<ElectrodeFit> {
             error: s.error,
             unevenness: s.unevenness,
         });
-        if step <= SETTLED_MM * reach {
+        if step <= options.settled_mm * reach {
             break;
         }
     }
@@ -101,7 +142,7 @@ pub fn find(imager: &Imager, baseline: &[f64]) -> Option<ElectrodeFit> {
 }
 
 impl Linear {
-    fn new(imager: &Imager, baseline: &[f64]) -> Option<Self> {
+    fn new(imager: &Imager, baseline: &[f64], options: &ElectrodeFitOptions) -> Option<Self> {
         let n = imager.model.electrodes();
         let mut sizes: Vec<f64> = baseline.iter().copied().filter(|v| *v > 0.0 && v.is_finite()).collect();
         sizes.sort_by(f64::total_cmp);
@@ -109,18 +150,19 @@ impl Linear {
         let used: Vec<usize> = (0..imager.pattern.len().min(baseline.len()))
             .filter(|k| baseline[*k] > 1e-3 * middle && baseline[*k].is_finite() && imager.model_v[*k] > 0.0)
             .collect();
-        if used.len() < LEAST_VALUES * n {
+        if used.len() < options.least_values * n {
             return None;
         }
         let solver = Solver::new(imager.model.clone()).ok()?;
         let all = Sensitivity::by_electrode(&solver).matrix_v(imager.drive, solver.electrode_matrix(), &imager.pattern);
         let slopes = DMatrix::from_fn(used.len(), 2 * n, |k, p| all[(used[k], p)] / imager.model_v[used[k]]);
-        let bumps = &imager.sensitivity * bumps(imager);
+        let bumps = &imager.sensitivity * bumps(imager, options.bumps);
         let bumps = DMatrix::from_fn(used.len(), bumps.ncols(), |k, p| {
             bumps[(used[k], p)] / imager.model_v[used[k]]
         });
         Some(Self {
-            left: DVector::from_iterator(
+            options: *options,
+            residual: DVector::from_iterator(
                 used.len(),
                 used.iter().map(|k| (baseline[*k] / imager.model_v[*k]).ln()),
             ),
@@ -135,7 +177,7 @@ impl Linear {
         let mut prior = DMatrix::zeros(2 * n, 2 * n);
         for l in 0..n {
             for k in 0..n {
-                prior[(l, k)] = COMMON_CONTACT * COMMON_CONTACT;
+                prior[(l, k)] = self.options.common_contact * self.options.common_contact;
             }
             prior[(l, l)] += s.contact * s.contact;
             prior[(n + l, n + l)] = s.place_mm * s.place_mm;
@@ -147,7 +189,7 @@ impl Linear {
     fn covariance(&self, s: Scales) -> DMatrix<f64> {
         let mut m = &self.slopes * self.prior(s) * self.slopes.transpose();
         m += &self.uneven * (s.unevenness * s.unevenness);
-        m.add_scalar_mut(GAIN * GAIN);
+        m.add_scalar_mut(self.options.gain * self.options.gain);
         for (k, spread) in self.spread.iter().enumerate() {
             m[(k, k)] += (s.error * spread).powi(2);
         }
@@ -159,16 +201,16 @@ impl Linear {
         let mut best = (
             f64::NEG_INFINITY,
             Scales {
-                error: ERRORS[ERRORS.len() - 1],
+                error: self.options.errors[self.options.errors.len() - 1],
                 unevenness: 0.0,
-                place_mm: PLACES_MM[0] * reach,
-                contact: CONTACTS[0],
+                place_mm: self.options.places_mm[0] * reach,
+                contact: self.options.contacts[0],
             },
         );
-        for error in ERRORS {
-            for unevenness in UNEVENNESSES {
-                for place in PLACES_MM {
-                    for contact in CONTACTS {
+        for error in self.options.errors {
+            for unevenness in self.options.unevennesses {
+                for place in self.options.places_mm {
+                    for contact in self.options.contacts {
                         let s = Scales {
                             error,
                             unevenness,
@@ -202,9 +244,9 @@ impl Linear {
 }
 
 /// Smooth bumps over the cells whose squares add up to 1 on average: what an uneven sheet is made of.
-fn bumps(imager: &Imager) -> DMatrix<f64> {
-    let step = BUMPS * imager.reach_mm();
-    let count = (1.0 / BUMPS).ceil() as i32;
+fn bumps(imager: &Imager, distance: f64) -> DMatrix<f64> {
+    let step = distance * imager.reach_mm();
+    let count = (1.0 / distance).ceil() as i32;
     let centres: Vec<[f64; 2]> = (-count..=count)
         .flat_map(|i| (-count..=count).map(move |k| [f64::from(i) * step, f64::from(k) * step]))
         .collect();
