@@ -1,4 +1,4 @@
-//! Frames to pictures, live: takes the baseline, then reconstructs, follows touches and tells their forces.
+//! A stream of frames to pictures: takes the baseline, then reconstructs, follows touches and computes their forces.
 
 use crate::force::meter::{Calibration, ForceMeter};
 use crate::pipeline::{FrameResult, Reconstructor, ReconstructorOptions};
@@ -22,6 +22,12 @@ pub struct LiveOptions {
     pub find_electrodes: bool,
     /// What the forces of the touches are computed with; none: no forces.
     pub calibration: Option<Calibration>,
+    /// How far a touch may move from one frame to the next and keep its number, as a part of the sheet's width; and how far
+    /// from where it vanished it may be seen again. Touches nearer to each other are seldom resolved. Chosen by hand.
+    pub reach: f64,
+    /// How long a touch may be gone and keep its number, s. A second tap at the same place within it is the same touch. Chosen
+    /// by hand.
+    pub patience_s: f64,
 }
 
 impl Default for LiveOptions {
@@ -31,6 +37,8 @@ impl Default for LiveOptions {
             method: Method::Nnls,
             find_electrodes: true,
             calibration: None,
+            reach: 0.1,
+            patience_s: 0.5,
         }
     }
 }
@@ -70,11 +78,6 @@ struct Running {
     reconstructor: Reconstructor,
 }
 
-/// A touch keeps its number while it moves by less than this from frame to frame, as a fraction of the sheet; and when it is seen again
-/// so near to where it vanished. Nearer to each other, two touches are seldom told apart.
-const REACH: f64 = 0.1;
-/// How long a touch may be gone and keep its number, s: a second tap at the same place within it is the same touch.
-const PATIENCE_S: f64 = 0.5;
 impl Live {
     /// Starts with taking the baseline.
     pub fn new(imager: Arc<Imager>, options: LiveOptions) -> Self {
@@ -82,8 +85,8 @@ impl Live {
         let values = imager.pattern.len();
         Self {
             tracker: Tracker::new(TrackerOptions {
-                reach_mm: 2.0 * REACH * extent,
-                patience_s: PATIENCE_S,
+                reach_mm: 2.0 * options.reach * extent,
+                patience_s: options.patience_s,
             }),
             radius_filter: RadiusFilter::default(),
             meter: options.calibration.map(|c| ForceMeter::new(&imager, c)),
