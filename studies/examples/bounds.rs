@@ -15,7 +15,7 @@ use rand::Rng;
 use rand::rngs::StdRng;
 use rand_distr::StandardNormal;
 use studies::StudyError;
-use studies::scenes::{Bench, Kind, Score, imager, noise_v, quantile, rng};
+use studies::{Kind, Score, TestSheet, imager, noise_v, quantile, rng};
 
 /// Steps of the differences: x and y, radius (mm), and the rise (relative).
 const STEPS: [f64; 4] = [0.5, 0.5, 0.5, 0.05];
@@ -43,11 +43,11 @@ fn moved(touches: &[DiscTouch], parameter: usize, steps: f64) -> Vec<DiscTouch> 
 }
 
 /// Information of a frame about x, y, radius (mm) and the logarithm of the rise of every touch.
-fn information(bench: &mut Bench, touches: &[DiscTouch], sigma: f64) -> Result<DMatrix<f64>, StudyError> {
+fn information(sheet: &mut TestSheet, touches: &[DiscTouch], sigma: f64) -> Result<DMatrix<f64>, StudyError> {
     let mut columns = Vec::new();
     for parameter in 0..4 * touches.len() {
-        let up = bench.clean_frame(&moved(touches, parameter, 1.0))?;
-        let down = bench.clean_frame(&moved(touches, parameter, -1.0))?;
+        let up = sheet.clean_frame(&moved(touches, parameter, 1.0))?;
+        let down = sheet.clean_frame(&moved(touches, parameter, -1.0))?;
         let slope = up
             .iter()
             .zip(&down)
@@ -118,17 +118,17 @@ fn main() -> anyhow::Result<()> {
                 continue;
             }
             let mut rng = rng(1000 * seed + k as u64);
-            let mut bench = Bench::new(&imager, drive, 0.0, 0.0, &mut rng)?;
-            let mut reconstructor = bench.reconstructor()?;
+            let mut sheet = TestSheet::new(&imager, drive, 0.0, 0.0, &mut rng)?;
+            let mut reconstructor = sheet.reconstructor()?;
             let (mut score, mut with_prior, mut without) = (Score::default(), Errors::default(), Errors::default());
             for _ in 0..scenes {
                 let scene = kind.scene(&mut rng, db);
-                let frame = bench.frame(&scene, &mut rng)?;
+                let frame = sheet.frame(&scene, &mut rng)?;
                 let found = reconstructor.frame(&frame)?;
                 score.add(&scene, &found.touches);
-                let clean = bench.clean_frame(&scene.touches)?;
-                let sigma = noise_v(&clean, &bench.baseline, db);
-                let information = information(&mut bench, &scene.touches, sigma)?;
+                let clean = sheet.clean_frame(&scene.touches)?;
+                let sigma = noise_v(&clean, &sheet.baseline, db);
+                let information = information(&mut sheet, &scene.touches, sigma)?;
                 for (prior, out) in [(prior, &mut with_prior), (0.0, &mut without)] {
                     draw(&information, prior, &scene.touches, &mut rng, out);
                 }

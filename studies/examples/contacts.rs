@@ -11,7 +11,7 @@ use forward::{DiscTouch, Drive};
 use inverse::reference::noise::FrameNoise;
 use rand::Rng;
 use rand::rngs::StdRng;
-use studies::scenes::{Bench, Worse, imager, noise_v, noisy, quantile, rng};
+use studies::{TestSheet, Worse, imager, noise_v, noisy, quantile, rng};
 use tracing_subscriber::filter::{LevelFilter, Targets};
 use tracing_subscriber::prelude::*;
 
@@ -47,7 +47,7 @@ fn places(rng: &mut StdRng, count: usize, at_rim: bool) -> Vec<[f64; 2]> {
 }
 
 struct Stage {
-    bench: Bench,
+    sheet: TestSheet,
     reconstructor: inverse::pipeline::Reconstructor,
     sigma: f64,
     rng: StdRng,
@@ -57,12 +57,12 @@ impl Stage {
     fn new(drive: Drive, seed: u64) -> anyhow::Result<Self> {
         let mut rng = rng(seed);
         let imager = imager(drive, 5.0)?;
-        let mut bench = Bench::new(&imager, drive, 0.0, 0.0, &mut rng)?;
-        let clean = bench.worse_frame(&[finger([48.0, 0.0], 0.2)], &[])?;
-        let sigma = noise_v(&clean, &bench.baseline, 27.0);
-        let reconstructor = bench.live_reconstructor(FrameNoise::of_frames(sigma))?;
+        let mut sheet = TestSheet::new(&imager, drive, 0.0, 0.0, &mut rng)?;
+        let clean = sheet.worse_frame(&[finger([48.0, 0.0], 0.2)], &[])?;
+        let sigma = noise_v(&clean, &sheet.baseline, 27.0);
+        let reconstructor = sheet.live_reconstructor(FrameNoise::of_frames(sigma))?;
         Ok(Self {
-            bench,
+            sheet,
             reconstructor,
             sigma,
             rng,
@@ -100,9 +100,9 @@ fn main() -> anyhow::Result<()> {
                     .into_iter()
                     .map(|p| finger(p, 0.2))
                     .collect();
-                let clean = stage.bench.worse_frame(&touches, &[(electrode, worse)])?;
+                let clean = stage.sheet.worse_frame(&touches, &[(electrode, worse)])?;
                 // Every scene is new: the sheet rested before.
-                let rest = noisy(stage.bench.baseline.clone(), stage.sigma, &mut stage.rng);
+                let rest = noisy(stage.sheet.baseline.clone(), stage.sigma, &mut stage.rng);
                 stage.reconstructor.frame(&rest)?;
                 for _ in 1..FRAMES {
                     let frame = noisy(clean.clone(), stage.sigma, &mut stage.rng);
@@ -138,8 +138,8 @@ fn main() -> anyhow::Result<()> {
                 .into_iter()
                 .map(|p| finger(p, rise))
                 .collect();
-            let clean = stage.bench.worse_frame(&touches, &[])?;
-            let rest = noisy(stage.bench.baseline.clone(), stage.sigma, &mut stage.rng);
+            let clean = stage.sheet.worse_frame(&touches, &[])?;
+            let rest = noisy(stage.sheet.baseline.clone(), stage.sigma, &mut stage.rng);
             stage.reconstructor.frame(&rest)?;
             for _ in 0..SOUND_FRAMES {
                 let frame = noisy(clean.clone(), stage.sigma, &mut stage.rng);

@@ -16,7 +16,7 @@ use hil_sim::SceneFile;
 use link::plans::PlanChoice;
 use std::path::Path;
 use studies::chain;
-use studies::scenes::quantile;
+use studies::quantile;
 use tracing_subscriber::filter::{LevelFilter, Targets};
 use tracing_subscriber::prelude::*;
 

@@ -12,7 +12,7 @@ use forward::Drive;
 use inverse::reference::electrode_fit;
 use std::sync::Arc;
 use studies::conformal::{ConformalMap, angles};
-use studies::scenes::{Bench, Kind, imager, quantile, reconstructor, rng};
+use studies::{Kind, TestSheet, imager, quantile, reconstructor, rng};
 
 const RIM_MM: f64 = 97.5;
 const FRAMES: usize = 25;
@@ -35,14 +35,14 @@ fn main() -> Result<()> {
         let mut rim: [Vec<f64>; 3] = Default::default();
         let mut rng = rng(seed);
         for _ in 0..sheets {
-            let mut perfect = Bench::new(&imager, drive, 0.0, 0.0, &mut rng)?;
-            let mut bench = Bench::new(&imager, drive, 0.5, 0.3, &mut rng)?;
-            let truth: Vec<f64> = angles(bench.sheet())
+            let mut perfect = TestSheet::new(&imager, drive, 0.0, 0.0, &mut rng)?;
+            let mut sheet = TestSheet::new(&imager, drive, 0.5, 0.3, &mut rng)?;
+            let truth: Vec<f64> = angles(sheet.as_built())
                 .iter()
                 .zip(&nominal)
                 .map(|(t, n)| RIM_MM * (t - n))
                 .collect();
-            let Some(found) = electrode_fit::find(&imager, &bench.baseline) else {
+            let Some(found) = electrode_fit::find(&imager, &sheet.baseline) else {
                 continue;
             };
             // From where they are to where they are taken to be.
@@ -53,13 +53,13 @@ fn main() -> Result<()> {
             rim[2].extend(&left);
             let mut ways = [
                 reconstructor(&imager, &perfect.baseline)?,
-                reconstructor(&imager, &bench.baseline)?,
-                reconstructor(&Arc::new(found.imager), &bench.baseline)?,
+                reconstructor(&imager, &sheet.baseline)?,
+                reconstructor(&Arc::new(found.imager), &sheet.baseline)?,
             ];
             for _ in 0..FRAMES {
                 let scene = Kind::Equal(1).scene(&mut rng, 27.0);
                 let at = scene.touches[0].centre_mm;
-                let frames = [perfect.frame(&scene, &mut rng)?, bench.frame(&scene, &mut rng)?];
+                let frames = [perfect.frame(&scene, &mut rng)?, sheet.frame(&scene, &mut rng)?];
                 for (way, r) in ways.iter_mut().enumerate() {
                     let touches = &r.frame(&frames[way.min(1)])?.touches;
                     let Some(t) = touches.first() else { continue };

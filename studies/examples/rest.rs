@@ -8,7 +8,7 @@ use forward::Drive;
 use inverse::reference::noise::FrameNoise;
 use inverse::touches::radius_filter::RadiusFilter;
 use inverse::touches::tracker::{Tracker, TrackerOptions};
-use studies::scenes::{Bench, Kind, Score, imager, live_reconstructor, noise_v, noisy, quantile, rng};
+use studies::{Kind, Score, TestSheet, imager, live_reconstructor, noise_v, noisy, quantile, rng};
 
 /// Frames after which is looked.
 const LOOKS: [usize; 6] = [1, 2, 4, 8, 16, 57];
@@ -40,19 +40,19 @@ fn main() -> anyhow::Result<()> {
             let mut rng = rng(seed);
             let mut scores = vec![Score::default(); LOOKS.len()];
             for _ in 0..scenes {
-                let mut bench = Bench::new(&imager, drive, 0.0, 0.0, &mut rng)?;
+                let mut sheet = TestSheet::new(&imager, drive, 0.0, 0.0, &mut rng)?;
                 let scene = kind.scene(&mut rng, f64::INFINITY);
-                let clean = bench.frame(&scene, &mut rng)?;
+                let clean = sheet.frame(&scene, &mut rng)?;
                 // A disc answers with 2 c / (2 + c).
                 let answer = |c: f64| 2.0 * c / (2.0 + c);
-                let sigma = noise_v(&clean, &bench.baseline, 27.0) * answer(0.2) / answer(rise);
+                let sigma = noise_v(&clean, &sheet.baseline, 27.0) * answer(0.2) / answer(rise);
                 let of_baseline = 1.0 / BASELINE_FRAMES as f64;
-                let baseline = noisy(bench.baseline.clone(), sigma * of_baseline.sqrt(), &mut rng);
+                let baseline = noisy(sheet.baseline.clone(), sigma * of_baseline.sqrt(), &mut rng);
                 let noise = FrameNoise::Known {
                     sigma,
                     baseline_frames: Some(BASELINE_FRAMES),
                 };
-                let mut reconstructor = live_reconstructor(&bench.seen(), &baseline, noise)?;
+                let mut reconstructor = live_reconstructor(&sheet.fitted_imager(), &baseline, noise)?;
                 let (mut tracker, mut radius_filter) = (
                     Tracker::new(TrackerOptions {
                         reach_mm: 20.0,

@@ -7,7 +7,7 @@
 //! whose name holds it.
 
 use forward::Drive;
-use studies::scenes::{Bench, Fault, Kind, Score, imager, quantile, rng, run};
+use studies::{Fault, Kind, Score, TestSheet, imager, quantile, rng, trial};
 
 struct Arguments {
     scenes: usize,
@@ -87,10 +87,10 @@ fn main() -> anyhow::Result<()> {
                 continue;
             }
             let mut rng = rng(1000 * a.seed + k as u64);
-            let mut bench = Bench::new(&imager, drive, 0.0, 0.0, &mut rng)?;
-            let mut r = bench.reconstructor()?;
+            let mut sheet = TestSheet::new(&imager, drive, 0.0, 0.0, &mut rng)?;
+            let mut r = sheet.reconstructor()?;
             let mut score = Score::default();
-            run(&mut bench, &mut r, *kind, *db, a.scenes, &mut rng, &mut score)?;
+            trial::run(&mut sheet, &mut r, *kind, *db, a.scenes, &mut rng, &mut score)?;
             print(&name, &score);
         }
         for (n, db) in [(1, 27.0), (4, 27.0), (1, 60.0), (4, 60.0)] {
@@ -101,10 +101,10 @@ fn main() -> anyhow::Result<()> {
             let mut rng = rng(1000 * a.seed + 500 + n as u64);
             let mut score = Score::default();
             for _ in 0..8 {
-                let mut bench = Bench::new(&imager, drive, 0.5, 0.3, &mut rng)?;
-                let mut r = bench.reconstructor()?;
-                run(
-                    &mut bench,
+                let mut sheet = TestSheet::new(&imager, drive, 0.5, 0.3, &mut rng)?;
+                let mut r = sheet.reconstructor()?;
+                trial::run(
+                    &mut sheet,
                     &mut r,
                     Kind::Equal(n),
                     db,
@@ -118,12 +118,12 @@ fn main() -> anyhow::Result<()> {
         let name = format!("{drive_name} empty");
         if name.contains(&a.only) {
             let mut rng = rng(1000 * a.seed + 900);
-            let bench = Bench::new(&imager, drive, 0.0, 0.0, &mut rng)?;
-            let mut r = bench.reconstructor()?;
+            let sheet = TestSheet::new(&imager, drive, 0.0, 0.0, &mut rng)?;
+            let mut r = sheet.reconstructor()?;
             let frames = 10 * a.scenes;
             let (mut touched, mut passed) = (0, 0);
             for _ in 0..frames {
-                let frame = bench.empty(1e-4 * bench.baseline[0], &mut rng);
+                let frame = sheet.empty(1e-4 * sheet.baseline[0], &mut rng);
                 // The lengths match: both are the imager's.
                 if let Ok(found) = r.frame(&frame) {
                     touched += found.touches.len();

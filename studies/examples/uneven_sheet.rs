@@ -10,7 +10,7 @@ use rand::Rng;
 use rand::rngs::StdRng;
 use rand_distr::StandardNormal;
 use std::sync::Arc;
-use studies::scenes::{Kind, Score, imager, misplaced, noise_v, noisy, reconstructor, rng};
+use studies::{Kind, Score, imager, misplaced, noise_v, noisy, reconstructor, rng};
 
 const SHEETS: usize = 6;
 const TOUCHES: usize = 15;

@@ -1,6 +1,6 @@
 //! The whole chain, as `skin run` has it: the simulated board with its firmware, the link, the live reconstruction.
 
-use crate::StudyError;
+use crate::error::StudyError;
 use forward::{Drive, Pattern, Sheet};
 use hil_sim::{Pace, SceneFile, SimPort};
 use inverse::live::{Live, LiveFrame, LiveOptions};

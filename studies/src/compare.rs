@@ -1,7 +1,9 @@
 //! Run time against error: all methods, cell sizes and ranks on the same frames.
 
-use crate::StudyError;
-use crate::scenes::{self, Bench, Kind, Score, quantile};
+use crate::error::StudyError;
+use crate::scene::{Kind, Scene, rng};
+use crate::score::{Score, quantile};
+use crate::test_sheet::{TestSheet, imager, imager_for};
 use forward::Drive;
 use inverse::pipeline::{Reconstructor, ReconstructorOptions};
 use inverse::reference::Reference;
@@ -92,14 +94,14 @@ pub fn compare(
     seed: u64,
     mut progress: impl FnMut(&str),
 ) -> Result<Vec<Entry>, StudyError> {
-    let mut rng = scenes::rng(seed);
-    let first = scenes::imager(drive, CELLS_MM[0])?;
-    let mut bench = Bench::new(&first, drive, 0.0, 0.0, &mut rng)?;
+    let mut rng = rng(seed);
+    let first = imager(drive, CELLS_MM[0])?;
+    let mut sheet = TestSheet::new(&first, drive, 0.0, 0.0, &mut rng)?;
     let mut imagers: Vec<(Method, Arc<Imager>)> = Vec::new();
     let mut measured = Vec::new();
     for k in 0..frames {
         let scene = Kind::Equal(1 + k % 4).scene(&mut rng, 27.0);
-        let frame = bench.frame(&scene, &mut rng)?;
+        let frame = sheet.frame(&scene, &mut rng)?;
         measured.push((scene, frame));
     }
     let mut entries = Vec::new();
@@ -109,12 +111,12 @@ pub fn compare(
         let imager = match imagers.iter().find(known) {
             Some((_, imager)) => Arc::clone(imager),
             None => {
-                let imager = scenes::imager_for(way.method, drive, way.cell_mm)?;
+                let imager = imager_for(way.method, drive, way.cell_mm)?;
                 imagers.push((way.method, Arc::clone(&imager)));
                 imager
             }
         };
-        entries.push(run(way, &imager, &bench.baseline, &measured)?);
+        entries.push(run(way, &imager, &sheet.baseline, &measured)?);
     }
     mark_front(&mut entries);
     Ok(entries)
@@ -125,12 +127,7 @@ fn name(way: Way) -> String {
     format!("{}{suffix}", way.method)
 }
 
-fn run(
-    way: Way,
-    imager: &Arc<Imager>,
-    baseline: &[f64],
-    frames: &[(scenes::Scene, Vec<f64>)],
-) -> Result<Entry, StudyError> {
+fn run(way: Way, imager: &Arc<Imager>, baseline: &[f64], frames: &[(Scene, Vec<f64>)]) -> Result<Entry, StudyError> {
     let usual = ReconstructorOptions::for_imager(imager, way.method);
     let options = ReconstructorOptions {
         drop: way.drop,

@@ -3,7 +3,7 @@
 //! A conformal map of the disc onto itself takes the field of point electrodes on its rim to that of others: the voltages stay what they
 //! are. Small maps move the rim by `a + b cos + c sin` of the angle, and the touches with it.
 
-use crate::StudyError;
+use crate::error::StudyError;
 use forward::{Place, Sheet};
 use nalgebra::{DMatrix, DVector};
 

@@ -2,7 +2,8 @@
 //! works (the paper's Fig. 7).
 
 use crate::paper::PaperError;
-use crate::scenes::{self, Bench, Kind, Scene};
+use crate::scene::{Kind, Scene, rng};
+use crate::test_sheet::{TestSheet, imager, imager_for};
 use ::forward::Drive;
 use inverse::pipeline::{Reconstructor, ReconstructorOptions};
 use inverse::reference::Reference;
@@ -32,11 +33,11 @@ const PANELS: [(Method, f64, &str); 5] = [
 /// # Errors
 /// A sheet that cannot be modelled, a file that cannot be written.
 pub fn write(drive: Drive, seed: u64, path: &Path) -> Result<(), PaperError> {
-    let mut rng = scenes::rng(seed);
-    let fine = scenes::imager(drive, 5.0)?;
-    let mut bench = Bench::new(&fine, drive, 0.0, 0.0, &mut rng)?;
+    let mut rng = rng(seed);
+    let fine = imager(drive, 5.0)?;
+    let mut sheet = TestSheet::new(&fine, drive, 0.0, 0.0, &mut rng)?;
     let scene = Kind::Equal(3).scene(&mut rng, 27.0);
-    let frame = bench.frame(&scene, &mut rng)?;
+    let frame = sheet.frame(&scene, &mut rng)?;
     let inside = |p: [f64; 2]| {
         let hit = scene.touches.iter().filter(|t| {
             let [x, y] = t.centre_mm;
@@ -53,8 +54,8 @@ pub fn write(drive: Drive, seed: u64, path: &Path) -> Result<(), PaperError> {
         inside,
     )?];
     for (method, cell_mm, title) in PANELS {
-        let imager = scenes::imager_for(method, drive, cell_mm)?;
-        let reference = Reference::new(imager.clone(), bench.baseline.clone(), FrameNoise::Unknown)?;
+        let imager = imager_for(method, drive, cell_mm)?;
+        let reference = Reference::new(imager.clone(), sheet.baseline.clone(), FrameNoise::Unknown)?;
         let mut r = Reconstructor::new(reference, ReconstructorOptions::for_imager(&imager, method));
         let found = r.frame(&frame)?;
         let values: Vec<f32> = found.x.iter().map(|x| *x as f32).collect();

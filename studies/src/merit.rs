@@ -1,8 +1,9 @@
 //! The GREIT figures of merit of a method's pictures over the radius of the sheet.
 
-use crate::StudyError;
+use crate::error::StudyError;
 use crate::greit::{Figures, Pixels};
-use crate::scenes::{self, Bench, Fault, Scene};
+use crate::scene::{Fault, Scene, rng};
+use crate::test_sheet::{TestSheet, imager_for};
 use forward::{DiscTouch, Drive};
 use inverse::pipeline::{Reconstructor, ReconstructorOptions};
 use inverse::reference::Reference;
@@ -65,7 +66,7 @@ pub fn profile_with(
     seed: u64,
     change: impl Fn(ReconstructorOptions) -> ReconstructorOptions,
 ) -> Result<Vec<Ring>, StudyError> {
-    let imager = scenes::imager_for(method, drive, method.cell_mm())?;
+    let imager = imager_for(method, drive, method.cell_mm())?;
     profile_on(&imager, drive, method, touches, seed, change)
 }
 
@@ -81,10 +82,10 @@ pub fn profile_on(
     seed: u64,
     change: impl Fn(ReconstructorOptions) -> ReconstructorOptions,
 ) -> Result<Vec<Ring>, StudyError> {
-    let mut rng = scenes::rng(seed);
-    let mut bench = Bench::new(imager, drive, 0.0, 0.0, &mut rng)?;
+    let mut rng = rng(seed);
+    let mut sheet = TestSheet::new(imager, drive, 0.0, 0.0, &mut rng)?;
     let usual = ReconstructorOptions::for_imager(imager, method);
-    let reference = Reference::new(imager.clone(), bench.baseline.clone(), FrameNoise::Unknown)?;
+    let reference = Reference::new(imager.clone(), sheet.baseline.clone(), FrameNoise::Unknown)?;
     let mut r = Reconstructor::new(reference, change(usual));
     let grid = grid_of(imager)?;
     let pixels = Pixels::of_disc(RIM_MM, PIXEL_MM);
@@ -105,7 +106,7 @@ pub fn profile_on(
                 snr_db: 27.0,
                 fault: Fault::None,
             };
-            let frame = bench.frame(&scene, &mut rng)?;
+            let frame = sheet.frame(&scene, &mut rng)?;
             let found = r.frame(&frame)?;
             figures.extend(Figures::of(&pixels, &shown(&grid, &found.x, &pixels), at));
         }

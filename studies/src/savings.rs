@@ -1,9 +1,11 @@
 //! What each shortcut of the solver is worth, and what it costs in accuracy.
 
-use crate::StudyError;
 use crate::cost::{self, Happening};
-use crate::scenes::{self, Bench, quantile};
+use crate::error::StudyError;
+use crate::scene::rng;
+use crate::score::quantile;
 use crate::screening::screen;
+use crate::test_sheet::{TestSheet, imager, noise_v, noisy};
 use forward::Drive;
 use inverse::pipeline::{Reconstructor, ReconstructorOptions};
 use inverse::reference::Reference;
@@ -70,17 +72,17 @@ struct Frames {
 /// # Errors
 /// [`StudyError`] where the sheet cannot be modelled.
 pub fn savings(drive: Drive, frames: usize, seed: u64) -> Result<Savings, StudyError> {
-    let mut rng = scenes::rng(seed);
-    let imager = scenes::imager(drive, 5.0)?;
-    let mut bench = Bench::new(&imager, drive, 0.0, 0.0, &mut rng)?;
-    let clean = cost::sequence(&mut bench, Happening::Four, frames, 0.0, &mut rng)?;
-    let base = bench.baseline.clone();
-    let sigma = scenes::noise_v(&clean[0], &base, 27.0);
+    let mut rng = rng(seed);
+    let imager = imager(drive, 5.0)?;
+    let mut sheet = TestSheet::new(&imager, drive, 0.0, 0.0, &mut rng)?;
+    let clean = cost::sequence(&mut sheet, Happening::Four, frames, 0.0, &mut rng)?;
+    let base = sheet.baseline.clone();
+    let sigma = noise_v(&clean[0], &base, 27.0);
     let given = Frames {
         sensitivity: imager.sensitivity.clone(),
         differences: clean
             .into_iter()
-            .map(|v| scenes::noisy(v, sigma, &mut rng))
+            .map(|v| noisy(v, sigma, &mut rng))
             .map(|v| DVector::from_iterator(v.len(), v.iter().zip(&base).map(|(a, b)| a - b)))
             .collect(),
     };
@@ -97,7 +99,7 @@ pub fn savings(drive: Drive, frames: usize, seed: u64) -> Result<Savings, StudyE
         let mut r = Reconstructor::new(reference, ReconstructorOptions { false_alarm, ..usual });
         let mut times = Vec::new();
         for _ in 0..frames + 2 {
-            let frame = bench.empty(sigma, &mut rng);
+            let frame = sheet.empty(sigma, &mut rng);
             let start = Instant::now();
             r.frame(&frame)?;
             times.push(start.elapsed().as_secs_f64() * 1e6);

@@ -6,7 +6,7 @@ use inverse::pipeline::Reconstructor;
 use inverse::reference::noise::FrameNoise;
 use rand::Rng;
 use rand::rngs::StdRng;
-use studies::scenes::{Bench, Worse, imager, noise_v, noisy, rng};
+use studies::{TestSheet, Worse, imager, noise_v, noisy, rng};
 
 const CURRENT: Drive = Drive::Current { amplitude_a: 1e-3 };
 
@@ -19,7 +19,7 @@ fn finger(x: f64, y: f64) -> DiscTouch {
 }
 
 struct Stage {
-    bench: Bench,
+    sheet: TestSheet,
     reconstructor: Reconstructor,
     /// Noise at which a finger half way to the rim has 27 dB, known to the reconstructor.
     sigma: f64,
@@ -30,12 +30,12 @@ impl Stage {
     fn new(drive: Drive, seed: u64) -> Self {
         let mut rng = rng(seed);
         let imager = imager(drive, 5.0).unwrap();
-        let mut bench = Bench::new(&imager, drive, 0.0, 0.0, &mut rng).unwrap();
-        let clean = bench.clean_frame(&[finger(48.0, 0.0)]).unwrap();
-        let sigma = noise_v(&clean, &bench.baseline, 27.0);
-        let reconstructor = bench.live_reconstructor(FrameNoise::of_frames(sigma)).unwrap();
+        let mut sheet = TestSheet::new(&imager, drive, 0.0, 0.0, &mut rng).unwrap();
+        let clean = sheet.clean_frame(&[finger(48.0, 0.0)]).unwrap();
+        let sigma = noise_v(&clean, &sheet.baseline, 27.0);
+        let reconstructor = sheet.live_reconstructor(FrameNoise::of_frames(sigma)).unwrap();
         Self {
-            bench,
+            sheet,
             reconstructor,
             sigma,
             rng,
@@ -55,7 +55,7 @@ impl Stage {
     }
 
     fn rest(&mut self) {
-        let clean = self.bench.baseline.clone();
+        let clean = self.sheet.baseline.clone();
         assert_eq!(self.frame(&clean), (vec![], vec![]));
     }
 
@@ -65,7 +65,7 @@ impl Stage {
         let at = [45.0 * opposite.cos(), 45.0 * opposite.sin()];
         for touches in [vec![], vec![finger(at[0], at[1])]] {
             self.rest();
-            let clean = self.bench.worse_frame(&touches, &[(electrode, worse)]).unwrap();
+            let clean = self.sheet.worse_frame(&touches, &[(electrode, worse)]).unwrap();
             for _ in 0..10 {
                 assert!(self.frame(&clean).0.is_empty(), "{worse:?}");
             }
@@ -99,7 +99,7 @@ fn with_a_given_current_it_is_the_shunt_that_tells_a_contact() {
     }
     // What is in the wire does not matter to a current.
     stage.rest();
-    let clean = stage.bench.worse_frame(&[], &[(3, Worse::Wire(500.0))]).unwrap();
+    let clean = stage.sheet.worse_frame(&[], &[(3, Worse::Wire(500.0))]).unwrap();
     assert_eq!(stage.frame(&clean), (vec![], vec![]));
 }
 
@@ -112,7 +112,7 @@ fn touches_at_the_rim_are_no_contacts() {
             let angle = std::f64::consts::TAU * f64::from(k) / 32.0;
             let radius = stage.rng.random_range(77.5..91.5);
             let touch = finger(radius * angle.cos(), radius * angle.sin());
-            let clean = stage.bench.clean_frame(&[touch]).unwrap();
+            let clean = stage.sheet.clean_frame(&[touch]).unwrap();
             stage.rest();
             for _ in 0..20 {
                 let (contacts, found) = stage.frame(&clean);
@@ -127,16 +127,16 @@ fn touches_at_the_rim_are_no_contacts() {
 #[test]
 fn a_frame_alone_names_a_worse_contact_too() {
     let mut stage = Stage::new(Drive::PAPER, 86);
-    stage.reconstructor = stage.bench.reconstructor().unwrap();
+    stage.reconstructor = stage.sheet.reconstructor().unwrap();
     for k in 0..8 {
         let electrode = (5 * k + 2) % 16;
         let worse = [Worse::Face(100.0), Worse::Wire(100.0)][k % 2];
-        let clean = stage.bench.worse_frame(&[], &[(electrode, worse)]).unwrap();
+        let clean = stage.sheet.worse_frame(&[], &[(electrode, worse)]).unwrap();
         assert_eq!(stage.frame(&clean), (vec![electrode], vec![]), "{worse:?}");
         let angle = std::f64::consts::TAU * k as f64 / 32.0;
         let radius = stage.rng.random_range(77.5..91.5);
         let touch = finger(radius * angle.cos(), radius * angle.sin());
-        let clean = stage.bench.clean_frame(&[touch]).unwrap();
+        let clean = stage.sheet.clean_frame(&[touch]).unwrap();
         let (contacts, found) = stage.frame(&clean);
         assert!(contacts.is_empty() && found.len() == 1, "{k}: {contacts:?} {found:?}");
     }
@@ -146,8 +146,8 @@ fn a_frame_alone_names_a_worse_contact_too() {
 fn a_contact_that_recovers_is_believed_again() {
     let mut stage = Stage::new(Drive::PAPER, 85);
     let touch = [finger(-30.0, 20.0)];
-    let worse = stage.bench.worse_frame(&touch, &[(6, Worse::Face(150.0))]).unwrap();
-    let well = stage.bench.clean_frame(&touch).unwrap();
+    let worse = stage.sheet.worse_frame(&touch, &[(6, Worse::Face(150.0))]).unwrap();
+    let well = stage.sheet.clean_frame(&touch).unwrap();
     for _ in 0..30 {
         stage.frame(&worse);
     }

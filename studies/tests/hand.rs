@@ -4,21 +4,21 @@
 use forward::Drive;
 use inverse::reference::noise::FrameNoise;
 use studies::cost::Happening;
-use studies::scenes::{Bench, imager, noise_v, noisy, rng};
+use studies::{TestSheet, imager, noise_v, noisy, rng};
 
 /// From frame to frame the hand moves 1 mm. The noise is that of four fingers at 27 dB, known as live.
 #[test]
 fn a_hand_that_moves_keeps_its_count_and_its_palm() {
     let mut rng = rng(91);
     let imager = imager(Drive::PAPER, 5.0).unwrap();
-    let mut bench = Bench::new(&imager, Drive::PAPER, 0.0, 0.0, &mut rng).unwrap();
-    let clean = bench.clean_frame(&Happening::Four.touches(0)).unwrap();
-    let sigma = noise_v(&clean, &bench.baseline, 27.0);
-    let mut r = bench.live_reconstructor(FrameNoise::of_frames(sigma)).unwrap();
+    let mut sheet = TestSheet::new(&imager, Drive::PAPER, 0.0, 0.0, &mut rng).unwrap();
+    let clean = sheet.clean_frame(&Happening::Four.touches(0)).unwrap();
+    let sigma = noise_v(&clean, &sheet.baseline, 27.0);
+    let mut r = sheet.live_reconstructor(FrameNoise::of_frames(sigma)).unwrap();
     let (mut right, mut allocated, frames) = (0, 0, 48);
     let sequence: Vec<Vec<f64>> = (0..frames)
         .map(|k| {
-            let clean = bench.clean_frame(&Happening::Hand.touches(k)).unwrap();
+            let clean = sheet.clean_frame(&Happening::Hand.touches(k)).unwrap();
             noisy(clean, sigma, &mut rng)
         })
         .collect();

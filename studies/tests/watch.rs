@@ -10,10 +10,10 @@ use inverse::solvers::Method;
 use inverse::touches::touch::Touch;
 use rand::rngs::StdRng;
 use std::collections::BTreeMap;
-use studies::scenes::{Bench, Fault, Scene, imager, noise_v, noisy, quantile, rng};
+use studies::{Fault, Scene, TestSheet, imager, noise_v, noisy, quantile, rng};
 
 struct Watched {
-    bench: Bench,
+    sheet: TestSheet,
     reconstructor: Reconstructor,
     sigma: f64,
     rng: StdRng,
@@ -32,14 +32,14 @@ impl Watched {
     fn new(seed: u64) -> Self {
         let mut rng = rng(seed);
         let imager = imager(Drive::PAPER, 5.0).unwrap();
-        let mut bench = Bench::new(&imager, Drive::PAPER, 0.0, 0.0, &mut rng).unwrap();
+        let mut sheet = TestSheet::new(&imager, Drive::PAPER, 0.0, 0.0, &mut rng).unwrap();
         let touches = vec![touch(40.0, 0.0), touch(-40.0, 5.0), touch(0.0, 45.0), touch(3.0, -50.0)];
         let scene = Self::scene(touches);
-        let clean = bench.frame(&scene, &mut rng).unwrap();
-        let sigma = noise_v(&clean, &bench.baseline, 27.0);
-        let reconstructor = bench.live_reconstructor(FrameNoise::of_frames(sigma)).unwrap();
+        let clean = sheet.frame(&scene, &mut rng).unwrap();
+        let sigma = noise_v(&clean, &sheet.baseline, 27.0);
+        let reconstructor = sheet.live_reconstructor(FrameNoise::of_frames(sigma)).unwrap();
         Self {
-            bench,
+            sheet,
             reconstructor,
             sigma,
             rng,
@@ -57,7 +57,7 @@ impl Watched {
 
     fn clean(&mut self, touches: &[DiscTouch]) -> Vec<f64> {
         let scene = Self::scene(touches.to_vec());
-        self.bench.frame(&scene, &mut self.rng).unwrap()
+        self.sheet.frame(&scene, &mut self.rng).unwrap()
     }
 
     fn noisy(&mut self, clean: &[f64]) -> Vec<f64> {
@@ -163,11 +163,11 @@ fn a_scene_at_rest_is_averaged() {
 fn frames_of_a_table_are_not_each_others_results() {
     let mut w = Watched::new(77);
     let (touched, empty) = (w.clean(&[touch(30.0, 20.0)]), w.clean(&[]));
-    let imager = w.bench.seen();
+    let imager = w.sheet.fitted_imager();
     let options = ReconstructorOptions::for_imager(&imager, Method::Nnls);
     let noise = FrameNoise::of_frames(w.sigma);
     let mut r = Reconstructor::new(
-        Reference::new(imager, w.bench.baseline.clone(), noise).unwrap(),
+        Reference::new(imager, w.sheet.baseline.clone(), noise).unwrap(),
         options,
     );
     for k in 0..30 {
@@ -191,7 +191,7 @@ fn the_noise_of_the_baseline_is_not_averaged() {
             sigma: w.sigma,
             baseline_frames,
         };
-        let mut r = w.bench.live_reconstructor(noise).unwrap();
+        let mut r = w.sheet.live_reconstructor(noise).unwrap();
         let of = |r: &mut Reconstructor, w: &mut Watched| loop {
             let frame = w.noisy(&clean);
             let found = r.frame(&frame).unwrap();

@@ -15,7 +15,7 @@ pub mod tracking;
 
 pub use crate::paper::map::Map;
 
-use crate::StudyError;
+use crate::error::StudyError;
 use crate::paper::rig::{Rig, RigError};
 use forward::{CellError, ForwardError, PatternError};
 use inverse::force::calibration::CalibrationError;

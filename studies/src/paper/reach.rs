@@ -4,7 +4,9 @@
 use crate::paper::methods::Reader;
 use crate::paper::touches::matched;
 use crate::paper::{Options, PaperError};
-use crate::scenes::{self, Bench, Fault, Kind, Scene, noisy, quantile};
+use crate::scene::{Fault, Kind, Scene, rng};
+use crate::score::{MISSED_MM, quantile};
+use crate::test_sheet::{TestSheet, noise_v, noisy};
 use forward::{DiscTouch, Drive};
 use inverse::touches::touch::Touch;
 use rand::Rng;
@@ -86,7 +88,7 @@ pub struct Reach {
 }
 
 struct Both {
-    bench: Bench,
+    sheet: TestSheet,
     theirs: Reader,
     ours: Reader,
     sigma: f64,
@@ -94,13 +96,13 @@ struct Both {
 }
 
 pub(super) fn run(options: Options, progress: &dyn Fn(&str)) -> Result<Reach, PaperError> {
-    let mut rng = scenes::rng(options.seed);
-    let mut bench = Bench::new(&Reader::our_imager()?, Drive::PAPER, 0.0, 0.0, &mut rng)?;
-    let (theirs, ours) = (Reader::theirs(&bench.baseline)?, Reader::ours(&bench.baseline)?);
-    let pressed = bench.frame(&clean(vec![tip([0.0, 0.0])]), &mut rng)?;
-    let sigma = scenes::noise_v(&pressed, &bench.baseline, crate::paper::noise::PAPER_DB);
+    let mut rng = rng(options.seed);
+    let mut sheet = TestSheet::new(&Reader::our_imager()?, Drive::PAPER, 0.0, 0.0, &mut rng)?;
+    let (theirs, ours) = (Reader::theirs(&sheet.baseline)?, Reader::ours(&sheet.baseline)?);
+    let pressed = sheet.frame(&clean(vec![tip([0.0, 0.0])]), &mut rng)?;
+    let sigma = noise_v(&pressed, &sheet.baseline, crate::paper::noise::PAPER_DB);
     let mut both = Both {
-        bench,
+        sheet,
         theirs,
         ours,
         sigma,
@@ -159,7 +161,7 @@ impl Both {
                 (t.radius_mm, t.rise) = (0.5 * width_mm, rise);
             }
             let truth: Vec<[f64; 2]> = touches.iter().map(|t| t.centre_mm).collect();
-            let voltages = self.bench.frame(&clean(touches), &mut self.rng)?;
+            let voltages = self.sheet.frame(&clean(touches), &mut self.rng)?;
             let near = TOLD_MM.min(0.5 * apart_mm);
             for (k, found) in self.look(&voltages)?.iter().enumerate().filter(|(_, f)| f.len() == 2) {
                 two[k] += 1;
@@ -187,17 +189,17 @@ impl Both {
             // A little off its place, so that no place is better for lying on a mesh's point.
             let off: [f64; 2] = [0; 2].map(|_| self.rng.random_range(-0.5..0.5));
             let truth = [at_mm[0] + off[0], at_mm[1] + off[1]];
-            let voltages = self.bench.frame(&clean(vec![tip(truth)]), &mut self.rng)?;
+            let voltages = self.sheet.frame(&clean(vec![tip(truth)]), &mut self.rng)?;
             let mut errors = [Vec::new(), Vec::new()];
             for _ in 0..frames {
                 for (k, found) in self.look(&voltages)?.iter().enumerate() {
                     // A touch that is not found counts as far away as in all of the project's tables.
-                    let error = matched(&[truth], found)[0].unwrap_or(scenes::MISSED_MM);
+                    let error = matched(&[truth], found)[0].unwrap_or(MISSED_MM);
                     errors[k].push(error);
                     counted[k] += usize::from(found.len() == 1);
                 }
             }
-            let median = |list: &[f64]| Some(quantile(list, 0.5)).filter(|m| *m < scenes::MISSED_MM);
+            let median = |list: &[f64]| Some(quantile(list, 0.5)).filter(|m| *m < MISSED_MM);
             places.push(Place {
                 at_mm,
                 theirs_mm: median(&errors[0]),

@@ -5,7 +5,7 @@ use crate::paper::map::Map;
 use crate::paper::methods::Reader;
 use crate::paper::rig::{Press, Recording, Rig, Tip};
 use crate::paper::{Options, PaperError};
-use crate::scenes::quantile;
+use crate::score::quantile;
 use inverse::solvers::Method;
 use inverse::touches::touch::Touch;
 use protocol::Plan;

@@ -4,7 +4,7 @@
 use crate::paper::methods::Reader;
 use crate::paper::rig::{Press, Recording, Rig};
 use crate::paper::{Options, PaperError, noise};
-use crate::scenes::quantile;
+use crate::score::quantile;
 use inverse::force::calibration::{self, Fit};
 use inverse::force::meter::Calibration;
 use inverse::force::press::Recorder;

@@ -6,7 +6,7 @@ mod frames;
 mod methods;
 mod solver;
 
-use crate::StudyError;
+use crate::error::StudyError;
 use inverse::solvers::Problem;
 use nalgebra::{DMatrix, DVector};
 use rand::Rng;
