@@ -29,6 +29,7 @@ pub mod cost;
 pub mod error;
 pub mod fig7;
 pub mod greit;
+pub mod live_sheet;
 pub mod merit;
 pub mod paper;
 pub mod savings;
@@ -40,6 +41,7 @@ pub mod test_sheet;
 pub mod trial;
 
 pub use error::StudyError;
+pub use live_sheet::LiveSheet;
 pub use scene::{Fault, Kind, Scene, Worse, rng};
 pub use score::{MISSED_MM, Score, quantile};
 pub use test_sheet::{TestSheet, imager, imager_for, live_reconstructor, misplaced, noise_v, noisy, reconstructor};

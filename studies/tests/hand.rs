@@ -2,31 +2,28 @@
 #![allow(clippy::unwrap_used, reason = "a test")]
 
 use forward::Drive;
-use inverse::reference::noise::FrameNoise;
+use studies::LiveSheet;
 use studies::cost::Happening;
-use studies::{TestSheet, imager, noise_v, noisy, rng};
 
 /// From frame to frame the hand moves 1 mm. The noise is that of four fingers at 27 dB, known as live.
 #[test]
 fn a_hand_that_moves_keeps_its_count_and_its_palm() {
-    let mut rng = rng(91);
-    let imager = imager(Drive::PAPER, 5.0).unwrap();
-    let mut sheet = TestSheet::new(&imager, Drive::PAPER, 0.0, 0.0, &mut rng).unwrap();
-    let clean = sheet.clean_frame(&Happening::Four.touches(0)).unwrap();
-    let sigma = noise_v(&clean, &sheet.baseline, 27.0);
-    let mut r = sheet.live_reconstructor(FrameNoise::of_frames(sigma)).unwrap();
+    let mut live = LiveSheet::new(Drive::PAPER, 91, |sheet, _| {
+        sheet.clean_frame(&Happening::Four.touches(0))
+    })
+    .unwrap();
     let (mut right, mut allocated, frames) = (0, 0, 48);
     let sequence: Vec<Vec<f64>> = (0..frames)
         .map(|k| {
-            let clean = sheet.clean_frame(&Happening::Hand.touches(k)).unwrap();
-            noisy(clean, sigma, &mut rng)
+            let clean = live.sheet.clean_frame(&Happening::Hand.touches(k)).unwrap();
+            live.frame(&clean)
         })
         .collect();
     for pass in 0..2 {
         for (k, frame) in sequence.iter().enumerate() {
             let mut found = Vec::new();
             let used = allocation_counter::measure(|| {
-                let touches = &r.frame(frame).unwrap().touches;
+                let touches = &live.reconstructor.frame(frame).unwrap().touches;
                 found.clone_from(touches);
             });
             // One is the copy of the touches above.
