@@ -1,12 +1,12 @@
-//! How near the touches' errors are to the least there can be: the Cramer-Rao bound in the scenes of the tables of
-//! docs/reconstruction.md.
+//! Errors of the touches compared with the Cramer-Rao bound, in the scenes of `touch_accuracy`. Table:
+//! docs/results.md, The bound.
 //!
-//! `cargo run --release -p host --example bounds -- [--scenes N] [--seed S] [--only WORD]`
+//! `cargo run --release -p studies --example bounds -- [--scenes N] [--seed S] [--only WORD]`
 //!
-//! The nonlinear model's derivatives by x, y, radius and rise of every touch (central differences on the mesh that makes the frames)
-//! and the noise of the scene give the covariance that no unbiased fit of one frame can go below; with the prior of the radius, whose
-//! mean the touches of these scenes have, that of a fit which knows it. Errors are drawn from these covariances and listed as the
-//! reconstruction's own are.
+//! The derivatives of the nonlinear model are central differences on the mesh that makes the frames. Parameters are
+//! x, y, radius and rise of every touch. With the noise of the scene they give the least covariance of any unbiased
+//! fit of one frame. The bound with the prior is that of a fit with a prior of the radius; its mean is the radius of
+//! these touches. Errors are drawn from both covariances and listed like those of the reconstruction.
 
 use forward::{DiscTouch, Drive};
 use inverse::touches::fit::FitOptions;
@@ -58,7 +58,7 @@ fn information(sheet: &mut TestSheet, touches: &[DiscTouch], sigma: f64) -> Resu
     Ok(jacobian.tr_mul(&jacobian))
 }
 
-/// Draws errors of a fit that weighs its information with a prior of the radius (per mm²).
+/// Draws errors of a fit with this information and a prior of the radius with this inverse variance, 1/mm².
 fn draw(
     information: &DMatrix<f64>,
     prior: f64,
@@ -70,7 +70,7 @@ fn draw(
     let with_prior = DMatrix::from_fn(count, count, |i, j| {
         information[(i, j)] + if i == j && i % 4 == 2 { prior } else { 0.0 }
     });
-    // The scatter about touches whose radius is the prior's mean.
+    // Covariance where the true radius is the mean of the prior.
     let inverse = with_prior.try_inverse()?;
     let covariance = &inverse * information * inverse.transpose();
     let factor = (0.5 * (&covariance + covariance.transpose())).cholesky()?;

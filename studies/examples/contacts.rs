@@ -1,11 +1,12 @@
-//! Contacts that changed since the baseline: whether they are told from touches. The table of docs/reconstruction.md.
+//! Contacts that changed since the baseline: whether they are distinguished from touches. Table: docs/results.md,
+//! Contacts that changed.
 //!
-//! `cargo run --release -p host --example contacts -- [--scenes N] [--seed S]`
+//! `cargo run --release -p studies --example contacts -- [--scenes N] [--seed S]`
 //!
-//! Frames come from a finer mesh than the imager's with the nonlinear model, with the noise at which a finger of +20 % half way
-//! to the rim has 27 dB, known as live. N scenes of every kind (default 20) with none to two fingers, 50 mm apart, judged by their
-//! 30th frame after rest; then as many scenes
-//! of one to four ordinary touches of which one is at the rim, in 120 frames of which no contact changed.
+//! Frames are those of a `LiveSheet`. The noise is that of a finger of +20 % half way to the rim at 27 dB. N scenes
+//! of every kind (default 20) have no finger, one, or two 50 mm apart. They are judged by their 30th frame after
+//! rest. N further scenes have one to four touches, one of them at the rim, and no contact changes. All of their 120
+//! frames are judged.
 
 use forward::{DiscTouch, Drive};
 use rand::Rng;
@@ -15,7 +16,7 @@ use tracing_subscriber::filter::{LevelFilter, Targets};
 use tracing_subscriber::prelude::*;
 
 const RIM_MM: f64 = 97.5;
-/// A contact is believed after 16.
+/// Frames of a scene with a changed contact; the contact monitor accepts a contact after 16.
 const FRAMES: usize = 30;
 const SOUND_FRAMES: u64 = 120;
 
@@ -78,7 +79,7 @@ fn main() -> anyhow::Result<()> {
                     .map(|p| finger(p, 0.2))
                     .collect();
                 let clean = live.sheet.worse_frame(&touches, &[(electrode, worse)])?;
-                // Every scene is new: the sheet rested before.
+                // A frame of the untouched sheet separates the scenes.
                 let rest = live.empty();
                 live.reconstructor.frame(&rest)?;
                 for _ in 1..FRAMES {

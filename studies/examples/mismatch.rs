@@ -1,11 +1,13 @@
-//! How much of what misplaced electrodes do to a single touch is in the data at all. The table of docs/reconstruction.md.
+//! Errors of a single touch on sheets with misplaced electrodes, and the part of them that no baseline shows. Table:
+//! docs/results.md, Misplaced electrodes.
 //!
-//! `cargo run --release -p host --example mismatch -- [--sheets N] [--seed S]`
+//! `cargo run --release -p studies --example mismatch -- [--sheets N] [--seed S]`
 //!
-//! N sheets (default 40) with electrodes off by 0.5 mm (standard deviation) and contacts by up to 30 %; on each, 25 frames of one disc of
-//! +20 % at 27 dB. A conformal map of the disc onto itself leaves the field of a point electrode what it is: it moves electrodes along
-//! the rim by `a + b cos + c sin` of their angle, and touches with them, and no baseline tells. How far the electrodes found are off in these three
-//! ways is known here, so that the touches' errors can be told without what follows from it.
+//! N sheets (default 40) have electrodes displaced by 0.5 mm (standard deviation) and contacts changed by up to 30 %.
+//! Each gets 25 frames of one disc of +20 % at 27 dB. A conformal map of the disc onto itself does not change the
+//! voltages of point electrodes. The map moves electrodes along the rim by `a + b cos + c sin` of their angle, and
+//! touches with them. Here the map of the fitted electrodes is known, and the table lists the errors of the touches
+//! with and without it.
 
 use anyhow::Result;
 use forward::Drive;
@@ -45,7 +47,7 @@ fn main() -> Result<()> {
             let Some(found) = electrode_fit::find(&imager, &sheet.baseline) else {
                 continue;
             };
-            // From where they are to where they are taken to be.
+            // From the true to the fitted places.
             let off: Vec<f64> = found.moved_mm.iter().zip(&truth).map(|(f, t)| f - t).collect();
             let (map, left) = ConformalMap::nearest(RIM_MM, &off, &nominal)?;
             rim[0].extend(&truth);

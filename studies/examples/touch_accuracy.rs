@@ -1,10 +1,10 @@
-//! How accurate the touches are: the tables of docs/reconstruction.md.
+//! Accuracy of the touches. Tables: docs/results.md, Touches.
 //!
-//! `cargo run --release -p host --example touch_accuracy -- [--scenes N] [--seed S] [--only WORD]`
+//! `cargo run --release -p studies --example touch_accuracy -- [--scenes N] [--seed S] [--only WORD]`
 //!
-//! Frames come from a finer mesh than the imager's with the nonlinear model, noise white and of the size that the ratio
-//! of signal to noise says; the noise is told from the frame. N scenes of every kind (default 100); WORD picks the kinds
-//! whose name holds it.
+//! Frames come from the nonlinear model on a finer mesh than the imager's. The noise is white, with the stated ratio
+//! of signal to noise, and is estimated from the frame. Every kind has N scenes (default 100). WORD selects the kinds
+//! whose name contains it.
 
 use forward::Drive;
 use studies::{Fault, Kind, Score, TestSheet, imager, quantile, rng, trial};
@@ -74,10 +74,10 @@ fn main() -> anyhow::Result<()> {
         for fault in [Fault::Electrode, Fault::Missing, Fault::Stuck] {
             kinds.push((format!("fault {fault:?}"), Kind::Broken(fault), 27.0));
         }
-        // The same board: its noise does not grow with the touch. A disc answers with 2 c / (2 + c).
+        // The same board: its noise does not grow with the touch. The response of a disc of rise c is 2 c / (2 + c).
         for rise in [1.0, 3.0] {
-            let answer = |c: f64| 2.0 * c / (2.0 + c);
-            let db = 27.0 + 20.0 * (answer(rise) / answer(0.2)).log10();
+            let response = |c: f64| 2.0 * c / (2.0 + c);
+            let db = 27.0 + 20.0 * (response(rise) / response(0.2)).log10();
             let name = format!("strong +{:.0} %, {db:.1} dB (as +20 % at 27)", 100.0 * rise);
             kinds.push((name, Kind::Strong(rise), db));
         }

@@ -1,4 +1,4 @@
-//! What a frame costs, by what happens on the sheet: the whole way from voltages to touches.
+//! Time of a frame from voltages to touches, for different events on the sheet.
 
 use crate::error::StudyError;
 use crate::scene::{Fault, Scene, rng};
@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 pub enum Happening {
     /// Nothing; the noise is known from a recording of the unpressed sheet.
     Idle,
-    /// Nothing, and the noise has to be told from every frame.
+    /// Nothing, and the noise has to be estimated from every frame.
     IdleUnknownNoise,
     /// Four fingers at rest, with fresh noise.
     Still,
@@ -39,7 +39,7 @@ impl Happening {
         Self::Hand,
     ];
 
-    /// In a word or two.
+    /// Its name, for tables.
     pub fn name(self) -> &'static str {
         match self {
             Self::Idle => "idle",
@@ -112,13 +112,13 @@ pub struct Cost {
     pub counted: f64,
 }
 
-/// Runs through the sequence; a frame's time is the least of them, so that what other programs take is no part of it.
+/// Number of runs through the sequence. The time of a frame is its least, which leaves out other programs.
 const RUNS: usize = 5;
-/// After this time a happening gets no more runs, and no more than a few frames.
+/// After this time a happening gets no more runs, and at most [`FEW`] frames.
 const MOST: Duration = Duration::from_secs(3);
 const FEW: usize = 8;
 
-/// Measures what frames of 27 dB cost (of four fingers' size where nothing is touched).
+/// Measures the times of frames with the noise at which four fingers have 27 dB.
 ///
 /// # Errors
 /// [`StudyError`] where the sheet cannot be modelled.

@@ -1,5 +1,5 @@
-//! The picture of one frame by every method: the generalised inverse fails on the data on which non-negative least squares
-//! works (the paper's Fig. 7).
+//! The picture of one frame by every method (the paper's Fig. 7). The generalised inverse fails where non-negative
+//! least squares works.
 
 use crate::paper::PaperError;
 use crate::scene::{Kind, Scene, rng};
@@ -31,7 +31,7 @@ const PANELS: [(Method, f64, &str); 5] = [
 /// Draws three touches of 25 mm and +20 % at 27 dB by every method.
 ///
 /// # Errors
-/// A sheet that cannot be modelled, a file that cannot be written.
+/// Where the sheet cannot be modelled or the file not be written.
 pub fn write(drive: Drive, seed: u64, path: &Path) -> Result<(), PaperError> {
     let mut rng = rng(seed);
     let fine = imager(drive, 5.0)?;
@@ -89,7 +89,7 @@ pub fn write(drive: Drive, seed: u64, path: &Path) -> Result<(), PaperError> {
         let inside = |x: f32, y: f32| panel.pixel((x - l) as u32, (y - t) as u32);
         whole.shade(&corners, |x, y| inside(x, y).unwrap_or(BACKGROUND));
     }
-    // The error names the file and its cause itself.
+    // The error already names the file and the cause.
     Ok(whole.write_png(path)?)
 }
 

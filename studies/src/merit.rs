@@ -22,7 +22,7 @@ pub const RADII: [f64; 9] = [0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8];
 const RIM_MM: f64 = 97.5;
 const TIP_MM: f64 = 12.5;
 const RISE: f64 = 0.2;
-/// Side of the pixels that the shown picture is judged on, mm: 65 across the sheet, as many as EIDORS takes.
+/// Side of the pixels for the figures, mm: 65 pixels across the sheet, as in EIDORS.
 const PIXEL_MM: f64 = 3.0;
 
 /// Figures at one radius, means over the touches there.
@@ -32,7 +32,7 @@ pub struct Ring {
     pub radius: f64,
     /// Integrated rise over the true one.
     pub amplitude: f64,
-    /// The same over what it is in the middle: the amplitude response AR.
+    /// The amplitude response AR: the same, divided by its value in the middle.
     pub response: f64,
     /// Position error PE, mm: positive where the touch is shown too near to the middle.
     pub position_mm: f64,
@@ -46,8 +46,9 @@ pub struct Ring {
     pub ringing: f64,
 }
 
-/// The figures of the usual pictures of a method: one disc of 25 mm and +20 % at 27 dB, the noise told from the frame.
-/// `touches` of them, all round, at every radius of [`RADII`]. What is judged is the shown field, on pixels of 3 mm.
+/// The figures of a method with its usual options, for one disc of 25 mm and +20 % at 27 dB. The noise is estimated
+/// from the frame. Every radius of [`RADII`] has `touches` such discs, one a frame, all round. The figures are those
+/// of the shown field, on pixels of 3 mm.
 ///
 /// # Errors
 /// [`StudyError`] where the sheet cannot be modelled.
@@ -115,7 +116,7 @@ pub fn profile_on(
     Ok(rings)
 }
 
-/// The field as a viewer draws it, with what falls.
+/// The field as a viewer draws it, negative values included.
 fn shown(grid: &Grid, x: &[f64], pixels: &Pixels) -> Vec<f64> {
     let values: Vec<f32> = x.iter().map(|x| *x as f32).collect();
     let field = Field::new(grid, &values);
@@ -142,7 +143,7 @@ fn mean(radius: f64, figures: &[Figures], middle: Option<&Ring>) -> Ring {
 mod tests {
     use super::*;
 
-    /// What is asked of the shown picture: an amplitude response within 15 % from the middle to 80 % of the radius.
+    /// Requirement on the shown picture: an amplitude response within 15 % from the middle to 80 % of the radius.
     #[test]
     fn the_amplitude_response_is_uniform() {
         for drive in [Drive::PAPER, Drive::Current { amplitude_a: 1e-3 }] {
@@ -151,7 +152,7 @@ mod tests {
             for ring in rings {
                 assert!((ring.response - 1.0).abs() < 0.15, "{drive:?}: {ring:?}");
                 assert!(ring.distance_mm < 2.0 && ring.deformation < 0.15, "{drive:?}: {ring:?}");
-                // Nothing falls, so nothing rings.
+                // Without negative values there is no ringing.
                 assert_eq!(ring.ringing, 0.0);
             }
         }

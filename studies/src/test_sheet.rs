@@ -227,8 +227,8 @@ pub fn imager_for(method: Method, drive: Drive, cell_mm: f64) -> Result<Arc<Imag
     )?))
 }
 
-/// The reconstructor for single frames, with the electrodes where the imager has them. The noise is estimated from every
-/// frame.
+/// The reconstructor for single frames, with the electrodes where the imager has them. The noise is estimated from
+/// every frame.
 ///
 /// # Errors
 /// [`StudyError`] where the baseline does not have the length of the imager's pattern.

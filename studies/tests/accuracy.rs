@@ -1,4 +1,4 @@
-//! Accuracy of the touches on simulated frames: fewer scenes than the study in `examples/touch_accuracy.rs`, the same bounds.
+//! Accuracy of the touches on simulated frames: fewer scenes than `examples/touch_accuracy.rs`, with the same bounds.
 #![allow(clippy::unwrap_used, reason = "shared by the tests")]
 
 use forward::Drive;
@@ -14,7 +14,7 @@ fn paper(kind: Kind, snr_db: f64, scenes: usize, seed: u64) -> Score {
     trial::score(&mut sheet, &mut r, kind, snr_db, scenes, &mut rng).unwrap()
 }
 
-/// Fewest right ones of n at a probability p each, but for one chance in about a thousand.
+/// Fewest successes of n with probability p each; fewer have a chance of about one in a thousand.
 fn least(n: usize, p: f64) -> usize {
     let (n, q) = (n as f64, 1.0 - p);
     (n * p - 3.1 * (n * p * q).sqrt() - 0.5).floor().max(0.0) as usize
@@ -45,7 +45,7 @@ fn four_touches_to_half_a_millimetre_and_their_uncertainty_is_honest() {
         s.error_mm(0.5),
         s.error_mm(0.95)
     );
-    // 320 coordinates, of which 95 % are to lie within two standard uncertainties.
+    // Of 320 coordinates, 95 % should lie within two standard uncertainties.
     assert!((0.90..=0.995).contains(&s.honest_part()), "{}", s.honest_part());
 }
 
@@ -106,13 +106,13 @@ fn electrodes_and_contacts_that_are_off_are_found() {
             trial::run(&mut sheet, &mut r, Kind::Equal(n), 27.0, 10, &mut rng, &mut s).unwrap();
         }
         assert!(s.counted >= least(40, 0.99), "{n}: {} of 40", s.counted);
-        // Four sheets only: the bounds of many, and a third.
+        // With four sheets only, the bounds are a third wider than those of many.
         assert!(
             s.error_mm(0.5) < 1.33 * median && s.error_mm(0.95) < 1.33 * p95,
             "{n}: {}",
             s.error_mm(0.5)
         );
-        // What is uncertain of the electrodes is in the uncertainty of the touches, however quiet the frames.
+        // The electrode uncertainty is part of the uncertainty of the touches, also with little noise.
         let mut quiet = Score::default();
         for _ in 0..4 {
             let mut sheet = TestSheet::new(&imager, Drive::PAPER, 0.5, 0.3, &mut rng).unwrap();
@@ -125,7 +125,7 @@ fn electrodes_and_contacts_that_are_off_are_found() {
     }
 }
 
-/// What a conformal map of the disc does to electrodes is not in the baseline: it is all that stays unknown.
+/// The baseline does not show a conformal map of the disc. Nothing else of the electrodes stays unknown.
 #[test]
 fn electrodes_are_found_but_for_a_conformal_map() {
     for (drive, seed) in [(Drive::PAPER, 9009), (Drive::Current { amplitude_a: 1e-3 }, 9010)] {
@@ -142,7 +142,7 @@ fn electrodes_are_found_but_for_a_conformal_map() {
             .collect();
         let (_, left) = ConformalMap::nearest(97.5, &off, &nominal).unwrap();
         let largest = |v: &[f64]| v.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
-        // The meshes differ by more than that nowhere.
+        // The difference of the two meshes allows 0.01 mm.
         assert!(largest(&left) < 0.01, "{left:?}");
         assert!(largest(&off) > 0.05, "{off:?}");
     }

@@ -1,4 +1,4 @@
-//! A contact that got worse is no touch, and a touch at the rim is no contact.
+//! A worse contact is not taken for a touch, and a touch at the rim is not taken for a contact.
 #![allow(clippy::unwrap_used, reason = "a test")]
 
 use forward::{DiscTouch, Drive};
@@ -20,7 +20,7 @@ fn live_sheet(drive: Drive, seed: u64) -> LiveSheet {
     LiveSheet::new(drive, seed, |sheet, _| sheet.clean_frame(&[finger(48.0, 0.0)])).unwrap()
 }
 
-/// Contacts named, and places of the touches.
+/// Contacts named in the frame with noise, and places of the touches, mm.
 fn contacts_and_touches(live: &mut LiveSheet, clean: &[f64]) -> (Vec<usize>, Vec<[f64; 2]>) {
     let found = live.reconstruct(clean).unwrap();
     let doubted = found.doubt.is_some();
@@ -69,12 +69,12 @@ fn a_worse_contact_is_named_and_shows_no_touch() {
 }
 
 #[test]
-fn with_a_given_current_it_is_the_shunt_that_tells_a_contact() {
+fn with_a_given_current_the_shunt_shows_a_worse_contact() {
     let mut live = live_sheet(CURRENT, 82);
     for (electrode, ohm) in [(2, 100.0), (9, 250.0)] {
         assert_named(&mut live, electrode, Worse::Face(ohm));
     }
-    // What is in the wire does not matter to a current.
+    // A resistance in the wire does not change a given current.
     rest(&mut live);
     let clean = live.sheet.worse_frame(&[], &[(3, Worse::Wire(500.0))]).unwrap();
     assert_eq!(contacts_and_touches(&mut live, &clean), (vec![], vec![]));
@@ -100,7 +100,7 @@ fn touches_at_the_rim_are_no_contacts() {
     }
 }
 
-/// Frames that have nothing to do with each other, as in a table, are each judged by themselves.
+/// Frames of a table are unrelated; each is tested alone.
 #[test]
 fn a_frame_alone_names_a_worse_contact_too() {
     let mut live = live_sheet(Drive::PAPER, 86);
@@ -124,7 +124,7 @@ fn a_frame_alone_names_a_worse_contact_too() {
 }
 
 #[test]
-fn a_contact_that_recovers_is_believed_again() {
+fn a_contact_that_recovers_is_accepted_again() {
     let mut live = live_sheet(Drive::PAPER, 85);
     let touch = [finger(-30.0, 20.0)];
     let worse = live.sheet.worse_frame(&touch, &[(6, Worse::Face(150.0))]).unwrap();

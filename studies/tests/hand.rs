@@ -1,11 +1,11 @@
-//! A whole hand, five tips and a palm, is counted right and followed.
+//! The touches of a whole hand, five tips and a palm, are counted right and followed.
 #![allow(clippy::unwrap_used, reason = "a test")]
 
 use forward::Drive;
 use studies::LiveSheet;
 use studies::cost::Happening;
 
-/// From frame to frame the hand moves 1 mm. The noise is that of four fingers at 27 dB, known as live.
+/// The hand moves 1 mm from frame to frame. The noise is that of four fingers at 27 dB.
 #[test]
 fn a_hand_that_moves_keeps_its_count_and_its_palm() {
     let mut live = LiveSheet::new(Drive::PAPER, 91, |sheet, _| {
@@ -26,11 +26,11 @@ fn a_hand_that_moves_keeps_its_count_and_its_palm() {
                 let touches = &live.reconstructor.frame(frame).unwrap().touches;
                 found.clone_from(touches);
             });
-            // One is the copy of the touches above.
+            // The copy of the touches above allocates once.
             allocated += usize::from(pass > 0 && k > 0 && used.count_total > 1);
             let truth = Happening::Hand.touches(k);
             right += usize::from(found.len() == truth.len());
-            // The palm is one wide touch at its place from the frame after the first.
+            // From the second frame on, the palm is one wide touch at its place.
             let palm = truth[0];
             let off =
                 |t: &&inverse::touches::touch::Touch| (t.x_mm - palm.centre_mm[0]).hypot(t.y_mm - palm.centre_mm[1]);

@@ -1,5 +1,5 @@
-//! A frame that shows nothing, or nothing new, is not reconstructed again, and nothing is missed by that; frames of a scene at rest are
-//! averaged.
+//! A frame that shows nothing, or nothing new, is not reconstructed again, and no change is missed. Frames of a scene
+//! at rest are averaged.
 #![allow(clippy::unwrap_used, reason = "a test")]
 
 use forward::{DiscTouch, Drive};
@@ -55,7 +55,7 @@ fn an_untouched_sheet_costs_no_reconstruction_and_no_allocation() {
     }
 }
 
-/// Everything that a frame needs is there once frames like it have come: picture, peaks, fit, noise, what the watch keeps.
+/// The memory of every step, from the change detector to the fit, is kept from earlier frames of the same kind.
 #[test]
 fn touches_that_move_are_reconstructed_without_allocation() {
     let mut live = live_sheet(75);
@@ -86,8 +86,8 @@ fn touches_that_move_are_reconstructed_without_allocation() {
     }
 }
 
-/// Two scenes in turn, at rest for 30 frames each: the result is made anew from the mean of 2, 4, 8 and 16, and its error falls with the
-/// root of that, as is said of it.
+/// Two scenes take turns, at rest for 30 frames each. The result is made anew from the mean of 2, 4, 8 and 16 frames.
+/// Its error falls with the root of this number, and so does the stated uncertainty.
 #[test]
 fn a_scene_at_rest_is_averaged() {
     let mut live = live_sheet(72);
@@ -127,14 +127,14 @@ fn a_scene_at_rest_is_averaged() {
             }
         }
     }
-    // Five a rest, and few by chance.
+    // Five results for every rest, and a few more by chance.
     assert!((180..260).contains(&anew), "{anew} of 1200");
     let [first, last] = [rms[&1], rms[&16]].map(|(square, said, count)| (square / count, said / count));
     assert!((8.0..32.0).contains(&(first.0 / last.0)), "{rms:?}");
     assert!((10.0..20.0).contains(&(first.1 / last.1)), "{rms:?}");
 }
 
-/// Where frames have nothing to do with each other each is judged by itself, with the noise known as well; empty ones are empty.
+/// Frames of a table are unrelated: each is reconstructed alone, also with known noise. Empty frames show no touch.
 #[test]
 fn frames_of_a_table_are_not_each_others_results() {
     let mut live = live_sheet(77);
@@ -157,7 +157,7 @@ fn frames_of_a_table_are_not_each_others_results() {
     }
 }
 
-/// The noise of the baseline is in every frame: no more is made of 16 than there is.
+/// The noise of the baseline is common to all frames. Averaging 16 of them does not reduce it.
 #[test]
 fn the_noise_of_the_baseline_is_not_averaged() {
     let mut live = live_sheet(76);
@@ -184,7 +184,7 @@ fn the_noise_of_the_baseline_is_not_averaged() {
     assert!((said[1] - (2.0_f64 / 17.0).sqrt()).abs() < 1e-9, "{said:?}");
 }
 
-/// Slower than the noise shows from frame to frame, so that only the sum of many frames' moves can be seen.
+/// The move from frame to frame is smaller than the noise; only the sum of many moves is visible.
 #[test]
 fn a_slow_touch_is_followed() {
     let mut live = live_sheet(73);
@@ -197,7 +197,7 @@ fn a_slow_touch_is_followed() {
         assert_eq!(found.touches.len(), 1, "{k}");
         errors.push((found.touches[0].x_mm - x).hypot(found.touches[0].y_mm - 10.0));
     }
-    // Noise of four touches: about twice as much as 27 dB of this one alone.
+    // The noise is that of four touches, about twice as much as 27 dB of this touch alone.
     let (median, most) = (quantile(&errors, 0.5), quantile(&errors, 0.95));
     assert!(median < 0.6 && most < 1.6, "{median} {most}");
 }
@@ -212,7 +212,7 @@ fn what_comes_and_goes_is_seen_at_once() {
         let frame = live.frame(&clean);
         let found = live.reconstructor.frame(&frame).unwrap();
         assert_eq!(found.touches.len(), touches.len(), "{k}");
-        // A frame with values that are no number is looked into, whatever was before.
+        // A frame with values that are not numbers is always reconstructed.
         let mut broken = frame.clone();
         for v in broken.iter_mut().step_by(50) {
             *v = f64::NAN;

@@ -1,4 +1,4 @@
-//! One frame by one method, as the paper would and as we do.
+//! One frame by one method: the paper's or ours.
 
 use crate::paper::PaperError;
 use crate::test_sheet::imager_for;
@@ -10,14 +10,14 @@ use inverse::reference::noise::FrameNoise;
 use inverse::solvers::Method;
 use std::sync::Arc;
 
-/// A method, ready.
+/// A method, ready for frames.
 pub(super) struct Reader {
     pub(super) imager: Arc<Imager>,
     reconstructor: Reconstructor,
 }
 
 impl Reader {
-    /// The model that ours is made with.
+    /// The imager of our method.
     pub(super) fn our_imager() -> Result<Arc<Imager>, PaperError> {
         Ok(imager_for(Method::Nnls, Drive::PAPER, 5.0)?)
     }

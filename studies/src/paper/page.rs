@@ -104,7 +104,7 @@ fn head(r: &Report) -> Markup {
     }
 }
 
-/// How far off the worst of the touches is, and how far the picture falls, which pressure cannot make it.
+/// Error of the worst touch, and the lowest value of the picture; pressure makes no value negative.
 fn worst(o: &Outcome) -> String {
     let off = o.errors_mm.iter().flatten().copied().fold(0.0, f64::max);
     if o.range[0] < 0.0 {

@@ -1,5 +1,6 @@
-//! Beyond the paper: two touches closer and closer, and the position error over the sheet, by the paper's method and by ours on
-//! the same frames. Frames come from the nonlinear model on a finer mesh of its own, with the noise of the paper's 27 dB.
+//! Beyond the paper: two touches at smaller and smaller distances, and the position error over the sheet. The paper's
+//! method and ours have the same frames. These come from the nonlinear model on a finer mesh, with the noise of the
+//! paper's 27 dB.
 
 use crate::paper::methods::Reader;
 use crate::paper::touches::matched;
@@ -19,12 +20,12 @@ const TIP_MM: f64 = 12.5;
 /// Widths of the pairs' discs, mm: the paper's tip, and a fingertip; with their rises.
 pub const WIDTHS_MM: [f64; 2] = [25.0, 14.0];
 const RISES: [f64; 2] = [0.2, 0.25];
-/// Distances between the middles of the two touches, mm; a pair begins where it touches.
+/// Distances between the middles of the two touches, mm, from the distance at which they meet.
 const APART_MM: [f64; 12] = [14.0, 16.0, 18.0, 20.0, 22.5, 25.0, 27.5, 30.0, 35.0, 40.0, 50.0, 60.0];
-/// A touch further off than this, or than half of the pair's distance, is not told, mm.
+/// A touch further off than this, or than half of the pair's distance, counts as not resolved, mm.
 pub const TOLD_MM: f64 = 8.0;
 
-/// What a method makes of pairs at one distance.
+/// Results of a method for pairs at one distance.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Told {
     /// Part of the frames in which two touches are found.
@@ -51,7 +52,7 @@ pub struct Separation {
 /// Position error at one place.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Place {
-    /// Where was pressed, mm.
+    /// Place of the press, mm.
     pub at_mm: [f64; 2],
     /// Median distance of the nearest touch found by the paper's method, mm; none where most frames show none.
     pub theirs_mm: Option<f64>,
@@ -134,7 +135,7 @@ fn tip(centre_mm: [f64; 2]) -> DiscTouch {
     }
 }
 
-/// A scene whose noise is added later: it is the sheet's, not the touch's.
+/// A scene without noise. The noise depends on the sheet and not on the touches, and is added later.
 fn clean(touches: Vec<DiscTouch>) -> Scene {
     Scene {
         touches,
@@ -145,7 +146,7 @@ fn clean(touches: Vec<DiscTouch>) -> Scene {
 }
 
 impl Both {
-    /// What both methods find in one noisy frame of these touches.
+    /// Touches that both methods find in one noisy frame.
     fn look(&mut self, clean: &[f64]) -> Result<[Vec<Touch>; 2], PaperError> {
         let frame = noisy(clean.to_vec(), self.sigma, &mut self.rng);
         let theirs = self.theirs.read(&frame)?.touches.clone();
@@ -186,14 +187,14 @@ impl Both {
         let honeycomb = honeycomb(spacing_mm, RIM_MM - TIP_MM);
         let total = (honeycomb.len() * frames) as f64;
         for at_mm in honeycomb {
-            // A little off its place, so that no place is better for lying on a mesh's point.
+            // The touch is moved a little, because a place on a mesh point could be better than others.
             let off: [f64; 2] = [0; 2].map(|_| self.rng.random_range(-0.5..0.5));
             let truth = [at_mm[0] + off[0], at_mm[1] + off[1]];
             let voltages = self.sheet.frame(&clean(vec![tip(truth)]), &mut self.rng)?;
             let mut errors = [Vec::new(), Vec::new()];
             for _ in 0..frames {
                 for (k, found) in self.look(&voltages)?.iter().enumerate() {
-                    // A touch that is not found counts as far away as in all of the project's tables.
+                    // The error of a touch that is not found is the same as in all tables of the project.
                     let error = matched(&[truth], found)[0].unwrap_or(MISSED_MM);
                     errors[k].push(error);
                     counted[k] += usize::from(found.len() == 1);

@@ -13,7 +13,7 @@ use inverse::solvers::{Method, Nnls, NnlsOptions, Problem, Status};
 use nalgebra::DVector;
 use rand::Rng;
 
-/// Frames of anything at all.
+/// Frames of arbitrary values.
 pub(super) fn rubbish(effort: Effort) -> Result<Verdict, StudyError> {
     let mut check =
         Check::new("any frame gives a picture that is finite (and not negative, by nnls) and touches on the sheet");
@@ -84,8 +84,8 @@ pub(super) fn rubbish(effort: Effort) -> Result<Verdict, StudyError> {
     Ok(check.verdict())
 }
 
-/// Four fingers move over the sheet for long, warm and cold: at 27 dB with the usual ridge, and with few cells that change sides
-/// from frame to frame.
+/// Four fingers move over the sheet for long, with warm and with cold starts. First at 27 dB with the usual ridge,
+/// then with few cells whose sign changes from frame to frame.
 pub(super) fn warm_is_cold(effort: Effort) -> Result<Verdict, StudyError> {
     let mut check = Check::new("on the sheet a long warm run equals cold solves");
     let mut rng = rng(effort.seed + 41);

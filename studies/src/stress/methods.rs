@@ -61,7 +61,7 @@ pub(super) fn ridged(effort: Effort) -> Verdict {
     check.verdict()
 }
 
-/// Where the linear methods' answer is not negative, the sign costs nothing: all agree.
+/// Where the solution of the linear methods is not negative, all methods agree.
 pub(super) fn linear(effort: Effort) -> Verdict {
     let mut check = Check::new("tikhonov and pseudo-inverse equal Lawson-Hanson where their answer is not negative");
     let mut rng = rng(effort.seed + 22);
@@ -88,7 +88,7 @@ pub(super) fn linear(effort: Effort) -> Verdict {
     check.verdict()
 }
 
-/// Every method on what is no number and on scales of all sizes.
+/// Every method on values that are not numbers and on scales of all sizes.
 pub(super) fn rubbish(effort: Effort) -> Verdict {
     let mut check = Check::new("every method refuses NaN and infinity, and takes any scale of the data");
     let mut rng = rng(effort.seed + 23);

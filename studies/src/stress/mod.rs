@@ -13,7 +13,7 @@ use rand::Rng;
 use rand::rngs::StdRng;
 use serde::Serialize;
 
-/// What became of one check.
+/// Result of one check.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Verdict {
     /// What must hold.
@@ -54,7 +54,7 @@ impl Effort {
     };
 }
 
-/// Runs every check; `told` hears of each as it ends.
+/// Runs every check; `told` is called with the result of each.
 ///
 /// # Errors
 /// [`StudyError`] where the sheet cannot be modelled.

@@ -45,7 +45,8 @@ pub(super) fn scales(effort: Effort) -> Verdict {
     check.verdict()
 }
 
-/// From no ridge at all to one that leaves nothing, each solution that of Lawson and Hanson with the ridge as further rows.
+/// Ridges from zero to one that suppresses everything: each solution is that of Lawson and Hanson with the ridge as
+/// further rows.
 pub(super) fn ridges(effort: Effort) -> Verdict {
     let mut check =
         Check::new("every ridge from 0 over 1e-300 to 1e300 gives Lawson-Hanson's solution, smaller for a larger one");
@@ -215,8 +216,8 @@ pub(super) fn denormals(effort: Effort) -> Verdict {
     check.verdict()
 }
 
-/// Data and matrix rounded to 32 bits move x by no more than theory allows: the objective is `ridge^2`-strongly convex, so
-/// that `|x' - x|` is at most the change of its gradient at x over `ridge^2`.
+/// Data and matrix rounded to 32 bits move x by no more than theory allows. The objective is `ridge^2`-strongly convex:
+/// `|x' - x|` is at most the change of its gradient at x, divided by `ridge^2`.
 pub(super) fn single_precision(effort: Effort) -> Verdict {
     let mut check = Check::new("data and matrix of 32 bits change x by no more than strong convexity allows");
     let mut rng = rng(effort.seed + 6);
