@@ -1,8 +1,7 @@
 //! Electrode displacements that no baseline of a disc shows.
 //!
-//! A conformal map of the disc onto itself maps the field of point electrodes on the rim to that of displaced ones,
-//! and the voltages do not change. Small maps move the rim by `a + b cos + c sin` of the angle, and the touches with
-//! it.
+//! A conformal map of the disc onto itself displaces the point electrodes on its rim without changing their voltages.
+//! Small maps move the rim by `a + b cos + c sin` of the angle, and the touches with it.
 
 use crate::error::StudyError;
 use forward::{Place, Sheet};

@@ -23,11 +23,11 @@ const RISES: [f64; 2] = [0.2, 0.25];
 /// Distances between the middles of the two touches, mm, from the distance at which they meet.
 const APART_MM: [f64; 12] = [14.0, 16.0, 18.0, 20.0, 22.5, 25.0, 27.5, 30.0, 35.0, 40.0, 50.0, 60.0];
 /// A touch further off than this, or than half of the pair's distance, counts as not resolved, mm.
-pub const TOLD_MM: f64 = 8.0;
+pub const RESOLVED_MM: f64 = 8.0;
 
 /// Results of a method for pairs at one distance.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
-pub struct Told {
+pub struct PairResult {
     /// Part of the frames in which two touches are found.
     pub two: f64,
     /// Part in which both are also near their places.
@@ -44,9 +44,9 @@ pub struct Separation {
     /// Frames.
     pub frames: usize,
     /// The paper's method.
-    pub theirs: Told,
+    pub theirs: PairResult,
     /// Ours.
-    pub ours: Told,
+    pub ours: PairResult,
 }
 
 /// Position error at one place.
@@ -163,13 +163,13 @@ impl Both {
             }
             let truth: Vec<[f64; 2]> = touches.iter().map(|t| t.centre_mm).collect();
             let voltages = self.sheet.frame(&clean(touches), &mut self.rng)?;
-            let near = TOLD_MM.min(0.5 * apart_mm);
+            let near = RESOLVED_MM.min(0.5 * apart_mm);
             for (k, found) in self.look(&voltages)?.iter().enumerate().filter(|(_, f)| f.len() == 2) {
                 two[k] += 1;
                 both[k] += usize::from(matched(&truth, found).iter().all(|e| e.is_some_and(|e| e <= near)));
             }
         }
-        let told = |k: usize| Told {
+        let result = |k: usize| PairResult {
             two: two[k] as f64 / frames as f64,
             both: both[k] as f64 / frames as f64,
         };
@@ -177,8 +177,8 @@ impl Both {
             width_mm,
             apart_mm,
             frames,
-            theirs: told(0),
-            ours: told(1),
+            theirs: result(0),
+            ours: result(1),
         })
     }
 

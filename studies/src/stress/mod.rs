@@ -54,14 +54,14 @@ impl Effort {
     };
 }
 
-/// Runs every check; `told` is called with the result of each.
+/// Runs every check; `progress` is called with the result of each.
 ///
 /// # Errors
 /// [`StudyError`] where the sheet cannot be modelled.
-pub fn run(effort: Effort, mut told: impl FnMut(&Verdict)) -> Result<Vec<Verdict>, StudyError> {
+pub fn run(effort: Effort, mut progress: impl FnMut(&Verdict)) -> Result<Vec<Verdict>, StudyError> {
     let mut verdicts = Vec::new();
     let mut end = |v: Verdict| {
-        told(&v);
+        progress(&v);
         verdicts.push(v);
     };
     let checks: [fn(Effort) -> Verdict; 12] = [
