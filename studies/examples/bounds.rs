@@ -1,12 +1,12 @@
-//! How near the touches' errors are to the least there can be: the Cramer-Rao bound in the scenes of the tables of
-//! docs/reconstruction.md.
+//! Errors of the touches compared with the Cramer-Rao bound, in the scenes of `touch_accuracy`. Table:
+//! docs/results.md, The bound.
 //!
-//! `cargo run --release -p host --example bounds -- [--scenes N] [--seed S] [--only WORD]`
+//! `cargo run --release -p studies --example bounds -- [--scenes N] [--seed S] [--only WORD]`
 //!
-//! The nonlinear model's derivatives by x, y, radius and rise of every touch (central differences on the mesh that makes the frames)
-//! and the noise of the scene give the covariance that no unbiased fit of one frame can go below; with the prior of the radius, whose
-//! mean the touches of these scenes have, that of a fit which knows it. Errors are drawn from these covariances and listed as the
-//! reconstruction's own are.
+//! The derivatives of the nonlinear model are central differences on the mesh that makes the frames. Parameters are
+//! x, y, radius and rise of every touch. With the noise of the scene they give the least covariance of any unbiased
+//! fit of one frame. The bound with the prior is that of a fit with a prior of the radius; its mean is the radius of
+//! these touches. Errors are drawn from both covariances and listed like those of the reconstruction.
 
 use forward::{DiscTouch, Drive};
 use inverse::touches::fit::FitOptions;
@@ -15,7 +15,7 @@ use rand::Rng;
 use rand::rngs::StdRng;
 use rand_distr::StandardNormal;
 use studies::StudyError;
-use studies::scenes::{Bench, Kind, Score, imager, noise_v, quantile, rng};
+use studies::{Kind, Score, TestSheet, imager, noise_v, quantile, rng};
 
 /// Steps of the differences: x and y, radius (mm), and the rise (relative).
 const STEPS: [f64; 4] = [0.5, 0.5, 0.5, 0.05];
@@ -43,11 +43,11 @@ fn moved(touches: &[DiscTouch], parameter: usize, steps: f64) -> Vec<DiscTouch> 
 }
 
 /// Information of a frame about x, y, radius (mm) and the logarithm of the rise of every touch.
-fn information(bench: &mut Bench, touches: &[DiscTouch], sigma: f64) -> Result<DMatrix<f64>, StudyError> {
+fn information(sheet: &mut TestSheet, touches: &[DiscTouch], sigma: f64) -> Result<DMatrix<f64>, StudyError> {
     let mut columns = Vec::new();
     for parameter in 0..4 * touches.len() {
-        let up = bench.clean_frame(&moved(touches, parameter, 1.0))?;
-        let down = bench.clean_frame(&moved(touches, parameter, -1.0))?;
+        let up = sheet.clean_frame(&moved(touches, parameter, 1.0))?;
+        let down = sheet.clean_frame(&moved(touches, parameter, -1.0))?;
         let slope = up
             .iter()
             .zip(&down)
@@ -58,7 +58,7 @@ fn information(bench: &mut Bench, touches: &[DiscTouch], sigma: f64) -> Result<D
     Ok(jacobian.tr_mul(&jacobian))
 }
 
-/// Draws errors of a fit that weighs its information with a prior of the radius (per mm²).
+/// Draws errors of a fit with this information and a prior of the radius with this inverse variance, 1/mm².
 fn draw(
     information: &DMatrix<f64>,
     prior: f64,
@@ -70,7 +70,7 @@ fn draw(
     let with_prior = DMatrix::from_fn(count, count, |i, j| {
         information[(i, j)] + if i == j && i % 4 == 2 { prior } else { 0.0 }
     });
-    // The scatter about touches whose radius is the prior's mean.
+    // Covariance where the true radius is the mean of the prior.
     let inverse = with_prior.try_inverse()?;
     let covariance = &inverse * information * inverse.transpose();
     let factor = (0.5 * (&covariance + covariance.transpose())).cholesky()?;
@@ -118,17 +118,17 @@ fn main() -> anyhow::Result<()> {
                 continue;
             }
             let mut rng = rng(1000 * seed + k as u64);
-            let mut bench = Bench::new(&imager, drive, 0.0, 0.0, &mut rng)?;
-            let mut reconstructor = bench.reconstructor()?;
+            let mut sheet = TestSheet::new(&imager, drive, 0.0, 0.0, &mut rng)?;
+            let mut reconstructor = sheet.reconstructor()?;
             let (mut score, mut with_prior, mut without) = (Score::default(), Errors::default(), Errors::default());
             for _ in 0..scenes {
                 let scene = kind.scene(&mut rng, db);
-                let frame = bench.frame(&scene, &mut rng)?;
+                let frame = sheet.frame(&scene, &mut rng)?;
                 let found = reconstructor.frame(&frame)?;
                 score.add(&scene, &found.touches);
-                let clean = bench.clean_frame(&scene.touches)?;
-                let sigma = noise_v(&clean, &bench.baseline, db);
-                let information = information(&mut bench, &scene.touches, sigma)?;
+                let clean = sheet.clean_frame(&scene.touches)?;
+                let sigma = noise_v(&clean, &sheet.baseline, db);
+                let information = information(&mut sheet, &scene.touches, sigma)?;
                 for (prior, out) in [(prior, &mut with_prior), (0.0, &mut without)] {
                     draw(&information, prior, &scene.touches, &mut rng, out);
                 }

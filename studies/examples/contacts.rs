@@ -1,22 +1,22 @@
-//! Contacts that changed since the baseline: whether they are told from touches. The table of docs/reconstruction.md.
+//! Contacts that changed since the baseline: whether they are distinguished from touches. Table: docs/results.md,
+//! Contacts that changed.
 //!
-//! `cargo run --release -p host --example contacts -- [--scenes N] [--seed S]`
+//! `cargo run --release -p studies --example contacts -- [--scenes N] [--seed S]`
 //!
-//! Frames come from a finer mesh than the imager's with the nonlinear model, with the noise at which a finger of +20 % half way
-//! to the rim has 27 dB, known as live. N scenes of every kind (default 20) with none to two fingers, 50 mm apart, judged by their
-//! 30th frame after rest; then as many scenes
-//! of one to four ordinary touches of which one is at the rim, in 120 frames of which no contact changed.
+//! Frames are those of a `LiveSheet`. The noise is that of a finger of +20 % half way to the rim at 27 dB. N scenes
+//! of every kind (default 20) have no finger, one, or two 50 mm apart. They are judged by their 30th frame after
+//! rest. N further scenes have one to four touches, one of them at the rim, and no contact changes. All of their 120
+//! frames are judged.
 
 use forward::{DiscTouch, Drive};
-use inverse::reference::noise::FrameNoise;
 use rand::Rng;
 use rand::rngs::StdRng;
-use studies::scenes::{Bench, Worse, imager, noise_v, noisy, quantile, rng};
+use studies::{LiveSheet, Worse, quantile};
 use tracing_subscriber::filter::{LevelFilter, Targets};
 use tracing_subscriber::prelude::*;
 
 const RIM_MM: f64 = 97.5;
-/// A contact is believed after 16.
+/// Frames of a scene with a changed contact; the contact monitor accepts a contact after 16.
 const FRAMES: usize = 30;
 const SOUND_FRAMES: u64 = 120;
 
@@ -46,30 +46,6 @@ fn places(rng: &mut StdRng, count: usize, at_rim: bool) -> Vec<[f64; 2]> {
     out
 }
 
-struct Stage {
-    bench: Bench,
-    reconstructor: inverse::pipeline::Reconstructor,
-    sigma: f64,
-    rng: StdRng,
-}
-
-impl Stage {
-    fn new(drive: Drive, seed: u64) -> anyhow::Result<Self> {
-        let mut rng = rng(seed);
-        let imager = imager(drive, 5.0)?;
-        let mut bench = Bench::new(&imager, drive, 0.0, 0.0, &mut rng)?;
-        let clean = bench.worse_frame(&[finger([48.0, 0.0], 0.2)], &[])?;
-        let sigma = noise_v(&clean, &bench.baseline, 27.0);
-        let reconstructor = bench.live_reconstructor(FrameNoise::of_frames(sigma))?;
-        Ok(Self {
-            bench,
-            reconstructor,
-            sigma,
-            rng,
-        })
-    }
-}
-
 fn main() -> anyhow::Result<()> {
     let levels = std::env::var("RUST_LOG").ok().and_then(|levels| levels.parse().ok());
     tracing_subscriber::registry()
@@ -89,29 +65,31 @@ fn main() -> anyhow::Result<()> {
         ("voltage", Drive::PAPER),
         ("current", Drive::Current { amplitude_a: 1e-3 }),
     ] {
-        let mut stage = Stage::new(drive, seed)?;
+        let mut live = LiveSheet::new(drive, seed, |sheet, _| {
+            sheet.worse_frame(&[finger([48.0, 0.0], 0.2)], &[])
+        })?;
         let faces = [20.0, 50.0, 100.0, 200.0, 500.0].map(Worse::Face);
         let wires = [20.0, 100.0, 500.0].map(Worse::Wire);
         for worse in faces.into_iter().chain(wires) {
             let (mut named, mut right, mut errors, mut longest) = (0, 0, Vec::new(), 0.0_f64);
             for k in 0..scenes {
-                let electrode = stage.rng.random_range(0..16);
-                let touches: Vec<DiscTouch> = places(&mut stage.rng, k as usize % 3, false)
+                let electrode = live.rng.random_range(0..16);
+                let touches: Vec<DiscTouch> = places(&mut live.rng, k as usize % 3, false)
                     .into_iter()
                     .map(|p| finger(p, 0.2))
                     .collect();
-                let clean = stage.bench.worse_frame(&touches, &[(electrode, worse)])?;
-                // Every scene is new: the sheet rested before.
-                let rest = noisy(stage.bench.baseline.clone(), stage.sigma, &mut stage.rng);
-                stage.reconstructor.frame(&rest)?;
+                let clean = live.sheet.worse_frame(&touches, &[(electrode, worse)])?;
+                // A frame of the untouched sheet separates the scenes.
+                let rest = live.empty();
+                live.reconstructor.frame(&rest)?;
                 for _ in 1..FRAMES {
-                    let frame = noisy(clean.clone(), stage.sigma, &mut stage.rng);
+                    let frame = live.frame(&clean);
                     let start = std::time::Instant::now();
-                    stage.reconstructor.frame(&frame)?;
+                    live.reconstructor.frame(&frame)?;
                     longest = longest.max(start.elapsed().as_secs_f64() * 1e3);
                 }
-                let frame = noisy(clean, stage.sigma, &mut stage.rng);
-                let found = stage.reconstructor.frame(&frame)?;
+                let frame = live.frame(&clean);
+                let found = live.reconstructor.frame(&frame)?;
                 if found.contacts != [electrode] || found.touches.len() != touches.len() {
                     tracing::debug!(?electrode, ?worse, ?touches, ?found.contacts, ?found.touches, ?found.misfit, "wrong");
                 }
@@ -134,16 +112,16 @@ fn main() -> anyhow::Result<()> {
         let (mut alarms, mut right, mut errors) = (0, 0, Vec::new());
         for k in 0..scenes {
             let rise = [0.03, 0.1, 0.2, 0.4, 1.0][k as usize % 5];
-            let touches: Vec<DiscTouch> = places(&mut stage.rng, 1 + k as usize % 4, true)
+            let touches: Vec<DiscTouch> = places(&mut live.rng, 1 + k as usize % 4, true)
                 .into_iter()
                 .map(|p| finger(p, rise))
                 .collect();
-            let clean = stage.bench.worse_frame(&touches, &[])?;
-            let rest = noisy(stage.bench.baseline.clone(), stage.sigma, &mut stage.rng);
-            stage.reconstructor.frame(&rest)?;
+            let clean = live.sheet.worse_frame(&touches, &[])?;
+            let rest = live.empty();
+            live.reconstructor.frame(&rest)?;
             for _ in 0..SOUND_FRAMES {
-                let frame = noisy(clean.clone(), stage.sigma, &mut stage.rng);
-                let found = stage.reconstructor.frame(&frame)?;
+                let frame = live.frame(&clean);
+                let found = live.reconstructor.frame(&frame)?;
                 alarms += usize::from(!found.contacts.is_empty());
                 right += usize::from(found.touches.len() == touches.len());
                 for t in &touches {

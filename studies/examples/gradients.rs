@@ -1,7 +1,7 @@
-//! Draws where on the sheet a pair of neighbours listens: the inner product of the potential gradients of a drive and a
-//! sense pair, cell by cell (the paper's Fig. 4).
+//! Draws the sensitivity of pairs of neighbours: for every cell the inner product of the potential gradients of a
+//! drive and a sense pair (the paper's Fig. 4).
 //!
-//!     cargo run --release -p host --example gradients [file, default docs/img/gradients.png]
+//!     cargo run --release -p studies --example gradients [file, default docs/img/gradients.png]
 
 use forward::{CellGrid, Geometry, Model, ModelOptions, Pair, Sensitivity, Sheet, Solver};
 use std::sync::Arc;
@@ -42,7 +42,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             ((panel / COLUMNS) as f32 + 0.5) * PANEL[1] + 0.5 * TITLE,
         ];
         let to_px = |p: [f64; 2]| [centre[0] + SCALE * p[0] as f32, centre[1] - SCALE * p[1] as f32];
-        // The sense pair the way round that makes the homogeneous sheet's value positive.
+        // The sense pair is reversed, which makes the value of the homogeneous sheet positive.
         let values: Vec<f64> = (0..grid.len())
             .map(|c| sensitivity.transfer_ohm(c, pair(0), pair(n).reversed()))
             .collect();
@@ -51,7 +51,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let colour = |x: f32, y: f32| {
             let mm = [(x - centre[0]) / SCALE, (centre[1] - y) / SCALE];
             let index = |k: usize| ((f64::from(mm[k]) - low[k]) / CELL_MM).max(0.0) as usize;
-            // Roots: the values span four decades. Nothing is in the middle of the colours.
+            // The values span four decades; the fourth root shows them all. Zero is the middle of the palette.
             let value = grid.at(index(0), index(1)).map_or(0.0, |c| values[c]);
             let t = 0.5 + 0.5 * value.signum() * (value.abs() / most).powf(0.25);
             colours[view::palette::index(t as f32)]

@@ -1,14 +1,15 @@
-//! The whole chain in every frame of scenes that last: what it says that is not so, what it misses, and its slowest frames.
-//! The table of docs/results.md.
+//! The whole chain in every frame of long scenes: false results, missed touches, and the slowest frames. Table:
+//! docs/results.md, Scenes that last.
 //!
 //! `cargo run --release -p studies --example live -- [--seconds S] [--seed N] [--plan NAME] [--scene NAME]...`
 //!
-//! The simulated board with its firmware sends the frames of a scene (`demo`, or of the library; default: all without a fault), one
-//! after another and over and over for S seconds of its own time (default 60), by the plan that `skin run` chooses or another one, and
-//! each one is reconstructed as there, against a baseline of the first 0.7 s. No contact changes in any of them.
+//! The simulated board with its firmware sends the frames of a scene. A scene is `demo` or one of the library; the
+//! default is all without a fault. Scenes repeat for S seconds of the board's time (default 60). The plan is that of
+//! `skin run` unless one is given. Frames are reconstructed as by `skin run`, with a baseline of the first 0.7 s. No
+//! contact changes.
 //!
-//! A touch that is there presses with a tenth of the scene's greatest force or more; frames while any presses with less, and those of
-//! a creeping sheet on which touches left dents, are not judged.
+//! A touch counts as present when its force is a tenth of the scene's greatest force or more. Two kinds of frames are
+//! not judged: those with a weaker touch, and those of a creeping sheet with dents of earlier touches.
 
 use anyhow::{Context, Result};
 use forward::Sheet;
@@ -16,7 +17,7 @@ use hil_sim::SceneFile;
 use link::plans::PlanChoice;
 use std::path::Path;
 use studies::chain;
-use studies::scenes::quantile;
+use studies::quantile;
 use tracing_subscriber::filter::{LevelFilter, Targets};
 use tracing_subscriber::prelude::*;
 

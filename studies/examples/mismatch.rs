@@ -1,18 +1,20 @@
-//! How much of what misplaced electrodes do to a single touch is in the data at all. The table of docs/reconstruction.md.
+//! Errors of a single touch on sheets with misplaced electrodes, and the part of them that no baseline shows. Table:
+//! docs/results.md, Misplaced electrodes.
 //!
-//! `cargo run --release -p host --example mismatch -- [--sheets N] [--seed S]`
+//! `cargo run --release -p studies --example mismatch -- [--sheets N] [--seed S]`
 //!
-//! N sheets (default 40) with electrodes off by 0.5 mm (standard deviation) and contacts by up to 30 %; on each, 25 frames of one disc of
-//! +20 % at 27 dB. A conformal map of the disc onto itself leaves the field of a point electrode what it is: it moves electrodes along
-//! the rim by `a + b cos + c sin` of their angle, and touches with them, and no baseline tells. How far the electrodes found are off in these three
-//! ways is known here, so that the touches' errors can be told without what follows from it.
+//! N sheets (default 40) have electrodes displaced by 0.5 mm (standard deviation) and contacts changed by up to 30 %.
+//! Each gets 25 frames of one disc of +20 % at 27 dB. A conformal map of the disc onto itself does not change the
+//! voltages of point electrodes. The map moves electrodes along the rim by `a + b cos + c sin` of their angle, and
+//! touches with them. Here the map of the fitted electrodes is known, and the table lists the errors of the touches
+//! with and without it.
 
 use anyhow::Result;
 use forward::Drive;
 use inverse::reference::electrode_fit;
 use std::sync::Arc;
 use studies::conformal::{ConformalMap, angles};
-use studies::scenes::{Bench, Kind, imager, quantile, reconstructor, rng};
+use studies::{Kind, TestSheet, imager, quantile, reconstructor, rng};
 
 const RIM_MM: f64 = 97.5;
 const FRAMES: usize = 25;
@@ -35,17 +37,17 @@ fn main() -> Result<()> {
         let mut rim: [Vec<f64>; 3] = Default::default();
         let mut rng = rng(seed);
         for _ in 0..sheets {
-            let mut perfect = Bench::new(&imager, drive, 0.0, 0.0, &mut rng)?;
-            let mut bench = Bench::new(&imager, drive, 0.5, 0.3, &mut rng)?;
-            let truth: Vec<f64> = angles(bench.sheet())
+            let mut perfect = TestSheet::new(&imager, drive, 0.0, 0.0, &mut rng)?;
+            let mut sheet = TestSheet::new(&imager, drive, 0.5, 0.3, &mut rng)?;
+            let truth: Vec<f64> = angles(sheet.as_built())
                 .iter()
                 .zip(&nominal)
                 .map(|(t, n)| RIM_MM * (t - n))
                 .collect();
-            let Some(found) = electrode_fit::find(&imager, &bench.baseline) else {
+            let Some(found) = electrode_fit::find(&imager, &sheet.baseline) else {
                 continue;
             };
-            // From where they are to where they are taken to be.
+            // From the true to the fitted places.
             let off: Vec<f64> = found.moved_mm.iter().zip(&truth).map(|(f, t)| f - t).collect();
             let (map, left) = ConformalMap::nearest(RIM_MM, &off, &nominal)?;
             rim[0].extend(&truth);
@@ -53,13 +55,13 @@ fn main() -> Result<()> {
             rim[2].extend(&left);
             let mut ways = [
                 reconstructor(&imager, &perfect.baseline)?,
-                reconstructor(&imager, &bench.baseline)?,
-                reconstructor(&Arc::new(found.imager), &bench.baseline)?,
+                reconstructor(&imager, &sheet.baseline)?,
+                reconstructor(&Arc::new(found.imager), &sheet.baseline)?,
             ];
             for _ in 0..FRAMES {
                 let scene = Kind::Equal(1).scene(&mut rng, 27.0);
                 let at = scene.touches[0].centre_mm;
-                let frames = [perfect.frame(&scene, &mut rng)?, bench.frame(&scene, &mut rng)?];
+                let frames = [perfect.frame(&scene, &mut rng)?, sheet.frame(&scene, &mut rng)?];
                 for (way, r) in ways.iter_mut().enumerate() {
                     let touches = &r.frame(&frames[way.min(1)])?.touches;
                     let Some(t) = touches.first() else { continue };

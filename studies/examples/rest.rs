@@ -1,16 +1,18 @@
-//! What averaging frames of a scene at rest brings: `cargo run --release -p host --example rest -- [--scenes N] [--seed S]`
+//! Gain from averaging frames of a scene at rest. Table: docs/results.md, Scenes at rest.
 //!
-//! Touches come between two frames and stay. Frames are simulated as those of `touch_accuracy`, with the noise of a board on which one
-//! touch of +20 % has 27 dB; the baseline is the mean of 24 frames with the same noise. Printed is what is said of them after so
-//! many frames, by the chain of the live view.
+//! `cargo run --release -p studies --example rest -- [--scenes N] [--seed S]`
+//!
+//! Touches come between two frames and stay. Frames are simulated like those of `touch_accuracy`. The noise is that
+//! of a board on which one touch of +20 % has 27 dB. The baseline is the mean of 24 frames with the same noise. The
+//! table lists the results of the live reconstruction after several numbers of frames.
 
 use forward::Drive;
 use inverse::reference::noise::FrameNoise;
 use inverse::touches::radius_filter::RadiusFilter;
 use inverse::touches::tracker::{Tracker, TrackerOptions};
-use studies::scenes::{Bench, Kind, Score, imager, live_reconstructor, noise_v, noisy, quantile, rng};
+use studies::{Kind, Score, TestSheet, imager, live_reconstructor, noise_v, noisy, quantile, rng};
 
-/// Frames after which is looked.
+/// Numbers of frames after which the touches are scored.
 const LOOKS: [usize; 6] = [1, 2, 4, 8, 16, 57];
 const BASELINE_FRAMES: usize = 24;
 const FRAME_S: f64 = 1.0 / 115.0;
@@ -40,19 +42,19 @@ fn main() -> anyhow::Result<()> {
             let mut rng = rng(seed);
             let mut scores = vec![Score::default(); LOOKS.len()];
             for _ in 0..scenes {
-                let mut bench = Bench::new(&imager, drive, 0.0, 0.0, &mut rng)?;
+                let mut sheet = TestSheet::new(&imager, drive, 0.0, 0.0, &mut rng)?;
                 let scene = kind.scene(&mut rng, f64::INFINITY);
-                let clean = bench.frame(&scene, &mut rng)?;
-                // A disc answers with 2 c / (2 + c).
-                let answer = |c: f64| 2.0 * c / (2.0 + c);
-                let sigma = noise_v(&clean, &bench.baseline, 27.0) * answer(0.2) / answer(rise);
+                let clean = sheet.frame(&scene, &mut rng)?;
+                // The response of a disc of rise c is 2 c / (2 + c).
+                let response = |c: f64| 2.0 * c / (2.0 + c);
+                let sigma = noise_v(&clean, &sheet.baseline, 27.0) * response(0.2) / response(rise);
                 let of_baseline = 1.0 / BASELINE_FRAMES as f64;
-                let baseline = noisy(bench.baseline.clone(), sigma * of_baseline.sqrt(), &mut rng);
+                let baseline = noisy(sheet.baseline.clone(), sigma * of_baseline.sqrt(), &mut rng);
                 let noise = FrameNoise::Known {
                     sigma,
                     baseline_frames: Some(BASELINE_FRAMES),
                 };
-                let mut reconstructor = live_reconstructor(&bench.seen(), &baseline, noise)?;
+                let mut reconstructor = live_reconstructor(&sheet.fitted_imager(), &baseline, noise)?;
                 let (mut tracker, mut radius_filter) = (
                     Tracker::new(TrackerOptions {
                         reach_mm: 20.0,

@@ -1,13 +1,13 @@
-//! How accurate the touches are: the tables of docs/reconstruction.md.
+//! Accuracy of the touches. Tables: docs/results.md, Touches.
 //!
-//! `cargo run --release -p host --example touch_accuracy -- [--scenes N] [--seed S] [--only WORD]`
+//! `cargo run --release -p studies --example touch_accuracy -- [--scenes N] [--seed S] [--only WORD]`
 //!
-//! Frames come from a finer mesh than the imager's with the nonlinear model, noise white and of the size that the ratio
-//! of signal to noise says; the noise is told from the frame. N scenes of every kind (default 100); WORD picks the kinds
-//! whose name holds it.
+//! Frames come from the nonlinear model on a finer mesh than the imager's. The noise is white, with the stated ratio
+//! of signal to noise, and is estimated from the frame. Every kind has N scenes (default 100). WORD selects the kinds
+//! whose name contains it.
 
 use forward::Drive;
-use studies::scenes::{Bench, Fault, Kind, Score, imager, quantile, rng, run};
+use studies::{Fault, Kind, Score, TestSheet, imager, quantile, rng, trial};
 
 struct Arguments {
     scenes: usize,
@@ -74,10 +74,10 @@ fn main() -> anyhow::Result<()> {
         for fault in [Fault::Electrode, Fault::Missing, Fault::Stuck] {
             kinds.push((format!("fault {fault:?}"), Kind::Broken(fault), 27.0));
         }
-        // The same board: its noise does not grow with the touch. A disc answers with 2 c / (2 + c).
+        // The same board: its noise does not grow with the touch. The response of a disc of rise c is 2 c / (2 + c).
         for rise in [1.0, 3.0] {
-            let answer = |c: f64| 2.0 * c / (2.0 + c);
-            let db = 27.0 + 20.0 * (answer(rise) / answer(0.2)).log10();
+            let response = |c: f64| 2.0 * c / (2.0 + c);
+            let db = 27.0 + 20.0 * (response(rise) / response(0.2)).log10();
             let name = format!("strong +{:.0} %, {db:.1} dB (as +20 % at 27)", 100.0 * rise);
             kinds.push((name, Kind::Strong(rise), db));
         }
@@ -87,10 +87,10 @@ fn main() -> anyhow::Result<()> {
                 continue;
             }
             let mut rng = rng(1000 * a.seed + k as u64);
-            let mut bench = Bench::new(&imager, drive, 0.0, 0.0, &mut rng)?;
-            let mut r = bench.reconstructor()?;
+            let mut sheet = TestSheet::new(&imager, drive, 0.0, 0.0, &mut rng)?;
+            let mut r = sheet.reconstructor()?;
             let mut score = Score::default();
-            run(&mut bench, &mut r, *kind, *db, a.scenes, &mut rng, &mut score)?;
+            trial::run(&mut sheet, &mut r, *kind, *db, a.scenes, &mut rng, &mut score)?;
             print(&name, &score);
         }
         for (n, db) in [(1, 27.0), (4, 27.0), (1, 60.0), (4, 60.0)] {
@@ -101,10 +101,10 @@ fn main() -> anyhow::Result<()> {
             let mut rng = rng(1000 * a.seed + 500 + n as u64);
             let mut score = Score::default();
             for _ in 0..8 {
-                let mut bench = Bench::new(&imager, drive, 0.5, 0.3, &mut rng)?;
-                let mut r = bench.reconstructor()?;
-                run(
-                    &mut bench,
+                let mut sheet = TestSheet::new(&imager, drive, 0.5, 0.3, &mut rng)?;
+                let mut r = sheet.reconstructor()?;
+                trial::run(
+                    &mut sheet,
                     &mut r,
                     Kind::Equal(n),
                     db,
@@ -118,12 +118,12 @@ fn main() -> anyhow::Result<()> {
         let name = format!("{drive_name} empty");
         if name.contains(&a.only) {
             let mut rng = rng(1000 * a.seed + 900);
-            let bench = Bench::new(&imager, drive, 0.0, 0.0, &mut rng)?;
-            let mut r = bench.reconstructor()?;
+            let sheet = TestSheet::new(&imager, drive, 0.0, 0.0, &mut rng)?;
+            let mut r = sheet.reconstructor()?;
             let frames = 10 * a.scenes;
             let (mut touched, mut passed) = (0, 0);
             for _ in 0..frames {
-                let frame = bench.empty(1e-4 * bench.baseline[0], &mut rng);
+                let frame = sheet.empty(1e-4 * sheet.baseline[0], &mut rng);
                 // The lengths match: both are the imager's.
                 if let Ok(found) = r.frame(&frame) {
                     touched += found.touches.len();

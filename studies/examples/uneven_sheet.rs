@@ -1,7 +1,7 @@
-//! Touches on sheets whose resistance is uneven and whose electrodes are not where they are said to be, with the electrodes
-//! trusted and with them looked for in the baseline: a table of docs/reconstruction.md.
+//! Touches on sheets of uneven resistance with misplaced electrodes. The electrodes are taken as nominal, or fitted
+//! to the baseline. Table: docs/results.md, Uneven sheets.
 //!
-//!     cargo run --release -p host --example uneven_sheet [seed, default 77]
+//!     cargo run --release -p studies --example uneven_sheet [seed, default 77]
 
 use forward::field::conductivity_of;
 use forward::{Drive, Model, ModelOptions, Solver};
@@ -10,11 +10,11 @@ use rand::Rng;
 use rand::rngs::StdRng;
 use rand_distr::StandardNormal;
 use std::sync::Arc;
-use studies::scenes::{Kind, Score, imager, misplaced, noise_v, noisy, reconstructor, rng};
+use studies::{Kind, Score, imager, misplaced, noise_v, noisy, reconstructor, rng};
 
 const SHEETS: usize = 6;
 const TOUCHES: usize = 15;
-/// Plane waves that make the unevenness, with at most this wave number, rad/mm: nothing shorter than 110 mm.
+/// Number of plane waves that make the unevenness, and their largest wave number, rad/mm: waves of 110 mm or longer.
 const WAVES: usize = 6;
 const WAVE_NUMBER: f64 = 0.04;
 

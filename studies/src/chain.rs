@@ -1,6 +1,6 @@
-//! The whole chain, as `skin run` has it: the simulated board with its firmware, the link, the live reconstruction.
+//! The whole chain of `skin run`: the simulated board with its firmware, the link, the live reconstruction.
 
-use crate::StudyError;
+use crate::error::StudyError;
 use forward::{Drive, Pattern, Sheet};
 use hil_sim::{Pace, SceneFile, SimPort};
 use inverse::live::{Live, LiveFrame, LiveOptions};
@@ -15,38 +15,38 @@ use std::time::{Duration, Instant};
 
 /// Side of a cell, mm.
 const CELL_MM: f64 = 5.0;
-/// Longest time without a frame: the simulated board is not paced, so that a busy machine only takes longer.
+/// Longest wait for a frame. The simulated board is not paced, and a busy machine takes longer.
 const WAIT: Duration = Duration::from_secs(60);
-/// Time of the baseline, s, and fewest frames of it, as in `skin run`.
+/// Duration of the baseline, s, and its least number of frames, as in `skin run`.
 const BASELINE_S: f64 = 0.7;
 const LEAST_BASELINE: usize = 24;
-/// Part of the scene's greatest force from which a touch is one.
+/// Part of the scene's greatest force from which a touch counts as present.
 const LEAST_FORCE: f64 = 0.1;
 
-/// What was seen of a scene.
+/// Results of a scene.
 #[derive(Debug, Default)]
 pub struct Seen {
-    /// How many frames there were after the baseline.
+    /// Number of frames after the baseline.
     pub frames: usize,
-    /// Where contacts were first said to have changed: the frame's number, and the electrodes from 0.
+    /// Every report of other changed contacts than before: number of the frame, and electrodes counted from 0.
     pub contacts: Vec<(u32, Vec<usize>)>,
-    /// How often no touches were said to explain what there is, and in how many frames.
+    /// How often the fit reported that no touches explain the frames, and in how many frames.
     pub no_touches: [usize; 2],
-    /// Frames in which the number of touches is known.
+    /// Frames in which the true number of touches is certain.
     pub judged: usize,
-    /// Those of them in which as many were found.
+    /// Those of them with the right number of touches found.
     pub right: usize,
-    /// From every touch there was to the nearest one found.
+    /// Distance from every true touch to the nearest one found, mm.
     pub off_mm: Vec<f64>,
     /// Peak rise of every touch found.
     pub rises: Vec<f64>,
     /// The highest number given to a touch.
     pub highest: u32,
-    /// What the frames took.
+    /// Time of the reconstruction of every frame, us.
     pub us: Vec<f64>,
 }
 
-/// A session and what makes pictures of its frames.
+/// A session with a simulated board, and the live reconstruction of its frames.
 pub struct Chain {
     session: Session,
     live: Live,
@@ -54,7 +54,8 @@ pub struct Chain {
 }
 
 impl Chain {
-    /// Starts the board behind a port with the plan that `choose` makes for it. `options` are given what a frame takes, s.
+    /// Starts the board behind a port with the plan that `choose` makes for it. `options` receives the time of a
+    /// frame, s.
     ///
     /// # Errors
     /// [`StudyError`]: the board, its plan, the sheet.
@@ -75,7 +76,7 @@ impl Chain {
         })
     }
 
-    /// What a frame takes, s.
+    /// Time of a frame, s.
     pub fn frame_s(&self) -> f64 {
         self.frame_s
     }
@@ -85,7 +86,7 @@ impl Chain {
         &self.session
     }
 
-    /// The next frame, how long it took to reconstruct, and what became of it.
+    /// The next frame, the time of its reconstruction, and its result.
     ///
     /// # Errors
     /// [`StudyError::Silent`] where none comes for a minute, the link, a frame of another pattern.
@@ -97,7 +98,7 @@ impl Chain {
     }
 }
 
-/// Reconstructs the frames of a scene, over and over for so many seconds of the board's time, as `skin run` does.
+/// Reconstructs the frames of a scene as `skin run` does. The scene repeats for `seconds` of the board's time.
 ///
 /// # Errors
 /// [`StudyError`] where the simulated board does not come up, or the chain breaks.

@@ -1,7 +1,9 @@
 //! Run time against error: all methods, cell sizes and ranks on the same frames.
 
-use crate::StudyError;
-use crate::scenes::{self, Bench, Kind, Score, quantile};
+use crate::error::StudyError;
+use crate::scene::{Kind, Scene, rng};
+use crate::score::{Score, quantile};
+use crate::test_sheet::{TestSheet, imager, imager_for};
 use forward::Drive;
 use inverse::pipeline::{Reconstructor, ReconstructorOptions};
 use inverse::reference::Reference;
@@ -15,11 +17,11 @@ use std::time::{Duration, Instant};
 /// One way from a frame to touches.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Way {
-    /// How the picture is computed.
+    /// The method of the picture.
     pub method: Method,
     /// Side of its cells, mm.
     pub cell_mm: f64,
-    /// Directions with a singular value below this fraction of the largest are left out.
+    /// Rank tolerance: singular values below this fraction of the largest are left out.
     pub drop: f64,
     /// Whether the touches are fitted to the measurements; otherwise they are the picture's peaks.
     pub fit: bool,
@@ -27,7 +29,7 @@ pub struct Way {
 
 /// Cell sizes compared, mm.
 pub const CELLS_MM: [f64; 4] = [20.0, 10.0, 5.0, 3.0];
-/// What is dropped below, for 5 mm cells.
+/// Rank tolerances compared, for 5 mm cells.
 pub const DROPS: [f64; 4] = [1e-4, 1e-3, 1e-2, 3e-2];
 
 /// Every method with every cell size at full rank, and with 5 mm cells at lower ranks; ours with the fit.
@@ -49,7 +51,7 @@ pub fn ways() -> Vec<Way> {
     ways
 }
 
-/// What a way costs and how well it does.
+/// Time and errors of a way.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Entry {
     /// The method; `nnls+fit` where the touches are fitted.
@@ -60,7 +62,7 @@ pub struct Entry {
     pub cells: usize,
     /// Rank of the sensitivity in use.
     pub rank: usize,
-    /// Frames it was given; fewer than the others had where it is slow.
+    /// Number of frames; fewer than for the others where the way is slow.
     pub frames: usize,
     /// From voltages to touches, median over the frames, us.
     pub frame_us: f64,
@@ -68,21 +70,21 @@ pub struct Entry {
     pub solve_us: f64,
     /// Part of the frames with the right count of touches.
     pub counted: f64,
-    /// Position error of a touch, median, mm; 50 for one that is not found.
+    /// Position error of a touch, median, mm; 50 mm for a touch that is not found.
     pub median_mm: f64,
-    /// The 95th percentile of it.
+    /// The same, 95th percentile, mm.
     pub p95_mm: f64,
     /// Whether no other way is both faster and more accurate (in the median).
     pub on_front: bool,
 }
 
-/// Runs through the frames; a frame's time is the least of them, so that what other programs take is no part of it.
+/// Number of runs through the frames. The time of a frame is its least, which leaves out other programs.
 const RUNS: usize = 3;
-/// A way gets no more frames after this time.
+/// A way gets no more frames after this time, to limit slow ways.
 const MOST: Duration = Duration::from_secs(2);
 
-/// Runs every way on the same frames: 1 to 4 discs of 25 mm and +20 %, 50 mm apart or more, at 27 dB, the noise told from
-/// the frame. `progress` is told of every way before it runs.
+/// Runs every way on the same frames: 1 to 4 discs of 25 mm and +20 %, 50 mm apart or more, at 27 dB. The noise is
+/// estimated from the frame. `progress` is called with every way before its run.
 ///
 /// # Errors
 /// [`StudyError`] where the sheet cannot be modelled.
@@ -92,14 +94,14 @@ pub fn compare(
     seed: u64,
     mut progress: impl FnMut(&str),
 ) -> Result<Vec<Entry>, StudyError> {
-    let mut rng = scenes::rng(seed);
-    let first = scenes::imager(drive, CELLS_MM[0])?;
-    let mut bench = Bench::new(&first, drive, 0.0, 0.0, &mut rng)?;
+    let mut rng = rng(seed);
+    let first = imager(drive, CELLS_MM[0])?;
+    let mut sheet = TestSheet::new(&first, drive, 0.0, 0.0, &mut rng)?;
     let mut imagers: Vec<(Method, Arc<Imager>)> = Vec::new();
     let mut measured = Vec::new();
     for k in 0..frames {
         let scene = Kind::Equal(1 + k % 4).scene(&mut rng, 27.0);
-        let frame = bench.frame(&scene, &mut rng)?;
+        let frame = sheet.frame(&scene, &mut rng)?;
         measured.push((scene, frame));
     }
     let mut entries = Vec::new();
@@ -109,12 +111,12 @@ pub fn compare(
         let imager = match imagers.iter().find(known) {
             Some((_, imager)) => Arc::clone(imager),
             None => {
-                let imager = scenes::imager_for(way.method, drive, way.cell_mm)?;
+                let imager = imager_for(way.method, drive, way.cell_mm)?;
                 imagers.push((way.method, Arc::clone(&imager)));
                 imager
             }
         };
-        entries.push(run(way, &imager, &bench.baseline, &measured)?);
+        entries.push(run(way, &imager, &sheet.baseline, &measured)?);
     }
     mark_front(&mut entries);
     Ok(entries)
@@ -125,12 +127,7 @@ fn name(way: Way) -> String {
     format!("{}{suffix}", way.method)
 }
 
-fn run(
-    way: Way,
-    imager: &Arc<Imager>,
-    baseline: &[f64],
-    frames: &[(scenes::Scene, Vec<f64>)],
-) -> Result<Entry, StudyError> {
+fn run(way: Way, imager: &Arc<Imager>, baseline: &[f64], frames: &[(Scene, Vec<f64>)]) -> Result<Entry, StudyError> {
     let usual = ReconstructorOptions::for_imager(imager, way.method);
     let options = ReconstructorOptions {
         drop: way.drop,
@@ -139,7 +136,7 @@ fn run(
     };
     let reference = Reference::new(Arc::clone(imager), baseline.to_vec(), FrameNoise::Unknown)?;
     let mut r = Reconstructor::new(reference, options);
-    // The first frame of a sheet also prepares the problem; its time is no frame's.
+    // The first frame also prepares the problem; its time does not count.
     let begin = Instant::now();
     if let Some((_, frame)) = frames.first() {
         r.frame(frame)?;
@@ -180,7 +177,7 @@ fn run(
     })
 }
 
-/// Marks the entries that no other beats in both time and median error.
+/// Marks the Pareto front: entries that no other beats in both time and median error.
 fn mark_front(entries: &mut [Entry]) {
     let points: Vec<[f64; 2]> = entries.iter().map(|e| [e.frame_us, e.median_mm]).collect();
     for (k, entry) in entries.iter_mut().enumerate() {
@@ -237,7 +234,7 @@ mod tests {
         }
     }
 
-    /// On the same frames: what the paper says of the generalised inverse, and what the fit is for.
+    /// On the same frames: the failure of the generalised inverse as in the paper, and the gain of the fit.
     #[test]
     fn the_generalised_inverse_fails_where_nnls_works_and_the_fit_is_better_still() {
         let entries = compare(Drive::PAPER, 6, 31, |_| ()).unwrap();

@@ -1,9 +1,9 @@
-//! What no baseline of a disc tells of its electrodes.
+//! Electrode displacements that no baseline of a disc shows.
 //!
-//! A conformal map of the disc onto itself takes the field of point electrodes on its rim to that of others: the voltages stay what they
-//! are. Small maps move the rim by `a + b cos + c sin` of the angle, and the touches with it.
+//! A conformal map of the disc onto itself displaces the point electrodes on its rim without changing their voltages.
+//! Small maps move the rim by `a + b cos + c sin` of the angle, and the touches with it.
 
-use crate::StudyError;
+use crate::error::StudyError;
 use forward::{Place, Sheet};
 use nalgebra::{DMatrix, DVector};
 
@@ -17,11 +17,11 @@ pub struct ConformalMap {
 }
 
 impl ConformalMap {
-    /// The one that comes nearest to moves along the rim (mm, counter-clockwise) at these angles (rad), and what is left of the
-    /// moves.
+    /// The least-squares fit to moves along the rim (mm, counter-clockwise) at these angles (rad), and the residual
+    /// of the moves, mm.
     ///
     /// # Errors
-    /// [`StudyError::Numbers`] when a number is not finite, or there is not an angle for every move.
+    /// [`StudyError::Numbers`] when a number is not finite, or moves and angles differ in number.
     pub fn nearest(radius_mm: f64, moves_mm: &[f64], angles: &[f64]) -> Result<(Self, Vec<f64>), StudyError> {
         if moves_mm.len() != angles.len() || moves_mm.iter().chain(angles).any(|v| !v.is_finite()) {
             return Err(StudyError::Numbers);
@@ -43,7 +43,7 @@ impl ConformalMap {
         Ok((map, left.iter().copied().collect()))
     }
 
-    /// By how much it moves a point of the disc, mm.
+    /// The displacement of a point of the disc, mm.
     pub fn move_mm(&self, [x, y]: [f64; 2]) -> [f64; 2] {
         let ([bx, by], square) = (self.centre_mm, self.radius_mm.powi(2));
         let (re, im) = ((x * x - y * y) / square, 2.0 * x * y / square);
@@ -54,7 +54,7 @@ impl ConformalMap {
     }
 }
 
-/// Angles of a sheet's electrodes, rad; not a number for one that is not placed by its angle.
+/// Angles of a sheet's electrodes, rad; not a number for an electrode that is not placed by its angle.
 pub fn angles(sheet: &Sheet) -> Vec<f64> {
     let angle = |place: &Place| match place {
         Place::Angle { angle_deg, .. } => angle_deg.to_radians(),

@@ -1,7 +1,9 @@
-//! What a frame costs, by what happens on the sheet: the whole way from voltages to touches.
+//! Time of a frame from voltages to touches, for different events on the sheet.
 
-use crate::StudyError;
-use crate::scenes::{self, Bench, Fault, Scene, quantile};
+use crate::error::StudyError;
+use crate::scene::{Fault, Scene, rng};
+use crate::score::quantile;
+use crate::test_sheet::{TestSheet, imager, live_reconstructor, noise_v, noisy};
 use forward::{DiscTouch, Drive};
 use inverse::pipeline::Reconstructor;
 use inverse::reference::noise::FrameNoise;
@@ -14,7 +16,7 @@ use std::time::{Duration, Instant};
 pub enum Happening {
     /// Nothing; the noise is known from a recording of the unpressed sheet.
     Idle,
-    /// Nothing, and the noise has to be told from every frame.
+    /// Nothing, and the noise has to be estimated from every frame.
     IdleUnknownNoise,
     /// Four fingers at rest, with fresh noise.
     Still,
@@ -37,7 +39,7 @@ impl Happening {
         Self::Hand,
     ];
 
-    /// In a word or two.
+    /// Its name, for tables.
     pub fn name(self) -> &'static str {
         match self {
             Self::Idle => "idle",
@@ -110,24 +112,24 @@ pub struct Cost {
     pub counted: f64,
 }
 
-/// Runs through the sequence; a frame's time is the least of them, so that what other programs take is no part of it.
+/// Number of runs through the sequence. The time of a frame is its least, which leaves out other programs.
 const RUNS: usize = 5;
-/// After this time a happening gets no more runs, and no more than a few frames.
+/// After this time a happening gets no more runs, and at most [`FEW`] frames.
 const MOST: Duration = Duration::from_secs(3);
 const FEW: usize = 8;
 
-/// Measures what frames of 27 dB cost (of four fingers' size where nothing is touched).
+/// Measures the times of frames with the noise at which four fingers have 27 dB.
 ///
 /// # Errors
 /// [`StudyError`] where the sheet cannot be modelled.
 pub fn costs(drive: Drive, frames: usize, seed: u64) -> Result<Vec<Cost>, StudyError> {
-    let mut rng = scenes::rng(seed);
-    let imager = scenes::imager(drive, 5.0)?;
-    let mut bench = Bench::new(&imager, drive, 0.0, 0.0, &mut rng)?;
-    let sigma = noise(&mut bench, &mut rng)?;
+    let mut rng = rng(seed);
+    let imager = imager(drive, 5.0)?;
+    let mut sheet = TestSheet::new(&imager, drive, 0.0, 0.0, &mut rng)?;
+    let sigma = noise(&mut sheet, &mut rng)?;
     let mut costs = Vec::new();
     for happening in Happening::ALL {
-        let sequence = sequence(&mut bench, happening, frames, sigma, &mut rng)?;
+        let sequence = sequence(&mut sheet, happening, frames, sigma, &mut rng)?;
         let mut best = vec![f64::INFINITY; frames];
         let mut cost = Cost {
             happening: happening.name(),
@@ -148,9 +150,9 @@ pub fn costs(drive: Drive, frames: usize, seed: u64) -> Result<Vec<Cost>, StudyE
                 Happening::IdleUnknownNoise => FrameNoise::Unknown,
                 _ => FrameNoise::of_frames(sigma),
             };
-            let mut r = scenes::live_reconstructor(&imager, &bench.baseline, noise)?;
+            let mut r = live_reconstructor(&imager, &sheet.baseline, noise)?;
             // The first frame prepares the problem and the tables of the fit.
-            warm_up(&mut r, &mut bench, sigma, &mut rng)?;
+            warm_up(&mut r, &mut sheet, sigma, &mut rng)?;
             for (k, frame) in sequence.iter().enumerate() {
                 if k >= FEW && begin.elapsed() > MOST {
                     break;
@@ -179,9 +181,9 @@ pub fn costs(drive: Drive, frames: usize, seed: u64) -> Result<Vec<Cost>, StudyE
 }
 
 /// Noise at which four fingers have 27 dB, V.
-fn noise(bench: &mut Bench, rng: &mut StdRng) -> Result<f64, StudyError> {
-    let clean = bench.frame(&scene(Happening::Four, 0, f64::INFINITY), rng)?;
-    Ok(scenes::noise_v(&clean, &bench.baseline, 27.0))
+fn noise(sheet: &mut TestSheet, rng: &mut StdRng) -> Result<f64, StudyError> {
+    let clean = sheet.frame(&scene(Happening::Four, 0, f64::INFINITY), rng)?;
+    Ok(noise_v(&clean, &sheet.baseline, 27.0))
 }
 
 fn scene(happening: Happening, frame: usize, snr_db: f64) -> Scene {
@@ -195,7 +197,7 @@ fn scene(happening: Happening, frame: usize, snr_db: f64) -> Scene {
 
 /// Frames of a happening with noise of a known size.
 pub(super) fn sequence(
-    bench: &mut Bench,
+    sheet: &mut TestSheet,
     happening: Happening,
     frames: usize,
     sigma: f64,
@@ -210,17 +212,17 @@ pub(super) fn sequence(
             );
             let clean = match (&still, same) {
                 (Some(frame), true) => frame.clone(),
-                _ => bench.frame(&scene(happening, k, f64::INFINITY), rng)?,
+                _ => sheet.frame(&scene(happening, k, f64::INFINITY), rng)?,
             };
             still = Some(clean.clone());
-            Ok(scenes::noisy(clean, sigma, rng))
+            Ok(noisy(clean, sigma, rng))
         })
         .collect()
 }
 
-fn warm_up(r: &mut Reconstructor, bench: &mut Bench, sigma: f64, rng: &mut StdRng) -> Result<(), StudyError> {
+fn warm_up(r: &mut Reconstructor, sheet: &mut TestSheet, sigma: f64, rng: &mut StdRng) -> Result<(), StudyError> {
     for happening in [Happening::Four, Happening::Idle] {
-        let frame = sequence(bench, happening, 1, sigma, rng)?;
+        let frame = sequence(sheet, happening, 1, sigma, rng)?;
         r.frame(&frame[0])?;
     }
     Ok(())

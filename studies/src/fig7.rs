@@ -1,8 +1,9 @@
-//! The picture of one frame by every method: the generalised inverse fails on the data on which non-negative least squares
-//! works (the paper's Fig. 7).
+//! The picture of one frame by every method (the paper's Fig. 7). The generalised inverse fails where non-negative
+//! least squares works.
 
 use crate::paper::PaperError;
-use crate::scenes::{self, Bench, Kind, Scene};
+use crate::scene::{Kind, Scene, rng};
+use crate::test_sheet::{TestSheet, imager, imager_for};
 use ::forward::Drive;
 use inverse::pipeline::{Reconstructor, ReconstructorOptions};
 use inverse::reference::Reference;
@@ -30,13 +31,13 @@ const PANELS: [(Method, f64, &str); 5] = [
 /// Draws three touches of 25 mm and +20 % at 27 dB by every method.
 ///
 /// # Errors
-/// A sheet that cannot be modelled, a file that cannot be written.
+/// Where the sheet cannot be modelled or the file not be written.
 pub fn write(drive: Drive, seed: u64, path: &Path) -> Result<(), PaperError> {
-    let mut rng = scenes::rng(seed);
-    let fine = scenes::imager(drive, 5.0)?;
-    let mut bench = Bench::new(&fine, drive, 0.0, 0.0, &mut rng)?;
+    let mut rng = rng(seed);
+    let fine = imager(drive, 5.0)?;
+    let mut sheet = TestSheet::new(&fine, drive, 0.0, 0.0, &mut rng)?;
     let scene = Kind::Equal(3).scene(&mut rng, 27.0);
-    let frame = bench.frame(&scene, &mut rng)?;
+    let frame = sheet.frame(&scene, &mut rng)?;
     let inside = |p: [f64; 2]| {
         let hit = scene.touches.iter().filter(|t| {
             let [x, y] = t.centre_mm;
@@ -53,8 +54,8 @@ pub fn write(drive: Drive, seed: u64, path: &Path) -> Result<(), PaperError> {
         inside,
     )?];
     for (method, cell_mm, title) in PANELS {
-        let imager = scenes::imager_for(method, drive, cell_mm)?;
-        let reference = Reference::new(imager.clone(), bench.baseline.clone(), FrameNoise::Unknown)?;
+        let imager = imager_for(method, drive, cell_mm)?;
+        let reference = Reference::new(imager.clone(), sheet.baseline.clone(), FrameNoise::Unknown)?;
         let mut r = Reconstructor::new(reference, ReconstructorOptions::for_imager(&imager, method));
         let found = r.frame(&frame)?;
         let values: Vec<f32> = found.x.iter().map(|x| *x as f32).collect();
@@ -88,7 +89,7 @@ pub fn write(drive: Drive, seed: u64, path: &Path) -> Result<(), PaperError> {
         let inside = |x: f32, y: f32| panel.pixel((x - l) as u32, (y - t) as u32);
         whole.shade(&corners, |x, y| inside(x, y).unwrap_or(BACKGROUND));
     }
-    // The error names the file and its cause itself.
+    // The error already names the file and the cause.
     Ok(whole.write_png(path)?)
 }
 

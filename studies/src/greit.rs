@@ -48,16 +48,16 @@ impl Pixels {
 /// The figures of one picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Figures {
-    /// Value integrated over the picture, mm². The amplitude response AR is this over what it is for a target in the
-    /// middle, or over the true one.
+    /// Value integrated over the picture, mm². The amplitude response AR is this value, divided by that of a target in
+    /// the middle or by the true value.
     pub amplitude_mm2: f64,
     /// Position error PE, mm: how much nearer to the middle the quarter set's centre is than the target. Negative
     /// outwards.
     pub position_mm: f64,
     /// Distance of the quarter set's centre from the target, mm.
     pub distance_mm: f64,
-    /// Resolution RES: square root of the part of the picture that the quarter set covers. The radius of a disc over the
-    /// sheet's.
+    /// Resolution RES: square root of the part of the picture that the quarter set covers. The radius of a disc over
+    /// the sheet's.
     pub resolution: f64,
     /// Shape deformation SD: part of the quarter set outside the circle of its area around its centre, 0 to 1.
     pub deformation: f64,
@@ -66,7 +66,8 @@ pub struct Figures {
 }
 
 impl Figures {
-    /// The figures of a picture, one value for each pixel, of a target at a place. Values that are not finite count as 0.
+    /// The figures of a picture of a target at a place, with one value for each pixel. Values that are not finite
+    /// count as 0.
     ///
     /// `None` where no value is positive, or the number of values is not that of the pixels.
     pub fn of(pixels: &Pixels, values: &[f64], target_mm: [f64; 2]) -> Option<Self> {
@@ -157,7 +158,8 @@ mod tests {
         );
     }
 
-    /// A square of side a sticks out of the circle of its area by 4 (theta/pi - tan(theta)/pi), cos(theta) = sqrt(pi)/2.
+    /// A square of side a sticks out of the circle of its area by 4 (theta/pi - tan(theta)/pi), cos(theta) =
+    /// sqrt(pi)/2.
     #[test]
     fn a_square_is_deformed_as_geometry_says() {
         let (pixels, values) = picture(|p| f64::from((p[0] - 20.0).abs() < 15.0 && p[1].abs() < 15.0));

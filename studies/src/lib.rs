@@ -1,57 +1,47 @@
-//! How well frames are turned into touches, measured on frames whose truth is known.
+//! How well frames are turned into touches, measured on simulated frames whose truth is known.
 //!
-//! [`scenes`] simulates and judges; [`compare`] sets run time against error for all methods; [`cost`] tells what a frame
-//! costs by what happens on the sheet, [`chain`] runs scenes through board and link, [`savings`] what each shortcut is worth; [`merit`] has the GREIT figures of the
-//! pictures ([`greit`]); [`conformal`] what no baseline tells of the electrodes; [`stress`] tries what must hold on any data;
-//! [`paper`] has the source paper's experiments again, [`fig7`] its figure of pictures.
-//! The way of a frame through all crates: docs/architecture.md.
+//! A [`TestSheet`] simulates the frames of a [`Scene`], and a [`Score`] compares the touches found with the truth.
+//! The other modules are studies on such frames, and [`paper`] repeats the experiments of the source paper.
+//! The way of a frame through all crates: docs/architecture.md. The results: docs/results.md and docs/benchmarks.md.
+//!
+//! ```
+//! use forward::Drive;
+//! use studies::{Kind, TestSheet, imager, rng};
+//!
+//! let mut rng = rng(1);
+//! let imager = imager(Drive::PAPER, 10.0)?; // cells of 10 mm
+//! let mut sheet = TestSheet::new(&imager, Drive::PAPER, 0.0, 0.0, &mut rng)?;
+//! let scene = Kind::Equal(1).scene(&mut rng, 27.0); // one touch, noise at 27 dB
+//! let frame = sheet.frame(&scene, &mut rng)?;
+//! let mut reconstructor = sheet.reconstructor()?;
+//! let touches = &reconstructor.frame(&frame)?.touches;
+//! let [x, y] = scene.touches[0].centre_mm;
+//! assert_eq!(touches.len(), 1);
+//! assert!((touches[0].x_mm - x).hypot(touches[0].y_mm - y) < 1.0);
+//! # Ok::<(), studies::StudyError>(())
+//! ```
 #![forbid(unsafe_code)]
 
 pub mod chain;
 pub mod compare;
 pub mod conformal;
 pub mod cost;
+pub mod error;
 pub mod fig7;
 pub mod greit;
+pub mod live_sheet;
 pub mod merit;
 pub mod paper;
 pub mod savings;
-pub mod scenes;
+pub mod scene;
+pub mod score;
 pub mod screening;
 pub mod stress;
+pub mod test_sheet;
+pub mod trial;
 
-use forward::{ForwardError, PatternError};
-use inverse::reference::imager::ImagerError;
-use link::LinkError;
-use thiserror::Error;
-use view::picture::PictureError;
-
-/// Why something could not be measured.
-#[derive(Clone, Debug, Error, PartialEq)]
-#[non_exhaustive]
-pub enum StudyError {
-    /// The sheet or its picture.
-    #[error(transparent)]
-    Imager(#[from] ImagerError),
-    /// The simulated sheet.
-    #[error(transparent)]
-    Forward(#[from] ForwardError),
-    /// The cells of the picture.
-    #[error(transparent)]
-    Picture(#[from] PictureError),
-    /// The measurements.
-    #[error(transparent)]
-    Pattern(#[from] PatternError),
-    /// The board or its link.
-    #[error(transparent)]
-    Link(#[from] LinkError),
-    /// The simulated board does not come up.
-    #[error("the simulated board does not start: {0}")]
-    Simulator(String),
-    /// The board sends no frame.
-    #[error("the board sent no frame; look at its link")]
-    Silent,
-    /// Numbers that are none, or too few.
-    #[error("a number is not finite, or there are not as many as needed")]
-    Numbers,
-}
+pub use error::StudyError;
+pub use live_sheet::LiveSheet;
+pub use scene::{Fault, Kind, Scene, Worse, rng};
+pub use score::{MISSED_MM, Score, quantile};
+pub use test_sheet::{TestSheet, imager, imager_for, live_reconstructor, misplaced, noise_v, noisy, reconstructor};

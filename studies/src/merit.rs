@@ -1,8 +1,9 @@
 //! The GREIT figures of merit of a method's pictures over the radius of the sheet.
 
-use crate::StudyError;
+use crate::error::StudyError;
 use crate::greit::{Figures, Pixels};
-use crate::scenes::{self, Bench, Fault, Scene};
+use crate::scene::{Fault, Scene, rng};
+use crate::test_sheet::{TestSheet, imager_for};
 use forward::{DiscTouch, Drive};
 use inverse::pipeline::{Reconstructor, ReconstructorOptions};
 use inverse::reference::Reference;
@@ -21,7 +22,7 @@ pub const RADII: [f64; 9] = [0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8];
 const RIM_MM: f64 = 97.5;
 const TIP_MM: f64 = 12.5;
 const RISE: f64 = 0.2;
-/// Side of the pixels that the shown picture is judged on, mm: 65 across the sheet, as many as EIDORS takes.
+/// Side of the pixels for the figures, mm: 65 pixels across the sheet, as in EIDORS.
 const PIXEL_MM: f64 = 3.0;
 
 /// Figures at one radius, means over the touches there.
@@ -31,7 +32,7 @@ pub struct Ring {
     pub radius: f64,
     /// Integrated rise over the true one.
     pub amplitude: f64,
-    /// The same over what it is in the middle: the amplitude response AR.
+    /// The amplitude response AR: the same, divided by its value in the middle.
     pub response: f64,
     /// Position error PE, mm: positive where the touch is shown too near to the middle.
     pub position_mm: f64,
@@ -45,8 +46,9 @@ pub struct Ring {
     pub ringing: f64,
 }
 
-/// The figures of the usual pictures of a method: one disc of 25 mm and +20 % at 27 dB, the noise told from the frame.
-/// `touches` of them, all round, at every radius of [`RADII`]. What is judged is the shown field, on pixels of 3 mm.
+/// The figures of a method with its usual options, for one disc of 25 mm and +20 % at 27 dB. The noise is estimated
+/// from the frame. Every radius of [`RADII`] has `touches` such discs, one a frame, all round. The figures are those
+/// of the shown field, on pixels of 3 mm.
 ///
 /// # Errors
 /// [`StudyError`] where the sheet cannot be modelled.
@@ -65,7 +67,7 @@ pub fn profile_with(
     seed: u64,
     change: impl Fn(ReconstructorOptions) -> ReconstructorOptions,
 ) -> Result<Vec<Ring>, StudyError> {
-    let imager = scenes::imager_for(method, drive, method.cell_mm())?;
+    let imager = imager_for(method, drive, method.cell_mm())?;
     profile_on(&imager, drive, method, touches, seed, change)
 }
 
@@ -81,10 +83,10 @@ pub fn profile_on(
     seed: u64,
     change: impl Fn(ReconstructorOptions) -> ReconstructorOptions,
 ) -> Result<Vec<Ring>, StudyError> {
-    let mut rng = scenes::rng(seed);
-    let mut bench = Bench::new(imager, drive, 0.0, 0.0, &mut rng)?;
+    let mut rng = rng(seed);
+    let mut sheet = TestSheet::new(imager, drive, 0.0, 0.0, &mut rng)?;
     let usual = ReconstructorOptions::for_imager(imager, method);
-    let reference = Reference::new(imager.clone(), bench.baseline.clone(), FrameNoise::Unknown)?;
+    let reference = Reference::new(imager.clone(), sheet.baseline.clone(), FrameNoise::Unknown)?;
     let mut r = Reconstructor::new(reference, change(usual));
     let grid = grid_of(imager)?;
     let pixels = Pixels::of_disc(RIM_MM, PIXEL_MM);
@@ -105,7 +107,7 @@ pub fn profile_on(
                 snr_db: 27.0,
                 fault: Fault::None,
             };
-            let frame = bench.frame(&scene, &mut rng)?;
+            let frame = sheet.frame(&scene, &mut rng)?;
             let found = r.frame(&frame)?;
             figures.extend(Figures::of(&pixels, &shown(&grid, &found.x, &pixels), at));
         }
@@ -114,7 +116,7 @@ pub fn profile_on(
     Ok(rings)
 }
 
-/// The field as a viewer draws it, with what falls.
+/// The field as a viewer draws it, negative values included.
 fn shown(grid: &Grid, x: &[f64], pixels: &Pixels) -> Vec<f64> {
     let values: Vec<f32> = x.iter().map(|x| *x as f32).collect();
     let field = Field::new(grid, &values);
@@ -141,7 +143,7 @@ fn mean(radius: f64, figures: &[Figures], middle: Option<&Ring>) -> Ring {
 mod tests {
     use super::*;
 
-    /// What is asked of the shown picture: an amplitude response within 15 % from the middle to 80 % of the radius.
+    /// Requirement on the shown picture: an amplitude response within 15 % from the middle to 80 % of the radius.
     #[test]
     fn the_amplitude_response_is_uniform() {
         for drive in [Drive::PAPER, Drive::Current { amplitude_a: 1e-3 }] {
@@ -150,7 +152,7 @@ mod tests {
             for ring in rings {
                 assert!((ring.response - 1.0).abs() < 0.15, "{drive:?}: {ring:?}");
                 assert!(ring.distance_mm < 2.0 && ring.deformation < 0.15, "{drive:?}: {ring:?}");
-                // Nothing falls, so nothing rings.
+                // Without negative values there is no ringing.
                 assert_eq!(ring.ringing, 0.0);
             }
         }

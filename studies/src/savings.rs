@@ -1,9 +1,11 @@
-//! What each shortcut of the solver is worth, and what it costs in accuracy.
+//! Time that each shortcut of the solver saves, and its cost in accuracy.
 
-use crate::StudyError;
 use crate::cost::{self, Happening};
-use crate::scenes::{self, Bench, quantile};
+use crate::error::StudyError;
+use crate::scene::rng;
+use crate::score::quantile;
 use crate::screening::screen;
+use crate::test_sheet::{TestSheet, imager, noise_v, noisy};
 use forward::Drive;
 use inverse::pipeline::{Reconstructor, ReconstructorOptions};
 use inverse::reference::Reference;
@@ -18,17 +20,18 @@ use std::time::Instant;
 /// A shortcut, or the way without it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Saving {
-    /// Which one.
+    /// Its name.
     pub name: String,
     /// Median time of a frame, us.
     pub median_us: f64,
-    /// 99th percentile of it, us.
+    /// 99th percentile of the time, us.
     pub p99_us: f64,
-    /// Newton steps a frame, mean; none for what is no solve.
+    /// Newton steps of a frame, mean; `None` where nothing is solved.
     pub steps: Option<f64>,
-    /// Rows of the matrix that is worked on.
+    /// Rows of the matrix of the solve.
     pub rank: usize,
-    /// Largest error of x over its largest entry, worst of the frames, against the solution without any shortcut.
+    /// Largest error of x, divided by the largest entry of x: worst of the frames, against the solution without
+    /// shortcuts.
     pub error: f64,
 }
 
@@ -43,20 +46,20 @@ pub struct Screening {
     pub zero: f64,
 }
 
-/// What was found.
+/// Results.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Savings {
     /// Solves of four moving touches, and the gate.
     pub rows: Vec<Saving>,
-    /// What screening would know.
+    /// Cells that screening would exclude.
     pub screening: Vec<Screening>,
     /// Time of the one product of a step that screening could make cheaper, us.
     pub product_us: f64,
 }
 
-/// Runs through the sequence; a frame's time is the least of them.
+/// Number of runs through the sequence. The time of a frame is its least.
 const RUNS: usize = 8;
-/// The ridge over the largest singular value: that of the usual picture at 27 dB.
+/// Ridge, divided by the largest singular value: that of the usual picture at 27 dB.
 const RIDGE: f64 = 0.003;
 
 /// Frames as weighted differences, with the matrix.
@@ -70,17 +73,17 @@ struct Frames {
 /// # Errors
 /// [`StudyError`] where the sheet cannot be modelled.
 pub fn savings(drive: Drive, frames: usize, seed: u64) -> Result<Savings, StudyError> {
-    let mut rng = scenes::rng(seed);
-    let imager = scenes::imager(drive, 5.0)?;
-    let mut bench = Bench::new(&imager, drive, 0.0, 0.0, &mut rng)?;
-    let clean = cost::sequence(&mut bench, Happening::Four, frames, 0.0, &mut rng)?;
-    let base = bench.baseline.clone();
-    let sigma = scenes::noise_v(&clean[0], &base, 27.0);
+    let mut rng = rng(seed);
+    let imager = imager(drive, 5.0)?;
+    let mut sheet = TestSheet::new(&imager, drive, 0.0, 0.0, &mut rng)?;
+    let clean = cost::sequence(&mut sheet, Happening::Four, frames, 0.0, &mut rng)?;
+    let base = sheet.baseline.clone();
+    let sigma = noise_v(&clean[0], &base, 27.0);
     let given = Frames {
         sensitivity: imager.sensitivity.clone(),
         differences: clean
             .into_iter()
-            .map(|v| scenes::noisy(v, sigma, &mut rng))
+            .map(|v| noisy(v, sigma, &mut rng))
             .map(|v| DVector::from_iterator(v.len(), v.iter().zip(&base).map(|(a, b)| a - b)))
             .collect(),
     };
@@ -97,12 +100,12 @@ pub fn savings(drive: Drive, frames: usize, seed: u64) -> Result<Savings, StudyE
         let mut r = Reconstructor::new(reference, ReconstructorOptions { false_alarm, ..usual });
         let mut times = Vec::new();
         for _ in 0..frames + 2 {
-            let frame = bench.empty(sigma, &mut rng);
+            let frame = sheet.empty(sigma, &mut rng);
             let start = Instant::now();
             r.frame(&frame)?;
             times.push(start.elapsed().as_secs_f64() * 1e6);
         }
-        // The first two prepare.
+        // The first two frames prepare the problem.
         times.drain(..2);
         out.rows.push(Saving {
             name: name.to_owned(),
@@ -220,7 +223,7 @@ fn product_us(problem: &Problem) -> f64 {
     best
 }
 
-/// Steps after which screening is looked at.
+/// Numbers of steps after which screening is measured.
 const STEPS: [usize; 6] = [0, 1, 2, 3, 4, 5];
 
 fn screening(given: &Frames, problem: &Problem) -> Vec<Screening> {
@@ -262,7 +265,7 @@ fn screening(given: &Frames, problem: &Problem) -> Vec<Screening> {
 mod tests {
     use super::*;
 
-    /// Times are not judged; what the shortcuts do to the picture is.
+    /// The test is on the error of the picture, not on times.
     #[test]
     fn shortcuts_change_nothing_but_dropping_which_changes_little() {
         let s = savings(Drive::PAPER, 6, 3).unwrap();

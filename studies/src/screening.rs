@@ -1,22 +1,22 @@
-//! Which cells are provably zero before the problem is solved: safe screening from the duality gap.
+//! Safe screening from the duality gap: cells that are provably zero before the problem is solved.
 //!
-//! With a ridge the objective `P(x) = 1/2 |A x - b|^2 + ridge^2/2 |x|^2` over x >= 0 has the dual
-//! `D(r) = b.r - 1/2 |r|^2 - 1/(2 ridge^2) |max(0, A^T r)|^2`, whose solution is the residual `r* = b - A x*` and which is
-//! 1-strongly concave. So `|r - r*| <= sqrt(2 (P(x) - D(r)))` for any x >= 0 and any r, and a cell with
-//! `a_j.r + |a_j| sqrt(2 gap) <= 0` has `a_j.r* <= 0`: its x is 0 (the gap-safe sphere of E. Ndiaye et al., J. Mach. Learn.
-//! Res. 18, 2017, for this problem).
+//! With a ridge the objective is `P(x) = 1/2 |A x - b|^2 + ridge^2/2 |x|^2` over x >= 0. Its dual is
+//! `D(r) = b.r - 1/2 |r|^2 - 1/(2 ridge^2) |max(0, A^T r)|^2`, which is 1-strongly concave. The residual
+//! `r* = b - A x*` solves the dual. Therefore `|r - r*| <= sqrt(2 (P(x) - D(r)))` for any x >= 0 and any r. A cell with
+//! `a_j.r + |a_j| sqrt(2 gap) <= 0` has `a_j.r* <= 0`, and its x is 0. This is the gap-safe sphere of E. Ndiaye et al.,
+//! J. Mach. Learn. Res. 18, 2017, for this problem.
 //!
 //! The solver does not use it; [`crate::savings`] measures what it would save.
 
 use inverse::solvers::Problem;
 use nalgebra::DVector;
 
-/// What is known of the cells at a point on the way to the solution.
+/// Cells excluded at a point on the way to the solution.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Screened {
-    /// Bound on how far the objective is from its least.
+    /// Duality gap: bound on the distance of the objective from its minimum.
     pub gap: f64,
-    /// Which cells are zero in the solution, without a doubt.
+    /// Which cells are proved to be zero in the solution.
     pub zero: Vec<bool>,
 }
 
@@ -53,8 +53,8 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
-        /// From any point, near the solution or far from it, no cell that the solution has is dropped, and the gap bounds
-        /// what the objective has to lose.
+        /// No positive cell of the solution is excluded, from any point, near or far. The gap bounds the distance of
+        /// the objective from its minimum.
         #[test]
         fn no_positive_cell_is_dropped(
             a in proptest::collection::vec(-1.0..1.0_f64, 8 * 25),
@@ -83,7 +83,7 @@ mod tests {
         }
     }
 
-    /// At the solution itself all cells that push the other way are known to be zero.
+    /// At the solution itself all cells with a negative `a_j.r` are proved to be zero.
     #[test]
     fn at_the_solution_what_is_negative_is_known() {
         let a = DMatrix::from_fn(6, 40, |i, j| ((3 * i + 7 * j) as f64 + 0.3 * (i * j) as f64).sin());

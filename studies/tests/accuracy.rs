@@ -1,20 +1,20 @@
-//! Accuracy of the touches on simulated frames: fewer scenes than the study in `examples/touch_accuracy.rs`, the same bounds.
+//! Accuracy of the touches on simulated frames: fewer scenes than `examples/touch_accuracy.rs`, with the same bounds.
 #![allow(clippy::unwrap_used, reason = "shared by the tests")]
 
 use forward::Drive;
 use studies::conformal::{ConformalMap, angles};
-use studies::scenes::{self, Bench, Fault, Kind, Score, imager, reconstructor, rng, score};
+use studies::{Fault, Kind, Score, TestSheet, imager, quantile, reconstructor, rng, trial};
 
 /// Scenes of one kind from the paper's drive.
 fn paper(kind: Kind, snr_db: f64, scenes: usize, seed: u64) -> Score {
     let imager = imager(Drive::PAPER, 5.0).unwrap();
     let mut rng = rng(seed);
-    let mut bench = Bench::new(&imager, Drive::PAPER, 0.0, 0.0, &mut rng).unwrap();
-    let mut r = bench.reconstructor().unwrap();
-    score(&mut bench, &mut r, kind, snr_db, scenes, &mut rng).unwrap()
+    let mut sheet = TestSheet::new(&imager, Drive::PAPER, 0.0, 0.0, &mut rng).unwrap();
+    let mut r = sheet.reconstructor().unwrap();
+    trial::score(&mut sheet, &mut r, kind, snr_db, scenes, &mut rng).unwrap()
 }
 
-/// Fewest right ones of n at a probability p each, but for one chance in about a thousand.
+/// Fewest successes of n with probability p each; fewer have a chance of about one in a thousand.
 fn least(n: usize, p: f64) -> usize {
     let (n, q) = (n as f64, 1.0 - p);
     (n * p - 3.1 * (n * p * q).sqrt() - 0.5).floor().max(0.0) as usize
@@ -45,7 +45,7 @@ fn four_touches_to_half_a_millimetre_and_their_uncertainty_is_honest() {
         s.error_mm(0.5),
         s.error_mm(0.95)
     );
-    // 320 coordinates, of which 95 % are to lie within two standard uncertainties.
+    // Of 320 coordinates, 95 % should lie within two standard uncertainties.
     assert!((0.90..=0.995).contains(&s.honest_part()), "{}", s.honest_part());
 }
 
@@ -80,7 +80,7 @@ fn strong_touches_keep_their_rise() {
         let s = paper(Kind::Strong(rise), 27.0, 20, 9005);
         assert_eq!(s.counted, 20, "{rise}");
         assert!(s.error_mm(0.5) < 0.7, "{rise}: {}", s.error_mm(0.5));
-        let median = scenes::quantile(&s.totals, 0.5);
+        let median = quantile(&s.totals, 0.5);
         assert!((median - 1.0).abs() < 0.1, "{rise}: {median}");
     }
 }
@@ -101,23 +101,23 @@ fn electrodes_and_contacts_that_are_off_are_found() {
         let mut rng = rng(9007);
         let mut s = Score::default();
         for _ in 0..4 {
-            let mut bench = Bench::new(&imager, Drive::PAPER, 0.5, 0.3, &mut rng).unwrap();
-            let mut r = bench.reconstructor().unwrap();
-            scenes::run(&mut bench, &mut r, Kind::Equal(n), 27.0, 10, &mut rng, &mut s).unwrap();
+            let mut sheet = TestSheet::new(&imager, Drive::PAPER, 0.5, 0.3, &mut rng).unwrap();
+            let mut r = sheet.reconstructor().unwrap();
+            trial::run(&mut sheet, &mut r, Kind::Equal(n), 27.0, 10, &mut rng, &mut s).unwrap();
         }
         assert!(s.counted >= least(40, 0.99), "{n}: {} of 40", s.counted);
-        // Four sheets only: the bounds of many, and a third.
+        // With four sheets only, the bounds are a third wider than those of many.
         assert!(
             s.error_mm(0.5) < 1.33 * median && s.error_mm(0.95) < 1.33 * p95,
             "{n}: {}",
             s.error_mm(0.5)
         );
-        // What is uncertain of the electrodes is in the uncertainty of the touches, however quiet the frames.
+        // The electrode uncertainty is part of the uncertainty of the touches, also with little noise.
         let mut quiet = Score::default();
         for _ in 0..4 {
-            let mut bench = Bench::new(&imager, Drive::PAPER, 0.5, 0.3, &mut rng).unwrap();
-            let mut r = bench.reconstructor().unwrap();
-            scenes::run(&mut bench, &mut r, Kind::Equal(n), 60.0, 10, &mut rng, &mut quiet).unwrap();
+            let mut sheet = TestSheet::new(&imager, Drive::PAPER, 0.5, 0.3, &mut rng).unwrap();
+            let mut r = sheet.reconstructor().unwrap();
+            trial::run(&mut sheet, &mut r, Kind::Equal(n), 60.0, 10, &mut rng, &mut quiet).unwrap();
         }
         for score in [s, quiet] {
             assert!(score.honest_part() > 0.88, "{n}: {}", score.honest_part());
@@ -125,16 +125,16 @@ fn electrodes_and_contacts_that_are_off_are_found() {
     }
 }
 
-/// What a conformal map of the disc does to electrodes is not in the baseline: it is all that stays unknown.
+/// The baseline does not show a conformal map of the disc. Nothing else of the electrodes stays unknown.
 #[test]
 fn electrodes_are_found_but_for_a_conformal_map() {
     for (drive, seed) in [(Drive::PAPER, 9009), (Drive::Current { amplitude_a: 1e-3 }, 9010)] {
         let imager = imager(drive, 5.0).unwrap();
         let mut rng = rng(seed);
-        let bench = Bench::new(&imager, drive, 0.5, 0.3, &mut rng).unwrap();
-        let found = inverse::reference::electrode_fit::find(&imager, &bench.baseline).unwrap();
+        let sheet = TestSheet::new(&imager, drive, 0.5, 0.3, &mut rng).unwrap();
+        let found = inverse::reference::electrode_fit::find(&imager, &sheet.baseline).unwrap();
         let nominal = angles(imager.model.sheet());
-        let off: Vec<f64> = angles(bench.sheet())
+        let off: Vec<f64> = angles(sheet.as_built())
             .iter()
             .zip(&nominal)
             .zip(&found.moved_mm)
@@ -142,7 +142,7 @@ fn electrodes_are_found_but_for_a_conformal_map() {
             .collect();
         let (_, left) = ConformalMap::nearest(97.5, &off, &nominal).unwrap();
         let largest = |v: &[f64]| v.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
-        // The meshes differ by more than that nowhere.
+        // The difference of the two meshes allows 0.01 mm.
         assert!(largest(&left) < 0.01, "{left:?}");
         assert!(largest(&off) > 0.05, "{off:?}");
     }
@@ -152,11 +152,11 @@ fn electrodes_are_found_but_for_a_conformal_map() {
 fn noise_is_no_touch() {
     let imager = imager(Drive::PAPER, 5.0).unwrap();
     let mut rng = rng(9008);
-    let bench = Bench::new(&imager, Drive::PAPER, 0.0, 0.0, &mut rng).unwrap();
-    let mut r = reconstructor(&imager, &bench.baseline).unwrap();
+    let sheet = TestSheet::new(&imager, Drive::PAPER, 0.0, 0.0, &mut rng).unwrap();
+    let mut r = reconstructor(&imager, &sheet.baseline).unwrap();
     for sigma in [1e-6, 1e-4, 1e-2] {
         for _ in 0..300 {
-            let frame = bench.empty(sigma * bench.baseline[0], &mut rng);
+            let frame = sheet.empty(sigma * sheet.baseline[0], &mut rng);
             let found = r.frame(&frame).unwrap();
             assert!(found.touches.is_empty(), "{sigma}: {:?}", found.touches);
         }

@@ -1,39 +1,36 @@
-//! A whole hand, five tips and a palm, is counted right and followed.
+//! The touches of a whole hand, five tips and a palm, are counted right and followed.
 #![allow(clippy::unwrap_used, reason = "a test")]
 
 use forward::Drive;
-use inverse::reference::noise::FrameNoise;
+use studies::LiveSheet;
 use studies::cost::Happening;
-use studies::scenes::{Bench, imager, noise_v, noisy, rng};
 
-/// From frame to frame the hand moves 1 mm. The noise is that of four fingers at 27 dB, known as live.
+/// The hand moves 1 mm from frame to frame. The noise is that of four fingers at 27 dB.
 #[test]
 fn a_hand_that_moves_keeps_its_count_and_its_palm() {
-    let mut rng = rng(91);
-    let imager = imager(Drive::PAPER, 5.0).unwrap();
-    let mut bench = Bench::new(&imager, Drive::PAPER, 0.0, 0.0, &mut rng).unwrap();
-    let clean = bench.clean_frame(&Happening::Four.touches(0)).unwrap();
-    let sigma = noise_v(&clean, &bench.baseline, 27.0);
-    let mut r = bench.live_reconstructor(FrameNoise::of_frames(sigma)).unwrap();
+    let mut live = LiveSheet::new(Drive::PAPER, 91, |sheet, _| {
+        sheet.clean_frame(&Happening::Four.touches(0))
+    })
+    .unwrap();
     let (mut right, mut allocated, frames) = (0, 0, 48);
     let sequence: Vec<Vec<f64>> = (0..frames)
         .map(|k| {
-            let clean = bench.clean_frame(&Happening::Hand.touches(k)).unwrap();
-            noisy(clean, sigma, &mut rng)
+            let clean = live.sheet.clean_frame(&Happening::Hand.touches(k)).unwrap();
+            live.frame(&clean)
         })
         .collect();
     for pass in 0..2 {
         for (k, frame) in sequence.iter().enumerate() {
             let mut found = Vec::new();
             let used = allocation_counter::measure(|| {
-                let touches = &r.frame(frame).unwrap().touches;
+                let touches = &live.reconstructor.frame(frame).unwrap().touches;
                 found.clone_from(touches);
             });
-            // One is the copy of the touches above.
+            // The copy of the touches above allocates once.
             allocated += usize::from(pass > 0 && k > 0 && used.count_total > 1);
             let truth = Happening::Hand.touches(k);
             right += usize::from(found.len() == truth.len());
-            // The palm is one wide touch at its place from the frame after the first.
+            // From the second frame on, the palm is one wide touch at its place.
             let palm = truth[0];
             let off =
                 |t: &&inverse::touches::touch::Touch| (t.x_mm - palm.centre_mm[0]).hypot(t.y_mm - palm.centre_mm[1]);

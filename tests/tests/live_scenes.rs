@@ -30,12 +30,12 @@ fn touches_that_come_and_go_are_touches_and_no_contacts() {
             let part = seen.right as f64 / seen.judged as f64;
             assert!(part >= 0.99, "{name}, seed {seed}: {part}");
             // Fingers of 14 to 23 N, whose radius no one frame tells well.
-            let [least, half, largest] = [0.01, 0.5, 0.99].map(|q| studies::scenes::quantile(&seen.rises, q));
+            let [least, half, largest] = [0.01, 0.5, 0.99].map(|q| studies::quantile(&seen.rises, q));
             assert!(
                 least > 0.03 && (0.15..0.3).contains(&half) && largest < 0.5,
                 "{least} {half} {largest}"
             );
-            let most = studies::scenes::quantile(&seen.off_mm, 0.95);
+            let most = studies::quantile(&seen.off_mm, 0.95);
             assert!(most < 0.8, "{name}, seed {seed}: {most} mm");
         }
     }

@@ -17,21 +17,21 @@ pub(super) struct Series<'a> {
 
 /// A chart.
 pub(super) struct Chart<'a> {
-    /// What it shows, for whoever cannot see it.
+    /// Text for readers who cannot see the chart.
     pub(super) label: &'a str,
-    /// Below and beside.
+    /// Labels of the axes: below and beside.
     pub(super) axes: [&'a str; 2],
     /// Lines, drawn in this order.
     pub(super) series: Vec<Series<'a>>,
-    /// Lowest and highest value shown upwards; none for those of the points.
+    /// Lowest and highest value of the vertical axis; `None` takes those of the points.
     pub(super) range: Option<[f64; 2]>,
 }
 
 const WIDTH: f64 = 520.0;
 const HEIGHT: f64 = 290.0;
-/// Left, right, top, bottom.
+/// Margins: left, right, top, bottom, px.
 const MARGIN: [f64; 4] = [50.0, 12.0, 12.0, 44.0];
-/// Points of a line that lie closer than this to the straight one are left out, px.
+/// Points closer than this to the simplified line are left out, px.
 const FINE: f64 = 0.25;
 
 impl Chart<'_> {
@@ -99,7 +99,7 @@ fn px(v: f64) -> String {
     format!("{:.1}", v)
 }
 
-/// The line without what nobody sees (Ramer 1972, Douglas and Peucker 1973).
+/// The line without points that make no visible difference (Ramer 1972, Douglas and Peucker 1973).
 fn thinned(points: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
     if points.len() < 3 {
         return points;

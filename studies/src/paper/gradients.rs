@@ -1,4 +1,5 @@
-//! Where pairs of electrodes listen (the paper's Fig. 4): the product of the potential gradients of a drive and a sense pair.
+//! Sensitivity of pairs of electrodes (the paper's Fig. 4): the product of the potential gradients of a drive and a
+//! sense pair.
 
 use crate::paper::PaperError;
 use crate::paper::map::Map;
@@ -15,13 +16,13 @@ const CELL_MM: f64 = 1.5;
 /// One pair of pairs.
 #[derive(Clone, Debug, Serialize)]
 pub struct Gradient {
-    /// The sense pair's first electrode, counted from 1; it listens to the drive pair 1-2.
+    /// First electrode of the sense pair, counted from 1; the drive pair is 1-2.
     pub sense: usize,
-    /// Largest product over the sheet: change of the transfer resistance for a unit relative rise of a mm², ohm/mm².
+    /// Largest product over the sheet: change of the transfer resistance for a relative rise of 1 over 1 mm², ohm/mm².
     pub largest_ohm_per_mm2: f64,
     /// Part of the sheet where a rise of the resistivity lowers the voltage.
     pub negative_part: f64,
-    /// Sum over the sheet, ohm: by theory the transfer resistance itself, but for what the contacts take.
+    /// Sum over the sheet, ohm: by theory the transfer resistance, less the part of the contacts.
     pub sum_ohm: f64,
     /// The transfer resistance, ohm.
     pub transfer_ohm: f64,
@@ -44,7 +45,7 @@ pub(super) fn run() -> Result<Vec<Gradient>, PaperError> {
     SENSES
         .into_iter()
         .map(|n| {
-            // The sense pair the way round that makes the homogeneous sheet's value positive.
+            // The sense pair is reversed, which makes the value of the homogeneous sheet positive.
             let sense = pair(n).reversed();
             let values: Vec<f64> = (0..grid.len())
                 .map(|c| sensitivity.transfer_ohm(c, pair(0), sense))
@@ -52,7 +53,7 @@ pub(super) fn run() -> Result<Vec<Gradient>, PaperError> {
             let most = values.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
             let at = |p: [f64; 2]| {
                 let index = |k: usize| ((p[k] - low[k]) / CELL_MM).max(0.0) as usize;
-                // Roots: the values span four decades. Nothing is in the middle of the colours.
+                // The values span four decades; the fourth root shows them all. Zero is the middle of the palette.
                 let value = grid.at(index(0), index(1)).map_or(0.0, |c| values[c]);
                 let t = 0.5 + 0.5 * value.signum() * (value.abs() / most).powf(0.25);
                 colours[palette::index(t as f32)]

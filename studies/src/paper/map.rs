@@ -1,4 +1,4 @@
-//! Maps over the sheet as SVG: the field a small picture inside, everything else lines that follow the page's colours.
+//! Maps over the sheet as SVG. The field is a small image inside, everything else are lines in the colours of the page.
 
 use crate::paper::PaperError;
 use base64::Engine;
@@ -16,7 +16,7 @@ use view::surface::grid_of;
 pub struct Map {
     image: String,
     scale: [f64; 2],
-    /// What the image covers: left, bottom, width, height, mm.
+    /// Rectangle of the image: left, bottom, width, height, mm.
     area: [f64; 4],
     outline_mm: Vec<[f64; 2]>,
     electrodes_mm: Vec<[f64; 2]>,
@@ -31,7 +31,7 @@ pub struct Map {
 const IMAGE_PX: u32 = 196;
 
 impl Map {
-    /// The smoothed picture of cells on a scale of its own: from 0, or where anything falls to both sides.
+    /// The smoothed picture of cells on a scale of its own: from 0, or to both sides where a value is negative.
     pub(super) fn of_cells(imager: &Imager, x: &[f64]) -> Result<Self, PaperError> {
         let values: Vec<f32> = x.iter().map(|v| *v as f32).collect();
         let field = Field::new(grid_of(imager)?.as_ref(), &values);
@@ -53,7 +53,7 @@ impl Map {
         Ok(map)
     }
 
-    /// What the first and the last colour stand for.
+    /// Values of the first and the last colour.
     pub(super) fn scale(&self) -> [f64; 2] {
         self.scale
     }
@@ -89,13 +89,13 @@ impl Map {
         }
     }
 
-    /// Rings where was pressed.
+    /// Rings at the places of the presses.
     pub(super) fn with_truth(mut self, truth_mm: &[[f64; 2]]) -> Self {
         self.truth_mm = truth_mm.to_vec();
         self
     }
 
-    /// Crosses where touches were found.
+    /// Crosses at the touches found.
     pub(super) fn with_found(mut self, found_mm: &[[f64; 2]]) -> Self {
         self.found_mm = found_mm.to_vec();
         self
@@ -119,7 +119,7 @@ impl Map {
         self
     }
 
-    /// The map as SVG. `id` is the document's own for it, `label` says what it shows to whoever cannot see it.
+    /// The map as SVG. `id` is unique in the document, `label` is the text for readers who cannot see the map.
     pub(super) fn svg(&self, id: &str, label: &str) -> Markup {
         let [left, bottom, width, height] = self.area;
         let margin = 0.1 * width.max(height);
@@ -178,7 +178,7 @@ fn hexagon(at: [f64; 2], spacing: f64) -> Vec<[f64; 2]> {
         .collect()
 }
 
-/// A bar with a palette's colours and what its ends are.
+/// A bar with the colours of a palette and the values of its ends.
 pub(super) fn bar(palette: Palette, low: &str, title: &str, high: &str) -> Markup {
     let table = palette.table();
     let stops: Vec<String> = (0..=10)

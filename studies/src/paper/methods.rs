@@ -1,7 +1,7 @@
-//! One frame by one method, as the paper would and as we do.
+//! One frame by one method: the paper's or ours.
 
 use crate::paper::PaperError;
-use crate::scenes;
+use crate::test_sheet::imager_for;
 use forward::Drive;
 use inverse::pipeline::{FrameResult, Reconstructor, ReconstructorOptions};
 use inverse::reference::Reference;
@@ -10,16 +10,16 @@ use inverse::reference::noise::FrameNoise;
 use inverse::solvers::Method;
 use std::sync::Arc;
 
-/// A method, ready.
+/// A method, ready for frames.
 pub(super) struct Reader {
     pub(super) imager: Arc<Imager>,
     reconstructor: Reconstructor,
 }
 
 impl Reader {
-    /// The model that ours is made with.
+    /// The imager of our method.
     pub(super) fn our_imager() -> Result<Arc<Imager>, PaperError> {
-        Ok(scenes::imager_for(Method::Nnls, Drive::PAPER, 5.0)?)
+        Ok(imager_for(Method::Nnls, Drive::PAPER, 5.0)?)
     }
 
     /// The paper's: Lawson and Hanson's method on 20 mm elements with the sensitivity of a constant current.
@@ -33,7 +33,7 @@ impl Reader {
     }
 
     pub(super) fn new(method: Method, cell_mm: f64, baseline: &[f64]) -> Result<Self, PaperError> {
-        let imager = scenes::imager_for(method, Drive::PAPER, cell_mm)?;
+        let imager = imager_for(method, Drive::PAPER, cell_mm)?;
         let options = ReconstructorOptions::for_imager(&imager, method);
         let reference = Reference::new(Arc::clone(&imager), baseline.to_vec(), FrameNoise::Unknown)?;
         Ok(Self {

@@ -1,5 +1,6 @@
-//! The source paper's experiments again (Kato, Hayakawa, Mukai and others: "Tactile sensor without wire and sensing element in
-//! the tactile region using EIT method"): measured on whatever skin a [`rig`] mounts, reported as one page and as numbers.
+//! The experiments of the source paper again: Kato, Hayakawa, Mukai and others, "Tactile sensor without wire and
+//! sensing element in the tactile region using EIT method". They are measured on the skin that a [`rig`] mounts, and
+//! reported as one page and as numbers.
 
 mod chart;
 pub mod gradients;
@@ -15,7 +16,7 @@ pub mod tracking;
 
 pub use crate::paper::map::Map;
 
-use crate::StudyError;
+use crate::error::StudyError;
 use crate::paper::rig::{Rig, RigError};
 use forward::{CellError, ForwardError, PatternError};
 use inverse::force::calibration::CalibrationError;
@@ -28,16 +29,16 @@ use thiserror::Error;
 use view::canvas::ImageError;
 use view::picture::PictureError;
 
-/// How much to do.
+/// Extent and seed of the experiments.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Options {
-    /// A tenth of the frames: for a look.
+    /// Whether only a tenth of the frames is measured, for a quick look.
     pub quick: bool,
-    /// Source of all noise.
+    /// Seed of all noise.
     pub seed: u64,
 }
 
-/// Why the experiments could not be done.
+/// Why the experiments fail.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum PaperError {
@@ -70,7 +71,7 @@ pub enum PaperError {
     Write {
         /// The file.
         file: String,
-        /// What the system said.
+        /// The error of the system.
         cause: std::io::Error,
     },
     /// A thread of the experiments ended early.
@@ -104,7 +105,7 @@ impl From<RigError> for PaperError {
 /// Everything that was measured.
 #[derive(Clone, Debug, Serialize)]
 pub struct Report {
-    /// How much was done.
+    /// Extent and seed.
     pub options: Options,
     /// Fig. 4.
     pub gradients: Vec<gradients::Gradient>,
@@ -118,12 +119,12 @@ pub struct Report {
     pub reach: reach::Reach,
 }
 
-/// Does all experiments; `progress` is told of each before it begins.
+/// Runs all experiments; `progress` is called with the name of each before it begins.
 ///
 /// # Errors
-/// [`PaperError`] says what stood in the way.
+/// [`PaperError`] of the first experiment that fails.
 pub fn run(rig: &dyn Rig, options: Options, progress: &(dyn Fn(&str) + Sync)) -> Result<Report, PaperError> {
-    // Two halves that take about as long, on a thread each; solve times are measured at the end, alone.
+    // Two halves of about the same duration have a thread each. Solve times are measured at the end, alone.
     let (reach, chain) = std::thread::scope(|scope| {
         let reach = scope.spawn(|| reach::run(options, progress));
         let chain = (|| {
@@ -148,7 +149,7 @@ pub fn run(rig: &dyn Rig, options: Options, progress: &(dyn Fn(&str) + Sync)) ->
 }
 
 impl Report {
-    /// The report as one page that needs nothing else.
+    /// The report as one page, without other files.
     pub fn html(&self) -> String {
         page::html(self)
     }
@@ -161,7 +162,7 @@ impl Report {
         serde_json::to_string_pretty(self)
     }
 
-    /// Writes `report.html` and `report.json` into a folder, which is made if need be.
+    /// Writes `report.html` and `report.json` into a folder, which is made if it does not exist.
     ///
     /// # Errors
     /// [`PaperError::Write`] with the file.

@@ -1,4 +1,4 @@
-//! Signal to noise by the paper's definition, and what a frame costs in time by every way of measuring.
+//! Ratio of signal to noise by the paper's definition, and time of a frame, for every way of measuring.
 
 use crate::paper::rig::{Press, Recording, Rig};
 use crate::paper::{Options, PaperError};
@@ -48,7 +48,7 @@ pub fn ways() -> Result<Vec<(&'static str, Plan)>, PlanError> {
     ])
 }
 
-/// What `skin run` asks of a board with a channel for each pair.
+/// The plan of `skin run` for a board with a channel for each pair.
 ///
 /// # Errors
 /// None for 16 electrodes.
@@ -66,7 +66,7 @@ pub(super) fn run(rig: &dyn Rig, options: Options, progress: &dyn Fn(&str)) -> R
             let periods = f64::from(plan.quarters()) / 4.0;
             let frame_s = periods * 16.0 * 1425.0 / 84e6;
             let frames = if options.quick { 12 } else { 40 };
-            // Board and link take a moment to agree; what is measured while the tip comes down is left out.
+            // Board and link need a moment to start. Frames during the fall of the tip are left out.
             let rest = [0.2, 0.2 + frame_s * f64::from(frames + 1)];
             let press = [rest[1] + frame_s + 0.2, rest[1] + frame_s * f64::from(frames + 2) + 0.2];
             let path = [[rest[1], 0.0], [press[0], 25.0], [press[1] + 1.0, 25.0]];

@@ -104,7 +104,7 @@ fn head(r: &Report) -> Markup {
     }
 }
 
-/// How far off the worst of the touches is, and how far the picture falls, which pressure cannot make it.
+/// Error of the worst touch, and the lowest value of the picture; pressure makes no value negative.
 fn worst(o: &Outcome) -> String {
     let off = o.errors_mm.iter().flatten().copied().fold(0.0, f64::max);
     if o.range[0] < 0.0 {
@@ -335,7 +335,7 @@ fn separation(r: &Report) -> Markup {
             "Not in the paper. Two discs anywhere on the sheet, with the noise that 27 dB are in the middle: the paper's tips of \
              {tip:.0} mm and +20 %, which touch at {tip:.0} mm, and fingertips of {finger:.0} mm and +25 %. Told apart: two touches \
              are found, both within {:.0} mm or half of their distance. {frames} frames at every distance, the same for both methods.",
-            crate::paper::reach::TOLD_MM
+            crate::paper::reach::RESOLVED_MM
         )) }
         (Chart {
             label: "told apart against distance",

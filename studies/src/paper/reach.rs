@@ -1,10 +1,13 @@
-//! Beyond the paper: two touches closer and closer, and the position error over the sheet, by the paper's method and by ours on
-//! the same frames. Frames come from the nonlinear model on a finer mesh of its own, with the noise of the paper's 27 dB.
+//! Beyond the paper: two touches at smaller and smaller distances, and the position error over the sheet. The paper's
+//! method and ours have the same frames. These come from the nonlinear model on a finer mesh, with the noise of the
+//! paper's 27 dB.
 
 use crate::paper::methods::Reader;
 use crate::paper::touches::matched;
 use crate::paper::{Options, PaperError};
-use crate::scenes::{self, Bench, Fault, Kind, Scene, noisy, quantile};
+use crate::scene::{Fault, Kind, Scene, rng};
+use crate::score::{MISSED_MM, quantile};
+use crate::test_sheet::{TestSheet, noise_v, noisy};
 use forward::{DiscTouch, Drive};
 use inverse::touches::touch::Touch;
 use rand::Rng;
@@ -17,14 +20,14 @@ const TIP_MM: f64 = 12.5;
 /// Widths of the pairs' discs, mm: the paper's tip, and a fingertip; with their rises.
 pub const WIDTHS_MM: [f64; 2] = [25.0, 14.0];
 const RISES: [f64; 2] = [0.2, 0.25];
-/// Distances between the middles of the two touches, mm; a pair begins where it touches.
+/// Distances between the middles of the two touches, mm, from the distance at which they meet.
 const APART_MM: [f64; 12] = [14.0, 16.0, 18.0, 20.0, 22.5, 25.0, 27.5, 30.0, 35.0, 40.0, 50.0, 60.0];
-/// A touch further off than this, or than half of the pair's distance, is not told, mm.
-pub const TOLD_MM: f64 = 8.0;
+/// A touch further off than this, or than half of the pair's distance, counts as not resolved, mm.
+pub const RESOLVED_MM: f64 = 8.0;
 
-/// What a method makes of pairs at one distance.
+/// Results of a method for pairs at one distance.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
-pub struct Told {
+pub struct PairResult {
     /// Part of the frames in which two touches are found.
     pub two: f64,
     /// Part in which both are also near their places.
@@ -41,15 +44,15 @@ pub struct Separation {
     /// Frames.
     pub frames: usize,
     /// The paper's method.
-    pub theirs: Told,
+    pub theirs: PairResult,
     /// Ours.
-    pub ours: Told,
+    pub ours: PairResult,
 }
 
 /// Position error at one place.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Place {
-    /// Where was pressed, mm.
+    /// Place of the press, mm.
     pub at_mm: [f64; 2],
     /// Median distance of the nearest touch found by the paper's method, mm; none where most frames show none.
     pub theirs_mm: Option<f64>,
@@ -86,7 +89,7 @@ pub struct Reach {
 }
 
 struct Both {
-    bench: Bench,
+    sheet: TestSheet,
     theirs: Reader,
     ours: Reader,
     sigma: f64,
@@ -94,13 +97,13 @@ struct Both {
 }
 
 pub(super) fn run(options: Options, progress: &dyn Fn(&str)) -> Result<Reach, PaperError> {
-    let mut rng = scenes::rng(options.seed);
-    let mut bench = Bench::new(&Reader::our_imager()?, Drive::PAPER, 0.0, 0.0, &mut rng)?;
-    let (theirs, ours) = (Reader::theirs(&bench.baseline)?, Reader::ours(&bench.baseline)?);
-    let pressed = bench.frame(&clean(vec![tip([0.0, 0.0])]), &mut rng)?;
-    let sigma = scenes::noise_v(&pressed, &bench.baseline, crate::paper::noise::PAPER_DB);
+    let mut rng = rng(options.seed);
+    let mut sheet = TestSheet::new(&Reader::our_imager()?, Drive::PAPER, 0.0, 0.0, &mut rng)?;
+    let (theirs, ours) = (Reader::theirs(&sheet.baseline)?, Reader::ours(&sheet.baseline)?);
+    let pressed = sheet.frame(&clean(vec![tip([0.0, 0.0])]), &mut rng)?;
+    let sigma = noise_v(&pressed, &sheet.baseline, crate::paper::noise::PAPER_DB);
     let mut both = Both {
-        bench,
+        sheet,
         theirs,
         ours,
         sigma,
@@ -132,7 +135,7 @@ fn tip(centre_mm: [f64; 2]) -> DiscTouch {
     }
 }
 
-/// A scene whose noise is added later: it is the sheet's, not the touch's.
+/// A scene without noise. The noise depends on the sheet and not on the touches, and is added later.
 fn clean(touches: Vec<DiscTouch>) -> Scene {
     Scene {
         touches,
@@ -143,7 +146,7 @@ fn clean(touches: Vec<DiscTouch>) -> Scene {
 }
 
 impl Both {
-    /// What both methods find in one noisy frame of these touches.
+    /// Touches that both methods find in one noisy frame.
     fn look(&mut self, clean: &[f64]) -> Result<[Vec<Touch>; 2], PaperError> {
         let frame = noisy(clean.to_vec(), self.sigma, &mut self.rng);
         let theirs = self.theirs.read(&frame)?.touches.clone();
@@ -159,14 +162,14 @@ impl Both {
                 (t.radius_mm, t.rise) = (0.5 * width_mm, rise);
             }
             let truth: Vec<[f64; 2]> = touches.iter().map(|t| t.centre_mm).collect();
-            let voltages = self.bench.frame(&clean(touches), &mut self.rng)?;
-            let near = TOLD_MM.min(0.5 * apart_mm);
+            let voltages = self.sheet.frame(&clean(touches), &mut self.rng)?;
+            let near = RESOLVED_MM.min(0.5 * apart_mm);
             for (k, found) in self.look(&voltages)?.iter().enumerate().filter(|(_, f)| f.len() == 2) {
                 two[k] += 1;
                 both[k] += usize::from(matched(&truth, found).iter().all(|e| e.is_some_and(|e| e <= near)));
             }
         }
-        let told = |k: usize| Told {
+        let result = |k: usize| PairResult {
             two: two[k] as f64 / frames as f64,
             both: both[k] as f64 / frames as f64,
         };
@@ -174,8 +177,8 @@ impl Both {
             width_mm,
             apart_mm,
             frames,
-            theirs: told(0),
-            ours: told(1),
+            theirs: result(0),
+            ours: result(1),
         })
     }
 
@@ -184,20 +187,20 @@ impl Both {
         let honeycomb = honeycomb(spacing_mm, RIM_MM - TIP_MM);
         let total = (honeycomb.len() * frames) as f64;
         for at_mm in honeycomb {
-            // A little off its place, so that no place is better for lying on a mesh's point.
+            // The touch is moved a little, because a place on a mesh point could be better than others.
             let off: [f64; 2] = [0; 2].map(|_| self.rng.random_range(-0.5..0.5));
             let truth = [at_mm[0] + off[0], at_mm[1] + off[1]];
-            let voltages = self.bench.frame(&clean(vec![tip(truth)]), &mut self.rng)?;
+            let voltages = self.sheet.frame(&clean(vec![tip(truth)]), &mut self.rng)?;
             let mut errors = [Vec::new(), Vec::new()];
             for _ in 0..frames {
                 for (k, found) in self.look(&voltages)?.iter().enumerate() {
-                    // A touch that is not found counts as far away as in all of the project's tables.
-                    let error = matched(&[truth], found)[0].unwrap_or(scenes::MISSED_MM);
+                    // The error of a touch that is not found is the same as in all tables of the project.
+                    let error = matched(&[truth], found)[0].unwrap_or(MISSED_MM);
                     errors[k].push(error);
                     counted[k] += usize::from(found.len() == 1);
                 }
             }
-            let median = |list: &[f64]| Some(quantile(list, 0.5)).filter(|m| *m < scenes::MISSED_MM);
+            let median = |list: &[f64]| Some(quantile(list, 0.5)).filter(|m| *m < MISSED_MM);
             places.push(Place {
                 at_mm,
                 theirs_mm: median(&errors[0]),

@@ -1,4 +1,4 @@
-//! The bench of the experiments: a skin behind a serial port, a tip with a force gauge, and somebody who writes frames down.
+//! The bench of the experiments: a skin behind a serial port, a tip with a force gauge, and a recorder of frames.
 
 use crate::paper::PaperError;
 use forward::Pattern;
@@ -18,12 +18,12 @@ pub enum Tip {
 /// One press and its way in time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Press {
-    /// What presses.
+    /// Its shape.
     pub tip: Tip,
     /// Its radius, mm.
     pub radius_mm: f64,
-    /// Where and how hard: time (s), x and y (mm), force (N), by rising time. It is not there before the first and after
-    /// the last.
+    /// Time (s), x and y (mm) and force (N), by rising time. There is no press before the first entry and after the
+    /// last.
     pub path: Vec<[f64; 4]>,
 }
 
@@ -42,14 +42,14 @@ impl Press {
 pub struct Mounted {
     /// The board's port. Time passes as it is read.
     pub port: Box<dyn Port>,
-    /// What the gauge above the skin shows at a time of the board's (s): the force of all presses, N.
+    /// Reading of the gauge above the skin at a time of the board (s): the force of all presses, N.
     pub gauge: Box<dyn Fn(f64) -> f64 + Send>,
 }
 
 /// Why there is no skin.
 pub type RigError = Box<dyn std::error::Error + Send + Sync>;
 
-/// Whoever has skins.
+/// A source of skins.
 pub trait Rig: Sync {
     /// A new skin under these presses, of rubber that creeps or of rubber that does not.
     ///
@@ -57,7 +57,7 @@ pub trait Rig: Sync {
     /// Why there is none.
     fn mount(&self, presses: &[Press], creeps: bool, seed: u64) -> Result<Mounted, RigError>;
 
-    /// What the skin's creep is set to, if the rig knows: delayed ratio, time constant (s), unit rise (MPa).
+    /// True creep of the skin, if the rig knows: delayed ratio, time constant (s), unit rise (MPa).
     fn creep(&self) -> Option<[f64; 3]> {
         None
     }
@@ -77,11 +77,11 @@ pub struct Recording {
     pub bytes_per_frame: f64,
     /// Frames lost on the way.
     pub lost: u64,
-    /// What the gauge showed.
+    /// Readings of the gauge, N.
     pub gauge: Box<dyn Fn(f64) -> f64 + Send>,
 }
 
-/// A skin in simulated time that says nothing for so long (wall time) never will.
+/// Longest wait for a frame, in wall time.
 const SILENCE: Duration = Duration::from_secs(60);
 
 impl Recording {
@@ -118,7 +118,7 @@ impl Recording {
         frame.time_s + 0.5 * self.interval_s
     }
 
-    /// The frames that were measured altogether between two times, s.
+    /// The frames that were measured completely between two times, s.
     pub fn within(&self, from_s: f64, to_s: f64) -> impl Iterator<Item = &MeasuredFrame> {
         self.frames
             .iter()

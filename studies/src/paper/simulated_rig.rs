@@ -9,11 +9,11 @@ use std::sync::Arc;
 /// Relative accuracy of the simulated voltages, as for any simulated skin: finer than the reconstruction's mesh.
 const ACCURACY: f64 = 5e-4;
 
-/// How often the board's front end looks at the rubber, s: a force of 25 N comes down in half a second, and a look that is late
-/// by half of this is late by 1 % of it.
+/// Interval at which the board's front end takes the state of the rubber, s. A force of 25 N comes down in half a
+/// second. A delay of half the interval is 1 % of that.
 const LOOK_S: f64 = 0.01;
 
-/// Skins of the paper's sheet. All share a mesh, none its rubber.
+/// Skins of the paper's sheet. All share a mesh, and each has its own rubber.
 pub struct SimulatedRig {
     model: Arc<Model>,
 }

@@ -1,18 +1,18 @@
-//! One to four touches (the paper's Fig. 8), and what the generalised inverse makes of three (Fig. 7): frames measured in the
-//! paper's way through the whole chain.
+//! One to four touches (the paper's Fig. 8), and three touches by the generalised inverse (Fig. 7). Frames are
+//! measured in the paper's way through the whole chain.
 
 use crate::paper::map::Map;
 use crate::paper::methods::Reader;
 use crate::paper::rig::{Press, Recording, Rig, Tip};
 use crate::paper::{Options, PaperError};
-use crate::scenes::quantile;
+use crate::score::quantile;
 use inverse::solvers::Method;
 use inverse::touches::touch::Touch;
 use protocol::Plan;
 use serde::Serialize;
 use std::time::Instant;
 
-/// Places of the touches (mm), as fingers of two hands would be laid on.
+/// Places of the touches (mm), like those of fingers of two hands.
 const PLACES: [&[[f64; 2]]; 4] = [
     &[[25.0, 18.0]],
     &[[-38.0, 12.0], [34.0, -24.0]],
@@ -23,7 +23,7 @@ const PLACES: [&[[f64; 2]]; 4] = [
 const FINGER_N: f64 = 10.0;
 const FINGER_MM: f64 = 6.75;
 
-/// What a method made of a frame.
+/// Result of a method for a frame.
 #[derive(Clone, Debug, Serialize)]
 pub struct Outcome {
     /// Touches that it found.
@@ -44,7 +44,7 @@ pub struct Outcome {
 /// A frame of one to four touches.
 #[derive(Clone, Debug, Serialize)]
 pub struct Scene {
-    /// Where was pressed, mm.
+    /// Places of the presses, mm.
     pub truth_mm: Vec<[f64; 2]>,
     /// By the paper's method.
     pub theirs: Outcome,
@@ -55,9 +55,9 @@ pub struct Scene {
 /// One method on the frame of three touches.
 #[derive(Clone, Debug, Serialize)]
 pub struct Panel {
-    /// What it is.
+    /// Its name.
     pub name: &'static str,
-    /// What came out.
+    /// Its result.
     pub outcome: Outcome,
 }
 
@@ -77,7 +77,7 @@ pub(super) fn run(rig: &dyn Rig, options: Options) -> Result<Touches, PaperError
     let plan = Plan::paper();
     let frame_s = f64::from(plan.quarters()) / 4.0 * 16.0 * 1425.0 / 84e6;
     let rest = [0.2, 0.2 + frame_s * if options.quick { 6.5 } else { 20.5 }];
-    // Each scene is held for two frames' time and a bit, so that one frame is measured altogether within it.
+    // Each scene is held for a little more than two frames. One frame is then measured completely within the scene.
     let held = |scene: usize| {
         let start = rest[1] + (0.2 + 2.1 * frame_s + 0.2) * scene as f64 + 0.2;
         [start, start + 2.1 * frame_s]
@@ -136,7 +136,7 @@ pub(super) fn run(rig: &dyn Rig, options: Options) -> Result<Touches, PaperError
     })
 }
 
-/// Distance of every true place to the touch found for it, nearest pairs first; none for one that has none left.
+/// Distance of every true place to the touch matched with it, nearest pairs first; `None` without a match.
 pub(super) fn matched(truth: &[[f64; 2]], found: &[Touch]) -> Vec<Option<f64>> {
     let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
     for (k, t) in truth.iter().enumerate() {

@@ -1,10 +1,10 @@
-//! A tip pressed in a time-varying way (the paper's Fig. 10) and again and again (Fig. 11): what the picture says and what the
-//! gauge says, and the same with the creep taken out.
+//! A tip pressed with a varying force (the paper's Fig. 10) and repeatedly (Fig. 11). The reading of the picture is
+//! compared with the gauge, with and without compensation of the creep.
 
 use crate::paper::methods::Reader;
 use crate::paper::rig::{Press, Recording, Rig};
 use crate::paper::{Options, PaperError, noise};
-use crate::scenes::quantile;
+use crate::score::quantile;
 use inverse::force::calibration::{self, Fit};
 use inverse::force::meter::Calibration;
 use inverse::force::press::Recorder;
@@ -27,7 +27,7 @@ const NEAR_MM: f64 = 30.0;
 pub struct Moment {
     /// Time, s.
     pub time_s: f64,
-    /// What the gauge shows, N.
+    /// Reading of the gauge, N.
     pub gauge_n: f64,
     /// The paper's method: integrated rise of the picture at the tip in newtons, by the gain that fits the gauge best.
     pub theirs_n: f64,
@@ -37,12 +37,12 @@ pub struct Moment {
     pub after_n: f64,
 }
 
-/// How far a reading is from the gauge, parts of the full scale of 25 N.
+/// Difference of a reading from the gauge, parts of the full scale of 25 N.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ForceError {
     /// Root of the mean square.
     pub rms: f64,
-    /// 99 % of the frames are within.
+    /// 99th percentile.
     pub p99: f64,
     /// The largest.
     pub largest: f64,
@@ -51,24 +51,24 @@ pub struct ForceError {
 /// An experiment.
 #[derive(Clone, Debug, Serialize)]
 pub struct Experiment {
-    /// What was read.
+    /// The readings.
     pub moments: Vec<Moment>,
     /// By the paper's method.
     pub theirs: ForceError,
     /// By the fitted touch with its instant gain.
     pub before: ForceError,
-    /// By the fitted touch with the gain that fits the gauge best: what is left is the creep's shape alone.
+    /// By the fitted touch with the gain that fits the gauge best. The residual is the shape of the creep alone.
     pub before_best_gain: ForceError,
     /// With the creep taken out.
     pub after: ForceError,
     /// Correlation of the uncorrected reading with the gauge.
     pub correlation: f64,
-    /// Largest reading from half a second after each release to the next press, N: by the paper's method, uncorrected and
-    /// corrected.
+    /// Largest reading from half a second after each release to the next press, N: by the paper's method, uncorrected
+    /// and corrected.
     pub residual_n: [f64; 3],
 }
 
-/// A press-and-hold of its own, and what `calibrate` told from it.
+/// A press-and-hold of its own, and the calibration from it.
 #[derive(Clone, Debug, Serialize)]
 pub struct Hold {
     /// Time (s), the gauge (N), the integrated rise and the fit (mm²).
@@ -77,9 +77,9 @@ pub struct Hold {
     pub fitted: [f64; 3],
     /// Their standard errors.
     pub standard_errors: [f64; 3],
-    /// What the rubber was made with.
+    /// The true values of the rubber.
     pub truth: Option<[f64; 3]>,
-    /// Standard deviation of a force told from one frame, N.
+    /// Standard deviation of a force estimated from one frame, N.
     pub force_sd_n: f64,
 }
 
@@ -97,7 +97,7 @@ pub struct Tracking {
 pub(super) fn run(rig: &dyn Rig, options: Options, progress: &dyn Fn(&str)) -> Result<Tracking, PaperError> {
     let seed = options.seed;
     progress("press-and-hold for the calibration");
-    // A hold of four time constants tells the delayed part; a quick run makes do with less.
+    // A hold of four time constants determines the delayed part; a quick run is shorter.
     let (hold_s, after_s) = if options.quick { (12.0, 6.0) } else { (20.0, 12.0) };
     let (hold, calibration) = hold(rig, [-20.0, 25.0], hold_s, after_s, seed + 100)?;
     progress("a force that goes up and down");
@@ -111,12 +111,12 @@ pub(super) fn run(rig: &dyn Rig, options: Options, progress: &dyn Fn(&str)) -> R
     })
 }
 
-/// When the baseline is taken, s.
+/// Time of the baseline, s.
 const START_S: f64 = 1.5;
 /// A tip on a stand comes down and lifts in this time, s.
 const RAMP_S: f64 = 0.5;
 
-/// Up and down between levels, as a hand on the gauge would.
+/// A force that goes up and down between levels, like that of a hand.
 fn varying(options: Options) -> Vec<[f64; 2]> {
     let levels = [10.0, 4.0, 18.0, 8.0, 25.0, 12.0, 20.0];
     let each = if options.quick { 1.2 } else { 4.0 };
@@ -233,7 +233,7 @@ fn experiment(rig: &dyn Rig, path: &[[f64; 2]], calibration: Calibration, seed: 
         m.theirs_n *= gain;
     }
     let best = best_gain(&moments, |m| m.before_n);
-    // From half a second after a release to the next press; a frame before it, since that frame is partly pressed.
+    // From half a second after a release to one frame before the next press, because that frame is partly pressed.
     let released = |m: &Moment| {
         let before = path.iter().rev().find(|p| p[0] <= m.time_s);
         let after = path.iter().find(|p| p[0] > m.time_s + r.interval_s);

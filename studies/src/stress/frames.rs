@@ -1,9 +1,10 @@
 //! Checks of the whole way of a frame.
 
-use crate::StudyError;
 use crate::cost::{self, Happening};
-use crate::scenes::{self, Bench};
+use crate::error::StudyError;
+use crate::scene::rng;
 use crate::stress::{Check, Effort, Verdict};
+use crate::test_sheet::{TestSheet, imager, noise_v, noisy};
 use forward::Drive;
 use inverse::pipeline::{Reconstructor, ReconstructorOptions};
 use inverse::reference::Reference;
@@ -12,14 +13,14 @@ use inverse::solvers::{Method, Nnls, NnlsOptions, Problem, Status};
 use nalgebra::DVector;
 use rand::Rng;
 
-/// Frames of anything at all.
+/// Frames of arbitrary values.
 pub(super) fn rubbish(effort: Effort) -> Result<Verdict, StudyError> {
     let mut check =
         Check::new("any frame gives a picture that is finite (and not negative, by nnls) and touches on the sheet");
-    let mut rng = scenes::rng(effort.seed + 40);
-    let imager = scenes::imager(Drive::PAPER, 10.0)?;
-    let mut bench = Bench::new(&imager, Drive::PAPER, 0.0, 0.0, &mut rng)?;
-    let touched = cost::sequence(&mut bench, Happening::Four, 1, 1e-5, &mut rng)?.swap_remove(0);
+    let mut rng = rng(effort.seed + 40);
+    let imager = imager(Drive::PAPER, 10.0)?;
+    let mut sheet = TestSheet::new(&imager, Drive::PAPER, 0.0, 0.0, &mut rng)?;
+    let touched = cost::sequence(&mut sheet, Happening::Four, 1, 1e-5, &mut rng)?.swap_remove(0);
     let numbers = [
         f64::NAN,
         f64::INFINITY,
@@ -39,10 +40,10 @@ pub(super) fn rubbish(effort: Effort) -> Result<Verdict, StudyError> {
             let reference = Reference::new(imager.clone(), baseline, FrameNoise::Unknown)?;
             Ok(Reconstructor::new(reference, options))
         };
-        let mut sound = against(bench.baseline.clone())?;
+        let mut sound = against(sheet.baseline.clone())?;
         for case in 0..effort.problems / 10 + numbers.len() {
             let mut frame = touched.clone();
-            let mut baseline = bench.baseline.clone();
+            let mut baseline = sheet.baseline.clone();
             // One number everywhere first, then any of them in a part of the frame or the baseline.
             if let Some(number) = numbers.get(case) {
                 frame.fill(*number);
@@ -60,7 +61,7 @@ pub(super) fn rubbish(effort: Effort) -> Result<Verdict, StudyError> {
                 }
             }
             let mut other = None;
-            let r = match baseline == bench.baseline {
+            let r = match baseline == sheet.baseline {
                 true => &mut sound,
                 false => other.insert(against(baseline)?),
             };
@@ -83,18 +84,18 @@ pub(super) fn rubbish(effort: Effort) -> Result<Verdict, StudyError> {
     Ok(check.verdict())
 }
 
-/// Four fingers move over the sheet for long, warm and cold: at 27 dB with the usual ridge, and with few cells that change sides
-/// from frame to frame.
+/// Four fingers move over the sheet for long, with warm and with cold starts. First at 27 dB with the usual ridge,
+/// then with few cells whose sign changes from frame to frame.
 pub(super) fn warm_is_cold(effort: Effort) -> Result<Verdict, StudyError> {
     let mut check = Check::new("on the sheet a long warm run equals cold solves");
-    let mut rng = scenes::rng(effort.seed + 41);
-    let imager = scenes::imager(Drive::PAPER, 5.0)?;
-    let mut bench = Bench::new(&imager, Drive::PAPER, 0.0, 0.0, &mut rng)?;
+    let mut rng = rng(effort.seed + 41);
+    let imager = imager(Drive::PAPER, 5.0)?;
+    let mut sheet = TestSheet::new(&imager, Drive::PAPER, 0.0, 0.0, &mut rng)?;
     let length = effort.sheet.min(100);
-    let clean = cost::sequence(&mut bench, Happening::Four, length, 0.0, &mut rng)?;
+    let clean = cost::sequence(&mut sheet, Happening::Four, length, 0.0, &mut rng)?;
     let problem = Problem::new(&imager.sensitivity, 0.0);
     for (ridge, decibels) in [(0.003, 27.0), (0.01, 27.0), (0.01, 60.0), (0.1, 40.0)] {
-        let sigma = scenes::noise_v(&clean[0], &bench.baseline, decibels);
+        let sigma = noise_v(&clean[0], &sheet.baseline, decibels);
         let options = NnlsOptions {
             ridge: ridge * problem.singular()[0],
             tolerance: 1e-9,
@@ -105,8 +106,8 @@ pub(super) fn warm_is_cold(effort: Effort) -> Result<Verdict, StudyError> {
             // There and back again, with fresh noise.
             let k = frame % (2 * length);
             let k = if k < length { k } else { 2 * length - 1 - k };
-            let v = scenes::noisy(clean[k].clone(), sigma, &mut rng);
-            let b = DVector::from_iterator(v.len(), v.iter().zip(&bench.baseline).map(|(a, b)| a - b));
+            let v = noisy(clean[k].clone(), sigma, &mut rng);
+            let b = DVector::from_iterator(v.len(), v.iter().zip(&sheet.baseline).map(|(a, b)| a - b));
             let s = warm.solve(&problem, &b);
             check.holds(s.status == Status::Converged, || {
                 format!(

@@ -1,6 +1,6 @@
 //! Checks of all methods against that of Lawson and Hanson, where both solve the same problem.
 
-use crate::scenes;
+use crate::scene::rng;
 use crate::stress::{Check, Effort, Verdict, random, random_b, stacked};
 use inverse::solvers::{
     Nnls, NnlsOptions, Problem, Solution, Status, discrepancy_ridge, lawson_hanson, pseudo_inverse, tikhonov,
@@ -24,7 +24,7 @@ fn off(s: &Solution, reference: &Solution) -> f64 {
 pub(super) fn plain(effort: Effort) -> Verdict {
     let mut check =
         Check::new("plain nnls equals Lawson-Hanson where the solution is unique, and its objective elsewhere");
-    let mut rng = scenes::rng(effort.seed + 20);
+    let mut rng = rng(effort.seed + 20);
     for case in 0..effort.problems {
         let cells = rng.random_range(1..40);
         let tall = Problem::new(&random(cells + 5, cells, &mut rng), 0.0);
@@ -48,7 +48,7 @@ pub(super) fn plain(effort: Effort) -> Verdict {
 /// The ridge as further rows.
 pub(super) fn ridged(effort: Effort) -> Verdict {
     let mut check = Check::new("nnls with a ridge equals Lawson-Hanson with the ridge as further rows");
-    let mut rng = scenes::rng(effort.seed + 21);
+    let mut rng = rng(effort.seed + 21);
     for case in 0..effort.problems / 3 + 1 {
         let (a, b) = (random(10, 30, &mut rng), random_b(10, &mut rng));
         let ridge = 10.0_f64.powf(rng.random_range(-2.0..1.0));
@@ -61,10 +61,10 @@ pub(super) fn ridged(effort: Effort) -> Verdict {
     check.verdict()
 }
 
-/// Where the linear methods' answer is not negative, the sign costs nothing: all agree.
+/// Where the solution of the linear methods is not negative, all methods agree.
 pub(super) fn linear(effort: Effort) -> Verdict {
     let mut check = Check::new("tikhonov and pseudo-inverse equal Lawson-Hanson where their answer is not negative");
-    let mut rng = scenes::rng(effort.seed + 22);
+    let mut rng = rng(effort.seed + 22);
     let mut case = 0;
     while case < effort.problems / 3 + 1 {
         let a = random(20, 12, &mut rng);
@@ -88,10 +88,10 @@ pub(super) fn linear(effort: Effort) -> Verdict {
     check.verdict()
 }
 
-/// Every method on what is no number and on scales of all sizes.
+/// Every method on values that are not numbers and on scales of all sizes.
 pub(super) fn rubbish(effort: Effort) -> Verdict {
     let mut check = Check::new("every method refuses NaN and infinity, and takes any scale of the data");
-    let mut rng = scenes::rng(effort.seed + 23);
+    let mut rng = rng(effort.seed + 23);
     type Solver = fn(&Problem, &DVector<f64>) -> Solution;
     let solvers: [(&str, Solver); 4] = [
         ("nnls", |p, b| Nnls::new(options(0.1)).solve(p, b)),

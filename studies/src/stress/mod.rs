@@ -6,14 +6,14 @@ mod frames;
 mod methods;
 mod solver;
 
-use crate::StudyError;
+use crate::error::StudyError;
 use inverse::solvers::Problem;
 use nalgebra::{DMatrix, DVector};
 use rand::Rng;
 use rand::rngs::StdRng;
 use serde::Serialize;
 
-/// What became of one check.
+/// Result of one check.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Verdict {
     /// What must hold.
@@ -54,14 +54,14 @@ impl Effort {
     };
 }
 
-/// Runs every check; `told` hears of each as it ends.
+/// Runs every check; `progress` is called with the result of each.
 ///
 /// # Errors
 /// [`StudyError`] where the sheet cannot be modelled.
-pub fn run(effort: Effort, mut told: impl FnMut(&Verdict)) -> Result<Vec<Verdict>, StudyError> {
+pub fn run(effort: Effort, mut progress: impl FnMut(&Verdict)) -> Result<Vec<Verdict>, StudyError> {
     let mut verdicts = Vec::new();
     let mut end = |v: Verdict| {
-        told(&v);
+        progress(&v);
         verdicts.push(v);
     };
     let checks: [fn(Effort) -> Verdict; 12] = [

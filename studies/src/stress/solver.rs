@@ -1,6 +1,6 @@
 //! Checks of the non-negative solver.
 
-use crate::scenes;
+use crate::scene::rng;
 use crate::stress::{Check, Effort, Verdict, random, random_b, stacked, violation};
 use inverse::solvers::{Nnls, NnlsOptions, Problem, Solution, Status, lawson_hanson};
 use nalgebra::{DMatrix, DVector};
@@ -29,7 +29,7 @@ fn off(x: &DVector<f64>, y: &DVector<f64>) -> f64 {
 /// Data and matrix in any unit give the same picture.
 pub(super) fn scales(effort: Effort) -> Verdict {
     let mut check = Check::new("scales of data and matrix from 1e-12 to 1e12 give the same x, scaled");
-    let mut rng = scenes::rng(effort.seed);
+    let mut rng = rng(effort.seed);
     for case in 0..effort.problems {
         let (a, b) = (random(12, 30, &mut rng), random_b(12, &mut rng));
         let one = solve(&a, &b, 0.3);
@@ -45,11 +45,12 @@ pub(super) fn scales(effort: Effort) -> Verdict {
     check.verdict()
 }
 
-/// From no ridge at all to one that leaves nothing, each solution that of Lawson and Hanson with the ridge as further rows.
+/// Ridges from zero to one that suppresses everything: each solution is that of Lawson and Hanson with the ridge as
+/// further rows.
 pub(super) fn ridges(effort: Effort) -> Verdict {
     let mut check =
         Check::new("every ridge from 0 over 1e-300 to 1e300 gives Lawson-Hanson's solution, smaller for a larger one");
-    let mut rng = scenes::rng(effort.seed + 1);
+    let mut rng = rng(effort.seed + 1);
     let ladder = || {
         [0.0, 1e-300, 1e-20]
             .into_iter()
@@ -85,7 +86,7 @@ pub(super) fn ridges(effort: Effort) -> Verdict {
 pub(super) fn degenerate(effort: Effort) -> Verdict {
     let mut check =
         Check::new("double and zero columns and any rank give a proven solution, equal columns equal shares");
-    let mut rng = scenes::rng(effort.seed + 2);
+    let mut rng = rng(effort.seed + 2);
     for case in 0..effort.problems {
         let rank = rng.random_range(0..8);
         let base = random(16, rank, &mut rng) * random(rank, 12, &mut rng);
@@ -115,7 +116,7 @@ pub(super) fn degenerate(effort: Effort) -> Verdict {
 /// Frames that no rise explains, and frames that turn about from one to the next.
 pub(super) fn contradictions(effort: Effort) -> Verdict {
     let mut check = Check::new("what only a fall explains gives x = 0; frames that turn about are solved");
-    let mut rng = scenes::rng(effort.seed + 3);
+    let mut rng = rng(effort.seed + 3);
     for case in 0..effort.problems {
         let a = random(12, 30, &mut rng).abs();
         let problem = Problem::new(&a, 0.0);
@@ -147,7 +148,7 @@ pub(super) fn contradictions(effort: Effort) -> Verdict {
 pub(super) fn rubbish(effort: Effort) -> Verdict {
     let mut check =
         Check::new("NaN and infinity are refused with x = 0, and the next frame is solved as if they had not come");
-    let mut rng = scenes::rng(effort.seed + 4);
+    let mut rng = rng(effort.seed + 4);
     for case in 0..effort.problems {
         let (a, b) = (random(12, 30, &mut rng), random_b(12, &mut rng));
         let problem = Problem::new(&a, 0.0);
@@ -181,7 +182,7 @@ pub(super) fn rubbish(effort: Effort) -> Verdict {
 /// Numbers next to zero.
 pub(super) fn denormals(effort: Effort) -> Verdict {
     let mut check = Check::new("denormal data and matrices give something finite and not negative");
-    let mut rng = scenes::rng(effort.seed + 5);
+    let mut rng = rng(effort.seed + 5);
     for case in 0..effort.problems {
         let (a, b) = (random(12, 30, &mut rng), random_b(12, &mut rng));
         for (matrix, data) in [
@@ -215,11 +216,11 @@ pub(super) fn denormals(effort: Effort) -> Verdict {
     check.verdict()
 }
 
-/// Data and matrix rounded to 32 bits move x by no more than theory allows: the objective is `ridge^2`-strongly convex, so
-/// that `|x' - x|` is at most the change of its gradient at x over `ridge^2`.
+/// Data and matrix rounded to 32 bits move x by no more than theory allows. The objective is `ridge^2`-strongly convex:
+/// `|x' - x|` is at most the change of its gradient at x, divided by `ridge^2`.
 pub(super) fn single_precision(effort: Effort) -> Verdict {
     let mut check = Check::new("data and matrix of 32 bits change x by no more than strong convexity allows");
-    let mut rng = scenes::rng(effort.seed + 6);
+    let mut rng = rng(effort.seed + 6);
     for case in 0..effort.problems {
         let (a, b) = (random(12, 30, &mut rng), random_b(12, &mut rng));
         let (a32, b32) = (a.map(|v| f64::from(v as f32)), b.map(|v| f64::from(v as f32)));
@@ -237,7 +238,7 @@ pub(super) fn single_precision(effort: Effort) -> Verdict {
 pub(super) fn wandering(effort: Effort) -> Verdict {
     let mut check =
         Check::new("long warm runs do not drift: every frame is proven, and now and then equals a cold solve");
-    let mut rng = scenes::rng(effort.seed + 7);
+    let mut rng = rng(effort.seed + 7);
     let (rows, cells) = (24, 90);
     let a = DMatrix::from_fn(rows, cells, |i, _| {
         rng.random_range(-1.0..1.0) * 0.6_f64.powi(i as i32 / 2)
