@@ -4,6 +4,23 @@
 //! introduced itself and streams [`MeasuredFrame`]s. [`plans`] names what a frame measures, [`settings`] what the board keeps,
 //! [`flash`] programs it, [`ports`] finds and opens serial ports. Nothing here knows the sheet or its picture.
 //! The way of a frame through all crates: docs/architecture.md.
+//!
+//! One frame of a simulated board; a serial port of [`ports`] takes the place of `SimPort` for a real one:
+//!
+//! ```
+//! use hil_sim::{Pace, SimPort};
+//! use link::{Session, plans::PlanChoice};
+//! use std::time::Duration;
+//!
+//! let board = hil_sim::SceneFile::demo(forward::Sheet::paper()).board()?;
+//! let port = SimPort::new(board, Pace::Unpaced)?;
+//! let plan: PlanChoice = "auto".parse()?;
+//! let session = Session::start(Box::new(port), |hello| plan.plan(hello))?;
+//! let frame = session.frame(Duration::from_secs(60))?.ok_or("no frame came")?;
+//! assert_eq!(frame.values_v.len(), session.measurements().count());
+//! assert!(frame.values_v.iter().all(|v| v.is_finite() && *v > 0.0));
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 #![forbid(unsafe_code)]
 
 mod ask;

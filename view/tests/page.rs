@@ -176,7 +176,7 @@ fn a_field_painted_where_it_changed_is_the_whole_field() {
 }
 
 /// What a picture costs the program: taking it, telling the changes, and telling it whole. Least of many times.
-/// `cargo test --release -p host --test page -- --ignored --nocapture telling`
+/// `cargo test --release -p view --test page -- --ignored --nocapture telling`
 #[test]
 #[ignore = "a measurement"]
 fn what_telling_a_picture_costs() {
