@@ -24,6 +24,7 @@
 pub mod disc;
 pub mod electrode_uncertainty;
 pub mod fitter;
+pub mod fitter_options;
 pub mod frame_fit;
 mod interpolation;
 pub mod levenberg_marquardt;
