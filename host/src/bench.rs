@@ -74,7 +74,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     }
     let drive = arguments.drive.drive();
     if let Some(path) = &arguments.fig7 {
-        return Ok(studies::fig7::write(drive, arguments.seed, path)?);
+        // Its message names the cause already.
+        return studies::fig7::write(drive, arguments.seed, path).map_err(|e| anyhow!("{e}"));
     }
     let wanted = |p: Part| arguments.parts.is_empty() || arguments.parts.contains(&p);
     let frames = arguments.scenes as usize;
