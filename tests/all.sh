@@ -59,7 +59,9 @@ if ! browser; then
     $quick || step "a browser for the live page's tests" install chromium
     browser || skip "the live page in a browser: no chromium (apt-get install chromium)"
 fi
-step "tests of every crate, end to end, and documentation examples" cargo test --workspace --locked --no-fail-fast
+# Examples and benches are checked by clippy; they are not built here.
+step "tests of every crate, and end to end" cargo test --workspace --locked --no-fail-fast --lib --bins --tests
+step "documentation examples" cargo test --workspace --locked --no-fail-fast --doc
 if ! $quick; then
     printf '\n== the firmware on emulated Cortex-M processors\n'
     start=$SECONDS
