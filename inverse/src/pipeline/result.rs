@@ -16,7 +16,7 @@ pub struct FrameResult {
     /// Part of the change that the picture leaves unexplained, 0 to 1.
     pub residual: f64,
     /// The solve's proof: relative KKT residual of the problem that was solved, which leaves out the directions below
-    /// [`ReconstructorOptions::drop_below_ridge`].
+    /// [`ReconstructorOptions::drop_below_ridge`](crate::pipeline::ReconstructorOptions::drop_below_ridge).
     pub gap: f64,
     /// Time of the solve alone, us; 0 when the gate found nothing.
     pub solve_us: f64,

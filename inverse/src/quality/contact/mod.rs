@@ -3,12 +3,12 @@
 //! A contact that gets worse does two things to the voltages of a frame. A voltage source drives less current through it: the
 //! two drives that the electrode is part of are scaled, `s = D / (D + dz)`. Its metal also shunts the sheet before it less,
 //! which is what a touch at the rim does too. The complete electrode model gives the shape of both: the derivative by the
-//! contact impedance, and the change for a few large ones ([`Contacts`]).
+//! contact impedance, and the change for a few large ones (`Contacts`).
 //!
 //! The response to a touch at the rim lies at least a tenth, mostly a third, of its own norm outside these shapes, so the two
-//! can be distinguished by how well they explain a frame. [`Candidates`] fits every electrode's shapes linearly beside the
+//! can be distinguished by how well they explain a frame. `Candidates` fits every electrode's shapes linearly beside the
 //! touches. The frame is then fitted with the shapes of the best one left out. The drives' scales are undone before, because
-//! they scale the responses to touches as well. [`ContactMonitor`] accepts a contact only after several frames.
+//! they scale the responses to touches as well. `ContactMonitor` accepts a contact only after several frames.
 
 mod candidates;
 mod evidence;
