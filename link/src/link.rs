@@ -69,6 +69,11 @@ impl Link {
         })
     }
 
+    /// Counts silence from now on: frames are only expected of a board that was started.
+    pub(crate) fn expect_frames(&self) {
+        self.counters.lock().unwrap_or_else(PoisonError::into_inner).silent = Duration::ZERO;
+    }
+
     /// Sends a command; it leaves before the next read.
     pub fn send(&self, command: ToBoard) {
         if let Some(queue) = &self.commands {

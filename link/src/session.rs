@@ -60,6 +60,7 @@ impl Session {
         insist(&link, "the start", &ToBoard::Start, PATIENCE, |m| {
             matches!(m, FromBoard::Ack(Command::Start)).then_some(())
         })?;
+        link.expect_frames();
         Ok(Self {
             link,
             hello,

@@ -1,6 +1,6 @@
 //! The live page with four synthetic fingers on a disc, without a board and without a reconstruction.
 //!
-//! `cargo run -p host --example view_demo -- [--seconds N] [--port P] [--png FILE] [--still]`
+//! `cargo run -p view --example view_demo -- [--seconds N] [--port P] [--png FILE] [--still]`
 
 use std::f64::consts::TAU;
 use std::path::PathBuf;
