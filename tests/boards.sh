@@ -26,15 +26,22 @@ in_board() {
     (cd "boards/$folder" && CARGO_TARGET_DIR="$boards_target" board_cargo "$@")
 }
 
-say "clippy on the board crates, warnings denied: every unsafe block has its argument"
-if has_board_clippy; then
+# Most of what follows keeps one processor busy at a time: these run beside it.
+# The emulator's crate asks for a newer Rust than it needs.
+emulator() { (cd boards/emulator && CARGO_TARGET_DIR="$target/emulator" cargo test --locked --ignore-rust-version "$@"); }
+clippy() {
     for features in laws st-link; do
-        in_board stm32f4 clippy --locked --features "$features" -- -D warnings || fail "clippy on stm32f4 ($features)"
+        in_board stm32f4 clippy --locked --features "$features" -- -D warnings || return 1
     done
-    in_board qemu-mps2 clippy --locked -- -D warnings || fail "clippy on qemu-mps2"
-else
-    say "skipped: clippy on the board crates: none for their compiler (rustup component add clippy, or apt-get install rust-web-clippy)"
-fi
+    in_board qemu-mps2 clippy --locked -- -D warnings
+}
+beside() {
+    if has_board_clippy; then clippy || return 1; fi
+    emulator --no-run
+}
+beside >"$programs/beside.log" 2>&1 &
+beside=$!
+trap 'kill "$beside" 2>/dev/null' EXIT
 
 say "the STM32F4's program, for each chip, within 144 KiB of flash and 8 KiB of RAM"
 for chip in f446 f427 f405; do
@@ -61,19 +68,25 @@ for fault in routing break settling timer phase panic hang; do
     cp "$boards_target/$TARGET/release/skin-board" "$programs/fault-$fault"
 done
 
-say "the programs on an emulated STM32F427, with the simulated skin on its pins"
-# The emulator's crate asks for a newer Rust than it needs.
-(cd boards/emulator && CARGO_TARGET_DIR="$target/emulator" SKIN_STM32_PROGRAMS="$programs" \
-    cargo test --locked --ignore-rust-version -- --nocapture --test-threads 2) || fail "the STM32F4's program in emulation"
-
 say "board programs for the emulated mps2-an386"
 in_board qemu-mps2 build --release --locked || fail "qemu-mps2 does not build"
+
+say "clippy on the board crates, warnings denied: every unsafe block has its argument; the emulator's build"
+wait "$beside"
+built=$?
+cat "$programs/beside.log"
+[ "$built" = 0 ] || fail "clippy on the board crates, or the emulator does not build"
+has_board_clippy || say "skipped: clippy on the board crates: none for their compiler (rustup component add clippy, or apt-get install rust-web-clippy)"
+
+say "the programs on an emulated STM32F427, with the simulated skin on its pins"
+SKIN_STM32_PROGRAMS="$programs" emulator -- --nocapture --test-threads 2 || fail "the STM32F4's program in emulation"
+
 command -v qemu-system-arm >/dev/null 2>&1 || debian_install qemu-system-arm
 if command -v qemu-system-arm >/dev/null 2>&1; then
     say "the emulated mps2-an386, the host program and the touches"
     cargo build --locked -p host --bin skin || fail "skin does not build"
     SKIN_QEMU_PROGRAMS="$boards_target/$TARGET/release" SKIN_PROGRAM="$target/debug/skin" \
-        cargo test --locked -p tests --test emulated -- --ignored --nocapture || fail "the board on QEMU"
+        cargo test --locked -p tests --test suite emulated -- --ignored --nocapture || fail "the board on QEMU"
 else
     say "skipped: no qemu-system-arm (apt-get install qemu-system-arm)"
 fi

@@ -5,7 +5,7 @@
 //!
 //! `cargo run --release -p hil-sim --example watch`
 
-#[path = "../tests/common/visibility.rs"]
+#[path = "../tests/suite/common/visibility.rs"]
 mod visibility;
 
 use protocol::Pair;

@@ -1,0 +1,29 @@
+//! The simulated board: every test of this crate from outside, in one program, so that it is linked once.
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    reason = "a failure here is a failed test"
+)]
+
+mod agreement;
+mod board;
+mod calibration;
+mod common;
+mod descriptions;
+mod electronics;
+mod faults;
+mod flaws;
+mod golden;
+mod port;
+mod pty;
+mod rubber;
+mod scene_files;
+mod settings;
+mod support;
+#[path = "../../../forward/tests/suite/theory/mod.rs"]
+mod theory;
+mod times;
+mod visibility;
+mod watch;
+mod water;

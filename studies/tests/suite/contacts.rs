@@ -1,0 +1,142 @@
+//! A worse contact is not taken for a touch, and a touch at the rim is not taken for a contact.
+
+use forward::{DiscTouch, Drive};
+use rand::Rng;
+use studies::{LiveSheet, Worse};
+
+const CURRENT: Drive = Drive::Current { amplitude_a: 1e-3 };
+
+fn finger(x: f64, y: f64) -> DiscTouch {
+    DiscTouch {
+        centre_mm: [x, y],
+        radius_mm: 12.5,
+        rise: 0.2,
+    }
+}
+
+/// The noise is that of a finger half way to the rim at 27 dB.
+fn live_sheet(drive: Drive, seed: u64) -> LiveSheet {
+    LiveSheet::new(drive, seed, |sheet, _| sheet.clean_frame(&[finger(48.0, 0.0)])).unwrap()
+}
+
+/// Contacts named in the frame with noise, and places of the touches, mm.
+fn contacts_and_touches(live: &mut LiveSheet, clean: &[f64]) -> (Vec<usize>, Vec<[f64; 2]>) {
+    let found = live.reconstruct(clean).unwrap();
+    let doubted = found.doubt.is_some();
+    assert!(doubted || found.contacts.is_empty());
+    (
+        found.contacts.clone(),
+        found.touches.iter().map(|t| [t.x_mm, t.y_mm]).collect(),
+    )
+}
+
+fn rest(live: &mut LiveSheet) {
+    let clean = live.sheet.baseline.clone();
+    assert_eq!(contacts_and_touches(live, &clean), (vec![], vec![]));
+}
+
+/// Asserts that the contact is named, without a touch and with a finger elsewhere, at most 1.5 mm off. It is named
+/// after some frames, not in the first ten.
+fn assert_named(live: &mut LiveSheet, electrode: usize, worse: Worse) {
+    let opposite = std::f64::consts::TAU * (electrode as f64 / 16.0 + live.rng.random_range(0.3..0.7));
+    let at = [45.0 * opposite.cos(), 45.0 * opposite.sin()];
+    for touches in [vec![], vec![finger(at[0], at[1])]] {
+        rest(live);
+        let clean = live.sheet.worse_frame(&touches, &[(electrode, worse)]).unwrap();
+        for _ in 0..10 {
+            assert!(contacts_and_touches(live, &clean).0.is_empty(), "{worse:?}");
+        }
+        let (contacts, found) = (0..20).map(|_| contacts_and_touches(live, &clean)).last().unwrap();
+        assert_eq!(contacts, [electrode], "{worse:?}, {touches:?}: {found:?}");
+        assert_eq!(found.len(), touches.len(), "{worse:?} at {electrode}: {found:?}");
+        for [x, y] in found {
+            assert!(
+                (x - at[0]).hypot(y - at[1]) < 1.5,
+                "{worse:?} at {electrode}: {x} {y}, {at:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn a_worse_contact_is_named_and_shows_no_touch() {
+    let mut live = live_sheet(Drive::PAPER, 81);
+    for (k, ohm) in [20.0, 60.0, 200.0, 500.0].into_iter().enumerate() {
+        assert_named(&mut live, (5 * k + 1) % 16, Worse::Face(ohm));
+        assert_named(&mut live, (7 * k + 4) % 16, Worse::Wire(ohm));
+    }
+}
+
+#[test]
+fn with_a_given_current_the_shunt_shows_a_worse_contact() {
+    let mut live = live_sheet(CURRENT, 82);
+    for (electrode, ohm) in [(2, 100.0), (9, 250.0)] {
+        assert_named(&mut live, electrode, Worse::Face(ohm));
+    }
+    // A resistance in the wire does not change a given current.
+    rest(&mut live);
+    let clean = live.sheet.worse_frame(&[], &[(3, Worse::Wire(500.0))]).unwrap();
+    assert_eq!(contacts_and_touches(&mut live, &clean), (vec![], vec![]));
+}
+
+#[test]
+fn touches_at_the_rim_are_no_contacts() {
+    for (drive, seed) in [(Drive::PAPER, 83), (CURRENT, 84)] {
+        let mut live = live_sheet(drive, seed);
+        for k in 0..40 {
+            // In front of an electrode and between two, the centre from 6 to 20 mm from the rim.
+            let angle = std::f64::consts::TAU * f64::from(k) / 32.0;
+            let radius = live.rng.random_range(77.5..91.5);
+            let touch = finger(radius * angle.cos(), radius * angle.sin());
+            let clean = live.sheet.clean_frame(&[touch]).unwrap();
+            rest(&mut live);
+            for _ in 0..20 {
+                let (contacts, found) = contacts_and_touches(&mut live, &clean);
+                assert!(contacts.is_empty(), "{drive:?} {k}: {contacts:?} {found:?}");
+                assert_eq!(found.len(), 1, "{drive:?} {k}");
+            }
+        }
+    }
+}
+
+/// Frames of a table are unrelated; each is tested alone.
+#[test]
+fn a_frame_alone_names_a_worse_contact_too() {
+    let mut live = live_sheet(Drive::PAPER, 86);
+    live.reconstructor = live.sheet.reconstructor().unwrap();
+    for k in 0..8 {
+        let electrode = (5 * k + 2) % 16;
+        let worse = [Worse::Face(100.0), Worse::Wire(100.0)][k % 2];
+        let clean = live.sheet.worse_frame(&[], &[(electrode, worse)]).unwrap();
+        assert_eq!(
+            contacts_and_touches(&mut live, &clean),
+            (vec![electrode], vec![]),
+            "{worse:?}"
+        );
+        let angle = std::f64::consts::TAU * k as f64 / 32.0;
+        let radius = live.rng.random_range(77.5..91.5);
+        let touch = finger(radius * angle.cos(), radius * angle.sin());
+        let clean = live.sheet.clean_frame(&[touch]).unwrap();
+        let (contacts, found) = contacts_and_touches(&mut live, &clean);
+        assert!(contacts.is_empty() && found.len() == 1, "{k}: {contacts:?} {found:?}");
+    }
+}
+
+#[test]
+fn a_contact_that_recovers_is_accepted_again() {
+    let mut live = live_sheet(Drive::PAPER, 85);
+    let touch = [finger(-30.0, 20.0)];
+    let worse = live.sheet.worse_frame(&touch, &[(6, Worse::Face(150.0))]).unwrap();
+    let well = live.sheet.clean_frame(&touch).unwrap();
+    for _ in 0..30 {
+        contacts_and_touches(&mut live, &worse);
+    }
+    for _ in 0..40 {
+        let (contacts, found) = contacts_and_touches(&mut live, &worse);
+        assert_eq!((contacts.as_slice(), found.len()), ([6].as_slice(), 1));
+    }
+    let frames = (0..40)
+        .take_while(|_| !contacts_and_touches(&mut live, &well).0.is_empty())
+        .count();
+    assert!(frames <= 20, "{frames}");
+}

@@ -1,0 +1,46 @@
+//! The touches of a whole hand, five tips and a palm, are counted right and followed.
+
+use forward::Drive;
+use studies::LiveSheet;
+use studies::cost::Happening;
+
+/// The hand moves 1 mm from frame to frame. The noise is that of four fingers at 27 dB.
+#[test]
+fn a_hand_that_moves_keeps_its_count_and_its_palm() {
+    let mut live = LiveSheet::new(Drive::PAPER, 91, |sheet, _| {
+        sheet.clean_frame(&Happening::Four.touches(0))
+    })
+    .unwrap();
+    let (mut right, mut allocated, frames) = (0, 0, 48);
+    let sequence: Vec<Vec<f64>> = (0..frames)
+        .map(|k| {
+            let clean = live.sheet.clean_frame(&Happening::Hand.touches(k)).unwrap();
+            live.frame(&clean)
+        })
+        .collect();
+    for pass in 0..2 {
+        for (k, frame) in sequence.iter().enumerate() {
+            let mut found = Vec::new();
+            let used = allocation_counter::measure(|| {
+                let touches = &live.reconstructor.frame(frame).unwrap().touches;
+                found.clone_from(touches);
+            });
+            // The copy of the touches above allocates once.
+            allocated += usize::from(pass > 0 && k > 0 && used.count_total > 1);
+            let truth = Happening::Hand.touches(k);
+            right += usize::from(found.len() == truth.len());
+            // From the second frame on, the palm is one wide touch at its place.
+            let palm = truth[0];
+            let off =
+                |t: &&inverse::touches::touch::Touch| (t.x_mm - palm.centre_mm[0]).hypot(t.y_mm - palm.centre_mm[1]);
+            let nearest = found.iter().min_by(|a, b| off(a).total_cmp(&off(b))).unwrap();
+            let radius = (nearest.area_mm2 / std::f64::consts::PI).sqrt();
+            assert!(
+                k == 0 || (off(&nearest) < 2.5 && (radius / palm.radius_mm - 1.0).abs() < 0.15),
+                "{pass} {k}: {nearest:?}"
+            );
+        }
+    }
+    assert!(right >= 2 * frames * 9 / 10, "{right} of {}", 2 * frames);
+    assert_eq!(allocated, 0);
+}

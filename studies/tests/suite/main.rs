@@ -1,0 +1,12 @@
+//! How well the reconstruction works: every test of this crate from outside, in one program, so that it is linked once.
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    reason = "a failure here is a failed test"
+)]
+
+mod accuracy;
+mod contacts;
+mod hand;
+mod watch;

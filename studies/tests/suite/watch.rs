@@ -1,0 +1,222 @@
+//! A frame that shows nothing, or nothing new, is not reconstructed again, and no change is missed. Frames of a scene
+//! at rest are averaged.
+
+use forward::{DiscTouch, Drive};
+use inverse::pipeline::{FrameResult, Reconstructor, ReconstructorOptions};
+use inverse::reference::Reference;
+use inverse::reference::noise::FrameNoise;
+use inverse::solvers::Method;
+use inverse::touches::touch::Touch;
+use std::collections::BTreeMap;
+use studies::{Fault, LiveSheet, Scene, quantile};
+
+fn touch(x: f64, y: f64) -> DiscTouch {
+    DiscTouch {
+        centre_mm: [x, y],
+        radius_mm: 12.5,
+        rise: 0.2,
+    }
+}
+
+/// The noise is that of four touches at 27 dB.
+fn live_sheet(seed: u64) -> LiveSheet {
+    LiveSheet::new(Drive::PAPER, seed, |sheet, rng| {
+        let touches = vec![touch(40.0, 0.0), touch(-40.0, 5.0), touch(0.0, 45.0), touch(3.0, -50.0)];
+        sheet.frame(&scene(touches), rng)
+    })
+    .unwrap()
+}
+
+fn scene(touches: Vec<DiscTouch>) -> Scene {
+    Scene {
+        touches,
+        smooth: false,
+        snr_db: f64::INFINITY,
+        fault: Fault::None,
+    }
+}
+
+fn clean(live: &mut LiveSheet, touches: &[DiscTouch]) -> Vec<f64> {
+    live.sheet.frame(&scene(touches.to_vec()), &mut live.rng).unwrap()
+}
+
+#[test]
+fn an_untouched_sheet_costs_no_reconstruction_and_no_allocation() {
+    let mut live = live_sheet(71);
+    let clean = clean(&mut live, &[]);
+    for k in 0..2000 {
+        let frame = live.frame(&clean);
+        let r = &mut live.reconstructor;
+        let mut touches = 0;
+        let used = allocation_counter::measure(|| touches = r.frame(&frame).unwrap().touches.len());
+        assert_eq!(touches, 0, "{k}");
+        assert!(k == 0 || used.count_total == 0, "{k}: {used:?}");
+    }
+}
+
+/// The memory of every step, from the change detector to the fit, is kept from earlier frames of the same kind.
+#[test]
+fn touches_that_move_are_reconstructed_without_allocation() {
+    let mut live = live_sheet(75);
+    let frames: Vec<Vec<f64>> = (0..40)
+        .map(|k| {
+            let angle = 0.05 * f64::from(k);
+            let touches: Vec<DiscTouch> = (0..3)
+                .map(|t| {
+                    let angle = angle + 2.1 * f64::from(t);
+                    touch(45.0 * angle.cos(), 45.0 * angle.sin())
+                })
+                .collect();
+            let clean = clean(&mut live, &touches);
+            live.frame(&clean)
+        })
+        .collect();
+    for pass in 0..2 {
+        for (k, frame) in frames.iter().enumerate() {
+            let r = &mut live.reconstructor;
+            let mut found = (0, false);
+            let used = allocation_counter::measure(|| {
+                let result = r.frame(frame).unwrap();
+                found = (result.touches.len(), result.anew);
+            });
+            assert_eq!(found, (3, true), "{k}");
+            assert!(pass == 0 || used.count_total == 0, "{k}: {used:?}");
+        }
+    }
+}
+
+/// Two scenes take turns, at rest for 30 frames each. The result is made anew from the mean of 2, 4, 8 and 16 frames.
+/// Its error falls with the root of this number, and so does the stated uncertainty.
+#[test]
+fn a_scene_at_rest_is_averaged() {
+    let mut live = live_sheet(72);
+    let scenes = [
+        [touch(30.0, 20.0), touch(-35.0, -10.0)],
+        [touch(-20.0, 40.0), touch(10.0, -45.0)],
+    ];
+    let clean = scenes.each_ref().map(|scene| clean(&mut live, scene));
+    let mut rms: BTreeMap<usize, (f64, f64, f64)> = BTreeMap::new();
+    let mut anew = 0;
+    for rest in 0..40 {
+        for k in 0..30 {
+            let frame = live.frame(&clean[rest % 2]);
+            let r = &mut live.reconstructor;
+            let mut found = &mut FrameResult::default();
+            let used = allocation_counter::measure(|| found = r.frame(&frame).unwrap());
+            assert_eq!(found.touches.len(), 2, "{rest}, {k}");
+            assert!(k > 0 || found.anew && found.frames == 1, "{rest}");
+            for t in &scenes[rest % 2] {
+                let off = |f: &Touch| (f.x_mm - t.centre_mm[0]).hypot(f.y_mm - t.centre_mm[1]);
+                let near = found.touches.iter().map(off).fold(f64::INFINITY, f64::min);
+                assert!(near < 1.5, "{rest}, {k}: {near}");
+            }
+            if !found.anew {
+                assert_eq!(used.count_total, 0, "{used:?}");
+                continue;
+            }
+            anew += 1;
+            assert!(matches!(found.frames, 1 | 2 | 4 | 8 | 16) && found.frames <= k + 1);
+            let (square, said, count) = rms.entry(found.frames).or_default();
+            for t in &scenes[rest % 2] {
+                let off = |f: &Touch| (f.x_mm - t.centre_mm[0]).hypot(f.y_mm - t.centre_mm[1]);
+                let near = found.touches.iter().min_by(|a, b| off(a).total_cmp(&off(b))).unwrap();
+                *square += off(near).powi(2);
+                *said += near.x_sd_mm.unwrap().powi(2) + near.y_sd_mm.unwrap().powi(2);
+                *count += 1.0;
+            }
+        }
+    }
+    // Five results for every rest, and a few more by chance.
+    assert!((180..260).contains(&anew), "{anew} of 1200");
+    let [first, last] = [rms[&1], rms[&16]].map(|(square, said, count)| (square / count, said / count));
+    assert!((8.0..32.0).contains(&(first.0 / last.0)), "{rms:?}");
+    assert!((10.0..20.0).contains(&(first.1 / last.1)), "{rms:?}");
+}
+
+/// Frames of a table are unrelated: each is reconstructed alone, also with known noise. Empty frames show no touch.
+#[test]
+fn frames_of_a_table_are_not_each_others_results() {
+    let mut live = live_sheet(77);
+    let (touched, empty) = (clean(&mut live, &[touch(30.0, 20.0)]), clean(&mut live, &[]));
+    let imager = live.sheet.fitted_imager();
+    let options = ReconstructorOptions::for_imager(&imager, Method::Nnls);
+    let noise = FrameNoise::of_frames(live.sigma);
+    let mut r = Reconstructor::new(
+        Reference::new(imager, live.sheet.baseline.clone(), noise).unwrap(),
+        options,
+    );
+    for k in 0..30 {
+        let frame = live.frame(if k % 5 == 4 { &empty } else { &touched });
+        let found = r.frame(&frame).unwrap();
+        if k % 5 == 4 {
+            assert!(found.touches.is_empty(), "{k}");
+        } else {
+            assert!(found.anew && found.frames == 1 && found.touches.len() == 1, "{k}");
+        }
+    }
+}
+
+/// The noise of the baseline is common to all frames. Averaging 16 of them does not reduce it.
+#[test]
+fn the_noise_of_the_baseline_is_not_averaged() {
+    let mut live = live_sheet(76);
+    let clean = clean(&mut live, &[touch(30.0, 20.0)]);
+    let said = [None, Some(16)].map(|baseline_frames| {
+        let noise = FrameNoise::Known {
+            sigma: live.sigma,
+            baseline_frames,
+        };
+        let mut r = live.sheet.live_reconstructor(noise).unwrap();
+        let of = |r: &mut Reconstructor, live: &mut LiveSheet| loop {
+            let frame = live.frame(&clean);
+            let found = r.frame(&frame).unwrap();
+            if found.anew && (found.frames == 16 || found.frames == 1) {
+                return found.noise.unwrap().sigma;
+            }
+        };
+        let one = of(&mut r, &mut live);
+        (0..3)
+            .map(|_| of(&mut r, &mut live) / one)
+            .fold(f64::INFINITY, f64::min)
+    });
+    assert!((said[0] - 0.25).abs() < 1e-9, "{said:?}");
+    assert!((said[1] - (2.0_f64 / 17.0).sqrt()).abs() < 1e-9, "{said:?}");
+}
+
+/// The move from frame to frame is smaller than the noise; only the sum of many moves is visible.
+#[test]
+fn a_slow_touch_is_followed() {
+    let mut live = live_sheet(73);
+    let mut errors = Vec::new();
+    for k in 0..300 {
+        let x = -30.0 + 0.05 * f64::from(k);
+        let clean = clean(&mut live, &[touch(x, 10.0)]);
+        let frame = live.frame(&clean);
+        let found = live.reconstructor.frame(&frame).unwrap();
+        assert_eq!(found.touches.len(), 1, "{k}");
+        errors.push((found.touches[0].x_mm - x).hypot(found.touches[0].y_mm - 10.0));
+    }
+    // The noise is that of four touches, about twice as much as 27 dB of this touch alone.
+    let (median, most) = (quantile(&errors, 0.5), quantile(&errors, 0.95));
+    assert!(median < 0.6 && most < 1.6, "{median} {most}");
+}
+
+#[test]
+fn what_comes_and_goes_is_seen_at_once() {
+    let mut live = live_sheet(74);
+    for k in 0..12 {
+        let count = [0, 1, 2, 0, 2, 1][k % 6];
+        let touches: Vec<DiscTouch> = (0..count).map(|t| touch(45.0 * f64::from(t) - 20.0, 12.0)).collect();
+        let clean = clean(&mut live, &touches);
+        let frame = live.frame(&clean);
+        let found = live.reconstructor.frame(&frame).unwrap();
+        assert_eq!(found.touches.len(), touches.len(), "{k}");
+        // A frame with values that are not numbers is always reconstructed.
+        let mut broken = frame.clone();
+        for v in broken.iter_mut().step_by(50) {
+            *v = f64::NAN;
+        }
+        let found = live.reconstructor.frame(&broken).unwrap();
+        assert_eq!(found.touches.len(), touches.len(), "{k}, broken");
+    }
+}

@@ -1,0 +1,13 @@
+//! The whole chain: every test of this crate from outside, in one program, so that it is linked once.
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    reason = "a failure here is a failed test"
+)]
+
+mod emulated;
+mod faults;
+mod live_scenes;
+mod manifests;
+mod touches;
