@@ -8,7 +8,7 @@ use crate::real_time::{Pacer, TICK};
 use crate::sheet::SheetModel;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::pty::{PtyMaster, grantpt, posix_openpt, ptsname_r, unlockpt};
-use nix::sys::termios::{SetArg, cfmakeraw, tcgetattr, tcsetattr};
+use nix::sys::termios::{LocalFlags, SetArg, cfmakeraw, tcgetattr, tcsetattr};
 use std::collections::VecDeque;
 use std::fs;
 use std::io::{self, ErrorKind, Read, Write};
@@ -166,11 +166,15 @@ impl Plug {
         Ok(plug)
     }
 
-    /// No echo and no line editing: a terminal without a reader would answer the board with its own bytes.
+    /// No echo and no line editing: a terminal without a reader would answer the board with its own bytes. The system forgets
+    /// the settings with the last reader, who may have come back before anybody looked.
     fn make_raw(&self) -> io::Result<()> {
         let mut settings = tcgetattr(&self.master)?;
-        cfmakeraw(&mut settings);
-        Ok(tcsetattr(&self.master, SetArg::TCSANOW, &settings)?)
+        if settings.local_flags.intersects(LocalFlags::ICANON | LocalFlags::ECHO) {
+            cfmakeraw(&mut settings);
+            tcsetattr(&self.master, SetArg::TCSANOW, &settings)?;
+        }
+        Ok(())
     }
 
     /// Whether somebody has the port open.
@@ -237,17 +241,18 @@ impl Runner {
             drop(state);
             let mut open = false;
             if let Some(plug) = &mut self.plug {
+                plug.make_raw()?;
+                // First what was written, then who is there: who has written is seen, and the answer is not thrown away.
+                let mut received = Vec::new();
+                while let Some(count) = now(plug.master.read(&mut buffer))?.filter(|n| *n > 0) {
+                    received.extend_from_slice(&buffer[..count]);
+                }
                 open = plug.is_open()?;
                 if open && !was_open {
                     ftdi.purge();
                     for_reader.clear();
-                } else if was_open && !open {
-                    // The system has forgotten the settings with the last reader.
-                    plug.make_raw()?;
                 }
-                while let Some(count) = now(plug.master.read(&mut buffer))?.filter(|n| *n > 0) {
-                    self.board.receive(&buffer[..count]);
-                }
+                self.board.receive(&received);
             }
             was_open = open;
             match self.options.pace {

@@ -30,7 +30,12 @@ fn listen(port: &mut File, mut enough: impl FnMut(&[FromBoard]) -> bool) -> Vec<
     let mut out = Vec::new();
     let mut decoder = Decoder::<MAX_FROM_BOARD_LEN>::new();
     while !enough(&out) {
-        assert!(start.elapsed() < HANGS, "{out:?}");
+        let others = || {
+            out.iter()
+                .filter(|m| !matches!(m, FromBoard::Frame(_)))
+                .collect::<Vec<_>>()
+        };
+        assert!(start.elapsed() < HANGS, "{} frames and {:?}", frames(&out), others());
         let n = port.read(&mut buffer).unwrap();
         decoder.push(&buffer[..n], |m| out.extend(m));
     }
