@@ -42,11 +42,19 @@ fn listen(port: &mut File, mut enough: impl FnMut(&[FromBoard]) -> bool) -> Vec<
     out
 }
 
+/// Asks until there is an answer, as every program does: one that comes beside more frames than the system holds for a
+/// reader is lost with them.
 fn ask(port: &mut File, command: &ToBoard, answer: impl Fn(&FromBoard) -> bool) {
-    // A lone delimiter first, as every program of ours does: the board may have half of something.
-    port.write_all(&[0]).unwrap();
-    port.write_all(&framed(command)).unwrap();
-    listen(port, |said| said.iter().any(&answer));
+    let mut answered = false;
+    while !answered {
+        // A lone delimiter first: the board may have half of something.
+        port.write_all(&[0]).unwrap();
+        port.write_all(&framed(command)).unwrap();
+        listen(port, |said| {
+            answered = said.iter().any(&answer);
+            answered || said.len() > 200
+        });
+    }
 }
 
 fn frames(said: &[FromBoard]) -> usize {
