@@ -62,6 +62,7 @@ mod real_time;
 mod rubber;
 mod scene;
 mod scene_file;
+mod scene_time;
 mod sheet;
 mod steps;
 mod stretch;
