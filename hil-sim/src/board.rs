@@ -43,6 +43,9 @@ pub enum BoardError {
     },
 }
 
+/// What a simulated board says that it is (`Hello::board`).
+pub const BOARD_NAME: &str = "skin-sim";
+
 /// Bytes of each sector of the simulated flash memory.
 const SECTOR_BYTES: u32 = 2048;
 
@@ -124,7 +127,7 @@ impl<S: SheetModel> Machine<S> {
         }
         let microvolt = |v: f64| (v * 1e6).round() as u32;
         let info = BoardInfo {
-            name: "skin-sim",
+            name: BOARD_NAME,
             serial: "sim",
             git: "",
             electrodes,
