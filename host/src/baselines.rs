@@ -147,12 +147,12 @@ impl Baselines {
         Some(now.is.baseline.clone())
     }
 
-    /// What is said of the baseline in force, on the page and in JSON.
-    pub(crate) fn note(&self) -> Option<BaselineNote> {
+    /// What is said of the baseline in force, on the page and in JSON. While another is being taken, an undo goes back to it.
+    pub(crate) fn note(&self, taking: bool) -> Option<BaselineNote> {
         self.now.as_ref().map(|now| BaselineNote {
             taken_unix_s: unix_s(now.is.taken),
             stored: now.from_file,
-            earlier: self.earlier.len(),
+            earlier: self.earlier.len() + usize::from(taking),
             warning: now.warning.clone(),
         })
     }
@@ -170,13 +170,16 @@ impl Store {
             departure.filter(|d| d.differs).map(|d| (age(holds), d))
         });
         if let Some((age, departure)) = compared {
-            return Some(format!(
-                "the sheet differs from the baseline of {} ago (values changed by {:.2} % rms beside the common gain, noise and \
-                 drift explain {:.2} %): something may rest on it; start with --baseline stored, or lift it and take a new one. \
-                 The stored one is kept; --baseline replace takes its place",
-                words(age),
+            eprintln!(
+                "the values changed by {:.2} % rms beside the common gain, noise and drift explain {:.2} %; the stored baseline is \
+                 kept, --baseline replace puts a new one in its place",
                 100.0 * departure.change,
                 100.0 * departure.expected
+            );
+            return Some(format!(
+                "the sheet differs from the baseline of {} ago: something may rest on it; start with --baseline stored or lift it \
+                 and take a new one",
+                words(age)
             ));
         }
         match baseline_file::write(&self.path, &self.subject, new) {
@@ -199,9 +202,9 @@ mod tests {
 
     fn baseline(v: f64) -> Baseline {
         Baseline {
-            values_v: vec![v; 20],
+            values_v: vec![v; 208],
             noise_v: 1e-4,
-            value_noise_v: vec![1e-4; 20],
+            value_noise_v: vec![1e-4; 208],
             frames: 24,
         }
     }
@@ -225,14 +228,15 @@ mod tests {
         for k in 0..8 {
             baselines.taken(baseline(f64::from(k)));
         }
-        assert_eq!(baselines.note().unwrap().earlier, EARLIER);
+        assert_eq!(baselines.note(false).unwrap().earlier, EARLIER);
         // While another is being taken: that in force.
+        assert_eq!(baselines.note(true).unwrap().earlier, EARLIER + 1);
         assert_eq!(baselines.undo(true), Some(baseline(7.0)));
         for k in [6.0, 5.0, 4.0, 3.0] {
             assert_eq!(baselines.undo(false), Some(baseline(k)));
         }
         assert_eq!(baselines.undo(false), None);
-        assert_eq!(baselines.note().unwrap().earlier, 0);
+        assert_eq!(baselines.note(false).unwrap().earlier, 0);
     }
 
     #[test]
@@ -252,7 +256,7 @@ mod tests {
 
         let mut second = start(false);
         second.taken(pressed());
-        let warning = second.note().unwrap().warning.unwrap();
+        let warning = second.note(false).unwrap().warning.unwrap();
         assert!(
             warning.contains("the sheet differs from the baseline of 0 s ago"),
             "{warning}"
@@ -260,7 +264,7 @@ mod tests {
         assert!(holds() == untouched);
         // One that was asked for later is kept from the file too, but not warned of on the page.
         first.taken(pressed());
-        assert_eq!(first.note().unwrap().warning, None);
+        assert_eq!(first.note(false).unwrap().warning, None);
         assert!(holds() == untouched);
 
         start(true).taken(pressed());
@@ -274,7 +278,7 @@ mod tests {
         std::fs::write(&file, "").unwrap();
         let mut baselines = Baselines::new(Some(&file), subject(), true);
         baselines.taken(baseline(1.0));
-        assert!(baselines.note().is_some_and(|n| !n.stored && n.warning.is_none()));
+        assert!(baselines.note(false).is_some_and(|n| !n.stored && n.warning.is_none()));
     }
 
     #[test]

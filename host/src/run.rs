@@ -366,6 +366,7 @@ impl Run<'_> {
                 self.session.set_watch(None);
                 self.session.keep_all();
                 self.live.tare();
+                self.output.set_baseline(self.baselines.note(true));
                 self.wanted = Some(usize::MAX);
             }
             PageCommand::UndoBaseline => {
@@ -438,7 +439,7 @@ impl Run<'_> {
 
     /// A baseline is in force: it is shown which, and a scene that waits for it begins.
     fn in_force(&mut self) {
-        self.output.set_baseline(self.baselines.note());
+        self.output.set_baseline(self.baselines.note(false));
         if let Some(held) = &self.held {
             held.begin_scene();
         }

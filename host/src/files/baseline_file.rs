@@ -267,7 +267,8 @@ mod tests {
             Err(BaselineFileError::Missing { .. })
         ));
         write(&path, &subject(), &stored()).unwrap();
-        let cases: [(&str, fn(&mut Subject)); 4] = [
+        type Change = fn(&mut Subject);
+        let cases: [(&str, Change); 4] = [
             ("the board skin-sim", |s| s.serial = "other".to_owned()),
             ("the board has 8", |s| s.electrodes = 8),
             ("another sheet", |s| s.sheet = "7".to_owned()),
