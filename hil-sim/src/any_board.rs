@@ -10,6 +10,9 @@ pub(crate) trait AnyBoard: Send {
     fn now(&self) -> u64;
     /// True time, s.
     fn now_s(&self) -> f64;
+    /// When the scene began, s of true time; `None` while it is held.
+    fn scene_began_s(&self) -> Option<f64>;
+    fn begin_scene(&mut self);
     /// How often the cable was put back; `None` while it is pulled.
     fn plugged(&self) -> Option<u32>;
     fn is_idle(&mut self) -> bool;
@@ -24,6 +27,14 @@ impl<S: SheetModel> AnyBoard for SimBoard<S> {
 
     fn now_s(&self) -> f64 {
         SimBoard::now_s(self)
+    }
+
+    fn scene_began_s(&self) -> Option<f64> {
+        SimBoard::scene_began_s(self)
+    }
+
+    fn begin_scene(&mut self) {
+        SimBoard::begin_scene(self);
     }
 
     fn plugged(&self) -> Option<u32> {

@@ -9,6 +9,7 @@ use crate::fault::{Fault, FaultError};
 use crate::flash::Flash;
 use crate::front_end::{SimFrontEnd, SimFrontEndError};
 use crate::line::{Direction, Line};
+use crate::scene_time::SceneTime;
 use crate::sheet::{Shared, SheetModel};
 use crate::timeline::Timeline;
 use crate::uart::Uart;
@@ -42,6 +43,9 @@ pub enum BoardError {
     },
 }
 
+/// What a simulated board says that it is (`Hello::board`).
+pub const BOARD_NAME: &str = "skin-sim";
+
 /// Bytes of each sector of the simulated flash memory.
 const SECTOR_BYTES: u32 = 2048;
 
@@ -73,6 +77,7 @@ pub struct SimBoard<S> {
     config: SimConfig,
     sheet: Shared<S>,
     faults: Timeline,
+    time: SceneTime,
     line: Line,
     machine: Machine<S>,
     /// Resets so far, and until when the reset line is held (s).
@@ -97,12 +102,13 @@ impl<S: SheetModel> Machine<S> {
         flash: Flash,
         sheet: Shared<S>,
         faults: Timeline,
+        time: SceneTime,
         origin: u64,
     ) -> Result<Self, BoardError> {
         let clock = Clock::new();
         let electronics = &config.electronics;
         let analog = Analog::new(electronics.clone(), origin)?;
-        let mut front = SimFrontEnd::powered_up(analog, sheet, clock.clone(), faults)?;
+        let mut front = SimFrontEnd::powered_up(analog, sheet, clock.clone(), faults, time)?;
         if let Some(samples) = config.look_samples {
             front = front.looking_every(samples);
         }
@@ -121,7 +127,7 @@ impl<S: SheetModel> Machine<S> {
         }
         let microvolt = |v: f64| (v * 1e6).round() as u32;
         let info = BoardInfo {
-            name: "skin-sim",
+            name: BOARD_NAME,
             serial: "sim",
             git: "",
             electrodes,
@@ -160,12 +166,14 @@ impl<S: SheetModel> SimBoard<S> {
         let flash = config.flash.take().unwrap_or_else(|| Flash::new(SECTOR_BYTES));
         let sheet = Shared::new(sheet);
         let faults = Timeline::new(config.faults.clone());
-        let machine = Machine::power_up(&config, flash, sheet.clone(), faults.clone(), 0)?;
+        let time = SceneTime::default();
+        let machine = Machine::power_up(&config, flash, sheet.clone(), faults.clone(), time.clone(), 0)?;
         Ok(Self {
             line: Line::new(faults.clone(), config.electronics.seed),
             config,
             sheet,
             faults,
+            time,
             machine,
             resets: 0,
             held_until_s: None,
@@ -184,6 +192,30 @@ impl<S: SheetModel> SimBoard<S> {
         crate::clock::seconds(self.now()) / rate
     }
 
+    /// Holds the scene at its beginning: its time is 0, for what is on the sheet and for the faults, until
+    /// [`SimBoard::begin_scene`]. The board itself runs. Only at power-up: later it changes nothing.
+    pub fn holding_scene(self) -> Self {
+        if self.now() == 0 {
+            self.time.hold();
+        }
+        self
+    }
+
+    /// Begins a scene that is held; one that has begun goes on.
+    pub fn begin_scene(&mut self) {
+        self.time.begin(self.now_s());
+    }
+
+    /// True time at which the scene began, s since the simulation did; `None` while it is held.
+    pub fn scene_began_s(&self) -> Option<f64> {
+        self.time.began_s()
+    }
+
+    /// The scene's time, s: that of its touches and faults.
+    fn scene_s(&self) -> f64 {
+        self.time.at(self.now_s())
+    }
+
     /// Who it says it is.
     pub fn hello(&self) -> Hello {
         self.machine.controller.hello()
@@ -196,7 +228,7 @@ impl<S: SheetModel> SimBoard<S> {
 
     /// How often the cable was put back; `None` while it is pulled.
     pub fn plugged(&self) -> Option<u32> {
-        self.faults.plugged(self.now_s())
+        self.faults.plugged(self.scene_s())
     }
 
     /// Puts bytes on the wire to the board.
@@ -300,21 +332,21 @@ impl<S: SheetModel> SimBoard<S> {
     }
 
     fn look_at_line(&mut self) {
-        self.line.look(self.now_s());
+        self.line.look(self.scene_s());
         if self.line.take_break(Direction::ToBoard) && self.held_until_s.is_none() {
             self.machine.controller.link_mut().transmit_break();
         }
     }
 
     fn reset_if_due(&mut self) -> Result<(), BoardError> {
-        let now_s = self.now_s();
-        let Some(fault) = self.faults.reset(now_s, self.resets) else {
+        let scene_s = self.scene_s();
+        let Some(fault) = self.faults.reset(scene_s, self.resets) else {
             return Ok(());
         };
-        if self.last_byte == 0 && now_s < fault.at_s + MID_FRAME_S {
+        if self.last_byte == 0 && scene_s < fault.at_s + MID_FRAME_S {
             return Ok(());
         }
-        self.held_until_s = fault.for_s.map(|length| now_s + length);
+        self.held_until_s = fault.for_s.map(|length| self.now_s() + length);
         self.resets += 1;
         self.config.reset = ResetCause::Pin;
         self.restart()
@@ -324,7 +356,8 @@ impl<S: SheetModel> SimBoard<S> {
     fn restart(&mut self) -> Result<(), BoardError> {
         let flash = self.flash().clone();
         let origin = self.now();
-        self.machine = Machine::power_up(&self.config, flash, self.sheet.clone(), self.faults.clone(), origin)?;
+        let (sheet, faults, time) = (self.sheet.clone(), self.faults.clone(), self.time.clone());
+        self.machine = Machine::power_up(&self.config, flash, sheet, faults, time, origin)?;
         self.last_byte = 0;
         Ok(())
     }

@@ -5,6 +5,7 @@ use crate::clock::{Clock, PERIOD_SAMPLES, QUARTER_SAMPLES, samples};
 use crate::electronics::Electronics;
 use crate::electronics_error::ElectronicsError;
 use crate::noise::{mix, unit};
+use crate::scene_time::SceneTime;
 use crate::sheet::SheetModel;
 use crate::timeline::Timeline;
 use crate::wiring::Wiring;
@@ -63,6 +64,8 @@ pub struct SimFrontEnd<S> {
     analog: Analog,
     sheet: S,
     faults: Timeline,
+    /// That of the sheet and of the faults.
+    time: SceneTime,
     /// What is broken, until when that holds, and the sheet as the wires see it.
     wiring: Wiring,
     wiring_until_s: f64,
@@ -90,7 +93,13 @@ impl<S: SheetModel> SimFrontEnd<S> {
     /// # Errors
     /// The sheet cannot be simulated.
     pub fn new(electronics: Electronics, sheet: S, clock: Clock) -> Result<Self, SimFrontEndError> {
-        Self::powered_up(Analog::new(electronics, 0)?, sheet, clock, Timeline::default())
+        Self::powered_up(
+            Analog::new(electronics, 0)?,
+            sheet,
+            clock,
+            Timeline::default(),
+            SceneTime::default(),
+        )
     }
 
     /// A front end at power-up with faults to come.
@@ -99,12 +108,14 @@ impl<S: SheetModel> SimFrontEnd<S> {
         mut sheet: S,
         clock: Clock,
         faults: Timeline,
+        time: SceneTime,
     ) -> Result<Self, SimFrontEndError> {
-        let matrix = sheet.electrode_matrix(analog.true_s(clock.now()))?.clone();
+        let matrix = sheet.electrode_matrix(time.at(analog.true_s(clock.now())))?.clone();
         Ok(Self {
             analog,
             sheet,
             faults,
+            time,
             wiring: Wiring::default(),
             wiring_until_s: f64::NEG_INFINITY,
             seen: matrix.clone(),
@@ -169,13 +180,15 @@ impl<S: SheetModel> SimFrontEnd<S> {
         let mut changed = false;
         if look != self.look {
             self.look = look;
-            let matrix = self.sheet.electrode_matrix(self.analog.true_s(look * interval))?;
+            let matrix = self
+                .sheet
+                .electrode_matrix(self.time.at(self.analog.true_s(look * interval)))?;
             if *matrix != self.matrix {
                 self.matrix = matrix.clone();
                 changed = true;
             }
         }
-        let time_s = self.analog.true_s(time);
+        let time_s = self.time.at(self.analog.true_s(time));
         if time_s >= self.wiring_until_s {
             self.wiring_until_s = self.faults.next_change_s(time_s);
             let wiring = Wiring::of(self.faults.active(time_s));

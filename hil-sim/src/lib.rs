@@ -62,6 +62,7 @@ mod real_time;
 mod rubber;
 mod scene;
 mod scene_file;
+mod scene_time;
 mod sheet;
 mod steps;
 mod stretch;
@@ -73,7 +74,7 @@ mod wave;
 mod wiring;
 
 pub use analog::{Analog, Routing};
-pub use board::{BoardError, SimBoard, SimConfig};
+pub use board::{BOARD_NAME, BoardError, SimBoard, SimConfig};
 pub use bootloader::{BootFaults, BootRom};
 pub use chip::Chip;
 pub use clock::{Clock, PERIOD_SAMPLES, QUARTER_SAMPLES, TICKS_PER_SAMPLE, TIMER_HZ, samples, seconds};

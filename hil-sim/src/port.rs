@@ -74,6 +74,22 @@ impl SimPort {
         })
     }
 
+    /// Begins the scene of a board that [holds](SimBoard::holding_scene) it: now, or with a real-time board's next tick.
+    pub fn begin_scene(&self) {
+        match &self.engine {
+            Engine::RealTime(running) => running.pipes.begin_scene(),
+            Engine::Unpaced(lazy) => locked(lazy).board.begin_scene(),
+        }
+    }
+
+    /// True time at which the scene began, s since power-up; `None` while it is held.
+    pub fn scene_began_s(&self) -> Option<f64> {
+        match &self.engine {
+            Engine::RealTime(running) => running.pipes.scene_began_s(),
+            Engine::Unpaced(lazy) => locked(lazy).board.scene_began_s(),
+        }
+    }
+
     /// How long a read waits for its first byte.
     pub fn set_timeout(&mut self, timeout: Duration) {
         self.timeout = timeout;

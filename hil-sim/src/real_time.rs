@@ -39,6 +39,10 @@ struct PipeState {
     plugged: Option<u32>,
     /// The board's time, s.
     now_s: f64,
+    /// The scene is to begin.
+    begin_scene: bool,
+    /// When it began, the board's time, s.
+    scene_began_s: Option<f64>,
 }
 
 impl Pipes {
@@ -73,6 +77,14 @@ impl Pipes {
         Ok(bytes.len())
     }
 
+    pub(crate) fn begin_scene(&self) {
+        locked(&self.state).begin_scene = true;
+    }
+
+    pub(crate) fn scene_began_s(&self) -> Option<f64> {
+        locked(&self.state).scene_began_s
+    }
+
     /// How often the cable was put back; `None` while it is pulled.
     pub(crate) fn plugged(&self) -> Option<u32> {
         locked(&self.state).plugged
@@ -88,7 +100,11 @@ pub(crate) struct Running {
 impl Running {
     pub(crate) fn start(board: Box<dyn AnyBoard>) -> io::Result<Self> {
         let pipes = Arc::new(Pipes::default());
-        locked(&pipes.state).plugged = board.plugged();
+        {
+            let mut state = locked(&pipes.state);
+            state.plugged = board.plugged();
+            state.scene_began_s = board.scene_began_s();
+        }
         let shared = Arc::clone(&pipes);
         let thread = std::thread::Builder::new().name("skin-sim".to_owned()).spawn(move || {
             // Also when the board panics: a reader must not wait for it for ever.
@@ -167,6 +183,10 @@ fn pace(mut board: Box<dyn AnyBoard>, pipes: &Pipes) {
             pipes.readable.notify_all();
         }
         state.now_s = board.now_s();
+        if std::mem::take(&mut state.begin_scene) {
+            board.begin_scene();
+        }
+        state.scene_began_s = board.scene_began_s();
         let room = PIPE_BYTES.saturating_sub(state.from_board.len());
         bytes.truncate(room);
         if !bytes.is_empty() {

@@ -1,5 +1,6 @@
 //! What `skin run` shows: the page, JSON lines, the line on the terminal, doubts.
 
+use crate::files::baseline_file::unix_s;
 use anyhow::{Context, Result};
 use inverse::pipeline::FrameResult;
 use inverse::quality::doubt::Doubt;
@@ -12,8 +13,8 @@ use std::io::{IsTerminal, Write};
 use std::mem::Discriminant;
 use std::path::Path;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
-use view::picture::{Picture, Stats};
+use std::time::{Duration, Instant, SystemTime};
+use view::picture::{BaselineNote, Picture, Stats};
 use view::png;
 use view::surface::Surface;
 use view::web::{Command, LiveView};
@@ -31,15 +32,41 @@ struct Line<'a> {
     lost_frames: u64,
     /// Passed over so far for newer ones.
     skipped_frames: u64,
+    /// What the frames are compared with.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    baseline: Option<BaselineLine<'a>>,
     /// What speaks against the touches.
     #[serde(skip_serializing_if = "Option::is_none")]
     doubt: Option<Doubt>,
+}
+
+/// The baseline in force.
+#[derive(Serialize)]
+struct BaselineLine<'a> {
+    age_s: f64,
+    /// Whether it was not taken now, but stored.
+    stored: bool,
+    /// What speaks against it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    warning: Option<&'a str>,
+}
+
+impl<'a> BaselineLine<'a> {
+    fn of(note: &'a BaselineNote) -> Self {
+        Self {
+            // In whole seconds: the system's clock is no more certain.
+            age_s: (unix_s(SystemTime::now()) - note.taken_unix_s).max(0.0).floor(),
+            stored: note.stored,
+            warning: note.warning.as_deref(),
+        }
+    }
 }
 
 /// Where pictures go, with what was shown before.
 pub(crate) struct Output {
     page: Option<LiveView>,
     source: String,
+    baseline: Option<BaselineNote>,
     last: Option<Arc<Picture>>,
     /// Of the imager that it was asked of.
     surface: Option<(Arc<Imager>, Surface)>,
@@ -60,6 +87,7 @@ impl Output {
         Self {
             page,
             source,
+            baseline: None,
             last: None,
             surface: None,
             times: VecDeque::new(),
@@ -72,6 +100,11 @@ impl Output {
     /// What somebody at the page asked for.
     pub(crate) fn command(&self) -> Option<Command> {
         self.page.as_ref().and_then(LiveView::command)
+    }
+
+    /// Takes note of the baseline in force.
+    pub(crate) fn set_baseline(&mut self, baseline: Option<BaselineNote>) {
+        self.baseline = baseline;
     }
 
     /// Shows a frame in which nothing was looked for, and why.
@@ -105,7 +138,7 @@ impl Output {
         }
         self.show(imager, result, frame, counters, result.doubt.map(|d| d.to_string()))?;
         if self.page.is_none() {
-            return print(result, frame, counters);
+            return print(result, frame, counters, self.baseline.as_ref());
         }
         self.status(result);
         Ok(())
@@ -147,6 +180,7 @@ impl Output {
             lost_frames: counters.lost_frames,
             skipped_frames: counters.skipped_frames,
             source: self.source.clone(),
+            baseline: self.baseline.clone(),
             status,
         };
         // What shows nothing new is drawn only now and then, for the rates beside it.
@@ -202,7 +236,12 @@ impl Output {
 }
 
 /// One JSON object on stdout.
-fn print(result: &FrameResult, frame: &MeasuredFrame, counters: LinkCounters) -> Result<()> {
+fn print(
+    result: &FrameResult,
+    frame: &MeasuredFrame,
+    counters: LinkCounters,
+    baseline: Option<&BaselineNote>,
+) -> Result<()> {
     let mut out = std::io::stdout().lock();
     let line = Line {
         frame: frame.sequence,
@@ -213,6 +252,7 @@ fn print(result: &FrameResult, frame: &MeasuredFrame, counters: LinkCounters) ->
         solve_us: result.solve_us,
         lost_frames: counters.lost_frames,
         skipped_frames: counters.skipped_frames,
+        baseline: baseline.map(BaselineLine::of),
         doubt: result.doubt,
     };
     serde_json::to_writer(&mut out, &line)?;

@@ -1,6 +1,7 @@
 //! `skin`: the tactile skin's command line. Data go to stdout, everything else to stderr.
 #![forbid(unsafe_code)]
 
+mod baselines;
 mod bench;
 mod board;
 mod calibrate;

@@ -1,13 +1,16 @@
 //! `skin run`, and `skin` alone: live pictures of the board, or of the simulated skin when there is no board.
 
+use crate::baselines::{Baselines, state_folder};
+use crate::files::baseline_file::Subject;
 use crate::files::calibration_file;
 use crate::live_output::Output;
+use crate::usage::Usage;
 use crate::{board, plan, scene, sheet, simulated_skin};
 use ::forward::{Drive, Pattern, Sheet};
 use anyhow::{Context, Result, anyhow, bail};
-use clap::Args;
 use clap::builder::RangedU64ValueParser;
-use hil_sim::SceneFile;
+use clap::{Args, ValueEnum};
+use hil_sim::{BOARD_NAME, SceneFile, SimPort};
 use inverse::live::{Live, LiveFrame, LiveOptions};
 use inverse::reference::imager::Imager;
 use link::plans::PlanChoice;
@@ -20,6 +23,17 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use view::web::{Command as PageCommand, DEFAULT_PORT, LiveOptions as PageOptions, LiveView};
+
+/// Which baseline a session starts with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Start {
+    /// A new one. It is stored unless it differs from the stored one by more than noise and drift.
+    New,
+    /// The stored one of this board, sheet and plan, when something rests on the sheet.
+    Stored,
+    /// A new one, stored in any case: for another sheet, or one that has changed.
+    Replace,
+}
 
 /// Arguments of `skin run`.
 #[derive(Debug, Args)]
@@ -60,6 +74,12 @@ pub(crate) struct Arguments {
     /// Frames of the unpressed sheet that make the baseline, at least 2 [default: those of 0.7 s, at least 24].
     #[arg(long, value_name = "N", value_parser = RangedU64ValueParser::<usize>::new().range(2..))]
     baseline_frames: Option<usize>,
+    /// The baseline to start with. The last good one of each board is stored.
+    #[arg(long, value_enum, value_name = "WHICH", default_value_t = Start::New)]
+    baseline: Start,
+    /// Folder of the stored baselines [default: $XDG_STATE_HOME/skin or ~/.local/state/skin, and none for a simulated skin].
+    #[arg(long, value_name = "DIR")]
+    state_dir: Option<PathBuf>,
     /// Forces in newtons with the creep of the rubber taken out, by what `skin calibrate` wrote.
     #[arg(long, value_name = "FILE")]
     calibration: Option<PathBuf>,
@@ -77,35 +97,58 @@ const LAG_S: f64 = 0.05;
 /// A board that says nothing for so long is gone.
 const SILENCE: Duration = Duration::from_secs(3);
 
-/// The board asked for, the first that answers, or the simulated skin; with its name.
-fn connect(arguments: &Arguments, sheet: &Sheet, scene: Option<&SceneFile>) -> Result<(Session, String)> {
+/// What frames come from.
+struct Source {
+    session: Session,
+    name: String,
+    /// The simulated skin's port: its scene is held.
+    scene: Option<SimPort>,
+}
+
+/// The board asked for, the first that answers, or the simulated skin.
+fn connect(arguments: &Arguments, sheet: &Sheet, scene: Option<&SceneFile>) -> Result<Source> {
     let choose = |hello: &Hello| arguments.plan.plan(hello);
     if let Some(scene) = scene {
         // What a scene says itself is only overruled by a plan that is asked for.
         let plan = scene.config.plan.clone().filter(|_| arguments.plan == PlanChoice::Auto);
-        let session = Session::start(simulated_skin::start(scene)?, |hello| {
-            plan.map_or_else(|| choose(hello), Ok)
-        })?;
+        let port = simulated_skin::start_held(scene)?;
+        let session = Session::start(Box::new(port.clone()), |hello| plan.map_or_else(|| choose(hello), Ok))?;
         let name = if scene.title.is_empty() { "scene" } else { &scene.title };
-        return Ok((session, format!("simulated skin: {name}")));
+        return Ok(Source {
+            session,
+            name: format!("simulated skin: {name}"),
+            scene: Some(port),
+        });
     }
     if let Some(path) = &arguments.port {
         let port = ports::open(path).map_err(|e| anyhow!(e))?;
         let session = Session::start(port, choose).with_context(|| path.clone())?;
-        return Ok((session, path.clone()));
+        return Ok(Source {
+            session,
+            name: path.clone(),
+            scene: None,
+        });
     }
     if !arguments.simulate {
         let started = board::first(|port, path| Ok((Session::start(port, choose)?, path.to_owned())))?;
         let why = match started {
-            Ok(found) => return Ok(found),
+            Ok((session, name)) => {
+                return Ok(Source {
+                    session,
+                    name,
+                    scene: None,
+                });
+            }
             Err(why) => why,
         };
         eprintln!("no board found ({why}): showing the simulated skin; name a port with --port if there is one");
     }
-    Ok((
-        Session::start(simulated_skin::start(&SceneFile::demo(sheet.clone()))?, choose)?,
-        "simulated skin".to_owned(),
-    ))
+    let port = simulated_skin::start_held(&SceneFile::demo(sheet.clone()))?;
+    Ok(Source {
+        session: Session::start(Box::new(port.clone()), choose)?,
+        name: "simulated skin".to_owned(),
+        scene: Some(port),
+    })
 }
 
 /// Runs the command.
@@ -113,6 +156,10 @@ fn connect(arguments: &Arguments, sheet: &Sheet, scene: Option<&SceneFile>) -> R
 /// # Errors
 /// A port that does not open or answer, a board lost on the way, a page that cannot be served.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
+    if arguments.watch && arguments.baseline == Start::Stored {
+        let why = "--watch with --baseline stored: the board learns its watch on a sheet that nothing rests on; leave one of them out";
+        return Err(Usage(why.to_owned()).into());
+    }
     let stop = Arc::new(AtomicBool::new(false));
     let flag = Arc::clone(&stop);
     ctrlc::set_handler(move || flag.store(true, Ordering::Relaxed)).context("Ctrl-C cannot be caught")?;
@@ -130,13 +177,21 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         Some(scene) => scene.sheet.clone(),
         None => sheet::load(arguments.sheet.as_deref())?.0,
     };
-    let (session, source) = connect(arguments, &sheet, scene.as_ref())?;
+    let Source {
+        session,
+        name: source,
+        scene: held,
+    } = connect(arguments, &sheet, scene.as_ref())?;
     let (wired, described) = (usize::from(session.hello().electrodes), sheet.electrodes.len());
     if wired != described {
         bail!(
             "{source} has {wired} electrodes, the sheet {described}; describe the sheet that is wired to it with --sheet"
         );
     }
+    let mut baselines = baselines(arguments, &session, &sheet)?;
+    // Before anything is computed: it may be refused.
+    let stored = (arguments.baseline == Start::Stored).then(|| baselines.start_from_stored());
+    let stored = stored.transpose()?;
     let imager = Arc::new(Imager::new(
         &sheet,
         Drive::PAPER,
@@ -153,15 +208,25 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     );
     let page = if arguments.json { None } else { Some(page(arguments)?) };
     let mut output = Output::new(page, source);
-    if !arguments.every_frame {
-        session.skip_over(LAG_S);
+    if let Some(baseline) = stored {
+        live.resume(baseline)?;
     }
-    let outcome = pump(arguments, &session, &mut live, &mut output, &stop);
+    let mut run = Run {
+        arguments,
+        session: &session,
+        live: &mut live,
+        output: &mut output,
+        baselines: &mut baselines,
+        watch: watch_of(arguments, &session)?,
+        held,
+        wanted: None,
+    };
+    let outcome = run.pump(&stop);
     let counters = session.link().counters();
     tracing::info!("{counters:?}");
     if counters.skipped_frames > 0 {
         eprintln!(
-            "{} of {} frames were passed over for newer ones: they came while the baseline was prepared, or faster than this machine could reconstruct them",
+            "{} of {} frames were passed over for newer ones: they came faster than this machine could reconstruct them, or while it prepared the model",
             counters.skipped_frames, counters.frames
         );
     }
@@ -215,54 +280,168 @@ fn watch_of(arguments: &Arguments, session: &Session) -> Result<Option<Watch>> {
     watch.map(Some).ok_or_else(none)
 }
 
-/// Frames to pictures, until somebody ends it.
-fn pump(
-    arguments: &Arguments,
-    session: &Session,
-    live: &mut Live,
-    output: &mut Output,
-    stop: &AtomicBool,
-) -> Result<()> {
-    let watch = watch_of(arguments, session)?;
-    let mut pictures = 0;
-    let mut last: Option<MeasuredFrame> = None;
-    // Frames that the baseline still wants.
-    let mut wanted = 0;
-    while !stop.load(Ordering::Relaxed) && arguments.frames.is_none_or(|n| pictures < n) {
-        if let Some(PageCommand::Tare) = output.command() {
-            // The baseline is made of frames.
-            session.set_watch(None);
-            live.tare();
+/// The baselines of this board, and where they are stored.
+fn baselines(arguments: &Arguments, session: &Session, sheet: &Sheet) -> Result<Baselines> {
+    let hello = session.hello();
+    // A simulated board has no serial of its own, and nobody comes back to it.
+    let own = hello.board != BOARD_NAME;
+    let folder = arguments.state_dir.clone().or_else(|| state_folder().filter(|_| own));
+    if folder.is_none() {
+        if arguments.baseline != Start::New {
+            let name = if arguments.baseline == Start::Stored {
+                "stored"
+            } else {
+                "replace"
+            };
+            bail!("--baseline {name}: there is no folder for it, a simulated skin has none; name one with --state-dir");
         }
-        let Some(frame) = session.frame(Duration::from_millis(100))? else {
-            if let (Watching::Asleep | Watching::Learning, Some(last)) = (session.watching(), &last) {
-                let status = Some("nothing touches: the board watches".to_owned());
-                output.show_nothing(live.imager(), last, session.link().counters(), status)?;
+        if own {
+            eprintln!(
+                "the baseline is not stored: neither XDG_STATE_HOME nor HOME is set; name a folder with --state-dir"
+            );
+        }
+    }
+    let subject = Subject::new(hello, sheet, session.plan());
+    Ok(Baselines::new(
+        folder.as_deref(),
+        subject,
+        arguments.baseline == Start::Replace,
+    ))
+}
+
+/// A session that shows its pictures.
+struct Run<'a> {
+    arguments: &'a Arguments,
+    session: &'a Session,
+    live: &'a mut Live,
+    output: &'a mut Output,
+    baselines: &'a mut Baselines,
+    watch: Option<Watch>,
+    /// The simulated skin, until its scene is shown.
+    held: Option<SimPort>,
+    /// Frames that a baseline still wants; none while no baseline is taken.
+    wanted: Option<usize>,
+}
+
+impl Run<'_> {
+    /// Frames to pictures, until somebody ends it.
+    fn pump(&mut self, stop: &AtomicBool) -> Result<()> {
+        let mut pictures = 0;
+        let mut last: Option<MeasuredFrame> = None;
+        if self.live.baseline().is_some() {
+            self.show_newest();
+            self.in_force();
+        } else {
+            self.wanted = Some(usize::MAX);
+        }
+        while !stop.load(Ordering::Relaxed) && self.arguments.frames.is_none_or(|n| pictures < n) {
+            if let Some(command) = self.output.command() {
+                self.obey(command)?;
             }
-            session.check_silence(SILENCE)?;
-            continue;
-        };
-        if let (1, Some(watch)) = (wanted, &watch) {
-            // The last one. What follows here takes a while: the board learns its own baseline meanwhile.
-            session.set_watch(Some(watch.clone()));
-        }
-        let counters = session.link().counters();
-        let imager = Arc::clone(live.imager());
-        match live.frame(frame.time_s, &frame.values_v)? {
-            LiveFrame::Baseline { left } => {
-                wanted = left;
-                let status = (left > 0).then(|| "taking the baseline, do not touch".to_owned());
-                if let (0, Some(baseline)) = (left, live.baseline()) {
-                    sheet::look_at_baseline(live.imager(), &baseline.values_v);
+            let Some(frame) = self.session.frame(Duration::from_millis(100))? else {
+                if let (Watching::Asleep | Watching::Learning, Some(last)) = (self.session.watching(), &last) {
+                    let status = Some("nothing touches: the board watches".to_owned());
+                    self.output
+                        .show_nothing(self.live.imager(), last, self.session.link().counters(), status)?;
                 }
-                output.show_nothing(live.imager(), &frame, counters, status)?;
+                self.session.check_silence(SILENCE)?;
+                continue;
+            };
+            if self.is_before_the_scene(&frame) {
+                continue;
+            }
+            if self.take(&frame)? {
+                pictures += 1;
+            }
+            last = Some(frame);
+        }
+        Ok(())
+    }
+
+    /// What somebody at the page asks for.
+    fn obey(&mut self, command: PageCommand) -> Result<()> {
+        // A baseline is made of frames, all of them; and the board's watch has learned another one.
+        match command {
+            PageCommand::Tare => {
+                self.session.set_watch(None);
+                self.session.keep_all();
+                self.live.tare();
+                self.output.set_baseline(self.baselines.note(true));
+                self.wanted = Some(usize::MAX);
+            }
+            PageCommand::UndoBaseline => {
+                let taking = self.wanted.is_some();
+                if let Some(baseline) = self.baselines.undo(taking) {
+                    self.session.set_watch(None);
+                    if self.watch.is_some() {
+                        eprintln!("the board does not watch until a new baseline is taken");
+                    }
+                    self.wanted = None;
+                    self.live.resume(baseline)?;
+                    self.show_newest();
+                    self.in_force();
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether a frame was measured before the simulated skin's scene began. The pictures begin with the scene.
+    fn is_before_the_scene(&mut self, frame: &MeasuredFrame) -> bool {
+        let Some(held) = &self.held else { return false };
+        if self.wanted.is_some() {
+            return false;
+        }
+        let before = held.scene_began_s().is_none_or(|began_s| frame.time_s < began_s);
+        if !before {
+            self.held = None;
+        }
+        before
+    }
+
+    /// Puts a frame into the baseline, or shows its picture; whether it was a picture.
+    fn take(&mut self, frame: &MeasuredFrame) -> Result<bool> {
+        if self.wanted == Some(1) {
+            // It is the last one, and none can be passed over any more. What follows here takes a while: frames are not to
+            // pile up, and the board learns its own baseline meanwhile.
+            self.show_newest();
+            if let Some(watch) = &self.watch {
+                self.session.set_watch(Some(watch.clone()));
+            }
+        }
+        let counters = self.session.link().counters();
+        let imager = Arc::clone(self.live.imager());
+        match self.live.frame(frame.time_s, &frame.values_v)? {
+            LiveFrame::Baseline { left } => {
+                self.wanted = Some(left).filter(|left| *left > 0);
+                if let (0, Some(baseline)) = (left, self.live.baseline()) {
+                    sheet::look_at_baseline(self.live.imager(), &baseline.values_v);
+                    self.baselines.taken(baseline.clone());
+                    self.in_force();
+                }
+                let status = (left > 0).then(|| "taking the baseline, do not touch".to_owned());
+                self.output.show_nothing(self.live.imager(), frame, counters, status)?;
+                Ok(false)
             }
             LiveFrame::Picture(result) => {
-                pictures += 1;
-                output.show_picture(&imager, result, &frame, counters)?;
+                self.output.show_picture(&imager, result, frame, counters)?;
+                Ok(true)
             }
         }
-        last = Some(frame);
     }
-    Ok(())
+
+    /// From now on the newest frame counts, unless every frame is asked for.
+    fn show_newest(&self) {
+        if !self.arguments.every_frame {
+            self.session.skip_over(LAG_S);
+        }
+    }
+
+    /// A baseline is in force: it is shown which, and a scene that waits for it begins.
+    fn in_force(&mut self) {
+        self.output.set_baseline(self.baselines.note(false));
+        if let Some(held) = &self.held {
+            held.begin_scene();
+        }
+    }
 }

@@ -2,7 +2,7 @@
 
 use ::forward::Sheet;
 use anyhow::{Context, Result};
-use hil_sim::{Pace, SceneFile, SimPort};
+use hil_sim::{Pace, Rubber, SceneFile, SimBoard, SimPort};
 use link::Port;
 use std::time::Duration;
 
@@ -14,12 +14,24 @@ pub(crate) fn demo() -> Result<Box<dyn Port>> {
     start(&SceneFile::demo(Sheet::paper()))
 }
 
-/// A scene.
+/// A scene that runs from power-up.
 ///
 /// # Errors
 /// It does not start.
-pub(crate) fn start(scene: &SceneFile) -> Result<Box<dyn Port>> {
-    let mut port = SimPort::new(scene.board()?, Pace::RealTime).context("the simulated skin does not start")?;
+fn start(scene: &SceneFile) -> Result<Box<dyn Port>> {
+    Ok(Box::new(port(scene.board()?)?))
+}
+
+/// A scene that waits at its beginning until [`SimPort::begin_scene`].
+///
+/// # Errors
+/// It does not start.
+pub(crate) fn start_held(scene: &SceneFile) -> Result<SimPort> {
+    port(scene.board()?.holding_scene())
+}
+
+fn port(board: SimBoard<Rubber>) -> Result<SimPort> {
+    let mut port = SimPort::new(board, Pace::RealTime).context("the simulated skin does not start")?;
     port.set_timeout(Duration::from_millis(20));
-    Ok(Box::new(port))
+    Ok(port)
 }

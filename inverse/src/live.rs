@@ -114,6 +114,17 @@ impl Live {
         ));
     }
 
+    /// Puts a baseline in force that was taken before, of the same pattern. One that is being taken is given up. Touches keep
+    /// their numbers. What is pressed in now counts as pressed from now on.
+    ///
+    /// # Errors
+    /// [`ImagerError`] when the baseline does not have the pattern's length; then nothing has changed.
+    pub fn resume(&mut self, baseline: Baseline) -> Result<(), ImagerError> {
+        self.nominal.fits(&baseline.values_v, &baseline.values_v)?;
+        self.taker = None;
+        self.put_in_force(baseline)
+    }
+
     /// The baseline in force.
     pub fn baseline(&self) -> Option<&Baseline> {
         self.running.as_ref().map(|r| &r.baseline)
@@ -132,22 +143,7 @@ impl Live {
                 return Ok(LiveFrame::Baseline { left });
             };
             self.taker = None;
-            if let Some(meter) = &mut self.meter {
-                // What is pressed in now belongs to the baseline.
-                meter.rest();
-            }
-            let found = self
-                .options
-                .find_electrodes
-                .then(|| electrode_fit::find(&self.nominal, &baseline.values_v))
-                .flatten();
-            let imager = found.map_or_else(|| Arc::clone(self.imager()), |found| Arc::new(found.imager));
-            let options = ReconstructorOptions::for_imager(&imager, self.options.method).of_sequence();
-            let reference = Reference::of(imager, &baseline)?;
-            self.running = Some(Running {
-                reconstructor: Reconstructor::new(reference, options),
-                baseline,
-            });
+            self.put_in_force(baseline)?;
             return Ok(LiveFrame::Baseline { left: 0 });
         }
         let Some(Running { reconstructor, .. }) = &mut self.running else {
@@ -166,5 +162,25 @@ impl Live {
             meter.update(time_s, &mut result.touches);
         }
         Ok(LiveFrame::Picture(result))
+    }
+
+    fn put_in_force(&mut self, baseline: Baseline) -> Result<(), ImagerError> {
+        if let Some(meter) = &mut self.meter {
+            // What is pressed in now belongs to the baseline.
+            meter.rest();
+        }
+        let found = self
+            .options
+            .find_electrodes
+            .then(|| electrode_fit::find(&self.nominal, &baseline.values_v))
+            .flatten();
+        let imager = found.map_or_else(|| Arc::clone(self.imager()), |found| Arc::new(found.imager));
+        let options = ReconstructorOptions::for_imager(&imager, self.options.method).of_sequence();
+        let reference = Reference::of(imager, &baseline)?;
+        self.running = Some(Running {
+            reconstructor: Reconstructor::new(reference, options),
+            baseline,
+        });
+        Ok(())
     }
 }

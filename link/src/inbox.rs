@@ -113,6 +113,13 @@ impl Inbox {
         self.changed.notify_all();
     }
 
+    /// Every frame that waits and is not too old already is kept from now on.
+    pub(crate) fn keep_all(&self) {
+        let mut state = self.state();
+        state.skip();
+        state.span = None;
+    }
+
     pub(crate) fn skipped(&self) -> u64 {
         self.state().skipped
     }
@@ -186,6 +193,17 @@ mod tests {
         }
         assert_eq!(sequences(&inbox), [None, None, None, Some(3), None]);
         assert_eq!(inbox.skipped(), 3);
+        // What is too old when all is to be kept is passed over; nothing after it is.
+        for k in 0..6 {
+            inbox.put(frame(k, 10 * u64::from(k)));
+        }
+        inbox.keep_all();
+        for k in 6..9 {
+            inbox.put(frame(k, 10 * u64::from(k)));
+        }
+        assert_eq!(sequences(&inbox), [Some(5), Some(6), Some(7), Some(8)]);
+        assert_eq!(inbox.skipped(), 8);
+        inbox.skip_over(25);
         // A reset: the times fall.
         inbox.put(frame(4, 1000));
         inbox.put(frame(0, 0));

@@ -108,6 +108,11 @@ impl Link {
         self.inbox.skip_over(samples);
     }
 
+    /// Ends [`Link::skip_over`]: every frame is kept from now on. What was too old already is passed over still.
+    pub fn keep_all(&self) {
+        self.inbox.keep_all();
+    }
+
     /// Sends a command and waits for the answer that `accept` takes; anything else that comes meanwhile is dropped.
     ///
     /// # Errors

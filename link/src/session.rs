@@ -101,6 +101,11 @@ impl Session {
         self.link.skip_over((lag_s * self.hello.sample_rate()) as u64);
     }
 
+    /// For a baseline: ends [`Session::skip_over`], every frame is kept until it is taken ([`Link::keep_all`]).
+    pub fn keep_all(&self) {
+        self.link.keep_all();
+    }
+
     /// What the board does about its watch, as it last said.
     pub fn watching(&self) -> Watching {
         self.watching.get()

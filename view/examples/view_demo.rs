@@ -62,6 +62,7 @@ fn main() -> anyhow::Result<()> {
                 lost_frames: (time_s / 20.0) as u64,
                 skipped_frames: 0,
                 source: "synthetic fingers".into(),
+                baseline: None,
                 status: taring.then(|| "taking the baseline, do not touch".to_owned()),
             },
             touches,
@@ -81,8 +82,8 @@ fn main() -> anyhow::Result<()> {
         if arguments.seconds.is_some_and(|end| time_s > end) {
             break;
         }
-        while let Some(Command::Tare) = view.command() {
-            tared = time_s;
+        while let Some(command) = view.command() {
+            tared = if command == Command::Tare { time_s } else { 0.0 };
         }
         view.publish(picture(sequence, time_s, time_s - tared))?;
         let next = Duration::from_secs_f64((sequence + 1) as f64 / FRAMES_PER_S);

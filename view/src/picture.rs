@@ -182,6 +182,19 @@ impl Grid {
     }
 }
 
+/// Which baseline a picture is against.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct BaselineNote {
+    /// When it was taken, s since 1970 (UTC).
+    pub taken_unix_s: f64,
+    /// Whether it was not taken now but stored.
+    pub stored: bool,
+    /// How many earlier ones an undo can bring back.
+    pub earlier: usize,
+    /// What speaks against it, for people.
+    pub warning: Option<String>,
+}
+
 /// How the picture came about.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Stats {
@@ -197,6 +210,8 @@ pub struct Stats {
     pub skipped_frames: u64,
     /// Where the frames come from: "simulated skin", "/dev/ttyUSB0", a file.
     pub source: String,
+    /// The baseline in force; none before the first one.
+    pub baseline: Option<BaselineNote>,
     /// What to tell the user now, such as "taking the baseline, do not touch".
     pub status: Option<String>,
 }

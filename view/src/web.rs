@@ -56,6 +56,8 @@ impl Default for LiveOptions {
 pub enum Command {
     /// Take the baseline anew: what lies on the sheet now is no touch.
     Tare,
+    /// Bring back the baseline that was in force before the last one.
+    UndoBaseline,
 }
 
 /// A running server. Dropping it closes the pages' connections and ends its thread, within a second.
@@ -240,7 +242,8 @@ fn same_scene(a: &Picture, b: &Picture) -> bool {
         Arc::ptr_eq(a, b) || a == b
     }
     let sheet = same(&a.outline_mm, &b.outline_mm) && same(&a.electrodes_mm, &b.electrodes_mm);
-    sheet && same(&a.grid, &b.grid) && a.stats.source == b.stats.source
+    let stats = a.stats.source == b.stats.source && a.stats.baseline == b.stats.baseline;
+    sheet && same(&a.grid, &b.grid) && stats
 }
 
 /// The system's error with what to do about it.

@@ -1,6 +1,6 @@
 //! The messages between the program and the live page.
 //!
-//! To the page: a *scene* (JSON text) whenever the sheet or the source changes, and a *frame* (binary) per picture. From
+//! To the page: a *scene* (JSON text) whenever the sheet, the source or the baseline changes, and a *frame* (binary) per picture. From
 //! the page: one binary byte for every frame it has taken, and small JSON texts for the rest.
 //!
 //! A frame tells the cells that changed since the frame that this page was sent before; what is a change, [`Shown`] decides. A
@@ -30,7 +30,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::picture::Picture;
+use crate::picture::{BaselineNote, Picture};
 use crate::shown::Shown;
 use inverse::touches::touch::Touch;
 
@@ -52,6 +52,8 @@ pub struct Scene<'a> {
     pub scene: u32,
     /// Where the frames come from.
     pub source: &'a str,
+    /// The baseline in force; `null` before the first one.
+    pub baseline: Option<&'a BaselineNote>,
     /// Least full scale of the colours, relative rise.
     pub floor: f32,
     /// Columns of the grid.
@@ -82,6 +84,7 @@ impl<'a> Scene<'a> {
             version: MAGIC[3] - b'0',
             scene,
             source: &picture.stats.source,
+            baseline: picture.stats.baseline.as_ref(),
             floor,
             columns: grid.columns(),
             rows: grid.rows(),
@@ -101,6 +104,8 @@ impl<'a> Scene<'a> {
 pub enum Request {
     /// Take the baseline anew.
     Tare,
+    /// Bring back the baseline before.
+    UndoBaseline,
     /// What time is it? The page's own time comes back with the answer.
     Clock {
         /// The page's time, ms.

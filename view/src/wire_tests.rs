@@ -34,6 +34,7 @@ pub(crate) fn picture(sequence: u64) -> Picture {
             lost_frames: 5_000_000_000,
             skipped_frames: 7,
             source: "simulated skin".into(),
+            baseline: None,
             status: Some("taking the baseline, do not touch · 3 s".into()),
         },
     }
@@ -120,6 +121,7 @@ fn numbers_take_a_byte_for_every_seven_bits_and_come_back() {
 fn requests_of_the_page_are_read() {
     let read = |text| serde_json::from_str::<Request>(text).ok();
     assert_eq!(read(r#"{"kind":"tare"}"#), Some(Request::Tare));
+    assert_eq!(read(r#"{"kind":"undo_baseline"}"#), Some(Request::UndoBaseline));
     assert_eq!(
         read(r#"{"kind":"clock","page_ms":3.5}"#),
         Some(Request::Clock { page_ms: 3.5 })

@@ -19,6 +19,7 @@ mod port;
 mod pty;
 mod rubber;
 mod scene_files;
+mod scene_start;
 mod settings;
 mod support;
 #[path = "../../../forward/tests/suite/theory/mod.rs"]

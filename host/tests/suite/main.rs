@@ -6,6 +6,7 @@
     reason = "a failure here is a failed test"
 )]
 
+mod baseline;
 mod calibrate;
 mod paper;
 mod real_data;

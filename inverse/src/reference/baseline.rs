@@ -18,6 +18,8 @@ pub struct Baseline {
     pub values_v: Vec<f64>,
     /// Standard deviation of one value in one frame, V, pooled over all values.
     pub noise_v: f64,
+    /// The same of every value by itself, V; not a number where fewer than two frames had one.
+    pub value_noise_v: Vec<f64>,
     /// Frames taken.
     pub frames: usize,
 }
@@ -59,6 +61,12 @@ impl BaselineTaker {
                 .map(|(m, c)| if *c > 0.0 { *m } else { f64::NAN })
                 .collect(),
             noise_v: (self.deviation.iter().sum::<f64>() / freedom.max(1.0)).sqrt(),
+            value_noise_v: self
+                .deviation
+                .iter()
+                .zip(&self.count)
+                .map(|(d, c)| if *c > 1.0 { (d / (c - 1.0)).sqrt() } else { f64::NAN })
+                .collect(),
             frames: self.taken,
         })
     }
@@ -85,7 +93,8 @@ impl Baseline {
         };
         Self {
             values_v: (0..values).map(mean).collect(),
-            noise_v: taken.map_or(0.0, |b| b.noise_v),
+            noise_v: taken.as_ref().map_or(0.0, |b| b.noise_v),
+            value_noise_v: taken.map_or_else(|| vec![f64::NAN; values], |b| b.value_noise_v),
             frames: frames.len(),
         }
     }
@@ -119,6 +128,10 @@ mod tests {
         let b = baseline.unwrap();
         assert!(b.values_v[7].is_nan());
         assert!((b.noise_v / 0.01 - 1.0).abs() < 0.03, "{}", b.noise_v);
+        assert!(b.value_noise_v[7].is_nan());
+        let each = b.value_noise_v.iter().filter(|s| s.is_finite()).map(|s| s * s);
+        let mean = each.sum::<f64>() / 207.0;
+        assert!((mean.sqrt() / 0.01 - 1.0).abs() < 0.03, "{mean}");
         assert!((b.values_v[9] - 9.0).abs() < 0.01 && (b.values_v[200] - 200.0).abs() < 0.01);
         assert_eq!(taker.left(), 0);
     }

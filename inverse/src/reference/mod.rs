@@ -1,6 +1,7 @@
 //! What frames are compared with: the baseline, the model of the sheet it was taken on, and what it says of the electrodes.
 
 pub mod baseline;
+pub mod departure;
 mod difference;
 pub mod electrode_fit;
 pub mod imager;

@@ -6,6 +6,7 @@
     reason = "a failure here is a failed test"
 )]
 
+mod baseline;
 mod emulated;
 mod faults;
 mod live_scenes;

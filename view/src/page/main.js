@@ -25,6 +25,7 @@ const page = {
   age: NaN,
   number: 0,
   skipped: 0,
+  baseline: null,
   readAt: 0,
 };
 
@@ -39,6 +40,7 @@ const connection = new Connection({
   scene(scene) {
     page.frame = null;
     page.number = 0;
+    page.baseline = scene.baseline ?? null;
     sheet.setScene(scene);
     $("source").textContent = scene.source;
     document.title = `skin – ${scene.source}`;
@@ -153,7 +155,7 @@ function showState() {
   const { name, until } = page.state;
   const now = performance.now();
   const quiet = now - page.arrived;
-  let [state, text, banner] = [name, "live", page.frame?.status ?? ""];
+  let [state, text, banner] = [name, "live", page.frame?.status || page.baseline?.warning || ""];
   if (name === "lost") {
     const seconds = Math.max(1, Math.ceil((until - now) / 1000));
     [text, banner] = [`trying again in ${seconds} s`, "No connection to the program. Is it still running?"];
@@ -172,6 +174,24 @@ function showState() {
   $("banner").dataset.state = name === "live" ? "note" : "lost";
   set("banner", banner);
   $("tare").disabled = name !== "live";
+  $("undo").disabled = name !== "live" || !page.baseline?.earlier;
+  showBaseline();
+}
+
+/** A time in its largest unit: 50 s, 3 min, 3 h, 2 days. */
+function duration(seconds) {
+  for (const [least, unit, text] of [[172800, 86400, "days"], [7200, 3600, "h"], [120, 60, "min"]]) {
+    if (seconds >= least) return `${Math.floor(seconds / unit)} ${text}`;
+  }
+  return `${Math.max(0, Math.floor(seconds))} s`;
+}
+
+function showBaseline() {
+  const { baseline } = page;
+  $("baseline").hidden = !baseline;
+  if (!baseline) return;
+  const age = duration(Date.now() / 1000 - baseline.taken_unix_s);
+  set("baseline", `baseline of ${age} ago${baseline.stored ? ", stored" : ""}`);
 }
 
 setInterval(() => {
@@ -182,16 +202,20 @@ setInterval(() => {
 
 // --- controls -----------------------------------------------------------------------------------------------------
 
-function takeBaseline() {
-  if (!connection.send({ kind: "tare" })) return;
-  const button = $("tare");
+function ask(id, kind) {
+  const button = $(id);
+  if (button.disabled || button.classList.contains("asked") || !connection.send({ kind })) return;
+  const text = button.firstChild.textContent;
   button.classList.add("asked");
   button.firstChild.textContent = "Asked for";
   setTimeout(() => {
     button.classList.remove("asked");
-    button.firstChild.textContent = "Take baseline";
+    button.firstChild.textContent = text;
   }, 900);
 }
+
+const takeBaseline = () => ask("tare", "tare");
+const undoBaseline = () => ask("undo", "undo_baseline");
 
 function hold() {
   page.held = !page.held;
@@ -213,6 +237,7 @@ function choose(palette) {
 }
 
 $("tare").addEventListener("click", takeBaseline);
+$("undo").addEventListener("click", undoBaseline);
 $("hold").addEventListener("click", hold);
 for (const input of document.querySelectorAll('input[name="palette"]')) {
   input.addEventListener("change", () => choose(input.value));
@@ -221,6 +246,7 @@ document.addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey || event.repeat) return;
   const actions = {
     b: takeBaseline,
+    u: undoBaseline,
     h: hold,
     s: () => $("save").click(),
     c: () => choose(PALETTES[(PALETTES.indexOf(page.palette) + 1) % PALETTES.length]),

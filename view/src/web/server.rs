@@ -227,9 +227,11 @@ fn news(
 async fn answer(socket: &mut WebSocket, shared: &Shared, text: &str) -> Result<(), axum::Error> {
     match serde_json::from_str(text) {
         Ok(Request::Tare) => {
-            if shared.commands.try_send(Command::Tare).is_err() {
-                tracing::warn!("a page asked for a new baseline, but earlier requests are still waiting");
-            }
+            command(shared, Command::Tare);
+            Ok(())
+        }
+        Ok(Request::UndoBaseline) => {
+            command(shared, Command::UndoBaseline);
             Ok(())
         }
         Ok(Request::Clock { page_ms }) => {
@@ -245,6 +247,13 @@ async fn answer(socket: &mut WebSocket, shared: &Shared, text: &str) -> Result<(
             tracing::debug!("a page asked for something unknown: {error}");
             Ok(())
         }
+    }
+}
+
+/// Hands a command to the program, if there is room.
+fn command(shared: &Shared, command: Command) {
+    if shared.commands.try_send(command).is_err() {
+        tracing::warn!("a page asked for {command:?}, but earlier requests are still waiting");
     }
 }
 

@@ -278,6 +278,12 @@ fn pages_come_back_after_a_restart_and_commands_arrive() {
         command.is_some()
     });
     assert_eq!((command, second.command()), (Some(Command::Tare), None));
+    page.send(Message::Text(r#"{"kind":"undo_baseline"}"#.into())).unwrap();
+    eventually("the undo arrives", || {
+        command = second.command();
+        command.is_some()
+    });
+    assert_eq!(command, Some(Command::UndoBaseline));
     page.send(Message::Text(r#"{"kind":"clock","page_ms":1.5}"#.into()))
         .unwrap();
     let answer = page.read().unwrap().into_text().unwrap();

@@ -1,0 +1,184 @@
+//! The baseline of a simulated skin, however late it is taken, and the way back to an earlier one.
+
+use forward::{Drive, Pattern, Sheet};
+use hil_sim::{Pace, Scene, SceneFile, Shape, SimPort, Touch};
+use inverse::live::{Live, LiveFrame, LiveOptions};
+use inverse::pipeline::FrameResult;
+use inverse::reference::baseline::Baseline;
+use inverse::reference::departure::{Departure, DriftOptions};
+use inverse::reference::imager::Imager;
+use inverse::touches::touch::Touch as Found;
+use link::plans::live_plan;
+use link::{MeasuredFrame, Session};
+use std::sync::Arc;
+use std::time::Duration;
+
+/// Only for a chain that hangs.
+const NOT_FOR_EVER: Duration = Duration::from_secs(120);
+/// Frames of a baseline: 0.7 s.
+const FRAMES: usize = 80;
+
+/// A finger that comes down at 1.5 s and stays.
+const PLACE_MM: [f64; 2] = [-30.0, 25.0];
+
+fn file(touches: Vec<Touch>, seed: u64) -> SceneFile {
+    let mut file = SceneFile::demo(Sheet::paper());
+    file.scene = Scene {
+        touches,
+        ..Scene::empty()
+    };
+    file.config.electronics.seed = seed;
+    file
+}
+
+fn finger() -> Vec<Touch> {
+    let [x, y] = PLACE_MM;
+    vec![Touch::pressed(
+        Shape::Finger,
+        6.75,
+        x,
+        y,
+        &[(1.5, 0.0), (1.6, 20.0), (1000.0, 20.0)],
+    )]
+}
+
+/// How far from the finger a touch was found.
+fn off_mm(found: &Found) -> f64 {
+    (found.x_mm - PLACE_MM[0]).hypot(found.y_mm - PLACE_MM[1])
+}
+
+struct Chain {
+    port: SimPort,
+    session: Session,
+    live: Live,
+}
+
+impl Chain {
+    /// As `skin run --every-frame` starts.
+    fn start(file: &SceneFile, held: bool) -> Self {
+        let board = file.board().unwrap();
+        let board = if held { board.holding_scene() } else { board };
+        let port = SimPort::new(board, Pace::Unpaced).unwrap();
+        let session = Session::start(Box::new(port.clone()), live_plan).unwrap();
+        let pattern = Pattern::from_pairs(session.electrodes(), session.measurements()).unwrap();
+        let imager = Imager::new(&file.sheet, Drive::PAPER, pattern, 5.0).unwrap();
+        let options = LiveOptions {
+            baseline_frames: FRAMES,
+            ..LiveOptions::default()
+        };
+        Self {
+            live: Live::new(Arc::new(imager), options),
+            port,
+            session,
+        }
+    }
+
+    fn frame(&self) -> MeasuredFrame {
+        self.session.frame(NOT_FOR_EVER).unwrap().unwrap()
+    }
+
+    /// The program is busy until this time of the board, s.
+    fn busy_until(&self, time_s: f64) {
+        while self.frame().time_s < time_s {}
+    }
+
+    fn baseline(&mut self) -> Baseline {
+        loop {
+            let frame = self.frame();
+            let made = self.live.frame(frame.time_s, &frame.values_v).unwrap();
+            if made == (LiveFrame::Baseline { left: 0 }) {
+                return self.live.baseline().unwrap().clone();
+            }
+        }
+    }
+
+    fn picture(&mut self) -> (f64, FrameResult) {
+        let frame = self.frame();
+        match self.live.frame(frame.time_s, &frame.values_v).unwrap() {
+            LiveFrame::Picture(result) => (frame.time_s, result.clone()),
+            other => panic!("{other:?}"),
+        }
+    }
+}
+
+/// Whether two baselines differ by more than their noise alone.
+fn differ(a: &Baseline, b: &Baseline) -> bool {
+    let no_drift = DriftOptions {
+        restart: 0.0,
+        per_hour: 0.0,
+        most: 0.0,
+        ..DriftOptions::default()
+    };
+    Departure::of(a, b, 0.0, &no_drift).unwrap().differs
+}
+
+#[test]
+fn a_late_baseline_is_the_untouched_sheets_and_the_first_picture_is_the_scenes_first() {
+    let untouched = Chain::start(&file(Vec::new(), 5), false).baseline();
+
+    let mut held = Chain::start(&file(finger(), 6), true);
+    // Far beyond the first touch.
+    held.busy_until(4.0);
+    assert!(!differ(&held.baseline(), &untouched));
+    held.busy_until(7.0);
+    held.port.begin_scene();
+    let began_s = held.port.scene_began_s().unwrap();
+    assert!(began_s >= 7.0);
+    held.busy_until(began_s);
+    // Nothing for 1.5 s, then the finger where it is.
+    loop {
+        let (time_s, result) = held.picture();
+        let scene_s = time_s - began_s;
+        if scene_s < 1.49 {
+            assert!(result.touches.is_empty(), "{scene_s}: {:?}", result.touches);
+        } else if scene_s > 1.7 {
+            let [touch] = result.touches.as_slice() else {
+                panic!("{scene_s}: {:?}", result.touches)
+            };
+            assert!(off_mm(touch) < 1.0, "{scene_s}: {touch:?}");
+            break;
+        }
+    }
+    assert_eq!(held.session.link().counters().skipped_frames, 0);
+
+    // What the law guards against: a scene that does not wait has its finger in the late baseline.
+    let mut running = Chain::start(&file(finger(), 6), false);
+    running.busy_until(4.0);
+    assert!(differ(&running.baseline(), &untouched));
+}
+
+#[test]
+fn an_earlier_baseline_brings_its_touches_back_and_their_numbers_go_on() {
+    let mut chain = Chain::start(&file(finger(), 7), true);
+    let untouched = chain.baseline();
+    chain.port.begin_scene();
+    chain.busy_until(chain.port.scene_began_s().unwrap() + 2.0);
+    let before = chain.picture().1.touches;
+    assert_eq!(before.len(), 1);
+
+    // Under the finger: it is no touch any more.
+    chain.live.tare();
+    let pressed = chain.baseline();
+    assert!(differ(&pressed, &untouched));
+    assert!(chain.picture().1.touches.is_empty());
+
+    // Half of another one, and back.
+    chain.live.tare();
+    let frame = chain.frame();
+    chain.live.frame(frame.time_s, &frame.values_v).unwrap();
+    chain.live.resume(untouched.clone()).unwrap();
+    assert_eq!(chain.live.baseline(), Some(&untouched));
+    let after = chain.picture().1.touches;
+    assert_eq!(after.len(), 1);
+    assert!(
+        off_mm(&after[0]) < 1.0 && off_mm(&before[0]) < 1.0,
+        "{after:?} {before:?}"
+    );
+    // It was gone for longer than a touch keeps its number; one that starts anew would have the first again.
+    assert!(after[0].id > before[0].id, "{:?} {:?}", after[0].id, before[0].id);
+
+    let mut short = untouched;
+    short.values_v.pop();
+    assert!(chain.live.resume(short).is_err());
+    assert_eq!(chain.picture().1.touches.len(), 1);
+}
