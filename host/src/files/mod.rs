@@ -1,6 +1,10 @@
-//! Files that people write and read: tables of frames, tables of presses, calibrations.
+//! Files that people write and read: tables of frames, arrays of other programs, tables of presses, calibrations.
 
+pub(crate) mod arrays;
+pub(crate) mod before;
 pub(crate) mod calibration_file;
 pub(crate) mod malformed;
 pub(crate) mod measurements;
+pub(crate) mod order;
 pub(crate) mod press_table;
+pub(crate) mod sheet_line;

@@ -9,4 +9,5 @@
 mod calibrate;
 mod paper;
 mod real_data;
+mod tables;
 mod transcripts;
