@@ -108,6 +108,7 @@ pub(crate) fn table(file: &SceneFile, board: SimBoard<Rubber>, every_s: f64, tru
         file.title, file.config.electronics.seed
     )?;
     writeln!(out, "# sheet: {}", SheetLine::of(&file.sheet)?)?;
+    writeln!(out, "# rows: {}", pattern.len())?;
     writeln!(
         out,
         "# quantity: amplitude, V; the current enters at drive_a, the value is U(sense_b) - U(sense_a); columns are times, s"

@@ -128,6 +128,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
             sheet.electrodes.len()
         )?;
         writeln!(out, "# sheet: {}", SheetLine::of(&sheet)?)?;
+        writeln!(out, "# rows: {}", pattern.len())?;
         writeln!(out, "# drive: {how}")?;
         writeln!(
             out,

@@ -47,6 +47,18 @@ impl TablePattern {
         }
     }
 
+    /// Of rows that are all that was measured, whatever of a rotating pattern was not.
+    pub(crate) fn whole(electrodes: usize, rows: &[Measurement]) -> Self {
+        let found = Self::of_rows(electrodes, rows);
+        if found.missing.is_empty() {
+            return found;
+        }
+        Self {
+            name: format!("{}, all that its header announces", found.name),
+            missing: Vec::new(),
+        }
+    }
+
     /// Of rows that should be of a given pattern.
     pub(crate) fn against(name: &str, pattern: &Pattern, rows: &[Measurement]) -> Self {
         let there: HashSet<[Pair; 2]> = rows.iter().map(|m| unsigned(*m)).collect();

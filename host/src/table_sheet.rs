@@ -103,6 +103,9 @@ impl Geometry {
                 }
                 TablePattern::against("the sheet file's pattern", wanted, &table.measurements)
             }
+            None if table.rows == Some(table.measurements.len()) => {
+                TablePattern::whole(electrodes, &table.measurements)
+            }
             None => TablePattern::of_rows(electrodes, &table.measurements),
         };
         let cell_mm = match (self.cell_mm, &self.sheet) {

@@ -79,6 +79,8 @@ pub(crate) struct MeasurementTable {
     pub columns: Vec<Column>,
     /// The sheet that the header names.
     pub sheet: Option<SheetLine>,
+    /// How many rows the header says that there are.
+    pub rows: Option<usize>,
     /// What was assumed or not understood, a sentence each without a full stop.
     pub notes: Vec<String>,
 }
@@ -210,6 +212,7 @@ impl MeasurementTable {
             infinite: 0,
             columns: Vec::new(),
             sheet: None,
+            rows: None,
             notes: Vec::new(),
         };
         let mut header = None;
@@ -250,13 +253,23 @@ impl MeasurementTable {
         if table.measurements.is_empty() {
             return Err(at.malformed(header.line + 1, "1", "at least one measurement", "the end of the file"));
         }
+        let rows = table.measurements.len();
+        if let Some(said) = table.rows.filter(|said| *said != rows) {
+            table
+                .notes
+                .push(format!("the header says {said} rows, and there are {rows}"));
+        }
         Ok(table)
     }
 
-    /// Takes what a comment says of the sheet.
+    /// Takes what a comment says of the sheet and of the number of rows.
     fn comment(&mut self, line: u64, text: &str) -> Result<(), TableError> {
+        let plain = text.trim_start_matches('#').trim();
+        if let Some(rows) = plain.strip_prefix("rows:").and_then(|n| n.trim().parse().ok()) {
+            self.rows = Some(rows);
+        }
         let Some(sheet) = SheetLine::parse(text) else {
-            if text.trim_start_matches('#').trim_start().starts_with("sheet:") {
+            if plain.starts_with("sheet:") {
                 self.notes.push(format!(
                     "line {line} is not understood as a sheet, and no sheet is compared with it"
                 ));
@@ -489,6 +502,8 @@ mod tests {
             .unwrap_err()
             .to_string();
         assert!(two.contains("t.csv:2") && two.contains("32 electrodes"), "{two}");
+        let short = parse(&format!("# rows: 2\n{body}")).unwrap();
+        assert!(short.notes[0].contains("2 rows, and there are 1"), "{:?}", short.notes);
         let vague = parse(&format!("# sheet: the blue one\n{body}")).unwrap();
         assert!(
             vague.sheet.is_none() && vague.notes[0].contains("line 1"),

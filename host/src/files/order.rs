@@ -168,6 +168,7 @@ impl Order {
             infinite: 0,
             columns: Vec::new(),
             sheet: None,
+            rows: None,
             notes: Vec::new(),
         };
         for (array, in_rows, _) in &fitting {

@@ -247,14 +247,18 @@ fn every_result_says_what_it_was_made_with() {
     );
 }
 
+const THIRTY_TWO: &str = "sheet_resistance_ohm = 1000.0
+outline = { kind = \"disc\", diameter_mm = 195.0 }
+[electrode_ring]
+count = 32
+width_mm = 6.0
+contact_mm = 1.0
+";
+
 #[test]
 fn thirty_two_electrodes_need_their_sheet_and_then_are_as_good() {
     let folder = Folder::new();
-    let sheet = folder.file(
-        "s.toml",
-        "sheet_resistance_ohm = 1000.0\noutline = { kind = \"disc\", diameter_mm = 195.0 }\n\
-         [electrode_ring]\ncount = 32\nwidth_mm = 6.0\ncontact_mm = 1.0\n",
-    );
+    let sheet = folder.file("s.toml", THIRTY_TWO);
     let sheet = sheet.to_str().unwrap();
     let rows = forward(&["--sheet", sheet]);
     assert_eq!(rows.len(), 928);
@@ -341,4 +345,50 @@ fn changes_alone_are_found_with_the_models_voltages() {
     let file = folder.file("m.csv", table(&rows, &[("volts", millivolts)]));
     let (same, _) = reconstruct(&file, &["--difference", "--unit-v", "1e-3"]);
     assert!(apart_mm(&same[0], &lines[0]) < 1e-3);
+}
+
+#[test]
+fn a_simulated_board_of_thirty_two_electrodes_feels_the_finger() {
+    let folder = Folder::new();
+    let sheet = folder.file("s.toml", THIRTY_TWO);
+    let sheet = sheet.to_str().unwrap();
+    let truth = folder.file("truth.jsonl", "");
+    let every = [
+        "--duration-s",
+        "2.6",
+        "--every-s",
+        "0.1",
+        "--truth",
+        truth.to_str().unwrap(),
+    ];
+    let output = skin(&[&["sim", "--sheet", sheet], every.as_slice()].concat());
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let file = folder.file("t.csv", &output.stdout);
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert!(text.contains(", 32 electrodes, 1 at (97.5, 0.0)"), "{text}");
+    let truth: Vec<Value> = std::fs::read_to_string(truth)
+        .unwrap()
+        .lines()
+        .map(|l| serde_json::from_str(l).unwrap())
+        .collect();
+    let header = text.lines().find(|l| l.starts_with("drive_a")).unwrap();
+    let names: Vec<&str> = header.split(',').skip(4).collect();
+    assert_eq!(names.len(), truth.len());
+    let rest = truth
+        .iter()
+        .take_while(|t| t["touches"].as_array().unwrap().is_empty())
+        .count();
+    assert!(rest >= 8, "{rest}");
+    let baseline = format!("{}-{}", names[0], names[rest - 2]);
+    let (lines, said) = reconstruct(&file, &["--sheet", sheet, "--baseline", &baseline, "--cell-mm", "8"]);
+    assert!(
+        said.contains("256 of 928 values, all that its header announces"),
+        "{said}"
+    );
+    assert!(lines[0].get("missing").is_none());
+    // The finger is down in the last frame, and stood still for all of it.
+    let (last, now) = (&lines[lines.len() - 1], &truth[truth.len() - 1]["touches"]);
+    let [x, y] = ["x_mm", "y_mm"].map(|k| now[0][k].as_f64().unwrap());
+    let [[a, b]] = places(last)[..] else { panic!("{last}") };
+    assert!((a - x).hypot(b - y) < 1.0, "{a} {b}, not {x} {y}");
 }
