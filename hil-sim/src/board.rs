@@ -14,7 +14,7 @@ use crate::sheet::{Shared, SheetModel};
 use crate::timeline::Timeline;
 use crate::uart::Uart;
 use firmware::{Activity, BoardInfo, Controller, MAX_CHANNELS, Memory};
-use protocol::{Counters, Hello, Plan, PlanError, ResetCause};
+use protocol::{Counters, Hello, MAX_ELECTRODES, Plan, PlanError, ResetCause};
 use std::ops::Deref;
 use thiserror::Error;
 
@@ -56,7 +56,8 @@ pub struct SimConfig {
     pub electronics: Electronics,
     /// What breaks, and when.
     pub faults: Vec<Fault>,
-    /// What it measures until it is told otherwise; `None` is the adjacent plan for the sheet's electrodes.
+    /// What it measures until it is told otherwise; `None` is the adjacent plan for the sheet's electrodes, or
+    /// [`Plan::sparse`] where these are more than 16.
     pub plan: Option<Plan>,
     /// What its flash memory holds; `None`: nothing yet.
     pub flash: Option<Flash>,
@@ -115,11 +116,13 @@ impl<S: SheetModel> Machine<S> {
         let given = front.electrodes();
         let electrodes = u8::try_from(given)
             .ok()
-            .filter(|n| usize::from(*n) <= MAX_CHANNELS)
+            .filter(|n| *n <= MAX_ELECTRODES)
             .ok_or(BoardError::Electrodes {
                 given,
-                most: MAX_CHANNELS,
+                most: MAX_ELECTRODES.into(),
             })?;
+        // A channel for every electrode, or where there are more electrodes than channels one behind the multiplexers.
+        let channels = if given <= MAX_CHANNELS { electrodes } else { 1 };
         config.faults.iter().try_for_each(|fault| fault.validate(given))?;
         let mut gains_milli = [0; 4];
         for (place, gain) in gains_milli.iter_mut().zip(&electronics.gains_milli) {
@@ -131,7 +134,7 @@ impl<S: SheetModel> Machine<S> {
             serial: "sim",
             git: "",
             electrodes,
-            channels: electrodes,
+            channels,
             timer_hz: TIMER_HZ,
             ticks_per_sample: TICKS_PER_SAMPLE,
             skew_ticks: electronics.skew_ticks,
@@ -144,6 +147,7 @@ impl<S: SheetModel> Machine<S> {
         };
         let plan = match &config.plan {
             Some(plan) => plan.clone(),
+            None if channels < electrodes => Plan::sparse(electrodes).map_err(BoardError::Plan)?,
             None => Plan::adjacent(electrodes).map_err(BoardError::Plan)?,
         };
         let uart = Uart::new(clock.clone());

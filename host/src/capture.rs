@@ -1,5 +1,6 @@
 //! `skin sim` as fast as it goes: frames as a table, or bytes.
 
+use crate::files::sheet_line::SheetLine;
 use ::forward::Pattern;
 use anyhow::{Context, Result, anyhow};
 use hil_sim::{Pace, Rubber, SceneFile, SimBoard, SimPort};
@@ -106,6 +107,8 @@ pub(crate) fn table(file: &SceneFile, board: SimBoard<Rubber>, every_s: f64, tru
         "# simulated: {}, seed {}",
         file.title, file.config.electronics.seed
     )?;
+    writeln!(out, "# sheet: {}", SheetLine::of(&file.sheet)?)?;
+    writeln!(out, "# rows: {}", pattern.len())?;
     writeln!(
         out,
         "# quantity: amplitude, V; the current enters at drive_a, the value is U(sense_b) - U(sense_a); columns are times, s"

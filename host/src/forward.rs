@@ -1,6 +1,7 @@
 //! `skin forward`: what a touched sheet gives, as a table.
 
 use crate::drive::DriveKind;
+use crate::files::sheet_line::SheetLine;
 use crate::usage::Usage;
 use crate::{number, sheet};
 use ::forward::field::conductivity_of_discs;
@@ -126,6 +127,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
             "# simulated: complete electrode model, {} electrodes",
             sheet.electrodes.len()
         )?;
+        writeln!(out, "# sheet: {}", SheetLine::of(&sheet)?)?;
+        writeln!(out, "# rows: {}", pattern.len())?;
         writeln!(out, "# drive: {how}")?;
         writeln!(
             out,

@@ -16,6 +16,7 @@ mod method;
 mod number;
 mod paper;
 mod plan;
+mod progress;
 mod reconstruct;
 mod run;
 mod scene;
@@ -23,6 +24,9 @@ mod settings;
 mod sheet;
 mod sim;
 mod simulated_skin;
+mod table_baseline;
+mod table_pattern;
+mod table_sheet;
 mod usage;
 
 use clap::{Parser, Subcommand};

@@ -1,12 +1,15 @@
 //! `skin reconstruct`: frames of a table to touches and pictures.
 
 use crate::drive::DriveKind;
+use crate::files::arrays;
 use crate::files::calibration_file;
 use crate::files::measurements::MeasurementTable;
+use crate::files::order::Order;
 use crate::number;
-use ::forward::file::MOST_ELECTRODES;
-use ::forward::{Electrode, Outline, Pattern, Place, Sheet};
-use anyhow::{Context, Result, bail};
+use crate::progress::Progress;
+use crate::table_baseline::{BaselineArguments, Frame};
+use crate::table_sheet::Geometry;
+use anyhow::{Context, Result};
 use clap::Args;
 use inverse::batch::{Batch, BatchOptions};
 use inverse::pipeline::FrameResult;
@@ -15,7 +18,8 @@ use inverse::reference::baseline::Baseline;
 use inverse::reference::imager::Imager;
 use inverse::solvers::{Method, Status};
 use serde::Serialize;
-use std::io::Write;
+use std::collections::HashSet;
+use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use view::picture::Stats;
@@ -25,35 +29,25 @@ use view::surface::Surface;
 /// Arguments of `skin reconstruct`.
 #[derive(Debug, Args)]
 pub(crate) struct Arguments {
-    /// Table of measurements (CSV: drive_a, drive_b, sense_a, sense_b, then a column, or _re and _im, for every frame).
+    /// Table of measurements (CSV: drive_a, drive_b, sense_a, sense_b, then a column, or _re and _im, for every frame), or with
+    /// --order one frame a line (text, .npy, .npz, .mat).
     file: PathBuf,
-    /// Frames of the unpressed sheet; several are averaged, and eight or more tell the noise.
-    #[arg(long, required = true, value_delimiter = ',', value_name = "COLUMN[,COLUMN...]")]
-    baseline: Vec<String>,
+    #[command(flatten)]
+    baseline: BaselineArguments,
+    /// The file has one frame a line, in the order of this program (docs/tables.md).
+    #[arg(long, value_enum, value_name = "ORDER")]
+    order: Option<Order>,
+    /// Variables of a .npz or .mat file that hold frames; a field of a struct is STRUCT.FIELD [default: all that fit the order].
+    #[arg(long, value_delimiter = ',', value_name = "NAME[,NAME...]", requires = "order")]
+    variable: Vec<String>,
     /// How the sheet was driven.
     #[arg(long, value_enum, default_value_t = DriveKind::Voltage)]
     drive: DriveKind,
-    /// Diameter of the sheet, mm.
-    #[arg(long, default_value_t = 195.0, allow_negative_numbers = true, value_name = "MM", value_parser = length())]
-    diameter_mm: f64,
-    /// Angle of electrode 1, degrees counter-clockwise from +x.
-    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true, value_name = "DEGREES", value_parser = number::allowed("an angle in degrees", |_| true))]
-    first_electrode_deg: f64,
-    /// The electrodes are numbered clockwise.
-    #[arg(long)]
-    clockwise: bool,
-    /// How many electrodes the sheet has [default: the highest number in the table].
-    #[arg(long, value_name = "N")]
-    electrodes: Option<usize>,
+    #[command(flatten)]
+    geometry: Geometry,
     /// Take the electrodes to be exactly where they are said to be, instead of finding them in the baseline.
     #[arg(long)]
     trust_electrodes: bool,
-    /// Width of an electrode, mm [default: 10 mm on a 195 mm disc, in proportion].
-    #[arg(long, allow_negative_numbers = true, value_name = "MM", value_parser = length())]
-    electrode_mm: Option<f64>,
-    /// Side of the picture's cells, mm [default: 5 mm on a 195 mm disc, in proportion; 20 mm for lawson-hanson].
-    #[arg(long, allow_negative_numbers = true, value_name = "MM", value_parser = length())]
-    cell_mm: Option<f64>,
     /// How the picture is computed.
     #[arg(long, value_parser = crate::method::parser(), default_value_t = Method::Nnls)]
     method: Method,
@@ -74,10 +68,9 @@ pub(crate) struct Arguments {
     /// One JSON object a line.
     #[arg(long)]
     json: bool,
-}
-
-fn length() -> impl Fn(&str) -> Result<f64, String> + Clone {
-    number::positive("a length in mm above 0")
+    /// Says nothing of how far a long table is.
+    #[arg(long)]
+    no_progress: bool,
 }
 
 #[derive(Serialize)]
@@ -109,9 +102,37 @@ struct FrameLine<'a> {
     changed: bool,
     /// How many values took part.
     used: usize,
+    /// How many values of the table's rows did not.
+    left_out: usize,
+    /// What the frame was compared with.
+    baseline: &'a str,
+    #[serde(flatten)]
+    source: &'a Source,
     /// What speaks against the touches.
     #[serde(skip_serializing_if = "Option::is_none")]
     doubt: Option<Doubt>,
+}
+
+/// What all frames of a table have in common.
+#[derive(Serialize)]
+struct Source {
+    /// The sheet they were reconstructed on.
+    sheet: String,
+    /// The pattern of the rows.
+    pattern: String,
+    /// Measurements of the pattern that the table does not have, as drive_a, drive_b, sense_a, sense_b.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    missing: Vec<[usize; 4]>,
+    /// What the reader of the table assumed or left out.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    notes: Vec<String>,
+}
+
+/// A frame's name, what it was compared with, and what came of it.
+struct Done<'a> {
+    frame: &'a str,
+    baseline: String,
+    result: FrameResult,
 }
 
 fn status(status: Status) -> &'static str {
@@ -122,30 +143,32 @@ fn status(status: Status) -> &'static str {
     }
 }
 
-/// Diameter that the defaults for lengths are given for, mm.
-const PAPER_MM: f64 = 195.0;
-
-fn sheet(arguments: &Arguments, electrodes: usize) -> Sheet {
-    let scale = arguments.diameter_mm / PAPER_MM;
-    let turn = if arguments.clockwise { -360.0 } else { 360.0 };
-    let width_mm = arguments.electrode_mm.unwrap_or(10.0 * scale);
-    Sheet {
-        sheet_resistance_ohm: 1000.0,
-        outline: Outline::Disc {
-            diameter_mm: arguments.diameter_mm,
-            centre_mm: [0.0, 0.0],
-        },
-        holes: Vec::new(),
-        electrodes: (0..electrodes)
-            .map(|l| Electrode {
-                place: Place::Angle {
-                    angle_deg: arguments.first_electrode_deg + turn * l as f64 / electrodes as f64,
-                    width_mm,
-                },
-                contact_mm: scale,
-            })
-            .collect(),
+/// Reads the table, and says what was assumed.
+fn read(arguments: &Arguments) -> Result<MeasurementTable> {
+    let mut table = match arguments.order {
+        Some(order) => {
+            let (kind, arrays) = arrays::read(&arguments.file)?;
+            order.table(
+                &arguments.file.display().to_string(),
+                kind,
+                &arrays,
+                &arguments.variable,
+            )?
+        }
+        None => MeasurementTable::read(&arguments.file, &mut Progress::new("reading", arguments.no_progress))?,
+    };
+    for note in &table.notes {
+        eprintln!("{}: {note}", table.file);
     }
+    if table.infinite > 0 {
+        let note = format!(
+            "{} values are infinite and are left out, as missing ones are",
+            table.infinite
+        );
+        eprintln!("warning: {}: {note}", table.file);
+        table.notes.push(note);
+    }
+    Ok(table)
 }
 
 /// Runs the command.
@@ -158,64 +181,47 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         .as_deref()
         .map(calibration_file::read)
         .transpose()?;
-    let table = MeasurementTable::read(&arguments.file)?;
-    if table.infinite > 0 {
-        eprintln!(
-            "warning: {}: {} values are infinite and are left out, as missing ones are",
-            arguments.file.display(),
-            table.infinite
-        );
-    }
-    let baselines = arguments
-        .baseline
-        .iter()
-        .map(|name| table.frame(name.trim()))
-        .collect::<Result<Vec<_>, _>>()?;
-    if (0..table.columns.len()).all(|k| baselines.contains(&k)) {
-        bail!(
-            "{}: every frame is a baseline; leave one to be reconstructed",
-            arguments.file.display()
-        );
-    }
-    let electrodes = arguments.electrodes.unwrap_or(table.electrodes);
-    if electrodes < table.electrodes || electrodes > MOST_ELECTRODES {
-        bail!(
-            "--electrodes {electrodes}: the table names electrodes up to {}; give that many or more, {MOST_ELECTRODES} at most",
-            table.electrodes
-        );
-    }
-    let pattern = Pattern::from_list(electrodes, table.measurements.clone())
-        .with_context(|| format!("{}", arguments.file.display()))?;
-    let drive = arguments.drive.drive();
+    let table = read(arguments)?;
     let method = arguments.method;
-    let cell_mm = arguments
-        .cell_mm
-        .unwrap_or(method.cell_mm() * arguments.diameter_mm / PAPER_MM);
+    let chosen = arguments.geometry.choose(&table, method)?;
+    if let Some(missing) = chosen.table_pattern.missing_text(&table.measurements) {
+        eprintln!("warning: {}: {missing}", table.file);
+    }
+    let source = Source {
+        sheet: chosen.line.to_string(),
+        pattern: chosen.table_pattern.name.clone(),
+        missing: chosen
+            .table_pattern
+            .missing
+            .iter()
+            .map(|m| [m.drive.plus, m.drive.minus, m.sense.minus, m.sense.plus].map(|e| e + 1))
+            .collect(),
+        notes: table.notes.clone(),
+    };
     let imager = Arc::new(Imager::for_method(
         method,
-        &sheet(arguments, electrodes),
-        drive,
-        pattern,
-        cell_mm,
+        &chosen.sheet,
+        arguments.drive.drive(),
+        chosen.pattern,
+        chosen.cell_mm,
     )?);
-    let unpressed: Vec<&[f64]> = baselines.iter().map(|k| table.columns[*k].values.as_slice()).collect();
-    if !unpressed
-        .iter()
-        .flat_map(|f| f.iter())
-        .any(|v| v.is_finite() && *v != 0.0)
-    {
-        bail!(
-            "{}: the baseline {} holds no value; name a frame of the unpressed sheet",
-            arguments.file.display(),
-            arguments.baseline.join(",")
-        );
-    }
+    let prepared = arguments.baseline.prepare(&table, &imager)?;
+    eprintln!(
+        "sheet: {}; pattern: {}; baseline: {}",
+        source.sheet, source.pattern, prepared.name
+    );
+    let unpressed: Vec<&[f64]> = prepared.unpressed.iter().map(AsRef::as_ref).collect();
     crate::sheet::look_at_baseline(&imager, &Baseline::of_frames(imager.pattern.len(), &unpressed).values_v);
     let defaults = BatchOptions::of(method);
     let options = BatchOptions {
-        find_electrodes: defaults.find_electrodes && !arguments.trust_electrodes,
+        find_electrodes: defaults.find_electrodes && prepared.measured && !arguments.trust_electrodes,
         interval_s: arguments.frame_s,
         calibration,
+        noise_frames: if prepared.tells_noise {
+            defaults.noise_frames
+        } else {
+            usize::MAX
+        },
         ..defaults
     };
     let mut batch = Batch::new(imager, &unpressed, options)?;
@@ -223,16 +229,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         let most = found.moved_mm.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
         eprintln!("electrodes found in the baseline, up to {most:.1} mm from where they were said to be");
     }
-    let mut results = Vec::new();
-    for (k, column) in table.columns.iter().enumerate() {
-        if baselines.contains(&k) {
-            batch.pass_over(k);
-            continue;
-        }
-        let result = batch.frame(k, &column.values)?;
-        warn(&column.name, &result);
-        results.push((column.name.as_str(), result));
-    }
+    let results = reconstruct(arguments, &table, prepared.frames, &mut batch)?;
     // Everything is computed and every picture written before the first line is printed: no part passes for the whole.
     if let Some(folder) = &arguments.png {
         write_pictures(folder, batch.imager(), &results)?;
@@ -240,7 +237,41 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     if let Some(folder) = &arguments.cells {
         write_cells(folder, batch.imager(), &results)?;
     }
-    print(&results, arguments.json)
+    print(&results, &source, table.measurements.len(), arguments.json)
+}
+
+/// All frames in order; those between them are frames in which nothing pressed.
+fn reconstruct<'a>(
+    arguments: &Arguments,
+    table: &'a MeasurementTable,
+    frames: Vec<Frame<'_>>,
+    batch: &mut Batch,
+) -> Result<Vec<Done<'a>>> {
+    let mut progress = Progress::new("reconstructing", arguments.no_progress);
+    let pictures = arguments.png.is_some() || arguments.cells.is_some();
+    let count = table.columns.len();
+    let mut results = Vec::with_capacity(frames.len());
+    let mut next = 0;
+    for frame in frames {
+        for place in next..frame.place {
+            batch.pass_over(place);
+        }
+        next = frame.place + 1;
+        let mut result = batch.frame(frame.place, &frame.values)?;
+        let name = table.columns[frame.place].name.as_str();
+        warn(name, &result);
+        if !pictures {
+            // Of ten minutes of frames the cells alone take most of a gigabyte.
+            result.x = Vec::new();
+        }
+        results.push(Done {
+            frame: name,
+            baseline: frame.baseline,
+            result,
+        });
+        progress.at(next, count);
+    }
+    Ok(results)
 }
 
 /// Says on stderr what speaks against a frame's result.
@@ -260,12 +291,12 @@ fn warn(frame: &str, result: &FrameResult) {
     }
 }
 
-fn write_cells(folder: &Path, imager: &Imager, results: &[(&str, FrameResult)]) -> Result<()> {
+fn write_cells(folder: &Path, imager: &Imager, results: &[Done<'_>]) -> Result<()> {
     std::fs::create_dir_all(folder).with_context(|| format!("{}: cannot make this folder", folder.display()))?;
-    let names = file_names(results.iter().map(|(name, _)| *name), "csv");
-    for ((_, result), file) in results.iter().zip(names) {
+    let names = file_names(results.iter().map(|done| done.frame), "csv");
+    for (done, file) in results.iter().zip(names) {
         let path = folder.join(file);
-        std::fs::write(&path, cells(imager, &result.x))
+        std::fs::write(&path, cells(imager, &done.result.x))
             .with_context(|| format!("{}: cannot write the cells", path.display()))?;
     }
     Ok(())
@@ -281,14 +312,15 @@ fn cells(imager: &Imager, x: &[f64]) -> String {
     text
 }
 
-fn write_pictures(folder: &Path, imager: &Imager, results: &[(&str, FrameResult)]) -> Result<()> {
+fn write_pictures(folder: &Path, imager: &Imager, results: &[Done<'_>]) -> Result<()> {
     std::fs::create_dir_all(folder).with_context(|| format!("{}: cannot make this folder", folder.display()))?;
-    let names = file_names(results.iter().map(|(name, _)| *name), "png");
-    for (k, ((name, result), file)) in results.iter().zip(names).enumerate() {
+    let names = file_names(results.iter().map(|done| done.frame), "png");
+    for (k, (done, file)) in results.iter().zip(names).enumerate() {
+        let result = &done.result;
         let stats = Stats {
             solve_us: result.changed.then_some(result.solve_us as f32),
             residual: result.changed.then_some(result.residual as f32),
-            source: (*name).to_owned(),
+            source: done.frame.to_owned(),
             ..Stats::default()
         };
         let picture = Surface::of(imager)?.picture(result, k as u64, 0.0, stats);
@@ -301,6 +333,7 @@ fn write_pictures(folder: &Path, imager: &Imager, results: &[(&str, FrameResult)
 /// A file for every frame: its name with whatever may trouble a file system replaced, numbered where two become the same.
 fn file_names<'a>(frames: impl Iterator<Item = &'a str>, kind: &str) -> Vec<String> {
     let mut files: Vec<String> = Vec::new();
+    let mut taken = HashSet::new();
     for frame in frames {
         let safe: String = frame
             .chars()
@@ -312,10 +345,9 @@ fn file_names<'a>(frames: impl Iterator<Item = &'a str>, kind: &str) -> Vec<Stri
                 }
             })
             .collect();
-        let taken = |file: &str| files.iter().any(|f| f.to_lowercase() == file.to_lowercase());
         let mut file = format!("{safe}.{kind}");
         let mut number = 2;
-        while taken(&file) {
+        while !taken.insert(file.to_lowercase()) {
             file = format!("{safe}-{number}.{kind}");
             number += 1;
         }
@@ -329,9 +361,14 @@ fn tenths(value: f64) -> f64 {
     (10.0 * value).round() / 10.0
 }
 
-fn print(results: &[(&str, FrameResult)], json: bool) -> Result<()> {
-    let mut out = std::io::stdout().lock();
-    for (frame, result) in results {
+fn print(results: &[Done<'_>], source: &Source, values: usize, json: bool) -> Result<()> {
+    let mut out = BufWriter::new(std::io::stdout().lock());
+    for Done {
+        frame,
+        baseline,
+        result,
+    } in results
+    {
         if json {
             let line = FrameLine {
                 frame,
@@ -357,6 +394,9 @@ fn print(results: &[(&str, FrameResult)], json: bool) -> Result<()> {
                 status: status(result.status),
                 changed: result.changed,
                 used: result.used,
+                left_out: values.saturating_sub(result.used),
+                baseline,
+                source,
                 doubt: result.doubt,
             };
             serde_json::to_writer(&mut out, &line)?;
@@ -395,13 +435,14 @@ fn print(results: &[(&str, FrameResult)], json: bool) -> Result<()> {
             )?;
         }
     }
+    out.flush()?;
     Ok(())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use ::forward::Drive;
+    use ::forward::{Drive, Pattern, Sheet};
 
     #[test]
     fn no_two_frames_share_a_file() {

@@ -15,6 +15,13 @@ pub(crate) fn load(file: Option<&Path>) -> Result<(Sheet, Pattern)> {
     parse_sheet(&text).with_context(|| format!("{}", path.display()))
 }
 
+/// Whether a sheet's file states a pattern, or leaves it at the neighbouring pairs.
+pub(crate) fn states_pattern(path: &Path) -> Result<bool> {
+    let text = std::fs::read_to_string(path).with_context(|| format!("{}: cannot be read", path.display()))?;
+    let table: toml::Table = text.parse().with_context(|| format!("{}", path.display()))?;
+    Ok(table.contains_key("pattern"))
+}
+
 /// Where a sheet is, for messages.
 pub(crate) fn extent(geometry: &Geometry) -> String {
     let ([left, bottom], [right, top]) = geometry.bounding_box();

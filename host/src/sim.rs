@@ -1,8 +1,7 @@
 //! `skin sim`: a scene on the simulated board, for other programs: as fast as it goes, or behind a serial port of this
 //! machine as any program talks to the real one.
 
-use crate::{capture, number, scene};
-use ::forward::Sheet;
+use crate::{capture, number, scene, sheet};
 use anyhow::Result;
 use clap::Args;
 use hil_sim::{Fault, Rubber, SceneFile, SimBoard};
@@ -15,6 +14,9 @@ pub(crate) struct Arguments {
     /// fingers].
     #[arg(long, value_name = "FILE")]
     scene: Option<PathBuf>,
+    /// The sheet under the default scene, a TOML file as for `skin forward`; a scene's file has its own [default: the paper's disc].
+    #[arg(long, value_name = "FILE", conflicts_with = "scene")]
+    sheet: Option<PathBuf>,
     /// Something that breaks, for ever or for a time (s), such as cable_pulled@5+2, bytes_lost:0.001@5, electrode_open:3@5+10 or
     /// multiplexer_stuck:drive_plus,3@5; repeatable, in addition to the scene's (docs/simulator.md lists them); electrodes count from 1.
     #[arg(long, value_name = "KIND@AT[+FOR]")]
@@ -63,7 +65,7 @@ pub(crate) struct Arguments {
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let mut file = match &arguments.scene {
         Some(path) => scene::load(path)?,
-        None => SceneFile::demo(Sheet::paper()),
+        None => SceneFile::demo(sheet::load(arguments.sheet.as_deref())?.0),
     };
     file.config.faults.extend(arguments.fault.iter().cloned());
     if let Some(seed) = arguments.seed {

@@ -78,11 +78,15 @@ fn plan_for(name: PlanName, board: &Hello) -> Result<Plan, PlanError> {
 
 /// The plan for live pictures, the fastest whose noise the pictures bear: all pairs of a drive at once, one period to
 /// settle and one to integrate (115 frames/s on 16 electrodes), where the board has a channel for every electrode; else one
-/// pair after the other, a quarter period to settle and one to integrate (14 frames/s); half of the pairs where not all fit.
+/// pair after the other, a quarter period to settle and one to integrate (14 frames/s); half of the pairs where not all fit,
+/// and [`Plan::sparse`] where those neither do, as on 32 electrodes (11 frames/s).
 ///
 /// # Errors
 /// [`PlanError`] when the board has too few electrodes to measure anything, or can carry none of them out.
 pub fn live_plan(board: &Hello) -> Result<Plan, PlanError> {
+    if crowded(board.electrodes) {
+        return sparse(board);
+    }
     let mut refusal = None;
     for name in [PlanName::Fast, PlanName::SequentialFast, PlanName::Independent] {
         match plan_for(name, board) {
@@ -93,12 +97,23 @@ pub fn live_plan(board: &Hello) -> Result<Plan, PlanError> {
     Err(refusal.unwrap_or(PlanError::Empty))
 }
 
+/// Whether a frame has no room for all neighbouring pairs of so many electrodes.
+fn crowded(electrodes: u8) -> bool {
+    matches!(Plan::adjacent(electrodes), Err(PlanError::Values { .. }))
+}
+
+fn sparse(board: &Hello) -> Result<Plan, PlanError> {
+    let plan = Plan::sparse(board.electrodes)?;
+    plan.check(board)?;
+    Ok(plan)
+}
+
 /// Scan plan for the adjacent pattern by what a board can do: all pairs of a drive at once, one period to settle and six
 /// to integrate (33 frames/s on 16 electrodes, at the noise of the paper's own way of measuring), or one pair after the
-/// other with one period each.
+/// other with one period each; [`Plan::sparse`] where a frame has no room for all.
 ///
 /// # Errors
-/// [`PlanError`] when the board has too few electrodes to measure anything, or more than a frame holds.
+/// [`PlanError`] when the board has too few electrodes to measure anything, or more than a plan holds.
 pub fn adjacent_plan(hello: &Hello) -> Result<Plan, PlanError> {
     adjacent_plan_for(hello.electrodes, hello.limits.channels)
 }
@@ -108,6 +123,9 @@ pub fn adjacent_plan(hello: &Hello) -> Result<Plan, PlanError> {
 /// # Errors
 /// As for [`adjacent_plan`].
 pub fn adjacent_plan_for(electrodes: u8, channels: u8) -> Result<Plan, PlanError> {
+    if crowded(electrodes) {
+        return Plan::sparse(electrodes);
+    }
     let plan = Plan::adjacent(electrodes)?;
     Ok(if channels >= electrodes {
         Plan {
@@ -204,6 +222,11 @@ mod tests {
                 let board = board(electrodes, channels);
                 assert_eq!(live_plan(&board).unwrap().check(&board), Ok(()));
             }
+        }
+        for electrodes in 18..=32 {
+            let board = board(electrodes, 1);
+            assert_eq!(live_plan(&board), Ok(Plan::sparse(electrodes).unwrap()));
+            assert_eq!(adjacent_plan(&board), live_plan(&board));
         }
         assert_eq!(live_plan(&board(16, 16)), Ok(Plan::fast()));
         assert_eq!(live_plan(&board(16, 1)), Ok(Plan::sequential_fast()));

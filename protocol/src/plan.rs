@@ -311,6 +311,48 @@ impl Plan {
         Ok(plan)
     }
 
+    /// A plan for up to [`MAX_ELECTRODES`]: neighbouring electrodes drive in order, and of the neighbouring pairs that share
+    /// no electrode with the drive as many sense as a frame holds. One after the other, a quarter period to settle and one
+    /// to integrate: one channel is enough. On 32 electrodes these are 256 values in 320 periods.
+    ///
+    /// Where not all fit, the nearest pair senses on either side, and others from there to half the rim, evenly spread. Pairs
+    /// beyond would mostly measure what reciprocity tells already; the nearest are measured both ways, since their
+    /// disagreement shows the noise and faults.
+    ///
+    /// # Errors
+    /// Too few electrodes to measure anything; more than [`MAX_ELECTRODES`].
+    pub fn sparse(electrodes: u8) -> Result<Self, PlanError> {
+        if electrodes > MAX_ELECTRODES {
+            return Err(PlanError::Slots {
+                given: electrodes,
+                most: MAX_ELECTRODES,
+            });
+        }
+        let mut plan = Self {
+            id: 12,
+            slots: adjacent_slots(electrodes),
+            ..Self::sequential_fast()
+        };
+        if plan.slots.is_empty() {
+            return Err(PlanError::Empty);
+        }
+        if plan.value_count() <= MAX_VALUES {
+            return Ok(plan);
+        }
+        // 18 electrodes or more: half the rim is 9 or more, and there is room for 8 values a drive or more.
+        let (nearest, half) = (2, electrodes / 2);
+        let room = (MAX_VALUES / usize::from(electrodes)) as u8;
+        let spread = (room - 2).min(half - nearest);
+        let between = |k: u8| nearest + 1 + k * (half - nearest - 1) / (spread - 1);
+        let distances = [nearest, electrodes - nearest]
+            .into_iter()
+            .chain((0..spread).map(between));
+        for (m, slot) in (0..electrodes).zip(&mut plan.slots) {
+            slot.sense = distances.clone().fold(0, |bits, d| bits | 1 << ((m + d) % electrodes));
+        }
+        Ok(plan)
+    }
+
     /// Keeps one of each two values that reciprocity joins, in a plan of neighbouring pairs: the one of the drive with the
     /// lower number.
     pub(crate) fn without_reciprocals(mut self) -> Self {

@@ -1,6 +1,7 @@
 //! A whole simulated board: real protocol bytes in simulated time.
 
 use crate::common::{Bench, disc, framed, frames};
+use forward::{Drive, Pattern};
 use hil_sim::{Electronics, FixedSheet, PERIOD_SAMPLES, Rubber, Scene, SimBoard, SimConfig, Touch, seconds};
 use protocol::{Command, Frame, FromBoard, MAX_FROM_BOARD_LEN, Plan, ToBoard, Version, encode};
 
@@ -117,7 +118,31 @@ fn eight_electrodes_are_as_good_as_sixteen() {
     let mut bench = Bench::new(SimConfig::default(), FixedSheet(disc(8)));
     let list = bench.measured(0.2);
     assert_eq!(list[0].values.len(), 8 * 5);
-    assert!(SimBoard::new(SimConfig::default(), FixedSheet(disc(17))).is_err());
+    assert!(SimBoard::new(SimConfig::default(), FixedSheet(disc(33))).is_err());
+}
+
+/// Through the multiplexers and the one channel each value is that of its own drive and sense pair: the measured ones hold against
+/// those of the sheet, noise and rounding averaged out.
+#[test]
+fn thirty_two_electrodes_are_measured_one_pair_after_the_other() {
+    let sheet = disc(32);
+    let mut bench = Bench::new(SimConfig::default(), FixedSheet(sheet.clone()));
+    let hello = bench.board.hello();
+    assert_eq!((hello.electrodes, hello.limits.channels), (32, 1));
+    let frames = bench.measured(2.0);
+    let plan = Plan::sparse(32).unwrap();
+    let pairs = plan
+        .measurements(32)
+        .map(|(drive, sense)| [drive, sense].map(|p| [p.plus, p.minus].map(usize::from)));
+    let pattern = Pattern::from_pairs(32, pairs).unwrap();
+    let lsb = hello.volts_per_code(0).unwrap();
+    let truth = Drive::PAPER.frame_v(&sheet, &pattern);
+    let n = frames.len() as f64;
+    for (k, truth) in truth.iter().enumerate() {
+        let mean = frames.iter().map(|f| f.values[k].codes()).sum::<f64>() / n * lsb;
+        // A quarter period leaves some of the switch's transient; neighbouring values differ by a tenth and more.
+        assert!((mean - truth).abs() < 0.01 * truth.abs() + lsb, "{k}: {mean} {truth}");
+    }
 }
 
 #[test]

@@ -13,6 +13,14 @@ pub(crate) enum FileError {
         /// What the system said.
         cause: std::io::Error,
     },
+    /// Its bytes are not what they should be.
+    #[error("{file}: {what}")]
+    Unusable {
+        /// The file.
+        file: String,
+        /// What is wrong, and what to do.
+        what: String,
+    },
     /// A line that does not have the form it should.
     #[error("{file}:{line}: column {column}: expected {expected}, found {found}")]
     Malformed {

@@ -3,13 +3,16 @@
 //! The format of tests/data: comma-separated, `#` lines are comments, the header names `drive_a, drive_b, sense_a,
 //! sense_b` (electrodes from 1) and then the frames. The current enters at `drive_a`; a value is the potential of
 //! `sense_b` less that of `sense_a`, which makes a homogeneous disc positive. Empty fields, `NaN` and
-//! infinite values are measurements left out.
+//! infinite values are measurements left out. A comment `# sheet:` says which sheet was measured (`sheet_line`).
 
+use crate::files::arrays::{self, Kind};
 use crate::files::malformed::FileError;
+use crate::files::order;
+use crate::files::sheet_line::SheetLine;
+use crate::progress::Progress;
 use ::forward::{Measurement, Pair};
 use csv::StringRecord;
-use std::collections::HashMap;
-use std::io::Read;
+use std::collections::{HashMap, HashSet};
 use std::path::Path;
 use thiserror::Error;
 
@@ -20,6 +23,26 @@ pub(crate) enum TableError {
     /// The file cannot be read, or a line does not have the form of a table.
     #[error(transparent)]
     File(#[from] FileError),
+    /// Numbers alone: nothing says which measurements they are.
+    #[error("{file}: one frame a line, and nothing says which measurements its values are. {hint}")]
+    NeedsOrder {
+        /// The file.
+        file: String,
+        /// The orders that may be meant.
+        hint: String,
+    },
+    /// Two lines that name different sheets.
+    #[error("{file}:{line}: a second sheet, {second}, where the header began with {first}; keep one")]
+    TwoSheets {
+        /// The file.
+        file: String,
+        /// Line from 1.
+        line: u64,
+        /// The sheet named first.
+        first: String,
+        /// The other one.
+        second: String,
+    },
     /// A frame that the table does not have.
     #[error("{file}: there is no frame named {name}; it has {available}")]
     NoSuchFrame {
@@ -54,14 +77,32 @@ pub(crate) struct MeasurementTable {
     pub infinite: usize,
     /// The frames in the order of the columns.
     pub columns: Vec<Column>,
+    /// The sheet that the header names.
+    pub sheet: Option<SheetLine>,
+    /// How many rows the header says that there are.
+    pub rows: Option<usize>,
+    /// What was assumed or not understood, a sentence each without a full stop.
+    pub notes: Vec<String>,
 }
 
 const KEYS: [&str; 4] = ["drive_a", "drive_b", "sense_a", "sense_b"];
+
+/// Names of frames that an error lists.
+const MOST_LISTED: usize = 40;
 
 /// A column of the file: the frame it belongs to and whether it is its imaginary part.
 struct Field {
     frame: usize,
     imaginary: bool,
+}
+
+/// The header line.
+struct Header {
+    line: u64,
+    record: StringRecord,
+    fields: Vec<Field>,
+    /// Which frames have an imaginary part.
+    complex: Vec<bool>,
 }
 
 /// A file that is read, for messages.
@@ -74,41 +115,27 @@ impl Place<'_> {
         FileError::malformed(self.file, line, column, expected, found).into()
     }
 
-    /// The lines that are neither empty nor comments, with their numbers from 1, as fields.
-    fn lines(&self, bytes: &[u8]) -> Result<Vec<(u64, StringRecord)>, TableError> {
-        let mut records = Vec::new();
-        // Spreadsheets begin a file with a byte order mark.
-        let bytes = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes);
-        for (number, line) in (1..).zip(bytes.split(|b| *b == b'\n')) {
-            let line = std::str::from_utf8(line)
-                .map_err(|_| self.malformed(number, "1", "text in UTF-8", "other bytes"))?
-                .trim();
-            if line.is_empty() || line.starts_with('#') {
-                continue;
-            }
-            // Line by line, so that an error can name the line whatever comments stand before it.
-            let record = csv::ReaderBuilder::new()
-                .has_headers(false)
-                .trim(csv::Trim::All)
-                .from_reader(line.as_bytes())
-                .records()
-                .next()
-                .and_then(Result::ok)
-                .ok_or_else(|| self.malformed(number, "1", "comma-separated fields", line))?;
-            records.push((number, record));
-        }
-        Ok(records)
+    /// The fields of a line. Line by line, so that an error can name the line whatever comments stand before it.
+    fn fields(&self, number: u64, line: &str) -> Result<StringRecord, TableError> {
+        csv::ReaderBuilder::new()
+            .has_headers(false)
+            .trim(csv::Trim::All)
+            .from_reader(line.as_bytes())
+            .records()
+            .next()
+            .and_then(Result::ok)
+            .ok_or_else(|| self.malformed(number, "1", "comma-separated fields", line))
     }
 
     /// The frames that a header names, and the fields that hold their values.
-    fn header(&self, line: u64, header: &StringRecord) -> Result<(Vec<Column>, Vec<Field>), TableError> {
+    fn header(&self, line: u64, record: StringRecord) -> Result<(Vec<Column>, Header), TableError> {
         for (k, key) in KEYS.iter().enumerate() {
-            let found = header.get(k).unwrap_or("nothing");
+            let found = record.get(k).unwrap_or("nothing");
             if found != *key {
                 return Err(self.malformed(line, &(k + 1).to_string(), key, &format!("'{found}'")));
             }
         }
-        let names: Vec<&str> = header.iter().skip(KEYS.len()).collect();
+        let names: Vec<&str> = record.iter().skip(KEYS.len()).collect();
         let (columns, fields) = frames(&names).map_err(|(k, expected)| {
             let place = (KEYS.len() + k + 1).to_string();
             self.malformed(line, &place, &expected, &format!("'{}'", names[k]))
@@ -116,7 +143,17 @@ impl Place<'_> {
         if columns.is_empty() {
             return Err(self.malformed(line, "5", "at least one frame", "nothing"));
         }
-        Ok((columns, fields))
+        let mut complex = vec![false; columns.len()];
+        for field in &fields {
+            complex[field.frame] |= field.imaginary;
+        }
+        let header = Header {
+            line,
+            record,
+            fields,
+            complex,
+        };
+        Ok((columns, header))
     }
 
     /// The electrodes of a line, from 0, in the order of [`KEYS`].
@@ -146,79 +183,145 @@ impl MeasurementTable {
     ///
     /// # Errors
     /// [`TableError`] with the file, the line, the column and what was expected there.
-    pub(crate) fn read(path: &Path) -> Result<Self, TableError> {
+    pub(crate) fn read(path: &Path, progress: &mut Progress) -> Result<Self, TableError> {
         let name = path.display().to_string();
-        let file = std::fs::File::open(path).map_err(|cause| FileError::Io {
+        let bytes = std::fs::read(path).map_err(|cause| FileError::Io {
             file: name.clone(),
             cause,
         })?;
-        Self::parse(&name, file)
+        Self::parse(&name, &bytes, progress)
     }
 
-    /// Reads a table from anything; `file` is its name in messages.
+    /// Reads a table from bytes; `file` is their name in messages.
     ///
     /// # Errors
     /// As for [`MeasurementTable::read`].
-    pub(crate) fn parse(file: &str, mut text: impl Read) -> Result<Self, TableError> {
+    pub(crate) fn parse(file: &str, bytes: &[u8], progress: &mut Progress) -> Result<Self, TableError> {
+        if Kind::of(bytes) != Kind::Text {
+            let (_, arrays) = arrays::parse(file, bytes)?;
+            return Err(TableError::NeedsOrder {
+                file: file.to_owned(),
+                hint: order::hint(&arrays),
+            });
+        }
         let at = Place { file };
-        let mut bytes = Vec::new();
-        text.read_to_end(&mut bytes).map_err(|cause| FileError::Io {
-            file: file.to_owned(),
-            cause,
-        })?;
-        let mut lines = at.lines(&bytes)?.into_iter();
-        let Some((header_line, header)) = lines.next() else {
-            return Err(at.malformed(1, "1", "a header that begins with drive_a", "nothing"));
-        };
-        let (columns, fields) = at.header(header_line, &header)?;
         let mut table = Self {
             file: file.to_owned(),
             measurements: Vec::new(),
             electrodes: 0,
             infinite: 0,
-            columns,
+            columns: Vec::new(),
+            sheet: None,
+            rows: None,
+            notes: Vec::new(),
         };
+        let mut header = None;
         let mut seen = HashMap::new();
-        for (line, record) in lines {
-            if record.len() != header.len() {
-                return Err(at.malformed(
-                    line,
-                    &(record.len().min(header.len()) + 1).to_string(),
-                    &format!("{} fields as in the header", header.len()),
-                    &format!("{}", record.len()),
-                ));
+        let mut done = 0;
+        // Spreadsheets begin a file with a byte order mark.
+        let lines = bytes
+            .strip_prefix(b"\xEF\xBB\xBF")
+            .unwrap_or(bytes)
+            .split(|b| *b == b'\n');
+        for (number, line) in (1..).zip(lines) {
+            done += line.len() + 1;
+            progress.at(done, bytes.len());
+            let line = std::str::from_utf8(line)
+                .map_err(|_| at.malformed(number, "1", "text in UTF-8", "other bytes"))?
+                .trim();
+            if line.starts_with('#') {
+                table.comment(number, line)?;
             }
-            let electrodes = at.electrodes(line, &record)?;
-            if let Some(before) = seen.insert(electrodes, line) {
-                let again = format!("the measurement of line {before} again");
-                return Err(at.malformed(line, "drive_a", "every measurement once", &again));
+            if line.is_empty() || line.starts_with('#') {
+                continue;
             }
-            let [drive_a, drive_b, sense_a, sense_b] = electrodes;
-            table.measurements.push(Measurement {
-                drive: Pair::new(drive_a, drive_b),
-                sense: Pair::new(sense_b, sense_a),
-            });
-            table.electrodes = electrodes.iter().map(|e| e + 1).fold(table.electrodes, usize::max);
-            table.take(&at, line, &header, &record, &fields)?;
+            let record = at.fields(number, line)?;
+            match &header {
+                None => {
+                    let (columns, read) = at
+                        .header(number, record)
+                        .map_err(|error| numbers_alone(file, bytes).unwrap_or(error))?;
+                    table.columns = columns;
+                    header = Some(read);
+                }
+                Some(header) => table.row(&at, number, header, &record, &mut seen)?,
+            }
         }
+        let Some(header) = header else {
+            return Err(at.malformed(1, "1", "a header that begins with drive_a", "nothing"));
+        };
         if table.measurements.is_empty() {
-            return Err(at.malformed(header_line + 1, "1", "at least one measurement", "the end of the file"));
+            return Err(at.malformed(header.line + 1, "1", "at least one measurement", "the end of the file"));
+        }
+        let rows = table.measurements.len();
+        if let Some(said) = table.rows.filter(|said| *said != rows) {
+            table
+                .notes
+                .push(format!("the header says {said} rows, and there are {rows}"));
         }
         Ok(table)
     }
 
-    /// Takes the values of a line: an amplitude for every frame.
-    fn take(
+    /// Takes what a comment says of the sheet and of the number of rows.
+    fn comment(&mut self, line: u64, text: &str) -> Result<(), TableError> {
+        let plain = text.trim_start_matches('#').trim();
+        if let Some(rows) = plain.strip_prefix("rows:").and_then(|n| n.trim().parse().ok()) {
+            self.rows = Some(rows);
+        }
+        let Some(sheet) = SheetLine::parse(text) else {
+            if plain.starts_with("sheet:") {
+                self.notes.push(format!(
+                    "line {line} is not understood as a sheet, and no sheet is compared with it"
+                ));
+            }
+            return Ok(());
+        };
+        match &self.sheet {
+            Some(first) if first.electrodes != sheet.electrodes => {
+                return Err(TableError::TwoSheets {
+                    file: self.file.clone(),
+                    line,
+                    first: first.to_string(),
+                    second: sheet.to_string(),
+                });
+            }
+            // The line that says more counts.
+            Some(first) if !first.outline.is_empty() && sheet.outline.is_empty() => {}
+            _ => self.sheet = Some(sheet),
+        }
+        Ok(())
+    }
+
+    /// Takes a line below the header: a measurement, and an amplitude for every frame.
+    fn row(
         &mut self,
         at: &Place,
         line: u64,
-        header: &StringRecord,
+        header: &Header,
         record: &StringRecord,
-        fields: &[Field],
+        seen: &mut HashMap<[usize; 4], u64>,
     ) -> Result<(), TableError> {
+        if record.len() != header.record.len() {
+            return Err(at.malformed(
+                line,
+                &(record.len().min(header.record.len()) + 1).to_string(),
+                &format!("{} fields as in the header", header.record.len()),
+                &format!("{}", record.len()),
+            ));
+        }
+        let electrodes = at.electrodes(line, record)?;
+        if let Some(before) = seen.insert(electrodes, line) {
+            let again = format!("the measurement of line {before} again");
+            return Err(at.malformed(line, "drive_a", "every measurement once", &again));
+        }
+        let [drive_a, drive_b, sense_a, sense_b] = electrodes;
+        self.measurements.push(Measurement {
+            drive: Pair::new(drive_a, drive_b),
+            sense: Pair::new(sense_b, sense_a),
+        });
+        self.electrodes = electrodes.iter().map(|e| e + 1).fold(self.electrodes, usize::max);
         let mut values = vec![[0.0_f64; 2]; self.columns.len()];
-        let mut complex = vec![false; self.columns.len()];
-        for (k, field) in (KEYS.len()..).zip(fields) {
+        for (k, field) in (KEYS.len()..).zip(&header.fields) {
             let text = &record[k];
             let value = match text.parse::<f64>() {
                 _ if text.is_empty() => f64::NAN,
@@ -227,41 +330,91 @@ impl MeasurementTable {
                     f64::NAN
                 }
                 Ok(v) => v,
-                _ => return Err(at.malformed(line, &header[k], "a number, nothing or NaN", &format!("'{text}'"))),
+                _ => {
+                    let found = format!("'{text}'");
+                    return Err(at.malformed(line, &header.record[k], "a number, nothing or NaN", &found));
+                }
             };
             values[field.frame][usize::from(field.imaginary)] = value;
-            complex[field.frame] |= field.imaginary;
         }
-        for ((column, v), complex) in self.columns.iter_mut().zip(&values).zip(complex) {
-            column.values.push(if complex { v[0].hypot(v[1]) } else { v[0] });
+        for ((column, v), complex) in self.columns.iter_mut().zip(&values).zip(&header.complex) {
+            column.values.push(if *complex { v[0].hypot(v[1]) } else { v[0] });
         }
         Ok(())
     }
 
+    /// The frames by their names.
+    pub(crate) fn names(&self) -> Names<'_> {
+        let places = self
+            .columns
+            .iter()
+            .enumerate()
+            .map(|(k, c)| (c.name.as_str(), k))
+            .collect();
+        Names { table: self, places }
+    }
+}
+
+/// The frames of a table by their names.
+pub(crate) struct Names<'a> {
+    table: &'a MeasurementTable,
+    places: HashMap<&'a str, usize>,
+}
+
+impl Names<'_> {
     /// The frame of a name (`water_1` and `water_1_re` are the same frame).
+    pub(crate) fn get(&self, name: &str) -> Option<usize> {
+        let plain = name.strip_suffix("_re").or(name.strip_suffix("_im"));
+        let place = self.places.get(name).or_else(|| self.places.get(plain?));
+        place.copied()
+    }
+
+    /// The frames of a name, or all from one to another (`1-8`).
     ///
     /// # Errors
     /// [`TableError::NoSuchFrame`] lists the names there are.
-    pub(crate) fn frame(&self, name: &str) -> Result<usize, TableError> {
-        let plain = name.strip_suffix("_re").or(name.strip_suffix("_im"));
-        self.columns
-            .iter()
-            .position(|c| c.name == name || Some(c.name.as_str()) == plain)
-            .ok_or_else(|| TableError::NoSuchFrame {
-                file: self.file.clone(),
-                name: name.to_owned(),
-                available: self
-                    .columns
-                    .iter()
-                    .map(|c| c.name.as_str())
-                    .collect::<Vec<_>>()
-                    .join(", "),
-            })
+    pub(crate) fn range(&self, name: &str) -> Result<Vec<usize>, TableError> {
+        if let Some(place) = self.get(name) {
+            return Ok(vec![place]);
+        }
+        let ends = name.match_indices('-').find_map(|(k, _)| {
+            let (first, last) = (self.get(&name[..k])?, self.get(&name[k + 1..])?);
+            (first <= last).then_some((first, last))
+        });
+        ends.map(|(first, last)| (first..=last).collect())
+            .ok_or_else(|| self.unknown(name))
     }
+
+    /// The error of a name that no frame has.
+    pub(crate) fn unknown(&self, name: &str) -> TableError {
+        let columns = &self.table.columns;
+        let mut available: Vec<&str> = columns.iter().take(MOST_LISTED).map(|c| c.name.as_str()).collect();
+        let more = format!("{} more", columns.len().saturating_sub(MOST_LISTED));
+        if columns.len() > MOST_LISTED {
+            available.push(&more);
+        }
+        TableError::NoSuchFrame {
+            file: self.table.file.clone(),
+            name: name.to_owned(),
+            available: available.join(", "),
+        }
+    }
+}
+
+/// The error of a file that has numbers alone; none where it is something else.
+fn numbers_alone(file: &str, bytes: &[u8]) -> Option<TableError> {
+    let (_, arrays) = arrays::parse(file, bytes).ok()?;
+    Some(TableError::NeedsOrder {
+        file: file.to_owned(),
+        hint: order::hint(&arrays),
+    })
 }
 
 /// Frames of a header; an error is the column (from 0) and what was expected there.
 fn frames(names: &[&str]) -> Result<(Vec<Column>, Vec<Field>), (usize, String)> {
+    let all: HashSet<&str> = names.iter().copied().collect();
+    let mut places: HashMap<&str, usize> = HashMap::new();
+    let mut taken = HashSet::new();
     let mut columns: Vec<Column> = Vec::new();
     let mut fields = Vec::new();
     for (k, name) in names.iter().enumerate() {
@@ -270,22 +423,18 @@ fn frames(names: &[&str]) -> Result<(Vec<Column>, Vec<Field>), (usize, String)> 
         }
         let partner = |from: &str, to: &str| {
             name.strip_suffix(from)
-                .filter(|stem| names.contains(&format!("{stem}{to}").as_str()))
+                .filter(|stem| all.contains(format!("{stem}{to}").as_str()))
         };
         let (frame_name, imaginary) = match (partner("_re", "_im"), partner("_im", "_re")) {
             (Some(stem), _) => (stem, false),
             (_, Some(stem)) => (stem, true),
             _ => (*name, false),
         };
-        let known = columns.iter().position(|c| c.name == frame_name);
-        let frame = known.unwrap_or(columns.len());
-        let taken = fields
-            .iter()
-            .any(|f: &Field| f.frame == frame && f.imaginary == imaginary);
-        if taken {
+        let frame = *places.entry(frame_name).or_insert(columns.len());
+        if !taken.insert((frame, imaginary)) {
             return Err((k, "a name that no other column has".to_owned()));
         }
-        if known.is_none() {
+        if frame == columns.len() {
             columns.push(Column {
                 name: frame_name.to_owned(),
                 values: Vec::new(),
@@ -301,7 +450,7 @@ mod tests {
     use super::*;
 
     fn parse(text: &str) -> Result<MeasurementTable, TableError> {
-        MeasurementTable::parse("t.csv", text.as_bytes())
+        MeasurementTable::parse("t.csv", text.as_bytes(), &mut Progress::new("reading", true))
     }
 
     #[test]
@@ -316,8 +465,9 @@ mod tests {
         assert!(t.columns[0].values[1].is_nan());
         assert_eq!(t.columns[1].values[0], 0.5);
         assert!(t.columns[1].values[1].is_nan());
-        assert_eq!(t.frame("w_re").unwrap(), 0);
-        assert!(t.frame("x").unwrap_err().to_string().contains("w, p"));
+        assert_eq!(t.names().range("w_re").unwrap(), [0]);
+        assert_eq!(t.names().range("w-p").unwrap(), [0, 1]);
+        assert!(t.names().range("x").unwrap_err().to_string().contains("w, p"));
     }
 
     #[test]
@@ -338,6 +488,42 @@ mod tests {
         let sheet =
             "\u{feff}# made by hand\r\n\"drive_a\",drive_b, sense_a ,sense_b,w,\"p\"\r\n1,2,3,4,\"1\",2\r\n\r\n";
         assert_eq!(parse(plain).unwrap(), parse(sheet).unwrap());
+    }
+
+    #[test]
+    fn the_sheet_of_the_header_is_kept() {
+        let body = "drive_a,drive_b,sense_a,sense_b,w\n1,2,3,4,1\n";
+        let one = parse(&format!(
+            "# simulated: model, 16 electrodes\n# sheet: disc, 195.0 x 195.0 mm, 298.6 cm2, 16 electrodes\n{body}"
+        ));
+        let sheet = one.unwrap().sheet.unwrap();
+        assert_eq!((sheet.electrodes, sheet.outline.as_str()), (16, "disc"));
+        let two = parse(&format!("# 16-electrode tank\n# 32-electrode tank\n{body}"))
+            .unwrap_err()
+            .to_string();
+        assert!(two.contains("t.csv:2") && two.contains("32 electrodes"), "{two}");
+        let short = parse(&format!("# rows: 2\n{body}")).unwrap();
+        assert!(short.notes[0].contains("2 rows, and there are 1"), "{:?}", short.notes);
+        let vague = parse(&format!("# sheet: the blue one\n{body}")).unwrap();
+        assert!(
+            vague.sheet.is_none() && vague.notes[0].contains("line 1"),
+            "{:?}",
+            vague.notes
+        );
+    }
+
+    #[test]
+    fn numbers_alone_are_answered_with_the_orders_that_fit() {
+        let line = vec!["1.0"; 208].join(",");
+        for text in [line.clone(), format!("magnitudes : {line}\n")] {
+            let message = parse(&text).unwrap_err().to_string();
+            assert!(
+                message.contains("--order adjacent16") && message.contains("--order pyeit"),
+                "{message}"
+            );
+        }
+        let message = parse("1,2,3\n").unwrap_err().to_string();
+        assert!(message.contains("No known order"), "{message}");
     }
 
     #[test]

@@ -1,8 +1,13 @@
-//! Files that people write and read: tables of frames, tables of presses, calibrations, stored baselines.
+//! Files that people write and read: tables of frames, arrays of other programs, tables of presses, calibrations, stored
+//! baselines.
 
+pub(crate) mod arrays;
 pub(crate) mod baseline_file;
+pub(crate) mod before;
 pub(crate) mod calibration_file;
 pub(crate) mod malformed;
 pub(crate) mod measurements;
+pub(crate) mod order;
 pub(crate) mod press_table;
 pub(crate) mod replace;
+pub(crate) mod sheet_line;

@@ -10,4 +10,5 @@ mod baseline;
 mod calibrate;
 mod paper;
 mod real_data;
+mod tables;
 mod transcripts;

@@ -2,7 +2,7 @@
 
 use protocol::{Hello, Limits, Pair, Plan, PlanError, ResetCause, SCHEMA, Sampling, Slot, Version, text};
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, HashSet};
 
 fn board(electrodes: u8) -> Hello {
     Hello {
@@ -253,4 +253,44 @@ fn refusals_name_the_slot() {
     assert_eq!(quadrature.check(&b), Err(needed));
     let message = Plan::fast().check(&narrow).unwrap_err().to_string();
     assert!(message.contains("16") && message.contains('8'), "{message}");
+}
+
+#[test]
+fn the_sparse_plan_fits_a_frame_on_every_board_and_measures_no_value_twice() {
+    for electrodes in 4..=32 {
+        let plan = Plan::sparse(electrodes).unwrap();
+        let mut one_channel = board(electrodes);
+        one_channel.limits.channels = 1;
+        assert_eq!(plan.check(&one_channel), Ok(()), "{electrodes}");
+        let list: HashSet<(Pair, Pair)> = plan.measurements(electrodes).collect();
+        assert_eq!(list.len(), plan.value_count(), "{electrodes}");
+        for (drive, sense) in &list {
+            for e in [sense.plus, sense.minus] {
+                assert!(e != drive.plus && e != drive.minus, "{electrodes}");
+            }
+        }
+        // Every electrode is sensed as often as any other.
+        let count = |e: u8| list.iter().filter(|(_, s)| s.plus == e || s.minus == e).count();
+        assert!((0..electrodes).all(|e| count(e) == count(0)), "{electrodes}");
+        // The nearest pairs and those at half the rim are measured both ways: more than the scales of all drives, which they
+        // have to tell first.
+        let turned = |p: Pair| Pair {
+            plus: p.minus,
+            minus: p.plus,
+        };
+        let joined = list.iter().filter(|(d, s)| list.contains(&(turned(*s), turned(*d))));
+        let pairs = joined.count() / 2;
+        let even = electrodes % 2 == 0;
+        let expected = usize::from(electrodes) + if even { usize::from(electrodes / 2) } else { 0 };
+        if electrodes > 17 {
+            assert_eq!(pairs, expected, "{electrodes}");
+        } else {
+            assert_eq!(2 * pairs, plan.value_count(), "{electrodes}");
+        }
+    }
+    let plan = Plan::sparse(32).unwrap();
+    assert_eq!((plan.value_count(), plan.quarters()), (256, 4 * 320));
+    let slots = |plan: Plan| plan.slots;
+    assert_eq!(slots(Plan::sparse(17).unwrap()), slots(Plan::adjacent(17).unwrap()));
+    assert!(Plan::sparse(33).is_err() && Plan::sparse(3).is_err());
 }

@@ -1,0 +1,419 @@
+//! Frames as other programs write them: one frame a line, and an order of the values that the program's name stands for.
+//! docs/tables.md says where each order comes from.
+
+use super::arrays::{Array, Kind};
+use super::measurements::{Column, MeasurementTable};
+use ::forward::{Measurement, Pair};
+use clap::ValueEnum;
+use thiserror::Error;
+
+/// In which order a frame's values stand.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Order {
+    /// The 208 values of this board: drive pairs 1-2 to 16-1; for each the sense pairs from 1-2 on, without those that carry current.
+    Adjacent16,
+    /// pyEIT, parser "std" (its default): as adjacent16, of any number of electrodes.
+    Pyeit,
+    /// pyEIT, parser "fmmu" or "rotate_meas": the sense pairs begin at the drive pair.
+    PyeitFmmu,
+    /// EIDORS, "no_rotate_meas" (its default), with or without the values that carry current.
+    Eidors,
+    /// EIDORS, "rotate_meas": the sense pairs begin at the drive pair.
+    EidorsRotated,
+    /// A line of OpenEIT: magnitudes, 928 of 32 electrodes with neighbours driven, or 192 of 16 with opposite ones driven.
+    Openeit,
+}
+
+/// Most electrodes that an order is looked for.
+const MOST: usize = ::forward::file::MOST_ELECTRODES;
+
+/// What the values of one frame are.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Layout {
+    /// Number of electrodes.
+    pub electrodes: usize,
+    /// What each value is; none for one that was measured on an electrode that carried current.
+    pub values: Vec<Option<Measurement>>,
+}
+
+/// What is wrong with frames for an order.
+#[derive(Debug, Error)]
+pub(crate) enum OrderError {
+    /// No variable whose rows or columns have a fitting number of values.
+    #[error("{file}: no frames in the order {order}, which has {counts} values; the file has {found}. {hint}")]
+    Nothing {
+        /// The file.
+        file: String,
+        /// The order asked for.
+        order: &'static str,
+        /// Numbers of values that the order has.
+        counts: &'static str,
+        /// The arrays of the file.
+        found: String,
+        /// What fits instead.
+        hint: String,
+    },
+    /// A variable that the file does not have.
+    #[error("{file}: there is no variable {name}; it has {found}")]
+    NoSuchVariable {
+        /// The file.
+        file: String,
+        /// The variable asked for.
+        name: String,
+        /// The arrays of the file.
+        found: String,
+    },
+    /// Variables of different numbers of electrodes.
+    #[error("{file}: variables of {first} and of {second} electrodes; name those that belong together with --variable")]
+    Mixed {
+        /// The file.
+        file: String,
+        /// Electrodes of the first variable.
+        first: usize,
+        /// Electrodes of another.
+        second: usize,
+    },
+}
+
+impl Order {
+    /// As on the command line.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Adjacent16 => "adjacent16",
+            Self::Pyeit => "pyeit",
+            Self::PyeitFmmu => "pyeit-fmmu",
+            Self::Eidors => "eidors",
+            Self::EidorsRotated => "eidors-rotated",
+            Self::Openeit => "openeit",
+        }
+    }
+
+    /// How many values a frame has, in words.
+    fn counts(self) -> &'static str {
+        match self {
+            Self::Adjacent16 => "208",
+            Self::Openeit => "N(N-3) or N(N-4)",
+            _ => "N(N-3), N(N-4) or N N",
+        }
+    }
+
+    /// What the values of a frame are that has so many; none where the order has no frame of that length.
+    pub(crate) fn layout(self, values: usize) -> Option<Layout> {
+        let rotated = matches!(self, Self::PyeitFmmu | Self::EidorsRotated);
+        let magnitudes = self == Self::Openeit;
+        // No two of these are the same for any numbers of electrodes from 5 on.
+        (5..=MOST).take_while(|n| n * (n - 4) <= values).find_map(|n| {
+            let (step, whole) = match values {
+                _ if values == n * (n - 3) => (1, false),
+                _ if self == Self::Adjacent16 => return None,
+                _ if values == n * (n - 4) && n % 2 == 0 && n > 5 => (n / 2, false),
+                _ if values == n * n && !magnitudes => (1, true),
+                _ => return None,
+            };
+            (self != Self::Adjacent16 || n == 16).then(|| Layout {
+                electrodes: n,
+                values: list(n, step, rotated, whole, magnitudes),
+            })
+        })
+    }
+
+    /// The frames of a file's arrays as a table; `wanted` names the variables to take, all that fit where it is empty.
+    ///
+    /// # Errors
+    /// [`OrderError`] lists what the file has.
+    pub(crate) fn table(
+        self,
+        file: &str,
+        kind: Kind,
+        arrays: &[Array],
+        wanted: &[String],
+    ) -> Result<MeasurementTable, OrderError> {
+        let found = described(arrays);
+        if let Some(name) = wanted.iter().find(|w| arrays.iter().all(|a| a.name != **w)) {
+            return Err(OrderError::NoSuchVariable {
+                file: file.to_owned(),
+                name: name.clone(),
+                found,
+            });
+        }
+        let asked = |array: &&Array| wanted.is_empty() || wanted.contains(&array.name);
+        let fitting: Vec<(&Array, bool, Layout)> = arrays
+            .iter()
+            .filter(asked)
+            .filter_map(|array| self.fit(array, kind).map(|(in_rows, layout)| (array, in_rows, layout)))
+            .collect();
+        let Some((_, _, layout)) = fitting.first() else {
+            return Err(OrderError::Nothing {
+                file: file.to_owned(),
+                order: self.name(),
+                counts: self.counts(),
+                found,
+                hint: hint(arrays),
+            });
+        };
+        if let Some((_, _, other)) = fitting.iter().find(|(_, _, other)| other != layout) {
+            return Err(OrderError::Mixed {
+                file: file.to_owned(),
+                first: layout.electrodes,
+                second: other.electrodes,
+            });
+        }
+        let kept: Vec<usize> = (0..layout.values.len())
+            .filter(|k| layout.values[*k].is_some())
+            .collect();
+        let mut table = MeasurementTable {
+            file: file.to_owned(),
+            measurements: layout.values.iter().flatten().copied().collect(),
+            electrodes: layout.electrodes,
+            infinite: 0,
+            columns: Vec::new(),
+            sheet: None,
+            rows: None,
+            notes: Vec::new(),
+        };
+        for (array, in_rows, _) in &fitting {
+            let frames = if *in_rows { array.rows } else { array.columns };
+            let across = if *in_rows { "rows" } else { "columns" };
+            let subject = if array.name.is_empty() {
+                "its".to_owned()
+            } else {
+                format!("variable {}: the", array.name)
+            };
+            table.notes.push(format!(
+                "{subject} {across} are {frames} frames in the order {}",
+                self.name()
+            ));
+            if array.complex {
+                table
+                    .notes
+                    .push("the values are complex; their magnitudes are taken".to_owned());
+            }
+            for frame in 0..frames {
+                let value = |k: usize| {
+                    let place = if *in_rows {
+                        frame * array.columns + k
+                    } else {
+                        k * array.columns + frame
+                    };
+                    array.values[place]
+                };
+                let mut values: Vec<f64> = kept.iter().map(|k| value(*k)).collect();
+                for v in values.iter_mut().filter(|v| v.is_infinite()) {
+                    table.infinite += 1;
+                    *v = f64::NAN;
+                }
+                let number = (frame + 1).to_string();
+                let name = match (fitting.len(), frames) {
+                    (1, _) => number,
+                    (_, 1) => array.name.clone(),
+                    _ => format!("{}:{number}", array.name),
+                };
+                table.columns.push(Column { name, values });
+            }
+        }
+        let driven = layout.values.len() - kept.len();
+        if driven > 0 {
+            let all = layout.values.len();
+            table.notes.push(format!(
+                "{driven} of {all} values a frame were measured on electrodes that carry current and are left out"
+            ));
+        }
+        let more = arrays.len() - fitting.len();
+        if more > 0 && wanted.is_empty() {
+            table.notes.push(format!(
+                "{more} other variables are not frames in this order: the file has {found}"
+            ));
+        }
+        Ok(table)
+    }
+
+    /// Whether an array's frames are its rows, and what their values are. Both may fit: then MATLAB's are columns, as EIDORS
+    /// has them, and everybody else's rows.
+    fn fit(self, array: &Array, kind: Kind) -> Option<(bool, Layout)> {
+        let rows = self.layout(array.columns).map(|layout| (true, layout));
+        let columns = self.layout(array.rows).map(|layout| (false, layout));
+        if array.values.is_empty() {
+            None
+        } else if kind == Kind::Mat {
+            columns.or(rows)
+        } else {
+            rows.or(columns)
+        }
+    }
+}
+
+/// Every drive pair `(m, m + step)`, and for each every neighbouring sense pair from electrode 1 on, or from electrode m on. As in
+/// pyEIT and EIDORS a value is positive where a homogeneous disc with neighbours driven makes it so; of magnitudes all are.
+fn list(n: usize, step: usize, rotated: bool, whole: bool, magnitudes: bool) -> Vec<Option<Measurement>> {
+    let mut out = Vec::new();
+    for m in 0..n {
+        let drive = Pair::new(m, (m + step) % n);
+        for k in 0..n {
+            let first = if rotated { (m + k) % n } else { k };
+            let sense = Pair::new((first + 1) % n, first);
+            if drive.touches(sense) {
+                if whole {
+                    out.push(None);
+                }
+                continue;
+            }
+            // From source to sink the potential falls.
+            let falls = (first + n - m) % n < step;
+            let sense = if magnitudes && falls { sense.reversed() } else { sense };
+            out.push(Some(Measurement { drive, sense }));
+        }
+    }
+    out
+}
+
+/// The arrays of a file, for messages.
+fn described(arrays: &[Array]) -> String {
+    if arrays.is_empty() {
+        return "no array of numbers".to_owned();
+    }
+    let one = |a: &Array| {
+        let name = if a.name.is_empty() { "numbers" } else { a.name.as_str() };
+        format!("{name} ({} x {})", a.rows, a.columns)
+    };
+    arrays.iter().map(one).collect::<Vec<_>>().join(", ")
+}
+
+/// Which orders the arrays of a file may have.
+pub(crate) fn hint(arrays: &[Array]) -> String {
+    let fits = |order: &&Order| {
+        let sides = arrays.iter().flat_map(|a| [a.columns, a.rows]);
+        sides.into_iter().any(|values| order.layout(values).is_some())
+    };
+    let names: Vec<&str> = Order::value_variants().iter().filter(fits).map(|o| o.name()).collect();
+    if names.is_empty() {
+        "No known order has as many values a frame; write the table with the columns drive_a, drive_b, sense_a, sense_b"
+            .to_owned()
+    } else {
+        format!("Name the program that wrote it: --order {}", names.join(" or --order "))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ::forward::Pattern;
+
+    fn measurements(order: Order, values: usize) -> Vec<Measurement> {
+        order.layout(values).unwrap().values.into_iter().flatten().collect()
+    }
+
+    #[test]
+    fn the_plain_orders_are_that_of_the_adjacent_pattern() {
+        for electrodes in [8, 16, 32] {
+            let adjacent = Pattern::adjacent(electrodes).unwrap();
+            for order in [Order::Pyeit, Order::Eidors, Order::Openeit] {
+                let of_it = measurements(order, electrodes * (electrodes - 3));
+                assert_eq!(of_it, adjacent.measurements(), "{order:?}");
+            }
+            // With the values on driven electrodes, the rest stays in order.
+            assert_eq!(
+                measurements(Order::Eidors, electrodes * electrodes),
+                adjacent.measurements()
+            );
+        }
+        assert_eq!(
+            measurements(Order::Adjacent16, 208),
+            Pattern::adjacent(16).unwrap().measurements()
+        );
+        assert_eq!(Order::Adjacent16.layout(928), None);
+    }
+
+    #[test]
+    fn rotated_orders_begin_behind_the_drive_pair_and_hold_the_same() {
+        for values in [208, 256, 192] {
+            let rotated = measurements(Order::EidorsRotated, values);
+            assert_eq!(rotated, measurements(Order::PyeitFmmu, values));
+            let plain = measurements(Order::Eidors, values);
+            assert_ne!(rotated, plain);
+            let sorted = |mut list: Vec<Measurement>| {
+                list.sort_unstable();
+                list
+            };
+            assert_eq!(sorted(rotated), sorted(plain));
+        }
+        // pyEIT's protocol for drive (2, 3), electrodes from 0: sense 4-5 first, then on to 0-1.
+        let rotated = measurements(Order::PyeitFmmu, 208);
+        assert_eq!(rotated[2 * 13].sense, Pair::new(5, 4));
+        assert_eq!(rotated[2 * 13 + 12].sense, Pair::new(1, 0));
+    }
+
+    #[test]
+    fn no_number_of_values_has_two_meanings() {
+        let mut seen = std::collections::HashMap::new();
+        for n in 6..=200_usize {
+            for (what, count) in [("adjacent", n * (n - 3)), ("opposite", n * (n - 4)), ("whole", n * n)] {
+                if what == "opposite" && n % 2 == 1 {
+                    continue;
+                }
+                assert_eq!(seen.insert(count, (what, n)), None, "{count}");
+                assert_eq!(Order::Eidors.layout(count).unwrap().electrodes, n, "{what} {count}");
+            }
+        }
+    }
+
+    #[test]
+    fn openeits_magnitudes_are_those_of_a_homogeneous_disc() {
+        use ::forward::{Drive, Model, ModelOptions, Sheet, Solver};
+        let solver = Solver::new(std::sync::Arc::new(
+            Model::new(&Sheet::paper(), &ModelOptions::default()).unwrap(),
+        ))
+        .unwrap();
+        let matrix = solver.electrode_matrix();
+        for values in [192, 208] {
+            let pattern = Pattern::from_list(16, measurements(Order::Openeit, values)).unwrap();
+            let volts = Drive::PAPER.frame_v(matrix, &pattern);
+            assert!(volts.iter().all(|v| *v > 0.0), "{values}");
+        }
+    }
+
+    #[test]
+    fn frames_are_rows_or_columns_by_what_fits() {
+        let array = |name: &str, rows: usize, columns: usize| Array {
+            name: name.to_owned(),
+            rows,
+            columns,
+            values: (0..rows * columns).map(|k| k as f64).collect(),
+            complex: false,
+        };
+        let rows = Order::Pyeit.table("f", Kind::Npy, &[array("", 3, 208)], &[]).unwrap();
+        assert_eq!((rows.columns.len(), rows.columns[1].values[2]), (3, 210.0));
+        let columns = Order::Eidors
+            .table("f", Kind::Mat, &[array("vi", 208, 3)], &[])
+            .unwrap();
+        assert_eq!((columns.columns.len(), columns.columns[1].values[2]), (3, 7.0));
+        // Both fit: MATLAB's are columns.
+        let square = [array("v", 208, 928)];
+        assert_eq!(
+            Order::Eidors.table("f", Kind::Mat, &square, &[]).unwrap().electrodes,
+            16
+        );
+        assert_eq!(
+            Order::Eidors.table("f", Kind::Npz, &square, &[]).unwrap().electrodes,
+            32
+        );
+        // Several variables keep their names, and what is no frame is said.
+        let several = [array("vh", 208, 1), array("vi", 208, 2), array("t", 1, 7)];
+        let table = Order::Eidors.table("f", Kind::Mat, &several, &[]).unwrap();
+        let names: Vec<&str> = table.columns.iter().map(|c| c.name.as_str()).collect();
+        assert_eq!(names, ["vh", "vi:1", "vi:2"]);
+        assert!(table.notes.iter().any(|n| n.contains("t (1 x 7)")), "{:?}", table.notes);
+        let one = Order::Eidors
+            .table("f", Kind::Mat, &several, &["vi".to_owned()])
+            .unwrap();
+        assert_eq!(one.columns.len(), 2);
+        let error = Order::Eidors
+            .table("f", Kind::Mat, &several, &["x".to_owned()])
+            .unwrap_err();
+        assert!(error.to_string().contains("vh (208 x 1)"), "{error}");
+        let error = Order::Adjacent16
+            .table("f", Kind::Npy, &[array("", 2, 928)], &[])
+            .unwrap_err()
+            .to_string();
+        assert!(error.contains("--order pyeit") && error.contains("2 x 928"), "{error}");
+    }
+}

@@ -1,0 +1,61 @@
+//! How far a long table is, on stderr.
+
+use std::io::{IsTerminal, Write};
+use std::time::{Duration, Instant};
+
+/// Nothing is said of what takes less.
+const PATIENCE: Duration = Duration::from_secs(2);
+/// Time between two lines of a log; on a terminal one line is written over every [`PATIENCE`].
+const LOG_EVERY: Duration = Duration::from_secs(10);
+
+/// Says how much of a work is done, once the work has taken two seconds.
+pub(crate) struct Progress {
+    what: &'static str,
+    silent: bool,
+    terminal: bool,
+    started: Instant,
+    said: Option<Instant>,
+}
+
+impl Progress {
+    /// Of a work that begins now; `what` is its name. A silent one never says anything.
+    pub(crate) fn new(what: &'static str, silent: bool) -> Self {
+        Self {
+            what,
+            silent,
+            terminal: std::io::stderr().is_terminal(),
+            started: Instant::now(),
+            said: None,
+        }
+    }
+
+    /// So much of the whole is done.
+    pub(crate) fn at(&mut self, done: usize, whole: usize) {
+        let taken = self.started.elapsed();
+        if self.silent || taken < PATIENCE || done == 0 || done >= whole {
+            return;
+        }
+        let pause = if self.terminal { PATIENCE } else { LOG_EVERY };
+        if self.said.is_some_and(|said| said.elapsed() < pause) {
+            return;
+        }
+        self.said = Some(Instant::now());
+        let part = done as f64 / whole as f64;
+        let left_s = taken.as_secs_f64() * (1.0 / part - 1.0);
+        let line = format!("{}: {:.0} % done, about {left_s:.0} s left", self.what, 100.0 * part);
+        // Whoever reads no stderr has lost nothing but this.
+        let _ = if self.terminal {
+            write!(std::io::stderr(), "\r{line}\x1b[K")
+        } else {
+            writeln!(std::io::stderr(), "{line}")
+        };
+    }
+}
+
+impl Drop for Progress {
+    fn drop(&mut self) {
+        if self.terminal && self.said.is_some() {
+            let _ = write!(std::io::stderr(), "\r\x1b[K");
+        }
+    }
+}

@@ -1,0 +1,304 @@
+//! What the frames of a table are compared with: frames of the unpressed sheet, for each the frame before it, or the
+//! model where the columns hold changes.
+
+use crate::files::before::{self, Before};
+use crate::files::measurements::{MeasurementTable, Names, TableError};
+use crate::number;
+use anyhow::{Result, anyhow, bail};
+use clap::Args;
+use inverse::reference::baseline::Baseline;
+use inverse::reference::imager::Imager;
+use std::borrow::Cow;
+use std::collections::{HashMap, HashSet};
+use std::path::{Path, PathBuf};
+
+/// The baseline, on the command line.
+#[derive(Debug, Args)]
+pub(crate) struct BaselineArguments {
+    /// Frames of the unpressed sheet, or a range of them such as 1-8; several are averaged, and eight or more tell the noise.
+    #[arg(long, required_unless_present_any = ["before", "difference"], value_delimiter = ',', value_name = "COLUMN[,COLUMN...]")]
+    baseline: Vec<String>,
+    /// Each frame's own baseline: a CSV with the columns frame and before, which name a frame and the one of the unpressed sheet
+    /// just before it. Frames that have none are compared with --baseline.
+    #[arg(long, value_name = "FILE")]
+    before: Option<PathBuf>,
+    /// The columns hold changes alone, pressed less unpressed; the unpressed values are taken from the model.
+    #[arg(long, conflicts_with_all = ["baseline", "before"])]
+    difference: bool,
+    /// What 1 in a table of changes is, V of the model (with a current: at 1 mA and 1000 ohm per square) [default: 1].
+    #[arg(long, value_name = "V", requires = "difference", value_parser = number::positive("a voltage above 0"))]
+    unit_v: Option<f64>,
+}
+
+/// A frame to reconstruct.
+pub(crate) struct Frame<'a> {
+    /// Column of the table.
+    pub place: usize,
+    /// Its values, in the unit of the reference.
+    pub values: Cow<'a, [f64]>,
+    /// What it is compared with, in words.
+    pub baseline: String,
+}
+
+/// A table made ready.
+pub(crate) struct Prepared<'a> {
+    /// Frames of the unpressed sheet, for the reference.
+    pub unpressed: Vec<Cow<'a, [f64]>>,
+    /// In words.
+    pub name: String,
+    /// The frames to reconstruct, in the order of the columns.
+    pub frames: Vec<Frame<'a>>,
+    /// Whether the unpressed frames are measured: they tell where the electrodes are.
+    pub measured: bool,
+    /// Whether the scatter of the unpressed frames is their noise.
+    pub tells_noise: bool,
+}
+
+/// Names that are listed in full.
+const MOST_LISTED: usize = 8;
+/// A frame's own baseline below this part of its median is too small to divide by.
+const LEAST_BASELINE: f64 = 1e-3;
+/// Changes of more than this part of the model's voltages are hardly in volts.
+const LARGEST_CHANGE: f64 = 1.0;
+
+impl BaselineArguments {
+    /// What the frames are compared with. What is assumed is said on stderr.
+    ///
+    /// # Errors
+    /// A frame that the table does not have, a baseline without values, no frame left to reconstruct.
+    pub(crate) fn prepare<'a>(&self, table: &'a MeasurementTable, imager: &Imager) -> Result<Prepared<'a>> {
+        if self.difference {
+            return Ok(self.changes(table, imager));
+        }
+        let names = table.names();
+        let mut common = Vec::new();
+        for name in &self.baseline {
+            common.extend(names.range(name.trim())?);
+        }
+        let prepared = match &self.before {
+            Some(path) => own(table, &names, &common, path)?,
+            None => plain(table, common),
+        };
+        if prepared.frames.is_empty() {
+            bail!(
+                "{}: every frame is a baseline; leave one to be reconstructed",
+                table.file
+            );
+        }
+        if !prepared
+            .unpressed
+            .iter()
+            .flat_map(|f| f.iter())
+            .any(|v| v.is_finite() && *v != 0.0)
+        {
+            bail!(
+                "{}: the baseline {} holds no value; name a frame of the unpressed sheet",
+                table.file,
+                prepared.name
+            );
+        }
+        Ok(prepared)
+    }
+
+    /// Columns of changes: the model's voltages are the baseline, and a frame is these with its change.
+    fn changes<'a>(&self, table: &'a MeasurementTable, imager: &Imager) -> Prepared<'a> {
+        let unit_v = self.unit_v.unwrap_or(1.0);
+        let model = &imager.model_v;
+        let frame = |(place, column): (usize, &crate::files::measurements::Column)| Frame {
+            place,
+            values: model
+                .iter()
+                .zip(&column.values)
+                .map(|(m, d)| m + unit_v * d)
+                .collect::<Vec<_>>()
+                .into(),
+            baseline: "the model".to_owned(),
+        };
+        let part = largest_part(table, model, unit_v);
+        eprintln!(
+            "the columns are changes in units of {unit_v} V: up to {:.2} % of the model's voltages, with which the unpressed \
+             sheet is assumed to agree",
+            100.0 * part
+        );
+        if part > LARGEST_CHANGE {
+            eprintln!(
+                "warning: {}: changes larger than the voltages themselves; say what 1 in the table is with --unit-v",
+                table.file
+            );
+        }
+        Prepared {
+            unpressed: vec![model.clone().into()],
+            name: "the model".to_owned(),
+            frames: table.columns.iter().enumerate().map(frame).collect(),
+            measured: false,
+            tells_noise: false,
+        }
+    }
+}
+
+/// Largest root mean square of a frame's changes, as a part of the model's.
+fn largest_part(table: &MeasurementTable, model: &[f64], unit_v: f64) -> f64 {
+    let rms = |values: &mut dyn Iterator<Item = f64>| {
+        let (sum, count) = values.fold((0.0, 0.0), |(s, n), v| (s + v * v, n + 1.0));
+        (sum / f64::max(count, 1.0)).sqrt()
+    };
+    let whole = rms(&mut model.iter().copied());
+    let of = |values: &[f64]| rms(&mut values.iter().map(|d| unit_v * d).filter(|d| d.is_finite()));
+    table.columns.iter().map(|c| of(&c.values) / whole).fold(0.0, f64::max)
+}
+
+/// The mean of some frames for all others.
+fn plain(table: &MeasurementTable, common: Vec<usize>) -> Prepared<'_> {
+    let name = listed(table, &common);
+    let taken: HashSet<usize> = common.iter().copied().collect();
+    let frame = |place: usize| Frame {
+        place,
+        values: table.columns[place].values.as_slice().into(),
+        baseline: name.clone(),
+    };
+    Prepared {
+        frames: (0..table.columns.len())
+            .filter(|k| !taken.contains(k))
+            .map(frame)
+            .collect(),
+        unpressed: common
+            .iter()
+            .map(|k| table.columns[*k].values.as_slice().into())
+            .collect(),
+        name,
+        measured: true,
+        tells_noise: true,
+    }
+}
+
+/// For each frame the one that a file names. With the reference's baseline B, the frame V and its own baseline b, B V / b has the
+/// difference to B that V has to b: `V_model (V / b - 1)`.
+fn own<'a>(table: &'a MeasurementTable, names: &Names<'_>, common: &[usize], path: &Path) -> Result<Prepared<'a>> {
+    let file = path.display();
+    let find = |entry: &Before, name: &str| {
+        names.get(name).ok_or_else(|| {
+            let unknown: TableError = names.unknown(name);
+            anyhow!("{file}:{}: {unknown}", entry.line)
+        })
+    };
+    let list = before::read(path)?;
+    let mut own = HashMap::new();
+    let mut without = Vec::new();
+    let mut listed_frames = HashSet::new();
+    for entry in &list {
+        let frame = find(entry, &entry.frame)?;
+        listed_frames.insert(frame);
+        match &entry.before {
+            Some(name) => _ = own.insert(frame, find(entry, name)?),
+            None if common.is_empty() => bail!(
+                "{file}:{}: column before: frame {} has no frame before it; name one, or give --baseline for such frames, or \
+                 --difference where the columns hold changes",
+                entry.line,
+                entry.frame
+            ),
+            None => without.push(entry.frame.as_str()),
+        }
+    }
+    if !without.is_empty() {
+        eprintln!(
+            "{} frames have no frame before them in {file} and are compared with the baseline {}: {}",
+            without.len(),
+            listed(table, common),
+            shortened(&without)
+        );
+    }
+    // All frames of an unpressed sheet once, for the reference.
+    let mut unpressed: Vec<usize> = if common.is_empty() {
+        own.values().copied().collect()
+    } else {
+        common.to_vec()
+    };
+    unpressed.sort_unstable();
+    unpressed.dedup();
+    let columns: Vec<&[f64]> = unpressed.iter().map(|k| table.columns[*k].values.as_slice()).collect();
+    let reference = Baseline::of_frames(table.measurements.len(), &columns).values_v;
+    let befores: HashSet<usize> = own.values().copied().chain(common.iter().copied()).collect();
+    let mut frames = Vec::new();
+    let mut unnamed = Vec::new();
+    for (place, column) in table.columns.iter().enumerate() {
+        if let Some(before) = own.get(&place) {
+            let before = &table.columns[*before];
+            frames.push(Frame {
+                place,
+                values: rescaled(&reference, &before.values, &column.values).into(),
+                baseline: before.name.clone(),
+            });
+        } else if listed_frames.contains(&place) || (!common.is_empty() && !befores.contains(&place)) {
+            frames.push(Frame {
+                place,
+                values: column.values.as_slice().into(),
+                baseline: listed(table, common),
+            });
+        } else if !befores.contains(&place) {
+            unnamed.push(column.name.as_str());
+        }
+    }
+    if !unnamed.is_empty() {
+        eprintln!(
+            "warning: {} frames are not in {file} and are left out; name them there, or give --baseline for them: {}",
+            unnamed.len(),
+            shortened(&unnamed)
+        );
+    }
+    Ok(Prepared {
+        unpressed: columns.into_iter().map(Cow::from).collect(),
+        name: format!("of each frame its own, by {file}"),
+        frames,
+        measured: true,
+        // They were taken at different times: their scatter is drift.
+        tells_noise: false,
+    })
+}
+
+/// `B V / b`; not a number where b is missing or next to nothing.
+fn rescaled(reference: &[f64], before: &[f64], frame: &[f64]) -> Vec<f64> {
+    let mut sizes: Vec<f64> = before.iter().map(|v| v.abs()).filter(|v| v.is_finite()).collect();
+    sizes.sort_by(f64::total_cmp);
+    let least = sizes.get(sizes.len() / 2).map_or(f64::INFINITY, |m| LEAST_BASELINE * m);
+    let values = reference.iter().zip(before).zip(frame);
+    values
+        .map(|((r, b), v)| if b.abs() > least { r * v / b } else { f64::NAN })
+        .collect()
+}
+
+/// Frames by their names, all or the first few.
+fn listed(table: &MeasurementTable, places: &[usize]) -> String {
+    let names: Vec<&str> = places.iter().map(|k| table.columns[*k].name.as_str()).collect();
+    shortened(&names)
+}
+
+fn shortened(names: &[&str]) -> String {
+    match names.split_at_checked(MOST_LISTED) {
+        Some((first, rest)) if !rest.is_empty() => format!("{} and {} more", first.join(","), rest.len()),
+        _ => names.join(","),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_rescaled_frame_has_the_difference_to_its_own_baseline() {
+        let reference = [2.0, -3.0, 5.0, 1.0];
+        let before = [1.0, -6.0, 0.0, f64::NAN];
+        let frame = [1.1, -6.6, 1.0, 1.0];
+        let scaled = rescaled(&reference, &before, &frame);
+        for k in 0..2 {
+            assert!((scaled[k] / reference[k] - frame[k] / before[k]).abs() < 1e-15);
+        }
+        assert!(scaled[2].is_nan() && scaled[3].is_nan());
+    }
+
+    #[test]
+    fn long_lists_are_shortened() {
+        let names = ["a"; 10];
+        assert_eq!(shortened(&names[..8]), "a,a,a,a,a,a,a,a");
+        assert_eq!(shortened(&names), "a,a,a,a,a,a,a,a and 2 more");
+    }
+}

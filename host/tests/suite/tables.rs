@@ -1,0 +1,394 @@
+//! Tables in every form that is read: the same frames give the same touches, and nothing about a table is passed over.
+
+use serde_json::Value;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+fn skin(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_skin"))
+        .args(arguments)
+        .output()
+        .unwrap()
+}
+
+/// Electrodes from 1 of every row, and its value.
+type Rows = Vec<([usize; 4], f64)>;
+
+/// What `skin forward` says of a sheet with these options.
+fn forward(options: &[&str]) -> Rows {
+    let output = skin(&[&["forward", "--csv"], options].concat());
+    assert!(output.status.success());
+    let text = String::from_utf8(output.stdout).unwrap();
+    text.lines()
+        .skip(1)
+        .map(|line| {
+            let fields: Vec<&str> = line.split(',').collect();
+            let electrode = |k: usize| fields[k].parse().unwrap();
+            ([0, 1, 2, 3].map(electrode), fields[4].parse().unwrap())
+        })
+        .collect()
+}
+
+fn values(rows: &Rows) -> Vec<f64> {
+    rows.iter().map(|(_, v)| *v).collect()
+}
+
+const TOUCH: [&str; 2] = ["--touch", "30,20,9,0.2"];
+
+/// A table with drive and sense electrodes.
+fn table(rows: &Rows, frames: &[(&str, Vec<f64>)]) -> String {
+    let mut text = "drive_a,drive_b,sense_a,sense_b".to_owned();
+    for (name, _) in frames {
+        write!(text, ",{name}").unwrap();
+    }
+    for (k, ([a, b, c, d], _)) in rows.iter().enumerate() {
+        write!(text, "\n{a},{b},{c},{d}").unwrap();
+        for (_, values) in frames {
+            write!(text, ",{:e}", values[k]).unwrap();
+        }
+    }
+    text + "\n"
+}
+
+struct Folder(tempfile::TempDir);
+
+impl Folder {
+    fn new() -> Self {
+        Self(tempfile::tempdir().unwrap())
+    }
+
+    fn file(&self, name: &str, bytes: impl AsRef<[u8]>) -> PathBuf {
+        let path = self.0.path().join(name);
+        std::fs::write(&path, bytes).unwrap();
+        path
+    }
+}
+
+/// Lines of JSON and what is said beside them.
+fn reconstruct(file: &Path, options: &[&str]) -> (Vec<Value>, String) {
+    let output = skin(
+        &[
+            &["reconstruct", file.to_str().unwrap(), "--json", "--no-progress"],
+            options,
+        ]
+        .concat(),
+    );
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success(), "{options:?}: {said}");
+    let lines = String::from_utf8(output.stdout).unwrap();
+    (lines.lines().map(|l| serde_json::from_str(l).unwrap()).collect(), said)
+}
+
+fn refused(file: &Path, options: &[&str]) -> String {
+    let output = skin(&[&["reconstruct", file.to_str().unwrap()], options].concat());
+    assert_eq!(output.status.code(), Some(1), "{options:?}");
+    assert!(output.stdout.is_empty());
+    String::from_utf8(output.stderr).unwrap()
+}
+
+/// Places of a frame's touches, mm.
+fn places(line: &Value) -> Vec<[f64; 2]> {
+    let list = line["touches"].as_array().unwrap();
+    list.iter()
+        .map(|t| ["x_mm", "y_mm"].map(|k| t[k].as_f64().unwrap()))
+        .collect()
+}
+
+fn apart_mm(a: &Value, b: &Value) -> f64 {
+    let (a, b) = (places(a), places(b));
+    assert_eq!((a.len(), b.len()), (1, 1));
+    (a[0][0] - b[0][0]).hypot(a[0][1] - b[0][1])
+}
+
+fn lines(frames: &[&[f64]], separator: &str, before: &str) -> String {
+    frames.iter().fold(String::new(), |text, frame| {
+        let numbers: Vec<String> = frame.iter().map(|v| format!("{v:e}")).collect();
+        text + before + &numbers.join(separator) + "\n"
+    })
+}
+
+/// numpy's format, written by another hand than the reader's.
+fn npy(frames: &[&[f64]]) -> Vec<u8> {
+    let mut header = format!(
+        "{{'descr': '<f8', 'fortran_order': False, 'shape': ({}, {}), }}",
+        frames.len(),
+        frames[0].len()
+    );
+    while (10 + header.len() + 1) % 64 != 0 {
+        header.push(' ');
+    }
+    header.push('\n');
+    let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+    bytes.extend(u16::try_from(header.len()).unwrap().to_le_bytes());
+    bytes.extend(header.as_bytes());
+    bytes.extend(frames.iter().flat_map(|f| f.iter()).flat_map(|v| v.to_le_bytes()));
+    bytes
+}
+
+/// MATLAB's level 5 with a variable `v` whose columns are the frames.
+fn mat(frames: &[&[f64]]) -> Vec<u8> {
+    let tagged = |kind: u32, data: &[u8]| {
+        let mut out = [kind.to_le_bytes(), u32::try_from(data.len()).unwrap().to_le_bytes()].concat();
+        out.extend(data);
+        out.resize(out.len().next_multiple_of(8), 0);
+        out
+    };
+    let sides = [frames[0].len(), frames.len()].map(|n| i32::try_from(n).unwrap().to_le_bytes());
+    let numbers: Vec<u8> = frames
+        .iter()
+        .flat_map(|f| f.iter())
+        .flat_map(|v| v.to_le_bytes())
+        .collect();
+    let matrix = [
+        tagged(6, &[6, 0, 0, 0, 0, 0, 0, 0]),
+        tagged(5, &sides.concat()),
+        tagged(1, b"v"),
+        tagged(9, &numbers),
+    ];
+    let mut bytes = vec![b' '; 124];
+    bytes[..10].copy_from_slice(b"MATLAB 5.0");
+    bytes.extend([0, 1, b'I', b'M']);
+    bytes.extend(tagged(14, &matrix.concat()));
+    bytes
+}
+
+#[test]
+fn the_same_frames_in_every_order_and_format_are_the_same_touches() {
+    let folder = Folder::new();
+    let (rows, touched) = (forward(&[]), values(&forward(&TOUCH)));
+    let empty = values(&rows);
+    let csv = folder.file("t.csv", table(&rows, &[("1", empty.clone()), ("2", touched.clone())]));
+    let (expected, _) = reconstruct(&csv, &["--baseline", "1"]);
+    let [[x, y]] = places(&expected[0])[..] else {
+        panic!("{expected:?}")
+    };
+    assert!((x - 30.0).hypot(y - 20.0) < 1.0, "{x} {y}");
+
+    let plain = [empty.as_slice(), touched.as_slice()];
+    // All 256 values of a drive and a sense pair, those on driven electrodes nonsense; and the same rotated.
+    let at = |frame: &[f64], drive: usize, sense: usize| {
+        let wanted = [drive + 1, (drive + 1) % 16 + 1, sense + 1, (sense + 1) % 16 + 1];
+        rows.iter().position(|(e, _)| *e == wanted).map(|k| frame[k])
+    };
+    let arranged = |frame: &[f64], rotated: bool, whole: bool| -> Vec<f64> {
+        let pairs = (0..16).flat_map(|m| (0..16).map(move |k| (m, if rotated { (m + k) % 16 } else { k })));
+        pairs
+            .filter_map(|(m, n)| at(frame, m, n).or(whole.then_some(1e3)))
+            .collect()
+    };
+    let all = |rotated, whole| plain.map(|f| arranged(f, rotated, whole));
+    let (rotated, whole, both) = (all(true, false), all(false, true), all(true, true));
+    fn of(frames: &[Vec<f64>; 2]) -> [&[f64]; 2] {
+        [&frames[0], &frames[1]]
+    }
+    for (name, bytes, order) in [
+        ("a.csv", lines(&plain, ",", "").into_bytes(), "adjacent16"),
+        ("p.txt", lines(&plain, " ", "").into_bytes(), "pyeit"),
+        ("e.txt", lines(&plain, ";", "").into_bytes(), "eidors"),
+        ("o.txt", lines(&plain, ",", "magnitudes : ").into_bytes(), "openeit"),
+        ("p.npy", npy(&plain), "pyeit"),
+        ("e.mat", mat(&plain), "eidors"),
+        ("f.npy", npy(&of(&rotated)), "pyeit-fmmu"),
+        ("r.mat", mat(&of(&rotated)), "eidors-rotated"),
+        ("w.mat", mat(&of(&whole)), "eidors"),
+        ("b.csv", lines(&of(&both), ",", "").into_bytes(), "pyeit-fmmu"),
+    ] {
+        let file = folder.file(name, bytes);
+        let (found, said) = reconstruct(&file, &["--order", order, "--baseline", "1"]);
+        // Another order of the rows rounds differently, no more.
+        let off = apart_mm(&found[0], &expected[0]);
+        assert!(off < 1e-3, "{name}: {off} mm");
+        assert!(said.contains(&format!("2 frames in the order {order}")), "{said}");
+        let hint = refused(&file, &["--baseline", "1"]);
+        assert!(hint.contains(&format!("--order {order}")), "{hint}");
+        if name.starts_with(['w', 'b']) {
+            assert!(said.contains("48 of 256 values"), "{said}");
+        }
+    }
+}
+
+#[test]
+fn another_order_than_the_frames_have_is_noticed() {
+    let folder = Folder::new();
+    let (empty, touched) = (values(&forward(&[])), values(&forward(&TOUCH)));
+    let file = folder.file("a.csv", lines(&[&empty, &touched], ",", ""));
+    let (_, said) = reconstruct(&file, &["--order", "pyeit-fmmu", "--baseline", "1", "--cell-mm", "15"]);
+    assert!(said.contains("look at the order of the electrodes"), "{said}");
+}
+
+#[test]
+fn every_result_says_what_it_was_made_with() {
+    let folder = Folder::new();
+    let rows: Rows = forward(&[])[..100].to_vec();
+    let (empty, touched) = (values(&rows), values(&forward(&TOUCH))[..100].to_vec());
+    let mut gap = touched.clone();
+    gap[7] = f64::NAN;
+    let file = folder.file(
+        "t.csv",
+        table(&rows, &[("empty", empty), ("one", touched), ("gap", gap)]),
+    );
+    let (lines, said) = reconstruct(&file, &["--baseline", "empty", "--cell-mm", "15"]);
+    for (line, left_out) in lines.iter().zip([0, 1]) {
+        assert_eq!(line["baseline"], "empty");
+        assert_eq!(line["pattern"], "adjacent, 100 of 208 values");
+        assert!(line["sheet"].as_str().unwrap().starts_with("disc, 195.0 x 195.0 mm"));
+        assert_eq!(line["left_out"], left_out);
+        let missing = line["missing"].as_array().unwrap();
+        let all = forward(&[]);
+        assert_eq!(missing.len(), 108);
+        for (row, (electrodes, _)) in missing.iter().zip(&all[100..]) {
+            assert_eq!(*row, serde_json::json!(electrodes));
+        }
+    }
+    assert!(
+        said.contains("100 of 208 values; missing: drive 8-9: sense 13-14"),
+        "{said}"
+    );
+}
+
+const THIRTY_TWO: &str = "sheet_resistance_ohm = 1000.0
+outline = { kind = \"disc\", diameter_mm = 195.0 }
+[electrode_ring]
+count = 32
+width_mm = 6.0
+contact_mm = 1.0
+";
+
+#[test]
+fn thirty_two_electrodes_need_their_sheet_and_then_are_as_good() {
+    let folder = Folder::new();
+    let sheet = folder.file("s.toml", THIRTY_TWO);
+    let sheet = sheet.to_str().unwrap();
+    let rows = forward(&["--sheet", sheet]);
+    assert_eq!(rows.len(), 928);
+    let touched = values(&forward(&[&["--sheet", sheet], TOUCH.as_slice()].concat()));
+    let csv = folder.file(
+        "t.csv",
+        table(&rows, &[("empty", values(&rows)), ("one", touched.clone())]),
+    );
+    let said = refused(&csv, &["--baseline", "empty"]);
+    assert!(
+        said.contains("32 electrodes") && said.contains("--sheet FILE"),
+        "{said}"
+    );
+    let quick = ["--sheet", sheet, "--trust-electrodes", "--cell-mm", "10"];
+    let (lines, _) = reconstruct(&csv, &[&quick, ["--baseline", "empty"].as_slice()].concat());
+    let [[x, y]] = places(&lines[0])[..] else {
+        panic!("{lines:?}")
+    };
+    assert!((x - 30.0).hypot(y - 20.0) < 1.0, "{x} {y}");
+    // A line of OpenEIT has the same 928 values.
+    let file = folder.file("o.txt", self::lines(&[&values(&rows), &touched], ",", "magnitudes : "));
+    let (same, _) = reconstruct(
+        &file,
+        &[&quick, ["--order", "openeit", "--baseline", "1"].as_slice()].concat(),
+    );
+    assert!(apart_mm(&same[0], &lines[0]) < 1e-6);
+    let said = refused(&file, &["--order", "openeit", "--baseline", "1"]);
+    assert!(said.contains("32 electrodes"), "{said}");
+}
+
+#[test]
+fn a_frame_with_a_baseline_of_its_own_is_compared_with_that() {
+    let folder = Folder::new();
+    let (rows, touched) = (forward(&[]), values(&forward(&TOUCH)));
+    let other = values(&forward(&["--touch", "-40,10,9,0.2"]));
+    let empty = values(&rows);
+    // All voltages drift by a fifth between the presses: more than a touch changes any.
+    let drifted = |frame: &[f64]| -> Vec<f64> { frame.iter().map(|v| 1.2 * v).collect() };
+    let frames = [
+        ("u0", empty.clone()),
+        ("p0", touched),
+        ("u1", drifted(&empty)),
+        ("p1", drifted(&other)),
+    ];
+    let file = folder.file("t.csv", table(&rows, &frames));
+    let before = folder.file("before.csv", "frame,before,x_mm\np0,u0,30\np1,u1,-40\n");
+    let (lines, _) = reconstruct(&file, &["--before", before.to_str().unwrap()]);
+    let names: Vec<&str> = lines.iter().map(|l| l["frame"].as_str().unwrap()).collect();
+    assert_eq!(names, ["p0", "p1"]);
+    for (line, (baseline, [x, y])) in lines.iter().zip([("u0", [30.0, 20.0]), ("u1", [-40.0, 10.0])]) {
+        assert_eq!(line["baseline"], baseline);
+        let [[a, b]] = places(line)[..] else { panic!("{line}") };
+        assert!((a - x).hypot(b - y) < 1.0, "{a} {b}");
+    }
+    // Without a frame before it, one is compared with --baseline; without that, it is an error.
+    let part = folder.file("part.csv", "frame,before\np0,\np1,u1\n");
+    let part = part.to_str().unwrap();
+    let said = refused(&file, &["--before", part]);
+    assert!(said.contains("part.csv:2") && said.contains("--baseline"), "{said}");
+    let (lines, said) = reconstruct(&file, &["--before", part, "--baseline", "u0"]);
+    assert_eq!(
+        (&lines[0]["baseline"], &lines[1]["baseline"]),
+        (&"u0".into(), &"u1".into())
+    );
+    assert!(
+        said.contains("1 frames have no frame before them") && said.contains("p0"),
+        "{said}"
+    );
+}
+
+#[test]
+fn changes_alone_are_found_with_the_models_voltages() {
+    let folder = Folder::new();
+    let (rows, touched) = (forward(&[]), values(&forward(&TOUCH)));
+    let change: Vec<f64> = touched.iter().zip(&rows).map(|(t, (_, u))| t - u).collect();
+    let millivolts: Vec<f64> = change.iter().map(|v| 1e3 * v).collect();
+    let file = folder.file("t.csv", table(&rows, &[("volts", change)]));
+    let (lines, _) = reconstruct(&file, &["--difference"]);
+    assert_eq!(lines[0]["baseline"], "the model");
+    let [[x, y]] = places(&lines[0])[..] else {
+        panic!("{lines:?}")
+    };
+    assert!((x - 30.0).hypot(y - 20.0) < 1.0, "{x} {y}");
+    let file = folder.file("m.csv", table(&rows, &[("volts", millivolts)]));
+    let (same, _) = reconstruct(&file, &["--difference", "--unit-v", "1e-3"]);
+    assert!(apart_mm(&same[0], &lines[0]) < 1e-3);
+}
+
+#[test]
+fn a_simulated_board_of_thirty_two_electrodes_feels_the_finger() {
+    let folder = Folder::new();
+    let sheet = folder.file("s.toml", THIRTY_TWO);
+    let sheet = sheet.to_str().unwrap();
+    let truth = folder.file("truth.jsonl", "");
+    let every = [
+        "--duration-s",
+        "2.6",
+        "--every-s",
+        "0.1",
+        "--truth",
+        truth.to_str().unwrap(),
+    ];
+    let output = skin(&[&["sim", "--sheet", sheet], every.as_slice()].concat());
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let file = folder.file("t.csv", &output.stdout);
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert!(text.contains(", 32 electrodes, 1 at (97.5, 0.0)"), "{text}");
+    let truth: Vec<Value> = std::fs::read_to_string(truth)
+        .unwrap()
+        .lines()
+        .map(|l| serde_json::from_str(l).unwrap())
+        .collect();
+    let header = text.lines().find(|l| l.starts_with("drive_a")).unwrap();
+    let names: Vec<&str> = header.split(',').skip(4).collect();
+    assert_eq!(names.len(), truth.len());
+    let rest = truth
+        .iter()
+        .take_while(|t| t["touches"].as_array().unwrap().is_empty())
+        .count();
+    assert!(rest >= 8, "{rest}");
+    let baseline = format!("{}-{}", names[0], names[rest - 2]);
+    let (lines, said) = reconstruct(&file, &["--sheet", sheet, "--baseline", &baseline, "--cell-mm", "8"]);
+    assert!(
+        said.contains("256 of 928 values, all that its header announces"),
+        "{said}"
+    );
+    assert!(lines[0].get("missing").is_none());
+    // The finger is down in the last frame, and stood still for all of it.
+    let (last, now) = (&lines[lines.len() - 1], &truth[truth.len() - 1]["touches"]);
+    let [x, y] = ["x_mm", "y_mm"].map(|k| now[0][k].as_f64().unwrap());
+    let [[a, b]] = places(last)[..] else { panic!("{last}") };
+    assert!((a - x).hypot(b - y) < 1.0, "{a} {b}, not {x} {y}");
+}
