@@ -8,6 +8,8 @@ use std::collections::HashSet;
 pub(crate) struct TablePattern {
     /// Its name with the number of values: "adjacent, 100 of 208 values".
     pub name: String,
+    /// Whether the rows are those of a rotating or a given pattern.
+    pub known: bool,
     /// Measurements of the pattern that the table does not have.
     pub missing: Vec<Measurement>,
 }
@@ -42,6 +44,7 @@ impl TablePattern {
             Some((name, pattern)) => Self::against(&name, &pattern, rows),
             None => Self {
                 name: format!("the table's own, {} values", rows.len()),
+                known: false,
                 missing: Vec::new(),
             },
         }
@@ -55,6 +58,7 @@ impl TablePattern {
         }
         Self {
             name: format!("{}, all that its header announces", found.name),
+            known: true,
             missing: Vec::new(),
         }
     }
@@ -69,7 +73,11 @@ impl TablePattern {
             .copied()
             .collect();
         let name = format!("{name}, {} of {} values", rows.len(), rows.len() + missing.len());
-        Self { name, missing }
+        Self {
+            name,
+            known: true,
+            missing,
+        }
     }
 
     /// What is missing, drive by drive; none where nothing is.

@@ -82,6 +82,16 @@ impl Geometry {
                 table.electrodes
             );
         }
+        // Neighbours across the highest number are neighbours on the sheet that was measured, and not on a larger one.
+        let own = TablePattern::of_rows(table.electrodes, &table.measurements);
+        if own.known && !TablePattern::of_rows(electrodes, &table.measurements).known {
+            bail!(
+                "{file}: its rows are a pattern of {} electrodes ({}), but the sheet has {electrodes}; describe the sheet that was measured \
+                 with --sheet FILE",
+                table.electrodes,
+                own.name
+            );
+        }
         let line = SheetLine::of(&sheet)?;
         if let Some(difference) = table.sheet.as_ref().and_then(|named| named.differs(&line)) {
             bail!(

@@ -263,7 +263,10 @@ impl MeasurementTable {
     }
 
     /// Takes what a comment says of the sheet and of the number of rows.
-    fn comment(&mut self, line: u64, text: &str) -> Result<(), TableError> {
+    ///
+    /// # Errors
+    /// [`TableError::TwoSheets`].
+    pub(crate) fn comment(&mut self, line: u64, text: &str) -> Result<(), TableError> {
         let plain = text.trim_start_matches('#').trim();
         if let Some(rows) = plain.strip_prefix("rows:").and_then(|n| n.trim().parse().ok()) {
             self.rows = Some(rows);

@@ -63,6 +63,9 @@ pub(crate) enum OrderError {
         /// The arrays of the file.
         found: String,
     },
+    /// A comment that names another sheet than one before it.
+    #[error("{0}")]
+    Comment(String),
     /// Variables of different numbers of electrodes.
     #[error("{file}: variables of {first} and of {second} electrodes; name those that belong together with --variable")]
     Mixed {
@@ -172,6 +175,10 @@ impl Order {
             notes: Vec::new(),
         };
         for (array, in_rows, _) in &fitting {
+            for (line, comment) in &array.comments {
+                let taken = table.comment(*line, comment);
+                taken.map_err(|error| OrderError::Comment(error.to_string()))?;
+            }
             let frames = if *in_rows { array.rows } else { array.columns };
             let across = if *in_rows { "rows" } else { "columns" };
             let subject = if array.name.is_empty() {
@@ -379,6 +386,7 @@ mod tests {
             columns,
             values: (0..rows * columns).map(|k| k as f64).collect(),
             complex: false,
+            comments: Vec::new(),
         };
         let rows = Order::Pyeit.table("f", Kind::Npy, &[array("", 3, 208)], &[]).unwrap();
         assert_eq!((rows.columns.len(), rows.columns[1].values[2]), (3, 210.0));

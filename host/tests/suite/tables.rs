@@ -287,6 +287,26 @@ fn thirty_two_electrodes_need_their_sheet_and_then_are_as_good() {
     assert!(apart_mm(&same[0], &lines[0]) < 1e-6);
     let said = refused(&file, &["--order", "openeit", "--baseline", "1"]);
     assert!(said.contains("32 electrodes"), "{said}");
+    // Sixteen electrodes on it are refused in either form: their first and last are no neighbours there.
+    let rows = forward(&[]);
+    let small = folder.file("small.csv", table(&rows, &[("1", values(&rows)), ("2", values(&rows))]));
+    let lines = lines_of(&values(&rows));
+    let also = folder.file("small.txt", lines);
+    for (file, options) in [(&small, [].as_slice()), (&also, ["--order", "pyeit"].as_slice())] {
+        let said = refused(file, &[options, &["--baseline", "1", "--sheet", sheet]].concat());
+        assert!(said.contains("a pattern of 16 electrodes"), "{said}");
+    }
+    // And so is a comment over one frame a line that names another sheet.
+    let text = format!(
+        "# sheet: disc, 150.0 x 150.0 mm, 176.7 cm2, 16 electrodes\n{}",
+        lines_of(&values(&rows))
+    );
+    let said = refused(&folder.file("c.txt", text), &["--order", "pyeit", "--baseline", "1"]);
+    assert!(said.contains("150.0 x 150.0 mm, not 195.0"), "{said}");
+}
+
+fn lines_of(frame: &[f64]) -> String {
+    lines(&[frame, frame], ",", "")
 }
 
 #[test]

@@ -122,7 +122,7 @@ fn another_board_in_its_place_is_an_error() {
 
 #[test]
 fn the_plan_follows_the_boards_electrodes() {
-    for (electrodes, values) in [(4, 4), (8, 40), (16, 208)] {
+    for (electrodes, values) in [(4, 4), (8, 40), (16, 208), (32, 256)] {
         let session = Session::start(Box::new(board(electrodes)), adjacent_plan).unwrap();
         assert_eq!(
             Pattern::from_pairs(session.electrodes(), session.measurements())
@@ -141,7 +141,7 @@ fn the_plan_follows_the_boards_electrodes() {
         hello
     };
     assert_eq!(adjacent_plan(&hello(16, 1)).unwrap().sampling, Sampling::Sequential);
-    for electrodes in [0, 3, 32] {
+    for electrodes in [0, 3, 33] {
         let error = LinkError::from(adjacent_plan(&hello(electrodes, 32)).unwrap_err());
         assert!(
             error.to_string().starts_with("no scan plan suits this board: it has"),

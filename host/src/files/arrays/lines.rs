@@ -14,10 +14,14 @@ pub(super) fn parse(file: &str, bytes: &[u8]) -> Result<Array, FileError> {
     let mut values = Vec::new();
     let (mut rows, mut columns) = (0, 0);
     let mut named = false;
+    let mut comments = Vec::new();
     for (number, line) in (1..).zip(bytes.split(|b| *b == b'\n')) {
         let line = std::str::from_utf8(line)
             .map_err(|_| FileError::malformed(file, number, "1", "text in UTF-8", "other bytes"))?
             .trim();
+        if line.starts_with('#') {
+            comments.push((number, line.to_owned()));
+        }
         if line.is_empty() || line.starts_with(['#', '%']) {
             continue;
         }
@@ -74,6 +78,7 @@ pub(super) fn parse(file: &str, bytes: &[u8]) -> Result<Array, FileError> {
         columns,
         values,
         complex: false,
+        comments,
     })
 }
 
@@ -102,7 +107,7 @@ mod tests {
             "1;2.5;-3\r\n4;5;6",
             "1\t2.5\t-3\n4 5  6\n",
             "magnitudes : 1,2.5,-3,\n\nmagnitudes : 4,5,6,\n",
-            "# made by hand\na,b,c\n1, 2.5, -3\n4,5,6",
+            "% made by hand\na,b,c\n1, 2.5, -3\n4,5,6",
         ] {
             assert_eq!(parse("f", text.as_bytes()).unwrap(), expected, "{text:?}");
         }

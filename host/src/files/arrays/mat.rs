@@ -147,6 +147,7 @@ fn variable(at: &Reader<'_>, name: Option<String>, depth: usize, arrays: &mut Ve
                 columns,
                 values: transposed(&values, rows, columns),
                 complex,
+                comments: Vec::new(),
             });
         }
         STRUCT if (rows, columns) == (1, 1) && depth < DEEPEST => {

@@ -22,6 +22,8 @@ pub(crate) struct Array {
     pub values: Vec<f64>,
     /// Whether the numbers were complex.
     pub complex: bool,
+    /// Comments that begin with #, with their lines from 1; of text only.
+    pub comments: Vec<(u64, String)>,
 }
 
 /// What a file's bytes are.

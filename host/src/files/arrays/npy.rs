@@ -56,6 +56,7 @@ pub(super) fn parse(name: &str, bytes: &[u8]) -> Result<Array, String> {
             values
         },
         complex: parts == 2,
+        comments: Vec::new(),
     })
 }
 
