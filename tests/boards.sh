@@ -84,9 +84,11 @@ SKIN_STM32_PROGRAMS="$programs" emulator -- --nocapture --test-threads 2 || fail
 command -v qemu-system-arm >/dev/null 2>&1 || debian_install qemu-system-arm
 if command -v qemu-system-arm >/dev/null 2>&1; then
     say "the emulated mps2-an386, the host program and the touches"
-    cargo build --locked -p host --bin skin || fail "skin does not build"
+    # As tests/all.sh builds them, `skin` with them: nothing is built twice.
+    every_test() { cargo test --workspace --locked --lib --bins --tests "$@"; }
+    every_test --no-run || fail "the tests do not build"
     SKIN_QEMU_PROGRAMS="$boards_target/$TARGET/release" SKIN_PROGRAM="$target/debug/skin" \
-        cargo test --locked -p tests --test suite emulated -- --ignored --nocapture || fail "the board on QEMU"
+        every_test -- --ignored --nocapture emulated:: || fail "the board on QEMU"
 else
     say "skipped: no qemu-system-arm (apt-get install qemu-system-arm)"
 fi
