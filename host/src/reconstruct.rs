@@ -5,6 +5,7 @@ use crate::files::arrays;
 use crate::files::calibration_file;
 use crate::files::measurements::MeasurementTable;
 use crate::files::order::Order;
+use crate::files::ordered;
 use crate::number;
 use crate::progress::Progress;
 use crate::table_baseline::{BaselineArguments, Frame};
@@ -148,7 +149,8 @@ fn read(arguments: &Arguments) -> Result<MeasurementTable> {
     let mut table = match arguments.order {
         Some(order) => {
             let (kind, arrays) = arrays::read(&arguments.file)?;
-            order.table(
+            ordered::table(
+                order,
                 &arguments.file.display().to_string(),
                 kind,
                 &arrays,

@@ -8,6 +8,7 @@ pub(crate) mod calibration_file;
 pub(crate) mod malformed;
 pub(crate) mod measurements;
 pub(crate) mod order;
+pub(crate) mod ordered;
 pub(crate) mod press_table;
 pub(crate) mod replace;
 pub(crate) mod sheet_line;

@@ -2,7 +2,6 @@
 //! docs/tables.md says where each order comes from.
 
 use super::arrays::{Array, Kind};
-use super::measurements::{Column, MeasurementTable};
 use ::forward::{Measurement, Pair};
 use clap::ValueEnum;
 use thiserror::Error;
@@ -92,7 +91,7 @@ impl Order {
     }
 
     /// How many values a frame has, in words.
-    fn counts(self) -> &'static str {
+    pub(super) fn counts(self) -> &'static str {
         match self {
             Self::Adjacent16 => "208",
             Self::Openeit => "N(N-3) or N(N-4)",
@@ -120,123 +119,9 @@ impl Order {
         })
     }
 
-    /// The frames of a file's arrays as a table; `wanted` names the variables to take, all that fit where it is empty.
-    ///
-    /// # Errors
-    /// [`OrderError`] lists what the file has.
-    pub(crate) fn table(
-        self,
-        file: &str,
-        kind: Kind,
-        arrays: &[Array],
-        wanted: &[String],
-    ) -> Result<MeasurementTable, OrderError> {
-        let found = described(arrays);
-        if let Some(name) = wanted.iter().find(|w| arrays.iter().all(|a| a.name != **w)) {
-            return Err(OrderError::NoSuchVariable {
-                file: file.to_owned(),
-                name: name.clone(),
-                found,
-            });
-        }
-        let asked = |array: &&Array| wanted.is_empty() || wanted.contains(&array.name);
-        let fitting: Vec<(&Array, bool, Layout)> = arrays
-            .iter()
-            .filter(asked)
-            .filter_map(|array| self.fit(array, kind).map(|(in_rows, layout)| (array, in_rows, layout)))
-            .collect();
-        let Some((_, _, layout)) = fitting.first() else {
-            return Err(OrderError::Nothing {
-                file: file.to_owned(),
-                order: self.name(),
-                counts: self.counts(),
-                found,
-                hint: hint(arrays),
-            });
-        };
-        if let Some((_, _, other)) = fitting.iter().find(|(_, _, other)| other != layout) {
-            return Err(OrderError::Mixed {
-                file: file.to_owned(),
-                first: layout.electrodes,
-                second: other.electrodes,
-            });
-        }
-        let kept: Vec<usize> = (0..layout.values.len())
-            .filter(|k| layout.values[*k].is_some())
-            .collect();
-        let mut table = MeasurementTable {
-            file: file.to_owned(),
-            measurements: layout.values.iter().flatten().copied().collect(),
-            electrodes: layout.electrodes,
-            infinite: 0,
-            columns: Vec::new(),
-            sheet: None,
-            rows: None,
-            notes: Vec::new(),
-        };
-        for (array, in_rows, _) in &fitting {
-            for (line, comment) in &array.comments {
-                let taken = table.comment(*line, comment);
-                taken.map_err(|error| OrderError::Comment(error.to_string()))?;
-            }
-            let frames = if *in_rows { array.rows } else { array.columns };
-            let across = if *in_rows { "rows" } else { "columns" };
-            let subject = if array.name.is_empty() {
-                "its".to_owned()
-            } else {
-                format!("variable {}: the", array.name)
-            };
-            table.notes.push(format!(
-                "{subject} {across} are {frames} frames in the order {}",
-                self.name()
-            ));
-            if array.complex {
-                table
-                    .notes
-                    .push("the values are complex; their magnitudes are taken".to_owned());
-            }
-            for frame in 0..frames {
-                let value = |k: usize| {
-                    let place = if *in_rows {
-                        frame * array.columns + k
-                    } else {
-                        k * array.columns + frame
-                    };
-                    array.values[place]
-                };
-                let mut values: Vec<f64> = kept.iter().map(|k| value(*k)).collect();
-                for v in values.iter_mut().filter(|v| v.is_infinite()) {
-                    table.infinite += 1;
-                    *v = f64::NAN;
-                }
-                let number = (frame + 1).to_string();
-                let name = match (fitting.len(), frames) {
-                    (1, _) => number,
-                    (_, 1) => array.name.clone(),
-                    _ => format!("{}:{number}", array.name),
-                };
-                table.columns.push(Column { name, values });
-            }
-        }
-        let driven = layout.values.len() - kept.len();
-        if driven > 0 {
-            let all = layout.values.len();
-            table.notes.push(format!(
-                "{driven} of {all} values a frame were measured on electrodes that carry current and are left out"
-            ));
-        }
-        let more = arrays.len() - fitting.len();
-        if more > 0 && wanted.is_empty() {
-            table.notes.push(format!(
-                "{more} other variables are not frames in this order: the file has {found}"
-            ));
-        }
-        Ok(table)
-    }
-
     /// Whether an array's frames are its rows, and what their values are. Both may fit: then MATLAB's are columns, as EIDORS
     /// has them, and everybody else's rows.
-    fn fit(self, array: &Array, kind: Kind) -> Option<(bool, Layout)> {
+    pub(super) fn fit(self, array: &Array, kind: Kind) -> Option<(bool, Layout)> {
         let rows = self.layout(array.columns).map(|layout| (true, layout));
         let columns = self.layout(array.rows).map(|layout| (false, layout));
         if array.values.is_empty() {
@@ -274,7 +159,7 @@ fn list(n: usize, step: usize, rotated: bool, whole: bool, magnitudes: bool) -> 
 }
 
 /// The arrays of a file, for messages.
-fn described(arrays: &[Array]) -> String {
+pub(super) fn described(arrays: &[Array]) -> String {
     if arrays.is_empty() {
         return "no array of numbers".to_owned();
     }
@@ -376,52 +261,5 @@ mod tests {
             let volts = Drive::PAPER.frame_v(matrix, &pattern);
             assert!(volts.iter().all(|v| *v > 0.0), "{values}");
         }
-    }
-
-    #[test]
-    fn frames_are_rows_or_columns_by_what_fits() {
-        let array = |name: &str, rows: usize, columns: usize| Array {
-            name: name.to_owned(),
-            rows,
-            columns,
-            values: (0..rows * columns).map(|k| k as f64).collect(),
-            complex: false,
-            comments: Vec::new(),
-        };
-        let rows = Order::Pyeit.table("f", Kind::Npy, &[array("", 3, 208)], &[]).unwrap();
-        assert_eq!((rows.columns.len(), rows.columns[1].values[2]), (3, 210.0));
-        let columns = Order::Eidors
-            .table("f", Kind::Mat, &[array("vi", 208, 3)], &[])
-            .unwrap();
-        assert_eq!((columns.columns.len(), columns.columns[1].values[2]), (3, 7.0));
-        // Both fit: MATLAB's are columns.
-        let square = [array("v", 208, 928)];
-        assert_eq!(
-            Order::Eidors.table("f", Kind::Mat, &square, &[]).unwrap().electrodes,
-            16
-        );
-        assert_eq!(
-            Order::Eidors.table("f", Kind::Npz, &square, &[]).unwrap().electrodes,
-            32
-        );
-        // Several variables keep their names, and what is no frame is said.
-        let several = [array("vh", 208, 1), array("vi", 208, 2), array("t", 1, 7)];
-        let table = Order::Eidors.table("f", Kind::Mat, &several, &[]).unwrap();
-        let names: Vec<&str> = table.columns.iter().map(|c| c.name.as_str()).collect();
-        assert_eq!(names, ["vh", "vi:1", "vi:2"]);
-        assert!(table.notes.iter().any(|n| n.contains("t (1 x 7)")), "{:?}", table.notes);
-        let one = Order::Eidors
-            .table("f", Kind::Mat, &several, &["vi".to_owned()])
-            .unwrap();
-        assert_eq!(one.columns.len(), 2);
-        let error = Order::Eidors
-            .table("f", Kind::Mat, &several, &["x".to_owned()])
-            .unwrap_err();
-        assert!(error.to_string().contains("vh (208 x 1)"), "{error}");
-        let error = Order::Adjacent16
-            .table("f", Kind::Npy, &[array("", 2, 928)], &[])
-            .unwrap_err()
-            .to_string();
-        assert!(error.contains("--order pyeit") && error.contains("2 x 928"), "{error}");
     }
 }
