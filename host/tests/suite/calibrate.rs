@@ -3,6 +3,7 @@
 //! same happens on a machine of any speed.
 #![cfg(target_os = "linux")]
 
+use crate::program::skin;
 use serde_json::Value;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
@@ -38,19 +39,6 @@ impl Drop for Board {
         let _ = self.program.kill();
         let _ = self.program.wait();
     }
-}
-
-fn skin(arguments: &[&str]) -> String {
-    let run = Command::new(env!("CARGO_BIN_EXE_skin"))
-        .args(arguments)
-        .output()
-        .unwrap();
-    assert!(
-        run.status.success(),
-        "{arguments:?}: {}",
-        String::from_utf8_lossy(&run.stderr)
-    );
-    String::from_utf8(run.stdout).unwrap()
 }
 
 fn calibrate(arguments: &[&str]) -> Value {

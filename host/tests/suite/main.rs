@@ -9,6 +9,7 @@
 mod baseline;
 mod calibrate;
 mod paper;
+mod program;
 mod real_data;
 mod tables;
 mod transcripts;

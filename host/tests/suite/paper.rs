@@ -1,22 +1,9 @@
 //! The report of the paper's experiments: its numbers lie where theory and the paper put them, the page holds them, and it
 //! needs nothing else. And the way that they are made of: calibrate, then run with forces.
 
+use crate::program::skin;
 use serde_json::Value;
 use std::path::Path;
-use std::process::Command;
-
-fn skin(arguments: &[&str]) -> String {
-    let run = Command::new(env!("CARGO_BIN_EXE_skin"))
-        .args(arguments)
-        .output()
-        .unwrap();
-    assert!(
-        run.status.success(),
-        "{arguments:?}: {}",
-        String::from_utf8_lossy(&run.stderr)
-    );
-    String::from_utf8(run.stdout).unwrap()
-}
 
 fn number(v: &Value, path: &str) -> f64 {
     v.pointer(path)
