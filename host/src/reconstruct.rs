@@ -1,18 +1,16 @@
 //! `skin reconstruct`: frames of a table to touches and pictures.
 
-use crate::drive::DriveKind;
+use crate::disc::{self, Disc};
 use crate::files::calibration_file;
 use crate::files::measurements::MeasurementTable;
-use crate::number;
-use ::forward::file::MOST_ELECTRODES;
-use ::forward::{Electrode, Outline, Pattern, Place, Sheet};
+use crate::{number, sheet};
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use inverse::batch::{Batch, BatchOptions};
 use inverse::pipeline::FrameResult;
 use inverse::quality::doubt::Doubt;
-use inverse::reference::baseline::Baseline;
 use inverse::reference::imager::Imager;
+use inverse::reference::screening::Finding;
 use inverse::solvers::{Method, Status};
 use serde::Serialize;
 use std::io::Write;
@@ -30,29 +28,16 @@ pub(crate) struct Arguments {
     /// Frames of the unpressed sheet; several are averaged, and eight or more tell the noise.
     #[arg(long, required = true, value_delimiter = ',', value_name = "COLUMN[,COLUMN...]")]
     baseline: Vec<String>,
-    /// How the sheet was driven.
-    #[arg(long, value_enum, default_value_t = DriveKind::Voltage)]
-    drive: DriveKind,
-    /// Diameter of the sheet, mm.
-    #[arg(long, default_value_t = 195.0, allow_negative_numbers = true, value_name = "MM", value_parser = length())]
-    diameter_mm: f64,
-    /// Angle of electrode 1, degrees counter-clockwise from +x.
-    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true, value_name = "DEGREES", value_parser = number::allowed("an angle in degrees", |_| true))]
-    first_electrode_deg: f64,
-    /// The electrodes are numbered clockwise.
-    #[arg(long)]
-    clockwise: bool,
-    /// How many electrodes the sheet has [default: the highest number in the table].
-    #[arg(long, value_name = "N")]
-    electrodes: Option<usize>,
+    #[command(flatten)]
+    disc: Disc,
     /// Take the electrodes to be exactly where they are said to be, instead of finding them in the baseline.
     #[arg(long)]
     trust_electrodes: bool,
-    /// Width of an electrode, mm [default: 10 mm on a 195 mm disc, in proportion].
-    #[arg(long, allow_negative_numbers = true, value_name = "MM", value_parser = length())]
-    electrode_mm: Option<f64>,
+    /// The electrode of the sheet that every wire leads to, in the order of the table's numbers, as `skin check` says it.
+    #[arg(long, value_delimiter = ',', value_name = "ELECTRODE,...")]
+    wires: Vec<usize>,
     /// Side of the picture's cells, mm [default: 5 mm on a 195 mm disc, in proportion; 20 mm for lawson-hanson].
-    #[arg(long, allow_negative_numbers = true, value_name = "MM", value_parser = length())]
+    #[arg(long, allow_negative_numbers = true, value_name = "MM", value_parser = disc::length())]
     cell_mm: Option<f64>,
     /// How the picture is computed.
     #[arg(long, value_parser = crate::method::parser(), default_value_t = Method::Nnls)]
@@ -74,10 +59,6 @@ pub(crate) struct Arguments {
     /// One JSON object a line.
     #[arg(long)]
     json: bool,
-}
-
-fn length() -> impl Fn(&str) -> Result<f64, String> + Clone {
-    number::positive("a length in mm above 0")
 }
 
 #[derive(Serialize)]
@@ -112,6 +93,9 @@ struct FrameLine<'a> {
     /// What speaks against the touches.
     #[serde(skip_serializing_if = "Option::is_none")]
     doubt: Option<Doubt>,
+    /// What is left out of all frames, since it is wrong in the baseline.
+    #[serde(skip_serializing_if = "<[_]>::is_empty")]
+    left_out: &'a [&'a Finding],
 }
 
 fn status(status: Status) -> &'static str {
@@ -119,32 +103,6 @@ fn status(status: Status) -> &'static str {
         Status::Converged => "converged",
         Status::Stopped => "stopped",
         Status::BadInput => "bad input",
-    }
-}
-
-/// Diameter that the defaults for lengths are given for, mm.
-const PAPER_MM: f64 = 195.0;
-
-fn sheet(arguments: &Arguments, electrodes: usize) -> Sheet {
-    let scale = arguments.diameter_mm / PAPER_MM;
-    let turn = if arguments.clockwise { -360.0 } else { 360.0 };
-    let width_mm = arguments.electrode_mm.unwrap_or(10.0 * scale);
-    Sheet {
-        sheet_resistance_ohm: 1000.0,
-        outline: Outline::Disc {
-            diameter_mm: arguments.diameter_mm,
-            centre_mm: [0.0, 0.0],
-        },
-        holes: Vec::new(),
-        electrodes: (0..electrodes)
-            .map(|l| Electrode {
-                place: Place::Angle {
-                    angle_deg: arguments.first_electrode_deg + turn * l as f64 / electrodes as f64,
-                    width_mm,
-                },
-                contact_mm: scale,
-            })
-            .collect(),
     }
 }
 
@@ -177,24 +135,15 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
             arguments.file.display()
         );
     }
-    let electrodes = arguments.electrodes.unwrap_or(table.electrodes);
-    if electrodes < table.electrodes || electrodes > MOST_ELECTRODES {
-        bail!(
-            "--electrodes {electrodes}: the table names electrodes up to {}; give that many or more, {MOST_ELECTRODES} at most",
-            table.electrodes
-        );
-    }
-    let pattern = Pattern::from_list(electrodes, table.measurements.clone())
-        .with_context(|| format!("{}", arguments.file.display()))?;
-    let drive = arguments.drive.drive();
+    let pattern = sheet::rewired(arguments.disc.pattern(&table)?, &arguments.wires)?;
     let method = arguments.method;
     let cell_mm = arguments
         .cell_mm
-        .unwrap_or(method.cell_mm() * arguments.diameter_mm / PAPER_MM);
+        .unwrap_or_else(|| arguments.disc.scaled(method.cell_mm()));
     let imager = Arc::new(Imager::for_method(
         method,
-        &sheet(arguments, electrodes),
-        drive,
+        &arguments.disc.sheet(pattern.electrodes()),
+        arguments.disc.drive(),
         pattern,
         cell_mm,
     )?);
@@ -210,7 +159,6 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
             arguments.baseline.join(",")
         );
     }
-    crate::sheet::look_at_baseline(&imager, &Baseline::of_frames(imager.pattern.len(), &unpressed).values_v);
     let defaults = BatchOptions::of(method);
     let options = BatchOptions {
         find_electrodes: defaults.find_electrodes && !arguments.trust_electrodes,
@@ -219,7 +167,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         ..defaults
     };
     let mut batch = Batch::new(imager, &unpressed, options)?;
-    if let Some(found) = batch.electrodes() {
+    sheet::say(batch.inspection());
+    if let Some(found) = &batch.inspection().electrodes {
         let most = found.moved_mm.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
         eprintln!("electrodes found in the baseline, up to {most:.1} mm from where they were said to be");
     }
@@ -240,7 +189,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     if let Some(folder) = &arguments.cells {
         write_cells(folder, batch.imager(), &results)?;
     }
-    print(&results, arguments.json)
+    let left_out: Vec<&Finding> = batch.inspection().left_out().collect();
+    print(&results, &left_out, arguments.json)
 }
 
 /// Says on stderr what speaks against a frame's result.
@@ -329,7 +279,7 @@ fn tenths(value: f64) -> f64 {
     (10.0 * value).round() / 10.0
 }
 
-fn print(results: &[(&str, FrameResult)], json: bool) -> Result<()> {
+fn print(results: &[(&str, FrameResult)], left_out: &[&Finding], json: bool) -> Result<()> {
     let mut out = std::io::stdout().lock();
     for (frame, result) in results {
         if json {
@@ -358,6 +308,7 @@ fn print(results: &[(&str, FrameResult)], json: bool) -> Result<()> {
                 changed: result.changed,
                 used: result.used,
                 doubt: result.doubt,
+                left_out,
             };
             serde_json::to_writer(&mut out, &line)?;
             writeln!(out)?;
@@ -401,7 +352,7 @@ fn print(results: &[(&str, FrameResult)], json: bool) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use ::forward::Drive;
+    use ::forward::{Drive, Pattern, Sheet};
 
     #[test]
     fn no_two_frames_share_a_file() {

@@ -57,6 +57,12 @@ pub(crate) struct Arguments {
     /// The sheet, a TOML file as for `skin forward` [default: the paper's disc].
     #[arg(long, value_name = "FILE")]
     sheet: Option<PathBuf>,
+    /// The electrode of the sheet that every wire leads to, in the order of the board's numbers, as `skin check` says it.
+    #[arg(long, value_delimiter = ',', value_name = "ELECTRODE,...")]
+    wires: Vec<usize>,
+    /// Take the electrodes to be exactly where they are said to be, instead of finding them in the baseline.
+    #[arg(long)]
+    trust_electrodes: bool,
     /// Frames of the unpressed sheet that make the baseline, at least 2 [default: those of 0.7 s, at least 24].
     #[arg(long, value_name = "N", value_parser = RangedU64ValueParser::<usize>::new().range(2..))]
     baseline_frames: Option<usize>,
@@ -137,16 +143,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
             "{source} has {wired} electrodes, the sheet {described}; describe the sheet that is wired to it with --sheet"
         );
     }
-    let imager = Arc::new(Imager::new(
-        &sheet,
-        Drive::PAPER,
-        Pattern::from_pairs(session.electrodes(), session.measurements())?,
-        sheet::cell_mm(&sheet)?,
-    )?);
+    let pattern = Pattern::from_pairs(session.electrodes(), session.measurements())?;
+    let pattern = sheet::rewired(pattern, &arguments.wires)?;
+    let imager = Arc::new(Imager::new(&sheet, Drive::PAPER, pattern, sheet::cell_mm(&sheet)?)?);
     let mut live = Live::new(
         imager,
         LiveOptions {
             baseline_frames: arguments.baseline_frames.unwrap_or_else(|| baseline_frames(&session)),
+            find_electrodes: !arguments.trust_electrodes,
             calibration,
             ..LiveOptions::default()
         },
@@ -252,8 +256,9 @@ fn pump(
             LiveFrame::Baseline { left } => {
                 wanted = left;
                 let status = (left > 0).then(|| "taking the baseline, do not touch".to_owned());
-                if let (0, Some(baseline)) = (left, live.baseline()) {
-                    sheet::look_at_baseline(live.imager(), &baseline.values_v);
+                if let (0, Some(inspection)) = (left, live.inspection()) {
+                    sheet::say(inspection);
+                    output.left_out(inspection);
                 }
                 output.show_nothing(live.imager(), &frame, counters, status)?;
             }

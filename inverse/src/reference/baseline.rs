@@ -20,6 +20,8 @@ pub struct Baseline {
     pub noise_v: f64,
     /// Frames taken.
     pub frames: usize,
+    /// Sum of the squared deviations of every value from its mean, V², and degrees of freedom of the sum; empty for a single frame.
+    pub deviations: Vec<(f64, f64)>,
 }
 
 impl BaselineTaker {
@@ -50,7 +52,8 @@ impl BaselineTaker {
         if self.taken < self.wanted {
             return None;
         }
-        let freedom: f64 = self.count.iter().map(|c| (c - 1.0).max(0.0)).sum();
+        let freedom = self.count.iter().map(|c| (c - 1.0).max(0.0));
+        let deviations: Vec<(f64, f64)> = self.deviation.iter().copied().zip(freedom).collect();
         Some(Baseline {
             values_v: self
                 .mean
@@ -58,8 +61,9 @@ impl BaselineTaker {
                 .zip(&self.count)
                 .map(|(m, c)| if *c > 0.0 { *m } else { f64::NAN })
                 .collect(),
-            noise_v: (self.deviation.iter().sum::<f64>() / freedom.max(1.0)).sqrt(),
+            noise_v: pooled(deviations.iter()),
             frames: self.taken,
+            deviations,
         })
     }
 
@@ -85,10 +89,47 @@ impl Baseline {
         };
         Self {
             values_v: (0..values).map(mean).collect(),
-            noise_v: taken.map_or(0.0, |b| b.noise_v),
+            noise_v: taken.as_ref().map_or(0.0, |b| b.noise_v),
             frames: frames.len(),
+            deviations: taken.map_or_else(Vec::new, |b| b.deviations),
         }
     }
+
+    /// The same without the values that are not `used`: they are missing, and their noise is not pooled with that of the others.
+    pub fn without(mut self, used: &[bool]) -> Self {
+        if used.iter().all(|u| *u) {
+            return self;
+        }
+        for (v, _) in self.values_v.iter_mut().zip(used).filter(|(_, used)| !**used) {
+            *v = f64::NAN;
+        }
+        for (d, _) in self.deviations.iter_mut().zip(used).filter(|(_, used)| !**used) {
+            *d = (0.0, 0.0);
+        }
+        if !self.deviations.is_empty() {
+            self.noise_v = pooled(self.deviations.iter());
+        }
+        self
+    }
+
+    /// Relative noise of the mean of one value, root mean square; 0 for a single frame.
+    pub fn relative_noise(&self) -> f64 {
+        let frames = self.frames.max(1) as f64;
+        let squares: Vec<f64> = self
+            .values_v
+            .iter()
+            .filter(|v| v.is_finite() && **v != 0.0)
+            .map(|v| (self.noise_v / v).powi(2) / frames)
+            .collect();
+        (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt()
+    }
+}
+
+/// Standard deviation from sums of squared deviations and their degrees of freedom.
+fn pooled<'a>(deviations: impl Iterator<Item = &'a (f64, f64)> + Clone) -> f64 {
+    let squares: f64 = deviations.clone().map(|d| d.0).sum();
+    let freedom: f64 = deviations.map(|d| d.1).sum();
+    (squares / freedom.max(1.0)).sqrt()
 }
 
 #[cfg(test)]
