@@ -204,7 +204,7 @@ mod tests {
         Baseline {
             values_v: vec![v; 208],
             noise_v: 1e-4,
-            value_noise_v: vec![1e-4; 208],
+            deviations: Baseline::deviations_of(&[1e-4; 208], 24),
             frames: 24,
         }
     }

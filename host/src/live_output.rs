@@ -5,6 +5,8 @@ use anyhow::{Context, Result};
 use inverse::pipeline::FrameResult;
 use inverse::quality::doubt::Doubt;
 use inverse::reference::imager::Imager;
+use inverse::reference::inspection::Inspection;
+use inverse::reference::screening::Finding;
 use inverse::touches::touch::Touch;
 use link::{LinkCounters, MeasuredFrame};
 use serde::Serialize;
@@ -38,6 +40,9 @@ struct Line<'a> {
     /// What speaks against the touches.
     #[serde(skip_serializing_if = "Option::is_none")]
     doubt: Option<Doubt>,
+    /// What is left out of all frames, since it is wrong in the baseline.
+    #[serde(skip_serializing_if = "<[_]>::is_empty")]
+    left_out: &'a [Finding],
 }
 
 /// The baseline in force.
@@ -74,6 +79,8 @@ pub(crate) struct Output {
     /// The line on the terminal, and since when.
     said: String,
     said_at: Instant,
+    /// What is left out of the baseline.
+    left_out: Vec<Finding>,
     /// The kind of doubt that was said last, and when.
     doubted: Option<(Discriminant<Doubt>, Instant)>,
 }
@@ -93,8 +100,14 @@ impl Output {
             times: VecDeque::new(),
             said: String::new(),
             said_at: Instant::now(),
+            left_out: Vec::new(),
             doubted: None,
         }
+    }
+
+    /// What the baseline was found to be worth: said with every picture from now on.
+    pub(crate) fn left_out(&mut self, inspection: &Inspection) {
+        self.left_out = inspection.left_out().cloned().collect();
     }
 
     /// What somebody at the page asked for.
@@ -138,10 +151,18 @@ impl Output {
         }
         self.show(imager, result, frame, counters, result.doubt.map(|d| d.to_string()))?;
         if self.page.is_none() {
-            return print(result, frame, counters, self.baseline.as_ref());
+            return print(result, frame, counters, self.baseline.as_ref(), &self.left_out);
         }
         self.status(result);
         Ok(())
+    }
+
+    /// The board's name, with how many values of the baseline are left out.
+    fn source_text(&self) -> String {
+        match self.left_out.iter().map(|f| f.values).sum::<usize>() {
+            0 => self.source.clone(),
+            values => format!("{}, {values} values left out", self.source),
+        }
     }
 
     /// Writes the last picture.
@@ -179,7 +200,7 @@ impl Output {
             residual: result.changed.then_some(result.residual as f32),
             lost_frames: counters.lost_frames,
             skipped_frames: counters.skipped_frames,
-            source: self.source.clone(),
+            source: self.source_text(),
             baseline: self.baseline.clone(),
             status,
         };
@@ -241,6 +262,7 @@ fn print(
     frame: &MeasuredFrame,
     counters: LinkCounters,
     baseline: Option<&BaselineNote>,
+    left_out: &[Finding],
 ) -> Result<()> {
     let mut out = std::io::stdout().lock();
     let line = Line {
@@ -254,6 +276,7 @@ fn print(
         skipped_frames: counters.skipped_frames,
         baseline: baseline.map(BaselineLine::of),
         doubt: result.doubt,
+        left_out,
     };
     serde_json::to_writer(&mut out, &line)?;
     writeln!(out)?;

@@ -6,6 +6,7 @@ mod bench;
 mod board;
 mod calibrate;
 mod capture;
+mod check;
 mod drive;
 mod files;
 mod flash;
@@ -55,6 +56,8 @@ enum Command {
     Run(run::Arguments),
     /// Touches and pictures from a table of measured frames.
     Reconstruct(reconstruct::Arguments),
+    /// Whether the electrodes are wired in the order that is said, and all of them give a signal.
+    Check(check::Arguments),
     /// What a touched sheet gives: the table of measurements, simulated.
     Forward(forward::Arguments),
     /// What the reconstruction costs and how good it is, measured on this machine with simulated frames.
@@ -85,6 +88,7 @@ fn main() -> ExitCode {
     let _ = tracing_subscriber::registry().with(log).with(levels).try_init();
     let outcome = match cli.command {
         Some(Command::Reconstruct(arguments)) => reconstruct::run(&arguments),
+        Some(Command::Check(arguments)) => check::run(&arguments),
         Some(Command::Forward(arguments)) => forward::run(&arguments),
         Some(Command::Bench(arguments)) => bench::run(&arguments),
         Some(Command::Paper(arguments)) => paper::run(&arguments),

@@ -6,17 +6,17 @@ use crate::files::calibration_file;
 use crate::files::measurements::MeasurementTable;
 use crate::files::order::Order;
 use crate::files::ordered;
-use crate::number;
 use crate::progress::Progress;
 use crate::table_baseline::{BaselineArguments, Frame};
 use crate::table_sheet::Geometry;
+use crate::{number, sheet};
 use anyhow::{Context, Result};
 use clap::Args;
 use inverse::batch::{Batch, BatchOptions};
 use inverse::pipeline::FrameResult;
 use inverse::quality::doubt::Doubt;
-use inverse::reference::baseline::Baseline;
 use inverse::reference::imager::Imager;
+use inverse::reference::screening::Finding;
 use inverse::solvers::{Method, Status};
 use serde::Serialize;
 use std::collections::HashSet;
@@ -49,6 +49,9 @@ pub(crate) struct Arguments {
     /// Take the electrodes to be exactly where they are said to be, instead of finding them in the baseline.
     #[arg(long)]
     trust_electrodes: bool,
+    /// The electrode of the sheet that every wire leads to, in the order of the table's numbers, as `skin check` says it.
+    #[arg(long, value_delimiter = ',', value_name = "ELECTRODE,...")]
+    wires: Vec<usize>,
     /// How the picture is computed.
     #[arg(long, value_parser = crate::method::parser(), default_value_t = Method::Nnls)]
     method: Method,
@@ -103,8 +106,8 @@ struct FrameLine<'a> {
     changed: bool,
     /// How many values took part.
     used: usize,
-    /// How many values of the table's rows did not.
-    left_out: usize,
+    /// Of how many.
+    values: usize,
     /// What the frame was compared with.
     baseline: &'a str,
     #[serde(flatten)]
@@ -112,6 +115,9 @@ struct FrameLine<'a> {
     /// What speaks against the touches.
     #[serde(skip_serializing_if = "Option::is_none")]
     doubt: Option<Doubt>,
+    /// What is left out of all frames, since it is wrong in the baseline.
+    #[serde(skip_serializing_if = "<[_]>::is_empty")]
+    left_out: &'a [&'a Finding],
 }
 
 /// What all frames of a table have in common.
@@ -204,7 +210,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         method,
         &chosen.sheet,
         arguments.drive.drive(),
-        chosen.pattern,
+        sheet::rewired(chosen.pattern, &arguments.wires)?,
         chosen.cell_mm,
     )?);
     let prepared = arguments.baseline.prepare(&table, &imager)?;
@@ -213,7 +219,6 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         source.sheet, source.pattern, prepared.name
     );
     let unpressed: Vec<&[f64]> = prepared.unpressed.iter().map(AsRef::as_ref).collect();
-    crate::sheet::look_at_baseline(&imager, &Baseline::of_frames(imager.pattern.len(), &unpressed).values_v);
     let defaults = BatchOptions::of(method);
     let options = BatchOptions {
         find_electrodes: defaults.find_electrodes && prepared.measured && !arguments.trust_electrodes,
@@ -227,7 +232,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         ..defaults
     };
     let mut batch = Batch::new(imager, &unpressed, options)?;
-    if let Some(found) = batch.electrodes() {
+    sheet::say(batch.inspection());
+    if let Some(found) = &batch.inspection().electrodes {
         let most = found.moved_mm.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
         eprintln!("electrodes found in the baseline, up to {most:.1} mm from where they were said to be");
     }
@@ -239,7 +245,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     if let Some(folder) = &arguments.cells {
         write_cells(folder, batch.imager(), &results)?;
     }
-    print(&results, &source, table.measurements.len(), arguments.json)
+    let left_out: Vec<&Finding> = batch.inspection().left_out().collect();
+    print(&results, &source, table.measurements.len(), &left_out, arguments.json)
 }
 
 /// All frames in order; those between them are frames in which nothing pressed.
@@ -363,7 +370,7 @@ fn tenths(value: f64) -> f64 {
     (10.0 * value).round() / 10.0
 }
 
-fn print(results: &[Done<'_>], source: &Source, values: usize, json: bool) -> Result<()> {
+fn print(results: &[Done<'_>], source: &Source, values: usize, left_out: &[&Finding], json: bool) -> Result<()> {
     let mut out = BufWriter::new(std::io::stdout().lock());
     for Done {
         frame,
@@ -396,10 +403,11 @@ fn print(results: &[Done<'_>], source: &Source, values: usize, json: bool) -> Re
                 status: status(result.status),
                 changed: result.changed,
                 used: result.used,
-                left_out: values.saturating_sub(result.used),
+                values,
                 baseline,
                 source,
                 doubt: result.doubt,
+                left_out,
             };
             serde_json::to_writer(&mut out, &line)?;
             writeln!(out)?;

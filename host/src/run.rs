@@ -71,6 +71,12 @@ pub(crate) struct Arguments {
     /// The sheet, a TOML file as for `skin forward` [default: the paper's disc].
     #[arg(long, value_name = "FILE")]
     sheet: Option<PathBuf>,
+    /// The electrode of the sheet that every wire leads to, in the order of the board's numbers, as `skin check` says it.
+    #[arg(long, value_delimiter = ',', value_name = "ELECTRODE,...")]
+    wires: Vec<usize>,
+    /// Take the electrodes to be exactly where they are said to be, instead of finding them in the baseline.
+    #[arg(long)]
+    trust_electrodes: bool,
     /// Frames of the unpressed sheet that make the baseline, at least 2 [default: those of 0.7 s, at least 24].
     #[arg(long, value_name = "N", value_parser = RangedU64ValueParser::<usize>::new().range(2..))]
     baseline_frames: Option<usize>,
@@ -192,16 +198,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     // Before anything is computed: it may be refused.
     let stored = (arguments.baseline == Start::Stored).then(|| baselines.start_from_stored());
     let stored = stored.transpose()?;
-    let imager = Arc::new(Imager::new(
-        &sheet,
-        Drive::PAPER,
-        Pattern::from_pairs(session.electrodes(), session.measurements())?,
-        sheet::cell_mm(&sheet)?,
-    )?);
+    let pattern = Pattern::from_pairs(session.electrodes(), session.measurements())?;
+    let pattern = sheet::rewired(pattern, &arguments.wires)?;
+    let imager = Arc::new(Imager::new(&sheet, Drive::PAPER, pattern, sheet::cell_mm(&sheet)?)?);
     let mut live = Live::new(
         imager,
         LiveOptions {
             baseline_frames: arguments.baseline_frames.unwrap_or_else(|| baseline_frames(&session)),
+            find_electrodes: !arguments.trust_electrodes,
             calibration,
             ..LiveOptions::default()
         },
@@ -415,7 +419,6 @@ impl Run<'_> {
             LiveFrame::Baseline { left } => {
                 self.wanted = Some(left).filter(|left| *left > 0);
                 if let (0, Some(baseline)) = (left, self.live.baseline()) {
-                    sheet::look_at_baseline(self.live.imager(), &baseline.values_v);
                     self.baselines.taken(baseline.clone());
                     self.in_force();
                 }
@@ -440,6 +443,10 @@ impl Run<'_> {
     /// A baseline is in force: it is shown which, and a scene that waits for it begins.
     fn in_force(&mut self) {
         self.output.set_baseline(self.baselines.note(false));
+        if let Some(inspection) = self.live.inspection() {
+            sheet::say(inspection);
+            self.output.left_out(inspection);
+        }
         if let Some(held) = &self.held {
             held.begin_scene();
         }

@@ -2,8 +2,9 @@
 
 use ::forward::file::parse_sheet;
 use ::forward::{Geometry, Pattern, Sheet};
-use anyhow::{Context, Result};
-use inverse::reference::imager::Imager;
+use anyhow::{Context, Result, bail};
+use inverse::reference::inspection::Inspection;
+use inverse::reference::wiring::rewire;
 use std::path::Path;
 
 /// The sheet of a TOML file with its measurements; without a file the paper's disc.
@@ -28,29 +29,46 @@ pub(crate) fn extent(geometry: &Geometry) -> String {
     format!("the sheet lies within x {left:.1} to {right:.1} mm and y {bottom:.1} to {top:.1} mm")
 }
 
-/// Correlation with the model's even sheet below which a baseline looks wrongly wired.
-const LEAST_CORRELATION: f64 = 0.95;
-
-/// Warns of a baseline that is not what an even sheet gives, or has values that no frame can be compared with.
-pub(crate) fn look_at_baseline(imager: &Imager, baseline: &[f64]) {
-    let usable = imager
+/// Says on stderr what a baseline was found to be worth: what is left out, and whether it is that of the sheet.
+pub(crate) fn say(inspection: &Inspection) {
+    let baseline = &inspection.baseline.values_v;
+    let named: usize = inspection.left_out().map(|f| f.values).sum();
+    let usable = inspection
+        .imager
         .difference(baseline, baseline)
         .map_or(0, |d| d.used.iter().filter(|used| **used).count());
-    if usable < baseline.len() {
+    if usable + named < baseline.len() {
         eprintln!(
             "warning: {} of {} values of the baseline are missing, clipped or next to nothing and are left out; look at the \
              electrodes and the gain",
-            baseline.len() - usable,
+            baseline.len() - usable - named,
             baseline.len()
         );
     }
-    let correlation = imager.correlation(baseline);
-    if usable > 0 && correlation < LEAST_CORRELATION {
-        eprintln!(
-            "warning: the baseline agrees with an even sheet by a correlation of only {correlation:.2}; look at the order of \
-             the electrodes and at the sign of the values"
+    for line in inspection.warnings() {
+        eprintln!("warning: {line}");
+    }
+}
+
+/// The measurements of wires that lead to these electrodes (from 1; none given: each wire to its own).
+///
+/// # Errors
+/// A list that does not name every electrode once.
+pub(crate) fn rewired(pattern: Pattern, wires: &[usize]) -> Result<Pattern> {
+    if wires.is_empty() {
+        return Ok(pattern);
+    }
+    let n = pattern.electrodes();
+    let mut sorted = wires.to_vec();
+    sorted.sort_unstable();
+    if !sorted.iter().copied().eq(1..=n) {
+        bail!(
+            "--wires names {} electrodes, but it has to name each of the {n} once; skin check says the order",
+            wires.len()
         );
     }
+    let order: Vec<usize> = wires.iter().map(|l| l - 1).collect();
+    Ok(rewire(&pattern, &order)?)
 }
 
 /// 39 cells across: 5 mm on the paper's disc.

@@ -9,7 +9,7 @@ use ::forward::{Electrode, Outline, Pattern, Place, Sheet};
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use inverse::solvers::Method;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// The sheet, on the command line.
 #[derive(Debug, Args)]
@@ -61,6 +61,11 @@ const PAPER_MM: f64 = 195.0;
 const PAPER_ELECTRODES: usize = 16;
 
 impl Geometry {
+    /// The sheet's file, where one is given.
+    pub(crate) fn file(&self) -> Option<&Path> {
+        self.sheet.as_deref()
+    }
+
     /// The sheet for a table.
     ///
     /// # Errors

@@ -4,8 +4,8 @@ use crate::force::meter::{Calibration, ForceMeter};
 use crate::pipeline::{FrameResult, Reconstructor, ReconstructorOptions};
 use crate::reference::Reference;
 use crate::reference::baseline::Baseline;
-use crate::reference::electrode_fit::{self, ElectrodeFit};
 use crate::reference::imager::{Imager, ImagerError};
+use crate::reference::inspection::{Inspection, InspectionOptions, inspect};
 use crate::reference::noise::FrameNoise;
 use crate::solvers::Method;
 use crate::touches::touch::Touch;
@@ -42,8 +42,8 @@ impl BatchOptions {
 /// Reconstructs the frames of one table.
 pub struct Batch {
     reconstructor: Reconstructor,
-    /// What the baseline said of the electrodes.
-    electrodes: Option<ElectrodeFit>,
+    /// What the baseline is worth, and what it said of the electrodes.
+    inspection: Inspection,
     interval_s: Option<f64>,
     meter: Option<ForceMeter>,
 }
@@ -56,13 +56,13 @@ impl Batch {
     /// [`ImagerError::Baseline`] when a frame does not have the pattern's length.
     pub fn new(imager: Arc<Imager>, unpressed: &[&[f64]], options: BatchOptions) -> Result<Self, ImagerError> {
         let baseline = Baseline::of_frames(imager.pattern.len(), unpressed);
-        let electrodes = options
-            .find_electrodes
-            .then(|| electrode_fit::find(&imager, &baseline.values_v))
-            .flatten();
-        let imager = electrodes
-            .as_ref()
-            .map_or(imager, |found| Arc::new(found.imager.clone()));
+        let inspection = inspect(
+            &imager,
+            baseline,
+            options.find_electrodes,
+            &InspectionOptions::default(),
+        );
+        let (imager, baseline) = (Arc::clone(&inspection.imager), &inspection.baseline);
         let how = ReconstructorOptions {
             sequence: options.interval_s.is_some(),
             ..ReconstructorOptions::for_imager(&imager, options.method)
@@ -77,8 +77,8 @@ impl Batch {
             }
         };
         Ok(Self {
-            reconstructor: Reconstructor::new(Reference::new(imager, baseline.values_v, noise)?, how),
-            electrodes,
+            reconstructor: Reconstructor::new(Reference::new(imager, baseline.values_v.clone(), noise)?, how),
+            inspection,
             interval_s: options.interval_s,
             meter,
         })
@@ -89,9 +89,9 @@ impl Batch {
         self.reconstructor.imager()
     }
 
-    /// What the baseline said of the electrodes, where they were looked for and found.
-    pub fn electrodes(&self) -> Option<&ElectrodeFit> {
-        self.electrodes.as_ref()
+    /// What the baseline was found to be worth, with the electrodes where they were looked for and found.
+    pub fn inspection(&self) -> &Inspection {
+        &self.inspection
     }
 
     /// Passes over the baseline frame at this place of the table: nothing pressed then, so that what presses in the next

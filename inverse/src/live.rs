@@ -4,8 +4,8 @@ use crate::force::meter::{Calibration, ForceMeter};
 use crate::pipeline::{FrameResult, Reconstructor, ReconstructorOptions};
 use crate::reference::Reference;
 use crate::reference::baseline::{Baseline, BaselineTaker};
-use crate::reference::electrode_fit;
 use crate::reference::imager::{Imager, ImagerError};
+use crate::reference::inspection::{Inspection, InspectionOptions, inspect};
 use crate::solvers::Method;
 use crate::touches::radius_filter::RadiusFilter;
 use crate::touches::tracker::{Tracker, TrackerOptions};
@@ -74,7 +74,7 @@ pub struct Live {
 
 /// What a baseline makes possible.
 struct Running {
-    baseline: Baseline,
+    inspection: Inspection,
     reconstructor: Reconstructor,
 }
 
@@ -127,7 +127,12 @@ impl Live {
 
     /// The baseline in force.
     pub fn baseline(&self) -> Option<&Baseline> {
-        self.running.as_ref().map(|r| &r.baseline)
+        self.running.as_ref().map(|r| &r.inspection.baseline)
+    }
+
+    /// What the baseline in force was found to be worth.
+    pub fn inspection(&self) -> Option<&Inspection> {
+        self.running.as_ref().map(|r| &r.inspection)
     }
 
     /// Takes the next frame: when it was measured (the board's time, s) and its values (V, in the pattern's order; not a
@@ -169,17 +174,16 @@ impl Live {
             // What is pressed in now belongs to the baseline.
             meter.rest();
         }
-        let found = self
-            .options
-            .find_electrodes
-            .then(|| electrode_fit::find(&self.nominal, &baseline.values_v))
-            .flatten();
-        let imager = found.map_or_else(|| Arc::clone(self.imager()), |found| Arc::new(found.imager));
+        let options = InspectionOptions::default();
+        let inspection = inspect(&self.nominal, baseline, self.options.find_electrodes, &options);
+        // Electrodes that a baseline does not tell are where the one before showed them to be.
+        let found = inspection.electrodes.is_some();
+        let imager = Arc::clone(if found { &inspection.imager } else { self.imager() });
         let options = ReconstructorOptions::for_imager(&imager, self.options.method).of_sequence();
-        let reference = Reference::of(imager, &baseline)?;
+        let reference = Reference::of(imager, &inspection.baseline)?;
         self.running = Some(Running {
             reconstructor: Reconstructor::new(reference, options),
-            baseline,
+            inspection,
         });
         Ok(())
     }

@@ -32,6 +32,7 @@ pub mod greit;
 pub mod live_sheet;
 pub mod merit;
 pub mod paper;
+pub mod reliability;
 pub mod savings;
 pub mod scene;
 pub mod score;

@@ -158,7 +158,7 @@ pub(crate) fn write(path: &Path, subject: &Subject, stored: &Stored) -> io::Resu
         frames: stored.baseline.frames,
         noise_v: stored.baseline.noise_v,
         values_v: stored.baseline.values_v.clone(),
-        value_noise_v: stored.baseline.value_noise_v.clone(),
+        value_noise_v: stored.baseline.value_noise_v(),
         of: subject.clone(),
     };
     let text = toml::to_string(&keys).map_err(|e| io::Error::new(ErrorKind::InvalidData, e))?;
@@ -209,7 +209,7 @@ pub(crate) fn read(path: &Path, subject: &Subject) -> Result<Stored, BaselineFil
         baseline: Baseline {
             values_v: keys.values_v,
             noise_v: keys.noise_v,
-            value_noise_v: keys.value_noise_v,
+            deviations: Baseline::deviations_of(&keys.value_noise_v, keys.frames),
             frames: keys.frames,
         },
         taken,
@@ -241,7 +241,7 @@ mod tests {
             baseline: Baseline {
                 values_v: vec![0.1, f64::NAN, 1.0 / 3.0],
                 noise_v: 1e-3,
-                value_noise_v: vec![1e-3, f64::NAN, 2e-3],
+                deviations: Baseline::deviations_of(&[1e-3, f64::NAN, 2e-3], 24),
                 frames: 24,
             },
             taken: UNIX_EPOCH + Duration::from_millis(1_700_000_000_250),

@@ -4,8 +4,8 @@ use crate::force::recording::Sample;
 use crate::pipeline::{Reconstructor, ReconstructorOptions};
 use crate::reference::Reference;
 use crate::reference::baseline::BaselineTaker;
-use crate::reference::electrode_fit;
 use crate::reference::imager::{Imager, ImagerError};
+use crate::reference::inspection::{InspectionOptions, inspect};
 use crate::reference::noise::FrameNoise;
 use crate::solvers::Method;
 use crate::touches::touch::Touch;
@@ -89,11 +89,11 @@ impl Recorder {
     pub fn take(&mut self, time_s: f64, values_v: &[f64], force_n: f64) -> Result<(), ImagerError> {
         let Some(reconstructor) = &mut self.ready else {
             if let Some(baseline) = self.taker.take(values_v) {
-                let found = electrode_fit::find(&self.nominal, &baseline.values_v);
-                let imager = found.map_or_else(|| Arc::clone(&self.nominal), |f| Arc::new(f.imager));
+                let inspection = inspect(&self.nominal, baseline, true, &InspectionOptions::default());
+                let imager = Arc::clone(&inspection.imager);
                 let options = ReconstructorOptions::for_imager(&imager, Method::Nnls).of_sequence();
                 // The noise is estimated from every frame: a drift since the baseline counts as noise then.
-                let reference = Reference::new(imager, baseline.values_v, FrameNoise::Unknown)?;
+                let reference = Reference::new(imager, inspection.baseline.values_v, FrameNoise::Unknown)?;
                 self.ready = Some(Reconstructor::new(reference, options));
             }
             return Ok(());

@@ -18,10 +18,10 @@ pub struct Baseline {
     pub values_v: Vec<f64>,
     /// Standard deviation of one value in one frame, V, pooled over all values.
     pub noise_v: f64,
-    /// The same of every value by itself, V; not a number where fewer than two frames had one.
-    pub value_noise_v: Vec<f64>,
     /// Frames taken.
     pub frames: usize,
+    /// Sum of the squared deviations of every value from its mean, V², and degrees of freedom of the sum; empty for a single frame.
+    pub deviations: Vec<(f64, f64)>,
 }
 
 impl BaselineTaker {
@@ -52,7 +52,8 @@ impl BaselineTaker {
         if self.taken < self.wanted {
             return None;
         }
-        let freedom: f64 = self.count.iter().map(|c| (c - 1.0).max(0.0)).sum();
+        let freedom = self.count.iter().map(|c| (c - 1.0).max(0.0));
+        let deviations: Vec<(f64, f64)> = self.deviation.iter().copied().zip(freedom).collect();
         Some(Baseline {
             values_v: self
                 .mean
@@ -60,14 +61,9 @@ impl BaselineTaker {
                 .zip(&self.count)
                 .map(|(m, c)| if *c > 0.0 { *m } else { f64::NAN })
                 .collect(),
-            noise_v: (self.deviation.iter().sum::<f64>() / freedom.max(1.0)).sqrt(),
-            value_noise_v: self
-                .deviation
-                .iter()
-                .zip(&self.count)
-                .map(|(d, c)| if *c > 1.0 { (d / (c - 1.0)).sqrt() } else { f64::NAN })
-                .collect(),
+            noise_v: pooled(deviations.iter()),
             frames: self.taken,
+            deviations,
         })
     }
 
@@ -94,10 +90,69 @@ impl Baseline {
         Self {
             values_v: (0..values).map(mean).collect(),
             noise_v: taken.as_ref().map_or(0.0, |b| b.noise_v),
-            value_noise_v: taken.map_or_else(|| vec![f64::NAN; values], |b| b.value_noise_v),
             frames: frames.len(),
+            deviations: taken.map_or_else(Vec::new, |b| b.deviations),
         }
     }
+
+    /// Standard deviation of every value by itself in one frame, V; not a number where fewer than two frames had one.
+    pub fn value_noise_v(&self) -> Vec<f64> {
+        let of = |k: usize| match self.deviations.get(k) {
+            Some((square, freedom)) if *freedom > 0.0 => (square / freedom).sqrt(),
+            _ => f64::NAN,
+        };
+        (0..self.values_v.len()).map(of).collect()
+    }
+
+    /// Sums of squared deviations that so many frames with this standard deviation of every value have; what is no number
+    /// stands for a value without any.
+    pub fn deviations_of(value_noise_v: &[f64], frames: usize) -> Vec<(f64, f64)> {
+        let freedom = frames.saturating_sub(1) as f64;
+        let of = |sd: &f64| {
+            if sd.is_finite() {
+                (sd * sd * freedom, freedom)
+            } else {
+                (0.0, 0.0)
+            }
+        };
+        value_noise_v.iter().map(of).collect()
+    }
+
+    /// The same without the values that are not `used`: they are missing, and their noise is not pooled with that of the others.
+    pub fn without(mut self, used: &[bool]) -> Self {
+        if used.iter().all(|u| *u) {
+            return self;
+        }
+        for (v, _) in self.values_v.iter_mut().zip(used).filter(|(_, used)| !**used) {
+            *v = f64::NAN;
+        }
+        for (d, _) in self.deviations.iter_mut().zip(used).filter(|(_, used)| !**used) {
+            *d = (0.0, 0.0);
+        }
+        if !self.deviations.is_empty() {
+            self.noise_v = pooled(self.deviations.iter());
+        }
+        self
+    }
+
+    /// Relative noise of the mean of one value, root mean square; 0 for a single frame.
+    pub fn relative_noise(&self) -> f64 {
+        let frames = self.frames.max(1) as f64;
+        let squares: Vec<f64> = self
+            .values_v
+            .iter()
+            .filter(|v| v.is_finite() && **v != 0.0)
+            .map(|v| (self.noise_v / v).powi(2) / frames)
+            .collect();
+        (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt()
+    }
+}
+
+/// Standard deviation from sums of squared deviations and their degrees of freedom.
+fn pooled<'a>(deviations: impl Iterator<Item = &'a (f64, f64)> + Clone) -> f64 {
+    let squares: f64 = deviations.clone().map(|d| d.0).sum();
+    let freedom: f64 = deviations.map(|d| d.1).sum();
+    (squares / freedom.max(1.0)).sqrt()
 }
 
 #[cfg(test)]
@@ -128,8 +183,9 @@ mod tests {
         let b = baseline.unwrap();
         assert!(b.values_v[7].is_nan());
         assert!((b.noise_v / 0.01 - 1.0).abs() < 0.03, "{}", b.noise_v);
-        assert!(b.value_noise_v[7].is_nan());
-        let each = b.value_noise_v.iter().filter(|s| s.is_finite()).map(|s| s * s);
+        assert!(b.value_noise_v()[7].is_nan());
+        let noise = b.value_noise_v();
+        let each = noise.iter().filter(|s| s.is_finite()).map(|s| s * s);
         let mean = each.sum::<f64>() / 207.0;
         assert!((mean.sqrt() / 0.01 - 1.0).abs() < 0.03, "{mean}");
         assert!((b.values_v[9] - 9.0).abs() < 0.01 && (b.values_v[200] - 200.0).abs() < 0.01);

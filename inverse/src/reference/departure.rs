@@ -69,8 +69,9 @@ impl Departure {
             return None;
         }
         let drift = (options.restart + options.per_hour * age_h.max(0.0)).min(options.most);
-        let mean = |b: &Baseline, k: usize| {
-            let noise = b.value_noise_v.get(k).copied().filter(|s| s.is_finite());
+        let (noise, noise_before) = (new.value_noise_v(), earlier.value_noise_v());
+        let mean = |b: &Baseline, noise: &[f64], k: usize| {
+            let noise = noise.get(k).copied().filter(|s| s.is_finite());
             (
                 b.values_v[k],
                 noise.unwrap_or(b.noise_v).powi(2) / b.frames.max(1) as f64,
@@ -78,7 +79,8 @@ impl Departure {
         };
         let changes: Vec<Change> = (0..new.values_v.len())
             .filter_map(|k| {
-                let ((v, variance), (before, variance_before)) = (mean(new, k), mean(earlier, k));
+                let ((v, variance), (before, variance_before)) =
+                    (mean(new, &noise, k), mean(earlier, &noise_before, k));
                 let ratio = v / before;
                 let variance = (variance + ratio * ratio * variance_before) / (before * before) + drift * drift;
                 let usable = ratio.is_finite() && variance.is_finite() && variance > 0.0;

@@ -24,6 +24,28 @@ pub struct ElectrodeFit {
     pub error: f64,
     /// Standard deviation of the sheet's relative unevenness.
     pub unevenness: f64,
+    /// Values that disagree with all others and take no part, with what was measured over what was expected.
+    pub outliers: Vec<(usize, f64)>,
+    /// What the fit leaves of the baseline: relative, root mean square over the values that take part.
+    pub misfit: f64,
+}
+
+/// Why no electrodes were found.
+#[derive(Clone, Debug, PartialEq)]
+pub enum NoFit {
+    /// Too few values that can be used.
+    TooFew,
+    /// The sheet that comes out makes no sense: electrodes that overlap, or numbers that are not finite.
+    NoSheet,
+    /// An electrode would be further from its place than hands put it.
+    TooFar {
+        /// The electrode, from 0.
+        electrode: usize,
+        /// By how much it would be moved, mm.
+        moved_mm: f64,
+        /// The most that is accepted, mm.
+        most_mm: f64,
+    },
 }
 
 /// What is expected of electrodes and sheet before the baseline is looked at. Lengths are for the paper's disc (97.5 mm) and
@@ -56,6 +78,16 @@ pub struct ElectrodeFitOptions {
     pub settled_mm: f64,
     /// Fewest values for every electrode. Fewer cannot tell a place from a contact.
     pub least_values: usize,
+    /// Most standard deviations of the widest candidate for a place that an electrode is moved. What is further was not put there by
+    /// hand: the baseline is wrong in another way, and the electrodes are left where they were said to be.
+    pub most_moves: f64,
+    /// A value this many standard deviations from what the others predict is left out. Of 208 with Gaussian errors one is in
+    /// 100,000 baselines.
+    pub outlier: f64,
+    /// A value that is off by less than this part of itself is never left out: what it does to the electrodes is small.
+    pub least_outlier: f64,
+    /// Largest part of the values that are left out as outliers. More of them are a sheet that is not like the model.
+    pub most_outliers: f64,
 }
 
 impl Default for ElectrodeFitOptions {
@@ -71,6 +103,10 @@ impl Default for ElectrodeFitOptions {
             most_rounds: 4,
             settled_mm: 0.01,
             least_values: 4,
+            most_moves: 3.0,
+            outlier: 6.0,
+            least_outlier: 0.03,
+            most_outliers: 0.05,
         }
     }
 }
@@ -90,6 +126,10 @@ struct Scales {
 /// The linear model of the baseline's logarithms about some sheet.
 struct Linear {
     options: ElectrodeFitOptions,
+    /// Which values of the baseline are in use.
+    used: Vec<usize>,
+    /// What the linear part makes of the logarithms where the electrodes are.
+    about: DVector<f64>,
     /// Logarithm of the baseline over the model, for the values in use.
     residual: DVector<f64>,
     /// Its derivatives by the logarithms of the contacts and by the places.
@@ -100,45 +140,89 @@ struct Linear {
     spread: DVector<f64>,
 }
 
-/// Finds the electrodes of an imager's sheet from a baseline (any unit). `None` when too few values can be used or the
-/// sheet that comes out makes no sense; the electrodes are then best left where they are.
+/// Finds the electrodes of an imager's sheet from a baseline (any unit; not a number where a value is missing). `None` when too few
+/// values can be used or what comes out makes no sense; the electrodes are then best left where they are.
 pub fn find(imager: &Imager, baseline: &[f64]) -> Option<ElectrodeFit> {
-    find_with(imager, baseline, &ElectrodeFitOptions::default())
+    find_with(imager, baseline, &ElectrodeFitOptions::default()).ok()
 }
 
 /// The same with other expectations.
-pub fn find_with(imager: &Imager, baseline: &[f64], options: &ElectrodeFitOptions) -> Option<ElectrodeFit> {
+///
+/// # Errors
+/// [`NoFit`] says why nothing was found.
+pub fn find_with(imager: &Imager, baseline: &[f64], options: &ElectrodeFitOptions) -> Result<ElectrodeFit, NoFit> {
+    let mut kept = baseline.to_vec();
+    let mut outliers: Vec<(usize, f64)> = Vec::new();
+    let most = (options.most_outliers * baseline.len() as f64) as usize;
+    loop {
+        let (mut fit, linear, scales) = settle(imager, &kept, options)?;
+        let more = linear.outliers(scales);
+        if more.is_empty() || outliers.len() + more.len() > most {
+            fit.outliers = outliers;
+            let most_mm =
+                options.most_moves * options.places_mm.iter().fold(0.0_f64, |m, p| m.max(*p)) * imager.reach_mm()
+                    / PAPER_REACH_MM;
+            let far = fit.moved_mm.iter().copied().enumerate();
+            return match far.max_by(|a, b| a.1.abs().total_cmp(&b.1.abs())) {
+                Some((electrode, moved_mm)) if moved_mm.abs() > most_mm => Err(NoFit::TooFar {
+                    electrode,
+                    moved_mm,
+                    most_mm,
+                }),
+                _ => Ok(fit),
+            };
+        }
+        for (k, _) in &more {
+            kept[*k] = f64::NAN;
+        }
+        outliers.extend(more);
+    }
+}
+
+/// Steps of Gauss and Newton until the electrodes stay; with the linear model about where they are.
+fn settle(
+    imager: &Imager,
+    baseline: &[f64],
+    options: &ElectrodeFitOptions,
+) -> Result<(ElectrodeFit, Linear, Scales), NoFit> {
     let sheet = imager.model.sheet();
     let geometry = imager.model.geometry();
     let n = sheet.electrodes.len();
     let reach = imager.reach_mm() / PAPER_REACH_MM;
     let mut at = DVector::zeros(2 * n);
     let mut here = imager.clone();
+    let mut linear = Linear::new(&here, baseline, options).ok_or(NoFit::TooFew)?;
     let mut scales = None;
-    let mut fit = None;
-    for _ in 0..options.most_rounds {
-        let linear = Linear::new(&here, baseline, options)?;
+    let mut round = 0;
+    loop {
+        round += 1;
         // Beyond the linear part: what the values would be if all were linear about the prior's mean.
         let y = &linear.residual + &linear.slopes * &at;
         let s = *scales.get_or_insert_with(|| linear.best(&y, reach));
-        let (mean, covariance) = linear.solve(&y, s)?;
+        let (mean, covariance) = linear.solve(&y, s).ok_or(NoFit::NoSheet)?;
         let step = (&mean - &at).rows(n, n).amax();
         at = mean;
-        let found = geometry.displaced(sheet, at.as_slice())?;
-        here = Imager::new(&found, imager.drive, imager.pattern.clone(), imager.grid.cell_mm()).ok()?;
+        let found = geometry.displaced(sheet, at.as_slice()).ok_or(NoFit::NoSheet)?;
+        here = Imager::new(&found, imager.drive, imager.pattern.clone(), imager.grid.cell_mm())
+            .map_err(|_| NoFit::NoSheet)?;
         here.electrode_covariance = Some(covariance);
-        fit = Some(ElectrodeFit {
-            imager: here.clone(),
-            moved_mm: at.rows(n, n).iter().copied().collect(),
-            contact: at.rows(0, n).map(f64::exp).iter().copied().collect(),
-            error: s.error,
-            unevenness: s.unevenness,
-        });
-        if step <= options.settled_mm * reach {
-            break;
+        let last = round >= options.most_rounds || step <= options.settled_mm * reach;
+        // About where the electrodes are now: for the next step, or for what the last one leaves.
+        linear = Linear::new(&here, baseline, options).ok_or(NoFit::TooFew)?;
+        if last {
+            linear.about = &linear.slopes * &at;
+            let fit = ElectrodeFit {
+                misfit: linear.misfit(),
+                imager: here,
+                moved_mm: at.rows(n, n).iter().copied().collect(),
+                contact: at.rows(0, n).map(f64::exp).iter().copied().collect(),
+                error: s.error,
+                unevenness: s.unevenness,
+                outliers: Vec::new(),
+            };
+            return Ok((fit, linear, s));
         }
     }
-    fit
 }
 
 impl Linear {
@@ -162,6 +246,7 @@ impl Linear {
         });
         Some(Self {
             options: *options,
+            about: DVector::zeros(used.len()),
             residual: DVector::from_iterator(
                 used.len(),
                 used.iter().map(|k| (baseline[*k] / imager.model_v[*k]).ln()),
@@ -169,7 +254,37 @@ impl Linear {
             slopes,
             uneven: &bumps * bumps.transpose(),
             spread: DVector::from_iterator(used.len(), used.iter().map(|k| (middle / baseline[*k]).hypot(1.0))),
+            used,
         })
+    }
+
+    /// What the logarithms deviate by from the model but for the common gain, root mean square.
+    fn misfit(&self) -> f64 {
+        let mean = self.residual.mean();
+        self.residual.map(|r| (r - mean).powi(2)).mean().sqrt()
+    }
+
+    /// Values that the others do not predict, with measured over predicted.
+    fn outliers(&self, s: Scales) -> Vec<(usize, f64)> {
+        let Some(factor) = Cholesky::<f64, Dyn>::new(self.covariance(s)) else {
+            return Vec::new();
+        };
+        let inverse = factor.inverse();
+        let weighted = &inverse * (&self.residual + &self.about);
+        // Residual against all others, and that over its standard deviation.
+        let against: Vec<(f64, f64)> = (0..self.used.len())
+            .map(|k| (weighted[k] / inverse[(k, k)], weighted[k] / inverse[(k, k)].sqrt()))
+            .collect();
+        let worst = against.iter().fold(0.0_f64, |m, (_, z)| m.max(z.abs()));
+        against
+            .iter()
+            .zip(&self.used)
+            // Next to a much worse one a value is not judged yet.
+            .filter(|((off, z), _)| {
+                z.abs() > self.options.outlier.max(0.5 * worst) && off.abs() > self.options.least_outlier
+            })
+            .map(|((off, _), k)| (*k, off.exp()))
+            .collect()
     }
 
     fn prior(&self, s: Scales) -> DMatrix<f64> {

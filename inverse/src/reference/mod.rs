@@ -5,8 +5,11 @@ pub mod departure;
 mod difference;
 pub mod electrode_fit;
 pub mod imager;
+pub mod inspection;
 pub mod noise;
+pub mod screening;
 mod taken;
+pub mod wiring;
 
 pub use difference::Difference;
 pub use taken::Reference;

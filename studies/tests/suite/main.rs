@@ -9,4 +9,5 @@
 mod accuracy;
 mod contacts;
 mod hand;
+mod screening;
 mod watch;

@@ -1,0 +1,403 @@
+//! `skin check`: whether the electrodes are wired in the order that is said, and all of them give a signal.
+
+use crate::drive::DriveKind;
+use crate::files::measurements::MeasurementTable;
+use crate::progress::Progress;
+use crate::table_sheet::Geometry;
+use crate::{board, number, sheet, simulated_skin};
+use ::forward::{DiscTouch, Drive, Pattern, Sheet};
+use anyhow::{Result, anyhow, bail};
+use clap::{ArgGroup, Args};
+use inverse::live::LiveOptions;
+use inverse::reference::baseline::Baseline;
+use inverse::reference::imager::Imager;
+use inverse::reference::inspection::{Inspection, InspectionOptions, inspect};
+use inverse::reference::screening::Finding;
+use inverse::reference::wiring::{self, Wiring, WiringCheck, WiringOptions, order_text};
+use inverse::solvers::Method;
+use link::plans::adjacent_plan;
+use link::{Session, ports};
+use serde::Serialize;
+use std::io::Write;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// Arguments of `skin check`.
+#[derive(Debug, Args)]
+#[command(group(ArgGroup::new("source")))]
+pub(crate) struct Arguments {
+    /// Table of measurements, as for `skin reconstruct` [default: a board's frames].
+    #[arg(group = "source", value_name = "TABLE")]
+    file: Option<PathBuf>,
+    /// Serial port of the board [default: the first on USB that may be one and answers].
+    #[arg(long, group = "source", value_name = "PORT")]
+    port: Option<String>,
+    /// The simulated skin.
+    #[arg(long, group = "source")]
+    simulate: bool,
+    /// Frames of the unpressed sheet in the table; several are averaged [default: the first].
+    #[arg(long, value_delimiter = ',', value_name = "COLUMN[,COLUMN...]", requires = "file")]
+    baseline: Vec<String>,
+    /// How the sheet of the table was driven.
+    #[arg(long, value_enum, default_value_t = DriveKind::Voltage, requires = "file")]
+    drive: DriveKind,
+    #[command(flatten)]
+    geometry: Geometry,
+    /// Where a finger presses, mm: tells turns and mirrors of an even disc apart. A board's frames are taken when it says so.
+    #[arg(long, value_name = "X,Y", allow_hyphen_values = true, value_parser = place, conflicts_with = "simulate")]
+    touch: Option<[f64; 2]>,
+    /// The frame of the table in which the finger presses.
+    #[arg(long, value_name = "COLUMN", requires = "touch", requires = "file")]
+    frame: Option<String>,
+    /// Radius of that finger, mm [default: 12.5 mm on a 195 mm disc, in proportion].
+    #[arg(long, value_name = "MM", value_parser = number::positive("a length in mm above 0"), requires = "touch")]
+    radius_mm: Option<f64>,
+    /// One JSON object on stdout.
+    #[arg(long)]
+    json: bool,
+}
+
+fn place(text: &str) -> Result<[f64; 2], String> {
+    let numbers: Vec<f64> = text.split(',').filter_map(|v| v.trim().parse().ok()).collect();
+    match numbers[..] {
+        [x, y] if x.is_finite() && y.is_finite() && text.split(',').count() == 2 => Ok([x, y]),
+        _ => Err("give two numbers in mm, as in 30,-20".to_owned()),
+    }
+}
+
+/// What is checked.
+struct Measured {
+    imager: Arc<Imager>,
+    baseline: Baseline,
+    /// A frame under the finger.
+    touched: Option<Vec<f64>>,
+    drive: Drive,
+}
+
+#[derive(Serialize)]
+struct OrderLine {
+    /// For every wire the electrode that it leads to, from 1.
+    order: Vec<usize>,
+    /// Mean deviation of the logarithms of the magnitudes from the model, each at most ln 2.
+    misfit: f64,
+    /// Correlation of these logarithms with the model's.
+    correlation: f64,
+}
+
+#[derive(Serialize)]
+struct TouchLine {
+    order: Vec<usize>,
+    /// Correlation of the frame's change with that of the touch, in this order and in the next best one.
+    correlation: f64,
+    next: f64,
+}
+
+#[derive(Serialize)]
+struct Line {
+    values: usize,
+    electrodes: usize,
+    /// Relative deviation from reciprocity, median; null where no value has its reciprocal.
+    reciprocity: Option<f64>,
+    /// The same of values that are measured both ways round.
+    twins: Option<f64>,
+    given: OrderLine,
+    best: OrderLine,
+    /// Whether another order than the given one fits clearly better.
+    wrong: bool,
+    /// Orders that fit as well as the best, the best first.
+    equal: Vec<Vec<usize>>,
+    /// What the touch tells, where there is one.
+    touch: Option<TouchLine>,
+    /// What is not as the model has it once the wires are in the best order.
+    findings: Vec<Finding>,
+    /// Whether the baseline is that of the sheet at all.
+    conclusive: bool,
+    /// Deviation from the model after the electrodes were found, and the one expected.
+    misfit: f64,
+    expected: f64,
+}
+
+/// A frame and a touch agree from this correlation on.
+const LEAST_AGREEMENT: f64 = 0.7;
+/// What the next best order does not explain of a touch, over what the best one does not (squares), from which the touch tells
+/// them apart. The nearest mirror moves a touch by no more than a third of the distance of two electrodes.
+const CLEAR: f64 = 3.0;
+
+/// Runs the command.
+///
+/// # Errors
+/// A table or a board that cannot be read, a sheet that makes no sense.
+pub(crate) fn run(arguments: &Arguments) -> Result<()> {
+    let measured = match &arguments.file {
+        Some(_) => of_table(arguments)?,
+        None => of_board(arguments)?,
+    };
+    let Measured {
+        imager,
+        baseline,
+        touched,
+        drive,
+    } = measured;
+    let values = &baseline.values_v;
+    if !values.iter().any(|v| v.is_finite() && *v != 0.0) {
+        bail!("the baseline holds no value; give frames of the unpressed sheet");
+    }
+    let mut check = wiring::check(&imager, values, false, &WiringOptions::default())?;
+    let touch = match (arguments.touch, &touched) {
+        (Some(at), Some(frame)) => tell(arguments, &imager, &mut check, values, frame, at)?,
+        _ => None,
+    };
+    let pattern = wiring::rewire(&imager.pattern, &check.best.order)?;
+    let reciprocity = wiring::reciprocity(&imager.pattern, drive, values);
+    let twins = wiring::twins(&imager.pattern, values);
+    // The wires as they are: what is still wrong then is not their order.
+    let right = Arc::new(Imager::new(
+        imager.model.sheet(),
+        drive,
+        pattern,
+        imager.grid.cell_mm(),
+    )?);
+    let inspection = inspect(&right, baseline, true, &InspectionOptions::default());
+    let line = Line {
+        values: imager.pattern.len(),
+        electrodes: imager.pattern.electrodes(),
+        reciprocity,
+        twins,
+        given: order_line(&check.given),
+        best: order_line(&check.best),
+        wrong: check.is_wrong(),
+        equal: check.equal.iter().map(|order| from_one(order)).collect(),
+        touch,
+        findings: inspection.findings.clone(),
+        conclusive: inspection.conclusive,
+        misfit: inspection.misfit,
+        expected: inspection.expected,
+    };
+    let mut out = std::io::stdout().lock();
+    if arguments.json {
+        serde_json::to_writer(&mut out, &line)?;
+        writeln!(out)?;
+    } else {
+        write!(out, "{}", words(arguments, &line, &check, &inspection))?;
+    }
+    Ok(())
+}
+
+fn from_one(order: &[usize]) -> Vec<usize> {
+    order.iter().map(|l| l + 1).collect()
+}
+
+fn order_line(wiring: &Wiring) -> OrderLine {
+    OrderLine {
+        order: from_one(&wiring.order),
+        misfit: wiring.misfit,
+        correlation: wiring.correlation,
+    }
+}
+
+/// Chooses the order that a touch at a known place fits best among those that fit the baseline. None, said on stderr, where none
+/// does clearly.
+fn tell(
+    arguments: &Arguments,
+    imager: &Imager,
+    check: &mut WiringCheck,
+    baseline: &[f64],
+    frame: &[f64],
+    at: [f64; 2],
+) -> Result<Option<TouchLine>> {
+    let touch = DiscTouch {
+        centre_mm: at,
+        radius_mm: arguments.radius_mm.unwrap_or_else(|| FINGER * imager.reach_mm()),
+        rise: 0.2,
+    };
+    let agreement = wiring::by_touch(imager, &check.equal, baseline, frame, touch)?;
+    let mut ranked: Vec<usize> = (0..agreement.len()).collect();
+    ranked.sort_by(|a, b| agreement[*b].total_cmp(&agreement[*a]));
+    let Some(first) = ranked.first().copied() else {
+        return Ok(None);
+    };
+    let next = ranked.get(1).map_or(-1.0, |k| agreement[*k]);
+    if agreement[first] < LEAST_AGREEMENT {
+        eprintln!(
+            "warning: in no order does the frame agree with a touch at ({}, {}) mm (correlation {:.2}); look at the place and \
+             press harder",
+            at[0], at[1], agreement[first]
+        );
+        return Ok(None);
+    }
+    let unexplained = |correlation: f64| 1.0 - correlation.max(0.0).powi(2);
+    if unexplained(next) < CLEAR * unexplained(agreement[first]) {
+        eprintln!(
+            "warning: the touch at ({}, {}) mm fits more than one order; press far from the middle, and beside the lines from there to the electrodes and between them",
+            at[0], at[1]
+        );
+        return Ok(None);
+    }
+    let order = check.equal[first].clone();
+    check.best.order.clone_from(&order);
+    check.equal = vec![order.clone()];
+    Ok(Some(TouchLine {
+        order: from_one(&order),
+        correlation: agreement[first],
+        next,
+    }))
+}
+
+/// Radius of a finger over the sheet's reach: 12.5 mm on the paper's disc.
+const FINGER: f64 = 12.5 / 97.5;
+
+fn words(arguments: &Arguments, line: &Line, check: &WiringCheck, inspection: &Inspection) -> String {
+    let percent = |part: Option<f64>| part.map_or("not measured".to_owned(), |p| format!("{:.2} %", 100.0 * p));
+    let fit = |order: &OrderLine| {
+        format!(
+            "off the model by {:.1} %, correlation of the logarithms {:.3}",
+            100.0 * order.misfit,
+            order.correlation
+        )
+    };
+    let mut text = format!(
+        "{} values of {} electrodes\nreciprocity    off by {} (median)\n",
+        line.values,
+        line.electrodes,
+        percent(line.reciprocity)
+    );
+    if line.twins.is_some() {
+        text += &format!("both ways      off by {} (median)\n", percent(line.twins));
+    }
+    text += &format!("given order    {}\n", fit(&line.given));
+    if line.wrong {
+        if line.best.misfit < line.given.misfit {
+            text += &format!("better order   {}\n", fit(&line.best));
+        }
+        text += &format!("wired          --wires {}\n", order_text(&check.best.order));
+    } else {
+        text += "wired          as said, as far as the baseline tells\n";
+    }
+    match &line.touch {
+        Some(touch) => {
+            text += &format!(
+                "touch          agrees with this order by a correlation of {:.2}, with the next one by {:.2}\n",
+                touch.correlation, touch.next
+            );
+        }
+        None if line.equal.len() > 1 => {
+            let how = if arguments.file.is_some() {
+                " --frame COLUMN"
+            } else {
+                ""
+            };
+            text += &format!(
+                "turns, mirrors {} orders fit as well; only a touch at a known place tells them apart: --touch X,Y{how}\n",
+                line.equal.len()
+            );
+        }
+        None => {}
+    }
+    if inspection.warnings().is_empty() {
+        text += "electrodes     all give a signal\n";
+    }
+    for warning in inspection.warnings() {
+        text += &format!("found          {warning}\n");
+    }
+    text
+}
+
+fn of_table(arguments: &Arguments) -> Result<Measured> {
+    let path = arguments.file.as_deref().unwrap_or_else(|| std::path::Path::new(""));
+    let table = MeasurementTable::read(path, &mut Progress::new("reading", false))?;
+    let drive = arguments.drive.drive();
+    let chosen = arguments.geometry.choose(&table, Method::Nnls)?;
+    let names = table.names();
+    let mut columns = Vec::new();
+    for name in &arguments.baseline {
+        columns.extend(names.range(name.trim())?);
+    }
+    if columns.is_empty() {
+        eprintln!(
+            "the baseline is the first frame, {}; --baseline names others",
+            table.columns[0].name
+        );
+        columns.push(0);
+    }
+    let frames: Vec<&[f64]> = columns.iter().map(|k| table.columns[*k].values.as_slice()).collect();
+    let touched = match (&arguments.frame, arguments.touch) {
+        (Some(name), _) => {
+            let place = names.get(name.trim()).ok_or_else(|| names.unknown(name))?;
+            Some(table.columns[place].values.clone())
+        }
+        (None, Some(_)) => bail!("--touch needs the frame in which it is: name its column with --frame"),
+        (None, None) => None,
+    };
+    Ok(Measured {
+        baseline: Baseline::of_frames(chosen.pattern.len(), &frames),
+        imager: Arc::new(Imager::new(&chosen.sheet, drive, chosen.pattern, chosen.cell_mm)?),
+        touched,
+        drive,
+    })
+}
+
+fn of_board(arguments: &Arguments) -> Result<Measured> {
+    let session = if arguments.simulate {
+        Session::start(simulated_skin::demo()?, adjacent_plan)?
+    } else if let Some(path) = &arguments.port {
+        Session::start(ports::open(path).map_err(|e| anyhow!(e))?, adjacent_plan)?
+    } else {
+        match board::first(|port, _| Ok(Session::start(port, adjacent_plan)?))? {
+            Ok(session) => session,
+            Err(why) => bail!(
+                "no board found ({why}); name its port with --port, a table of frames, or ask the simulated skin with --simulate"
+            ),
+        }
+    };
+    let sheet: Sheet = sheet::load(arguments.geometry.file())?.0;
+    let (wired, described) = (session.electrodes(), sheet.electrodes.len());
+    if wired != described {
+        bail!("the board has {wired} electrodes, the sheet {described}; describe the sheet with --sheet");
+    }
+    let pattern = Pattern::from_pairs(session.electrodes(), session.measurements())?;
+    let drive = Drive::PAPER;
+    eprintln!("taking the baseline, do not touch");
+    let unpressed = take(&session)?;
+    let touched = match arguments.touch {
+        Some([x, y]) => {
+            eprintln!("press at ({x}, {y}) mm and hold for {:.0} s", 2.0 * PRESS.as_secs_f64());
+            let start = std::time::Instant::now();
+            while start.elapsed() < PRESS {
+                session.frame(LOOK)?;
+                session.check_silence(SILENCE)?;
+            }
+            Some(mean(pattern.len(), &take(&session)?).values_v)
+        }
+        None => None,
+    };
+    Ok(Measured {
+        baseline: mean(pattern.len(), &unpressed),
+        imager: Arc::new(Imager::new(&sheet, drive, pattern, sheet::cell_mm(&sheet)?)?),
+        touched,
+        drive,
+    })
+}
+
+/// How long somebody has to come down with a finger.
+const PRESS: Duration = Duration::from_secs(4);
+/// How often the loop looks up while no frame comes.
+const LOOK: Duration = Duration::from_millis(100);
+/// A board that says nothing for so long is gone.
+const SILENCE: Duration = Duration::from_secs(3);
+
+fn take(session: &Session) -> Result<Vec<Vec<f64>>> {
+    let mut frames = Vec::new();
+    while frames.len() < LiveOptions::default().baseline_frames {
+        match session.frame(LOOK)? {
+            Some(frame) => frames.push(frame.values_v),
+            None => session.check_silence(SILENCE)?,
+        }
+    }
+    Ok(frames)
+}
+
+fn mean(values: usize, frames: &[Vec<f64>]) -> Baseline {
+    let frames: Vec<&[f64]> = frames.iter().map(Vec::as_slice).collect();
+    Baseline::of_frames(values, &frames)
+}

@@ -1,0 +1,197 @@
+//! A baseline is looked at before frames are compared with it: what of it is left out, where the electrodes are, and whether it
+//! is that of the sheet at all.
+
+use crate::reference::baseline::Baseline;
+use crate::reference::electrode_fit::{self, ElectrodeFit, ElectrodeFitOptions, NoFit};
+use crate::reference::imager::Imager;
+use crate::reference::screening::{Finding, FindingKind, ScreeningOptions, consensus, screen, value_finding};
+use crate::reference::wiring::{self, WiringCheck, WiringOptions, order_text};
+use std::sync::Arc;
+
+/// How a baseline is looked at.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct InspectionOptions {
+    /// When a value counts as wrong.
+    pub screening: ScreeningOptions,
+    /// What is expected of the electrodes.
+    pub electrodes: ElectrodeFitOptions,
+    /// How orders of the wires are compared.
+    pub wiring: WiringOptions,
+}
+
+/// What a baseline is worth, and what to compare frames with.
+#[derive(Clone, Debug)]
+pub struct Inspection {
+    /// The sheet, with the electrodes where they were found.
+    pub imager: Arc<Imager>,
+    /// The baseline without the values that are left out, which are not numbers.
+    pub baseline: Baseline,
+    /// What is not as the model has it, the gravest first.
+    pub findings: Vec<Finding>,
+    /// Whether the baseline is that of the sheet at all. If not, nothing is left out and no electrode is looked for.
+    pub conclusive: bool,
+    /// The electrodes, where they were looked for and found.
+    pub electrodes: Option<ElectrodeFit>,
+    /// Why they were not found, where they were looked for.
+    pub not_found: Option<NoFit>,
+    /// Another order of the wires, where one fits clearly better.
+    pub wiring: Option<WiringCheck>,
+    /// What the values that are used deviate by from the model, relative, root mean square: after the electrodes were found,
+    /// where they were.
+    pub misfit: f64,
+    /// What they would deviate by on a sheet as the model has it: by the model's own error and by the noise.
+    pub expected: f64,
+}
+
+/// Relative error of the model's values on its mesh, root mean square (docs/verification.md).
+const MODEL_ERROR: f64 = 1e-3;
+/// The misfit is said where it is so many times what is expected.
+const SAID_FROM: f64 = 3.0;
+
+/// Looks at a baseline: leaves out what is wrong, then looks for the electrodes in the rest if `find_electrodes`.
+///
+/// A baseline without faults comes back as it is.
+pub fn inspect(
+    imager: &Arc<Imager>,
+    baseline: Baseline,
+    find_electrodes: bool,
+    options: &InspectionOptions,
+) -> Inspection {
+    let pattern = &imager.pattern;
+    let wiring = wiring::check(imager, &baseline.values_v, true, &options.wiring)
+        .ok()
+        .filter(WiringCheck::is_wrong);
+    // The other wires are right where only a few are exchanged.
+    let most = options.screening.most_electrodes * pattern.electrodes() as f64;
+    let moved = wiring.as_ref().map_or_else(Vec::new, WiringCheck::moved);
+    let moved = if moved.len() as f64 > most { Vec::new() } else { moved };
+    let known: Vec<f64> = pattern
+        .measurements()
+        .iter()
+        .zip(&baseline.values_v)
+        .map(|(m, v)| {
+            let of = [m.drive.plus, m.drive.minus, m.sense.plus, m.sense.minus];
+            if of.iter().any(|l| moved.contains(l)) {
+                f64::NAN
+            } else {
+                *v
+            }
+        })
+        .collect();
+    let screening = screen(&imager.model_v, pattern, &known, &options.screening);
+    let mut findings = screening.findings;
+    for f in findings.iter_mut().filter(|f| f.kind == FindingKind::Electrode) {
+        if f.electrodes.iter().any(|l| moved.contains(&(l - 1))) {
+            f.kind = FindingKind::ElectrodeElsewhere;
+        }
+    }
+    let mut used = screening.used;
+    let (mut electrodes, mut not_found) = (None, None);
+    if find_electrodes && screening.conclusive {
+        let signs = screening.fitted.iter();
+        let fitted: Vec<f64> = signs
+            .zip(&known)
+            .map(|(sign, v)| if *sign == 0.0 { f64::NAN } else { sign * v })
+            .collect();
+        match electrode_fit::find_with(imager, &fitted, &options.electrodes) {
+            Ok(fit) => {
+                for (k, factor) in &fit.outliers {
+                    used[*k] = false;
+                    findings.push(value_finding(pattern, *k, *factor));
+                }
+                electrodes = Some(fit);
+            }
+            Err(why) => not_found = Some(why),
+        }
+    }
+    let baseline = baseline.without(&used);
+    let misfit = electrodes.as_ref().map_or_else(
+        || misfit(&imager.model_v, &baseline.values_v, &screening.fitted),
+        |fit| fit.misfit,
+    );
+    Inspection {
+        imager: electrodes
+            .as_ref()
+            .map_or_else(|| Arc::clone(imager), |fit| Arc::new(fit.imager.clone())),
+        expected: MODEL_ERROR.hypot(baseline.relative_noise()),
+        conclusive: screening.conclusive,
+        findings,
+        electrodes,
+        not_found,
+        wiring,
+        misfit,
+        baseline,
+    }
+}
+
+/// What values deviate by from the model but for a common gain, root mean square of the logarithms.
+fn misfit(model_v: &[f64], baseline: &[f64], fitted: &[f64]) -> f64 {
+    let ratios = model_v
+        .iter()
+        .zip(baseline)
+        .zip(fitted)
+        .filter(|(_, sign)| **sign != 0.0);
+    let ln: Vec<f64> = ratios
+        .map(|((m, b), _)| (b / m).abs().ln())
+        .filter(|l| l.is_finite())
+        .collect();
+    let gain = consensus(ln.iter().copied(), std::f64::consts::LN_2).map_or(0.0, |c| c.0);
+    (ln.iter().map(|l| (l - gain).powi(2)).sum::<f64>() / ln.len().max(1) as f64).sqrt()
+}
+
+impl Inspection {
+    /// What is left out of the baseline for good.
+    pub fn left_out(&self) -> impl Iterator<Item = &Finding> {
+        self.findings.iter().filter(|f| f.left_out)
+    }
+
+    /// What there is to say of it, a line each, the gravest first; none for a baseline as it should be.
+    pub fn warnings(&self) -> Vec<String> {
+        let mut lines = Vec::new();
+        if let Some(check) = &self.wiring {
+            lines.push(format!(
+                "the electrodes seem to be wired in another order, which fits the baseline to {:.0} % instead of {:.0} %; look with \
+                 skin check, or give --wires {}",
+                100.0 * check.best.misfit,
+                100.0 * check.given.misfit,
+                order_text(&check.best.order)
+            ));
+        }
+        if !self.conclusive {
+            lines.push(
+                "the baseline is not that of the sheet as described; no value of it is left out and no electrode is looked for. Look \
+                 at the sheet's size, the number and order of the electrodes and their contacts"
+                    .to_owned(),
+            );
+        }
+        lines.extend(self.findings.iter().map(ToString::to_string));
+        if let Some(NoFit::TooFar {
+            electrode,
+            moved_mm,
+            most_mm,
+        }) = &self.not_found
+        {
+            lines.push(format!(
+                "the baseline puts electrode {} at {:.0} mm from where it was said to be, more than the {most_mm:.0} mm that hands \
+                 are off; no electrode is moved. Look at its place, at the sheet and at the contacts",
+                electrode + 1,
+                moved_mm.abs()
+            ));
+        }
+        if let Some(NoFit::NoSheet) = &self.not_found {
+            lines.push(
+                "the electrodes were not found in the baseline and are taken to be where they were said to be"
+                    .to_owned(),
+            );
+        }
+        if self.electrodes.is_some() && self.misfit > SAID_FROM * self.expected {
+            lines.push(format!(
+                "the sheet is {:.1} % off its model after the electrodes were found, {:.1} % expected; holes, cuts and worn places \
+                 do that, and so do electrodes of another size",
+                100.0 * self.misfit,
+                100.0 * self.expected
+            ));
+        }
+        lines
+    }
+}
