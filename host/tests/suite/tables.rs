@@ -214,7 +214,7 @@ fn another_order_than_the_frames_have_is_noticed() {
     let (empty, touched) = (values(&forward(&[])), values(&forward(&TOUCH)));
     let file = folder.file("a.csv", lines(&[&empty, &touched], ",", ""));
     let (_, said) = reconstruct(&file, &["--order", "pyeit-fmmu", "--baseline", "1", "--cell-mm", "15"]);
-    assert!(said.contains("look at the order of the electrodes"), "{said}");
+    assert!(said.contains("number and order of the electrodes"), "{said}");
 }
 
 #[test]
