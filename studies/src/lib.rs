@@ -26,6 +26,7 @@ pub mod chain;
 pub mod compare;
 pub mod conformal;
 pub mod cost;
+pub mod drift;
 pub mod error;
 pub mod fig7;
 pub mod greit;
@@ -41,6 +42,7 @@ pub mod stress;
 pub mod test_sheet;
 pub mod trial;
 
+pub use drift::Drift;
 pub use error::StudyError;
 pub use live_sheet::LiveSheet;
 pub use scene::{Fault, Kind, Scene, Worse, rng};

@@ -1,5 +1,6 @@
 //! A simulated sheet: a finer mesh than the imager's, the nonlinear model, and noise.
 
+use crate::drift::Drift;
 use crate::error::StudyError;
 use crate::scene::{Fault, RIM_MM, Scene, Worse};
 use forward::field::conductivity_of;
@@ -126,6 +127,31 @@ impl TestSheet {
         let untouched = drive.frame_v(self.solver.solve_untouched_there()?, pattern);
         let change = touched.iter().zip(&untouched).map(|(t, u)| t - u);
         Ok(self.baseline.iter().zip(change).map(|(b, c)| b + c).collect())
+    }
+
+    /// The frame of discs without noise, V, after this drift since the baseline.
+    ///
+    /// # Errors
+    /// [`ForwardError`] where the model has no solution.
+    pub fn drifted_frame(&mut self, touches: &[DiscTouch], drift: &Drift) -> Result<Vec<f64>, ForwardError> {
+        let model = Arc::clone(self.solver.model());
+        // A contact impedance is given in mm of sheet: it shrinks against a sheet whose resistance grows.
+        let electrodes = model.sheet().electrodes.iter().zip(&drift.contacts);
+        let contacts: Vec<f64> = electrodes.map(|(e, c)| e.contact_mm * c / drift.resistance).collect();
+        let mut solver = Solver::new(Arc::new(model.with_contacts(&contacts)?))?;
+        let potentials = solver.solve_touches(touches)?.potentials_ohm() * drift.resistance;
+        let (drive, pattern) = (self.drive, &self.imager.pattern);
+        let drifted = drive.frame_v(&ElectrodeMatrix::from_potentials(potentials), pattern);
+        self.solver.solve_touches(touches)?;
+        // Both frames of the difference are on this mesh.
+        let untouched = drive.frame_v(self.solver.solve_untouched_there()?, pattern);
+        let change = drifted.iter().zip(&untouched).map(|(d, u)| d - u);
+        Ok(self
+            .baseline
+            .iter()
+            .zip(change)
+            .map(|(b, c)| drift.gain * (b + c))
+            .collect())
     }
 
     fn spoil(&self, v: &mut [f64], fault: Fault, rng: &mut StdRng) {

@@ -15,11 +15,6 @@ pub(crate) struct Basis {
 }
 
 impl Basis {
-    /// Takes every vector out.
-    pub(crate) fn clear(&mut self) {
-        self.columns.clear();
-    }
-
     /// Adds the direction in which a vector leaves the span; none where it depends on the vectors before it.
     pub(crate) fn add(&mut self, v: &[f64]) {
         let start = self.columns.len();
@@ -29,6 +24,11 @@ impl Basis {
             Some(rest) => new.iter_mut().for_each(|v| *v /= rest.sqrt()),
             None => self.columns.truncate(start),
         }
+    }
+
+    /// The vectors, one after the other.
+    pub(crate) fn columns(&self) -> &[f64] {
+        &self.columns
     }
 
     /// Projects a vector onto the complement of the span, in place; returns the square of what remains.

@@ -4,34 +4,59 @@ use crate::change::detector::ChangeDetector;
 use crate::pipeline::frame_solver::{FrameSolver, Task};
 use crate::pipeline::options::ReconstructorOptions;
 use crate::pipeline::result::FrameResult;
-use crate::quality::contact::{ContactMonitor, Decision, Evidence};
+use crate::quality::contact::{ContactMonitor, ContactOptions, Decision, Evidence};
 use crate::reference::Difference;
+use crate::reference::drift::Drifting;
 
-/// Tests frames for contacts that changed, one frame after another.
+/// Frames for which the test of new touches waits for a search that does not come to its end; then the search is patient.
+const MOST_PUT_OFF: usize = 2;
+
+/// The detectors of changes, by what drifts.
+type Detectors = [Option<ChangeDetector>; 2];
+
+/// Tests frames for contacts that drifted or changed, one frame after another.
 pub(crate) struct ContactTest {
+    options: ContactOptions,
     monitor: ContactMonitor,
     sequence: bool,
-    most_contacts: usize,
+    /// What drifts in the frames now; how many touches have stood the test against it; and frames until the next test.
+    drifting: Drifting,
+    stood: usize,
+    until: usize,
+    /// Frames one after another in which that test was put off.
+    put_off: usize,
     /// A frame without its contacts' scales.
     evened: Option<Difference>,
+    /// The result of a frame with other contacts.
+    kept: FrameResult,
 }
 
 impl ContactTest {
     pub(crate) fn new(options: &ReconstructorOptions) -> Self {
         Self {
+            options: options.contacts,
             monitor: ContactMonitor::new(
                 if options.sequence { options.contacts.frames } else { 1 },
                 options.contacts,
             ),
             sequence: options.sequence,
-            most_contacts: options.contacts.most_contacts,
+            drifting: Drifting::Common,
+            stood: 0,
+            until: 0,
+            put_off: 0,
             evened: None,
+            kept: FrameResult::default(),
         }
     }
 
     /// Electrodes whose contact is accepted to have changed.
     pub(crate) fn changed(&self) -> &[usize] {
         self.monitor.changed()
+    }
+
+    /// What drifts in the frames now.
+    pub(crate) fn drifting(&self) -> Drifting {
+        self.drifting
     }
 
     /// Whether an electrode is a candidate: then every frame counts.
@@ -42,66 +67,184 @@ impl ContactTest {
     /// Forgets all that earlier frames said.
     pub(crate) fn clear(&mut self) {
         self.monitor.clear();
+        (self.drifting, self.stood) = (Drifting::Common, 0);
     }
 
-    /// Solves a frame into the result, with the contacts that changed left out. The contacts of the task are not looked at.
+    /// Solves a frame into the result, with the contacts that changed left out. What drifts and the contacts of the task are
+    /// not looked at.
     pub(crate) fn solve(
         &mut self,
         solver: &mut FrameSolver,
         task: Task,
-        mut detector: Option<&mut ChangeDetector>,
+        detectors: &mut Detectors,
         result: &mut FrameResult,
     ) {
         if task.averaged.frames > 1 {
             // Contacts are tested on single frames only: the error of the disc model shows more in a mean.
             let task = Task { patient: false, ..task };
-            self.solve_with(solver, task, detector, result);
+            self.solve_with(solver, task, detectors, result);
             return;
+        }
+        if !self.sequence {
+            self.clear();
+        }
+        solver.begin();
+        if task.quiet {
+            self.drifting = Drifting::Contacts;
         }
         // The decision for or against a contact compares what both come to in the end.
-        let patient = !self.sequence || self.monitor.asks_next();
+        let patient = !self.sequence || self.monitor.asks_next() || self.put_off >= MOST_PUT_OFF;
         let task = Task { patient, ..task };
-        if let Some(changed) = self.monitor.begin() {
-            let without = self.solve_with(solver, task, detector.as_deref_mut(), result);
-            let kept = result.clone();
-            self.monitor.keep(changed);
-            let with = self.solve_with(solver, task, detector, result);
-            if self.monitor.decide_again(with, without) {
-                *result = kept;
-                solver.forget_touches();
+        if let Some(changed) = self.monitor.begin(task.quiet) {
+            self.test_again(changed, solver, task, detectors, result);
+        } else {
+            let mut evidence = self.solve_with(solver, task, detectors, result);
+            if !task.quiet {
+                evidence = self.test_drifting(evidence, solver, task, detectors, result);
             }
+            self.test_candidates(evidence, solver, task, detectors, result);
+        }
+        if task.quiet {
+            // Without touches the frame itself says it.
+            let by_contacts = result.drift.by_contacts;
+            self.drifting = if by_contacts {
+                Drifting::Contacts
+            } else {
+                Drifting::Common
+            };
+            self.stood = 0;
+        }
+    }
+
+    /// Decides whether contacts drift: a new touch must explain the frame better than that.
+    fn test_drifting(
+        &mut self,
+        evidence: Option<Evidence>,
+        solver: &mut FrameSolver,
+        task: Task,
+        detectors: &mut Detectors,
+        result: &mut FrameResult,
+    ) -> Option<Evidence> {
+        self.until = self.until.saturating_sub(1);
+        let touches = result.touches.len();
+        let unexplained = result.misfit.is_none_or(|misfit| misfit > self.options.explained);
+        let due = self.until == 0 && (unexplained || self.drifting == Drifting::Contacts);
+        let asked = touches > self.stood || due || self.monitor.is_open();
+        if !(solver.fits() && result.changed && asked) {
+            self.stood = self.stood.min(touches);
+            return evidence;
+        }
+        if !solver.is_finished() && self.put_off < MOST_PUT_OFF {
+            // Contacts would take the place of touches that are not found yet.
+            self.put_off += 1;
+            return evidence;
+        }
+        self.put_off = 0;
+        self.until = self.options.retest_frames;
+        let before = self.drifting;
+        self.kept.copy_from(result);
+        self.drifting = match before {
+            Drifting::Common => Drifting::Contacts,
+            Drifting::Contacts => Drifting::Common,
+        };
+        let other = self.solve_with(solver, task, detectors, result);
+        let contacts = evidence.zip(other).is_some_and(|(evidence, other)| match before {
+            Drifting::Common => other.cheaper_than(evidence, self.options.margin_accepted),
+            Drifting::Contacts => evidence.cheaper_than(other, self.options.margin),
+        });
+        let now = if contacts { Drifting::Contacts } else { Drifting::Common };
+        let evidence = if now == before {
+            result.copy_from(&self.kept);
+            evidence
+        } else {
+            tracing::debug!(?now, ?evidence, ?other, "what drifts");
+            other
+        };
+        (self.drifting, self.stood) = (now, result.touches.len());
+        evidence
+    }
+
+    /// Tests the accepted contacts once more.
+    fn test_again(
+        &mut self,
+        changed: Vec<usize>,
+        solver: &mut FrameSolver,
+        task: Task,
+        detectors: &mut Detectors,
+        result: &mut FrameResult,
+    ) {
+        let before = std::mem::replace(&mut self.drifting, Drifting::Contacts);
+        let without = self.solve_with(solver, task, detectors, result);
+        let named = solver.candidate(&[], result);
+        if named.is_some_and(|c| c.linear && changed.contains(&c.electrode)) {
+            self.monitor.keep(changed);
+            self.drifting = before;
+            self.solve_with(solver, task, detectors, result);
+            self.monitor.stay();
             return;
         }
-        let mut without = self.solve_with(solver, task, detector.as_deref_mut(), result);
-        while self.monitor.changed().len() < self.most_contacts {
+        if task.quiet {
+            self.monitor.clear();
+            return;
+        }
+        let kept = result.clone();
+        self.monitor.keep(changed);
+        let with = self.solve_with(solver, task, detectors, result);
+        if self.monitor.decide_again(with, without) {
+            *result = kept;
+            solver.forget_touches();
+        }
+    }
+
+    /// Tests contacts that the frame names.
+    fn test_candidates(
+        &mut self,
+        mut without: Option<Evidence>,
+        solver: &mut FrameSolver,
+        task: Task,
+        detectors: &mut Detectors,
+        result: &mut FrameResult,
+    ) {
+        while self.monitor.changed().len() < self.options.most_contacts {
             let changed = self.monitor.changed();
-            let candidate = solver.candidate(Task { changed, ..task }, result);
-            if !self.monitor.propose(candidate) {
+            let candidate = solver.candidate(changed, result);
+            if !self.monitor.propose(candidate.map(|c| c.electrode)) {
                 break;
             }
+            if candidate.is_some_and(|c| c.linear) {
+                tracing::debug!(?candidate, "a contact stands out");
+                self.monitor.accept();
+                without = self.solve_with(solver, task, detectors, result);
+                continue;
+            }
             let kept = result.clone();
-            let with = self.solve_with(solver, task, detector.as_deref_mut(), result);
+            let with = self.solve_with(solver, task, detectors, result);
             if self.monitor.decide(with, without) != Decision::Changed {
-                tracing::debug!(candidate, ?with, ?without, "no contact yet");
+                tracing::debug!(?candidate, ?with, ?without, "no contact yet");
                 *result = kept;
                 solver.forget_touches();
                 break;
             }
-            tracing::debug!(candidate, ?with, ?without, "a contact");
+            tracing::debug!(?candidate, ?with, ?without, "a contact");
             without = with;
         }
     }
 
-    /// Solves a frame without what the contacts did that changed.
+    /// Solves a frame without what drifted, and what the contacts did that changed.
     fn solve_with(
         &mut self,
         solver: &mut FrameSolver,
         task: Task,
-        detector: Option<&mut ChangeDetector>,
+        detectors: &mut Detectors,
         result: &mut FrameResult,
     ) -> Option<Evidence> {
-        let changed = self.monitor.changed();
-        let task = Task { changed, ..task };
+        let (changed, drifting) = (self.monitor.changed(), self.drifting);
+        let detector = detectors[drifting as usize].as_mut();
+        let task = Task {
+            drifting,
+            changed,
+            ..task
+        };
         if changed.is_empty() {
             solver.solve(task, detector, result);
         } else {

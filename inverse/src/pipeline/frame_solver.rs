@@ -5,13 +5,15 @@ use crate::pipeline::image::ImageSolver;
 use crate::pipeline::options::ReconstructorOptions;
 use crate::pipeline::result::FrameResult;
 use crate::pipeline::weighted::Weightings;
-use crate::quality::contact::{self, Contacts, Evidence, Judged};
+use crate::quality::contact::{Contacts, Evidence};
 use crate::reference::Difference;
+use crate::reference::drift::{ContactChange, DriftShapes, Drifting};
 use crate::reference::imager::Imager;
 use crate::reference::noise::{NoiseEstimate, NoiseSource};
 use crate::stats::fisher_quantile;
-use crate::touches::fit::fitter::{Data, Fitter};
+use crate::touches::fit::fitter::{Beside, Data, Fitter};
 use crate::touches::fit::reduction::WeightedProjection;
+use arrayvec::ArrayVec;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -47,10 +49,22 @@ pub(crate) struct Task<'a> {
     /// None where nothing tells it.
     pub(crate) noise: Option<NoiseEstimate>,
     pub(crate) averaged: Averaged,
+    /// What is taken to drift.
+    pub(crate) drifting: Drifting,
     /// Electrodes whose contact's shapes are left out.
     pub(crate) changed: &'a [usize],
+    /// Whether the frame shows no touch: what it shows is drift, or contacts.
+    pub(crate) quiet: bool,
     /// Whether every search of the fit is to come to its end in this frame, however long it takes.
     pub(crate) patient: bool,
+}
+
+/// A contact that may have changed.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Candidate {
+    pub(crate) electrode: usize,
+    /// Whether its change is small: estimated beside touches, which are right.
+    pub(crate) linear: bool,
 }
 
 /// Solves frames of one imager.
@@ -60,24 +74,37 @@ pub(crate) struct FrameSolver {
     weightings: Weightings,
     image: ImageSolver,
     fitter: Option<Fitter>,
+    /// What the fit goes on from.
+    fitting: Drifting,
+    /// None where the sheet cannot be solved.
+    drift: Option<DriftShapes>,
     contacts: Option<Contacts>,
-    /// Rank and noise that the gate was computed for, and the gate.
-    gate: Option<(usize, NoiseSource, f64)>,
+    /// Ranks and noise that gates were computed for, and the gates.
+    gates: ArrayVec<(usize, NoiseSource, f64), 4>,
     /// The frame weighted, and reduced.
     values: Vec<f64>,
     reduced: Vec<f64>,
+    /// The frame along the nuisance directions.
+    sizes: Vec<f64>,
+    /// The contact that would explain the frame alone.
+    alone: Option<usize>,
 }
 
 impl FrameSolver {
     pub(crate) fn new(imager: &Arc<Imager>, options: ReconstructorOptions) -> Self {
+        let drift = DriftShapes::new(imager);
         Self {
             weightings: Weightings::default(),
             image: ImageSolver::new(imager, &options),
             fitter: options.fit.and_then(|f| Fitter::new(imager, f)),
-            contacts: options.fit.and_then(|_| Contacts::new(imager, options.contacts)),
-            gate: None,
+            contacts: options.fit.and(drift.as_ref()).map(|d| Contacts::new(imager, d)),
+            drift,
+            fitting: Drifting::Common,
+            gates: ArrayVec::new(),
             values: Vec::new(),
             reduced: Vec::new(),
+            sizes: Vec::new(),
+            alone: None,
             imager: Arc::clone(imager),
             options,
         }
@@ -86,6 +113,11 @@ impl FrameSolver {
     /// Rank of the problem in use; none before the first.
     pub(crate) fn rank(&self) -> Option<usize> {
         self.weightings.current().map(|w| w.problem.rank())
+    }
+
+    /// Whether the search of the frame solved last came to its end. What is found beside its touches is then not theirs.
+    pub(crate) fn is_finished(&self) -> bool {
+        self.fitter.as_ref().is_some_and(|f| f.last().finished)
     }
 
     /// Whether touches are fitted to the measurements.
@@ -112,8 +144,9 @@ impl FrameSolver {
         baseline: &[f64],
         sigma: f64,
         baseline_share: f64,
+        drifting: Drifting,
     ) -> Option<ChangeDetector> {
-        self.weigh(unchanged, &[]);
+        self.weigh(unchanged, (drifting, &[]));
         self.tabulate();
         let weighted = self.weightings.current()?;
         let offset: Vec<f64> = self
@@ -144,10 +177,13 @@ impl FrameSolver {
         let used = task.difference.used.iter().filter(|u| **u).count();
         // What the detector let through has something in it, unless it was in the values that are left out now.
         let passed = task.changed.is_empty() && detector.as_ref().is_some_and(|d| d.used() == used);
-        self.weigh(task.difference, task.changed);
+        self.weigh(task.difference, (task.drifting, task.changed));
         self.reduce(task.difference);
         if self.reduced.is_empty() || task.noise.is_some_and(|n| !passed && !self.passes(n)) {
             result.clear(task.noise, used);
+            if !self.reduced.is_empty() {
+                self.drift_alone(task, result);
+            }
             (result.anew, result.frames, result.grown) = (true, task.averaged.frames, task.averaged.grown);
             return;
         }
@@ -169,7 +205,11 @@ impl FrameSolver {
         let ridge = self.image.solve(&self.options, weighted, &self.values, sigma, result);
         result.solve_us = start.elapsed().as_secs_f64() * 1e6;
         self.image.find(result);
-        if !self.fit(task, noise, detector, result)
+        let fitted = self.fit(task, noise, detector, result);
+        if task.drifting == Drifting::Contacts {
+            self.alone = self.alone(noise);
+        }
+        if !fitted
             && let (Some(ridge), Some(_)) = (ridge, &self.fitter)
             && let Some(weighted) = self.weightings.current_mut()
         {
@@ -178,11 +218,15 @@ impl FrameSolver {
         }
     }
 
-    fn weigh(&mut self, difference: &Difference, changed: &[usize]) {
-        let contacts = self.contacts.as_mut();
+    fn weigh(&mut self, difference: &Difference, left_out: (Drifting, &[usize])) {
+        if self.fitting != left_out.0 {
+            self.fitting = left_out.0;
+            self.fitter.iter_mut().for_each(Fitter::exchange);
+        }
+        let (drift, contacts) = (self.drift.as_ref(), self.contacts.as_mut());
         if self
             .weightings
-            .switch(&self.imager, &self.options, contacts, difference, changed)
+            .switch(&self.imager, &self.options, drift, contacts, difference, left_out)
         {
             self.image.reset();
         }
@@ -197,17 +241,25 @@ impl FrameSolver {
 
     /// Whether the reduced frame holds more than noise. A quiet one makes the next solve start afresh.
     fn passes(&mut self, noise: NoiseEstimate) -> bool {
-        let rank = self.reduced.len();
-        let limit = match self.gate {
-            Some((known, source, limit)) if (known, source) == (rank, noise.source) => limit,
-            _ => gate(rank, noise.source, self.options.false_alarm),
-        };
-        self.gate = Some((rank, noise.source, limit));
+        let limit = self.limit(self.reduced.len(), noise.source);
         let passes = self.power() > noise.sigma * noise.sigma * limit;
         if !passes {
             self.forget();
         }
         passes
+    }
+
+    /// The gate of so many values.
+    fn limit(&mut self, rank: usize, noise: NoiseSource) -> f64 {
+        if let Some((.., limit)) = self.gates.iter().find(|g| (g.0, g.1) == (rank, noise)) {
+            return *limit;
+        }
+        let limit = gate(rank, noise, self.options.false_alarm);
+        if self.gates.is_full() {
+            self.gates.pop_at(0);
+        }
+        self.gates.push((rank, noise, limit));
+        limit
     }
 
     /// Mean square of the reduced frame.
@@ -217,7 +269,38 @@ impl FrameSolver {
 
     fn tabulate(&mut self) {
         if let (Some(fitter), Some(weighted)) = (&self.fitter, self.weightings.current_mut()) {
-            weighted.tabulate(&self.imager, fitter, self.contacts.as_ref());
+            weighted.tabulate(fitter, self.drift.as_ref());
+        }
+    }
+
+    /// Whether a frame that shows no touch differs from the baseline by more than noise: something drifted.
+    pub(crate) fn drifted(&mut self, difference: &Difference, sigma: f64) -> bool {
+        self.weigh(difference, (Drifting::Contacts, &[]));
+        self.tabulate();
+        let nuisances = self
+            .weightings
+            .current()
+            .and_then(|w| w.tables.as_ref()?.nuisances.as_ref());
+        let Some(nuisances) = nuisances else { return false };
+        self.sizes.clear();
+        nuisances.along(difference.y.as_slice(), &mut self.sizes);
+        let square: f64 = self.sizes.iter().map(|v| v * v).sum();
+        square > self.sizes.len() as f64 * sigma * sigma * self.limit(self.sizes.len(), NoiseSource::Known)
+    }
+
+    /// What drifted in a frame without touches.
+    fn drift_alone(&mut self, task: Task, result: &mut FrameResult) {
+        self.tabulate();
+        let nuisances = self
+            .weightings
+            .current()
+            .and_then(|w| w.tables.as_ref()?.nuisances.as_ref());
+        if let (Some(noise), Some(fitter), Some(nuisances)) = (task.noise, &mut self.fitter, nuisances) {
+            self.sizes.clear();
+            nuisances.along(task.difference.y.as_slice(), &mut self.sizes);
+            let sizes = &self.sizes;
+            let drift = fitter.drift_alone(Beside { nuisances, sizes }, noise.sigma);
+            result.drift.copy_from(drift);
         }
     }
 
@@ -239,18 +322,30 @@ impl FrameSolver {
             spread: &task.difference.spread,
             projector: &mut weighted.projector,
         };
+        let beside = tables.nuisances.as_ref().map(|nuisances| {
+            self.sizes.clear();
+            nuisances.along(task.difference.y.as_slice(), &mut self.sizes);
+            Beside {
+                nuisances,
+                sizes: &self.sizes,
+            }
+        });
         let data = Data {
             table: &tables.touches,
             reduction: &mut reduction,
             values: &self.reduced,
+            beside,
             noise,
             gain: task.averaged.gain,
             patient: task.patient,
         };
         let seeds = result.touches.iter().map(|t| [t.x_mm, t.y_mm]);
-        let Some(fitted) = fitter.fit(data, seeds) else {
+        let explained = fitter.fit(data, seeds).is_some();
+        result.drift.copy_from(fitter.drift());
+        if !explained {
             return false;
-        };
+        }
+        let fitted = fitter.last();
         // Only a frame of which all values took part lies in the space that the detector looks at; and frames that have
         // nothing to do with each other are not each other's results.
         let whole =
@@ -269,11 +364,8 @@ impl FrameSolver {
 
     /// What the last solve came to, to be compared with one with other contacts; none where nothing tells the noise.
     pub(crate) fn evidence(&self, task: Task, result: &FrameResult) -> Option<Evidence> {
-        let directions: usize = self
-            .contacts
-            .iter()
-            .map(|c| task.changed.iter().map(|l| c.directions(*l)).sum::<usize>())
-            .sum();
+        let of_changed = |c: &Contacts| task.changed.iter().map(|l| c.directions(*l)).sum::<usize>();
+        let directions = self.contacts.as_ref().map_or(0, of_changed);
         let sigma = task.noise?.sigma;
         let power = self.power() * self.reduced.len() as f64;
         let (cost, misfit) = if result.changed {
@@ -285,39 +377,53 @@ impl FrameSolver {
         };
         let error = self.options.fit?.model_error;
         Some(Evidence {
-            cost: cost + directions as f64,
+            cost: cost + directions as f64 + result.drift.cost,
             misfit,
             model: error * error * power / sigma.powi(2),
         })
     }
 
-    /// An electrode whose contact would explain the frame solved last better than its touches do.
-    pub(crate) fn candidate(&mut self, task: Task, result: &FrameResult) -> Option<usize> {
-        let sigma = task.noise?.sigma;
-        let fitter = self.fitter.as_ref()?;
-        let tables = self
-            .weightings
-            .current_mut()?
-            .tables
-            .as_mut()
-            .filter(|_| result.changed)?;
-        let fitted = fitter.last();
-        // The residual is that of an earlier frame, where this one could not be fitted.
-        if fitted.residual_whitened.len() < self.reduced.len() {
+    /// Begins a frame: nothing is known of its contacts.
+    pub(crate) fn begin(&mut self) {
+        self.alone = None;
+    }
+
+    /// An electrode whose contact changed more than the others in the frame solved last, beside its touches; or one that would
+    /// explain the frame alone, without touches. `known` ones are left out.
+    pub(crate) fn candidate(&self, known: &[usize], result: &FrameResult) -> Option<Candidate> {
+        let new = |electrode: &usize| !known.contains(electrode);
+        let beside = result
+            .drift
+            .contact
+            .filter(|c| self.is_fault(c))
+            .map(|c| c.electrode)
+            .filter(new);
+        let alone = self.alone.filter(new);
+        // What is found beside touches that do not explain the frame is worth less than what the frame says without them.
+        let most = self.options.contacts.explained;
+        let linear = !result.changed || result.misfit.is_some_and(|misfit| misfit <= most);
+        let electrode = if linear { beside.or(alone) } else { alone.or(beside) }?;
+        let linear = linear && beside.is_some();
+        Some(Candidate { electrode, linear })
+    }
+
+    fn is_fault(&self, contact: &ContactChange) -> bool {
+        let options = &self.options.contacts;
+        contact.evidence > options.evidence && contact.change.abs() > options.least_change
+    }
+
+    /// The contact that would explain the frame alone: its touches may be phantoms.
+    fn alone(&mut self, noise: NoiseEstimate) -> Option<usize> {
+        let fitter = self.fitter.as_mut()?;
+        let nuisances = self.weightings.current()?.tables.as_ref()?.nuisances.as_ref()?;
+        let along: f64 = self.sizes.iter().map(|v| v * v).sum();
+        let outside: f64 = self.reduced.iter().map(|v| v * v).sum();
+        if along < self.options.contacts.of_frame * (along + outside) {
             return None;
         }
-        if fitted.misfit <= self.options.contacts.explained
-            && !contact::near(&self.imager, &fitted.all, &self.options.contacts)
-        {
-            return None;
-        }
-        let judged = Judged {
-            fitted,
-            stride: tables.touches.stride(),
-            data: &self.reduced,
-            sigma,
-        };
-        tables.contacts.as_mut()?.best(&self.imager, task.changed, judged)
+        let sizes = &self.sizes;
+        let contact = fitter.drift_alone(Beside { nuisances, sizes }, noise.sigma).contact;
+        contact.filter(|c| self.is_fault(c)).map(|c| c.electrode)
     }
 
     /// Undoes the scales of the drives through these electrodes, in a copy of the difference.

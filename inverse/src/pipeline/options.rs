@@ -59,6 +59,11 @@ pub struct ReconstructorOptions {
     pub least_over_fall: f64,
     /// Least relative sensitivity of a cell, against the median, that its expected rise follows.
     pub least_sensitivity: f64,
+    /// A gain that drifted by more than this part since the frame before is divided out, and the frame solved once more: touches
+    /// scale with it. Less costs time in drifting scenes.
+    pub gain_step: f64,
+    /// A gain below this is no drift: the source is lost.
+    pub least_gain: f64,
     /// When a frame is a change.
     pub change: ChangeOptions,
     /// When values are rejected.
@@ -97,6 +102,8 @@ impl ReconstructorOptions {
             most_rescalings: 2,
             least_over_fall: 0.5,
             least_sensitivity: 1e-3,
+            gain_step: 0.005,
+            least_gain: 0.2,
             change: ChangeOptions::default(),
             faults: FaultOptions::default(),
             contacts: ContactOptions::default(),

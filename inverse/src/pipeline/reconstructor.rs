@@ -7,6 +7,7 @@ use crate::pipeline::options::ReconstructorOptions;
 use crate::pipeline::result::FrameResult;
 use crate::quality::doubt::Doubt;
 use crate::quality::faults::FaultDetector;
+use crate::reference::drift::Drifting;
 use crate::reference::imager::{Imager, ImagerError};
 use crate::reference::noise::NoiseEstimate;
 use crate::reference::{Difference, Reference};
@@ -16,13 +17,17 @@ use std::sync::Arc;
 pub struct Reconstructor {
     reference: Reference,
     options: ReconstructorOptions,
-    detector: Option<ChangeDetector>,
+    /// For frames in which only the common gain and resistance drift, and for those in which contacts do.
+    detectors: [Option<ChangeDetector>; 2],
     faults: FaultDetector,
     contacts: ContactTest,
     solver: FrameSolver,
+    /// By what frames are divided: the gain that drifted since the baseline.
+    gain: f64,
     /// Frames one after another that no touches explained.
     unexplained: usize,
     /// Room for a frame, and for the mean of several.
+    divided: Vec<f64>,
     difference: Difference,
     mean: Vec<f64>,
     result: FrameResult,
@@ -33,16 +38,26 @@ impl Reconstructor {
     pub fn new(reference: Reference, options: ReconstructorOptions) -> Self {
         let imager = reference.imager();
         let mut solver = FrameSolver::new(imager, options);
-        let detector = reference.noise().and_then(|noise| {
-            let share = reference.baseline_share();
-            solver.detector(reference.unchanged(), reference.baseline(), noise.sigma, share)
-        });
+        let mut detector = |drifting| {
+            let (noise, share) = (reference.noise()?, reference.baseline_share());
+            solver.detector(
+                reference.unchanged(),
+                reference.baseline(),
+                noise.sigma,
+                share,
+                drifting,
+            )
+        };
+        let contacts = detector(Drifting::Contacts);
+        let detectors = [detector(Drifting::Common), contacts];
         Self {
-            detector,
+            detectors,
             faults: FaultDetector::new(&imager.pattern, imager.drive, options.sequence, options.faults),
             contacts: ContactTest::new(&options),
             solver,
+            gain: 1.0,
             unexplained: 0,
+            divided: Vec::new(),
             difference: reference.unchanged().clone(),
             mean: Vec::new(),
             result: FrameResult::nothing(imager),
@@ -84,26 +99,79 @@ impl Reconstructor {
     /// # Errors
     /// As for [`Reconstructor::frame`].
     pub fn frame_after(&mut self, values: &[f64], interval_s: Option<f64>) -> Result<&mut FrameResult, ImagerError> {
+        if !self.options.sequence {
+            self.gain = 1.0;
+        }
+        let mut divided = std::mem::take(&mut self.divided);
+        let done = self.divided(values, interval_s, &mut divided);
+        self.divided = divided;
+        done?;
+        Ok(&mut self.result)
+    }
+
+    /// The same with room for the frame divided by its gain. Where the gain turns out to be another, once more.
+    fn divided(&mut self, values: &[f64], interval_s: Option<f64>, room: &mut Vec<f64>) -> Result<(), ImagerError> {
+        for last in [false, true] {
+            room.clear();
+            room.extend(values.iter().map(|v| v / self.gain));
+            if !self.frame_of_gain(room, interval_s)? {
+                break;
+            }
+            let found = self.result.drift.gain;
+            let gain = found * self.gain;
+            self.result.drift.gain = gain;
+            let off = (found - 1.0).abs() > self.options.gain_step && gain > self.options.least_gain;
+            let settled = !self.result.changed || (self.result.misfit.is_some() && self.solver.is_finished());
+            if last || !off || !settled {
+                break;
+            }
+            self.gain = gain;
+            self.detectors.iter_mut().flatten().for_each(ChangeDetector::forget);
+        }
+        Ok(())
+    }
+
+    /// A frame divided by the gain; false where it is like the one before, and so is the result.
+    fn frame_of_gain(&mut self, values: &[f64], interval_s: Option<f64>) -> Result<bool, ImagerError> {
         let most_averaged = self.options.most_averaged(interval_s);
-        let change = self.detector.as_mut().map(|d| d.test(values, most_averaged));
+        let change = self.detectors[self.contacts.drifting() as usize]
+            .as_mut()
+            .map(|d| d.test(values, most_averaged));
         match change {
-            Some(Change::Nothing) => self.clear(),
-            Some(Change::Same) => self.result.anew = false,
+            Some(Change::Nothing) if !self.drifted(values)? => self.clear(),
+            Some(Change::Nothing) => self.reconstruct(values, Averaged::ONE, true)?,
+            Some(Change::Same) => {
+                self.result.anew = false;
+                return Ok(false);
+            }
             Some(Change::Mean) => {
                 let mut mean = std::mem::take(&mut self.mean);
                 let averaged = self.averaged(&mut mean);
-                let done = self.reconstruct(&mean, averaged);
+                let done = self.reconstruct(&mean, averaged, false);
                 self.mean = mean;
                 done?;
             }
-            Some(Change::New) | None => self.reconstruct(values, Averaged::ONE)?,
+            Some(Change::New) | None => self.reconstruct(values, Averaged::ONE, false)?,
         }
-        Ok(&mut self.result)
+        Ok(true)
+    }
+
+    /// Whether a frame that shows no touch differs from the baseline all the same.
+    fn drifted(&mut self, values: &[f64]) -> Result<bool, ImagerError> {
+        let Some(noise) = self.reference.noise() else {
+            return Ok(false);
+        };
+        self.reference.difference_into(values, &mut self.difference)?;
+        Ok(self.solver.drifted(&self.difference, noise.sigma))
+    }
+
+    fn detector(&self) -> Option<&ChangeDetector> {
+        self.detectors[self.contacts.drifting() as usize].as_ref()
     }
 
     /// The frame showed nothing.
     fn clear(&mut self) {
-        let used = self.detector.as_ref().map_or(0, ChangeDetector::used);
+        let used = self.detector().map_or(0, ChangeDetector::used);
         self.result.clear(self.reference.noise(), used);
         self.solver.forget();
         self.contacts.clear();
@@ -114,7 +182,7 @@ impl Reconstructor {
     /// Copies the mean of the frames at rest, and says what it is the mean of.
     fn averaged(&self, mean: &mut Vec<f64>) -> Averaged {
         mean.clear();
-        let Some(detector) = &self.detector else {
+        let Some(detector) = self.detector() else {
             return Averaged::ONE;
         };
         let rest = detector.rest();
@@ -128,8 +196,8 @@ impl Reconstructor {
         }
     }
 
-    /// Reconstructs a frame, or the mean of several.
-    fn reconstruct(&mut self, values: &[f64], averaged: Averaged) -> Result<(), ImagerError> {
+    /// Reconstructs a frame, or the mean of several. `quiet`: it is known to show no touch.
+    fn reconstruct(&mut self, values: &[f64], averaged: Averaged, quiet: bool) -> Result<(), ImagerError> {
         self.reference.difference_into(values, &mut self.difference)?;
         if !self.options.sequence {
             // What was in the frame before says nothing of this one.
@@ -153,13 +221,15 @@ impl Reconstructor {
             difference: &self.difference,
             noise: known.or(estimated),
             averaged,
+            drifting: Drifting::Common,
             changed: &[],
+            quiet,
             patient: false,
         };
         self.contacts
-            .solve(&mut self.solver, task, self.detector.as_mut(), &mut self.result);
+            .solve(&mut self.solver, task, &mut self.detectors, &mut self.result);
         let changed = self.contacts.changed();
-        if let Some(detector) = &mut self.detector
+        if let Some(detector) = &mut self.detectors[self.contacts.drifting() as usize]
             && (self.contacts.is_open() || !changed.is_empty() || self.faults.is_open())
         {
             // Every frame counts.

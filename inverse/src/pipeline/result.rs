@@ -1,6 +1,7 @@
 //! What became of a frame.
 
 use crate::quality::doubt::Doubt;
+use crate::reference::Drift;
 use crate::reference::imager::Imager;
 use crate::reference::noise::NoiseEstimate;
 use crate::solvers::Status;
@@ -38,6 +39,8 @@ pub struct FrameResult {
     pub misfit: Option<f64>,
     /// What speaks against the touches.
     pub doubt: Option<Doubt>,
+    /// What drifted since the baseline. It is taken out of the frame, and touches are right beside it.
+    pub drift: Drift,
     /// Electrodes whose contact changed since the baseline, and whose doing was taken out of the frame.
     pub contacts: Vec<usize>,
     /// Whether this frame was reconstructed. Otherwise it differs from an earlier one by nothing but noise, and the rest is
@@ -62,9 +65,34 @@ impl FrameResult {
             status: Status::Converged,
             misfit: None,
             doubt: None,
+            drift: Drift::none(),
             contacts: Vec::new(),
             anew: true,
         }
+    }
+
+    /// Makes it another, without allocation where that is no larger.
+    pub(crate) fn copy_from(&mut self, other: &Self) {
+        let Self {
+            x,
+            touches,
+            drift,
+            contacts,
+            ..
+        } = self;
+        x.clone_from(&other.x);
+        touches.clone_from(&other.touches);
+        contacts.clone_from(&other.contacts);
+        drift.copy_from(&other.drift);
+        let (x, touches) = (std::mem::take(x), std::mem::take(touches));
+        let (drift, contacts) = (std::mem::take(drift), std::mem::take(contacts));
+        *self = Self {
+            x,
+            touches,
+            drift,
+            contacts,
+            ..*other
+        };
     }
 
     /// Makes it the result of a frame in which there was nothing.
@@ -79,5 +107,6 @@ impl FrameResult {
         (self.noise, self.used, self.doubt) = (noise, used, None);
         (self.frames, self.grown) = (1, false);
         self.contacts.clear();
+        self.drift.clear();
     }
 }

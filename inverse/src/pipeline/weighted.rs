@@ -2,12 +2,15 @@
 
 use crate::linalg::basis::Basis;
 use crate::pipeline::options::ReconstructorOptions;
-use crate::quality::contact::{Candidates, Contacts};
+use crate::quality::contact::Contacts;
 use crate::reference::Difference;
+use crate::reference::drift::{DriftShapes, Drifting};
 use crate::reference::imager::Imager;
 use crate::solvers::{Method, Problem, Projector};
 use crate::touches::fit::fitter::Fitter;
+use crate::touches::fit::nuisance::Nuisances;
 use crate::touches::fit::responses::ResponseTable;
+use arrayvec::ArrayVec;
 use nalgebra::{DMatrix, DVector};
 
 /// The weighted and reduced problem for the values that take part, without what some contacts do.
@@ -16,6 +19,12 @@ pub(crate) struct Weighted {
     spread: Vec<f64>,
     /// Electrodes whose contact's shapes are left out.
     contacts: Vec<usize>,
+    /// What says nothing of touches: drift, and those shapes.
+    left_out: Basis,
+    /// What drifts.
+    drifting: Drifting,
+    /// The shapes of the contacts, weighted.
+    shapes: Vec<f64>,
     /// The problem, with columns scaled by `prior`.
     pub(crate) problem: Problem,
     /// Expected rise of every cell over [`ReconstructorOptions::expected_rise`].
@@ -26,7 +35,7 @@ pub(crate) struct Weighted {
     pub(crate) solving: Option<(f64, Problem)>,
     /// The problem with cells that fall; made when a frame first needs it.
     pub(crate) with_falls: Option<Problem>,
-    /// Reduced responses to touches and to contacts; made when a frame first needs them.
+    /// Reduced responses to touches; made when a frame first needs them.
     pub(crate) tables: Option<Tables>,
 }
 
@@ -34,17 +43,18 @@ pub(crate) struct Weighted {
 pub(crate) struct Tables {
     /// To touches.
     pub(crate) touches: ResponseTable,
-    /// To contacts.
-    pub(crate) contacts: Option<Candidates>,
+    /// Of what is left out; none where the method knows of no drift.
+    pub(crate) nuisances: Option<Nuisances>,
 }
 
 impl Weighted {
     fn new(
         imager: &Imager,
         options: &ReconstructorOptions,
+        drift: Option<&DriftShapes>,
         contacts: Option<&mut Contacts>,
         difference: &Difference,
-        changed: &[usize],
+        (drifting, changed): (Drifting, &[usize]),
     ) -> Self {
         let mut a = imager.sensitivity.clone();
         for (k, mut row) in a.row_iter_mut().enumerate() {
@@ -67,11 +77,17 @@ impl Weighted {
             column *= *prior;
         }
         let mut left_out = Basis::default();
+        let drift = drift.filter(|_| ridged);
+        if let Some(drift) = drift {
+            drift.add_to(drifting, &mut left_out, |k| weight(difference, k));
+        }
+        let mut own = Vec::new();
         if let Some(contacts) = contacts {
             for electrode in changed {
                 if let Some(shapes) = contacts.shapes(imager, *electrode) {
                     let shapes = weighed(shapes, &difference.used, &difference.spread);
                     shapes.column_iter().for_each(|c| left_out.add(c.as_slice()));
+                    own.extend_from_slice(shapes.as_slice());
                 }
             }
         }
@@ -83,6 +99,9 @@ impl Weighted {
             used: difference.used.clone(),
             spread: difference.spread.clone(),
             contacts: changed.to_vec(),
+            left_out,
+            drifting,
+            shapes: own,
             projector: Projector::new(&problem, problem.rank()),
             problem,
             solving: None,
@@ -92,8 +111,11 @@ impl Weighted {
         }
     }
 
-    fn is_for(&self, difference: &Difference, changed: &[usize]) -> bool {
-        self.used == difference.used && self.spread == difference.spread && self.contacts == changed
+    fn is_for(&self, difference: &Difference, (drifting, changed): (Drifting, &[usize])) -> bool {
+        self.used == difference.used
+            && self.spread == difference.spread
+            && self.drifting == drifting
+            && self.contacts == changed
     }
 
     /// Weight of value k: 0 where it takes no part.
@@ -101,21 +123,26 @@ impl Weighted {
         if self.used[k] { 1.0 / self.spread[k] } else { 0.0 }
     }
 
-    /// Weighs a difference into `values` and reduces it into `reduced`.
+    /// Weighs a difference into `values`, without what says nothing of touches, and reduces it into `reduced`.
     pub(crate) fn reduce(&mut self, difference: &Difference, values: &mut Vec<f64>, reduced: &mut Vec<f64>) {
         values.clear();
         values.extend(difference.y.iter().zip(&difference.spread).map(|(y, s)| y / s));
+        self.left_out.outside(values);
         reduced.clear();
         reduced.extend_from_slice(self.projector.project(|to| to[..values.len()].copy_from_slice(values)));
     }
 
-    /// Reduces the responses to touches and to contacts, once.
-    pub(crate) fn tabulate(&mut self, imager: &Imager, fitter: &Fitter, contacts: Option<&Contacts>) {
+    /// Reduces the responses to touches, once.
+    pub(crate) fn tabulate(&mut self, fitter: &Fitter, drift: Option<&DriftShapes>) {
         if self.tables.is_none() {
+            let weights: Vec<f64> = (0..self.used.len()).map(|k| self.weight(k)).collect();
+            let directions = self.left_out.columns();
+            let left_out = (self.drifting, self.contacts.as_slice());
+            let nuisances = |d| Nuisances::new(d, left_out, (directions, &self.shapes), &weights, fitter.volts());
             let reduce_all = |volts: &DMatrix<f64>| self.problem.reduce_all(&weighed(volts, &self.used, &self.spread));
             self.tables = Some(Tables {
-                contacts: contacts.map(|c| Candidates::new(c, imager, reduce_all)),
                 touches: fitter.volts().map(reduce_all),
+                nuisances: drift.filter(|_| !directions.is_empty()).map(nuisances),
             });
         }
     }
@@ -143,22 +170,24 @@ fn weighed(volts: &DMatrix<f64>, used: &[bool], spread: &[f64]) -> DMatrix<f64> 
     })
 }
 
-/// The two problems used last: contacts and values may come and go.
+/// How many problems are kept: for both kinds of drift, with and without a contact or values that come and go.
+const MOST_KEPT: usize = 4;
+
+/// The problems used last, the last first.
 #[derive(Default)]
 pub(crate) struct Weightings {
-    current: Option<Weighted>,
-    before: Option<Weighted>,
+    kept: ArrayVec<Weighted, MOST_KEPT>,
 }
 
 impl Weightings {
     /// The problem in use.
     pub(crate) fn current(&self) -> Option<&Weighted> {
-        self.current.as_ref()
+        self.kept.first()
     }
 
     /// The problem in use, to be changed.
     pub(crate) fn current_mut(&mut self) -> Option<&mut Weighted> {
-        self.current.as_mut()
+        self.kept.first_mut()
     }
 
     /// Makes the problem for the values of a difference the one in use; whether it was another before.
@@ -166,17 +195,21 @@ impl Weightings {
         &mut self,
         imager: &Imager,
         options: &ReconstructorOptions,
+        drift: Option<&DriftShapes>,
         contacts: Option<&mut Contacts>,
         difference: &Difference,
-        changed: &[usize],
+        left_out: (Drifting, &[usize]),
     ) -> bool {
-        let fits = |w: &Weighted| w.is_for(difference, changed);
-        if self.current.as_ref().is_some_and(fits) {
-            return false;
-        }
-        std::mem::swap(&mut self.current, &mut self.before);
-        if !self.current.as_ref().is_some_and(fits) {
-            self.current = Some(Weighted::new(imager, options, contacts, difference, changed));
+        match self.kept.iter().position(|w| w.is_for(difference, left_out)) {
+            Some(0) => return false,
+            Some(place) => self.kept[..=place].rotate_right(1),
+            None => {
+                if self.kept.is_full() {
+                    self.kept.pop();
+                }
+                let new = Weighted::new(imager, options, drift, contacts, difference, left_out);
+                self.kept.insert(0, new);
+            }
         }
         true
     }

@@ -3,6 +3,7 @@
 pub mod baseline;
 pub mod departure;
 mod difference;
+pub(crate) mod drift;
 pub mod electrode_fit;
 pub mod imager;
 pub mod inspection;
@@ -12,4 +13,5 @@ mod taken;
 pub mod wiring;
 
 pub use difference::Difference;
+pub use drift::Drift;
 pub use taken::Reference;

@@ -42,5 +42,6 @@ fn a_hand_that_moves_keeps_its_count_and_its_palm() {
         }
     }
     assert!(right >= 2 * frames * 9 / 10, "{right} of {}", 2 * frames);
-    assert_eq!(allocated, 0);
+    // But where a touch is found anew: it is then tested against contacts that drifted.
+    assert!(allocated <= 4, "{allocated}");
 }

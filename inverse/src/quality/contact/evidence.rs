@@ -36,6 +36,11 @@ impl Evidence {
         }
     }
 
+    /// Whether this explains a frame better by a margin, and by more than the model of touches may be wrong.
+    pub(crate) fn cheaper_than(self, other: Self, margin: f64) -> bool {
+        self.cost + margin + self.model < other.cost
+    }
+
     /// Whether a contact that was accepted stays so: this is with it.
     pub(crate) fn stays(self, without: Self, options: &ContactOptions) -> bool {
         self.cost + options.margin + self.model < without.cost

@@ -5,18 +5,19 @@
 //! which is what a touch at the rim does too. The complete electrode model gives the shape of both: the derivative by the
 //! contact impedance, and the change for a few large ones (`Contacts`).
 //!
-//! The response to a touch at the rim lies at least a tenth, mostly a third, of its own norm outside these shapes, so the two
-//! can be distinguished by how well they explain a frame. `Candidates` fits every electrode's shapes linearly beside the
-//! touches. The frame is then fitted with the shapes of the best one left out. The drives' scales are undone before, because
-//! they scale the responses to touches as well. `ContactMonitor` accepts a contact only after several frames.
+//! Small changes of all contacts are drift: the fit estimates them beside the touches
+//! ([`Drift`](crate::reference::drift::Drift)), and touches are right. A contact that changed more than the others is a fault
+//! ([`Drift::contact`](crate::reference::drift::Drift::contact)). Where the change is large, its shapes are not linear, and phantom touches may take their place. The estimate from
+//! the frame alone, without touches, then tells the electrode. The frame is fitted once more with all shapes of that contact
+//! left out. The response to a touch at the rim lies at least a tenth, mostly a third, of its own norm outside these shapes, so
+//! the two are distinguished by how well they explain a frame. The drives' scales are undone before, because they scale the
+//! responses to touches as well. `ContactMonitor` accepts a contact only after several frames.
 
-mod candidates;
 mod evidence;
 mod monitor;
 mod options;
 mod shapes;
 
-pub(crate) use candidates::{Candidates, Judged, near};
 pub(crate) use evidence::Evidence;
 pub(crate) use monitor::{ContactMonitor, Decision};
 pub use options::ContactOptions;

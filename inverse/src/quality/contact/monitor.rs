@@ -90,11 +90,11 @@ impl ContactMonitor {
         !self.changed.is_empty() && self.until <= 1
     }
 
-    /// Begins a frame. Gives the accepted electrodes where it is time to test them again: then [`ContactMonitor::changed`] has
-    /// none until [`ContactMonitor::keep`].
-    pub(crate) fn begin(&mut self) -> Option<Vec<usize>> {
+    /// Begins a frame. Gives the accepted electrodes where it is time to test them again, or where that costs nothing
+    /// (`quiet`): then [`ContactMonitor::changed`] has none until [`ContactMonitor::keep`].
+    pub(crate) fn begin(&mut self, quiet: bool) -> Option<Vec<usize>> {
         self.rejected = self.rejected.and_then(|(l, frames)| Some((l, frames.checked_sub(1)?)));
-        if self.is_due() {
+        if self.is_due() || (quiet && !self.changed.is_empty()) {
             return Some(std::mem::take(&mut self.changed));
         }
         self.until = self.until.saturating_sub(1);
@@ -189,6 +189,17 @@ impl ContactMonitor {
         decision
     }
 
+    /// Accepts the candidate without a comparison.
+    pub(crate) fn accept(&mut self) {
+        self.candidate = None;
+        (self.until, self.inconclusive) = (self.retest_frames(), false);
+    }
+
+    /// Accepted contacts stay so without a comparison.
+    pub(crate) fn stay(&mut self) {
+        (self.until, self.inconclusive) = (self.retest_frames(), false);
+    }
+
     /// Where one frame decides, every frame decides anew.
     fn retest_frames(&self) -> usize {
         if self.frames == 1 {
@@ -225,7 +236,7 @@ mod tests {
     /// Frames until it is accepted, of at most `most`.
     fn frames(monitor: &mut ContactMonitor, most: usize, named: impl Fn(usize) -> Option<usize>) -> Option<usize> {
         (0..most).find(|k| {
-            monitor.begin();
+            monitor.begin(false);
             monitor.propose(named(*k)) && monitor.decide(Some(BETTER), Some(WORSE)) == Decision::Changed
         })
     }
@@ -256,7 +267,7 @@ mod tests {
         let mut ask = |with, without| {
             for wait in 1.. {
                 let asks = monitor.asks_next();
-                let Some(changed) = monitor.begin() else {
+                let Some(changed) = monitor.begin(false) else {
                     assert!(!asks && monitor.changed() == [3]);
                     continue;
                 };
@@ -277,7 +288,7 @@ mod tests {
     fn a_candidate_that_the_full_fit_rejects_is_none_for_a_while() {
         let mut monitor = ContactMonitor::new(16, ContactOptions::default());
         let asked = (0..16 + options().rejected_frames + 16).filter(|_| {
-            monitor.begin();
+            monitor.begin(false);
             let asked = monitor.propose(Some(2));
             if asked {
                 assert_eq!(monitor.changed(), [2]);

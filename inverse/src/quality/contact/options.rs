@@ -13,32 +13,23 @@ pub struct ContactOptions {
     pub frames: usize,
     /// Most contacts left out of a frame. Each takes three to five directions of some 118.
     pub most_contacts: usize,
-    /// Radii around an electrode, over the sheet's reach: touches within one of them may be what its contact makes of the
-    /// frame. From those at the electrode, over those further off, to all, then none. A touch within the second is reason to
-    /// test the electrode.
-    pub near: [f64; 5],
-    /// Margin by which a contact must lower the cost against the touches it replaces: in a linear fit to be worth a full
-    /// one, and in a full one to stay accepted. Less costs time, more keeps true contacts from being tested.
+    /// Least relative change of a contact impedance that is a fault; what is smaller is drift.
+    pub least_change: f64,
+    /// How much more probable a frame must be with it than with drift alone, as a logarithm: 12 is the chance of 2e-5 in any
+    /// of 16.
+    pub evidence: f64,
+    /// Part of a frame's square along the shapes of drift from which the frame alone is asked for a contact. Contacts have
+    /// 0.9 and more.
+    pub of_frame: f64,
+    /// Margin by which leaving out a contact's shapes must lower the cost in a full fit, to stay accepted.
     pub margin: f64,
-    /// The same in a full fit, to be accepted.
+    /// The same to be accepted.
     pub margin_accepted: f64,
-    /// The same in a linear fit beside all touches, where the test is the best of sixteen: any electrode may explain noise.
-    pub margin_beside: f64,
     /// Largest part of what touches leave unexplained that a contact may leave. More accepts contacts that only lessen the
     /// error of a wrong model.
     pub of_unexplained: f64,
-    /// The same for a contact in place of all touches, of which some may be touches.
-    pub of_all: f64,
-    /// Mean squared misfit of touches, in variances of the noise, from which contacts are tested wherever the touches are.
+    /// Mean squared misfit of touches, in variances of the noise, that counts as explained.
     pub explained: f64,
-    /// The same, from which a contact alone is tried, whatever the touches are.
-    pub unexplained: f64,
-    /// Largest part of the data that such a contact may leave.
-    pub of_data: f64,
-    /// Residual of a contact without the touches' freedom, over that of noise, up to which its linear fit is worth the time.
-    pub quick: f64,
-    /// Most linear fits in a frame. Each takes some 10 us.
-    pub most_tries: usize,
     /// Frames at the end in which the full fit is compared.
     pub full_fits: usize,
     /// Frames that name an electrode which are undone by one that does not.
@@ -56,17 +47,13 @@ impl Default for ContactOptions {
         Self {
             frames: 16,
             most_contacts: 3,
-            near: [0.15, 0.36, 0.6, f64::INFINITY, 0.0],
+            least_change: 0.1,
+            evidence: 12.0,
+            of_frame: 0.5,
             margin: 4.0,
             margin_accepted: 12.0,
-            margin_beside: 30.0,
             of_unexplained: 0.15,
-            of_all: 0.5,
             explained: 1.3,
-            unexplained: 4.0,
-            of_data: 0.7,
-            quick: 3.0,
-            most_tries: 6,
             full_fits: 4,
             miss_penalty: 2,
             retest_frames: 16,

@@ -1,9 +1,9 @@
 //! What contacts do to a frame.
 
-use crate::quality::contact::options::ContactOptions;
 use crate::reference::Difference;
+use crate::reference::drift::DriftShapes;
 use crate::reference::imager::Imager;
-use forward::{Drive, Sensitivity, Solver};
+use forward::{Drive, Solver};
 use nalgebra::DMatrix;
 use std::sync::Arc;
 
@@ -16,7 +16,6 @@ const LEAST_SCALE: f64 = 0.05;
 /// What contacts do to the frames of an imager.
 #[derive(Clone, Debug)]
 pub(crate) struct Contacts {
-    options: ContactOptions,
     /// Measurements of every drive.
     drives: Vec<Vec<usize>>,
     /// Drives of every electrode whose current goes with its contact: none where the current is given.
@@ -28,12 +27,9 @@ pub(crate) struct Contacts {
 }
 
 impl Contacts {
-    /// For the frames of an imager; `None` when its sheet cannot be solved.
-    pub(crate) fn new(imager: &Imager, options: ContactOptions) -> Option<Self> {
+    /// For the frames of an imager that drift so.
+    pub(crate) fn new(imager: &Imager, drift: &DriftShapes) -> Self {
         let (pattern, n) = (&imager.pattern, imager.pattern.electrodes());
-        let solver = Solver::new(Arc::clone(&imager.model)).ok()?;
-        let matrix = solver.electrode_matrix();
-        let all = Sensitivity::by_electrode(&solver).matrix_v(imager.drive, matrix, pattern);
         let of = |drive| (0..pattern.len()).filter(move |k| pattern.measurements()[*k].drive == drive);
         let through = |l: usize| {
             let drives = pattern.drives().iter().enumerate();
@@ -43,23 +39,12 @@ impl Contacts {
                 Drive::Current { .. } => Vec::new(),
             }
         };
-        Some(Self {
-            options,
+        Self {
             drives: pattern.drives().iter().map(|p| of(*p).collect()).collect(),
             driven: (0..n).map(through).collect(),
-            slopes: all.columns(0, n).into_owned(),
+            slopes: drift.of_contacts(),
             shapes: vec![None; n],
-        })
-    }
-
-    /// When a contact counts as changed.
-    pub(crate) fn options(&self) -> ContactOptions {
-        self.options
-    }
-
-    /// How many electrodes there are.
-    pub(crate) fn electrodes(&self) -> usize {
-        self.driven.len()
+        }
     }
 
     /// How many directions of a frame an electrode's contact takes.
@@ -134,11 +119,15 @@ mod tests {
         Imager::new(&Sheet::paper(), drive, Pattern::adjacent(16).unwrap(), 10.0).unwrap()
     }
 
+    fn contacts(imager: &Imager) -> Contacts {
+        Contacts::new(imager, &DriftShapes::new(imager).unwrap())
+    }
+
     /// A resistance in an electrode's wire scales its two drives and does no more.
     #[test]
     fn what_a_wire_does_is_undone() {
         let imager = imager(Drive::PAPER);
-        let contacts = Contacts::new(&imager, ContactOptions::default()).unwrap();
+        let contacts = contacts(&imager);
         let solver = Solver::new(Arc::clone(&imager.model)).unwrap();
         for ohm in [20.0, 500.0] {
             let mut potentials = solver.electrode_matrix().potentials_ohm().clone();
@@ -158,7 +147,7 @@ mod tests {
     fn any_change_of_a_contact_lies_along_its_shapes() {
         for drive in [Drive::PAPER, Drive::Current { amplitude_a: 1e-3 }] {
             let imager = imager(drive);
-            let mut contacts = Contacts::new(&imager, ContactOptions::default()).unwrap();
+            let mut contacts = contacts(&imager);
             let mut basis = Basis::default();
             for column in contacts.shapes(&imager, 4).unwrap().column_iter() {
                 basis.add(column.as_slice());

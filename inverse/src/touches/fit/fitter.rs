@@ -1,5 +1,6 @@
 //! Fits frame after frame: keeps what depends on the sheet only, and corrects the linear model where its error shows.
 
+use crate::reference::drift::Drift;
 use crate::reference::imager::Imager;
 use crate::reference::noise::{NoiseEstimate, NoiseSource};
 use crate::touches::fit::disc::{Disc, Discs, MOST_TOUCHES};
@@ -9,6 +10,7 @@ use crate::touches::fit::frame_fit::{Fitted, Frame, Start, fit};
 use crate::touches::fit::linearisation_error::LinearisationError;
 use crate::touches::fit::model_order::{self, Before, DiscModel, Scratch};
 use crate::touches::fit::nonlinear::{self, NonlinearModel};
+use crate::touches::fit::nuisance::{NuisanceScratch, Nuisances};
 use crate::touches::fit::prior::FitOptions;
 use crate::touches::fit::reduction::Reduce;
 use crate::touches::fit::responses::ResponseTable;
@@ -22,6 +24,8 @@ pub struct Data<'a> {
     pub reduction: &'a mut dyn Reduce,
     /// The difference, V.
     pub values: &'a [f64],
+    /// What changes frames beside touches, where that is known.
+    pub(crate) beside: Option<Beside<'a>>,
     /// The noise of one of them, and how it is known.
     pub noise: NoiseEstimate,
     /// Variance of one frame's noise over that of this one: 1, or more for a mean of several. The error of the disc
@@ -36,6 +40,14 @@ impl Data<'_> {
     fn unexplained(&self, misfit: f64) -> f64 {
         (misfit - 1.0) / self.gain
     }
+}
+
+/// What changes frames beside touches.
+#[derive(Clone, Copy)]
+pub(crate) struct Beside<'a> {
+    pub(crate) nuisances: &'a Nuisances,
+    /// The frame along them, V.
+    pub(crate) sizes: &'a [f64],
 }
 
 /// What is the same for all fits of a frame.
@@ -61,6 +73,8 @@ enum Values {
 struct Corrected {
     error: Vec<f64>,
     values: Vec<f64>,
+    /// What was taken off, V.
+    volts: Vec<f64>,
 }
 
 impl Corrected {
@@ -72,6 +86,8 @@ impl Corrected {
         self.values.clear();
         let values = data.values.iter().zip(&self.error).map(|(v, e)| v - scale * e);
         self.values.extend(values);
+        self.volts.clear();
+        self.volts.extend(error.volts().iter().map(|e| scale * e));
         scale * self.error.iter().map(|v| v * v).sum::<f64>().sqrt() / data.noise.sigma
     }
 }
@@ -168,6 +184,15 @@ impl Fits {
     }
 }
 
+/// What is kept from frame to frame of a reduction that is not in use.
+#[derive(Debug, Default)]
+struct Aside {
+    carried: Carried,
+    followed: Followed,
+    fits: Fits,
+    corrected: Corrected,
+}
+
 /// Fits touches to the frames of one imager.
 pub struct Fitter {
     prior: FitOptions,
@@ -185,6 +210,19 @@ pub struct Fitter {
     followed: Followed,
     fits: Fits,
     corrected: Corrected,
+    /// Those of frames with another reduction.
+    aside: Aside,
+    /// Whether the values fitted last were corrected.
+    was_corrected: bool,
+    /// Of the frame fitted last.
+    drift: Drift,
+    /// Of a frame without touches.
+    alone: Drift,
+    refining: NuisanceScratch,
+    sizes: Vec<f64>,
+    error_sizes: Vec<f64>,
+    /// A fit without touches.
+    nothing: Fitted,
 }
 
 impl Fitter {
@@ -207,6 +245,14 @@ impl Fitter {
             followed: Followed::default(),
             fits: Fits::default(),
             corrected: Corrected::default(),
+            aside: Aside::default(),
+            was_corrected: false,
+            drift: Drift::with_room(imager.pattern.electrodes()),
+            alone: Drift::with_room(imager.pattern.electrodes()),
+            refining: NuisanceScratch::default(),
+            sizes: Vec::new(),
+            error_sizes: Vec::new(),
+            nothing: Fitted::default(),
         })
     }
 
@@ -215,10 +261,37 @@ impl Fitter {
         &self.fits.now
     }
 
+    /// What drifted in the frame fitted last.
+    pub fn drift(&self) -> &Drift {
+        &self.drift
+    }
+
+    /// What drifted in a frame without touches, of which a value has this noise.
+    pub(crate) fn drift_alone(&mut self, beside: Beside, sigma: f64) -> &Drift {
+        let nothing = &mut self.nothing;
+        (nothing.sigma, nothing.variance) = (sigma, 1.0);
+        let Beside { nuisances, sizes } = beside;
+        nuisances.refine(sizes, nothing, &mut self.refining, &mut self.alone);
+        &self.alone
+    }
+
+    /// Goes on from the last frame of the other of two reductions.
+    pub(crate) fn exchange(&mut self) {
+        std::mem::swap(&mut self.carried, &mut self.aside.carried);
+        std::mem::swap(&mut self.followed, &mut self.aside.followed);
+        std::mem::swap(&mut self.fits, &mut self.aside.fits);
+        std::mem::swap(&mut self.corrected, &mut self.aside.corrected);
+    }
+
     /// Forgets the touches of the frame before: they have gone.
     pub fn forget(&mut self) {
-        self.followed.holds = false;
-        (self.carried.error, self.carried.failed) = (None, None);
+        for (followed, carried) in [
+            (&mut self.followed, &mut self.carried),
+            (&mut self.aside.followed, &mut self.aside.carried),
+        ] {
+            followed.holds = false;
+            (carried.error, carried.failed) = (None, None);
+        }
     }
 
     /// Responses to touches, V of the model: to be reduced and weighted as the data are.
@@ -229,6 +302,7 @@ impl Fitter {
     /// Touches fitted from the places of a picture's peaks, mm; `None` when discs do not explain the frame.
     pub fn fit(&mut self, data: Data, seeds: impl Iterator<Item = [f64; 2]>) -> Option<&Fitted> {
         let source = data.noise.source;
+        self.drift.clear();
         self.followed.turn = self.followed.turn.wrapping_add(1);
         let mut job = Job {
             chi_square_threshold: data.gain * self.chi_square_threshold(data.table, source),
@@ -241,6 +315,17 @@ impl Fitter {
         let seeds: Discs = seeds.take(MOST_TOUCHES).map(|at| self.prior.seed(at)).collect();
         self.find(&mut job, &seeds)?;
         let fitted = &mut self.fits.now;
+        if let Some(Beside { nuisances, sizes }) = job.data.beside {
+            self.sizes.clear();
+            self.sizes.extend_from_slice(sizes);
+            if self.was_corrected {
+                self.error_sizes.clear();
+                nuisances.along(&self.corrected.volts, &mut self.error_sizes);
+                let errors = self.sizes.iter_mut().zip(&self.error_sizes);
+                errors.for_each(|(s, e)| *s -= e);
+            }
+            nuisances.refine(&self.sizes, fitted, &mut self.refining, &mut self.drift);
+        }
         if let Some(electrodes) = &self.electrodes {
             for t in &mut fitted.touches {
                 let [x, y] = electrodes.variance(&self.imager, [t.x_mm, t.y_mm]);
@@ -367,6 +452,9 @@ impl Fitter {
         self.fits.now.followed = false;
         let better = self.correct(job).is_some() && self.fits.now.misfit < two.misfit;
         if !better {
+            if let Some(error) = &error {
+                self.corrected.take_off(error, 1.0, &mut job.data);
+            }
             (self.fits.now, self.carried.error) = (two, error);
         }
         Some(())
@@ -411,6 +499,7 @@ impl Fitter {
             error,
             most_work: if job.hurried { self.prior.most_work } else { usize::MAX },
         };
+        self.was_corrected = matches!(values, Values::Corrected);
         let least_misfit = || self.followed.least_misfit(job.data.gain, self.options.misfit_scatter);
         self.fits.fit(model, frame, seeds, follows.then(least_misfit), job.turn)
     }

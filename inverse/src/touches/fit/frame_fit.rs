@@ -24,6 +24,15 @@ pub struct Fitted {
     pub norms: ArrayVec<f64, MOST_TOUCHES>,
     /// All discs that were fitted, also those too weak for touches. The next frame's fit begins at them.
     pub all: Discs,
+    /// Which of those every touch is.
+    pub places: ArrayVec<usize, MOST_TOUCHES>,
+    /// Covariances of the parameters of all discs ([`PARAMETERS`] each, mm and strength over `sigma`), column by column;
+    /// empty where the data do not determine them.
+    pub covariance: Vec<f64>,
+    /// Standard deviation of a value, V, and the variance of a whitened one that the covariances are for.
+    pub sigma: f64,
+    /// See [`Fitted::sigma`].
+    pub variance: f64,
     /// Whether they are those of the frame before, followed.
     pub followed: bool,
     /// Whether the search for them came to its end.
@@ -119,13 +128,20 @@ fn fit_whitened(
     let model_error = prior.model_error.max(frame.error) * norm;
     let variance = misfit.max(1.0) + model_error * model_error / freedom;
     let covariance = scratch.work.covariance(table.arch(), &best);
+    let count = PARAMETERS * best.discs.len();
+    out.covariance.clear();
+    if let Some(covariance) = covariance {
+        let all = (0..count * count).map(|k| variance * covariance.of(k % count, k / count));
+        out.covariance.extend(all);
+    }
     let n = table.stride();
     let norm_of = |k: usize, d: &Disc| {
         let response = &best.jacobian[(PARAMETERS * k + 3) * n..][..n];
         d.strength * interpolation::dot(table.arch(), response, response).sqrt()
     };
     (out.followed, out.finished, out.settled) = (found.followed, found.finished, true);
-    let mut found: ArrayVec<(Touch, Disc, f64), MOST_TOUCHES> = best
+    (out.sigma, out.variance) = (sigma, variance);
+    let mut found: ArrayVec<(Touch, Disc, f64, usize), MOST_TOUCHES> = best
         .discs
         .iter()
         .enumerate()
@@ -134,33 +150,8 @@ fn fit_whitened(
                 strength: d.strength * sigma,
                 ..*d
             };
-            let rise = disc.rise();
-            let sd = |variance_of: f64| (variance_of.max(0.0) * variance).sqrt();
-            let of = |i: usize, j: usize| covariance.as_ref().map(|c| c.of(4 * k + i, 4 * k + j));
-            let [by_radius, by_strength] = disc.total_slopes();
-            let by_strength = by_strength * sigma;
-            let total_variance = || {
-                let (radius, strength, both) = (of(2, 2)?, of(3, 3)?, of(2, 3)?);
-                Some(
-                    by_radius * by_radius * radius
-                        + by_strength * by_strength * strength
-                        + 2.0 * by_radius * by_strength * both,
-                )
-            };
-            let touch = Touch {
-                id: None,
-                x_mm: disc.at[0],
-                y_mm: disc.at[1],
-                rise,
-                area_mm2: disc.area_mm2(),
-                total_mm2: rise * disc.area_mm2(),
-                x_sd_mm: of(0, 0).map(sd),
-                y_sd_mm: of(1, 1).map(sd),
-                area_sd_mm2: of(2, 2).map(|v| 2.0 * PI * disc.radius * sd(v)),
-                total_sd_mm2: total_variance().map(|v| sd(v).hypot(TOTAL_ERROR * rise * disc.area_mm2())),
-                force_n: None,
-            };
-            (touch, disc, norm_of(k, d))
+            let of = |i: usize, j: usize| out.covariance.get((4 * k + j) * count + 4 * k + i).copied();
+            (touch_of(&disc, sigma, of), disc, norm_of(k, d), k)
         })
         .collect();
     out.all = found.iter().map(|f| f.1).collect();
@@ -171,6 +162,7 @@ fn fit_whitened(
     out.touches.extend(found.iter().map(|f| f.0));
     out.discs = found.iter().map(|f| f.1).collect();
     out.norms = found.iter().map(|f| f.2).collect();
+    out.places = found.iter().map(|f| f.3).collect();
     out.misfit = misfit;
     out.relative_residual = best.square.sqrt() / norm.max(f64::MIN_POSITIVE);
     out.residual_whitened.clear();
@@ -180,4 +172,33 @@ fn fit_whitened(
     out.slopes.extend_from_slice(&best.jacobian);
     scratch.work.put(best);
     Some(())
+}
+
+/// The touch that a disc is. `of` gives the covariances of its parameters, the strength's over `sigma`.
+pub(super) fn touch_of(disc: &Disc, sigma: f64, of: impl Fn(usize, usize) -> Option<f64>) -> Touch {
+    let rise = disc.rise();
+    let sd = |variance: f64| variance.max(0.0).sqrt();
+    let [by_radius, by_strength] = disc.total_slopes();
+    let by_strength = by_strength * sigma;
+    let total_variance = || {
+        let (radius, strength, both) = (of(2, 2)?, of(3, 3)?, of(2, 3)?);
+        Some(
+            by_radius * by_radius * radius
+                + by_strength * by_strength * strength
+                + 2.0 * by_radius * by_strength * both,
+        )
+    };
+    Touch {
+        id: None,
+        x_mm: disc.at[0],
+        y_mm: disc.at[1],
+        rise,
+        area_mm2: disc.area_mm2(),
+        total_mm2: rise * disc.area_mm2(),
+        x_sd_mm: of(0, 0).map(sd),
+        y_sd_mm: of(1, 1).map(sd),
+        area_sd_mm2: of(2, 2).map(|v| 2.0 * PI * disc.radius * sd(v)),
+        total_sd_mm2: total_variance().map(|v| sd(v).hypot(TOTAL_ERROR * rise * disc.area_mm2())),
+        force_n: None,
+    }
 }

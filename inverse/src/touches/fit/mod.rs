@@ -15,6 +15,7 @@
 //! - [`frame_fit`]: fits one frame, and states the uncertainties.
 //! - [`nonlinear`]: the linearisation error of discs; [`linearisation_error`]: the same, carried from frame to frame.
 //! - [`electrode_uncertainty`]: what the electrodes' uncertainty adds to that of touches.
+//! - `nuisance`: what changes frames beside touches, and what it does to their accuracy.
 //! - [`reduction`]: brings frames of the model into the space of the data.
 //! - [`fitter`]: fits frame after frame, with all of these.
 //!
@@ -31,6 +32,7 @@ pub mod levenberg_marquardt;
 pub mod linearisation_error;
 pub mod model_order;
 pub mod nonlinear;
+pub(crate) mod nuisance;
 pub mod prior;
 pub mod reduction;
 pub mod responses;

@@ -165,6 +165,7 @@ fn the_linearisation_error_is_carried_from_frame_to_frame() {
             let data = Data {
                 table: &table,
                 reduction: &mut Unreduced,
+                beside: None,
                 values: &values,
                 noise,
                 gain: 1.0,
