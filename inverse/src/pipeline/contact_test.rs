@@ -54,9 +54,9 @@ impl ContactTest {
         self.monitor.changed()
     }
 
-    /// What drifts in the frames now.
-    pub(crate) fn drifting(&self) -> Drifting {
-        self.drifting
+    /// Which detector tells whether the next frame is a change.
+    pub(crate) fn detector(&self) -> usize {
+        usize::from(self.drifting == Drifting::Contacts)
     }
 
     /// Whether an electrode is a candidate: then every frame counts.
@@ -144,13 +144,13 @@ impl ContactTest {
         let before = self.drifting;
         self.kept.copy_from(result);
         self.drifting = match before {
-            Drifting::Common => Drifting::Contacts,
             Drifting::Contacts => Drifting::Common,
+            _ => Drifting::Contacts,
         };
         let other = self.solve_with(solver, task, detectors, result);
         let contacts = evidence.zip(other).is_some_and(|(evidence, other)| match before {
-            Drifting::Common => other.cheaper_than(evidence, self.options.margin_accepted),
             Drifting::Contacts => evidence.cheaper_than(other, self.options.margin),
+            _ => other.cheaper_than(evidence, self.options.margin_accepted),
         });
         let now = if contacts { Drifting::Contacts } else { Drifting::Common };
         let evidence = if now == before {
@@ -238,8 +238,8 @@ impl ContactTest {
         detectors: &mut Detectors,
         result: &mut FrameResult,
     ) -> Option<Evidence> {
+        let detector = detectors[self.detector()].as_mut();
         let (changed, drifting) = (self.monitor.changed(), self.drifting);
-        let detector = detectors[drifting as usize].as_mut();
         let task = Task {
             drifting,
             changed,

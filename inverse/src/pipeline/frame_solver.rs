@@ -209,17 +209,21 @@ impl FrameSolver {
         if task.drifting == Drifting::Contacts {
             self.alone = self.alone(noise);
         }
-        if !fitted
-            && let (Some(ridge), Some(_)) = (ridge, &self.fitter)
-            && let Some(weighted) = self.weightings.current_mut()
-        {
-            self.image
-                .solve_with_falls(&self.options, weighted, &self.values, ridge, result);
+        if let (false, Some(ridge), Some(_)) = (fitted, ridge, &self.fitter) {
+            // Where touches do not explain the frame, nothing says that it only rises.
+            self.weigh(task.difference, (Drifting::Nothing, task.changed));
+            self.reduce(task.difference);
+            if let Some(weighted) = self.weightings.current_mut() {
+                self.image
+                    .solve_with_falls(&self.options, weighted, &self.values, ridge, result);
+            }
+            self.weigh(task.difference, (task.drifting, task.changed));
+            self.reduce(task.difference);
         }
     }
 
     fn weigh(&mut self, difference: &Difference, left_out: (Drifting, &[usize])) {
-        if self.fitting != left_out.0 {
+        if self.fitting != left_out.0 && left_out.0 != Drifting::Nothing {
             self.fitting = left_out.0;
             self.fitter.iter_mut().for_each(Fitter::exchange);
         }

@@ -134,7 +134,7 @@ impl Reconstructor {
     /// A frame divided by the gain; false where it is like the one before, and so is the result.
     fn frame_of_gain(&mut self, values: &[f64], interval_s: Option<f64>) -> Result<bool, ImagerError> {
         let most_averaged = self.options.most_averaged(interval_s);
-        let change = self.detectors[self.contacts.drifting() as usize]
+        let change = self.detectors[self.contacts.detector()]
             .as_mut()
             .map(|d| d.test(values, most_averaged));
         match change {
@@ -166,7 +166,7 @@ impl Reconstructor {
     }
 
     fn detector(&self) -> Option<&ChangeDetector> {
-        self.detectors[self.contacts.drifting() as usize].as_ref()
+        self.detectors[self.contacts.detector()].as_ref()
     }
 
     /// The frame showed nothing.
@@ -229,7 +229,7 @@ impl Reconstructor {
         self.contacts
             .solve(&mut self.solver, task, &mut self.detectors, &mut self.result);
         let changed = self.contacts.changed();
-        if let Some(detector) = &mut self.detectors[self.contacts.drifting() as usize]
+        if let Some(detector) = &mut self.detectors[self.contacts.detector()]
             && (self.contacts.is_open() || !changed.is_empty() || self.faults.is_open())
         {
             // Every frame counts.

@@ -102,6 +102,8 @@ impl Default for Drift {
 /// What is taken to drift.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum Drifting {
+    /// Nothing: a fall in one place is told from a rise everywhere else.
+    Nothing,
     /// What all values have in common: gain and resistance. It hides nothing of touches.
     #[default]
     Common,
@@ -139,12 +141,15 @@ impl DriftShapes {
 
     /// V, values by kinds; those that `drifting` takes.
     pub(crate) fn columns(&self, drifting: Drifting) -> DMatrixView<'_, f64> {
-        self.columns.columns(0, 2 + self.electrodes(drifting))
+        match drifting {
+            Drifting::Nothing => self.columns.columns(0, 0),
+            _ => self.columns.columns(0, 2 + self.electrodes(drifting)),
+        }
     }
 
     fn electrodes(&self, drifting: Drifting) -> usize {
         match drifting {
-            Drifting::Common => 0,
+            Drifting::Nothing | Drifting::Common => 0,
             Drifting::Contacts => self.columns.ncols() - 2,
         }
     }
