@@ -55,8 +55,9 @@ class Sheet:
             self.text(x + 14, y - 2, ref, bold=True)
             self.text(x + 14, y + 14, value)
         else:
-            self.text(x, y - 12, ref, "middle", bold=True)
-            self.text(x, y + 24, value, "middle")
+            lift = 6 if part.kind == "C" else 0
+            self.text(x, y - 12 - lift, ref, "middle", bold=True)
+            self.text(x, y + 24 + lift, value, "middle")
 
     def resistor(self, ref, x, y, vertical=False, flip=False):
         def draw(x, y, vertical):
@@ -269,7 +270,7 @@ def power(s, ref, x, y, plus, minus, capacitor):
     s.line((x, y + 30), (x, y + 50))
     s.text(x + 4, y - 34, str(plus), size=10, colour="#666")
     s.text(x + 4, y + 44, str(minus), size=10, colour="#666")
-    s.text(x - 36, y + 4, part.value, "end", 12)
+    s.text(x, y + 20, part.value, "middle", 10)
     s.capacitor(capacitor, x + 60, y, True)
     s.wire((x, y - 50), (x + 60, y - 50), (x + 60, y - 30))
     s.wire((x, y + 50), (x + 60, y + 50), (x + 60, y + 30))
@@ -362,10 +363,10 @@ def drive_sheet(board):
     s.label(1040, 500, "GND")
     power(s, "U1", 1060, 640, 4, 11, "C13")
     # The monitor.
-    s.label(60, 850, "DRIVE_P", "left")
-    s.wire((60, 850), (80, 850))
-    s.resistor("R37", 110, 850)
-    s.wire((140, 850), (200, 850), (290, 850), (370, 850))
+    s.label(90, 850, "DRIVE_P", "left")
+    s.wire((90, 850), (100, 850))
+    s.resistor("R37", 130, 850)
+    s.wire((160, 850), (200, 850), (290, 850), (370, 850))
     s.resistor("R39", 200, 800, True)
     s.wire((200, 830), (200, 850))
     s.label(200, 770, "AVDD", "up")
@@ -389,10 +390,9 @@ def receive_sheet(board):
     s.label(100, 278, "SENSE_N", "left")
     s.wire((100, 278), (150, 278), (260, 278))
     s.test_point("TP11", 150, 278)
-    s.resistor("R12", 210, 218, True, flip=True)
-    s.wire((260, 198), (210, 198), (210, 188)) if False else None
-    s.wire((260, 198), (230, 198), (230, 188), (210, 188))
-    s.wire((260, 238), (230, 238), (230, 248), (210, 248))
+    s.resistor("R12", 190, 218, True, flip=True)
+    s.wire((260, 198), (240, 198), (240, 188), (190, 188))
+    s.wire((260, 238), (240, 238), (240, 248), (190, 248))
     s.wire((410, 158), (430, 158), (430, 130))
     s.label(430, 130, "+5VA", "up")
     s.label(410, 238, "V165", "right")
@@ -414,10 +414,11 @@ def receive_sheet(board):
     s.wire((100, 480), (130, 480))
     s.resistor("R15", 160, 480)
     s.wire((190, 480), (230, 480), (310, 480), (400, 480))
-    s.label(100, 520, "SENSE_N", "left")
-    s.wire((100, 520), (130, 520))
-    s.resistor("R17", 160, 520)
-    s.wire((190, 520), (370, 520), (400, 520))
+    s.label(100, 560, "SENSE_N", "left")
+    s.wire((100, 560), (130, 560))
+    s.resistor("R17", 160, 560)
+    s.wire((190, 560), (370, 560))
+    s.wire((370, 560), (370, 520), (400, 520))
     s.resistor("R16", 230, 430, True, flip=True)
     s.wire((230, 460), (230, 480))
     s.label(230, 400, "V165", "up")
@@ -426,7 +427,7 @@ def receive_sheet(board):
     s.label(310, 400, "V165", "up")
     s.opamp("U2", "A", 440, 500)
     s.resistor("R18", 440, 590)
-    s.wire((370, 520), (370, 590), (410, 590))
+    s.wire((370, 560), (370, 590), (410, 590))
     s.wire((470, 590), (520, 590), (520, 500))
     s.capacitor("C10", 440, 650)
     s.wire((370, 590), (370, 650), (410, 650))
@@ -449,7 +450,7 @@ def receive_sheet(board):
 
 
 def multiplexer_sheet(board):
-    s = Sheet(board, "3  Multiplexers and electrodes", 1500, 1260)
+    s = Sheet(board, "3  Multiplexers and electrodes", 1560, 1230)
     for row, (name, _, _, _, _, refs) in enumerate(hardware.MUXES):
         for half, ref in enumerate(refs):
             x, y = 130 + 380 * half, 90 + 290 * row
@@ -461,13 +462,13 @@ def multiplexer_sheet(board):
             s.label(x + 265, y + 140, "+5VA", "up")
             s.label(x + 265, y + 200, "GND")
     # Electrodes: connector, ESD diode, 100 ohm.
-    s.box("J1", 880, 90, 90, list(range(1, 17)), list(range(17, 21)), title="J1 electrodes, 2 x 10")
-    s.pin_labels("J1", lambda px: "left" if px < 900 else "right")
-    s.text(880, 460, "Each electrode: ESD diode to ground,", size=12)
-    s.text(880, 478, "100 ohm to the sense multiplexers.", size=12)
+    s.box("J1", 940, 90, 90, list(range(1, 17)), list(range(17, 21)), title="J1 electrodes, 2 x 10")
+    s.pin_labels("J1", lambda px: "left" if px < 960 else "right")
+    s.text(890, 470, "Each electrode: ESD diode to", size=12)
+    s.text(890, 488, "ground, 100 ohm to sense.", size=12)
     for n in range(1, 17):
         k, column = (n - 1) % 8, (n - 1) // 8
-        x, y = 1090 + 220 * column, 110 + 78 * k
+        x, y = 1150 + 220 * column, 110 + 78 * k
         s.label(x, y, f"E{n}", "left")
         s.wire((x, y), (x + 20, y), (x + 70, y))
         s.resistor(f"R{20 + n}", x + 100, y)
@@ -635,7 +636,7 @@ HOLES = ((4.0, 4.0), (96.0, 4.0), (4.0, 96.0), (96.0, 96.0))
 SOCKETS = {"CN7": (18.25, 27.0, 1), "CN10": (81.75, 27.0, -1)}
 HEADER = ("J1", 50.0, 95.0, 10)
 AREAS = (("multiplexers U4-U11", 26.0, 26.0, 74.0, 74.0), ("source U1", 26.0, 6.0, 49.0, 24.0),
-         ("amplifiers U2, U3", 51.0, 6.0, 74.0, 24.0), ("ESD, 100 ohm", 26.0, 76.0, 74.0, 89.0))
+         ("amplifiers U2, U3", 51.0, 6.0, 74.0, 24.0), ("ESD, 100 ohm", 26.0, 76.0, 74.0, 86.0))
 
 
 def shield_pads():
@@ -672,8 +673,8 @@ def shield_svg():
         out.append(f'<circle cx="{x:.2f}" cy="{y:.2f}" r="0.45" fill="#fff"/>')
     for ref, (x, y, inwards) in SOCKETS.items():
         out.append(f'<text x="{x + 1.27 * inwards}" y="{y - 2}" text-anchor="middle" font-weight="bold">{ref}</text>')
-    out.append('<text x="50" y="91" text-anchor="middle" font-weight="bold">J1 electrodes</text>')
-    out.append(f'<text x="50" y="{h - 0.6}" text-anchor="middle" font-size="2">{w:g} x {h:g} mm, holes 3.2 mm, outer socket columns '
+    out.append('<text x="50" y="90" text-anchor="middle" font-weight="bold">J1 electrodes</text>')
+    out.append(f'<text x="50" y="{h - 0.9}" text-anchor="middle" font-size="1.7">{w:g} x {h:g} mm, holes 3.2 mm, outer socket columns '
                f'{SOCKETS["CN10"][0] - SOCKETS["CN7"][0]:g} mm apart: measure your Nucleo first</text>')
     return "\n".join([*out, "</svg>"]) + "\n"
 
