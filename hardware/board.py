@@ -338,7 +338,7 @@ TEST_POINTS = (
     ("TP1", "PA4", "1.65 V, sine of 1.44 V amplitude in 16 steps"),
     ("TP2", "DRIVE_P", "V_R, sine of 1.13 V amplitude"),
     ("TP3", "DRIVE_N", "V_R, the same sine upside down; mean within 10 mV of TP2's"),
-    ("TP4", "VR", "half of TP12: 2.49 V at 5.00 V; ripple below 1 mV"),
+    ("TP4", "VR", "half of TP12: 2.48 V at 5.00 V; ripple below 1 mV"),
     ("TP5", "V165", "half of AVDD: 1.65 V; ripple below 1 mV"),
     ("TP6", "PA6", "1.65 V, sine of 0.64 V amplitude"),
     ("TP7", "PA0", "1.65 V, sine of 1.30 V amplitude on the ring of 470 ohm"),
@@ -346,7 +346,7 @@ TEST_POINTS = (
     ("TP9", "PA8", "high while a block of samples is worked on"),
     ("TP10", "SENSE_P", "V_R, and the sense electrode's sine"),
     ("TP11", "SENSE_N", "as TP10"),
-    ("TP12", "+5VA", "33 mV below USB's 5 V"),
+    ("TP12", "+5VA", "30 mV below USB's 5 V"),
     ("TP13", "GND", "0 V"),
 )
 
