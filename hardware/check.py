@@ -89,13 +89,6 @@ BOUNDS = {
     "tolerance_value": (0.0, 0.04, "", "change of a value against the drive's"),
     "tolerance_lag_deg": (0.0, 5.0, "deg", "change of the lag at PA0"),
     "tolerance_quadrature": (0.0, 0.005, "", "part of a value that such a lag costs"),
-    # What the test points of the list must show.
-    "tp2_v": (1.11, 1.15, "V", "amplitude at TP2; TP3 the same"),
-    "tp4_v": (2.46, 2.50, "V", "V_R at 5.00 V"),
-    "tp6_v": (0.63, 0.66, "V", "amplitude at TP6"),
-    "tp7_v": (1.28, 1.32, "V", "amplitude at TP7, ring of 470 ohm"),
-    "tp8_v": (0.89, 0.93, "V", "amplitude at TP8, ring of 470 ohm, drive pair"),
-    "tp12_drop_v": (0.02, 0.05, "V", "from USB's 5 V to TP12"),
 }
 
 # What firmware and hil-sim assume: file, pattern of the number there, unit, figure of the circuit, allowed relative
@@ -126,6 +119,55 @@ PENDING = {
     "hil-sim gains_milli[1]": 600,
     "hil-sim source_gain_milli": 586,
 }
+
+# What the list of test points says in volts: point, pattern of the number, allowed difference in volts.
+TEST_POINTS = {
+    "TP1": (r"([\d.]+) V amplitude", lambda f: DAC_V, 0.01),
+    "TP2": (r"([\d.]+) V amplitude", lambda f: f["drive_v"] / 2, 0.01),
+    "TP4": (r"([\d.]+) V at 5.00 V", lambda f: f["_vr"], 0.01),
+    "TP6": (r"([\d.]+) V amplitude", lambda f: f["gain_pa6"] * f["drive_v"], 0.01),
+    "TP7": (r"([\d.]+) V amplitude", lambda f: f["phantom_codes"] * CODE_V, 0.01),
+    "TP8": (r"([\d.]+) V amplitude", lambda f: f["phantom_pa1_codes"] * CODE_V, 0.01),
+    "TP12": (r"([\d.]+) mV below", lambda f: 1e3 * (5.0 - f["_p5va"]), 2.0),
+}
+
+# Simulated figures in docs/board.md: pattern of the number there, and the figure. The number must be the figure, rounded
+# as it is written there.
+DOCUMENTED = (
+    (r"drive between neighbours \|[^|]*\|[^|]*\| ([\d.]+) V", lambda f: f["drive_v"]),
+    (r"left at 15 f, 17 f \|[^|]*\|[^|]*\| ([\d.]+) %", lambda f: 100 * f["drive_image_15"]),
+    (r"left at 15 f, 17 f \|[^|]*\|[^|]*\| [\d.]+ %, ([\d.]+) %", lambda f: 100 * f["drive_image_17"]),
+    (r"sense pair to PA0 \|[^|]*\|[^|]*\| ([\d.]+)", lambda f: f["gain_pa0"]),
+    (r"at PA0, against f \|[^|]*\|[^|]*\| (-[\d.]+),", lambda f: f["alias_15_db"]),
+    (r"at PA0, against f \|[^|]*\|[^|]*\| -[\d.]+, (-[\d.]+) dB", lambda f: f["alias_17_db"]),
+    (r"drive pair to PA1 \|[^|]*\|[^|]*\| ([\d.]+)", lambda f: f["gain_pa1"]),
+    (r"open voltage to PA6 \|[^|]*\|[^|]*\| ([\d.]+)", lambda f: f["gain_pa6"]),
+    (r"table to PA0, lag \|[^|]*\|[^|]*\| ([\d.]+) degrees", lambda f: f["lag_pa0_deg"]),
+    (r"\| (-\d+) dB from 5 V at f", lambda f: f["usb_to_vr_db"]),
+    (r"([\d.]+) s to 10 mV", lambda f: f["power_up_s"]),
+    (r"drawn from 5 V \|[^|]*\|[^|]*\| ([\d.]+) mA", lambda f: f["supply_ma"]),
+    (r"Simulated room is ([\d.]+) V at 4.40", lambda f: f["head_room_440_v"]),
+    (r"at 4.40 V, ([\d.]+) at 4.75", lambda f: f["head_room_475_v"]),
+    (r"([\d.]+) at 5.00 and [\d.]+ at 5.25 V\.", lambda f: f["head_room_500_v"]),
+    (r"at 5.00 and ([\d.]+) at 5.25 V\.", lambda f: f["head_room_525_v"]),
+    (r"13 values of a drive is ([\d.]+) % off", lambda f: 100 * max(f[f"head_error_{int(v * 100)}"] for v in SUPPLIES)),
+    (r"Phase margins are (\d+) \(U1A\)", lambda f: f["margin_u1a_deg"]),
+    (r"(\d+) \(U1B\)", lambda f: f["margin_u1b_deg"]),
+    (r"(\d+) \(U1C\)", lambda f: f["margin_u1c_deg"]),
+    (r"(\d+) \(U1D\)", lambda f: f["margin_u1d_deg"]),
+    (r"(\d+) degrees \(U2A\)", lambda f: f["margin_u2a_deg"]),
+    (r"weak one ([\d.]+) codes are left", lambda f: f["settle_quarter_codes"]),
+    (r"is off by ([\d.]+)\s+code", lambda f: f["settle_value_codes"]),
+    (r"it is ([\d.]+) code rms at PA0", lambda f: f["noise_pa0_codes"]),
+    (r"and ([\d.]+) at PA1", lambda f: f["noise_pa1_codes"]),
+    (r"the drive is off by\s+([\d.]+) %", lambda f: 100 * f["tolerance_drive"]),
+    (r"a value against the drive by ([\d.]+) %", lambda f: 100 * f["tolerance_value"]),
+    (r"the lag by ([\d.]+) degrees", lambda f: f["tolerance_lag_deg"]),
+    (r"ngspice gives (\d+) codes", lambda f: f["phantom_codes"]),
+    (r"read up to ([\d.]+) % more", lambda f: 100 * f["phantom_spread"]),
+    (r"drive pair are ([\d.]+) % off at 5.00 V", lambda f: 100 * f["_old_500"]),
+    (r"and ([\d.]+) % at 4.75 V", lambda f: 100 * f["_old_475"]),
+)
 
 # ---------------------------------------------------------------------------------------------------------------------
 # ngspice.
@@ -410,12 +452,6 @@ def everything():
     with ThreadPoolExecutor(2) as pool:
         for part in pool.map(lambda part: part(), parts):
             figures.update(part)
-    figures["tp2_v"] = figures["drive_v"] / 2
-    figures["tp4_v"] = figures["_vr"]
-    figures["tp6_v"] = figures["gain_pa6"] * figures["drive_v"]
-    figures["tp7_v"] = figures["phantom_codes"] * CODE_V
-    figures["tp8_v"] = figures["phantom_pa1_codes"] * CODE_V
-    figures["tp12_drop_v"] = 5.0 - figures["_p5va"]
     figures["switch_ohm"] = 100.0
     figures["settling_s"] = 1.58e3 * 6.8e-9
     return figures
@@ -545,6 +581,31 @@ def assumed_in_sources(figures):
     return good
 
 
+def documented(figures):
+    """The test points' numbers, and the figures of docs/board.md."""
+    good = True
+    for point, _, words in hardware.TEST_POINTS:
+        if point in TEST_POINTS:
+            pattern, figure, allowed = TEST_POINTS[point]
+            found = re.search(pattern, words)
+            said, is_ = float(found.group(1)) if found else float("nan"), figure(figures)
+            good &= show(abs(said - is_) <= allowed, point, number(is_), f"list of test points: {words}")
+    page = (ROOT / "docs/board.md").read_text(encoding="utf-8")
+    wrong = []
+    for pattern, figure in DOCUMENTED:
+        found, is_ = re.search(pattern, page), figure(figures)
+        if not found:
+            wrong.append(f"no sentence like {pattern}")
+            continue
+        said = found.group(1)
+        step = 10.0 ** -len(said.partition(".")[2])
+        # Half a step of rounding, and as much for another version of the simulator.
+        if abs(float(said) - is_) > step:
+            wrong.append(f"{said} in '{found.group(0)}' is {number(is_)}")
+    good &= show(not wrong, "docs/board.md", f"{len(DOCUMENTED)} figures", "; ".join(wrong) or "as simulated")
+    return good
+
+
 def main():
     good = True
     print("rules of the description and generated files")
@@ -584,11 +645,14 @@ def main():
 
     print("\nthe circuit before, which must fail")
     for vusb, (worst, room, signed, angle) in old_circuit().items():
+        figures[f"_old_{int(vusb * 100)}"] = max(abs(signed[0]), abs(signed[-1]))
         low, high = {5.00: (0.05, 0.09), 4.75: (0.08, 0.13)}[vusb]
         near = max(abs(signed[0]), abs(signed[-1]))
         good &= show(low <= near <= high and not inside("head_error_500", worst), f"old circuit at {vusb:.2f} V",
                      f"{near * 100:.1f} %", f"[{low * 100:.0f}..{high * 100:.0f} %] error next to the drive pair; room {room:.2f} V")
         good &= show(not inside("margin_u2a_deg", angle), "old difference amplifier", number(angle), "phase margin, degrees")
+    print("\nwhat the documents say")
+    good &= documented(figures)
     print("\nplanted faults, each of which must miss a bound")
     with ThreadPoolExecutor(2) as pool:
         measured = list(pool.map(lambda planted: planted[1](), PLANTED))

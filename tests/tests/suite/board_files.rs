@@ -148,14 +148,32 @@ fn the_table_of_pins_is_that_of_the_description() {
                 .unwrap_or_else(|| panic!("docs/board.md: {name} is not in pins.csv"));
             assert_eq!(pin["connector"], *place, "{name}");
             assert!(seen.insert((*name).to_owned()), "{name} is in two rows");
-            // What the words say of a multiplexer's lines, and the chips that they go to.
+            // The words: a multiplexer's address lines from the lowest on and its enables from the first half on; the
+            // converter's input by its number.
             for (given, shown, _) in MULTIPLEXERS {
-                let address = pin["function"] == format!("address A{k} of {given}");
-                let enable = pin["function"].starts_with(&format!("enable of {given},"));
-                if address || enable {
-                    let kind = if address { "address" } else { "enable" };
-                    assert!(row[2].starts_with(&format!("{kind} of {shown}")), "{name}: {}", row[2]);
+                let [address, enable] = ["address", "enable"].map(|kind| {
+                    let of = format!("{kind} of {shown}");
+                    row[2] == of || row[2].starts_with(&format!("{of},"))
+                });
+                if address {
+                    assert_eq!(pin["function"], format!("address A{k} of {given}"), "{name}");
                 }
+                if enable {
+                    let (first, last) = (8 * k + 1, 8 * k + 8);
+                    let function = format!("enable of {given}, electrodes {first}-{last}");
+                    assert_eq!(pin["function"], function, "{name}");
+                }
+                let line = pin["function"].contains(&format!(" of {given}"));
+                assert!(
+                    !line || address || enable,
+                    "{name} is {}, not {}",
+                    pin["function"],
+                    row[2]
+                );
+            }
+            if let Some(input) = row[2].strip_prefix("converter input ") {
+                assert!(pin["function"].starts_with("converter"), "{name}");
+                assert_eq!(format!("PA{}", &input[..1]), *name);
             }
             for chip in pin["goes_to"].split(' ').filter(|to| to.starts_with('U')) {
                 let chip = chip.split('-').next().unwrap();
