@@ -332,8 +332,7 @@ def serial(board):
     board.r("R55", "10.0k", "BOOT0", "GND", b, o)
 
 
-# Test points: net, and what must be seen there (check.py holds the numbers; see docs/board.md for how they come about).
-# `expect`: name of a figure, which check.py calculates and compares with the simulation.
+# Test points: net, and what must be seen there. check.py holds the numbers against the simulation.
 TEST_POINTS = (
     ("TP1", "PA4", "1.65 V, sine of 1.44 V amplitude in 16 steps"),
     ("TP2", "DRIVE_P", "V_R, sine of 1.13 V amplitude"),
@@ -467,7 +466,7 @@ def bom(board):
 
 
 def wiring(board):
-    """Every wire from one pin to the next, net by net, in the order in which it is best soldered."""
+    """Every wire from one pin to the next, net by net."""
     out = csv_line("net from from_pin to to_pin".split())
     for net, members in sorted(board.nets().items(), key=lambda n: natural(n[0])):
         members = sorted(members, key=lambda m: (natural(m[0].ref), natural(m[1].number)))
