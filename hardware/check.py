@@ -104,6 +104,10 @@ ASSUMED = {
     "firmware gains_milli[1]": ("boards/stm32f4/src/main.rs", r"gains_milli: \[[\d_]+, ([\d_]+),", 1e-3, "gain_pa1", 0.01),
     "firmware source_gain_milli": ("boards/stm32f4/src/main.rs", r"source_gain_milli: ([\d_]+)", 1e-3, "gain_pa6", 0.01),
     "firmware LEAD_TURNS, degrees": ("boards/stm32f4/src/source.rs", r"([\d.]+) / 360\.0", 1.0, "lag_pa0_deg", 1.0),
+    "emulator gains_milli[0]": ("boards/emulator/src/world.rs", r"gains_milli: vec!\[([\d_]+),", 1e-3, "gain_pa0", 0.01),
+    "emulator gains_milli[1]": ("boards/emulator/src/world.rs", r"gains_milli: vec!\[[\d_]+, ([\d_]+)", 1e-3, "gain_pa1", 0.01),
+    "emulator source_gain_milli": ("boards/emulator/src/world.rs", r"source_gain_milli: ([\d_]+)", 1e-3, "gain_pa6", 0.01),
+    "emulator switch_ohm": ("boards/emulator/src/world.rs", r"switch_ohm: ([\d.]+)", 1.0, "switch_ohm", 0.01),
     "hil-sim excitation_v": ("hil-sim/src/electronics.rs", r"excitation_v: ([\d.]+)", 1.0, "drive_v", 0.01),
     "hil-sim switch_ohm": ("hil-sim/src/electronics.rs", r"switch_ohm: ([\d.]+)", 1.0, "switch_ohm", 0.01),
     "hil-sim settling_s": ("hil-sim/src/electronics.rs", r"settling_s: ([\d.e-]+)", 1.0, "settling_s", 0.1),
@@ -115,10 +119,6 @@ ASSUMED = {
 # Assumptions that are still those of the circuit before: name and number. Each is printed as old. A number that is neither
 # this one nor the circuit's is a miss.
 PENDING = {
-    "firmware gains_milli[0]": 13000,
-    "firmware gains_milli[1]": 600,
-    "firmware source_gain_milli": 586,
-    "firmware LEAD_TURNS, degrees": 42.33,
     "hil-sim switch_ohm": 70,
     "hil-sim gains_milli[0]": 13000,
     "hil-sim gains_milli[1]": 600,
@@ -477,6 +477,75 @@ def tolerances(nominal):
     return worst
 
 
+def ohm(ref):
+    """A part's value in ohm or farad."""
+    number, unit = re.fullmatch(r"([\d.]+)([pnukM]?)", hardware.describe().part(ref).value).groups()
+    return float(number) * {"": 1, "p": 1e-12, "n": 1e-9, "u": 1e-6, "k": 1e3, "M": 1e6}[unit]
+
+
+def calculated():
+    """The formulas of docs/board.md, with the values of the parts."""
+    c = {"dac": DAC_V, "hold": math.sin(math.pi / 16) / (math.pi / 16)}
+    divided = ohm("R6") / (ohm("R5") + ohm("R6"))
+    first = ohm("R5") * ohm("R6") / (ohm("R5") + ohm("R6"))
+    c["corner"] = 1 / (2 * math.pi * math.sqrt(first * ohm("R7") * ohm("C4") * ohm("C5")))
+    c["k"] = 1 + ohm("R9") / ohm("R8")
+    c["q"] = 1 / (3 - c["k"])
+
+    def source(f):
+        u = f / c["corner"]
+        return 1 / complex(1 - u * u, u / c["q"])
+
+    def low_pass(r, capacitor, f=F):
+        return 1 / complex(1, 2 * math.pi * f * r * capacitor)
+
+    c["factor"], c["lag"] = abs(source(F)), -degrees(source(F))
+    c["drive"] = 2 * c["dac"] * c["hold"] * divided * c["k"] * c["factor"]
+    for k in (15, 17):
+        c[f"image_{k}"] = abs(source(k * F) / source(F)) / k
+        c[f"alias_{k}"] = 20 * math.log10(abs(low_pass(ohm("R13"), ohm("C8"), k * F) / low_pass(ohm("R13"), ohm("C8"))))
+    c["amplifier"] = 1 + 49.4e3 / ohm("R12")
+    c["tau"] = ohm("R13") * ohm("C8")
+    receive = low_pass(ohm("R13"), ohm("C8"))
+    c["receive_factor"], c["receive_lag"] = abs(receive), -degrees(receive)
+    c["pa0"] = c["amplifier"] * abs(receive)
+    c["pa1"] = ohm("R18") / ohm("R17") * abs(low_pass(ohm("R19"), ohm("C11"))) * abs(low_pass(ohm("R18"), ohm("C10")))
+    monitor = 1 / (1 / ohm("R37") + 1 / ohm("R38") + 1 / ohm("R39"))
+    c["pa6"] = monitor / ohm("R37") / 2 * abs(low_pass(monitor, ohm("C12")))
+    c["lag_pa0"] = 11.25 + c["lag"] + c["receive_lag"] + math.degrees(math.atan(F / 450e3))
+    c["reference_tau"] = ohm("R1") / 2 * ohm("C1")
+    c["power_up_tau"] = (ohm("R5") + ohm("R6")) * ohm("C3")
+    return c
+
+
+# Calculated figures in docs/board.md, as DOCUMENTED; and the simulated figure that each must be near, and how near.
+CALCULATED = (
+    (r"DAC amplitude \|[^|]*\| ([\d.]+) V", lambda c: c["dac"], None, 0),
+    (r"held steps \|[^|]*\| ([\d.]+)", lambda c: c["hold"], None, 0),
+    (r"source filter: corner \|[^|]*\| ([\d.]+) kHz", lambda c: c["corner"] / 1e3, None, 0),
+    (r"gain at 0 Hz, and Q \|[^|]*\| ([\d.]+);", lambda c: c["k"], None, 0),
+    (r"gain at 0 Hz, and Q \|[^|]*\| [\d.]+; ([\d.]+)", lambda c: c["q"], None, 0),
+    (r"u = f / 10.07 kHz[^|]*\| ([\d.]+);", lambda c: c["factor"], None, 0),
+    (r"u = f / 10.07 kHz[^|]*\| [\d.]+; ([\d.]+) degrees", lambda c: c["lag"], None, 0),
+    (r"drive between neighbours \|[^|]*\| ([\d.]+) V", lambda c: c["drive"], "drive_v", 0.005),
+    (r"left at 15 f, 17 f \|[^|]*\| ([\d.]+) %", lambda c: 100 * c["image_15"], None, 0),
+    (r"left at 15 f, 17 f \|[^|]*\| [\d.]+ %, ([\d.]+) %", lambda c: 100 * c["image_17"], None, 0),
+    (r"\| amplifier \|[^|]*\| ([\d.]+)", lambda c: c["amplifier"], None, 0),
+    (r"corner, time constant \|[^|]*\| ([\d.]+) kHz", lambda c: 1e-3 / (2 * math.pi * c["tau"]), None, 0),
+    (r"corner, time constant \|[^|]*\| [\d.]+ kHz; ([\d.]+) us", lambda c: 1e6 * c["tau"], None, 0),
+    (r"f / 14.8 kHz\) \| ([\d.]+);", lambda c: c["receive_factor"], None, 0),
+    (r"f / 14.8 kHz\) \| [\d.]+; ([\d.]+) degrees", lambda c: c["receive_lag"], None, 0),
+    (r"sense pair to PA0 \|[^|]*\| ([\d.]+)", lambda c: c["pa0"], "gain_pa0", 0.005),
+    (r"at PA0, against f \|[^|]*\| (-[\d.]+),", lambda c: c["alias_15"], "alias_15_db", 0.02),
+    (r"at PA0, against f \|[^|]*\| -[\d.]+, (-[\d.]+) dB", lambda c: c["alias_17"], "alias_17_db", 0.02),
+    (r"drive pair to PA1 \|[^|]*\| ([\d.]+)", lambda c: c["pa1"], "gain_pa1", 0.005),
+    (r"open voltage to PA6 \|[^|]*\| ([\d.]+)", lambda c: c["pa6"], "gain_pa6", 0.005),
+    (r"table to PA0, lag \|[^|]*\| ([\d.]+) \+ wires", lambda c: c["lag_pa0"], "lag_pa0_deg", 0.02),
+    (r"time constant of V_R[^|]*\|[^|]*\| (\d+) ms", lambda c: 1e3 * c["reference_tau"], None, 0),
+    (r"\| power-up \|[^|]*= (\d+) ms", lambda c: 1e3 * c["power_up_tau"], None, 0),
+)
+
+
 def everything():
     nominal = transfer()
     figures = dict(nominal)
@@ -624,8 +693,14 @@ def documented(figures):
             good &= show(abs(said - is_) <= allowed, point, number(is_), f"list of test points: {words}")
     page = (ROOT / "docs/board.md").read_text(encoding="utf-8")
     wrong = []
-    for pattern, figure in DOCUMENTED:
-        found, is_ = re.search(pattern, page), figure(figures)
+    formulas = calculated()
+    for _, figure, simulated, near in CALCULATED:
+        if simulated and abs(figure(formulas) / figures[simulated] - 1) > near:
+            wrong.append(f"{simulated}: calculated {number(figure(formulas))}, simulated {number(figures[simulated])}")
+    pairs = [(pattern, figure(figures)) for pattern, figure in DOCUMENTED]
+    pairs += [(pattern, figure(formulas)) for pattern, figure, *_ in CALCULATED]
+    for pattern, is_ in pairs:
+        found = re.search(pattern, page)
         if not found:
             wrong.append(f"no sentence like {pattern}")
             continue
@@ -634,7 +709,7 @@ def documented(figures):
         # Half a step of rounding, and as much for another version of the simulator.
         if abs(float(said) - is_) > step:
             wrong.append(f"{said} in '{found.group(0)}' is {number(is_)}")
-    good &= show(not wrong, "docs/board.md", f"{len(DOCUMENTED)} figures", "; ".join(wrong) or "as simulated")
+    good &= show(not wrong, "docs/board.md", f"{len(pairs)} figures", "; ".join(wrong) or "as simulated and calculated")
     return good
 
 
