@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Every test there is. Installs with apt-get what is missing where it may, says what it skipped and why, and fails if
 # anything failed. Usage: tests/all.sh [--quick]
-# --quick: only the tests of the crates, without clippy, boards, browser installation and documentation build.
+# --quick: only the tests of the crates, without clippy, boards, circuit, browser installation and documentation build.
 set -u
 cd "$(dirname "$0")/.."
 
@@ -49,7 +49,7 @@ else
     skip "format: this toolchain has no rustfmt (rustup component add rustfmt)"
 fi
 if $quick; then
-    skip "clippy, boards, documentation build: --quick"
+    skip "clippy, boards, circuit, documentation build: --quick"
 elif cargo clippy --version >/dev/null 2>&1; then
     step "clippy, warnings denied" cargo clippy --workspace --all-targets --locked -- -D warnings
 else
@@ -74,6 +74,20 @@ if ! $quick; then
     esac
     rm -f "$boards"
     took "the firmware on emulated Cortex-M processors" "$start"
+    printf '\n== the board'"'"'s circuit in ngspice\n'
+    start=$SECONDS
+    have ngspice || install ngspice
+    if ! have python3; then
+        skip "the board's circuit: no python3"
+    else
+        python3 -B hardware/check.py
+        case $? in
+            0) ;;
+            77) skip "the board's circuit in ngspice: not installed (apt-get install ngspice); its rules were checked" ;;
+            *) failed+=("python3 hardware/check.py") ;;
+        esac
+        took "the board's circuit in ngspice" "$start"
+    fi
     step "documentation build, warnings denied" env RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --locked
 fi
 

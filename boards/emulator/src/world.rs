@@ -10,12 +10,27 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// DAC codes of the source's amplitude at full scale.
 const FULL_SCALE: f64 = 1788.0;
-/// How much later than the DAC's steps the fundamental arrives at the electrodes, in periods. The delay is half a step
-/// of the DAC and that of the second-order Butterworth low-pass at 10 kHz of docs/board.md.
+/// How much later than the DAC's steps the fundamental arrives at the converter, in periods, in the circuit of
+/// docs/board.md. The delay is half a step of the DAC, that of the source's low-pass (15.8 k, 1 nF, gain 1.59), that of the
+/// filter before the converter (1.58 k, 6.8 nF), and 1.2 degrees of amplifiers and wires (hardware/check.py).
 fn lag_turns() -> f64 {
-    let w: f64 = 84e6 / 1425.0 / 16.0 / 10e3;
-    let filter = (2f64.sqrt() * w).atan2(1.0 - w * w) / TAU;
-    filter + 0.5 / SAMPLES_PER_PERIOD as f64
+    let w = 84e6 / 1425.0 / 16.0 * TAU;
+    let source = w * 15.8e3 * 1e-9;
+    let source = (source * (3.0 - 1.59)).atan2(1.0 - source * source) / TAU;
+    let receiver = (w * 1.58e3 * 6.8e-9).atan() / TAU;
+    source + receiver + 1.2 / 360.0 + 0.5 / SAMPLES_PER_PERIOD as f64
+}
+
+/// The electronics of docs/board.md as far as the board's constants know them: gains with the filters' loss, switches, the
+/// filters' time constant. Everything else is the default.
+pub fn soldered() -> Electronics {
+    Electronics {
+        source_gain_milli: 285,
+        gains_milli: vec![12_600, 584],
+        switch_ohm: 100.0,
+        settling_s: 1.58e3 * 6.8e-9,
+        ..Electronics::default()
+    }
 }
 
 /// How far the source may be from what it should be and count as exact: the DAC has twelve bits.

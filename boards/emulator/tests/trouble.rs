@@ -6,18 +6,18 @@ mod common;
 
 use common::{AWAKE_NS, frames, hellos, program, sheet};
 use emulator::run::{Outcome, Setup, run_in};
-use emulator::world::World;
+use emulator::world::{World, soldered};
 use firmware::Sector;
 use firmware::settings::{self, Settings};
 use forward::ElectrodeMatrix;
-use hil_sim::{Electronics, Flash};
+use hil_sim::Flash;
 use protocol::{FromBoard, Plan, ResetCause, Status, Stored, ToBoard, Watch, Watching};
 
 /// One period of the excitation, ns.
 const PERIOD_NS: f64 = 16.0 * 1425.0 / 84e-3;
 
 fn world() -> World {
-    World::new(Electronics::default(), sheet())
+    World::new(soldered(), sheet())
 }
 
 fn states(outcome: &Outcome) -> Vec<(u64, Watching)> {

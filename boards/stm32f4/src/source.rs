@@ -13,15 +13,16 @@ const MIDDLE: i32 = 2048;
 const AMPLITUDE: i32 = 1788;
 const _: () = assert!(MIDDLE - AMPLITUDE > 248 && MIDDLE + AMPLITUDE < 4095 - 248);
 
-/// How far the sine runs ahead of the samples, in periods: as far as it is delayed on the way to the electrodes at
+/// How far the sine runs ahead of the samples, in periods: as far as it is delayed on the way to the converter at
 /// 3.684 kHz.
 ///
-/// Half a step of the DAC is 1/32 of a period. The second-order low-pass at 10 kHz behind it adds 31.1 degrees.
-/// Together these are 42.3 degrees.
+/// Half a step of the DAC is 1/32 of a period. The second-order low-pass at 10 kHz behind it adds 30.8 degrees, the
+/// filter before the converter 14.0, amplifiers and wires 1.2. Together these are 57.2 degrees, which hardware/check.py
+/// holds.
 const LEAD_TURNS: f64 = if cfg!(feature = "fault-phase") {
     0.0
 } else {
-    42.33 / 360.0
+    57.2 / 360.0
 };
 
 /// Full-scale codes about the middle, by phase.

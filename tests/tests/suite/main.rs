@@ -7,6 +7,7 @@
 )]
 
 mod baseline;
+mod board_files;
 mod emulated;
 mod faults;
 mod live_scenes;
