@@ -4,6 +4,7 @@ use crate::files::baseline_file::unix_s;
 use anyhow::{Context, Result};
 use inverse::pipeline::FrameResult;
 use inverse::quality::doubt::Doubt;
+use inverse::reference::drift::Drift;
 use inverse::reference::imager::Imager;
 use inverse::reference::inspection::Inspection;
 use inverse::reference::screening::Finding;
@@ -40,6 +41,9 @@ struct Line<'a> {
     /// What speaks against the touches.
     #[serde(skip_serializing_if = "Option::is_none")]
     doubt: Option<Doubt>,
+    /// What drifted since the baseline.
+    #[serde(skip_serializing_if = "Drift::is_none")]
+    drift: &'a Drift,
     /// What is left out of all frames, since it is wrong in the baseline.
     #[serde(skip_serializing_if = "<[_]>::is_empty")]
     left_out: &'a [Finding],
@@ -83,6 +87,8 @@ pub(crate) struct Output {
     left_out: Vec<Finding>,
     /// The kind of doubt that was said last, and when.
     doubted: Option<(Discriminant<Doubt>, Instant)>,
+    /// When a drift was said last.
+    drifted: Option<Instant>,
 }
 
 /// A picture that does not change is drawn again after so long.
@@ -102,6 +108,7 @@ impl Output {
             said_at: Instant::now(),
             left_out: Vec::new(),
             doubted: None,
+            drifted: None,
         }
     }
 
@@ -149,7 +156,16 @@ impl Output {
                 self.doubted = Some((kind, Instant::now()));
             }
         }
-        self.show(imager, result, frame, counters, result.doubt.map(|d| d.to_string()))?;
+        let notice = result.drift.notice().filter(|_| result.doubt.is_none());
+        if let Some(notice) = notice
+            && self.drifted.is_none_or(|at| at.elapsed() > SAID_AGAIN)
+        {
+            eprintln!("notice: frame {}: {notice}", frame.sequence);
+            self.drifted = Some(Instant::now());
+        }
+        let status = result.doubt.map(|d| d.to_string());
+        let status = status.or_else(|| notice.map(|n| n.to_string()));
+        self.show(imager, result, frame, counters, status)?;
         if self.page.is_none() {
             return print(result, frame, counters, self.baseline.as_ref(), &self.left_out);
         }
@@ -276,6 +292,7 @@ fn print(
         skipped_frames: counters.skipped_frames,
         baseline: baseline.map(BaselineLine::of),
         doubt: result.doubt,
+        drift: &result.drift,
         left_out,
     };
     serde_json::to_writer(&mut out, &line)?;

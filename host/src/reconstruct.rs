@@ -15,6 +15,7 @@ use clap::Args;
 use inverse::batch::{Batch, BatchOptions};
 use inverse::pipeline::FrameResult;
 use inverse::quality::doubt::Doubt;
+use inverse::reference::drift::Drift;
 use inverse::reference::imager::Imager;
 use inverse::reference::screening::Finding;
 use inverse::solvers::{Method, Status};
@@ -115,6 +116,9 @@ struct FrameLine<'a> {
     /// What speaks against the touches.
     #[serde(skip_serializing_if = "Option::is_none")]
     doubt: Option<Doubt>,
+    /// What drifted since the baseline.
+    #[serde(skip_serializing_if = "Drift::is_none")]
+    drift: &'a Drift,
     /// What is left out of all frames, since it is wrong in the baseline.
     #[serde(skip_serializing_if = "<[_]>::is_empty")]
     left_out: &'a [&'a Finding],
@@ -287,6 +291,8 @@ fn reconstruct<'a>(
 fn warn(frame: &str, result: &FrameResult) {
     if let Some(doubt) = result.doubt {
         eprintln!("warning: frame {frame}: {doubt}");
+    } else if let Some(notice) = result.drift.notice() {
+        eprintln!("notice: frame {frame}: {notice}");
     }
     match result.status {
         Status::Converged => {}
@@ -407,6 +413,7 @@ fn print(results: &[Done<'_>], source: &Source, values: usize, left_out: &[&Find
                 baseline,
                 source,
                 doubt: result.doubt,
+                drift: &result.drift,
                 left_out,
             };
             serde_json::to_writer(&mut out, &line)?;

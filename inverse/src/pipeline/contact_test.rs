@@ -67,7 +67,7 @@ impl ContactTest {
     /// Forgets all that earlier frames said.
     pub(crate) fn clear(&mut self) {
         self.monitor.clear();
-        (self.drifting, self.stood) = (Drifting::Common, 0);
+        (self.drifting, self.stood, self.until) = (Drifting::Common, 0, 0);
     }
 
     /// Solves a frame into the result, with the contacts that changed left out. What drifts and the contacts of the task are

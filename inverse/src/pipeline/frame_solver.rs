@@ -13,7 +13,9 @@ use crate::reference::noise::{NoiseEstimate, NoiseSource};
 use crate::stats::fisher_quantile;
 use crate::touches::fit::fitter::{Beside, Data, Fitter};
 use crate::touches::fit::reduction::WeightedProjection;
+use crate::touches::touch::Touch;
 use arrayvec::ArrayVec;
+use forward::Geometry;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -361,7 +363,13 @@ impl FrameSolver {
                 detector.once_more();
             }
         }
-        result.touches.clone_from(&fitted.touches);
+        result.touches.clear();
+        let (geometry, unplaced) = (self.imager.model.geometry(), self.options.unplaced_mm);
+        let placed = fitted.touches.iter().filter(|t| {
+            let sd = t.x_sd_mm.unwrap_or(0.0).max(t.y_sd_mm.unwrap_or(0.0));
+            sd <= unplaced || sd <= apart(t, &fitted.touches, geometry)
+        });
+        result.touches.extend(placed.copied());
         result.misfit = Some(fitted.misfit);
         true
     }
@@ -436,6 +444,14 @@ impl FrameSolver {
             contacts.even_out(changed, &self.imager.model_v, difference);
         }
     }
+}
+
+/// Distance of a touch from the rim, or from a stronger touch where that is nearer, mm.
+fn apart(touch: &Touch, touches: &[Touch], geometry: &Geometry) -> f64 {
+    let rim = geometry.outline().nearest([touch.x_mm, touch.y_mm]).1;
+    let stronger = touches.iter().filter(|t| t.total_mm2 > touch.total_mm2);
+    let distances = stronger.map(|t| (t.x_mm - touch.x_mm).hypot(t.y_mm - touch.y_mm));
+    distances.fold(rim, f64::min)
 }
 
 /// How many times its noise the mean power of a frame may be by chance: the quantile of Fisher's distribution (of

@@ -59,6 +59,9 @@ pub struct ReconstructorOptions {
     pub least_over_fall: f64,
     /// Least relative sensitivity of a cell, against the median, that its expected rise follows.
     pub least_sensitivity: f64,
+    /// Standard deviation of a place, mm, from which a touch must be further from the rim, and from stronger touches, than that to
+    /// be one. Fingers are known to a tenth of it.
+    pub unplaced_mm: f64,
     /// A gain that drifted by more than this part since the frame before is divided out, and the frame solved once more: touches
     /// scale with it. Less costs time in drifting scenes.
     pub gain_step: f64,
@@ -102,6 +105,7 @@ impl ReconstructorOptions {
             most_rescalings: 2,
             least_over_fall: 0.5,
             least_sensitivity: 1e-3,
+            unplaced_mm: 0.03 * extent,
             gain_step: 0.005,
             least_gain: 0.2,
             change: ChangeOptions::default(),

@@ -249,6 +249,10 @@ impl Reconstructor {
         self.result.doubt = Doubt::of(&self.difference, model_v, self.options.doubts)
             .or((self.unexplained >= least).then_some(Doubt::NotTouches))
             .or(contact);
+        if self.result.doubt == Some(Doubt::NotThisSheet) {
+            // Whatever they are, they are no touches on the sheet of the baseline.
+            self.result.touches.clear();
+        }
         self.result.contacts.clear();
         self.result.contacts.extend_from_slice(changed);
         Ok(())

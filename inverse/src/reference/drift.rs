@@ -15,7 +15,8 @@ use crate::linalg::basis::Basis;
 use crate::reference::imager::Imager;
 use forward::{Sensitivity, Solver};
 use nalgebra::{DMatrix, DMatrixView};
-use serde::Serialize;
+use serde::{Serialize, Serializer};
+use std::fmt;
 use std::sync::Arc;
 
 /// Standard deviation of the logarithms of gain and resistance where they drift: a source that loses a tenth, 20 K.
@@ -26,13 +27,20 @@ const CONTACTS: [f64; 6] = [0.0, 0.003, 0.01, 0.03, 0.1, 0.3];
 /// The same of a contact that changed for itself.
 pub(crate) const CHANGED: f64 = 3.0;
 
+/// Least change of the common gain that a person is told of. Sheets that warm by 4 K change as much.
+const NOTABLE: f64 = 0.02;
+/// Digits of what is written: the estimates are no better.
+const DIGITS: f64 = 1e4;
+
 /// What drifted since the baseline, as far as a frame tells.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Drift {
     /// By what the voltages were multiplied, all together: the source, an amplifier, the temperature of the sheet. What
     /// contacts do is not in it.
+    #[serde(serialize_with = "rounded")]
     pub gain: f64,
     /// By what part every contact impedance grew, to first order; empty where nothing tells.
+    #[serde(serialize_with = "all_rounded", skip_serializing_if = "Vec::is_empty")]
     pub contacts: Vec<f64>,
     /// Whether the frame is more probable with contacts that drifted than without.
     #[serde(skip)]
@@ -41,11 +49,42 @@ pub struct Drift {
     #[serde(skip)]
     pub(crate) cost: f64,
     /// The contact that changed more than the others do, where the frame shows one.
+    #[serde(skip)]
     pub contact: Option<ContactChange>,
 }
 
+fn rounded<S: Serializer>(value: &f64, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.serialize_f64((value * DIGITS).round() / DIGITS)
+}
+
+fn all_rounded<S: Serializer>(values: &[f64], serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_seq(values.iter().map(|v| (v * DIGITS).round() / DIGITS))
+}
+
+/// What a person is told of a drift.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum DriftNotice {
+    /// The voltages changed all together, by this factor.
+    Gain(f64),
+}
+
+impl fmt::Display for DriftNotice {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self::Gain(gain) = self;
+        let (by, way) = (
+            100.0 * (gain - 1.0).abs(),
+            if *gain > 1.0 { "larger" } else { "smaller" },
+        );
+        write!(
+            f,
+            "the voltages are {by:.1} % {way} than in the baseline; touches take it into account. Look at the source and the supply, \
+             or take a new baseline"
+        )
+    }
+}
+
 /// A contact that changed more than the others.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ContactChange {
     /// The electrode, from 0.
     pub electrode: usize,
@@ -65,6 +104,16 @@ impl Drift {
             cost: 0.0,
             contact: None,
         }
+    }
+
+    /// What a person is told of it.
+    pub fn notice(&self) -> Option<DriftNotice> {
+        ((self.gain - 1.0).abs() > NOTABLE).then_some(DriftNotice::Gain(self.gain))
+    }
+
+    /// Whether anything is known to have drifted.
+    pub fn is_none(&self) -> bool {
+        self.gain == 1.0 && self.contacts.is_empty()
     }
 
     /// No drift, with room for so many electrodes.

@@ -3,7 +3,7 @@
 pub mod baseline;
 pub mod departure;
 mod difference;
-pub(crate) mod drift;
+pub mod drift;
 pub mod electrode_fit;
 pub mod imager;
 pub mod inspection;

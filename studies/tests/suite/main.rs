@@ -8,6 +8,7 @@
 
 mod accuracy;
 mod contacts;
+mod drift;
 mod hand;
 mod screening;
 mod watch;
