@@ -1,0 +1,262 @@
+//! Recordings: what is recorded of a simulated skin, replayed, cut off, killed. Nothing here depends on how fast the machine is.
+
+use crate::program::skin;
+use recording::{Ended, Reader, Topic};
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+fn program(arguments: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_skin"));
+    command.args(arguments);
+    command
+}
+
+fn output(arguments: &[&str]) -> Output {
+    program(arguments).output().unwrap()
+}
+
+fn said(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+/// JSON lines without the times that solving took.
+fn pictures(output: &Output) -> Vec<Value> {
+    assert!(output.status.success(), "{}", said(output));
+    let lines = output.stdout.split(|b| *b == b'\n').filter(|l| !l.is_empty());
+    let without_time = |line| {
+        let mut line: Value = serde_json::from_slice(line).unwrap();
+        line.as_object_mut().unwrap().remove("solve_us").unwrap();
+        line
+    };
+    lines.map(without_time).collect()
+}
+
+/// Messages of a topic, and how the file ended.
+fn messages(path: &Path, topic: Topic) -> (Vec<(u64, Vec<u8>)>, Ended) {
+    let mut reader = Reader::open(path).unwrap();
+    let mut out = Vec::new();
+    while let Some(message) = reader.next().unwrap() {
+        if message.topic == Some(topic) {
+            out.push((message.log_ns, message.data.to_vec()));
+        }
+    }
+    (out, reader.ended().unwrap())
+}
+
+/// What `skin run` prints while it records is what the replay prints, to the last bit, with the age of the baseline; and nothing is
+/// lost in the file.
+fn same_again(folder: &Path, name: &str, arguments: &[&str]) -> Vec<Value> {
+    let file = folder.join(name);
+    let live = output(&[&["run", "--json", "--record", text(&file)], arguments].concat());
+    let live = pictures(&live);
+    let replay = output(&["replay", text(&file), "--json", "--speed", "max"]);
+    assert_eq!(live, pictures(&replay));
+    let says = format!("{} pictures, every one with the recorded touches", live.len());
+    assert!(said(&replay).contains(&says), "{}", said(&replay));
+    assert!(!said(&replay).contains("warning: skin"), "{}", said(&replay));
+    live
+}
+
+fn touched(pictures: &[Value]) -> usize {
+    pictures
+        .iter()
+        .filter(|p| !p["touches"].as_array().unwrap().is_empty())
+        .count()
+}
+
+#[test]
+fn a_replay_gives_the_recorded_touches_bit_for_bit() {
+    let folder = tempfile::tempdir().unwrap();
+    let pictures = same_again(folder.path(), "hand.mcap", &["--scene", "hand", "--frames", "350"]);
+    assert!(touched(&pictures) > 10, "{}", touched(&pictures));
+}
+
+#[test]
+fn a_replay_has_the_forces_too() {
+    let folder = tempfile::tempdir().unwrap();
+    let calibration = folder.path().join("calibration.toml");
+    let keys = "delayed_ratio = 0.3\ntau_s = 5.0\nexponent = 1.0\nunit_rise_mpa = 0.25\nforce_sd_n = 0.1\n";
+    std::fs::write(&calibration, keys).unwrap();
+    let arguments = [
+        "--scene",
+        "fast-tap",
+        "--frames",
+        "300",
+        "--calibration",
+        text(&calibration),
+    ];
+    let pictures = same_again(folder.path(), "tap.mcap", &arguments);
+    let forces = pictures.iter().flat_map(|p| p["touches"].as_array().unwrap());
+    assert!(
+        forces
+            .filter(|t| t["force_n"].as_f64().is_some_and(|f| f > 0.0))
+            .count()
+            > 10
+    );
+}
+
+/// The stored baseline is in the recording: the replay needs no folder, and stores nothing.
+#[test]
+fn a_replay_starts_from_the_stored_baseline() {
+    let folder = tempfile::tempdir().unwrap();
+    let state = folder.path().join("state");
+    pictures(&output(&[
+        "run",
+        "--json",
+        "--frames",
+        "1",
+        "--simulate",
+        "--state-dir",
+        text(&state),
+    ]));
+    let arguments = [
+        "--frames",
+        "20",
+        "--scene",
+        "preload",
+        "--baseline",
+        "stored",
+        "--state-dir",
+        text(&state),
+    ];
+    let pictures = same_again(folder.path(), "resting.mcap", &arguments);
+    assert_eq!(touched(&pictures), 20);
+    assert_eq!(pictures[0]["baseline"]["stored"], true);
+}
+
+/// Records until the file holds some seconds, and kills without a warning at a random moment. The file and when it was killed.
+fn killed(folder: &Path, name: &str, after: Duration) -> (PathBuf, f64) {
+    let file = folder.join(name);
+    let mut child: Child = program(&["record", text(&file), "--scene", "hand"])
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    // From the first frame on.
+    loop {
+        let begun = file.exists() && Reader::open(&file).is_ok_and(|mut r| r.find(Topic::Board).unwrap().is_some());
+        if begun {
+            break;
+        }
+        assert!(child.try_wait().unwrap().is_none(), "it ended by itself");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    std::thread::sleep(after);
+    let at_s = SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_secs_f64();
+    child.kill().unwrap();
+    child.wait().unwrap();
+    (file, at_s)
+}
+
+/// Everything up to the last flush can be read, frames in their order, and recovering makes a closed file of the same messages. How
+/// much older than the kill the last frame is, s.
+fn is_readable(folder: &Path, file: &Path, at_s: f64) -> f64 {
+    let (wire, ended) = messages(file, Topic::Board);
+    assert_eq!(ended, Ended::Cut, "{}", file.display());
+    let mut decoder = protocol::Decoder::<{ protocol::MAX_FROM_BOARD_LEN }>::new();
+    let mut sequences = Vec::new();
+    for (_, bytes) in &wire {
+        decoder.push(bytes, |message: Result<protocol::FromBoard, _>| {
+            if let Ok(protocol::FromBoard::Frame(frame)) = message {
+                sequences.push(frame.sequence);
+            }
+        });
+    }
+    assert!(sequences.windows(2).all(|w| w[1] > w[0]), "{sequences:?}");
+    let whole = folder.join("recovered.mcap");
+    skin(&["recover", text(file), "--out", text(&whole)]);
+    assert_eq!(messages(&whole, Topic::Board), (wire.clone(), Ended::Whole));
+    std::fs::remove_file(&whole).unwrap();
+    at_s - 1e-9 * wire.last().unwrap().0 as f64
+}
+
+#[test]
+fn a_killed_recording_can_be_read() {
+    let folder = tempfile::tempdir().unwrap();
+    for (k, after_ms) in [30, 620, 1_700].into_iter().enumerate() {
+        let (file, at_s) = killed(folder.path(), &format!("{k}.mcap"), Duration::from_millis(after_ms));
+        is_readable(folder.path(), &file, at_s);
+        // A file that is cut short is played like a whole one.
+        let replay = output(&["replay", text(&file), "--json", "--speed", "max"]);
+        assert!(said(&replay).contains("was cut short"), "{}", said(&replay));
+        pictures(&replay);
+    }
+}
+
+/// `cargo test -p host --test suite -- --ignored killed_at_1000_random_moments --nocapture`
+#[test]
+#[ignore = "a measurement of some minutes"]
+fn killed_at_1000_random_moments() {
+    const KILLS: u64 = 1_000;
+    let next = std::sync::atomic::AtomicU64::new(0);
+    let ages = std::sync::Mutex::new(Vec::new());
+    std::thread::scope(|scope| {
+        for _ in 0..3 {
+            scope.spawn(|| {
+                let folder = tempfile::tempdir().unwrap();
+                loop {
+                    let k = next.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+                    if k >= KILLS {
+                        break;
+                    }
+                    // Evenly spread over 1.5 s, in no order.
+                    let after = Duration::from_micros(k * 611_953 % 1_500_000);
+                    let (file, at_s) = killed(folder.path(), "killed.mcap", after);
+                    let age_s = is_readable(folder.path(), &file, at_s);
+                    std::fs::remove_file(&file).unwrap();
+                    ages.lock().unwrap().push(age_s);
+                }
+            });
+        }
+    });
+    let mut ages = ages.into_inner().unwrap();
+    ages.sort_by(f64::total_cmp);
+    let at = |part: f64| ages[(part * (ages.len() - 1) as f64) as usize];
+    println!(
+        "{} kills: the last frame is older than the kill by {:.2} s median, {:.2} s 99th percentile, {:.2} s at most",
+        ages.len(),
+        at(0.5),
+        at(0.99),
+        at(1.0)
+    );
+    assert!(at(1.0) < 1.0, "on an idle machine nothing older than a second is lost");
+}
+
+#[test]
+fn a_recording_tells_what_is_in_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("info.mcap");
+    let recorded = output(&["record", text(&file), "--scene", "hand", "--seconds", "1.5"]);
+    assert!(recorded.status.success(), "{}", said(&recorded));
+    let info: Value = serde_json::from_str(&skin(&["info", text(&file), "--json"])).unwrap();
+    let count = |key: &str| info[key].as_u64().unwrap();
+    assert_eq!(info["ended"], "closed");
+    assert_eq!(info["session"]["board"]["serial"], "sim");
+    assert_eq!(
+        (count("lost_frames"), count("resets"), count("damaged_messages")),
+        (0, 0, 0)
+    );
+    assert_eq!((count("lost_messages"), count("lost_bytes")), (0, 0));
+    let of_topic = |topic: Topic| messages(&file, topic).0.len() as u64;
+    assert_eq!(count("pictures"), of_topic(Topic::Touches));
+    assert_eq!(info["messages"]["/board"].as_u64().unwrap(), of_topic(Topic::Board));
+    assert_eq!(info["messages"]["/host"].as_u64().unwrap(), of_topic(Topic::Host));
+    assert!(count("frames") > count("pictures"), "{info}");
+    // The pictures are PNG files.
+    let (images, _) = messages(&file, Topic::Picture);
+    let image: Value = serde_json::from_slice(&images[0].1).unwrap();
+    assert!(image["data"].as_str().unwrap().starts_with("iVBORw0KGgo"), "{image}");
+    // The log is what was said.
+    let (log, _) = messages(&file, Topic::Clock);
+    assert!(log.len() >= 2);
+
+    let again = output(&["record", text(&file), "--simulate"]);
+    assert_eq!(again.status.code(), Some(1));
+    assert!(said(&again).contains("there is such a file"), "{}", said(&again));
+}
