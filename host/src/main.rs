@@ -8,6 +8,7 @@ mod calibrate;
 mod capture;
 mod check;
 mod drive;
+mod export;
 mod files;
 mod flash;
 mod forward;
@@ -22,6 +23,7 @@ mod progress;
 mod reconstruct;
 mod record;
 mod recorded;
+mod recorded_frames;
 mod recover;
 mod replay;
 mod run;
@@ -66,6 +68,8 @@ enum Command {
     Replay(replay::Arguments),
     /// What is in a recording.
     Info(info::Arguments),
+    /// Writes a recording for other programs: tables, numpy, MATLAB.
+    Export(export::Arguments),
     /// Makes a well-closed file of a recording that was cut short.
     Recover(recover::Arguments),
     /// Touches and pictures from a table of measured frames.
@@ -115,6 +119,7 @@ fn main() -> ExitCode {
         Some(Command::Record(arguments)) => record::run(&arguments),
         Some(Command::Replay(arguments)) => replay::run(&arguments),
         Some(Command::Info(arguments)) => info::run(&arguments),
+        Some(Command::Export(arguments)) => export::run(&arguments),
         Some(Command::Recover(arguments)) => recover::run(&arguments),
         None => run::run(&cli.run),
     };

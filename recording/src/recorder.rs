@@ -316,10 +316,11 @@ impl<T: Target> State<'_, T> {
         Ok(())
     }
 
-    /// When a frame was measured, by the fit of the clocks; when it arrived where there is none yet.
+    /// When a frame was measured, by the fit of the clocks; when it arrived where there is none yet. A frame that took less time than
+    /// the fit takes for the least was still measured before it arrived.
     fn measured_ns(&self, frame_s: Option<f64>, log_ns: u64) -> u64 {
         match (frame_s, &self.fit) {
-            (Some(frame_s), Some(fit)) => self.shared.clock.unix_ns_of(fit.host_s(frame_s)),
+            (Some(frame_s), Some(fit)) => self.shared.clock.unix_ns_of(fit.host_s(frame_s)).min(log_ns),
             _ => log_ns,
         }
     }

@@ -260,3 +260,116 @@ fn a_recording_tells_what_is_in_it() {
     assert_eq!(again.status.code(), Some(1));
     assert!(said(&again).contains("there is such a file"), "{}", said(&again));
 }
+
+/// A tip of 25 mm that presses with 25 N from 2.8 s to 12.8 s, on a board that waits for its reader: recorded in no time.
+#[cfg(target_os = "linux")]
+fn held_press(folder: &Path) -> PathBuf {
+    use std::io::{BufRead, BufReader};
+    let scene = folder.join("hold.toml");
+    let keys = [[2.5, 0.0], [2.8, 25.0], [12.8, 25.0], [13.1, 0.0]]
+        .map(|[t, n]| format!("{{ t_s = {t:?}, x_mm = 53.0, y_mm = 28.0, force_n = {n:?} }}"));
+    let described = format!(
+        "duration_s = 26.0\n[[touch]]\nshape = \"disc\"\nradius_mm = 12.5\nkeys = [{}]\n",
+        keys.join(", ")
+    );
+    std::fs::write(&scene, described).unwrap();
+    let mut board = program(&["sim", "--pty", "--unpaced", "--scene", text(&scene)])
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut port = String::new();
+    BufReader::new(board.stdout.take().unwrap())
+        .read_line(&mut port)
+        .unwrap();
+    let file = folder.join("hold.mcap");
+    let recorded = output(&["record", text(&file), "--port", port.trim(), "--seconds", "20"]);
+    board.kill().unwrap();
+    board.wait().unwrap();
+    assert!(recorded.status.success(), "{}", said(&recorded));
+    file
+}
+
+/// What reads a board reads a recording, and what reads a table too; all exports hold the same frames.
+#[cfg(target_os = "linux")]
+#[test]
+fn commands_read_a_recording_as_they_read_a_board() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = held_press(folder.path());
+    let name = |name: &str| text(&folder.path().join(name)).to_owned();
+    let json = |arguments: &[&str]| -> Value { serde_json::from_str(&skin(arguments)).unwrap() };
+
+    let check = json(&["check", "--from", text(&file), "--touch", "53,28", "--json"]);
+    assert_eq!(
+        (&check["wrong"], &check["electrodes"]),
+        (&Value::Bool(false), &Value::from(16))
+    );
+    let order: Vec<u64> = check["touch"]["order"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|l| l.as_u64().unwrap())
+        .collect();
+    assert_eq!(order, (1..=16).collect::<Vec<u64>>(), "{check}");
+
+    // The default rubber: a third again with 5 s, 0.2546 N/mm².
+    let out = name("calibration.toml");
+    let calibration = json(&[
+        "calibrate",
+        "--from",
+        text(&file),
+        "--force-n",
+        "25",
+        "--seconds",
+        "18",
+        "--json",
+        "--out",
+        &out,
+    ]);
+    for (key, wanted, within) in [
+        ("delayed_ratio", 1.0 / 3.0, 0.025),
+        ("tau_s", 5.0, 0.4),
+        ("unit_rise_mpa", 0.2546, 0.012),
+    ] {
+        let found = calibration[key].as_f64().unwrap();
+        assert!((found - wanted).abs() < within, "{key}: {found}, not {wanted}");
+    }
+
+    // A part without the baseline says so.
+    let part = ["--from-s", "0", "--to-s", "16", "--every", "40"];
+    let refused = output(&["reconstruct", "--from", text(&file), "--from-s", "5"]);
+    assert!(
+        said(&refused).contains("name some with --baseline"),
+        "{}",
+        said(&refused)
+    );
+    let frames = |arguments: &[&str]| -> Vec<Value> {
+        let lines = skin(&[&["reconstruct", "--json", "--no-progress"], arguments].concat());
+        lines.lines().map(|l| serde_json::from_str(l).unwrap()).collect()
+    };
+    let touches = |frames: &[Value]| -> Vec<Value> { frames.iter().map(|f| f["touches"].clone()).collect() };
+    let [csv, npz, mat, plain] = ["a.csv", "a.npz", "a.mat", "a.frames.csv"].map(name);
+    for (format, out) in [("csv", &csv), ("npz", &npz), ("mat", &mat), ("frames-csv", &plain)] {
+        skin(&[&["export", text(&file), "--to", format, "--out", out], &part[..]].concat());
+    }
+    let first = ["--baseline", "t0.0000"];
+    let direct = frames(&[&["--from", text(&file)], &part[..], &first[..]].concat());
+    let from_csv = frames(&[&[csv.as_str()], &first[..]].concat());
+    assert_eq!(touches(&direct), touches(&from_csv));
+    let found = direct.iter().filter_map(|f| f["touches"].get(0));
+    let off = |t: &Value| (t["x_mm"].as_f64().unwrap() - 53.0).hypot(t["y_mm"].as_f64().unwrap() - 28.0);
+    let (near, all) = found.fold((0, 0), |(near, all), t| (near + i32::from(off(t) < 4.0), all + 1));
+    assert!(all > 25 && near == all, "{near} of {all}");
+    // One baseline of several frames, by another name in each file.
+    let numbered = [
+        frames(&[&npz, "--order", "pyeit", "--variable", "v", "--baseline", "1"]),
+        frames(&[&mat, "--order", "eidors", "--variable", "vi", "--baseline", "1"]),
+        frames(&[&plain, "--order", "adjacent16", "--baseline", "1"]),
+    ];
+    for other in &numbered {
+        assert_eq!(touches(other), touches(&direct));
+    }
+    // The whole recording knows the frames of its baseline.
+    let whole = frames(&["--from", text(&file), "--to-s", "6"]);
+    let at_end = whole.last().unwrap()["touches"][0].clone();
+    assert!(off(&at_end) < 2.0, "{at_end}");
+}
