@@ -70,9 +70,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         .out
         .clone()
         .unwrap_or_else(|| from.with_extension(arguments.to.ending()));
+    let mut made = false;
     let mut open = || -> Result<BufWriter<File>> {
         let file = OpenOptions::new().write(true).create_new(true).open(&out);
         let file = file.with_context(|| format!("{}: cannot be made; name a new file with --out", out.display()))?;
+        made = true;
         Ok(BufWriter::new(file))
     };
     let written = match arguments.to {
@@ -84,7 +86,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
             Mat::new(file, "frames recorded by skin")
         }),
     };
-    let what = written.with_context(|| format!("{}: not written", out.display()))?;
+    if written.is_err() && made {
+        // No part passes for the whole.
+        let _ = std::fs::remove_file(&out);
+    }
+    let what = written?;
     eprintln!("{}: {what}", out.display());
     Ok(())
 }

@@ -283,7 +283,7 @@ const POINTS_S: f64 = 0.03;
 /// A picture is recorded every so often, s of the board's time, where it shows something new.
 const PICTURE_S: f64 = 1.0;
 /// Width of a recorded picture, pixels.
-const PICTURE_PX: u32 = 400;
+const PICTURE_PX: u32 = 320;
 
 /// Writes a session's messages.
 pub(crate) struct Notes {

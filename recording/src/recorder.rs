@@ -40,7 +40,7 @@ pub struct Counts {
     pub lost_bytes: u64,
 }
 
-/// A recording that goes on. Dropping it closes the file.
+/// A recording that goes on. Dropping it closes the file, and removes one that was not begun.
 pub struct Recorder {
     tap: Tap,
     file: String,
@@ -121,7 +121,9 @@ impl Recorder {
 
     fn end(&mut self) -> Result<(), RecordingError> {
         if let Some(waiting) = self.waiting.take() {
-            return waiting.0.finish().map(|_| ());
+            // Nothing was recorded: that is no recording.
+            drop(waiting);
+            return std::fs::remove_file(&self.file).map_err(|e| RecordingError::io(&self.file, e));
         }
         let Some(thread) = self.thread.take() else {
             return Ok(());

@@ -373,3 +373,98 @@ fn commands_read_a_recording_as_they_read_a_board() {
     let at_end = whole.last().unwrap()["touches"][0].clone();
     assert!(off(&at_end) < 2.0, "{at_end}");
 }
+
+/// Waits until a recording that goes on holds what is wanted.
+#[cfg(target_os = "linux")]
+fn until(file: &Path, child: &mut Child, holds: impl Fn(&[(u64, Vec<u8>)]) -> bool) {
+    loop {
+        let ready = Reader::open(file).is_ok() && holds(&messages(file, Topic::Live).0);
+        if ready {
+            return;
+        }
+        assert!(child.try_wait().unwrap().is_none(), "it ended by itself");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
+/// How many steps of a kind there are.
+#[cfg(target_os = "linux")]
+fn steps(live: &[(u64, Vec<u8>)], kind: &str) -> usize {
+    let is = |m: &&(u64, Vec<u8>)| serde_json::from_slice::<Value>(&m.1).unwrap()["step"] == kind;
+    live.iter().filter(is).count()
+}
+
+/// Somebody at the page takes the baseline anew while a hand presses, and takes it back; the program is ended by a signal. The
+/// replay does the same at the same frames.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_replay_takes_baselines_where_the_page_did() {
+    use std::io::{BufRead, BufReader, Read, Write};
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("page.mcap");
+    let mut child = program(&[
+        "run",
+        "--scene",
+        "hand",
+        "--listen",
+        "0",
+        "--no-open",
+        "--record",
+        text(&file),
+    ])
+    .stdout(Stdio::null())
+    .stderr(Stdio::piped())
+    .spawn()
+    .unwrap();
+    let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
+    let address = lines
+        .find_map(|l| Some(l.unwrap().split_once("http://")?.1.split('/').next()?.to_owned()))
+        .unwrap();
+    // The rest is read so that the program never waits for it.
+    let rest = std::thread::spawn(move || lines.count());
+
+    let mut page = std::net::TcpStream::connect(&address).unwrap();
+    let hello = format!(
+        "GET /live HTTP/1.1\r\nHost: {address}\r\nConnection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: \
+         dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n"
+    );
+    page.write_all(hello.as_bytes()).unwrap();
+    let mut answer = [0; 12];
+    page.read_exact(&mut answer).unwrap();
+    assert_eq!(&answer, b"HTTP/1.1 101");
+    // A text of a WebSocket, masked by zeros.
+    let mut ask = |text: &str| {
+        let head = [0x81, 0x80 | u8::try_from(text.len()).unwrap(), 0, 0, 0, 0];
+        page.write_all(&[&head, text.as_bytes()].concat()).unwrap();
+    };
+    until(&file, &mut child, |live| steps(live, "in_force") == 1);
+    ask("{\"kind\":\"tare\"}");
+    until(&file, &mut child, |live| {
+        steps(live, "tare") == 1 && steps(live, "in_force") == 2
+    });
+    ask("{\"kind\":\"undo_baseline\"}");
+    until(&file, &mut child, |live| {
+        steps(live, "resume") == 1 && steps(live, "in_force") == 3
+    });
+    let pictures = |file: &Path| messages(file, Topic::Touches).0.len();
+    let so_far = pictures(&file);
+    until(&file, &mut child, |_| pictures(&file) > so_far + 30);
+    Command::new("kill").arg(child.id().to_string()).status().unwrap();
+    assert!(child.wait().unwrap().success());
+    rest.join().unwrap();
+
+    let replay = output(&["replay", text(&file), "--json", "--speed", "max"]);
+    let (recorded, ended) = messages(&file, Topic::Touches);
+    assert_eq!(ended, Ended::Whole);
+    let shown = self::pictures(&replay);
+    let says = format!("{} pictures, every one with the recorded touches", recorded.len());
+    assert!(said(&replay).contains(&says), "{}", said(&replay));
+    for (shown, (_, recorded)) in shown.iter().zip(&recorded) {
+        let recorded: Value = serde_json::from_slice(recorded).unwrap();
+        assert_eq!(
+            (&shown["frame"], &shown["touches"]),
+            (&recorded["frame"], &recorded["touches"])
+        );
+    }
+    assert_eq!(shown.len(), recorded.len());
+}
