@@ -11,6 +11,7 @@ use inverse::reference::inspection::Inspection;
 use inverse::reference::screening::Finding;
 use inverse::touches::touch::Touch;
 use link::{LinkCounters, MeasuredFrame};
+use recording::Counts;
 use serde::Serialize;
 use std::collections::VecDeque;
 use std::io::{IsTerminal, Write};
@@ -87,6 +88,8 @@ pub(crate) struct Output {
     said_at: Instant,
     /// What is left out of the baseline.
     left_out: Vec<Finding>,
+    /// What is recorded so far.
+    recorded: Option<Counts>,
     /// The kind of doubt that was said last, and when.
     doubted: Option<(Discriminant<Doubt>, Instant)>,
 }
@@ -109,6 +112,7 @@ impl Output {
             said: String::new(),
             said_at: Instant::now(),
             left_out: Vec::new(),
+            recorded: None,
             doubted: None,
         }
     }
@@ -131,6 +135,11 @@ impl Output {
     /// What is shown.
     pub(crate) fn shown(&self) -> Option<&Arc<Picture>> {
         self.last.as_ref()
+    }
+
+    /// What is recorded so far, for the line on the terminal.
+    pub(crate) fn set_recorded(&mut self, counts: Counts) {
+        self.recorded = Some(counts);
     }
 
     /// Ends the line on the terminal, so that what is said next has one of its own.
@@ -272,11 +281,15 @@ impl Output {
                 format!("({:.0}, {:.0}) mm {:+.0} %{force}", t.x_mm, t.y_mm, 100.0 * t.rise)
             })
             .collect();
-        let text = if list.is_empty() {
+        let mut text = if list.is_empty() {
             "no touch".to_owned()
         } else {
             list.join("   ")
         };
+        if let Some(counts) = &self.recorded {
+            let size_mb = counts.file_bytes as f64 / 1e6;
+            text = format!("recorded {} frames, {size_mb:.1} MB   {text}", counts.frames);
+        }
         if text != self.said {
             eprint!("\r\x1b[K{text}");
             self.said = text;

@@ -26,7 +26,7 @@ pub(crate) fn ended(ended: Ended) -> &'static str {
     match ended {
         Ended::Whole => "closed",
         Ended::Short => "closed without an index, as when the disk is full",
-        Ended::Cut => "cut short",
+        Ended::Cut => "cut short, or still being written",
     }
 }
 

@@ -467,8 +467,11 @@ impl Run<'_> {
             && self.show.frames.is_none_or(|n| pictures < n)
             && self.seconds.is_none_or(|s| shown_s < s)
         {
-            if let Some(why) = self.recorder.as_mut().and_then(Recorder::failure) {
-                say!("warning: {why}; the picture goes on");
+            if let Some(recorder) = &mut self.recorder {
+                self.output.set_recorded(recorder.counts());
+                if let Some(why) = recorder.failure() {
+                    say!("warning: {why}; the picture goes on");
+                }
             }
             if let Some(command) = self.output.command() {
                 self.obey(command)?;

@@ -18,10 +18,10 @@ pub trait Target: Write {
     fn settle(&mut self) -> io::Result<()>;
 }
 
-/// Opened to append.
 impl Target for File {
     fn cut(&mut self, length: u64) -> io::Result<()> {
-        self.set_len(length)
+        self.set_len(length)?;
+        self.seek(SeekFrom::End(0)).map(|_| ())
     }
 
     fn settle(&mut self) -> io::Result<()> {

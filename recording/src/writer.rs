@@ -32,7 +32,7 @@ impl Writer<File> {
     pub fn create(path: &Path) -> Result<Self, RecordingError> {
         let file = path.display().to_string();
         let target = OpenOptions::new()
-            .append(true)
+            .write(true)
             .create_new(true)
             .open(path)
             .map_err(|e| RecordingError::io(&file, e))?;
@@ -240,5 +240,57 @@ mod tests {
             kept.is_sorted() && kept[0] == 0 && kept.last() == Some(&100),
             "{kept:?}"
         );
+    }
+
+    /// Takes everything and keeps nothing.
+    struct Nowhere;
+
+    impl std::io::Write for Nowhere {
+        fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+            Ok(bytes.len())
+        }
+
+        fn flush(&mut self) -> std::io::Result<()> {
+            Ok(())
+        }
+    }
+
+    impl Target for Nowhere {
+        fn cut(&mut self, _: u64) -> std::io::Result<()> {
+            Ok(())
+        }
+
+        fn settle(&mut self) -> std::io::Result<()> {
+            Ok(())
+        }
+    }
+
+    /// `cargo test -p recording -- --ignored the_index_of_a_day --nocapture`
+    #[cfg(target_os = "linux")]
+    #[test]
+    #[ignore = "a measurement"]
+    fn the_index_of_a_day_in_memory() {
+        let resident_kb = || -> u64 {
+            let status = std::fs::read_to_string("/proc/self/status").unwrap();
+            let line = status.lines().find(|l| l.starts_with("VmRSS")).unwrap();
+            line.split_whitespace().nth(1).unwrap().parse().unwrap()
+        };
+        let mut writer = Writer::of(Nowhere, "nowhere".to_owned()).unwrap();
+        let before = resident_kb();
+        for k in 0..2 * 86_400_u64 {
+            for topic in Topic::ALL {
+                writer.message(topic, k, k, &[7; 60]).unwrap();
+            }
+            writer.flush().unwrap();
+        }
+        let kb = resident_kb() - before;
+        let start = std::time::Instant::now();
+        writer.finish().unwrap();
+        println!(
+            "a day of chunks: {} MB, closed in {:.2} s",
+            kb / 1024,
+            start.elapsed().as_secs_f64()
+        );
+        assert!(kb < 200_000);
     }
 }

@@ -263,7 +263,7 @@ fn a_recording_tells_what_is_in_it() {
 
 /// A tip of 25 mm that presses with 25 N from 2.8 s to 12.8 s, on a board that waits for its reader: recorded in no time.
 #[cfg(target_os = "linux")]
-fn held_press(folder: &Path) -> PathBuf {
+fn held_press(folder: &Path, faults: &[&str]) -> PathBuf {
     use std::io::{BufRead, BufReader};
     let scene = folder.join("hold.toml");
     let keys = [[2.5, 0.0], [2.8, 25.0], [12.8, 25.0], [13.1, 0.0]]
@@ -273,7 +273,7 @@ fn held_press(folder: &Path) -> PathBuf {
         keys.join(", ")
     );
     std::fs::write(&scene, described).unwrap();
-    let mut board = program(&["sim", "--pty", "--unpaced", "--scene", text(&scene)])
+    let mut board = program(&[&["sim", "--pty", "--unpaced", "--scene", text(&scene)], faults].concat())
         .stdout(Stdio::piped())
         .spawn()
         .unwrap();
@@ -289,12 +289,28 @@ fn held_press(folder: &Path) -> PathBuf {
     file
 }
 
+/// A board that was reset in the middle of a frame, and bytes that were lost on the way: the same happens in the replay.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_replay_goes_through_a_reset_and_damaged_frames() {
+    let folder = tempfile::tempdir().unwrap();
+    let faults = ["--fault", "board_reset@6+0.1", "--fault", "bytes_lost:0.0005@8+4"];
+    let file = held_press(folder.path(), &faults);
+    let info: Value = serde_json::from_str(&skin(&["info", text(&file), "--json"])).unwrap();
+    assert_eq!(info["resets"], 1, "{info}");
+    assert!(info["damaged_messages"].as_u64().unwrap() > 10, "{info}");
+    let replay = output(&["replay", text(&file), "--json", "--speed", "max"]);
+    let says = format!("{} pictures, every one with the recorded touches", info["pictures"]);
+    assert!(said(&replay).contains(&says), "{}", said(&replay));
+    assert_eq!(pictures(&replay).len() as u64, info["pictures"].as_u64().unwrap());
+}
+
 /// What reads a board reads a recording, and what reads a table too; all exports hold the same frames.
 #[cfg(target_os = "linux")]
 #[test]
 fn commands_read_a_recording_as_they_read_a_board() {
     let folder = tempfile::tempdir().unwrap();
-    let file = held_press(folder.path());
+    let file = held_press(folder.path(), &[]);
     let name = |name: &str| text(&folder.path().join(name)).to_owned();
     let json = |arguments: &[&str]| -> Value { serde_json::from_str(&skin(arguments)).unwrap() };
 
