@@ -4,6 +4,7 @@ use crate::files::arrays::write::{ArrayFile, Mat, Npz, Of};
 use crate::files::order::Order;
 use crate::recorded::SessionRecord;
 use crate::recorded_frames::{self, Part, RecordedFrames, RecordedTable};
+use crate::usage::Usage;
 use ::forward::Pattern;
 use anyhow::{Context, Result, anyhow, bail};
 use clap::{Args, ValueEnum};
@@ -66,6 +67,15 @@ pub(crate) struct Arguments {
 /// The recording cannot be read or is too long for the format, or the new file cannot be written.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let from = &arguments.file;
+    let of_frames = matches!(arguments.to, Format::FramesCsv | Format::Npz | Format::Mat);
+    if arguments.order.is_some() && !of_frames {
+        let why = "--order is for npz, mat and frames-csv: every other row says what it is";
+        return Err(Usage(why.to_owned()).into());
+    }
+    if arguments.part.is_asked() && arguments.to == Format::TouchesCsv {
+        let why = "touches-csv takes the whole recording; leave --from-s, --to-s and --every out";
+        return Err(Usage(why.to_owned()).into());
+    }
     let out = arguments
         .out
         .clone()

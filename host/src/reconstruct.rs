@@ -10,6 +10,7 @@ use crate::progress::Progress;
 use crate::recorded_frames::{self, Part};
 use crate::table_baseline::{BaselineArguments, Frame};
 use crate::table_sheet::Geometry;
+use crate::usage::Usage;
 use crate::{number, sheet};
 use ::forward::Sheet;
 use anyhow::{Context, Result, bail};
@@ -181,6 +182,10 @@ fn read(arguments: &Arguments) -> Result<Input> {
             sheet: Some(recorded.sheet),
             baseline: recorded.baseline,
         });
+    }
+    if arguments.part.is_asked() {
+        let why = "--from-s, --to-s and --every are for a recording, which --from names";
+        return Err(Usage(why.to_owned()).into());
     }
     let path = arguments.file.as_deref().unwrap_or_else(|| Path::new(""));
     let mut table = match arguments.order {

@@ -31,6 +31,11 @@ pub(crate) struct Part {
 }
 
 impl Part {
+    /// Whether the command line asks for a part.
+    pub(crate) fn is_asked(&self) -> bool {
+        self.from_s.is_some() || self.to_s.is_some() || self.every.is_some()
+    }
+
     fn takes(&self, number: u64, at_s: f64) -> bool {
         number.is_multiple_of(self.every.unwrap_or(1))
             && at_s >= self.from_s.unwrap_or(0.0)

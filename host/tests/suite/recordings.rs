@@ -25,6 +25,27 @@ fn text(path: &Path) -> &str {
     path.to_str().unwrap()
 }
 
+/// A program that ends with the test, whatever becomes of it.
+struct Started(Child);
+
+impl Started {
+    fn new(command: &mut Command) -> Self {
+        Self(command.spawn().unwrap())
+    }
+
+    fn kill(&mut self) {
+        // Perhaps it has ended.
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+impl Drop for Started {
+    fn drop(&mut self) {
+        self.kill();
+    }
+}
+
 /// JSON lines without the times that solving took.
 fn pictures(output: &Output) -> Vec<Value> {
     assert!(output.status.success(), "{}", said(output));
@@ -133,24 +154,23 @@ fn a_replay_starts_from_the_stored_baseline() {
 /// Records until the file holds some seconds, and kills without a warning at a random moment. The file and when it was killed.
 fn killed(folder: &Path, name: &str, after: Duration) -> (PathBuf, f64) {
     let file = folder.join(name);
-    let mut child: Child = program(&["record", text(&file), "--scene", "hand"])
-        .stdout(Stdio::null())
-        .stderr(Stdio::null())
-        .spawn()
-        .unwrap();
+    let mut child = Started::new(
+        program(&["record", text(&file), "--scene", "hand"])
+            .stdout(Stdio::null())
+            .stderr(Stdio::null()),
+    );
     // From the first frame on.
     loop {
         let begun = file.exists() && Reader::open(&file).is_ok_and(|mut r| r.find(Topic::Board).unwrap().is_some());
         if begun {
             break;
         }
-        assert!(child.try_wait().unwrap().is_none(), "it ended by itself");
+        assert!(child.0.try_wait().unwrap().is_none(), "it ended by itself");
         std::thread::sleep(Duration::from_millis(5));
     }
     std::thread::sleep(after);
     let at_s = SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_secs_f64();
-    child.kill().unwrap();
-    child.wait().unwrap();
+    child.kill();
     (file, at_s)
 }
 
@@ -273,18 +293,15 @@ fn held_press(folder: &Path, faults: &[&str]) -> PathBuf {
         keys.join(", ")
     );
     std::fs::write(&scene, described).unwrap();
-    let mut board = program(&[&["sim", "--pty", "--unpaced", "--scene", text(&scene)], faults].concat())
-        .stdout(Stdio::piped())
-        .spawn()
-        .unwrap();
+    let arguments = [&["sim", "--pty", "--unpaced", "--scene", text(&scene)], faults].concat();
+    let mut board = Started::new(program(&arguments).stdout(Stdio::piped()));
     let mut port = String::new();
-    BufReader::new(board.stdout.take().unwrap())
+    BufReader::new(board.0.stdout.take().unwrap())
         .read_line(&mut port)
         .unwrap();
     let file = folder.join("hold.mcap");
     let recorded = output(&["record", text(&file), "--port", port.trim(), "--seconds", "20"]);
-    board.kill().unwrap();
-    board.wait().unwrap();
+    board.kill();
     assert!(recorded.status.success(), "{}", said(&recorded));
     file
 }
@@ -392,13 +409,13 @@ fn commands_read_a_recording_as_they_read_a_board() {
 
 /// Waits until a recording that goes on holds what is wanted.
 #[cfg(target_os = "linux")]
-fn until(file: &Path, child: &mut Child, holds: impl Fn(&[(u64, Vec<u8>)]) -> bool) {
+fn until(file: &Path, child: &mut Started, holds: impl Fn(&[(u64, Vec<u8>)]) -> bool) {
     loop {
         let ready = Reader::open(file).is_ok() && holds(&messages(file, Topic::Live).0);
         if ready {
             return;
         }
-        assert!(child.try_wait().unwrap().is_none(), "it ended by itself");
+        assert!(child.0.try_wait().unwrap().is_none(), "it ended by itself");
         std::thread::sleep(Duration::from_millis(20));
     }
 }
@@ -418,7 +435,7 @@ fn a_replay_takes_baselines_where_the_page_did() {
     use std::io::{BufRead, BufReader, Read, Write};
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("page.mcap");
-    let mut child = program(&[
+    let arguments = [
         "run",
         "--scene",
         "hand",
@@ -427,12 +444,9 @@ fn a_replay_takes_baselines_where_the_page_did() {
         "--no-open",
         "--record",
         text(&file),
-    ])
-    .stdout(Stdio::null())
-    .stderr(Stdio::piped())
-    .spawn()
-    .unwrap();
-    let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
+    ];
+    let mut child = Started::new(program(&arguments).stdout(Stdio::null()).stderr(Stdio::piped()));
+    let mut lines = BufReader::new(child.0.stderr.take().unwrap()).lines();
     let address = lines
         .find_map(|l| Some(l.unwrap().split_once("http://")?.1.split('/').next()?.to_owned()))
         .unwrap();
@@ -465,8 +479,8 @@ fn a_replay_takes_baselines_where_the_page_did() {
     let pictures = |file: &Path| messages(file, Topic::Touches).0.len();
     let so_far = pictures(&file);
     until(&file, &mut child, |_| pictures(&file) > so_far + 30);
-    Command::new("kill").arg(child.id().to_string()).status().unwrap();
-    assert!(child.wait().unwrap().success());
+    Command::new("kill").arg(child.0.id().to_string()).status().unwrap();
+    assert!(child.0.wait().unwrap().success());
     rest.join().unwrap();
 
     let replay = output(&["replay", text(&file), "--json", "--speed", "max"]);
