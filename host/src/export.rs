@@ -190,6 +190,9 @@ fn picks(order: Order, pattern: &Pattern) -> Result<Picks> {
         .collect()
 }
 
+/// Name of the order that the plan itself has.
+const AS_MEASURED: &str = "the board's";
+
 /// The values in the order that was asked for, or in the format's own where the plan has it, or as they were measured.
 fn chosen(asked: Option<Order>, usual: Option<Order>, pattern: &Pattern) -> Result<(Picks, String)> {
     let as_measured = || (0..pattern.len()).map(|k| (k, 1.0)).collect();
@@ -199,10 +202,10 @@ fn chosen(asked: Option<Order>, usual: Option<Order>, pattern: &Pattern) -> Resu
             Ok(picks) => Ok((picks, order.name().to_owned())),
             Err(why) => {
                 eprintln!("{why:#}: the values are written as they were measured; drive and sense say what they are");
-                Ok((as_measured(), "the board's".to_owned()))
+                Ok((as_measured(), AS_MEASURED.to_owned()))
             }
         },
-        (None, None) => Ok((as_measured(), "the board's".to_owned())),
+        (None, None) => Ok((as_measured(), AS_MEASURED.to_owned())),
     }
 }
 
@@ -288,7 +291,9 @@ fn arrays<F: ArrayFile>(
     out.begin("sequence", count, 1, Of::Unsigned)?;
     out.unsigned(&sequences)?;
     out.end()?;
-    indices(&mut out, &pattern, &picks, usual)?;
+    // ex_mat is pyEIT's only where every drive has as many values, as in its orders.
+    let regular = usual == Order::Pyeit && order != AS_MEASURED;
+    indices(&mut out, &pattern, &picks, regular, usual != Order::Pyeit)?;
     out.finish()?;
     let kept = of_baseline.map_or(String::new(), |_| format!(", the baseline as {unpressed}"));
     Ok(format!(
@@ -297,10 +302,9 @@ fn arrays<F: ArrayFile>(
     ))
 }
 
-/// What the values are: for pyEIT its ex_mat and meas_mat, electrodes from 0; for MATLAB drive and sense, from 1.
-fn indices(out: &mut impl ArrayFile, pattern: &Pattern, picks: &Picks, usual: Order) -> Result<()> {
-    let pyeit = usual == Order::Pyeit;
-    let from = u32::from(!pyeit);
+/// What the values are: pyEIT's ex_mat and meas_mat, or drive and sense of every value; electrodes from 0 or 1.
+fn indices(out: &mut impl ArrayFile, pattern: &Pattern, picks: &Picks, pyeit: bool, from_one: bool) -> Result<()> {
+    let from = u32::from(from_one);
     let pairs: Vec<([u32; 2], [u32; 2])> = picks
         .iter()
         .map(|(k, sign)| {

@@ -106,7 +106,9 @@ impl Replayed {
 
     fn say(&self, file: &str, ended: bool) {
         let pictures = self.same + self.different;
-        if self.different > 0 {
+        if pictures == 0 {
+            say!("{file}: no picture in it; skin info says what there is");
+        } else if self.different > 0 {
             say!(
                 "warning: {file}: {} of {pictures} pictures have other touches than were recorded, from frame {} on",
                 self.different,

@@ -60,7 +60,7 @@ impl Recorder {
         waiting.into_file(path)
     }
 
-    /// Without a file yet: [`Recorder::into_file`] makes one, with a name that the board's greeting tells.
+    /// Without a file yet: [`WaitingRecorder::into_file`] makes one, with a name that the board's greeting tells.
     pub fn waiting() -> WaitingRecorder {
         let (tap, queue) = Tap::new();
         WaitingRecorder { tap, queue }
