@@ -395,6 +395,7 @@ mod tests {
     use crate::sink::full_disk::Disk;
     use std::io::{self, Cursor, Read, Write};
     use std::sync::Mutex;
+    use std::sync::atomic::AtomicBool;
 
     /// A port that gives one message of the wire at every read.
     struct Board(u8);
@@ -418,13 +419,18 @@ mod tests {
         }
     }
 
-    /// A disk that does not answer while somebody holds it.
-    struct Slow(Arc<Mutex<()>>, Disk);
+    /// A disk that does not answer while somebody holds it, and says when it is waited for.
+    struct Slow {
+        answers: Arc<Mutex<()>>,
+        asked: Arc<AtomicBool>,
+        disk: Disk,
+    }
 
     impl Write for Slow {
         fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-            let _held = self.0.lock().unwrap();
-            self.1.write(bytes)
+            self.asked.store(true, Ordering::Release);
+            let _held = self.answers.lock().unwrap();
+            self.disk.write(bytes)
         }
 
         fn flush(&mut self) -> io::Result<()> {
@@ -434,7 +440,7 @@ mod tests {
 
     impl Target for Slow {
         fn cut(&mut self, length: u64) -> io::Result<()> {
-            self.1.cut(length)
+            self.disk.cut(length)
         }
 
         fn settle(&mut self) -> io::Result<()> {
@@ -462,9 +468,20 @@ mod tests {
             ..Disk::default()
         };
         let answers = Arc::new(Mutex::new(()));
-        let writer = Writer::of(Slow(Arc::clone(&answers), disk.clone()), "disk".to_owned()).unwrap();
+        let asked = Arc::new(AtomicBool::new(false));
+        let slow = Slow {
+            answers: Arc::clone(&answers),
+            asked: Arc::clone(&asked),
+            disk: disk.clone(),
+        };
+        let writer = Writer::of(slow, "disk".to_owned()).unwrap();
         let held = answers.lock().unwrap();
+        asked.store(false, Ordering::Release);
         let thread = std::thread::spawn(move || record(writer, &queue, b"{}"));
+        // From now on nothing is taken from the queue.
+        while !asked.load(Ordering::Acquire) {
+            std::thread::yield_now();
+        }
         let mut port = tap.port(Board(0));
         let mut buffer = [0; 64];
         for _ in 0..reads {

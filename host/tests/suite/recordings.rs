@@ -46,13 +46,16 @@ impl Drop for Started {
     }
 }
 
-/// JSON lines without the times that solving took.
+/// JSON lines without what is of the moment when they were printed: the time that solving took, and the baseline's age.
 fn pictures(output: &Output) -> Vec<Value> {
     assert!(output.status.success(), "{}", said(output));
     let lines = output.stdout.split(|b| *b == b'\n').filter(|l| !l.is_empty());
     let without_time = |line| {
         let mut line: Value = serde_json::from_slice(line).unwrap();
         line.as_object_mut().unwrap().remove("solve_us").unwrap();
+        if let Some(baseline) = line.get_mut("baseline") {
+            baseline.as_object_mut().unwrap().remove("age_s").unwrap();
+        }
         line
     };
     lines.map(without_time).collect()
@@ -70,14 +73,28 @@ fn messages(path: &Path, topic: Topic) -> (Vec<(u64, Vec<u8>)>, Ended) {
     (out, reader.ended().unwrap())
 }
 
-/// What `skin run` prints while it records is what the replay prints, to the last bit, with the age of the baseline; and nothing is
-/// lost in the file.
+/// The ages of the baseline, in whole seconds.
+fn ages_s(output: &Output) -> Vec<f64> {
+    let lines = output.stdout.split(|b| *b == b'\n').filter(|l| !l.is_empty());
+    let age = |line| serde_json::from_slice::<Value>(line).unwrap()["baseline"]["age_s"].as_f64();
+    lines.filter_map(age).collect()
+}
+
+/// What `skin run` prints while it records is what the replay prints, to the last bit; and nothing is missing in the file.
 fn same_again(folder: &Path, name: &str, arguments: &[&str]) -> Vec<Value> {
     let file = folder.join(name);
-    let live = output(&[&["run", "--json", "--record", text(&file)], arguments].concat());
-    let live = pictures(&live);
+    let run = output(&[&["run", "--json", "--record", text(&file)], arguments].concat());
+    let live = pictures(&run);
     let replay = output(&["replay", text(&file), "--json", "--speed", "max"]);
     assert_eq!(live, pictures(&replay));
+    // A picture is recorded just after it was printed, perhaps in the next second.
+    let (then, now) = (ages_s(&run), ages_s(&replay));
+    assert_eq!(then.len(), now.len());
+    assert!(
+        then.iter()
+            .zip(&now)
+            .all(|(then, now)| (0.0..=1.0).contains(&(now - then)))
+    );
     let says = format!("{} pictures, every one with the recorded touches", live.len());
     assert!(said(&replay).contains(&says), "{}", said(&replay));
     assert!(!said(&replay).contains("warning: skin"), "{}", said(&replay));
