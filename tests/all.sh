@@ -61,6 +61,19 @@ if ! browser; then
 fi
 # Examples and benches are checked by clippy; they are not built here.
 step "tests of every crate, and end to end" cargo test --workspace --locked --no-fail-fast --lib --bins --tests
+if have python3; then
+    start=$SECONDS
+    printf '\n== recordings in Python\n'
+    python3 tests/recordings.py target/debug/skin
+    case $? in
+        0) ;;
+        77) skip "recordings in Python: no packages mcap and numpy (pip install mcap numpy scipy)" ;;
+        *) failed+=("tests/recordings.py") ;;
+    esac
+    took "recordings in Python" "$start"
+else
+    skip "recordings in Python: no python3"
+fi
 step "documentation examples" cargo test --workspace --locked --no-fail-fast --doc
 if ! $quick; then
     printf '\n== the firmware on emulated Cortex-M processors\n'

@@ -26,7 +26,7 @@
 use crate::curve::Point;
 use crate::geometry::{Electrode, Outline, Place, Sheet};
 use crate::pattern::{Measurement, Pair, Pattern, PatternError};
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 /// What is wrong with a sheet's file.
@@ -94,16 +94,32 @@ struct Ring {
     clockwise: bool,
 }
 
-#[derive(Deserialize)]
+#[derive(Default, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 struct One {
+    #[serde(skip_serializing_if = "Option::is_none")]
     angle_deg: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     arc_mm: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     point_mm: Option<Point>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     centre_mm: Option<Point>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     width_mm: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     radius_mm: Option<f64>,
     contact_mm: f64,
+}
+
+/// What is written: every electrode by itself.
+#[derive(Serialize)]
+struct Written<'a> {
+    sheet_resistance_ohm: f64,
+    outline: &'a Outline,
+    #[serde(skip_serializing_if = "<[_]>::is_empty")]
+    holes: &'a [Outline],
+    electrodes: Vec<One>,
 }
 
 #[derive(Default, Deserialize)]
@@ -141,6 +157,37 @@ impl Measurements {
 }
 
 impl One {
+    fn of(electrode: &Electrode) -> Self {
+        let contact_mm = electrode.contact_mm;
+        let none = Self::default();
+        match electrode.place {
+            Place::Angle { angle_deg, width_mm } => Self {
+                angle_deg: Some(angle_deg),
+                width_mm: Some(width_mm),
+                contact_mm,
+                ..none
+            },
+            Place::Arc { arc_mm, width_mm } => Self {
+                arc_mm: Some(arc_mm),
+                width_mm: Some(width_mm),
+                contact_mm,
+                ..none
+            },
+            Place::Point { point_mm, width_mm } => Self {
+                point_mm: Some(point_mm),
+                width_mm: Some(width_mm),
+                contact_mm,
+                ..none
+            },
+            Place::Inside { centre_mm, radius_mm } => Self {
+                centre_mm: Some(centre_mm),
+                radius_mm: Some(radius_mm),
+                contact_mm,
+                ..none
+            },
+        }
+    }
+
     fn place(&self) -> Option<Place> {
         match (
             self.angle_deg,
@@ -200,9 +247,53 @@ pub fn parse_sheet(text: &str) -> Result<(Sheet, Pattern), SheetFileError> {
     Ok((sheet, pattern))
 }
 
+/// The text of a sheet, from which [`parse_sheet`] reads the same to the last bit. Every electrode stands by itself.
+///
+/// # Errors
+/// What the format cannot hold, which no sheet has.
+pub fn sheet_text(sheet: &Sheet) -> Result<String, toml::ser::Error> {
+    toml::to_string(&Written {
+        sheet_resistance_ohm: sheet.sheet_resistance_ohm,
+        outline: &sheet.outline,
+        holes: &sheet.holes,
+        electrodes: sheet.electrodes.iter().map(One::of).collect(),
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_sheet_is_written_and_read_to_the_last_bit() {
+        let contact_mm = 1.0 / 3.0;
+        let places = [
+            Place::Arc {
+                arc_mm: 0.1 + 0.2,
+                width_mm: 10.0,
+            },
+            Place::Point {
+                point_mm: [97.5, -1e-17],
+                width_mm: 3.0,
+            },
+            Place::Inside {
+                centre_mm: [0.0, 1.1],
+                radius_mm: 3.3,
+            },
+        ];
+        let mut sheet = Sheet::paper();
+        sheet
+            .electrodes
+            .extend(places.map(|place| Electrode { place, contact_mm }));
+        sheet.holes.push(Outline::Polygon {
+            points_mm: vec![[0.1, 0.2], [3.0, 0.7], [1.0, 9.0]],
+        });
+        assert_eq!(parse_sheet(&sheet_text(&sheet).unwrap()).unwrap().0, sheet);
+        assert_eq!(
+            parse_sheet(&sheet_text(&Sheet::paper()).unwrap()).unwrap().0,
+            Sheet::paper()
+        );
+    }
 
     const PAPER: &str = "sheet_resistance_ohm = 1000.0
 outline = { kind = \"disc\", diameter_mm = 195.0 }

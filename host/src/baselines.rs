@@ -1,6 +1,7 @@
 //! The baseline in force, those before it for an undo, and the last good one, stored for the next start.
 
 use crate::files::baseline_file::{self, BaselineFileError, Stored, Subject, unix_s};
+use crate::say::say;
 use anyhow::{Result, bail};
 use inverse::reference::baseline::Baseline;
 use inverse::reference::departure::{Departure, DriftOptions};
@@ -70,7 +71,7 @@ impl Baselines {
                 Ok(stored) => Some(stored),
                 Err(BaselineFileError::Missing { .. }) => None,
                 Err(why) => {
-                    eprintln!("{why}; the next baseline is not compared with it, and takes its place");
+                    say!("{why}; the next baseline is not compared with it, and takes its place");
                     None
                 }
             };
@@ -96,7 +97,7 @@ impl Baselines {
             bail!("there is no folder with stored baselines; name one with --state-dir");
         };
         let stored = baseline_file::read(&store.path, &store.subject)?;
-        eprintln!("baseline of {} ago, from {}", words(age(&stored)), store.path.display());
+        say!("baseline of {} ago, from {}", words(age(&stored)), store.path.display());
         let baseline = stored.baseline.clone();
         self.now = Some(Dated {
             is: stored,
@@ -116,7 +117,7 @@ impl Baselines {
         let at_start = self.now.is_none();
         let differs = self.store.as_mut().and_then(|store| store.keep(&is));
         if let Some(differs) = &differs {
-            eprintln!("warning: {differs}");
+            say!("warning: {differs}");
         }
         self.put(Dated {
             is,
@@ -139,11 +140,11 @@ impl Baselines {
         if !taking && let Some(before) = self.earlier.pop() {
             self.now = Some(before);
         } else if !taking || self.now.is_none() {
-            eprintln!("there is no earlier baseline to go back to");
+            say!("there is no earlier baseline to go back to");
             return None;
         }
         let now = self.now.as_ref()?;
-        eprintln!("back to the baseline of {} ago", words(age(&now.is)));
+        say!("back to the baseline of {} ago", words(age(&now.is)));
         Some(now.is.baseline.clone())
     }
 
@@ -165,12 +166,12 @@ impl Store {
             let age_h = age(holds).as_secs_f64() / 3600.0;
             let departure = Departure::of(&new.baseline, &holds.baseline, age_h, &DriftOptions::default());
             if departure.is_none() {
-                eprintln!("the stored baseline has too few values to compare the new one with, which takes its place");
+                say!("the stored baseline has too few values to compare the new one with, which takes its place");
             }
             departure.filter(|d| d.differs).map(|d| (age(holds), d))
         });
         if let Some((age, departure)) = compared {
-            eprintln!(
+            say!(
                 "the values changed by {:.2} % rms beside the common gain, noise and drift explain {:.2} %; the stored baseline is \
                  kept, --baseline replace puts a new one in its place",
                 100.0 * departure.change,
@@ -187,7 +188,7 @@ impl Store {
                 self.holds = Some(new.clone());
                 self.replace = false;
             }
-            Err(cause) => eprintln!(
+            Err(cause) => say!(
                 "warning: {}: {cause}; the baseline is not stored, one that was stored before is kept",
                 self.path.display()
             ),

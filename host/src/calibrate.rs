@@ -1,8 +1,11 @@
 //! `skin calibrate`: the rubber's parameters from a press-and-hold.
 
 use crate::files::{calibration_file, press_table};
+use crate::recorded::SessionRecord;
+use crate::replay::PlayedBoard;
 use crate::{number, scene, sheet};
 use ::forward::{Drive, Pattern, Sheet};
+use ::recording::Speed;
 use anyhow::{Context, Result, anyhow, bail};
 use clap::{ArgGroup, Args};
 use hil_sim::{Pace, SimPort};
@@ -12,7 +15,7 @@ use inverse::force::recording::{self, Sample};
 use inverse::live::LiveOptions;
 use inverse::reference::imager::Imager;
 use link::plans::adjacent_plan;
-use link::{Session, ports};
+use link::{MeasuredFrame, Session, ports};
 use serde::Serialize;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -31,6 +34,9 @@ pub(crate) struct Arguments {
     /// Serial port of the board: records now.
     #[arg(long, group = "source", value_name = "PORT")]
     port: Option<String>,
+    /// A recording of a press-and-hold, of one force that --force-n says, that begins with nothing on the sheet.
+    #[arg(long, group = "source", value_name = "RECORDING")]
+    from: Option<PathBuf>,
     /// A press-and-hold of the paper's tip on the simulated skin.
     #[arg(long, group = "source")]
     simulate: bool,
@@ -80,10 +86,11 @@ struct Line {
 /// # Errors
 /// A recording that cannot be read or made, or that does not tell the parameters; a file that cannot be written.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
-    let samples = match (&arguments.file, &arguments.port, &arguments.scene) {
+    let samples = match (&arguments.file, &arguments.port, &arguments.scene, &arguments.from) {
         (Some(table), ..) => press_table::read(table, arguments.force_n)?,
-        (_, Some(port), _) => record(arguments, port)?,
-        (.., Some(file)) => play(arguments, file)?,
+        (_, Some(port), ..) => record(arguments, port)?,
+        (.., Some(file), _) => play(arguments, file)?,
+        (.., Some(recording)) => replay(arguments, recording)?,
         _ => simulate(arguments)?,
     };
     if let Some(path) = &arguments.save {
@@ -177,7 +184,15 @@ fn simulate(arguments: &Arguments) -> Result<Vec<Sample>> {
         .mount(&[Press::tip(at, &path)], true, arguments.seed)
         .map_err(|e| anyhow!(e))?;
     let session = Session::start(port, adjacent_plan)?;
-    take(&session, &Sheet::paper(), Some(at), end, gauge, |_| ())
+    take(
+        &session,
+        || live(&session),
+        &Sheet::paper(),
+        Some(at),
+        end,
+        gauge,
+        |_| (),
+    )
 }
 
 fn play(arguments: &Arguments, file: &Path) -> Result<Vec<Sample>> {
@@ -195,19 +210,53 @@ fn play(arguments: &Arguments, file: &Path) -> Result<Vec<Sample>> {
     }
     let session = Session::start(Box::new(SimPort::new(file.board()?, Pace::Unpaced)?), adjacent_plan)?;
     let gauge = |t_s: f64| file.scene.truth(t_s).iter().map(|t| t.force_n).sum();
-    take(&session, &file.sheet, None, file.duration_s, gauge, |_| ())
+    take(
+        &session,
+        || live(&session),
+        &file.sheet,
+        None,
+        file.duration_s,
+        gauge,
+        |_| (),
+    )
+}
+
+fn held(arguments: &Arguments) -> Result<f64> {
+    let force_n = arguments.force_n;
+    force_n.ok_or_else(|| anyhow!("give the force that is held on the sheet with --force-n"))
+}
+
+/// The press-and-hold of a recording, as it is recorded of a board.
+fn replay(arguments: &Arguments, path: &Path) -> Result<Vec<Sample>> {
+    let force_n = held(arguments)?;
+    let sheet = SessionRecord::read(path)?.sheet()?;
+    let board = PlayedBoard::open(path, Speed::Unpaced)?;
+    let next = || board.frame();
+    let mut samples = take(&board.session, next, &sheet, None, arguments.seconds, |_| 0.0, |_| ())
+        .with_context(|| path.display().to_string())?;
+    recording::hold(&mut samples, force_n)?;
+    Ok(samples)
+}
+
+/// The next frame of a board.
+fn live(session: &Session) -> Result<Option<MeasuredFrame>> {
+    loop {
+        match session.frame(LOOK)? {
+            Some(frame) => return Ok(Some(frame)),
+            None => session.check_silence(SILENCE)?,
+        }
+    }
 }
 
 fn record(arguments: &Arguments, path: &str) -> Result<Vec<Sample>> {
-    let Some(force_n) = arguments.force_n else {
-        bail!("give the force that you will hold on the sheet with --force-n");
-    };
+    let force_n = held(arguments)?;
     let (sheet, _) = sheet::load(arguments.sheet.as_deref())?;
     let port = ports::open(path).map_err(|e| anyhow!(e))?;
     let session = Session::start(port, adjacent_plan).with_context(|| path.to_owned())?;
     eprintln!("taking the baseline, do not touch");
     let mut samples = take(
         &session,
+        || live(&session),
         &sheet,
         None,
         arguments.seconds,
@@ -232,10 +281,11 @@ const LOOK: Duration = Duration::from_millis(100);
 /// begin, or a machine that is busy.
 const SILENCE: Duration = Duration::from_secs(10);
 
-/// Records until `seconds` after the baseline, with the force that the gauge shows at a time; `ready` is told when the baseline
+/// Records the frames that `next` gives until `seconds` after the baseline or to their end, with the force that the gauge shows at a time; `ready` is told when the baseline
 /// is there.
 fn take(
     session: &Session,
+    mut next: impl FnMut() -> Result<Option<MeasuredFrame>>,
     sheet: &Sheet,
     near_mm: Option<[f64; 2]>,
     seconds: f64,
@@ -254,9 +304,11 @@ fn take(
     let mut recorder = Recorder::new(Arc::new(imager), frames, frame_s, near_mm);
     let mut end_s = f64::INFINITY;
     loop {
-        let Some(frame) = session.frame(LOOK)? else {
-            session.check_silence(SILENCE)?;
-            continue;
+        let Some(frame) = next()? else {
+            if !recorder.is_ready() {
+                bail!("it ends before its baseline was taken");
+            }
+            return Ok(recorder.into_samples());
         };
         let before = recorder.is_ready();
         recorder.take(frame.time_s, &frame.values_v, gauge(recorder.middle_s(frame.time_s)))?;

@@ -3,10 +3,12 @@
 use crate::drive::DriveKind;
 use crate::files::measurements::MeasurementTable;
 use crate::progress::Progress;
+use crate::recorded::SessionRecord;
+use crate::replay::PlayedBoard;
 use crate::table_sheet::Geometry;
 use crate::{board, number, sheet, simulated_skin};
 use ::forward::{DiscTouch, Drive, Pattern, Sheet};
-use anyhow::{Result, anyhow, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use clap::{ArgGroup, Args};
 use inverse::live::LiveOptions;
 use inverse::reference::baseline::Baseline;
@@ -16,7 +18,8 @@ use inverse::reference::screening::Finding;
 use inverse::reference::wiring::{self, Wiring, WiringCheck, WiringOptions, order_text};
 use inverse::solvers::Method;
 use link::plans::adjacent_plan;
-use link::{Session, ports};
+use link::{MeasuredFrame, Session, ports};
+use recording::Speed;
 use serde::Serialize;
 use std::io::Write;
 use std::path::PathBuf;
@@ -36,6 +39,9 @@ pub(crate) struct Arguments {
     /// The simulated skin.
     #[arg(long, group = "source")]
     simulate: bool,
+    /// A recording that begins with nothing on the sheet; with --touch the finger is down from 4 s later on.
+    #[arg(long, group = "source", value_name = "RECORDING")]
+    from: Option<PathBuf>,
     /// Frames of the unpressed sheet in the table; several are averaged [default: the first].
     #[arg(long, value_delimiter = ',', value_name = "COLUMN[,COLUMN...]", requires = "file")]
     baseline: Vec<String>,
@@ -337,37 +343,100 @@ fn of_table(arguments: &Arguments) -> Result<Measured> {
     })
 }
 
-fn of_board(arguments: &Arguments) -> Result<Measured> {
-    let session = if arguments.simulate {
-        Session::start(simulated_skin::demo()?, adjacent_plan)?
-    } else if let Some(path) = &arguments.port {
-        Session::start(ports::open(path).map_err(|e| anyhow!(e))?, adjacent_plan)?
-    } else {
+/// Where frames come from.
+enum Source {
+    Board(Session),
+    Recording(PlayedBoard),
+}
+
+impl Source {
+    fn of(arguments: &Arguments) -> Result<Self> {
+        if let Some(path) = &arguments.from {
+            return Ok(Self::Recording(PlayedBoard::open(path, Speed::Unpaced)?));
+        }
+        if arguments.simulate {
+            return Ok(Self::Board(Session::start(simulated_skin::demo()?, adjacent_plan)?));
+        }
+        if let Some(path) = &arguments.port {
+            let port = ports::open(path).map_err(|e| anyhow!(e))?;
+            return Ok(Self::Board(Session::start(port, adjacent_plan)?));
+        }
         match board::first(|port, _| Ok(Session::start(port, adjacent_plan)?))? {
-            Ok(session) => session,
+            Ok(session) => Ok(Self::Board(session)),
             Err(why) => bail!(
-                "no board found ({why}); name its port with --port, a table of frames, or ask the simulated skin with --simulate"
+                "no board found ({why}); name its port with --port, a table of frames, a recording with --from, or ask the simulated \
+                 skin with --simulate"
             ),
         }
+    }
+
+    fn session(&self) -> &Session {
+        match self {
+            Self::Board(session) => session,
+            Self::Recording(board) => &board.session,
+        }
+    }
+
+    fn frame(&self) -> Result<MeasuredFrame> {
+        match self {
+            Self::Recording(board) => board
+                .frame()?
+                .context("the recording is too short; the check takes frames of a quarter of a second, and 4 s later again with --touch"),
+            Self::Board(session) => loop {
+                match session.frame(LOOK)? {
+                    Some(frame) => return Ok(frame),
+                    None => session.check_silence(SILENCE)?,
+                }
+            },
+        }
+    }
+
+    /// Frames of the sheet as it is, and when the last of them was measured, s.
+    fn take(&self) -> Result<(Vec<Vec<f64>>, f64)> {
+        let mut frames = Vec::new();
+        let mut last_s = 0.0;
+        while frames.len() < LiveOptions::default().baseline_frames {
+            let frame = self.frame()?;
+            last_s = frame.time_s;
+            frames.push(frame.values_v);
+        }
+        Ok((frames, last_s))
+    }
+}
+
+fn of_board(arguments: &Arguments) -> Result<Measured> {
+    let source = Source::of(arguments)?;
+    let session = source.session();
+    let sheet: Sheet = match (&arguments.from, arguments.geometry.file()) {
+        (Some(recording), None) => SessionRecord::read(recording)?.sheet()?,
+        (_, file) => sheet::load(file)?.0,
     };
-    let sheet: Sheet = sheet::load(arguments.geometry.file())?.0;
     let (wired, described) = (session.electrodes(), sheet.electrodes.len());
     if wired != described {
         bail!("the board has {wired} electrodes, the sheet {described}; describe the sheet with --sheet");
     }
     let pattern = Pattern::from_pairs(session.electrodes(), session.measurements())?;
     let drive = Drive::PAPER;
-    eprintln!("taking the baseline, do not touch");
-    let unpressed = take(&session)?;
+    let live = arguments.from.is_none();
+    if live {
+        eprintln!("taking the baseline, do not touch");
+    }
+    let (unpressed, taken_s) = source.take()?;
     let touched = match arguments.touch {
         Some([x, y]) => {
-            eprintln!("press at ({x}, {y}) mm and hold for {:.0} s", 2.0 * PRESS.as_secs_f64());
-            let start = std::time::Instant::now();
-            while start.elapsed() < PRESS {
-                session.frame(LOOK)?;
-                session.check_silence(SILENCE)?;
+            if live {
+                eprintln!("press at ({x}, {y}) mm and hold for {:.0} s", 2.0 * PRESS_S);
             }
-            Some(mean(pattern.len(), &take(&session)?).values_v)
+            // A board that was reset meanwhile begins at 0 again.
+            let mut from_s = taken_s;
+            loop {
+                let time_s = source.frame()?.time_s;
+                from_s = from_s.min(time_s);
+                if time_s - from_s >= PRESS_S {
+                    break;
+                }
+            }
+            Some(mean(pattern.len(), &source.take()?.0).values_v)
         }
         None => None,
     };
@@ -379,23 +448,12 @@ fn of_board(arguments: &Arguments) -> Result<Measured> {
     })
 }
 
-/// How long somebody has to come down with a finger.
-const PRESS: Duration = Duration::from_secs(4);
+/// How long somebody has to come down with a finger, s of the board's time.
+const PRESS_S: f64 = 4.0;
 /// How often the loop looks up while no frame comes.
 const LOOK: Duration = Duration::from_millis(100);
 /// A board that says nothing for so long is gone.
 const SILENCE: Duration = Duration::from_secs(3);
-
-fn take(session: &Session) -> Result<Vec<Vec<f64>>> {
-    let mut frames = Vec::new();
-    while frames.len() < LiveOptions::default().baseline_frames {
-        match session.frame(LOOK)? {
-            Some(frame) => frames.push(frame.values_v),
-            None => session.check_silence(SILENCE)?,
-        }
-    }
-    Ok(frames)
-}
 
 fn mean(values: usize, frames: &[Vec<f64>]) -> Baseline {
     let frames: Vec<&[f64]> = frames.iter().map(Vec::as_slice).collect();

@@ -1,6 +1,8 @@
 //! What `skin run` shows: the page, JSON lines, the line on the terminal, doubts.
 
 use crate::files::baseline_file::unix_s;
+use crate::recorded::pressed;
+use crate::say::say;
 use anyhow::{Context, Result};
 use inverse::pipeline::FrameResult;
 use inverse::quality::doubt::Doubt;
@@ -10,6 +12,7 @@ use inverse::reference::inspection::Inspection;
 use inverse::reference::screening::Finding;
 use inverse::touches::touch::Touch;
 use link::{LinkCounters, MeasuredFrame};
+use recording::Counts;
 use serde::Serialize;
 use std::collections::VecDeque;
 use std::io::{IsTerminal, Write};
@@ -61,10 +64,10 @@ struct BaselineLine<'a> {
 }
 
 impl<'a> BaselineLine<'a> {
-    fn of(note: &'a BaselineNote) -> Self {
+    fn of(note: &'a BaselineNote, now_unix_s: f64) -> Self {
         Self {
             // In whole seconds: the system's clock is no more certain.
-            age_s: (unix_s(SystemTime::now()) - note.taken_unix_s).max(0.0).floor(),
+            age_s: (now_unix_s - note.taken_unix_s).max(0.0).floor(),
             stored: note.stored,
             warning: note.warning.as_deref(),
         }
@@ -74,6 +77,10 @@ impl<'a> BaselineLine<'a> {
 /// Where pictures go, with what was shown before.
 pub(crate) struct Output {
     page: Option<LiveView>,
+    /// Whether a JSON line is printed for every picture.
+    json: bool,
+    /// What time it is, s since 1970, in a recording that is played.
+    now_unix_s: Option<f64>,
     source: String,
     baseline: Option<BaselineNote>,
     last: Option<Arc<Picture>>,
@@ -85,6 +92,8 @@ pub(crate) struct Output {
     said_at: Instant,
     /// What is left out of the baseline.
     left_out: Vec<Finding>,
+    /// What is recorded so far.
+    recorded: Option<Counts>,
     /// The kind of doubt that was said last, and when.
     doubted: Option<(Discriminant<Doubt>, Instant)>,
     /// When a drift was said last.
@@ -95,10 +104,12 @@ pub(crate) struct Output {
 const REDRAW_S: f64 = 0.25;
 
 impl Output {
-    /// To a page, or without one as JSON lines; `source` names the board.
-    pub(crate) fn new(page: Option<LiveView>, source: String) -> Self {
+    /// To a page, as JSON lines, or to the terminal alone; `source` names the board.
+    pub(crate) fn new(page: Option<LiveView>, json: bool, source: String) -> Self {
         Self {
             page,
+            json,
+            now_unix_s: None,
             source,
             baseline: None,
             last: None,
@@ -107,6 +118,7 @@ impl Output {
             said: String::new(),
             said_at: Instant::now(),
             left_out: Vec::new(),
+            recorded: None,
             doubted: None,
             drifted: None,
         }
@@ -120,6 +132,29 @@ impl Output {
     /// What somebody at the page asked for.
     pub(crate) fn command(&self) -> Option<Command> {
         self.page.as_ref().and_then(LiveView::command)
+    }
+
+    /// A recording is played, and it is this time in it, s since 1970.
+    pub(crate) fn set_now(&mut self, unix_s: f64) {
+        self.now_unix_s = Some(unix_s);
+    }
+
+    /// What is shown.
+    pub(crate) fn shown(&self) -> Option<&Arc<Picture>> {
+        self.last.as_ref()
+    }
+
+    /// What is recorded so far, for the line on the terminal.
+    pub(crate) fn set_recorded(&mut self, counts: Counts) {
+        self.recorded = Some(counts);
+    }
+
+    /// Ends the line on the terminal, so that what is said next has one of its own.
+    pub(crate) fn end_status(&mut self) {
+        if !self.said.is_empty() {
+            self.said.clear();
+            eprintln!();
+        }
     }
 
     /// Takes note of the baseline in force.
@@ -152,7 +187,7 @@ impl Output {
                 .doubted
                 .is_none_or(|(last, at)| last != kind || at.elapsed() > SAID_AGAIN)
             {
-                eprintln!("warning: frame {}: {doubt}", frame.sequence);
+                say!("warning: frame {}: {doubt}", frame.sequence);
                 self.doubted = Some((kind, Instant::now()));
             }
         }
@@ -160,14 +195,16 @@ impl Output {
         if let Some(notice) = notice
             && self.drifted.is_none_or(|at| at.elapsed() > SAID_AGAIN)
         {
-            eprintln!("notice: frame {}: {notice}", frame.sequence);
+            say!("notice: frame {}: {notice}", frame.sequence);
             self.drifted = Some(Instant::now());
         }
         let status = result.doubt.map(|d| d.to_string());
         let status = status.or_else(|| notice.map(|n| n.to_string()));
         self.show(imager, result, frame, counters, status)?;
-        if self.page.is_none() {
-            return print(result, frame, counters, self.baseline.as_ref(), &self.left_out);
+        if self.json {
+            let now_unix_s = self.now_unix_s.unwrap_or_else(|| unix_s(SystemTime::now()));
+            let baseline = self.baseline.as_ref().map(|note| BaselineLine::of(note, now_unix_s));
+            return print(result, frame, counters, baseline, &self.left_out);
         }
         self.status(result);
         Ok(())
@@ -260,11 +297,15 @@ impl Output {
                 format!("({:.0}, {:.0}) mm {:+.0} %{force}", t.x_mm, t.y_mm, 100.0 * t.rise)
             })
             .collect();
-        let text = if list.is_empty() {
+        let mut text = if list.is_empty() {
             "no touch".to_owned()
         } else {
             list.join("   ")
         };
+        if let Some(counts) = &self.recorded {
+            let size_mb = counts.file_bytes as f64 / 1e6;
+            text = format!("recorded {} frames, {size_mb:.1} MB   {text}", counts.frames);
+        }
         if text != self.said {
             eprint!("\r\x1b[K{text}");
             self.said = text;
@@ -277,20 +318,20 @@ fn print(
     result: &FrameResult,
     frame: &MeasuredFrame,
     counters: LinkCounters,
-    baseline: Option<&BaselineNote>,
+    baseline: Option<BaselineLine<'_>>,
     left_out: &[Finding],
 ) -> Result<()> {
     let mut out = std::io::stdout().lock();
     let line = Line {
         frame: frame.sequence,
         time_s: frame.time_s,
-        touches: result.touches.iter().filter(|t| t.is_pressed()).collect(),
+        touches: pressed(result),
         residual: result.residual,
         gap: result.gap,
         solve_us: result.solve_us,
         lost_frames: counters.lost_frames,
         skipped_frames: counters.skipped_frames,
-        baseline: baseline.map(BaselineLine::of),
+        baseline,
         doubt: result.doubt,
         drift: &result.drift,
         left_out,

@@ -8,10 +8,12 @@ mod calibrate;
 mod capture;
 mod check;
 mod drive;
+mod export;
 mod files;
 mod flash;
 mod forward;
 mod hello;
+mod info;
 mod live_output;
 mod method;
 mod number;
@@ -19,7 +21,13 @@ mod paper;
 mod plan;
 mod progress;
 mod reconstruct;
+mod record;
+mod recorded;
+mod recorded_frames;
+mod recover;
+mod replay;
 mod run;
+mod say;
 mod scene;
 mod settings;
 mod sheet;
@@ -54,6 +62,16 @@ struct Cli {
 enum Command {
     /// Live pictures of the board, or of the simulated skin (what `skin` alone does).
     Run(run::Arguments),
+    /// Records a board into a file: what it sends and what is made of it.
+    Record(record::Arguments),
+    /// Shows a recording as it was shown live.
+    Replay(replay::Arguments),
+    /// What is in a recording.
+    Info(info::Arguments),
+    /// Writes a recording for other programs: tables, numpy, MATLAB.
+    Export(export::Arguments),
+    /// Makes a well-closed file of a recording that was cut short.
+    Recover(recover::Arguments),
     /// Touches and pictures from a table of measured frames.
     Reconstruct(reconstruct::Arguments),
     /// Whether the electrodes are wired in the order that is said, and all of them give a signal.
@@ -98,6 +116,11 @@ fn main() -> ExitCode {
         Some(Command::Sim(arguments)) => sim::run(&arguments),
         Some(Command::Settings(arguments)) => settings::run(&arguments),
         Some(Command::Run(arguments)) => run::run(&arguments),
+        Some(Command::Record(arguments)) => record::run(&arguments),
+        Some(Command::Replay(arguments)) => replay::run(&arguments),
+        Some(Command::Info(arguments)) => info::run(&arguments),
+        Some(Command::Export(arguments)) => export::run(&arguments),
+        Some(Command::Recover(arguments)) => recover::run(&arguments),
         None => run::run(&cli.run),
     };
     match outcome {

@@ -7,10 +7,13 @@ use crate::files::measurements::MeasurementTable;
 use crate::files::order::Order;
 use crate::files::ordered;
 use crate::progress::Progress;
+use crate::recorded_frames::{self, Part};
 use crate::table_baseline::{BaselineArguments, Frame};
 use crate::table_sheet::Geometry;
+use crate::usage::Usage;
 use crate::{number, sheet};
-use anyhow::{Context, Result};
+use ::forward::Sheet;
+use anyhow::{Context, Result, bail};
 use clap::Args;
 use inverse::batch::{Batch, BatchOptions};
 use inverse::pipeline::FrameResult;
@@ -33,7 +36,14 @@ use view::surface::Surface;
 pub(crate) struct Arguments {
     /// Table of measurements (CSV: drive_a, drive_b, sense_a, sense_b, then a column, or _re and _im, for every frame), or with
     /// --order one frame a line (text, .npy, .npz, .mat).
-    file: PathBuf,
+    #[arg(required_unless_present = "from")]
+    file: Option<PathBuf>,
+    /// A recording in place of a table, with its sheet and its wires; its columns are named as skin export names them [default
+    /// baseline: the frames that it was taken of].
+    #[arg(long, value_name = "RECORDING", conflicts_with_all = ["file", "order", "wires"])]
+    from: Option<PathBuf>,
+    #[command(flatten)]
+    part: Part,
     #[command(flatten)]
     baseline: BaselineArguments,
     /// The file has one frame a line, in the order of this program (docs/tables.md).
@@ -154,20 +164,40 @@ fn status(status: Status) -> &'static str {
     }
 }
 
-/// Reads the table, and says what was assumed.
-fn read(arguments: &Arguments) -> Result<MeasurementTable> {
+/// Frames, and what a recording knows of them.
+struct Input {
+    table: MeasurementTable,
+    sheet: Option<Sheet>,
+    baseline: Option<String>,
+}
+
+/// Reads the table or the recording, and says what was assumed.
+fn read(arguments: &Arguments) -> Result<Input> {
+    if let Some(path) = &arguments.from {
+        let recorded = recorded_frames::table(path, &arguments.part, arguments.no_progress)?;
+        if recorded.baseline.is_none() && arguments.baseline.says_nothing() {
+            bail!(
+                "{}: the frames of its baseline are not in the part that is read; name some with --baseline",
+                path.display()
+            );
+        }
+        return Ok(Input {
+            table: recorded.table,
+            sheet: Some(recorded.sheet),
+            baseline: recorded.baseline,
+        });
+    }
+    if arguments.part.is_asked() {
+        let why = "--from-s, --to-s and --every are for a recording, which --from names";
+        return Err(Usage(why.to_owned()).into());
+    }
+    let path = arguments.file.as_deref().unwrap_or_else(|| Path::new(""));
     let mut table = match arguments.order {
         Some(order) => {
-            let (kind, arrays) = arrays::read(&arguments.file)?;
-            ordered::table(
-                order,
-                &arguments.file.display().to_string(),
-                kind,
-                &arrays,
-                &arguments.variable,
-            )?
+            let (kind, arrays) = arrays::read(path)?;
+            ordered::table(order, &path.display().to_string(), kind, &arrays, &arguments.variable)?
         }
-        None => MeasurementTable::read(&arguments.file, &mut Progress::new("reading", arguments.no_progress))?,
+        None => MeasurementTable::read(path, &mut Progress::new("reading", arguments.no_progress))?,
     };
     for note in &table.notes {
         eprintln!("{}: {note}", table.file);
@@ -180,7 +210,11 @@ fn read(arguments: &Arguments) -> Result<MeasurementTable> {
         eprintln!("warning: {}: {note}", table.file);
         table.notes.push(note);
     }
-    Ok(table)
+    Ok(Input {
+        table,
+        sheet: None,
+        baseline: None,
+    })
 }
 
 /// Runs the command.
@@ -193,9 +227,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         .as_deref()
         .map(calibration_file::read)
         .transpose()?;
-    let table = read(arguments)?;
+    let Input { table, sheet, baseline } = read(arguments)?;
     let method = arguments.method;
-    let chosen = arguments.geometry.choose(&table, method)?;
+    let chosen = arguments.geometry.choose_with(&table, method, sheet)?;
     if let Some(missing) = chosen.table_pattern.missing_text(&table.measurements) {
         eprintln!("warning: {}: {missing}", table.file);
     }
@@ -217,7 +251,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         sheet::rewired(chosen.pattern, &arguments.wires)?,
         chosen.cell_mm,
     )?);
-    let prepared = arguments.baseline.prepare(&table, &imager)?;
+    let prepared = arguments.baseline.or(baseline.as_deref()).prepare(&table, &imager)?;
     eprintln!(
         "sheet: {}; pattern: {}; baseline: {}",
         source.sheet, source.pattern, prepared.name

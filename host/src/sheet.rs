@@ -1,5 +1,6 @@
 //! The sheet that a command works on.
 
+use crate::say::say;
 use ::forward::file::parse_sheet;
 use ::forward::{Geometry, Pattern, Sheet};
 use anyhow::{Context, Result, bail};
@@ -38,7 +39,7 @@ pub(crate) fn say(inspection: &Inspection) {
         .difference(baseline, baseline)
         .map_or(0, |d| d.used.iter().filter(|used| **used).count());
     if usable + named < baseline.len() {
-        eprintln!(
+        say!(
             "warning: {} of {} values of the baseline are missing, clipped or next to nothing and are left out; look at the \
              electrodes and the gain",
             baseline.len() - usable - named,
@@ -46,7 +47,7 @@ pub(crate) fn say(inspection: &Inspection) {
         );
     }
     for line in inspection.warnings() {
-        eprintln!("warning: {line}");
+        say!("warning: {line}");
     }
 }
 

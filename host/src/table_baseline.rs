@@ -13,10 +13,10 @@ use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
 /// The baseline, on the command line.
-#[derive(Debug, Args)]
+#[derive(Clone, Debug, Args)]
 pub(crate) struct BaselineArguments {
     /// Frames of the unpressed sheet, or a range of them such as 1-8; several are averaged, and eight or more tell the noise.
-    #[arg(long, required_unless_present_any = ["before", "difference"], value_delimiter = ',', value_name = "COLUMN[,COLUMN...]")]
+    #[arg(long, required_unless_present_any = ["before", "difference", "from"], value_delimiter = ',', value_name = "COLUMN[,COLUMN...]")]
     baseline: Vec<String>,
     /// Each frame's own baseline: a CSV with the columns frame and before, which name a frame and the one of the unpressed sheet
     /// just before it. Frames that have none are compared with --baseline.
@@ -62,6 +62,20 @@ const LEAST_BASELINE: f64 = 1e-3;
 const LARGEST_CHANGE: f64 = 1.0;
 
 impl BaselineArguments {
+    /// Whether the command line names nothing.
+    pub(crate) fn says_nothing(&self) -> bool {
+        self.baseline.is_empty() && self.before.is_none() && !self.difference
+    }
+
+    /// These, with columns of the unpressed sheet where the command line names nothing.
+    pub(crate) fn or(&self, columns: Option<&str>) -> Self {
+        let mut own = self.clone();
+        if self.says_nothing() {
+            own.baseline.extend(columns.map(str::to_owned));
+        }
+        own
+    }
+
     /// What the frames are compared with. What is assumed is said on stderr.
     ///
     /// # Errors

@@ -71,14 +71,25 @@ impl Geometry {
     /// # Errors
     /// A table whose electrodes, pattern or header are not those of the sheet.
     pub(crate) fn choose(&self, table: &MeasurementTable, method: Method) -> Result<Chosen> {
+        self.choose_with(table, method, None)
+    }
+
+    /// The same where the table itself knows its sheet, unless the command line says another.
+    ///
+    /// # Errors
+    /// As [`Geometry::choose`].
+    pub(crate) fn choose_with(&self, table: &MeasurementTable, method: Method, known: Option<Sheet>) -> Result<Chosen> {
         let file = &table.file;
-        let (sheet, wanted) = match &self.sheet {
-            Some(path) => {
+        let known = known.filter(|_| !self.says_sheet());
+        let is_disc = self.sheet.is_none() && known.is_none();
+        let (sheet, wanted) = match (&self.sheet, known) {
+            (None, Some(known)) => (known, None),
+            (Some(path), _) => {
                 let (sheet, pattern) = sheet::load(Some(path))?;
                 let stated = sheet::states_pattern(path)?;
                 (sheet, stated.then_some(pattern))
             }
-            None => (self.disc(table)?, None),
+            (None, None) => (self.disc(table)?, None),
         };
         let electrodes = sheet.electrodes.len();
         if electrodes < table.electrodes {
@@ -123,10 +134,10 @@ impl Geometry {
             }
             None => TablePattern::of_rows(electrodes, &table.measurements),
         };
-        let cell_mm = match (self.cell_mm, &self.sheet) {
+        let cell_mm = match (self.cell_mm, is_disc) {
             (Some(given), _) => given,
-            (None, None) => method.cell_mm() * self.diameter_mm() / PAPER_MM,
-            (None, Some(_)) => sheet::cell_mm(&sheet)? * method.cell_mm() / Method::Nnls.cell_mm(),
+            (None, true) => method.cell_mm() * self.diameter_mm() / PAPER_MM,
+            (None, false) => sheet::cell_mm(&sheet)? * method.cell_mm() / Method::Nnls.cell_mm(),
         };
         let pattern = Pattern::from_list(electrodes, table.measurements.clone()).with_context(|| file.clone())?;
         Ok(Chosen {
@@ -136,6 +147,10 @@ impl Geometry {
             table_pattern,
             cell_mm,
         })
+    }
+
+    fn says_sheet(&self) -> bool {
+        self.sheet.is_some() || self.diameter_mm.is_some() || self.electrodes.is_some() || self.electrode_mm.is_some()
     }
 
     fn diameter_mm(&self) -> f64 {

@@ -31,6 +31,31 @@ pub struct MeasuredFrame {
     pub values_v: Vec<f64>,
 }
 
+impl MeasuredFrame {
+    /// A frame of a board and a plan as numbers.
+    pub fn of(hello: &Hello, plan: &Plan, frame: &Frame) -> Self {
+        let gains = plan
+            .slots
+            .iter()
+            .flat_map(|slot| std::iter::repeat_n(slot.gain, slot.sense.count_ones() as usize));
+        let values_v = frame
+            .values
+            .iter()
+            .zip(gains)
+            .enumerate()
+            .map(|(k, (value, gain))| match hello.volts_per_code(gain) {
+                Some(volts) if !frame.clipped.get(k) => value.codes() * volts,
+                _ => f64::NAN,
+            })
+            .collect();
+        Self {
+            sequence: frame.sequence,
+            time_s: frame.time as f64 / hello.sample_rate(),
+            values_v,
+        }
+    }
+}
+
 impl Session {
     /// Greets the board behind a port, gives it the plan that `choose` makes for it and starts it, without a watch: it sends
     /// frames all the time until [`Session::set_watch`].
@@ -153,7 +178,9 @@ impl Session {
                     }
                     return Ok(None);
                 }
-                Some(FromBoard::Frame(frame)) if self.fits(&frame) => return Ok(Some(self.measured(&frame))),
+                Some(FromBoard::Frame(frame)) if self.fits(&frame) => {
+                    return Ok(Some(MeasuredFrame::of(&self.hello, &self.plan, &frame)));
+                }
                 Some(FromBoard::Hello(hello)) if !hello.is_same_board(&self.hello) => {
                     return Err(LinkError::Lost("another board is behind the port now".to_owned()));
                 }
@@ -190,28 +217,5 @@ impl Session {
 
     fn fits(&self, frame: &Frame) -> bool {
         frame.plan == self.plan.id && frame.values.len() == self.plan.value_count()
-    }
-
-    fn measured(&self, frame: &Frame) -> MeasuredFrame {
-        let gains = self
-            .plan
-            .slots
-            .iter()
-            .flat_map(|slot| std::iter::repeat_n(slot.gain, slot.sense.count_ones() as usize));
-        let values_v = frame
-            .values
-            .iter()
-            .zip(gains)
-            .enumerate()
-            .map(|(k, (value, gain))| match self.hello.volts_per_code(gain) {
-                Some(volts) if !frame.clipped.get(k) => value.codes() * volts,
-                _ => f64::NAN,
-            })
-            .collect();
-        MeasuredFrame {
-            sequence: frame.sequence,
-            time_s: frame.time as f64 / self.hello.sample_rate(),
-            values_v,
-        }
     }
 }

@@ -11,5 +11,6 @@ mod calibrate;
 mod paper;
 mod program;
 mod real_data;
+mod recordings;
 mod tables;
 mod transcripts;

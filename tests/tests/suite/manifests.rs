@@ -4,11 +4,12 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 /// Crates of the workspace, and those of them that each may name in its dependencies.
-const MAY_KNOW: [(&str, &[&str]); 9] = [
+const MAY_KNOW: [(&str, &[&str]); 10] = [
     ("protocol", &[]),
     ("forward", &[]),
     ("firmware", &["protocol"]),
     ("link", &["protocol"]),
+    ("recording", &["protocol"]),
     ("inverse", &["forward"]),
     ("hil-sim", &["firmware", "forward", "protocol"]),
     ("view", &["inverse", "forward"]),
@@ -18,7 +19,16 @@ const MAY_KNOW: [(&str, &[&str]); 9] = [
     ),
     (
         "host",
-        &["studies", "view", "inverse", "link", "hil-sim", "forward", "protocol"],
+        &[
+            "studies",
+            "view",
+            "inverse",
+            "link",
+            "recording",
+            "hil-sim",
+            "forward",
+            "protocol",
+        ],
     ),
 ];
 /// What each may name besides in its tests.

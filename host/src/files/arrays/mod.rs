@@ -5,6 +5,7 @@ mod lines;
 mod mat;
 mod npy;
 mod npz;
+pub(crate) mod write;
 
 use crate::files::malformed::FileError;
 use std::path::Path;

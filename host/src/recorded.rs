@@ -1,0 +1,495 @@
+//! What a recording holds beside the wire, as `skin run` writes it and a replay reads it.
+
+use crate::files::calibration_file;
+use ::forward::Sheet;
+use ::forward::file::{parse_sheet, sheet_text};
+use anyhow::{Context, Result, anyhow, bail};
+use inverse::force::meter::Calibration;
+use inverse::live::LiveOptions;
+use inverse::pipeline::FrameResult;
+use inverse::quality::doubt::Doubt;
+use inverse::reference::baseline::Baseline;
+use inverse::reference::screening::Finding;
+use inverse::touches::touch::Touch;
+use link::{LinkCounters, MeasuredFrame};
+use protocol::Hello;
+use recording::{FORMAT, Reader, Tap, Topic};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::fs::File;
+use std::io::BufReader;
+use std::path::Path;
+use std::sync::Arc;
+use view::picture::{BaselineNote, Picture};
+use view::png;
+
+/// This program, with its version.
+pub(crate) const PROGRAM: &str = concat!("skin ", env!("CARGO_PKG_VERSION"));
+
+/// The board, as it introduced itself.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(crate) struct BoardRecord {
+    pub(crate) name: String,
+    pub(crate) serial: String,
+    pub(crate) firmware: String,
+    pub(crate) git: String,
+    pub(crate) electrodes: usize,
+    pub(crate) excitation_hz: f64,
+}
+
+/// What was recorded, and how: the first message of a file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct SessionRecord {
+    pub(crate) format: u32,
+    pub(crate) program: String,
+    pub(crate) started_unix_s: f64,
+    pub(crate) source: String,
+    pub(crate) board: BoardRecord,
+    pub(crate) values: usize,
+    /// TOML.
+    pub(crate) sheet: String,
+    /// From 1.
+    pub(crate) wires: Vec<usize>,
+    /// TOML.
+    pub(crate) calibration: Option<String>,
+    pub(crate) find_electrodes: bool,
+    pub(crate) baseline_frames: usize,
+    pub(crate) method: String,
+    pub(crate) reach: f64,
+    pub(crate) patience_s: f64,
+    pub(crate) machine: String,
+}
+
+/// What a session is of, beside the options of its reconstruction.
+pub(crate) struct Recorded<'a> {
+    pub(crate) hello: &'a Hello,
+    pub(crate) source: &'a str,
+    pub(crate) values: usize,
+    pub(crate) sheet: &'a Sheet,
+    pub(crate) wires: &'a [usize],
+}
+
+fn machine() -> String {
+    format!("{} {}", std::env::consts::ARCH, std::env::consts::OS)
+}
+
+impl SessionRecord {
+    /// Of a session that begins.
+    ///
+    /// # Errors
+    /// What the formats cannot hold, which no sheet and no calibration has.
+    pub(crate) fn new(of: &Recorded<'_>, options: &LiveOptions, started_unix_s: f64) -> Result<Self> {
+        let hello = of.hello;
+        let calibration = options.calibration.as_ref().map(|c| calibration_file::text(c, None));
+        Ok(Self {
+            format: FORMAT,
+            program: PROGRAM.to_owned(),
+            started_unix_s,
+            source: of.source.to_owned(),
+            board: BoardRecord {
+                name: hello.board.to_string(),
+                serial: hello.serial.to_string(),
+                firmware: hello.firmware.to_string(),
+                git: hello.git.to_string(),
+                electrodes: hello.electrodes.into(),
+                excitation_hz: hello.excitation_hz(),
+            },
+            values: of.values,
+            sheet: sheet_text(of.sheet)?,
+            wires: of.wires.to_vec(),
+            calibration: calibration.transpose()?,
+            find_electrodes: options.find_electrodes,
+            baseline_frames: options.baseline_frames,
+            method: options.method.name().to_owned(),
+            reach: options.reach,
+            patience_s: options.patience_s,
+            machine: machine(),
+        })
+    }
+
+    /// That of a recording.
+    ///
+    /// # Errors
+    /// It is no recording, or a later program's, or too little is left of it.
+    pub(crate) fn read(path: &Path) -> Result<Self> {
+        let file = path.display();
+        let text = Reader::open(path)?.find(Topic::Session)?;
+        let text = text.with_context(|| format!("{file}: the recording ends before its first message"))?;
+        let value: Value = serde_json::from_slice(&text).with_context(|| format!("{file}: its first message"))?;
+        match value["format"].as_u64() {
+            Some(format) if format <= u64::from(FORMAT) => {}
+            format => bail!(
+                "{file}: format {} of recordings, this program knows {FORMAT}; read it with the program that wrote it",
+                format.unwrap_or(0)
+            ),
+        }
+        serde_json::from_value(value).with_context(|| format!("{file}: its first message"))
+    }
+
+    /// The sheet.
+    ///
+    /// # Errors
+    /// It is damaged.
+    pub(crate) fn sheet(&self) -> Result<Sheet> {
+        Ok(parse_sheet(&self.sheet).context("the sheet of the recording")?.0)
+    }
+
+    fn calibration(&self) -> Result<Option<Calibration>> {
+        let read = |text: &String| calibration_file::parse("the calibration of the recording", text);
+        Ok(self.calibration.as_ref().map(read).transpose()?)
+    }
+
+    /// The options of its reconstruction.
+    ///
+    /// # Errors
+    /// They are damaged.
+    pub(crate) fn options(&self) -> Result<LiveOptions> {
+        Ok(LiveOptions {
+            baseline_frames: self.baseline_frames,
+            method: self.method.parse()?,
+            find_electrodes: self.find_electrodes,
+            calibration: self.calibration()?,
+            reach: self.reach,
+            patience_s: self.patience_s,
+        })
+    }
+
+    /// Why this program may find other touches than the one that recorded; none where it is the same on such a machine.
+    pub(crate) fn differs(&self) -> Option<String> {
+        let (program, here) = (PROGRAM, machine());
+        (self.program != program || self.machine != here).then(|| {
+            format!(
+                "recorded by {} on {}, this is {program} on {here}: touches may differ in their last digits",
+                self.program, self.machine
+            )
+        })
+    }
+}
+
+/// A baseline to the last bit; not a number is null.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct BaselineRecord {
+    values_v: Vec<Option<f64>>,
+    noise_v: Option<f64>,
+    frames: usize,
+    deviations: Vec<(f64, f64)>,
+}
+
+fn number(v: f64) -> Option<f64> {
+    v.is_finite().then_some(v)
+}
+
+impl From<&Baseline> for BaselineRecord {
+    fn from(baseline: &Baseline) -> Self {
+        Self {
+            values_v: baseline.values_v.iter().map(|v| number(*v)).collect(),
+            noise_v: number(baseline.noise_v),
+            frames: baseline.frames,
+            deviations: baseline.deviations.clone(),
+        }
+    }
+}
+
+impl From<BaselineRecord> for Baseline {
+    fn from(record: BaselineRecord) -> Self {
+        Self {
+            values_v: record.values_v.iter().map(|v| v.unwrap_or(f64::NAN)).collect(),
+            noise_v: record.noise_v.unwrap_or(f64::NAN),
+            frames: record.frames,
+            deviations: record.deviations,
+        }
+    }
+}
+
+/// What is said of a baseline.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct NoteRecord {
+    taken_unix_s: f64,
+    stored: bool,
+    earlier: usize,
+    warning: Option<String>,
+}
+
+impl From<BaselineNote> for NoteRecord {
+    fn from(note: BaselineNote) -> Self {
+        Self {
+            taken_unix_s: note.taken_unix_s,
+            stored: note.stored,
+            earlier: note.earlier,
+            warning: note.warning,
+        }
+    }
+}
+
+impl From<NoteRecord> for BaselineNote {
+    fn from(note: NoteRecord) -> Self {
+        Self {
+            taken_unix_s: note.taken_unix_s,
+            stored: note.stored,
+            earlier: note.earlier,
+            warning: note.warning,
+        }
+    }
+}
+
+/// A step of the live reconstruction beside the pictures.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "step", rename_all = "snake_case")]
+pub(crate) enum LiveRecord {
+    /// A frame went into the baseline.
+    Baseline { frame: u32, left: usize },
+    /// A new one is taken from now on.
+    Tare,
+    /// This one is in force.
+    Resume { baseline: BaselineRecord },
+    /// What is said of the one in force.
+    InForce { note: Option<NoteRecord> },
+}
+
+/// The touches of a picture.
+#[derive(Serialize)]
+struct TouchesRecord<'a> {
+    frame: u32,
+    time_s: f64,
+    touches: &'a [&'a Touch],
+    changed: bool,
+    residual: f64,
+    gap: f64,
+    solve_us: f64,
+    used: usize,
+    lost_frames: u64,
+    skipped_frames: u64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    doubt: Option<Doubt>,
+}
+
+#[derive(Serialize)]
+struct ElectrodesRecord<'a> {
+    frame: Option<u32>,
+    /// From 1.
+    contacts: Vec<usize>,
+    left_out: &'a [Finding],
+    values: usize,
+    used: usize,
+}
+
+/// The touches of a result that press.
+pub(crate) fn pressed(result: &FrameResult) -> Vec<&Touch> {
+    result.touches.iter().filter(|t| t.is_pressed()).collect()
+}
+
+/// Points are recorded every so often, s of the board's time: as often as a viewer draws.
+const POINTS_S: f64 = 0.03;
+/// A picture is recorded every so often, s of the board's time, where it shows something new.
+const PICTURE_S: f64 = 1.0;
+/// Width of a recorded picture, pixels.
+const PICTURE_PX: u32 = 320;
+
+/// Writes a session's messages.
+pub(crate) struct Notes {
+    tap: Tap,
+    points_s: f64,
+    picture_s: f64,
+    picture: Option<Arc<Picture>>,
+    contacts: Vec<usize>,
+    left_out: Vec<Finding>,
+    values: usize,
+}
+
+/// Whether so much of the board's time has passed, or the board was reset.
+fn due(last_s: &mut f64, now_s: f64, every_s: f64) -> bool {
+    let is_due = !(0.0..every_s).contains(&(now_s - *last_s));
+    if is_due {
+        *last_s = now_s;
+    }
+    is_due
+}
+
+impl Notes {
+    pub(crate) fn new(tap: Tap, values: usize) -> Self {
+        Self {
+            tap,
+            points_s: f64::NEG_INFINITY,
+            picture_s: f64::NEG_INFINITY,
+            picture: None,
+            contacts: Vec::new(),
+            left_out: Vec::new(),
+            values,
+        }
+    }
+
+    fn step(&self, frame_s: Option<f64>, step: &LiveRecord) {
+        self.tap.put(Topic::Live, frame_s, step);
+    }
+
+    pub(crate) fn baseline_frame(&self, frame: &MeasuredFrame, left: usize) {
+        let step = LiveRecord::Baseline {
+            frame: frame.sequence,
+            left,
+        };
+        self.step(Some(frame.time_s), &step);
+    }
+
+    pub(crate) fn tare(&self) {
+        self.step(None, &LiveRecord::Tare);
+    }
+
+    pub(crate) fn resume(&self, baseline: &Baseline) {
+        let baseline = baseline.into();
+        self.step(None, &LiveRecord::Resume { baseline });
+    }
+
+    pub(crate) fn in_force(&mut self, note: Option<BaselineNote>, left_out: Vec<Finding>) {
+        let note = note.map(NoteRecord::from);
+        self.step(None, &LiveRecord::InForce { note });
+        self.left_out = left_out;
+        self.contacts.clear();
+        self.electrodes(
+            None,
+            self.values - self.left_out.iter().map(|f| f.values).sum::<usize>().min(self.values),
+        );
+    }
+
+    fn electrodes(&self, frame: Option<&MeasuredFrame>, used: usize) {
+        let record = ElectrodesRecord {
+            frame: frame.map(|f| f.sequence),
+            contacts: self.contacts.iter().map(|l| l + 1).collect(),
+            left_out: &self.left_out,
+            values: self.values,
+            used,
+        };
+        self.tap.put(Topic::Electrodes, frame.map(|f| f.time_s), &record);
+    }
+
+    /// The touches of a picture, and what belongs to them.
+    pub(crate) fn picture(&mut self, result: &FrameResult, frame: &MeasuredFrame, counters: LinkCounters) {
+        let touches = pressed(result);
+        let record = TouchesRecord {
+            frame: frame.sequence,
+            time_s: frame.time_s,
+            touches: &touches,
+            changed: result.changed,
+            residual: result.residual,
+            gap: result.gap,
+            solve_us: result.solve_us,
+            used: result.used,
+            lost_frames: counters.lost_frames,
+            skipped_frames: counters.skipped_frames,
+            doubt: result.doubt,
+        };
+        self.tap.put(Topic::Touches, Some(frame.time_s), &record);
+        if due(&mut self.points_s, frame.time_s, POINTS_S) {
+            let point = |t: &&Touch| [t.x_mm, t.y_mm, t.rise, t.force_n.unwrap_or(f64::NAN)].map(|v| v as f32);
+            let points: Vec<[f32; 4]> = touches.iter().map(point).collect();
+            self.tap.points(frame.time_s, &points);
+        }
+        if result.contacts != self.contacts {
+            self.contacts.clone_from(&result.contacts);
+            self.electrodes(Some(frame), result.used);
+        }
+    }
+
+    /// What is shown now.
+    pub(crate) fn preview(&mut self, shown: Option<&Arc<Picture>>) {
+        let Some(shown) = shown else { return };
+        let old = self.picture.as_ref().is_some_and(|p| Arc::ptr_eq(p, shown));
+        if old || !due(&mut self.picture_s, shown.time_s, PICTURE_S) {
+            return;
+        }
+        self.picture = Some(Arc::clone(shown));
+        let picture = Arc::clone(shown);
+        self.tap.picture(shown.time_s, move || {
+            let mut bytes = Vec::new();
+            let drawn = png::render(&picture, PICTURE_PX).and_then(|canvas| canvas.encode_png(&mut bytes));
+            drawn
+                .map_err(|e| tracing::error!("a picture for the recording: {e}"))
+                .ok()?;
+            Some(bytes)
+        });
+    }
+}
+
+/// A step that a replay takes.
+pub(crate) enum Step {
+    /// A frame was taken: into the baseline, or to a picture with these touches.
+    Frame {
+        frame: u32,
+        picture: Option<PictureRecord>,
+    },
+    Tare,
+    Resume(Baseline),
+    InForce(Option<BaselineNote>),
+}
+
+/// What a recording says of a picture.
+#[derive(Deserialize)]
+pub(crate) struct PictureRecord {
+    frame: u32,
+    pub(crate) touches: Value,
+    pub(crate) lost_frames: u64,
+    pub(crate) skipped_frames: u64,
+    /// When it was recorded, s since 1970.
+    #[serde(skip)]
+    pub(crate) unix_s: f64,
+}
+
+impl PictureRecord {
+    /// The board's number of the frame.
+    pub(crate) fn frame(&self) -> u32 {
+        self.frame
+    }
+}
+
+/// What the live reconstruction did, step by step.
+pub(crate) struct Script {
+    reader: Reader<BufReader<File>>,
+}
+
+impl Script {
+    /// That of a recording.
+    ///
+    /// # Errors
+    /// It cannot be read.
+    pub(crate) fn open(path: &Path) -> Result<Self> {
+        Ok(Self {
+            reader: Reader::open(path)?,
+        })
+    }
+
+    /// The next step; none at the end.
+    ///
+    /// # Errors
+    /// The file cannot be read, or a step cannot be understood.
+    pub(crate) fn next(&mut self) -> Result<Option<Step>> {
+        let file = self.reader.file().to_owned();
+        let bad = |e: serde_json::Error| anyhow!("{file}: a step of the recording cannot be understood: {e}");
+        while let Some(message) = self.reader.next()? {
+            match message.topic {
+                Some(Topic::Touches) => {
+                    let mut picture: PictureRecord = serde_json::from_slice(message.data).map_err(bad)?;
+                    picture.unix_s = 1e-9 * message.log_ns as f64;
+                    return Ok(Some(Step::Frame {
+                        frame: picture.frame,
+                        picture: Some(picture),
+                    }));
+                }
+                Some(Topic::Live) => {
+                    let step = serde_json::from_slice(message.data).map_err(bad)?;
+                    return Ok(Some(match step {
+                        LiveRecord::Baseline { frame, .. } => Step::Frame { frame, picture: None },
+                        LiveRecord::Tare => Step::Tare,
+                        LiveRecord::Resume { baseline } => Step::Resume(baseline.into()),
+                        LiveRecord::InForce { note } => Step::InForce(note.map(BaselineNote::from)),
+                    }));
+                }
+                _ => {}
+            }
+        }
+        Ok(None)
+    }
+
+    /// Whether the file was closed.
+    pub(crate) fn is_whole(&self) -> bool {
+        self.reader.ended() != Some(recording::Ended::Cut)
+    }
+}

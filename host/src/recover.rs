@@ -1,0 +1,68 @@
+//! `skin recover`: a well-closed file of one that was cut short.
+
+use crate::progress::Progress;
+use anyhow::{Context, Result};
+use clap::Args;
+use recording::{Ended, Reader, Recovered, Writer, recover};
+use serde_json::json;
+use std::path::PathBuf;
+
+/// Arguments of `skin recover`.
+#[derive(Debug, Args)]
+pub(crate) struct Arguments {
+    /// The recording that was cut short, by a power cut or a kill. It is only read.
+    #[arg(value_name = "FILE")]
+    file: PathBuf,
+    /// The new file.
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// One JSON object on stdout.
+    #[arg(long)]
+    json: bool,
+}
+
+/// How a file ended, in words.
+pub(crate) fn ended(ended: Ended) -> &'static str {
+    match ended {
+        Ended::Whole => "closed",
+        Ended::Short => "closed without an index, as when the disk is full",
+        Ended::Cut => "cut short, or still being written",
+    }
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// The file is no recording, or the new one cannot be written.
+pub(crate) fn run(arguments: &Arguments) -> Result<()> {
+    let whole = std::fs::metadata(&arguments.file)
+        .with_context(|| arguments.file.display().to_string())?
+        .len();
+    let mut reader = Reader::open(&arguments.file)?;
+    let mut progress = Progress::new("recovering", arguments.json);
+    let recovered = recover(&mut reader, Writer::create(&arguments.out)?, |bytes| {
+        progress.at(bytes as usize, whole as usize);
+    })?;
+    drop(progress);
+    let Recovered {
+        messages,
+        from_to_ns,
+        ended: how,
+        bytes,
+    } = recovered;
+    let span_s = from_to_ns.map_or(0.0, |(from, to)| 1e-9 * to.saturating_sub(from) as f64);
+    if arguments.json {
+        println!(
+            "{}",
+            json!({"messages": messages, "span_s": span_s, "was": ended(how), "bytes": bytes, "bytes_before": whole})
+        );
+    } else {
+        println!(
+            "{}: {messages} messages over {span_s:.1} s, {bytes} bytes; {} was {}, {whole} bytes",
+            arguments.out.display(),
+            arguments.file.display(),
+            ended(how)
+        );
+    }
+    Ok(())
+}

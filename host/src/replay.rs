@@ -1,0 +1,257 @@
+//! `skin replay`: a recording through the very code that showed it live, frame by frame as it was taken then.
+
+use crate::baselines::Baselines;
+use crate::live_output::Output;
+use crate::recorded::{PictureRecord, Script, SessionRecord, Step, pressed};
+use crate::run::{Run, ShowArguments, imager, page, stop_flag};
+use crate::say::say;
+use anyhow::{Context, Result};
+use clap::Args;
+use inverse::live::Live;
+use inverse::pipeline::FrameResult;
+use link::{LinkCounters, MeasuredFrame, Session};
+use recording::{Playback, Speed};
+use std::collections::VecDeque;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+/// Arguments of `skin replay`.
+#[derive(Debug, Args)]
+pub(crate) struct Arguments {
+    /// The recording.
+    #[arg(value_name = "FILE")]
+    file: PathBuf,
+    /// How many times as fast as it was, or max for as fast as this machine can.
+    #[arg(long, value_name = "X", default_value = "1", allow_negative_numbers = true, value_parser = speed)]
+    speed: Speed,
+    #[command(flatten)]
+    show: ShowArguments,
+}
+
+fn speed(text: &str) -> Result<Speed, String> {
+    match text.parse::<f64>() {
+        _ if text == "max" => Ok(Speed::Unpaced),
+        Ok(times) if times.is_finite() && times > 0.0 => Ok(Speed::Times(times)),
+        _ => Err("give a number above 0, such as 0.5, or max".to_owned()),
+    }
+}
+
+/// A recording as a board: its frames, as fast as they are taken.
+pub(crate) struct PlayedBoard {
+    pub(crate) session: Session,
+    /// Is true once the recording was read to its end.
+    pub(crate) ended: Arc<AtomicBool>,
+}
+
+impl PlayedBoard {
+    /// Opens a recording.
+    ///
+    /// # Errors
+    /// It cannot be read, or no board introduced itself in it.
+    pub(crate) fn open(path: &Path, speed: Speed) -> Result<Self> {
+        let playback = Playback::open(path, speed)?;
+        let (plan, ended) = (playback.plan().clone(), playback.ended());
+        let session = Session::start(Box::new(playback), |_| Ok(plan)).with_context(|| path.display().to_string())?;
+        Ok(Self { session, ended })
+    }
+
+    /// The next frame; none at the end.
+    ///
+    /// # Errors
+    /// The board stopped with an error then.
+    pub(crate) fn frame(&self) -> Result<Option<MeasuredFrame>> {
+        loop {
+            match self.session.frame(Duration::from_millis(100)) {
+                Ok(Some(frame)) => return Ok(Some(frame)),
+                Ok(None) => {}
+                Err(_) if self.ended.load(Ordering::Acquire) => return Ok(None),
+                Err(why) => return Err(why.into()),
+            }
+        }
+    }
+}
+
+/// A recording that is played, and how it compares with what was found when it was recorded.
+#[derive(Default)]
+pub(crate) struct Replayed {
+    expected: Option<PictureRecord>,
+    same: u64,
+    different: u64,
+    first_different: Option<u32>,
+    /// Frames that were taken, but are not in the file.
+    missing: u64,
+}
+
+impl Replayed {
+    /// Holds a picture against what was recorded of it, and counts as was counted then.
+    ///
+    /// # Errors
+    /// The touches cannot be compared.
+    pub(crate) fn compare(&mut self, result: &FrameResult, counters: &mut LinkCounters) -> Result<()> {
+        let Some(expected) = self.expected.take() else {
+            return Ok(());
+        };
+        counters.lost_frames = expected.lost_frames;
+        counters.skipped_frames = expected.skipped_frames;
+        if serde_json::to_value(pressed(result))? == expected.touches {
+            self.same += 1;
+        } else {
+            self.different += 1;
+            self.first_different.get_or_insert(expected.frame());
+        }
+        Ok(())
+    }
+
+    fn say(&self, file: &str, ended: bool) {
+        let pictures = self.same + self.different;
+        if pictures == 0 {
+            say!("{file}: no picture in it; skin info says what there is");
+        } else if self.different > 0 {
+            say!(
+                "warning: {file}: {} of {pictures} pictures have other touches than were recorded, from frame {} on",
+                self.different,
+                self.first_different.unwrap_or(0)
+            );
+        } else {
+            say!("{file}: {pictures} pictures, every one with the recorded touches");
+        }
+        if self.missing > 0 {
+            say!(
+                "warning: {file}: {} frames that were shown are not in the file",
+                self.missing
+            );
+        }
+        if !ended {
+            say!("{file}: not played to its end");
+        }
+    }
+}
+
+/// Frames that are looked through for one that was taken: as many as can wait between the port and the picture, twice.
+const AHEAD: usize = 512;
+
+/// Runs the command.
+///
+/// # Errors
+/// A file that cannot be read, a page that cannot be served.
+pub(crate) fn run(arguments: &Arguments) -> Result<()> {
+    let path = &arguments.file;
+    let stop = stop_flag()?;
+    let record = SessionRecord::read(path)?;
+    if let Some(differs) = record.differs() {
+        say!("warning: {}: {differs}", path.display());
+    }
+    let board = PlayedBoard::open(path, arguments.speed)?;
+    let session = &board.session;
+    let mut script = Script::open(path)?;
+    let mut live = Live::new(imager(session, &record.sheet()?, &record.wires)?, record.options()?);
+    let page = (!arguments.show.json).then(|| page(&arguments.show)).transpose()?;
+    let source = format!("recording of {}", record.source);
+    let mut run = Run {
+        show: &arguments.show,
+        seconds: None,
+        every_frame: true,
+        session,
+        live: &mut live,
+        output: &mut Output::new(page, arguments.show.json, source),
+        baselines: &mut Baselines::default(),
+        watch: None,
+        held: None,
+        wanted: None,
+        notes: None,
+        recorder: None,
+        replayed: Some(Replayed::default()),
+    };
+    let outcome = play(&mut run, &mut script, &board, &stop);
+    if let (Ok(ended), Some(replayed)) = (&outcome, &run.replayed) {
+        replayed.say(&path.display().to_string(), *ended);
+        if *ended && !script.is_whole() {
+            say!(
+                "warning: {}: the file was cut short; skin recover closes it for other programs",
+                path.display()
+            );
+        }
+    }
+    run.end(outcome.map(|_| ()))
+}
+
+/// Takes the steps of a recording; whether all.
+fn play(run: &mut Run<'_>, script: &mut Script, board: &PlayedBoard, stop: &AtomicBool) -> Result<bool> {
+    let mut pictures = 0;
+    let mut frames = Frames {
+        board,
+        waiting: VecDeque::new(),
+        ended: false,
+    };
+    while !stop.load(Ordering::Relaxed) && run.show.frames.is_none_or(|n| pictures < n) {
+        if run.output.command().is_some() {
+            say!("this is a recording: its baselines are those that were taken then");
+        }
+        let Some(step) = script.next()? else { return Ok(true) };
+        match step {
+            Step::Tare => run.live.tare(),
+            Step::Resume(baseline) => {
+                run.live.resume(baseline)?;
+                run.in_force();
+            }
+            Step::InForce(note) => run.output.set_baseline(note),
+            Step::Frame { frame, picture } => {
+                let found = frames.find(frame, stop)?;
+                let Some(replayed) = &mut run.replayed else {
+                    return Ok(false);
+                };
+                let Some(found) = found else {
+                    replayed.missing += u64::from(!stop.load(Ordering::Relaxed));
+                    continue;
+                };
+                if let Some(picture) = &picture {
+                    run.output.set_now(picture.unix_s);
+                }
+                replayed.expected = picture;
+                if run.take(&found)? {
+                    pictures += 1;
+                }
+            }
+        }
+    }
+    Ok(false)
+}
+
+/// The frames of a recording, as they are asked for.
+struct Frames<'a> {
+    board: &'a PlayedBoard,
+    /// Newer than the one asked for last, as far as their numbers tell.
+    waiting: VecDeque<MeasuredFrame>,
+    ended: bool,
+}
+
+impl Frames<'_> {
+    /// The next frame of a number. Those before it were passed over when it was recorded; none where it is not in the file.
+    fn find(&mut self, sequence: u32, stop: &AtomicBool) -> Result<Option<MeasuredFrame>> {
+        let mut looked = 0;
+        loop {
+            while looked < self.waiting.len() {
+                let frame = &self.waiting[looked];
+                if frame.sequence == sequence {
+                    self.waiting.drain(..looked);
+                    return Ok(self.waiting.pop_front());
+                }
+                // After a reset the numbers begin anew: what seems newer may come before it.
+                if sequence.wrapping_sub(frame.sequence) < u32::MAX / 2 {
+                    self.waiting.remove(looked);
+                } else {
+                    looked += 1;
+                }
+            }
+            if self.ended || looked >= AHEAD || stop.load(Ordering::Relaxed) {
+                return Ok(None);
+            }
+            match self.board.frame()? {
+                Some(frame) => self.waiting.push_back(frame),
+                None => self.ended = true,
+            }
+        }
+    }
+}

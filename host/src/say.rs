@@ -1,0 +1,30 @@
+//! What the program says to people: on stderr, and into the recording where there is one.
+
+use recording::Tap;
+use std::fmt::Arguments;
+use std::io::Write;
+use std::sync::OnceLock;
+
+static RECORDED: OnceLock<Tap> = OnceLock::new();
+
+/// From now on what is said is recorded too.
+pub(crate) fn record_to(tap: &Tap) {
+    // There is one recording in a program's life.
+    let _ = RECORDED.set(tap.clone());
+}
+
+/// Says a line; `say!` formats it.
+pub(crate) fn line(text: Arguments<'_>) {
+    let text = text.to_string();
+    // Whoever closed stderr does not want to know.
+    let _ = writeln!(std::io::stderr(), "{text}");
+    if let Some(tap) = RECORDED.get() {
+        tap.said(&text);
+    }
+}
+
+/// Says a line on stderr, formatted as by `format!`, and records it.
+macro_rules! say {
+    ($($text:tt)*) => { $crate::say::line(format_args!($($text)*)) };
+}
+pub(crate) use say;

@@ -1,0 +1,31 @@
+//! Recordings of a skin: MCAP files with everything that came over the wire and what was made of it.
+//!
+//! A [`Tap`] stands between a port and the link and copies every byte into a bounded queue; it never waits. A [`Recorder`] takes
+//! them from there on a thread of its own and writes them, with all else that it is given. [`Reader`] reads a file from its
+//! beginning, whole or cut short, in bounded memory. [`recover`] makes a well-closed file of one that was cut short, and
+//! [`Playback`] is a board's port that sends what was recorded. The file is described in docs/recordings.md.
+#![forbid(unsafe_code)]
+
+mod clock;
+mod error;
+mod playback;
+mod reader;
+mod recorder;
+mod recover;
+mod sink;
+mod tap;
+mod topic;
+mod wire;
+mod writer;
+
+pub use clock::{BoardClock, ClockFit, HostClock};
+pub use error::RecordingError;
+pub use playback::{Playback, Speed};
+pub use reader::{Ended, Message, Reader};
+pub use recorder::{Counts, Recorder, WaitingRecorder};
+pub use recover::{Recovered, recover};
+pub use sink::Target;
+pub use tap::{Later, Tap, Tapped};
+pub use topic::{FORMAT, PROFILE, Topic};
+pub use wire::Splitter;
+pub use writer::Writer;

@@ -1,0 +1,224 @@
+//! A board's port that sends what was recorded.
+
+use crate::error::RecordingError;
+use crate::reader::Reader;
+use crate::topic::Topic;
+use protocol::{
+    BoardError, Command, Decoder, FromBoard, Hello, MAX_FROM_BOARD_LEN, MAX_TO_BOARD_LEN, Plan, ToBoard, encode,
+};
+use std::collections::VecDeque;
+use std::fs::File;
+use std::io::{self, BufReader, ErrorKind, Read, Write};
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// How fast a recording is played.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Speed {
+    /// So many times as fast as it was, above 0.
+    Times(f64),
+    /// As fast as somebody reads.
+    Unpaced,
+}
+
+/// Longest that a read waits.
+const WAIT: Duration = Duration::from_millis(20);
+
+/// A port with a recorded board behind it. It introduces itself and accepts the recorded plan as the board did; from the start on
+/// it sends what the board sent after it was started, and nothing else. At the end reads give no byte, which is the end of a port.
+pub struct Playback {
+    reader: Reader<BufReader<File>>,
+    hello: Hello,
+    plan: Plan,
+    speed: Speed,
+    commands: Decoder<MAX_TO_BOARD_LEN>,
+    out: VecDeque<u8>,
+    /// Since the start was asked for.
+    playing: Option<Playing>,
+    ended: Arc<AtomicBool>,
+}
+
+#[derive(Default)]
+struct Playing {
+    decoder: Decoder<MAX_FROM_BOARD_LEN>,
+    /// Whether the recorded board was started already.
+    started: bool,
+    /// Log time and present of the first frame.
+    began: Option<(u64, Instant)>,
+    /// The next message and its log time.
+    next: Option<(u64, Vec<u8>)>,
+}
+
+fn decoded(decoder: &mut Decoder<MAX_FROM_BOARD_LEN>, message: &[u8]) -> Option<FromBoard> {
+    let mut out = None;
+    decoder.push(message, |m| out = m.ok());
+    out
+}
+
+impl Playback {
+    /// Opens a recording.
+    ///
+    /// # Errors
+    /// It cannot be read, or nobody introduced itself in it.
+    pub fn open(path: &Path, speed: Speed) -> Result<Self, RecordingError> {
+        let mut reader = Reader::open(path)?;
+        let lacks = |what| RecordingError::Lacks {
+            file: path.display().to_string(),
+            what,
+        };
+        let mut decoder = Decoder::new();
+        let (mut hello, mut plan) = (None, None);
+        while let Some(message) = reader.next()? {
+            if message.topic != Some(Topic::Board) {
+                continue;
+            }
+            match decoded(&mut decoder, message.data) {
+                Some(FromBoard::Hello(said)) => hello = Some(said),
+                Some(FromBoard::Plan(said)) => plan = Some(said),
+                Some(FromBoard::Ack(Command::Start)) if plan.is_some() => break,
+                // Its start was lost.
+                Some(FromBoard::Frame(frame)) if plan.as_ref().is_some_and(|p| p.id == frame.plan) => break,
+                _ => {}
+            }
+        }
+        Ok(Self {
+            hello: hello.ok_or_else(|| lacks("introduction of a board"))?,
+            plan: plan.ok_or_else(|| lacks("plan of what was measured"))?,
+            reader: Reader::open(path)?,
+            speed,
+            commands: Decoder::new(),
+            out: VecDeque::new(),
+            playing: None,
+            ended: Arc::default(),
+        })
+    }
+
+    /// Who the board was.
+    pub fn hello(&self) -> &Hello {
+        &self.hello
+    }
+
+    /// What it measured.
+    pub fn plan(&self) -> &Plan {
+        &self.plan
+    }
+
+    /// Is true once everything was read.
+    pub fn ended(&self) -> Arc<AtomicBool> {
+        Arc::clone(&self.ended)
+    }
+
+    fn answer(&mut self, message: &FromBoard) {
+        match encode(message, &mut [0; MAX_FROM_BOARD_LEN]) {
+            Ok(bytes) => self.out.extend(bytes),
+            Err(e) => tracing::error!("an answer of the recorded board: {e}"),
+        }
+    }
+
+    fn obey(&mut self, command: ToBoard) {
+        let answer = match command {
+            ToBoard::Hello => FromBoard::Hello(self.hello.clone()),
+            ToBoard::SetPlan(_) | ToBoard::GetPlan => FromBoard::Plan(self.plan.clone()),
+            ToBoard::SetWatch(watch) => FromBoard::Watch(watch),
+            ToBoard::Start => FromBoard::Ack(Command::Start),
+            // Answers are in the recording, or nobody asked then.
+            _ => return,
+        };
+        let start = answer == FromBoard::Ack(Command::Start);
+        self.answer(&answer);
+        if start {
+            self.playing = Some(Playing::default());
+        }
+    }
+
+    /// The next message that is to be sent, with its log time.
+    fn next_message(&mut self) -> Result<Option<(u64, Vec<u8>)>, RecordingError> {
+        let Some(playing) = &mut self.playing else {
+            return Ok(None);
+        };
+        if let Some(next) = playing.next.take() {
+            return Ok(Some(next));
+        }
+        while let Some(message) = self.reader.next()? {
+            if message.topic != Some(Topic::Board) {
+                continue;
+            }
+            let send = match decoded(&mut playing.decoder, message.data) {
+                Some(FromBoard::Ack(Command::Start)) => {
+                    playing.started = true;
+                    false
+                }
+                Some(FromBoard::Frame(frame)) => {
+                    playing.started |= frame.plan == self.plan.id;
+                    playing.started
+                }
+                // A reset, a sign of life, a stop; or what was damaged on the way, which is counted again.
+                Some(FromBoard::Hello(_) | FromBoard::Heartbeat(_)) | None => playing.started,
+                Some(FromBoard::Error(e)) => playing.started && !matches!(e, BoardError::Command(_)),
+                Some(_) => false,
+            };
+            if send {
+                return Ok(Some((message.log_ns, message.data.to_vec())));
+            }
+        }
+        Ok(None)
+    }
+}
+
+impl Read for Playback {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        if buffer.is_empty() {
+            return Ok(0);
+        }
+        if self.out.is_empty() {
+            if self.playing.is_none() {
+                // Nothing was asked for: nothing will come.
+                std::thread::sleep(Duration::from_millis(1));
+                return Err(ErrorKind::TimedOut.into());
+            }
+            let Some((log_ns, message)) = self.next_message().map_err(io::Error::other)? else {
+                self.ended.store(true, Ordering::Release);
+                return Ok(0);
+            };
+            let playing = self.playing.get_or_insert_default();
+            if let Speed::Times(times) = self.speed {
+                let (first_ns, began) = *playing.began.get_or_insert_with(|| (log_ns, Instant::now()));
+                let after_s = 1e-9 * log_ns.saturating_sub(first_ns) as f64 / times;
+                let due = Duration::try_from_secs_f64(after_s).unwrap_or(Duration::MAX);
+                let wait = due.saturating_sub(began.elapsed());
+                std::thread::sleep(wait.min(WAIT));
+                if wait > WAIT {
+                    playing.next = Some((log_ns, message));
+                    return Err(ErrorKind::TimedOut.into());
+                }
+            }
+            self.out.extend(message);
+        }
+        let count = self.out.len().min(buffer.len());
+        for (place, byte) in buffer.iter_mut().zip(self.out.drain(..count)) {
+            *place = byte;
+        }
+        Ok(count)
+    }
+}
+
+impl Write for Playback {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let mut commands = Vec::new();
+        self.commands
+            .push(bytes, |command: Result<ToBoard, _>| commands.extend(command));
+        // Once it plays, what the board answered is in the recording.
+        for command in commands {
+            if self.playing.is_none() {
+                self.obey(command);
+            }
+        }
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}

@@ -1,0 +1,231 @@
+//! Reads a file from its beginning, message by message, in bounded memory; whether it is whole or was cut short.
+
+use crate::error::RecordingError;
+use crate::topic::{PROFILE, Topic};
+use mcap::records::Record;
+use mcap::sans_io::LinearReader;
+use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReaderOptions};
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{BufReader, ErrorKind, Read};
+use std::path::Path;
+
+/// How a file ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ended {
+    /// Closed, with its index.
+    Whole,
+    /// Closed without an index: the disk was full.
+    Short,
+    /// Cut off: by a power cut, a kill, or a copy that was not finished.
+    Cut,
+}
+
+/// A message, as long as the next one is not read.
+#[derive(Clone, Copy, Debug)]
+pub struct Message<'a> {
+    /// Its topic; none for a topic of another program.
+    pub topic: Option<Topic>,
+    /// Its channel in this file.
+    pub channel: u16,
+    /// Number within the channel, wrapping.
+    pub sequence: u32,
+    /// When it was recorded, ns since 1970.
+    pub log_ns: u64,
+    /// When what it is of was measured, ns since 1970.
+    pub publish_ns: u64,
+    /// Its bytes.
+    pub data: &'a [u8],
+}
+
+/// A channel, with its schema's name, encoding and text.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Channel {
+    pub(crate) name: String,
+    pub(crate) encoding: String,
+    pub(crate) schema: Option<(String, String, Vec<u8>)>,
+    topic: Option<Topic>,
+}
+
+/// A file that is being read.
+pub struct Reader<R> {
+    source: R,
+    linear: LinearReader,
+    file: String,
+    schemas: BTreeMap<u16, (String, String, Vec<u8>)>,
+    channels: BTreeMap<u16, Channel>,
+    data: Vec<u8>,
+    bytes: u64,
+    profile: Option<String>,
+    /// Whether there is an index, once the end was read.
+    index: Option<bool>,
+    ended: Option<Ended>,
+}
+
+/// Longest record that is believed, bytes. The writer's chunks are 1 MB.
+const MOST: usize = 256 << 20;
+
+impl Reader<BufReader<File>> {
+    /// Opens a file.
+    ///
+    /// # Errors
+    /// What the system said, or it is no recording of skin.
+    pub fn open(path: &Path) -> Result<Self, RecordingError> {
+        let file = path.display().to_string();
+        let source = File::open(path).map_err(|e| RecordingError::io(&file, e))?;
+        Self::new(BufReader::with_capacity(1 << 16, source), &file)
+    }
+}
+
+impl<R: Read> Reader<R> {
+    /// Reads the beginning; `file` is its name in messages.
+    ///
+    /// # Errors
+    /// As [`Reader::open`].
+    pub fn new(source: R, file: &str) -> Result<Self, RecordingError> {
+        let options = LinearReaderOptions::default()
+            .with_prevalidate_chunk_crcs(true)
+            .with_record_length_limit(MOST);
+        let mut reader = Self {
+            source,
+            linear: LinearReader::new_with_options(options),
+            file: file.to_owned(),
+            schemas: BTreeMap::new(),
+            channels: BTreeMap::new(),
+            data: Vec::new(),
+            bytes: 0,
+            profile: None,
+            index: None,
+            ended: None,
+        };
+        while reader.profile.is_none() && reader.ended.is_none() {
+            reader.step()?;
+        }
+        match &reader.profile {
+            Some(profile) if profile == PROFILE => Ok(reader),
+            Some(profile) => Err(RecordingError::Foreign {
+                file: reader.file,
+                what: format!("an MCAP file of profile {profile:?}"),
+            }),
+            None => Err(RecordingError::Foreign {
+                file: reader.file,
+                what: "it does not begin as one".to_owned(),
+            }),
+        }
+    }
+
+    /// The file's name.
+    pub fn file(&self) -> &str {
+        &self.file
+    }
+
+    /// Bytes read so far.
+    pub fn bytes(&self) -> u64 {
+        self.bytes
+    }
+
+    /// How the file ended; none before its end was reached.
+    pub fn ended(&self) -> Option<Ended> {
+        self.ended
+    }
+
+    pub(crate) fn channel(&self, id: u16) -> Option<&Channel> {
+        self.channels.get(&id)
+    }
+
+    /// The next message, or none at the end. What was written half ends the file like its end does.
+    ///
+    /// # Errors
+    /// The file cannot be read.
+    #[expect(clippy::should_implement_trait, reason = "a message lends from the reader")]
+    pub fn next(&mut self) -> Result<Option<Message<'_>>, RecordingError> {
+        while self.ended.is_none() {
+            if let Some(header) = self.step()? {
+                return Ok(Some(Message {
+                    topic: self.channels.get(&header.channel_id).and_then(|c| c.topic),
+                    channel: header.channel_id,
+                    sequence: header.sequence,
+                    log_ns: header.log_time,
+                    publish_ns: header.publish_time,
+                    data: &self.data,
+                }));
+            }
+        }
+        Ok(None)
+    }
+
+    /// The first message of a topic from here on.
+    ///
+    /// # Errors
+    /// The file cannot be read.
+    pub fn find(&mut self, topic: Topic) -> Result<Option<Vec<u8>>, RecordingError> {
+        while let Some(message) = self.next()? {
+            if message.topic == Some(topic) {
+                return Ok(Some(message.data.to_vec()));
+            }
+        }
+        Ok(None)
+    }
+
+    /// Reads on; a message's header where it read one.
+    fn step(&mut self) -> Result<Option<mcap::records::MessageHeader>, RecordingError> {
+        let (opcode, data) = match self.linear.next_event() {
+            None => {
+                self.ended = Some(match self.index {
+                    Some(true) => Ended::Whole,
+                    Some(false) => Ended::Short,
+                    None => Ended::Cut,
+                });
+                return Ok(None);
+            }
+            Some(Err(why)) => {
+                tracing::debug!("{}: {why}", self.file);
+                self.ended = Some(Ended::Cut);
+                return Ok(None);
+            }
+            Some(Ok(LinearReadEvent::ReadRequest(need))) => {
+                let room = self.linear.insert(need);
+                let read = loop {
+                    match self.source.read(room) {
+                        Err(e) if e.kind() == ErrorKind::Interrupted => {}
+                        other => break other,
+                    }
+                };
+                let read = read.map_err(|e| RecordingError::io(&self.file, e))?;
+                self.bytes += read as u64;
+                self.linear.notify_read(read);
+                return Ok(None);
+            }
+            Some(Ok(LinearReadEvent::Record { opcode, data })) => (opcode, data),
+        };
+        match mcap::parse_record(opcode, data) {
+            Ok(Record::Message { header, data }) => {
+                self.data.clear();
+                self.data.extend_from_slice(&data);
+                return Ok(Some(header));
+            }
+            Ok(Record::Header(header)) => self.profile = Some(header.profile),
+            Ok(Record::Schema { header, data }) => {
+                let schema = (header.name, header.encoding, data.into_owned());
+                self.schemas.insert(header.id, schema);
+            }
+            Ok(Record::Channel(channel)) => {
+                let topic = Topic::of(&channel.topic);
+                let known = Channel {
+                    topic,
+                    schema: self.schemas.get(&channel.schema_id).cloned(),
+                    name: channel.topic,
+                    encoding: channel.message_encoding,
+                };
+                self.channels.insert(channel.id, known);
+            }
+            Ok(Record::Footer(footer)) => self.index = Some(footer.summary_start > 0),
+            Ok(_) => {}
+            Err(why) => {
+                tracing::debug!("{}: {why}", self.file);
+                self.ended = Some(Ended::Cut);
+            }
+        }
+        Ok(None)
+    }
+}

@@ -1,0 +1,524 @@
+//! The recorder's thread: takes from the queue and writes.
+
+use crate::clock::{BoardClock, ClockFit};
+use crate::error::RecordingError;
+use crate::sink::Target;
+use crate::tap::{Data, Item, Queue, Shared, Tap};
+use crate::topic::Topic;
+use crate::wire::Splitter;
+use crate::writer::Writer;
+use protocol::{Decoder, FromBoard, MAX_FROM_BOARD_LEN};
+use serde::Serialize;
+use serde_json::json;
+use std::fs::File;
+use std::path::Path;
+use std::sync::atomic::Ordering;
+use std::sync::mpsc::RecvTimeoutError;
+use std::sync::{Arc, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+/// A chunk is written every so often: after a kill all but so much can be read, and what the machine was late by.
+const FLUSH: Duration = Duration::from_millis(500);
+/// The clocks are written every so often.
+const CLOCK: Duration = Duration::from_secs(1);
+/// The disk is made to hold what it was given every so often: a power cut loses no more. More often wears memory cards.
+const SETTLE: Duration = Duration::from_secs(5);
+
+/// What was recorded so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Messages written, of all topics.
+    pub messages: u64,
+    /// Frames of the board among them.
+    pub frames: u64,
+    /// Bytes in the file.
+    pub file_bytes: u64,
+    /// Messages that the recorder was too slow for.
+    pub lost_messages: u64,
+    /// Bytes of the port that it was too slow for.
+    pub lost_bytes: u64,
+}
+
+/// A recording that goes on. Dropping it closes the file, and removes one that was not begun.
+pub struct Recorder {
+    tap: Tap,
+    file: String,
+    thread: Option<JoinHandle<Result<u64, RecordingError>>>,
+    /// Before the thread begins.
+    waiting: Option<Box<(Writer<File>, Queue)>>,
+    told: bool,
+}
+
+impl Recorder {
+    /// Makes the file. What is tapped from now on waits until [`Recorder::begin`].
+    ///
+    /// # Errors
+    /// There is a file of that name, or the system said something.
+    pub fn create(path: &Path) -> Result<Self, RecordingError> {
+        let waiting = Self::waiting();
+        waiting.into_file(path)
+    }
+
+    /// Without a file yet: [`WaitingRecorder::into_file`] makes one, with a name that the board's greeting tells.
+    pub fn waiting() -> WaitingRecorder {
+        let (tap, queue) = Tap::new();
+        WaitingRecorder { tap, queue }
+    }
+
+    /// Hands over what there is to record.
+    pub fn tap(&self) -> &Tap {
+        &self.tap
+    }
+
+    /// The file's name.
+    pub fn file(&self) -> &str {
+        &self.file
+    }
+
+    /// Begins to write, with what was recorded and how as the first message.
+    ///
+    /// # Errors
+    /// The thread cannot be started.
+    pub fn begin(&mut self, session: &impl Serialize) -> Result<(), RecordingError> {
+        let Some(waiting) = self.waiting.take() else {
+            return Ok(());
+        };
+        let (writer, queue) = *waiting;
+        let file = writer.file().to_owned();
+        let session = serde_json::to_vec(session).map_err(|e| RecordingError::io(&file, e.into()))?;
+        let thread = std::thread::Builder::new()
+            .name("recorder".to_owned())
+            .spawn(move || record(writer, &queue, &session));
+        self.thread = Some(thread.map_err(|e| RecordingError::io(&file, e))?);
+        Ok(())
+    }
+
+    /// Why nothing is recorded any more; said once.
+    pub fn failure(&mut self) -> Option<String> {
+        if self.told {
+            return None;
+        }
+        let failed = self.tap.shared.failed.lock().unwrap_or_else(PoisonError::into_inner);
+        self.told = failed.is_some();
+        failed.clone()
+    }
+
+    /// What was recorded so far.
+    pub fn counts(&self) -> Counts {
+        counts(&self.tap.shared)
+    }
+
+    /// Closes the file.
+    ///
+    /// # Errors
+    /// Not all could be written.
+    pub fn finish(mut self) -> Result<Counts, RecordingError> {
+        let ended = self.end();
+        let counts = self.counts();
+        ended.map(|_| counts)
+    }
+
+    fn end(&mut self) -> Result<(), RecordingError> {
+        if let Some(waiting) = self.waiting.take() {
+            // Nothing was recorded: that is no recording.
+            drop(waiting);
+            return std::fs::remove_file(&self.file).map_err(|e| RecordingError::io(&self.file, e));
+        }
+        let Some(thread) = self.thread.take() else {
+            return Ok(());
+        };
+        self.tap.end();
+        match thread.join() {
+            Ok(written) => written.map(|_| ()),
+            Err(_) => {
+                tracing::error!("the thread of the recorder ended badly; skin recover reads what it wrote");
+                Ok(())
+            }
+        }
+    }
+}
+
+impl Drop for Recorder {
+    fn drop(&mut self) {
+        if let Err(e) = self.end() {
+            tracing::error!("{e}");
+        }
+    }
+}
+
+/// A recorder without a file yet.
+pub struct WaitingRecorder {
+    tap: Tap,
+    queue: Queue,
+}
+
+impl WaitingRecorder {
+    /// Hands over what there is to record.
+    pub fn tap(&self) -> &Tap {
+        &self.tap
+    }
+
+    /// Makes the file.
+    ///
+    /// # Errors
+    /// As [`Recorder::create`].
+    pub fn into_file(self, path: &Path) -> Result<Recorder, RecordingError> {
+        Ok(Recorder {
+            file: path.display().to_string(),
+            waiting: Some(Box::new((Writer::create(path)?, self.queue))),
+            tap: self.tap,
+            thread: None,
+            told: false,
+        })
+    }
+}
+
+fn counts(shared: &Shared) -> Counts {
+    let read = |count: &std::sync::atomic::AtomicU64| count.load(Ordering::Relaxed);
+    Counts {
+        messages: read(&shared.messages),
+        frames: read(&shared.frames),
+        file_bytes: read(&shared.file_bytes),
+        lost_messages: read(&shared.lost_messages),
+        lost_bytes: read(&shared.lost_bytes),
+    }
+}
+
+/// The thread: until the end is asked for, or nobody is left who could. Once the disk is full it only empties the queue.
+pub(crate) fn record<T: Target>(writer: Writer<T>, queue: &Queue, session: &[u8]) -> Result<u64, RecordingError> {
+    let shared = Arc::clone(&queue.tap.shared);
+    // What came by ports that turned out to be no board's is not recorded.
+    let mut early: Vec<Item> = queue.items.try_iter().collect();
+    let port = early.iter().rposition(|item| matches!(item, Item::Port)).unwrap_or(0);
+    let mut place = 0;
+    early.retain(|item| {
+        place += 1;
+        place > port || !matches!(item, Item::Bytes { .. })
+    });
+    let mut state = State {
+        writer,
+        shared: &shared,
+        splitters: Default::default(),
+        decoder: Decoder::new(),
+        rate: None,
+        board: BoardClock::default(),
+        fit: None,
+    };
+    let mut outcome = state.session(session);
+    let mut early = early.into_iter();
+    let start = Instant::now();
+    let (mut flush, mut clock, mut settle) = (start, start, start);
+    while outcome.is_ok() {
+        let wait = (flush + FLUSH).saturating_duration_since(Instant::now());
+        let next = early.next().map_or_else(|| queue.items.recv_timeout(wait), Ok);
+        match next {
+            Ok(Item::End) | Err(RecvTimeoutError::Disconnected) => break,
+            Ok(item) => outcome = state.take(item),
+            Err(RecvTimeoutError::Timeout) => {}
+        }
+        let now = Instant::now();
+        if outcome.is_ok() && now >= clock + CLOCK {
+            clock = now;
+            outcome = state.clock(now);
+        }
+        if outcome.is_ok() && now >= flush + FLUSH {
+            flush = now;
+            outcome = state.flush(now >= settle + SETTLE);
+            if now >= settle + SETTLE {
+                settle = now;
+            }
+        }
+    }
+    let failed = |text: String| *shared.failed.lock().unwrap_or_else(PoisonError::into_inner) = Some(text);
+    match outcome.and_then(|()| state.clock(Instant::now())) {
+        Ok(()) => {
+            let written = state.writer.finish();
+            match &written {
+                Ok(bytes) => shared.file_bytes.store(*bytes, Ordering::Relaxed),
+                Err(why) => failed(format!(
+                    "{why}; the recording is closed, without its last part and its index"
+                )),
+            }
+            written
+        }
+        Err(why) => {
+            failed(match state.writer.abandon() {
+                Ok(()) => format!("{why}; the recording ends here and is closed, without an index"),
+                Err(e) => {
+                    format!("{why}; the recording ends here, and could not be closed ({e}): skin recover reads it")
+                }
+            });
+            // Nobody is to find the queue full.
+            while !matches!(queue.items.recv(), Ok(Item::End) | Err(_)) {}
+            Err(why)
+        }
+    }
+}
+
+struct State<'a, T: Target> {
+    writer: Writer<T>,
+    shared: &'a Shared,
+    /// Of the host's bytes and of the board's.
+    splitters: [Splitter; 2],
+    decoder: Decoder<MAX_FROM_BOARD_LEN>,
+    /// Samples a second of the board, once it has introduced itself.
+    rate: Option<f64>,
+    board: BoardClock,
+    fit: Option<ClockFit>,
+}
+
+impl<T: Target> State<'_, T> {
+    fn session(&mut self, session: &[u8]) -> Result<(), RecordingError> {
+        let now = self.shared.clock.unix_ns(Instant::now());
+        self.write(Topic::Session, now, now, session)?;
+        self.flush(false)
+    }
+
+    fn write(&mut self, topic: Topic, log_ns: u64, publish_ns: u64, data: &[u8]) -> Result<(), RecordingError> {
+        self.shared.messages.fetch_add(1, Ordering::Relaxed);
+        self.writer.message(topic, log_ns, publish_ns, data)
+    }
+
+    fn flush(&mut self, settle: bool) -> Result<(), RecordingError> {
+        self.writer.flush()?;
+        if settle {
+            self.writer.settle()?;
+        }
+        self.shared.file_bytes.store(self.writer.len(), Ordering::Relaxed);
+        Ok(())
+    }
+
+    fn take(&mut self, item: Item) -> Result<(), RecordingError> {
+        match item {
+            Item::Port => self.splitters = Default::default(),
+            Item::Bytes {
+                at,
+                from_board,
+                bytes,
+                torn,
+            } => return self.bytes(at, from_board, &bytes, torn),
+            Item::Message {
+                at,
+                topic,
+                frame_s,
+                data,
+            } => {
+                let data = match data {
+                    Data::Now(data) => Some(data),
+                    Data::Later(make) => make(),
+                };
+                if let Some(data) = data {
+                    let log_ns = self.shared.clock.unix_ns(at);
+                    self.write(topic, log_ns, self.measured_ns(frame_s, log_ns), &data)?;
+                }
+            }
+            Item::End => {}
+        }
+        Ok(())
+    }
+
+    /// When a frame was measured, by the fit of the clocks; when it arrived where there is none yet. A frame that took less time than
+    /// the fit takes for the least was still measured before it arrived.
+    fn measured_ns(&self, frame_s: Option<f64>, log_ns: u64) -> u64 {
+        match (frame_s, &self.fit) {
+            (Some(frame_s), Some(fit)) => self.shared.clock.unix_ns_of(fit.host_s(frame_s)).min(log_ns),
+            _ => log_ns,
+        }
+    }
+
+    fn bytes(&mut self, at: Instant, from_board: bool, bytes: &[u8], torn: bool) -> Result<(), RecordingError> {
+        let splitter = &mut self.splitters[usize::from(from_board)];
+        if torn {
+            splitter.tear();
+        }
+        let mut whole = Vec::new();
+        splitter.push(bytes, |message| whole.push(message.to_vec()));
+        let log_ns = self.shared.clock.unix_ns(at);
+        for message in whole {
+            let frame_s = if from_board { self.look(&message, at) } else { None };
+            let topic = if from_board { Topic::Board } else { Topic::Host };
+            let publish_ns = self.measured_ns(frame_s, log_ns);
+            self.write(topic, log_ns, publish_ns, &message)?;
+        }
+        Ok(())
+    }
+
+    /// The board's time of a frame, s.
+    fn look(&mut self, message: &[u8], at: Instant) -> Option<f64> {
+        let mut frame_s = None;
+        let (rate, board) = (&mut self.rate, &mut self.board);
+        let mut seen = 0;
+        self.decoder
+            .push(message, |decoded: Result<FromBoard, _>| match decoded {
+                Ok(FromBoard::Hello(hello)) => *rate = Some(hello.sample_rate()),
+                Ok(FromBoard::Frame(frame)) => {
+                    seen += 1;
+                    frame_s = rate.map(|rate| frame.time as f64 / rate);
+                }
+                _ => {}
+            });
+        self.shared.frames.fetch_add(seen, Ordering::Relaxed);
+        if let Some(frame_s) = frame_s {
+            board.arrived(frame_s, self.shared.clock.seconds(at));
+            if self.fit.is_none() {
+                self.fit = board.fit();
+            }
+        }
+        frame_s
+    }
+
+    fn clock(&mut self, now: Instant) -> Result<(), RecordingError> {
+        self.fit = self.board.fit();
+        let counts = counts(self.shared);
+        let wall = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        let message = json!({
+            "host_s": self.shared.clock.seconds(now),
+            "wall_unix_s": wall.as_secs_f64(),
+            "board_s": self.board.newest_s(),
+            "offset_s": self.fit.map(|f| f.offset_s),
+            "drift_ppm": self.fit.and_then(|f| f.drift_ppm),
+            "residual_ms": self.fit.map(|f| 1e3 * f.residual_s),
+            "messages": counts.messages,
+            "lost_messages": counts.lost_messages,
+            "lost_bytes": counts.lost_bytes,
+        });
+        let log_ns = self.shared.clock.unix_ns(now);
+        self.write(Topic::Clock, log_ns, log_ns, message.to_string().as_bytes())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::reader::{Ended, Reader};
+    use crate::sink::full_disk::Disk;
+    use std::io::{self, Cursor, Read, Write};
+    use std::sync::Mutex;
+    use std::sync::atomic::AtomicBool;
+
+    /// A port that gives one message of the wire at every read.
+    struct Board(u8);
+
+    impl Read for Board {
+        fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+            self.0 = self.0 % 250 + 1;
+            let message = [self.0, self.0, 7, 0];
+            buffer[..4].copy_from_slice(&message);
+            Ok(4)
+        }
+    }
+
+    impl Write for Board {
+        fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+            Ok(bytes.len())
+        }
+
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    /// A disk that does not answer while somebody holds it, and says when it is waited for.
+    struct Slow {
+        answers: Arc<Mutex<()>>,
+        asked: Arc<AtomicBool>,
+        disk: Disk,
+    }
+
+    impl Write for Slow {
+        fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+            self.asked.store(true, Ordering::Release);
+            let _held = self.answers.lock().unwrap();
+            self.disk.write(bytes)
+        }
+
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    impl Target for Slow {
+        fn cut(&mut self, length: u64) -> io::Result<()> {
+            self.disk.cut(length)
+        }
+
+        fn settle(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    fn messages(disk: &Disk) -> (Vec<Vec<u8>>, Ended) {
+        let bytes = disk.bytes.lock().unwrap().clone();
+        let mut reader = Reader::new(Cursor::new(bytes), "disk").unwrap();
+        let mut out = Vec::new();
+        while let Some(message) = reader.next().unwrap() {
+            if message.topic == Some(Topic::Board) {
+                out.push(message.data.to_vec());
+            }
+        }
+        (out, reader.ended().unwrap())
+    }
+
+    /// Reads `reads` messages through a tap with a place for `places` items, while the disk is held.
+    fn through(reads: usize, places: usize, room: usize) -> (Tap, Disk, Result<u64, RecordingError>) {
+        let (tap, queue) = Tap::holding(places);
+        let disk = Disk {
+            room,
+            ..Disk::default()
+        };
+        let answers = Arc::new(Mutex::new(()));
+        let asked = Arc::new(AtomicBool::new(false));
+        let slow = Slow {
+            answers: Arc::clone(&answers),
+            asked: Arc::clone(&asked),
+            disk: disk.clone(),
+        };
+        let writer = Writer::of(slow, "disk".to_owned()).unwrap();
+        let held = answers.lock().unwrap();
+        asked.store(false, Ordering::Release);
+        let thread = std::thread::spawn(move || record(writer, &queue, b"{}"));
+        // From now on nothing is taken from the queue.
+        while !asked.load(Ordering::Acquire) {
+            std::thread::yield_now();
+        }
+        let mut port = tap.port(Board(0));
+        let mut buffer = [0; 64];
+        for _ in 0..reads {
+            // Would hang here if it waited.
+            assert_eq!(port.read(&mut buffer).unwrap(), 4);
+        }
+        drop(held);
+        tap.end();
+        (tap.clone(), disk, thread.join().unwrap())
+    }
+
+    #[test]
+    fn a_disk_that_does_not_answer_delays_nothing_and_what_is_lost_is_counted() {
+        for (reads, places) in [(100, 256), (1_000, 64)] {
+            let (tap, disk, outcome) = through(reads, places, usize::MAX);
+            outcome.unwrap();
+            let (kept, ended) = messages(&disk);
+            assert_eq!(ended, Ended::Whole);
+            let lost = counts(&tap.shared).lost_bytes;
+            assert_eq!(lost % 4, 0);
+            // Every loss tears the message after it too, since it cannot be told from half a one.
+            let missing = reads as u64 - kept.len() as u64;
+            assert!(
+                missing >= lost / 4 && missing <= lost / 4 + lost.min(1),
+                "{missing} {lost}"
+            );
+            assert_eq!(lost == 0, places > reads, "{lost}");
+            assert!(kept.iter().all(|m| m.len() == 4 && m[0] == m[1] && m[3] == 0));
+        }
+    }
+
+    #[test]
+    fn a_full_disk_ends_the_recording_closed_and_says_so() {
+        let (tap, disk, outcome) = through(5_000, 8_192, 2_500);
+        assert!(outcome.is_err());
+        let said = tap.shared.failed.lock().unwrap().clone().unwrap();
+        assert!(said.contains("closed"), "{said}");
+        assert_eq!(messages(&disk).1, Ended::Short);
+    }
+}

@@ -1,0 +1,246 @@
+//! Between a port and the link: a copy of every byte into the recorder's queue, without ever waiting for it.
+
+use crate::clock::HostClock;
+use crate::topic::Topic;
+use base64::Engine;
+use base64::prelude::BASE64_STANDARD;
+use serde::Serialize;
+use serde_json::json;
+use std::io::{self, Read, Write};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+use std::sync::{Arc, Mutex};
+use std::time::Instant;
+
+/// Items that may wait for the recorder. A board of 115 frames/s makes up to 1000 a second: 8 s of a disk that does not answer.
+const WAITING: usize = 8192;
+
+/// Makes a message on the recorder's thread; none where it cannot.
+pub type Later = Box<dyn FnOnce() -> Option<Vec<u8>> + Send>;
+
+pub(crate) enum Data {
+    Now(Vec<u8>),
+    Later(Later),
+}
+
+pub(crate) enum Item {
+    /// Bytes that come from now on are another port's.
+    Port,
+    Bytes {
+        at: Instant,
+        from_board: bool,
+        bytes: Vec<u8>,
+        /// Bytes before these are missing.
+        torn: bool,
+    },
+    Message {
+        at: Instant,
+        topic: Topic,
+        /// The board's time of the frame that it is of, s.
+        frame_s: Option<f64>,
+        data: Data,
+    },
+    End,
+}
+
+/// What taps and recorder share.
+#[derive(Debug, Default)]
+pub(crate) struct Shared {
+    pub(crate) clock: HostClock,
+    pub(crate) lost_messages: AtomicU64,
+    pub(crate) lost_bytes: AtomicU64,
+    /// Bytes of the board and of the host were lost since the last that were queued.
+    torn: [AtomicBool; 2],
+    pub(crate) messages: AtomicU64,
+    pub(crate) frames: AtomicU64,
+    pub(crate) file_bytes: AtomicU64,
+    /// Why nothing is recorded any more.
+    pub(crate) failed: Mutex<Option<String>>,
+}
+
+/// Hands to the recorder what there is to record. Clones are the same tap. It never waits: what finds the queue full is lost, and
+/// counted.
+#[derive(Clone)]
+pub struct Tap {
+    queue: SyncSender<Item>,
+    pub(crate) shared: Arc<Shared>,
+}
+
+/// The recorder's end of the queue.
+pub(crate) struct Queue {
+    pub(crate) items: Receiver<Item>,
+    pub(crate) tap: Tap,
+}
+
+/// How serious what is said is, as in `foxglove.Log`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Level {
+    Info = 2,
+    Warning = 3,
+}
+
+impl Tap {
+    pub(crate) fn new() -> (Self, Queue) {
+        Self::holding(WAITING)
+    }
+
+    /// With a queue of so many items.
+    pub(crate) fn holding(items: usize) -> (Self, Queue) {
+        let (queue, items) = sync_channel(items);
+        let tap = Self {
+            queue,
+            shared: Arc::default(),
+        };
+        (tap.clone(), Queue { items, tap })
+    }
+
+    /// A port whose bytes are recorded, both ways. What came by the ports before is forgotten where the recording has not begun.
+    pub fn port<P>(&self, port: P) -> Tapped<P> {
+        self.give(Item::Port);
+        Tapped {
+            port,
+            tap: self.clone(),
+        }
+    }
+
+    /// Records a message; `frame_s` is the board's time of the frame that it is of, s.
+    pub fn put(&self, topic: Topic, frame_s: Option<f64>, message: &impl Serialize) {
+        match serde_json::to_vec(message) {
+            Ok(text) => self.message(topic, frame_s, Data::Now(text)),
+            Err(e) => tracing::error!("a message for {}: {e}", topic.name()),
+        }
+    }
+
+    /// Records a text that the program said.
+    pub fn said(&self, text: &str) {
+        let level = if text.starts_with("warning") {
+            Level::Warning
+        } else {
+            Level::Info
+        };
+        let message = json!({
+            "timestamp": self.timestamp(),
+            "level": level as u8,
+            "message": text,
+            "name": "skin",
+            "file": "",
+            "line": 0,
+        });
+        self.put(Topic::Log, None, &message);
+    }
+
+    /// Records a picture as a PNG file, which is made on the recorder's thread.
+    pub fn picture(&self, frame_s: f64, png: impl FnOnce() -> Option<Vec<u8>> + Send + 'static) {
+        let timestamp = self.timestamp();
+        let make = move || {
+            let message = json!({
+                "timestamp": timestamp,
+                "frame_id": "sheet",
+                "data": BASE64_STANDARD.encode(png()?),
+                "format": "png",
+            });
+            serde_json::to_vec(&message).ok()
+        };
+        self.message(Topic::Picture, Some(frame_s), Data::Later(Box::new(make)));
+    }
+
+    /// Records points for viewers: x and y in mm, rise, force in N.
+    pub fn points(&self, frame_s: f64, points: &[[f32; 4]]) {
+        let bytes: Vec<u8> = points
+            .iter()
+            .flat_map(|[x, y, rise, force]| [1e-3 * x, 1e-3 * y, 0.0, *rise, *force])
+            .flat_map(f32::to_le_bytes)
+            .collect();
+        let fields: Vec<_> = ["x", "y", "z", "rise", "force"]
+            .iter()
+            .enumerate()
+            .map(|(k, name)| json!({"name": name, "offset": 4 * k, "type": 7}))
+            .collect();
+        let message = json!({
+            "timestamp": self.timestamp(),
+            "frame_id": "sheet",
+            "pose": {"position": {"x": 0, "y": 0, "z": 0}, "orientation": {"x": 0, "y": 0, "z": 0, "w": 1}},
+            "point_stride": 20,
+            "fields": fields,
+            "data": BASE64_STANDARD.encode(bytes),
+        });
+        self.put(Topic::Points, Some(frame_s), &message);
+    }
+
+    /// The clock of the recording.
+    pub fn clock(&self) -> HostClock {
+        self.shared.clock
+    }
+
+    fn timestamp(&self) -> serde_json::Value {
+        let ns = self.shared.clock.unix_ns(Instant::now());
+        json!({"sec": ns / 1_000_000_000, "nsec": ns % 1_000_000_000})
+    }
+
+    fn message(&self, topic: Topic, frame_s: Option<f64>, data: Data) {
+        let at = Instant::now();
+        let item = Item::Message {
+            at,
+            topic,
+            frame_s,
+            data,
+        };
+        if !self.give(item) {
+            self.shared.lost_messages.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+
+    fn bytes(&self, from_board: bool, bytes: &[u8]) {
+        let before = &self.shared.torn[usize::from(from_board)];
+        let torn = before.swap(false, Ordering::Relaxed);
+        let item = Item::Bytes {
+            at: Instant::now(),
+            from_board,
+            bytes: bytes.to_vec(),
+            torn,
+        };
+        if !self.give(item) {
+            before.store(true, Ordering::Relaxed);
+            self.shared.lost_bytes.fetch_add(bytes.len() as u64, Ordering::Relaxed);
+        }
+    }
+
+    /// Whether it was queued. A recorder that has ended takes nothing, and nothing is lost by that.
+    fn give(&self, item: Item) -> bool {
+        !matches!(self.queue.try_send(item), Err(TrySendError::Full(_)))
+    }
+
+    /// Waits for its place in the queue.
+    pub(crate) fn end(&self) {
+        // The thread may have ended by itself.
+        let _ = self.queue.send(Item::End);
+    }
+}
+
+/// A port whose bytes are recorded.
+pub struct Tapped<P> {
+    port: P,
+    tap: Tap,
+}
+
+impl<P: Read> Read for Tapped<P> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let count = self.port.read(buffer)?;
+        if count > 0 {
+            self.tap.bytes(true, &buffer[..count]);
+        }
+        Ok(count)
+    }
+}
+
+impl<P: Write> Write for Tapped<P> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let count = self.port.write(bytes)?;
+        self.tap.bytes(false, &bytes[..count]);
+        Ok(count)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.port.flush()
+    }
+}
