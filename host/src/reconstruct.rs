@@ -20,6 +20,7 @@ use inverse::pipeline::FrameResult;
 use inverse::quality::doubt::Doubt;
 use inverse::reference::drift::Drift;
 use inverse::reference::imager::Imager;
+use inverse::reference::noise::NoiseSource;
 use inverse::reference::screening::Finding;
 use inverse::solvers::{Method, Status};
 use serde::Serialize;
@@ -276,6 +277,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         eprintln!("electrodes found in the baseline, up to {most:.1} mm from where they were said to be");
     }
     let results = reconstruct(arguments, &table, prepared.frames, &mut batch)?;
+    let by_residual = |done: &Done| matches!(done.result.noise.map(|n| n.source), Some(NoiseSource::Residual { .. }));
+    if results.iter().any(by_residual) {
+        eprintln!(
+            "notice: no pairs of this pattern are reciprocal, so that the noise is estimated from the part of a frame that touches \
+             hardly reach. {} or more frames of the unpressed sheet (--baseline) measure it, and make weak touches surer",
+            defaults.noise_frames
+        );
+    }
     // Everything is computed and every picture written before the first line is printed: no part passes for the whole.
     if let Some(folder) = &arguments.png {
         write_pictures(folder, batch.imager(), &results)?;
@@ -325,7 +334,11 @@ fn reconstruct<'a>(
 fn warn(frame: &str, result: &FrameResult) {
     if let Some(doubt) = result.doubt {
         eprintln!("warning: frame {frame}: {doubt}");
-    } else if let Some(notice) = result.drift.notice() {
+    } else if let Some(notice) = result
+        .drift
+        .notice()
+        .filter(|_| result.misfit.is_some() || !result.changed)
+    {
         eprintln!("notice: frame {frame}: {notice}");
     }
     match result.status {

@@ -88,7 +88,7 @@ impl ContactTest {
         if !self.sequence {
             self.clear();
         }
-        solver.begin();
+        let task = solver.begin(task);
         if task.quiet {
             self.drifting = Drifting::Contacts;
         }

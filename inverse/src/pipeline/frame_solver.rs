@@ -19,8 +19,11 @@ use forward::Geometry;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Noise that is assumed where nothing tells it, over the root mean square of the frame.
-const ASSUMED_NOISE: f64 = 1e-2;
+/// One in so many directions tells the noise where nothing else does: the response to a touch is there a hundredth of its
+/// largest part, or less.
+const LEAST_REACHED: usize = 8;
+/// Least noise that is found so, over the root mean square of the frame: exact frames have none.
+const LEAST_NOISE: f64 = 1e-4;
 
 /// Of how many frames the values are the mean.
 #[derive(Clone, Copy, Debug)]
@@ -189,12 +192,8 @@ impl FrameSolver {
             (result.anew, result.frames, result.grown) = (true, task.averaged.frames, task.averaged.grown);
             return;
         }
-        // Without a way to estimate the noise everything counts as a change.
         let power = self.power();
-        let noise = task.noise.unwrap_or(NoiseEstimate {
-            sigma: ASSUMED_NOISE * power.sqrt(),
-            source: NoiseSource::Assumed,
-        });
+        let Some(noise) = task.noise else { return };
         (result.noise, result.used, result.changed, result.anew) = (Some(noise), used, true, true);
         (result.frames, result.grown, result.misfit) = (task.averaged.frames, task.averaged.grown, None);
         let start = Instant::now();
@@ -253,6 +252,19 @@ impl FrameSolver {
             self.forget();
         }
         passes
+    }
+
+    /// The noise by the part of the frame that touches hardly reach: the directions of the least singular values. What the model
+    /// gets wrong there counts as noise.
+    fn residual_noise(&self) -> Option<NoiseEstimate> {
+        let rank = self.reduced.len();
+        let freedom = (rank / LEAST_REACHED).max(1).min(rank);
+        let square = self.reduced[rank - freedom..].iter().map(|v| v * v).sum::<f64>() / freedom.max(1) as f64;
+        let least = LEAST_NOISE * self.power().sqrt();
+        (rank > 0).then(|| NoiseEstimate {
+            sigma: square.sqrt().max(least),
+            source: NoiseSource::Residual { freedom },
+        })
     }
 
     /// The gate of so many values.
@@ -395,14 +407,27 @@ impl FrameSolver {
         })
     }
 
-    /// Begins a frame: nothing is known of its contacts.
-    pub(crate) fn begin(&mut self) {
+    /// Begins a frame: nothing is known of its contacts. The noise is estimated where nothing else tells it.
+    pub(crate) fn begin<'a>(&mut self, task: Task<'a>) -> Task<'a> {
         self.alone = None;
+        if task.noise.is_some() {
+            return task;
+        }
+        self.weigh(task.difference, (Drifting::Common, task.changed));
+        self.reduce(task.difference);
+        Task {
+            noise: self.residual_noise(),
+            ..task
+        }
     }
 
     /// An electrode whose contact changed more than the others in the frame solved last, beside its touches; or one that would
     /// explain the frame alone, without touches. `known` ones are left out.
     pub(crate) fn candidate(&self, known: &[usize], result: &FrameResult) -> Option<Candidate> {
+        // An estimate of the noise by a few directions is not good enough to blame a contact.
+        if matches!(result.noise?.source, NoiseSource::Residual { .. }) {
+            return None;
+        }
         let new = |electrode: &usize| !known.contains(electrode);
         let beside = result
             .drift

@@ -235,7 +235,7 @@ impl Reconstructor {
             // Every frame counts.
             detector.forget();
         }
-        let unexplained = self.solver.fits() && self.result.misfit.is_none() && !self.result.touches.is_empty();
+        let unexplained = self.solver.fits() && self.result.misfit.is_none() && self.result.changed;
         self.unexplained = if unexplained { self.unexplained + 1 } else { 0 };
         let least = if self.options.sequence {
             self.options.unexplained_frames

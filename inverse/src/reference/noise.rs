@@ -13,8 +13,11 @@ pub enum NoiseSource {
         /// Degrees of freedom of the estimate.
         freedom: usize,
     },
-    /// Nothing tells it: a size that keeps the solve well posed.
-    Assumed,
+    /// Estimated from the part of the frame that touches hardly reach: no pairs of the pattern are reciprocal.
+    Residual {
+        /// Degrees of freedom of the estimate.
+        freedom: usize,
+    },
 }
 
 impl NoiseSource {
@@ -22,8 +25,7 @@ impl NoiseSource {
     pub fn freedom(self) -> f64 {
         match self {
             Self::Known => KNOWN_FREEDOM,
-            Self::Estimated { freedom } => (freedom as f64).clamp(1.0, KNOWN_FREEDOM),
-            Self::Assumed => 1.0,
+            Self::Estimated { freedom } | Self::Residual { freedom } => (freedom as f64).clamp(1.0, KNOWN_FREEDOM),
         }
     }
 }

@@ -10,5 +10,6 @@ mod accuracy;
 mod contacts;
 mod drift;
 mod hand;
+mod noise;
 mod screening;
 mod watch;

@@ -7,11 +7,12 @@
 //!
 //! Small changes of all contacts are drift: the fit estimates them beside the touches
 //! ([`Drift`](crate::reference::drift::Drift)), and touches are right. A contact that changed more than the others is a fault
-//! ([`Drift::contact`](crate::reference::drift::Drift::contact)). Where the change is large, its shapes are not linear, and phantom touches may take their place. The estimate from
-//! the frame alone, without touches, then tells the electrode. The frame is fitted once more with all shapes of that contact
-//! left out. The response to a touch at the rim lies at least a tenth, mostly a third, of its own norm outside these shapes, so
-//! the two are distinguished by how well they explain a frame. The drives' scales are undone before, because they scale the
-//! responses to touches as well. `ContactMonitor` accepts a contact only after several frames.
+//! ([`Drift::contact`](crate::reference::drift::Drift::contact)). The shapes of a large change are not linear, and phantom
+//! touches may take their place. The estimate from the frame alone, without touches, then tells the electrode, and the frame is
+//! fitted once more with all shapes of that contact left out. The response to a touch at the rim lies at least a tenth, mostly
+//! a third, of its own norm outside these shapes: the two are distinguished by how well they explain a frame. The drives'
+//! scales are undone before, because they scale the responses to touches as well. `ContactMonitor` accepts a contact only after
+//! several frames.
 
 mod evidence;
 mod monitor;
