@@ -2,8 +2,8 @@
 
 use crate::files::sheet_line::SheetLine;
 use crate::progress::Progress;
-use crate::record::in_words;
 use crate::recorded::SessionRecord;
+use crate::recording_file::in_words;
 use crate::recover::ended;
 use anyhow::{Context, Result};
 use clap::Args;

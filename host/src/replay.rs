@@ -2,14 +2,14 @@
 
 use crate::baselines::Baselines;
 use crate::live_output::Output;
-use crate::recorded::{PictureRecord, Script, SessionRecord, Step, pressed};
+use crate::recorded::{Script, SessionRecord, Step};
+use crate::replayed::Replayed;
 use crate::run::{Run, ShowArguments, imager, page, stop_flag};
 use crate::say::say;
 use anyhow::{Context, Result};
 use clap::Args;
 use inverse::live::Live;
-use inverse::pipeline::FrameResult;
-use link::{LinkCounters, MeasuredFrame, Session};
+use link::{MeasuredFrame, Session};
 use recording::{Playback, Speed};
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
@@ -69,62 +69,6 @@ impl PlayedBoard {
                 Err(_) if self.ended.load(Ordering::Acquire) => return Ok(None),
                 Err(why) => return Err(why.into()),
             }
-        }
-    }
-}
-
-/// A recording that is played, and how it compares with what was found when it was recorded.
-#[derive(Default)]
-pub(crate) struct Replayed {
-    expected: Option<PictureRecord>,
-    same: u64,
-    different: u64,
-    first_different: Option<u32>,
-    /// Frames that were taken, but are not in the file.
-    missing: u64,
-}
-
-impl Replayed {
-    /// Holds a picture against what was recorded of it, and counts as was counted then.
-    ///
-    /// # Errors
-    /// The touches cannot be compared.
-    pub(crate) fn compare(&mut self, result: &FrameResult, counters: &mut LinkCounters) -> Result<()> {
-        let Some(expected) = self.expected.take() else {
-            return Ok(());
-        };
-        counters.lost_frames = expected.lost_frames;
-        counters.skipped_frames = expected.skipped_frames;
-        if serde_json::to_value(pressed(result))? == expected.touches {
-            self.same += 1;
-        } else {
-            self.different += 1;
-            self.first_different.get_or_insert(expected.frame());
-        }
-        Ok(())
-    }
-
-    fn say(&self, file: &str, ended: bool) {
-        let pictures = self.same + self.different;
-        if pictures == 0 {
-            say!("{file}: no picture in it; skin info says what there is");
-        } else if self.different > 0 {
-            say!(
-                "warning: {file}: {} of {pictures} pictures have other touches than were recorded, from frame {} on",
-                self.different,
-                self.first_different.unwrap_or(0)
-            );
-        } else {
-            say!("{file}: {pictures} pictures, every one with the recorded touches");
-        }
-        if self.missing > 0 {
-            say!(
-                "warning: {file}: {} frames that were shown are not in the file",
-                self.missing
-            );
-        }
-        if !ended {
-            say!("{file}: not played to its end");
         }
     }
 }

@@ -4,9 +4,9 @@ use crate::baselines::{Baselines, state_folder};
 use crate::files::baseline_file::Subject;
 use crate::files::calibration_file;
 use crate::live_output::Output;
-use crate::record::{self, file_name};
 use crate::recorded::{Notes, Recorded, SessionRecord};
-use crate::replay::Replayed;
+use crate::recording_file::{self, file_name};
+use crate::replayed::Replayed;
 use crate::say::{self, say};
 use crate::usage::Usage;
 use crate::{board, plan, scene, sheet, simulated_skin};
@@ -514,7 +514,7 @@ impl Run<'_> {
             );
         }
         self.output.end_status();
-        let recorded = self.recorder.take().map_or(Ok(()), record::finish);
+        let recorded = self.recorder.take().map_or(Ok(()), recording_file::finish);
         let png = self.show.png.as_deref();
         let written = png.map_or(Ok(()), |path| self.output.write_png(path));
         // Why it ended comes first.

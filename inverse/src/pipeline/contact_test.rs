@@ -21,6 +21,8 @@ pub(crate) struct ContactTest {
     sequence: bool,
     /// What drifts in the frames now; how many touches have stood the test against it; and frames until the next test.
     drifting: Drifting,
+    /// The detector that has seen the frame.
+    asked: usize,
     stood: usize,
     until: usize,
     /// Frames one after another in which that test was put off.
@@ -41,6 +43,7 @@ impl ContactTest {
             ),
             sequence: options.sequence,
             drifting: Drifting::Common,
+            asked: 0,
             stood: 0,
             until: 0,
             put_off: 0,
@@ -79,6 +82,17 @@ impl ContactTest {
         detectors: &mut Detectors,
         result: &mut FrameResult,
     ) {
+        self.asked = self.detector();
+        self.judge(solver, task, detectors, result);
+        if self.detector() != self.asked
+            && let Some(detector) = &mut detectors[self.detector()]
+        {
+            // It knows nothing of the frames that the other has seen.
+            detector.forget();
+        }
+    }
+
+    fn judge(&mut self, solver: &mut FrameSolver, task: Task, detectors: &mut Detectors, result: &mut FrameResult) {
         if task.averaged.frames > 1 {
             // Contacts are tested on single frames only: the error of the disc model shows more in a mean.
             let task = Task { patient: false, ..task };
@@ -238,7 +252,8 @@ impl ContactTest {
         detectors: &mut Detectors,
         result: &mut FrameResult,
     ) -> Option<Evidence> {
-        let detector = detectors[self.detector()].as_mut();
+        let seen = self.detector() == self.asked;
+        let detector = detectors[self.detector()].as_mut().filter(|_| seen);
         let (changed, drifting) = (self.monitor.changed(), self.drifting);
         let task = Task {
             drifting,

@@ -1,0 +1,64 @@
+//! How a recording that is played compares with what was recorded.
+
+use crate::recorded::{PictureRecord, pressed};
+use crate::say::say;
+use anyhow::Result;
+use inverse::pipeline::FrameResult;
+use link::LinkCounters;
+
+/// A recording that is played, and how it compares with what was found when it was recorded.
+#[derive(Default)]
+pub(crate) struct Replayed {
+    pub(crate) expected: Option<PictureRecord>,
+    same: u64,
+    different: u64,
+    first_different: Option<u32>,
+    /// Frames that were taken, but are not in the file.
+    pub(crate) missing: u64,
+}
+
+impl Replayed {
+    /// Holds a picture against what was recorded of it, and counts as was counted then.
+    ///
+    /// # Errors
+    /// The touches cannot be compared.
+    pub(crate) fn compare(&mut self, result: &FrameResult, counters: &mut LinkCounters) -> Result<()> {
+        let Some(expected) = self.expected.take() else {
+            return Ok(());
+        };
+        counters.lost_frames = expected.lost_frames;
+        counters.skipped_frames = expected.skipped_frames;
+        if serde_json::to_value(pressed(result))? == expected.touches {
+            self.same += 1;
+        } else {
+            self.different += 1;
+            self.first_different.get_or_insert(expected.frame());
+        }
+        Ok(())
+    }
+
+    /// Says how many pictures were the same.
+    pub(crate) fn say(&self, file: &str, ended: bool) {
+        let pictures = self.same + self.different;
+        if pictures == 0 {
+            say!("{file}: no picture in it; skin info says what there is");
+        } else if self.different > 0 {
+            say!(
+                "warning: {file}: {} of {pictures} pictures have other touches than were recorded, from frame {} on",
+                self.different,
+                self.first_different.unwrap_or(0)
+            );
+        } else {
+            say!("{file}: {pictures} pictures, every one with the recorded touches");
+        }
+        if self.missing > 0 {
+            say!(
+                "warning: {file}: {} frames that were shown are not in the file",
+                self.missing
+            );
+        }
+        if !ended {
+            say!("{file}: not played to its end");
+        }
+    }
+}
