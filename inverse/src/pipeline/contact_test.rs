@@ -83,16 +83,6 @@ impl ContactTest {
         result: &mut FrameResult,
     ) {
         self.asked = self.detector();
-        self.judge(solver, task, detectors, result);
-        if self.detector() != self.asked
-            && let Some(detector) = &mut detectors[self.detector()]
-        {
-            // It knows nothing of the frames that the other has seen.
-            detector.forget();
-        }
-    }
-
-    fn judge(&mut self, solver: &mut FrameSolver, task: Task, detectors: &mut Detectors, result: &mut FrameResult) {
         if task.averaged.frames > 1 {
             // Contacts are tested on single frames only: the error of the disc model shows more in a mean.
             let task = Task { patient: false, ..task };
@@ -252,12 +242,12 @@ impl ContactTest {
         detectors: &mut Detectors,
         result: &mut FrameResult,
     ) -> Option<Evidence> {
-        let seen = self.detector() == self.asked;
-        let detector = detectors[self.detector()].as_mut().filter(|_| seen);
+        let detector = detectors[self.detector()].as_mut();
         let (changed, drifting) = (self.monitor.changed(), self.drifting);
         let task = Task {
             drifting,
             changed,
+            seen: self.detector() == self.asked,
             ..task
         };
         if changed.is_empty() {

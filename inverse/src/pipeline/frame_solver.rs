@@ -58,6 +58,8 @@ pub(crate) struct Task<'a> {
     pub(crate) drifting: Drifting,
     /// Electrodes whose contact's shapes are left out.
     pub(crate) changed: &'a [usize],
+    /// Whether the detector has seen the frame: only then it can take it for the last one.
+    pub(crate) seen: bool,
     /// Whether the frame shows no touch: what it shows is drift, or contacts.
     pub(crate) quiet: bool,
     /// Whether every search of the fit is to come to its end in this frame, however long it takes.
@@ -369,7 +371,7 @@ impl FrameSolver {
         let whole =
             |d: &&mut ChangeDetector| d.used() == result.used && task.changed.is_empty() && self.options.sequence;
         let mean = task.averaged.frames > 1;
-        if let Some(detector) = detector.filter(|d| (fitted.settled || mean) && whole(d)) {
+        if let Some(detector) = detector.filter(|d| (fitted.settled || mean) && task.seen && whole(d)) {
             detector.remember(&self.reduced, &fitted.slopes, tables.touches.stride());
             if !(fitted.settled && fitted.finished) {
                 detector.once_more();

@@ -223,6 +223,7 @@ impl Reconstructor {
             averaged,
             drifting: Drifting::Common,
             changed: &[],
+            seen: true,
             quiet,
             patient: false,
         };
