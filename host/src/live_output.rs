@@ -191,7 +191,7 @@ impl Output {
                 self.doubted = Some((kind, Instant::now()));
             }
         }
-        let notice = result.drift.notice().filter(|_| result.doubt.is_none());
+        let notice = result.notice();
         if let Some(notice) = notice
             && self.drifted.is_none_or(|at| at.elapsed() > SAID_AGAIN)
         {

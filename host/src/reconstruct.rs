@@ -334,11 +334,7 @@ fn reconstruct<'a>(
 fn warn(frame: &str, result: &FrameResult) {
     if let Some(doubt) = result.doubt {
         eprintln!("warning: frame {frame}: {doubt}");
-    } else if let Some(notice) = result
-        .drift
-        .notice()
-        .filter(|_| result.misfit.is_some() || !result.changed)
-    {
+    } else if let Some(notice) = result.notice() {
         eprintln!("notice: frame {frame}: {notice}");
     }
     match result.status {

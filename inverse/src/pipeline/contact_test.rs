@@ -83,6 +83,17 @@ impl ContactTest {
         result: &mut FrameResult,
     ) {
         self.asked = self.detector();
+        self.judge(solver, task, detectors, result);
+        self.without_contacts(solver, task, |solver, task| solver.finish(task, result));
+        if self.detector() != self.asked
+            && let Some(detector) = &mut detectors[self.detector()]
+        {
+            // It knows nothing of the frames that the other has seen.
+            detector.forget();
+        }
+    }
+
+    fn judge(&mut self, solver: &mut FrameSolver, task: Task, detectors: &mut Detectors, result: &mut FrameResult) {
         if task.averaged.frames > 1 {
             // Contacts are tested on single frames only: the error of the disc model shows more in a mean.
             let task = Task { patient: false, ..task };
@@ -151,7 +162,12 @@ impl ContactTest {
             Drifting::Contacts => Drifting::Common,
             _ => Drifting::Contacts,
         };
-        let other = self.solve_with(solver, task, detectors, result);
+        // Where contacts drift, the next frame takes the error of the linear model off.
+        let quick = Task {
+            corrected: task.patient,
+            ..task
+        };
+        let other = self.solve_with(solver, quick, detectors, result);
         let contacts = evidence.zip(other).is_some_and(|(evidence, other)| match before {
             Drifting::Contacts => evidence.cheaper_than(other, self.options.margin),
             _ => other.cheaper_than(evidence, self.options.margin_accepted),
@@ -242,27 +258,38 @@ impl ContactTest {
         detectors: &mut Detectors,
         result: &mut FrameResult,
     ) -> Option<Evidence> {
-        let detector = detectors[self.detector()].as_mut();
+        let (index, seen) = (self.detector(), self.detector() == self.asked);
+        let detector = detectors[index].as_mut();
+        self.without_contacts(solver, Task { seen, ..task }, |solver, task| {
+            solver.solve(task, detector, result);
+            solver.evidence(task, result)
+        })
+    }
+
+    /// Does something with a frame without what drifted, and without what the contacts did that changed.
+    fn without_contacts<R>(
+        &mut self,
+        solver: &mut FrameSolver,
+        task: Task,
+        act: impl FnOnce(&mut FrameSolver, Task) -> R,
+    ) -> R {
         let (changed, drifting) = (self.monitor.changed(), self.drifting);
         let task = Task {
             drifting,
             changed,
-            seen: self.detector() == self.asked,
             ..task
         };
         if changed.is_empty() {
-            solver.solve(task, detector, result);
-        } else {
-            let difference = match &mut self.evened {
-                Some(evened) => {
-                    evened.clone_from(task.difference);
-                    evened
-                }
-                none => none.insert(task.difference.clone()),
-            };
-            solver.even_out(changed, difference);
-            solver.solve(Task { difference, ..task }, detector, result);
+            return act(solver, task);
         }
-        solver.evidence(task, result)
+        let difference = match &mut self.evened {
+            Some(evened) => {
+                evened.clone_from(task.difference);
+                evened
+            }
+            none => none.insert(task.difference.clone()),
+        };
+        solver.even_out(changed, difference);
+        act(solver, Task { difference, ..task })
     }
 }

@@ -64,6 +64,8 @@ pub(crate) struct Task<'a> {
     pub(crate) quiet: bool,
     /// Whether every search of the fit is to come to its end in this frame, however long it takes.
     pub(crate) patient: bool,
+    /// Whether the error of the linear model may be solved for.
+    pub(crate) corrected: bool,
 }
 
 /// A contact that may have changed.
@@ -95,6 +97,8 @@ pub(crate) struct FrameSolver {
     sizes: Vec<f64>,
     /// The contact that would explain the frame alone.
     alone: Option<usize>,
+    /// Ridges of the pictures solved last, by what drifts.
+    ridges: [Option<f64>; 3],
 }
 
 impl FrameSolver {
@@ -112,6 +116,7 @@ impl FrameSolver {
             reduced: Vec::new(),
             sizes: Vec::new(),
             alone: None,
+            ridges: [None; 3],
             imager: Arc::clone(imager),
             options,
         }
@@ -139,7 +144,7 @@ impl FrameSolver {
 
     /// Starts the next frame without anything of the frame before.
     pub(crate) fn forget(&mut self) {
-        self.image.reset();
+        self.weightings.forget();
         self.forget_touches();
     }
 
@@ -183,7 +188,7 @@ impl FrameSolver {
     pub(crate) fn solve(&mut self, task: Task, detector: Option<&mut ChangeDetector>, result: &mut FrameResult) {
         let used = task.difference.used.iter().filter(|u| **u).count();
         // What the detector let through has something in it, unless it was in the values that are left out now.
-        let passed = task.changed.is_empty() && detector.as_ref().is_some_and(|d| d.used() == used);
+        let passed = task.changed.is_empty() && !task.quiet && detector.as_ref().is_some_and(|d| d.used() == used);
         self.weigh(task.difference, (task.drifting, task.changed));
         self.reduce(task.difference);
         if self.reduced.is_empty() || task.noise.is_some_and(|n| !passed && !self.passes(n)) {
@@ -208,20 +213,25 @@ impl FrameSolver {
         let ridge = self.image.solve(&self.options, weighted, &self.values, sigma, result);
         result.solve_us = start.elapsed().as_secs_f64() * 1e6;
         self.image.find(result);
-        let fitted = self.fit(task, noise, detector, result);
+        self.ridges[task.drifting as usize] = ridge;
+        self.fit(task, noise, detector, result);
         if task.drifting == Drifting::Contacts {
             self.alone = self.alone(noise);
         }
-        if let (false, Some(ridge), Some(_)) = (fitted, ridge, &self.fitter) {
-            // Where touches do not explain the frame, nothing says that it only rises.
-            self.weigh(task.difference, (Drifting::Nothing, task.changed));
-            self.reduce(task.difference);
-            if let Some(weighted) = self.weightings.current_mut() {
-                self.image
-                    .solve_with_falls(&self.options, weighted, &self.values, ridge, result);
-            }
-            self.weigh(task.difference, (task.drifting, task.changed));
-            self.reduce(task.difference);
+    }
+
+    /// Finishes the picture of a frame that touches do not explain: nothing says that it only rises. `task` is that of the solve
+    /// whose result it is.
+    pub(crate) fn finish(&mut self, task: Task, result: &mut FrameResult) {
+        let unexplained = result.changed && result.misfit.is_none() && self.fits();
+        let Some(ridge) = self.ridges[task.drifting as usize].filter(|_| unexplained) else {
+            return;
+        };
+        self.weigh(task.difference, (Drifting::Nothing, task.changed));
+        self.reduce(task.difference);
+        if let Some(weighted) = self.weightings.current_mut() {
+            self.image
+                .solve_with_falls(&self.options, weighted, &self.values, ridge, result);
         }
     }
 
@@ -231,12 +241,8 @@ impl FrameSolver {
             self.fitter.iter_mut().for_each(Fitter::exchange);
         }
         let (drift, contacts) = (self.drift.as_ref(), self.contacts.as_mut());
-        if self
-            .weightings
-            .switch(&self.imager, &self.options, drift, contacts, difference, left_out)
-        {
-            self.image.reset();
-        }
+        self.weightings
+            .switch(&self.imager, &self.options, drift, contacts, difference, left_out);
     }
 
     fn reduce(&mut self, difference: &Difference) {
@@ -324,19 +330,19 @@ impl FrameSolver {
         }
     }
 
-    /// Fits touches from the picture's; false when discs do not explain the frame.
+    /// Fits touches from the picture's. The result has no misfit where discs do not explain the frame.
     fn fit(
         &mut self,
         task: Task,
         noise: NoiseEstimate,
         detector: Option<&mut ChangeDetector>,
         result: &mut FrameResult,
-    ) -> bool {
+    ) {
         self.tabulate();
         let (Some(fitter), Some(weighted)) = (&mut self.fitter, self.weightings.current_mut()) else {
-            return false;
+            return;
         };
-        let Some(tables) = &weighted.tables else { return false };
+        let Some(tables) = &weighted.tables else { return };
         let mut reduction = WeightedProjection {
             used: &task.difference.used,
             spread: &task.difference.spread,
@@ -358,12 +364,13 @@ impl FrameSolver {
             noise,
             gain: task.averaged.gain,
             patient: task.patient,
+            corrected: task.corrected,
         };
         let seeds = result.touches.iter().map(|t| [t.x_mm, t.y_mm]);
         let explained = fitter.fit(data, seeds).is_some();
         result.drift.copy_from(fitter.drift());
         if !explained {
-            return false;
+            return;
         }
         let fitted = fitter.last();
         // Only a frame of which all values took part lies in the space that the detector looks at; and frames that have
@@ -385,7 +392,6 @@ impl FrameSolver {
         });
         result.touches.extend(placed.copied());
         result.misfit = Some(fitted.misfit);
-        true
     }
 
     /// What the last solve came to, to be compared with one with other contacts; none where nothing tells the noise.

@@ -10,7 +10,6 @@ use nalgebra::DVector;
 
 /// Solves for pictures, one after another.
 pub(crate) struct ImageSolver {
-    nnls: Nnls,
     finder: TouchFinder,
     cells: usize,
 }
@@ -18,19 +17,9 @@ pub(crate) struct ImageSolver {
 impl ImageSolver {
     pub(crate) fn new(imager: &Imager, options: &ReconstructorOptions) -> Self {
         Self {
-            nnls: Nnls::new(NnlsOptions {
-                ridge: 1.0,
-                tolerance: options.tolerance,
-                most_steps: options.most_steps,
-            }),
             finder: TouchFinder::new(&imager.grid, options.touches),
             cells: imager.grid.len(),
         }
-    }
-
-    /// Starts the next solve without the last solution.
-    pub(crate) fn reset(&mut self) {
-        self.nnls.reset();
     }
 
     /// Solves by the method asked for, x in relative rise, and finds the peaks. `values` are the weighted frame, `sigma` the
@@ -82,8 +71,9 @@ impl ImageSolver {
             weighted.solving = Some((ridge, weighted.problem.without(fraction)));
         }
         let problem = weighted.solving.as_ref().map_or(&weighted.problem, |(_, p)| p);
-        self.nnls.set_ridge(ridge);
-        let mut outcome = self.nnls.solve_into(problem, values, &mut result.x);
+        let nnls = &mut weighted.nnls;
+        nnls.set_ridge(ridge);
+        let mut outcome = nnls.solve_into(problem, values, &mut result.x);
         // A picture far beyond what was expected was held down by the ridge: expect more and solve again.
         for _ in 0..options.most_rescalings {
             let rises = result.x.iter().zip(&weighted.prior).map(|(x, prior)| x * prior);
@@ -92,8 +82,8 @@ impl ImageSolver {
                 break;
             }
             expected = largest / options.largest_over_expected;
-            self.nnls.set_ridge(sigma / expected);
-            outcome = self.nnls.solve_into(problem, values, &mut result.x);
+            nnls.set_ridge(sigma / expected);
+            outcome = nnls.solve_into(problem, values, &mut result.x);
         }
         weighted.scale(&mut result.x);
         (result.residual, result.gap, result.status) = (outcome.residual, outcome.gap, outcome.status);
@@ -120,7 +110,7 @@ impl ImageSolver {
         let both = weighted.with_falls.get_or_insert_with(|| problem.with_falls(1.0));
         let solution = Nnls::new(NnlsOptions {
             ridge,
-            ..self.nnls.options()
+            ..weighted.nnls.options()
         })
         .solve(both, &DVector::from_column_slice(values));
         let mut x = solution.x;

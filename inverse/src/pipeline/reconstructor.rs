@@ -175,6 +175,8 @@ impl Reconstructor {
         self.result.clear(self.reference.noise(), used);
         self.solver.forget();
         self.contacts.clear();
+        // Only one of them has seen the frame.
+        self.detectors.iter_mut().flatten().for_each(ChangeDetector::forget);
         self.faults.clear();
         self.unexplained = 0;
     }
@@ -226,6 +228,7 @@ impl Reconstructor {
             seen: true,
             quiet,
             patient: false,
+            corrected: true,
         };
         self.contacts
             .solve(&mut self.solver, task, &mut self.detectors, &mut self.result);

@@ -2,6 +2,7 @@
 
 use crate::quality::doubt::Doubt;
 use crate::reference::Drift;
+use crate::reference::drift::DriftNotice;
 use crate::reference::imager::Imager;
 use crate::reference::noise::NoiseEstimate;
 use crate::solvers::Status;
@@ -69,6 +70,13 @@ impl FrameResult {
             contacts: Vec::new(),
             anew: true,
         }
+    }
+
+    /// What a person is told of the drift; nothing where touches do not explain the frame: what is found beside them is then
+    /// perhaps none.
+    pub fn notice(&self) -> Option<DriftNotice> {
+        let explained = self.doubt.is_none() && (self.misfit.is_some() || !self.changed);
+        self.drift.notice().filter(|_| explained)
     }
 
     /// Makes it another, without allocation where that is no larger.

@@ -6,7 +6,7 @@ use crate::quality::contact::Contacts;
 use crate::reference::Difference;
 use crate::reference::drift::{DriftShapes, Drifting};
 use crate::reference::imager::Imager;
-use crate::solvers::{Method, Problem, Projector};
+use crate::solvers::{Method, Nnls, NnlsOptions, Problem, Projector};
 use crate::touches::fit::fitter::Fitter;
 use crate::touches::fit::nuisance::Nuisances;
 use crate::touches::fit::responses::ResponseTable;
@@ -33,6 +33,8 @@ pub(crate) struct Weighted {
     pub(crate) projector: Projector,
     /// The part of the problem that the solve uses, and the ridge that it was made for.
     pub(crate) solving: Option<(f64, Problem)>,
+    /// Solves for pictures, each from the one before.
+    pub(crate) nnls: Nnls,
     /// The problem with cells that fall; made when a frame first needs it.
     pub(crate) with_falls: Option<Problem>,
     /// Reduced responses to touches; made when a frame first needs them.
@@ -105,6 +107,11 @@ impl Weighted {
             projector: Projector::new(&problem, problem.rank()),
             problem,
             solving: None,
+            nnls: Nnls::new(NnlsOptions {
+                ridge: 1.0,
+                tolerance: options.tolerance,
+                most_steps: options.most_steps,
+            }),
             prior,
             with_falls: None,
             tables: None,
@@ -190,7 +197,12 @@ impl Weightings {
         self.kept.first_mut()
     }
 
-    /// Makes the problem for the values of a difference the one in use; whether it was another before.
+    /// Starts the next picture of every problem without the last one.
+    pub(crate) fn forget(&mut self) {
+        self.kept.iter_mut().for_each(|w| w.nnls.reset());
+    }
+
+    /// Makes the problem for the values of a difference the one in use.
     pub(crate) fn switch(
         &mut self,
         imager: &Imager,
@@ -199,9 +211,8 @@ impl Weightings {
         contacts: Option<&mut Contacts>,
         difference: &Difference,
         left_out: (Drifting, &[usize]),
-    ) -> bool {
+    ) {
         match self.kept.iter().position(|w| w.is_for(difference, left_out)) {
-            Some(0) => return false,
             Some(place) => self.kept[..=place].rotate_right(1),
             None => {
                 if self.kept.is_full() {
@@ -211,6 +222,5 @@ impl Weightings {
                 self.kept.insert(0, new);
             }
         }
-        true
     }
 }

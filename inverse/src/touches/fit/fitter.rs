@@ -33,6 +33,8 @@ pub struct Data<'a> {
     pub gain: f64,
     /// Whether the search must end in this frame, however many follow.
     pub patient: bool,
+    /// Whether the error of the linear model may be solved for: that takes as long as many fits.
+    pub corrected: bool,
 }
 
 impl Data<'_> {
@@ -367,7 +369,7 @@ impl Fitter {
         {
             return self.renew(job, scale, size);
         }
-        if self.expected_error() > self.options.worth_a_solution {
+        if job.data.corrected && self.expected_error() > self.options.worth_a_solution {
             self.correct(job)?;
             // In a mean, the first of its frames decided between one touch and two.
             if job.data.gain <= 1.0
@@ -378,6 +380,7 @@ impl Fitter {
         } else if shows || carried.is_some() {
             self.carried.error = None;
             self.again(job, Values::Measured)?;
+            self.fits.now.settled &= job.data.corrected;
         }
         Some(())
     }
@@ -391,7 +394,7 @@ impl Fitter {
         let unexplained = job.data.unexplained(self.fits.now.misfit);
         let failed_before = |then| unexplained <= options.failed_until * then;
         self.fits.now.settled |= self.carried.failed.is_some_and(failed_before);
-        if !self.fits.now.settled {
+        if !self.fits.now.settled && job.data.corrected {
             let before = self.fits.now.misfit;
             let Some(error) = self.solve() else {
                 return Some(());

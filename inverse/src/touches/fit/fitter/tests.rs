@@ -170,6 +170,7 @@ fn the_linearisation_error_is_carried_from_frame_to_frame() {
                 noise,
                 gain: 1.0,
                 patient,
+                corrected: true,
             };
             fitter.fit(data, truth.iter().map(|d| d.at)).unwrap().clone()
         };
