@@ -4,6 +4,7 @@ mod contact_test;
 mod frame_solver;
 mod image;
 mod options;
+mod polarity_test;
 mod reconstructor;
 mod result;
 mod weighted;

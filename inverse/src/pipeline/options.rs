@@ -8,6 +8,7 @@ use crate::reference::imager::Imager;
 use crate::solvers::Method;
 use crate::touches::fit::FitOptions;
 use crate::touches::peaks::TouchOptions;
+use crate::touches::polarity::Polarity;
 
 /// How frames are turned into pictures.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -35,6 +36,9 @@ pub struct ReconstructorOptions {
     /// How the picture's touches are fitted to the measurements; none leaves them as the picture has them. Only
     /// [`Method::Nnls`] has a fit.
     pub fit: Option<FitOptions>,
+    /// Which way touches change the resistivity; none where that is to be learned from the frames. A sheet of which nothing is
+    /// known is first taken for one whose touches raise it.
+    pub polarity: Option<Polarity>,
     /// Whether frames are measured one after another. What broke or changed on the sheet stays so. A doubtful electrode is
     /// then left out only when its fault lasts, a contact is accepted as changed after
     /// [`ContactOptions::frames`], and unexplained frames are reported after
@@ -96,6 +100,7 @@ impl ReconstructorOptions {
                 least_rise: 0.005,
             },
             fit: (method == Method::Nnls).then(|| FitOptions::for_extent(extent)),
+            polarity: None,
             sequence: false,
             averaged_s: 0.25,
             unexplained_frames: 4,

@@ -11,6 +11,7 @@ use crate::reference::drift::Drifting;
 use crate::reference::imager::{Imager, ImagerError};
 use crate::reference::noise::NoiseEstimate;
 use crate::reference::{Difference, Reference};
+use crate::touches::polarity::Polarity;
 use std::sync::Arc;
 
 /// Turns the frames of one reference into pictures, with its state from frame to frame.
@@ -224,13 +225,15 @@ impl Reconstructor {
             noise: known.or(estimated),
             averaged,
             drifting: Drifting::Common,
+            polarity: Polarity::Up,
             changed: &[],
             seen: true,
             quiet,
             patient: false,
             corrected: true,
         };
-        self.contacts
+        let gone = self
+            .contacts
             .solve(&mut self.solver, task, &mut self.detectors, &mut self.result);
         let changed = self.contacts.changed();
         if let Some(detector) = &mut self.detectors[self.contacts.detector()]
@@ -252,6 +255,10 @@ impl Reconstructor {
         });
         self.result.doubt = Doubt::of(&self.difference, model_v, self.options.doubts)
             .or((self.unexplained >= least).then_some(Doubt::NotTouches))
+            .or(gone.map(|[x, y]| Doubt::Gone {
+                x_mm: x.round() as i32,
+                y_mm: y.round() as i32,
+            }))
             .or(contact);
         if self.result.doubt == Some(Doubt::NotThisSheet) {
             // Whatever they are, they are no touches on the sheet of the baseline.

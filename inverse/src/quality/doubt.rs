@@ -18,6 +18,13 @@ pub enum Doubt {
     NotThisSheet,
     /// Something changed, but no touches explain it.
     NotTouches,
+    /// Something that lay on the sheet when the baseline was taken has gone.
+    Gone {
+        /// Where it lay, mm.
+        x_mm: i32,
+        /// Where it lay, mm.
+        y_mm: i32,
+    },
     /// The contact of an electrode changed since the baseline; what it does to the frame is taken out.
     Contact {
         /// The electrode, from 0; a person reads it from 1.
@@ -92,6 +99,11 @@ impl fmt::Display for Doubt {
                     " changed since the baseline and is left out: look at its clamp and cable, then take a new baseline"
                 )
             }
+            Self::Gone { x_mm, y_mm } => write!(
+                f,
+                "something that lay at ({x_mm}, {y_mm}) mm when the baseline was taken has gone: take a new baseline; or, if \
+                 touches lower the resistance of this sheet, say --rise down"
+            ),
             Self::NotTouches => write!(
                 f,
                 "no touches of the expected size explain the change: shown are the picture's peaks, of other objects or of \

@@ -11,5 +11,6 @@ mod contacts;
 mod drift;
 mod hand;
 mod noise;
+mod polarity;
 mod screening;
 mod watch;
