@@ -408,7 +408,11 @@ impl FrameSolver {
         }
         result.touches.clear();
         let (geometry, unplaced) = (self.imager.model.geometry(), self.options.unplaced_mm);
-        let placed = fitted.touches.iter().filter(|t| {
+        let strengths = fitted.touches.iter().zip(&fitted.significances);
+        let significant = strengths
+            .filter(|(_, s)| **s >= self.options.least_significance)
+            .map(|(t, _)| t);
+        let placed = significant.filter(|t| {
             let sd = t.x_sd_mm.unwrap_or(0.0).max(t.y_sd_mm.unwrap_or(0.0));
             sd <= unplaced || sd <= apart(t, &fitted.touches, geometry)
         });

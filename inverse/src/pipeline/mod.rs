@@ -1,6 +1,7 @@
 //! From a frame to a picture and its touches.
 
 mod contact_test;
+mod following;
 mod frame_solver;
 mod image;
 mod options;

@@ -46,6 +46,9 @@ pub struct ReconstructorOptions {
     pub sequence: bool,
     /// Longest time over which frames of a scene at rest are averaged, s. More is quieter; a press creeps meanwhile.
     pub averaged_s: f64,
+    /// How fast the baseline follows what drifts while nothing touches, s. More is quieter and lags further behind: by this time
+    /// the rate of the drift. A touch that comes down more slowly than this is taken for drift.
+    pub follow_s: f64,
     /// Frames one after another that no touches explain before that is reported: a touch that comes down while a frame is
     /// measured fits none either.
     pub unexplained_frames: usize,
@@ -66,6 +69,9 @@ pub struct ReconstructorOptions {
     /// Standard deviation of a place, mm, from which a touch must be further from the rim, and from stronger touches, than that to
     /// be one. Fingers are known to a tenth of it.
     pub unplaced_mm: f64,
+    /// Least strength of a touch, in its standard deviations. What drift may have made is part of these. 4.2 is the quantile for
+    /// one false touch in 1,000 frames anywhere on the paper's disc, which has room for 60 fingertips.
+    pub least_significance: f64,
     /// A gain that drifted by more than this part since the frame before is divided out, and the frame solved once more: touches
     /// scale with it. Less costs time in drifting scenes.
     pub gain_step: f64,
@@ -103,6 +109,7 @@ impl ReconstructorOptions {
             polarity: None,
             sequence: false,
             averaged_s: 0.25,
+            follow_s: 10.0,
             unexplained_frames: 4,
             tolerance: 1e-9,
             most_steps: 60,
@@ -111,6 +118,7 @@ impl ReconstructorOptions {
             least_over_fall: 0.5,
             least_sensitivity: 1e-3,
             unplaced_mm: 0.03 * extent,
+            least_significance: 4.2,
             gain_step: 0.005,
             least_gain: 0.2,
             change: ChangeOptions::default(),

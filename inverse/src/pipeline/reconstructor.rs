@@ -2,6 +2,7 @@
 
 use crate::change::detector::{Change, ChangeDetector};
 use crate::pipeline::contact_test::ContactTest;
+use crate::pipeline::following::Following;
 use crate::pipeline::frame_solver::{Averaged, FrameSolver, Task};
 use crate::pipeline::options::ReconstructorOptions;
 use crate::pipeline::result::FrameResult;
@@ -25,6 +26,8 @@ pub struct Reconstructor {
     solver: FrameSolver,
     /// By what frames are divided: the gain that drifted since the baseline.
     gain: f64,
+    /// What the baseline has become since.
+    following: Following,
     /// Frames one after another that no touches explained.
     unexplained: usize,
     /// Room for a frame, and for the mean of several.
@@ -57,6 +60,7 @@ impl Reconstructor {
             contacts: ContactTest::new(&options),
             solver,
             gain: 1.0,
+            following: Following::new(reference.baseline().len(), options.follow_s),
             unexplained: 0,
             divided: Vec::new(),
             difference: reference.unchanged().clone(),
@@ -113,14 +117,13 @@ impl Reconstructor {
     /// The same with room for the frame divided by its gain. Where the gain turns out to be another, once more.
     fn divided(&mut self, values: &[f64], interval_s: Option<f64>, room: &mut Vec<f64>) -> Result<(), ImagerError> {
         for last in [false, true] {
-            room.clear();
-            room.extend(values.iter().map(|v| v / self.gain));
+            self.following.divide(values, self.gain, room);
             if !self.frame_of_gain(room, interval_s)? {
                 break;
             }
             let found = self.result.drift.gain;
             let gain = found * self.gain;
-            self.result.drift.gain = gain;
+            self.result.drift.gain = gain * self.following.gain();
             let off = (found - 1.0).abs() > self.options.gain_step && gain > self.options.least_gain;
             let settled = !self.result.changed || (self.result.misfit.is_some() && self.solver.is_finished());
             if last || !off || !settled {
@@ -128,6 +131,12 @@ impl Reconstructor {
             }
             self.gain = gain;
             self.detectors.iter_mut().flatten().for_each(ChangeDetector::forget);
+        }
+        let result = &self.result;
+        let untouched = result.touches.is_empty() && result.contacts.is_empty() && result.doubt.is_none();
+        if let Some(interval_s) = interval_s.filter(|_| untouched && self.options.sequence) {
+            let (baseline, used) = (self.reference.baseline(), &self.reference.unchanged().used);
+            self.following.follow(room, baseline, used, interval_s);
         }
         Ok(())
     }

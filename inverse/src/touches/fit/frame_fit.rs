@@ -23,6 +23,8 @@ pub struct Fitted {
     pub discs: Discs,
     /// Norm of the response to every one of them over the noise.
     pub norms: ArrayVec<f64, MOST_TOUCHES>,
+    /// Strength of every one of them over its standard deviation; infinite where that is not determined.
+    pub significances: ArrayVec<f64, MOST_TOUCHES>,
     /// All discs that were fitted, also those too weak for touches. The next frame's fit begins at them.
     pub all: Discs,
     /// Which of those every touch is.
@@ -182,6 +184,13 @@ fn fit_whitened(
     out.touches.extend(found.iter().map(|f| f.0));
     out.discs = found.iter().map(|f| f.1).collect();
     out.norms = found.iter().map(|f| f.2).collect();
+    out.significances = found
+        .iter()
+        .map(|(_, disc, _, k)| {
+            let variance = out.covariance.get((4 * k + 3) * (count + 1)).copied();
+            significance(disc, sigma, variance)
+        })
+        .collect();
     out.places = found.iter().map(|f| f.3).collect();
     out.misfit = misfit;
     out.relative_residual = best.square.sqrt() / norm.max(f64::MIN_POSITIVE);
@@ -192,6 +201,11 @@ fn fit_whitened(
     out.slopes.extend_from_slice(&best.jacobian);
     scratch.work.put(best);
     Some(())
+}
+
+/// Strength of a disc over its standard deviation; `variance` is over `sigma²`.
+pub(super) fn significance(disc: &Disc, sigma: f64, variance: Option<f64>) -> f64 {
+    variance.map_or(f64::INFINITY, |v| disc.strength.abs() / (sigma * v.max(0.0).sqrt()))
 }
 
 /// The touch that a disc is. `of` gives the covariances of its parameters, the strength's over `sigma`.
