@@ -156,6 +156,7 @@ impl SessionRecord {
             calibration: self.calibration()?,
             reach: self.reach,
             patience_s: self.patience_s,
+            ..LiveOptions::default()
         })
     }
 

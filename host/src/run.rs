@@ -494,6 +494,12 @@ impl Run<'_> {
                 continue;
             }
             if self.take(&frame)? {
+                if self.live.wants_baseline() {
+                    say!(
+                        "what lay on the sheet in the baseline has gone, and nothing touches: a new baseline is taken; the page can undo it"
+                    );
+                    self.obey(PageCommand::Tare)?;
+                }
                 pictures += 1;
                 if let Some(last) = &last {
                     shown_s += (frame.time_s - last.time_s).max(0.0);

@@ -2,6 +2,7 @@
 
 use crate::force::meter::{Calibration, ForceMeter};
 use crate::pipeline::{FrameResult, Reconstructor, ReconstructorOptions};
+use crate::quality::doubt::Doubt;
 use crate::reference::Reference;
 use crate::reference::baseline::{Baseline, BaselineTaker};
 use crate::reference::imager::{Imager, ImagerError};
@@ -28,6 +29,9 @@ pub struct LiveOptions {
     /// How far a touch may move from one frame to the next and keep its number, as a part of the sheet's width; and how far
     /// from where it vanished it may be seen again. Touches nearer to each other are seldom resolved. Chosen by hand.
     pub reach: f64,
+    /// How long something that lay on the sheet in the baseline must have gone for [`Live::wants_baseline`], s. Chosen by hand: a
+    /// finger lifts in less.
+    pub gone_s: f64,
     /// How long a touch may be gone and keep its number, s. A second tap at the same place within it is the same touch. Chosen
     /// by hand.
     pub patience_s: f64,
@@ -42,6 +46,7 @@ impl Default for LiveOptions {
             find_electrodes: true,
             calibration: None,
             reach: 0.1,
+            gone_s: 0.5,
             patience_s: 0.5,
         }
     }
@@ -74,6 +79,8 @@ pub struct Live {
     before_s: Option<f64>,
     /// Time from a frame to the next, s, as last seen.
     interval_s: Option<f64>,
+    /// Since when nothing is on the sheet, and something that lay there in the baseline has gone, s.
+    gone_since_s: Option<f64>,
 }
 
 /// What a baseline makes possible.
@@ -98,6 +105,7 @@ impl Live {
             running: None,
             before_s: None,
             interval_s: None,
+            gone_since_s: None,
             nominal: imager,
             options,
         }
@@ -112,6 +120,7 @@ impl Live {
 
     /// Takes the baseline anew, from the next frame on.
     pub fn tare(&mut self) {
+        self.gone_since_s = None;
         self.taker = Some(BaselineTaker::new(
             self.nominal.pattern.len(),
             self.options.baseline_frames,
@@ -126,7 +135,16 @@ impl Live {
     pub fn resume(&mut self, baseline: Baseline) -> Result<(), ImagerError> {
         self.nominal.fits(&baseline.values_v, &baseline.values_v)?;
         self.taker = None;
+        self.gone_since_s = None;
         self.put_in_force(baseline)
+    }
+
+    /// Whether a new baseline is called for, and can be taken: something that lay on the sheet in the baseline has gone, for
+    /// [`LiveOptions::gone_s`], and nothing touches. Not before it is known which way touches change the resistivity: what has
+    /// gone may else be a touch.
+    pub fn wants_baseline(&self) -> bool {
+        let since = self.gone_since_s.zip(self.before_s);
+        since.is_some_and(|(since, now)| now - since >= self.options.gone_s)
     }
 
     /// The baseline in force.
@@ -161,6 +179,8 @@ impl Live {
         let interval_s = self.before_s.replace(time_s).map(|before| time_s - before);
         self.interval_s = interval_s.filter(|s| *s > 0.0).or(self.interval_s);
         let result = reconstructor.frame_after(values_v, self.interval_s)?;
+        let gone = matches!(result.doubt, Some(Doubt::Gone { .. })) && result.touches.is_empty();
+        self.gone_since_s = gone.then(|| self.gone_since_s.unwrap_or(time_s));
         self.tracker.update(time_s, &mut result.touches);
         if result.anew {
             self.radius_filter.update(time_s, result.grown, &mut result.touches);
