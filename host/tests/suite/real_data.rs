@@ -32,13 +32,23 @@ fn reconstruct(file: &str, arguments: &[&str]) -> Vec<(String, Value)> {
         .collect()
 }
 
-/// Polar coordinates (mm, degrees) of a frame's touches, strongest first.
+/// Polar coordinates (mm, degrees) of what raises the resistivity of a frame, strongest first.
 fn touches(lines: &[(String, Value)], frame: &str) -> Vec<[f64; 2]> {
+    objects(lines, frame, 1.0)
+}
+
+/// The same of what lowers it.
+fn falls(lines: &[(String, Value)], frame: &str) -> Vec<[f64; 2]> {
+    objects(lines, frame, -1.0)
+}
+
+fn objects(lines: &[(String, Value)], frame: &str, sign: f64) -> Vec<[f64; 2]> {
     let (_, value) = lines.iter().find(|(name, _)| name == frame).unwrap();
     let list = value["touches"].as_array().unwrap();
     let rises: Vec<f64> = list.iter().map(|t| t["rise"].as_f64().unwrap()).collect();
-    assert!(rises.windows(2).all(|w| w[0] >= w[1]), "{frame}: {rises:?}");
+    assert!(rises.windows(2).all(|w| w[0].abs() >= w[1].abs()), "{frame}: {rises:?}");
     list.iter()
+        .filter(|t| sign * t["rise"].as_f64().unwrap() > 0.0)
         .map(|t| {
             let (x, y) = (t["x_mm"].as_f64().unwrap(), t["y_mm"].as_f64().unwrap());
             [x.hypot(y), y.atan2(x).to_degrees()]
@@ -65,14 +75,14 @@ fn lct2004() -> Vec<(String, Value)> {
     )
 }
 
-/// Touches of one set of the small tank, each against its own reference.
-fn small_tank(set: &str) -> Vec<[f64; 2]> {
+/// Frames of one set of the small tank, against its own reference.
+fn small_tank(set: &str) -> (Vec<(String, Value)>, String) {
     let baseline = format!("{set}_ref");
     let lines = reconstruct(
         "pyeidors2026_tank.csv",
         &["--baseline", &baseline, "--drive", "current", "--diameter-mm", "60"],
     );
-    touches(&lines, &format!("{set}_obj"))
+    (lines, format!("{set}_obj"))
 }
 
 #[test]
@@ -100,31 +110,70 @@ fn every_line_has_its_proof() {
 }
 
 #[test]
-fn metal_is_no_touch() {
+fn metal_lowers_and_is_found_as_plastic_is() {
     let lines = lct2004();
-    for metal in ["metal_1", "metal_2_180", "metal_2_90", "metal_2_45"] {
-        assert!(
-            touches(&lines, metal).is_empty(),
-            "{metal}: {:?}",
-            touches(&lines, metal)
-        );
+    for (frame, rises, angles) in [
+        ("metal_1", 0, vec![]),
+        ("metal_2_180", 0, vec![(180.0, 10.0)]),
+        ("metal_2_90", 0, vec![(90.0, 10.0)]),
+        ("metal_2_45", 0, vec![(45.0, 15.0)]),
+        // Two of plastic, two of metal.
+        ("4_phantoms_adj", 2, vec![(90.0, 10.0)]),
+        ("plastic_1", 1, vec![]),
+        ("plastic_2_180", 2, vec![]),
+        ("plastic_2_90", 2, vec![]),
+        ("plastic_2_45", 2, vec![]),
+    ] {
+        let (up, down) = (touches(&lines, frame), falls(&lines, frame));
+        assert_eq!(up.len(), rises, "{frame}: {up:?}");
+        let metal = if frame == "metal_1" { 1 } else { 2 * angles.len() };
+        assert_eq!(down.len(), metal, "{frame}: {down:?}");
+        for (angle, tolerance) in angles {
+            assert!(
+                (apart(down[0][1], down[1][1]) - angle).abs() <= tolerance,
+                "{frame}: {down:?}"
+            );
+        }
     }
-    assert!(small_tank("e01M_213831").is_empty());
+}
+
+/// What is said of the sheet decides which of them are touches.
+#[test]
+fn objects_of_the_other_sign_are_no_touches() {
+    for (rise, kept) in [("up", 1.0), ("down", -1.0), ("either", 0.0)] {
+        let water = "water_1,water_2,water_3";
+        let arguments = [
+            "--baseline",
+            water,
+            "--clockwise",
+            "--first-electrode-deg",
+            "90",
+            "--rise",
+            rise,
+        ];
+        let lines = reconstruct("lct2004_voltage.csv", &arguments);
+        let (up, down) = (touches(&lines, "4_phantoms_adj"), falls(&lines, "4_phantoms_adj"));
+        assert_eq!(up.len(), if kept < 0.0 { 0 } else { 2 }, "{rise}: {up:?}");
+        assert_eq!(down.len(), if kept > 0.0 { 0 } else { 2 }, "{rise}: {down:?}");
+    }
 }
 
 #[test]
-fn plastic_is_found_beside_metal() {
+fn plastic_and_metal_are_found_beside_each_other() {
     // Electrode 5 is at 90 degrees, 9 at 180, the metal at 0 and 270.
-    for (set, angles) in [
-        ("e01Me05P_213616", vec![90.0]),
-        ("e01Me05Pe09P_213029", vec![90.0, 180.0]),
-        ("e01Me05Pe09Pe13M_212131", vec![90.0, 180.0]),
+    for (set, plastic, metal) in [
+        ("e01M_213831", vec![], vec![0.0]),
+        ("e01Me05P_213616", vec![90.0], vec![0.0]),
+        ("e01Me05Pe09P_213029", vec![90.0, 180.0], vec![0.0]),
+        ("e01Me05Pe09Pe13M_212131", vec![90.0, 180.0], vec![0.0, -90.0]),
     ] {
-        let mut found = small_tank(set);
-        assert_eq!(found.len(), angles.len(), "{set}: {found:?}");
-        found.sort_by(|a, b| a[1].abs().total_cmp(&b[1].abs()));
-        for ([r, angle], truth) in found.iter().zip(&angles) {
-            assert!(*r > 10.0 && apart(*angle, *truth) < 15.0, "{set}: {found:?}");
+        let (lines, frame) = small_tank(set);
+        for (found, angles) in [(touches(&lines, &frame), plastic), (falls(&lines, &frame), metal)] {
+            assert_eq!(found.len(), angles.len(), "{set}: {found:?}");
+            for truth in angles {
+                let near = |o: &&[f64; 2]| o[0] > 10.0 && apart(o[1], truth) < 15.0;
+                assert_eq!(found.iter().filter(near).count(), 1, "{set}: {found:?}");
+            }
         }
     }
 }

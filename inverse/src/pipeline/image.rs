@@ -124,7 +124,8 @@ impl ImageSolver {
             self.turned.extend(result.x.iter().map(|x| -x));
             self.finder.find(&self.turned, &mut self.hollows);
             result.touches.extend(self.hollows.drain(..).map(|t| Touch {
-                rise: -t.rise,
+                // The picture is linear, and says of metal that it falls by more than there is.
+                rise: (-t.rise).max(-1.0),
                 total_mm2: -t.total_mm2,
                 ..t
             }));
@@ -160,9 +161,11 @@ impl ImageSolver {
         self.find(Polarity::Either, result);
         let largest = |sign: f64| result.touches.iter().map(|t| sign * t.total_mm2).fold(0.0, f64::max);
         let [rise, fall] = [1.0, -1.0].map(|sign| options.least_over_fall * largest(sign));
+        let highest = result.touches.iter().map(|t| t.rise.abs()).fold(0.0, f64::max);
         result.touches.retain(|t| {
             let least = if t.rise > 0.0 { fall } else { rise };
-            polarity.allows(t.rise) && t.total_mm2.abs() >= least
+            let stands = t.total_mm2.abs() >= least && t.rise.abs() >= options.touches.least_of_strongest * highest;
+            polarity.allows(t.rise) && stands
         });
         result.touches.sort_by(|a, b| b.rise.abs().total_cmp(&a.rise.abs()));
     }
