@@ -11,6 +11,7 @@ mod board;
 mod calibration;
 mod common;
 mod descriptions;
+mod drawn_board;
 mod electronics;
 mod faults;
 mod flaws;
