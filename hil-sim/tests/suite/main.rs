@@ -21,6 +21,7 @@ mod pty;
 mod rubber;
 mod scene_files;
 mod scene_start;
+mod self_test;
 mod settings;
 mod support;
 #[path = "../../../forward/tests/suite/theory/mod.rs"]
