@@ -257,6 +257,7 @@ impl Bench<'_> {
             return verdict;
         }
         if let Some(finding) = self.wiring() {
+            verdict.phase_deg = f64::NAN;
             verdict.findings.push(finding);
             return verdict;
         }
