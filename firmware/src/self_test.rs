@@ -187,6 +187,10 @@ pub(crate) fn judge(report: &mut SelfTest, info: &BoardInfo<'_>) {
     let source = info.source_full_scale() * i64::from(report.source_permille) * gain(report.gain);
     let source = source.checked_div(i64::from(info.source_gain_milli)).unwrap_or(0) / 1000;
     let count = report.sense_pairs.len() as i64;
+    if !report.passed(Check::Source) && own < count * i64::from(Value::PER_CODE) {
+        // Without a source nothing can be said of sheet and amplifier.
+        return;
+    }
     for (m, (own, sense)) in report.drive_pairs.iter().zip(&report.sense_pairs).enumerate() {
         let open = if dead {
             size(own) * 1000 >= source * OPEN

@@ -65,7 +65,8 @@ pub enum Drive {
 }
 
 impl Drive {
-    /// The paper's drive: 4.5 V peak to peak through two switches of 70 ohm (the switches are an assumption).
+    /// The paper's drive: 4.5 V peak to peak through two switches of 70 ohm. The paper does not say which switches it has; the
+    /// board of docs/board.md has 100 ohm.
     pub const PAPER: Self = Self::Voltage {
         amplitude_v: 2.25,
         switch_ohm: 70.0,

@@ -113,7 +113,8 @@ fn planted_faults_of_routing_and_timing_are_found() {
         // A window of seven quarter periods instead of eight.
         ("fault-settling", "2 frames took 197"),
         ("fault-timer", "2 frames took 2256"),
-        ("fault-phase", "frame 1: 0 of 208 values alike"),
+        // Its source is out of phase: it does not start.
+        ("fault-phase", "0 frames of 3"),
     ] {
         let found = faults(name, &plan);
         println!("{name}: {found:?}");
