@@ -16,7 +16,7 @@
 //!
 //! ```
 //! use emulator::world::World;
-use hil_sim::Electronics;
+//! use hil_sim::Electronics;
 //! use forward::ElectrodeMatrix;
 //! use nalgebra::DMatrix;
 //!

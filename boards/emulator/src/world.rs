@@ -180,7 +180,9 @@ impl World {
             return;
         };
         self.route = Some(route);
-        self.routing = self.analog.switched(self.triggers, &self.routing, self.amplitudes_v(&route));
+        self.routing = self
+            .analog
+            .switched(self.triggers, &self.routing, self.amplitudes_v(&route));
         self.wire(&route);
     }
 

@@ -19,7 +19,15 @@ fn start(name: &str, plan: &Plan, frames: usize, until_ns: u64) -> Outcome {
         (AWAKE_NS, ToBoard::SetPlan(plan.clone())),
         (AWAKE_NS + 10_000_000, ToBoard::Start),
     ];
-    run(&program(name), Electronics::drawn_board(), sheet(), commands, frames, until_ns).unwrap()
+    run(
+        &program(name),
+        Electronics::drawn_board(),
+        sheet(),
+        commands,
+        frames,
+        until_ns,
+    )
+    .unwrap()
 }
 
 fn plans() -> [Plan; 2] {
@@ -253,7 +261,15 @@ fn an_overrun_of_the_converter_costs_one_frame() {
 
 #[test]
 fn a_panic_is_told_after_the_restart() {
-    let outcome = run(&program("fault-panic"), Electronics::drawn_board(), sheet(), Vec::new(), 1, 100_000_000).unwrap();
+    let outcome = run(
+        &program("fault-panic"),
+        Electronics::drawn_board(),
+        sheet(),
+        Vec::new(),
+        1,
+        100_000_000,
+    )
+    .unwrap();
     // It panics once; the introduction after that tells of it.
     assert_eq!(outcome.resets, 1);
     let hellos = hellos(&outcome);

@@ -7,10 +7,10 @@ mod common;
 use common::{AWAKE_NS, frames, hellos, program, sheet};
 use emulator::run::{Outcome, Setup, run_in};
 use emulator::world::World;
-use hil_sim::Electronics;
 use firmware::Sector;
 use firmware::settings::{self, Settings};
 use forward::ElectrodeMatrix;
+use hil_sim::Electronics;
 use hil_sim::Flash;
 use protocol::{FromBoard, Plan, ResetCause, Status, Stored, ToBoard, Watch, Watching};
 
