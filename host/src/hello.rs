@@ -77,8 +77,9 @@ const CHECKS: [(Check, &str, &str); 8] = [
 const NO_REFERENCE_CODES: f64 = -200.0;
 /// Thousandths of the source's amplitude that such a board shows.
 const HALF_PERMILLE: std::ops::Range<u16> = 400..600;
-/// Part of the range by which the mean of a channel without its reference is off.
-const HALF_RANGE: f64 = 0.4;
+/// Part of the range by which the mean of a channel without its reference is off, or more: half of it, less a half wave's mean,
+/// 1/pi of half the range at most.
+const HALF_RANGE: f64 = 0.3;
 
 /// What a lost reference is recognised by, in words.
 fn lost_reference(test: &SelfTest, hello: &Hello) -> Option<&'static str> {
