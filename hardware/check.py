@@ -104,25 +104,17 @@ ASSUMED = {
     "firmware gains_milli[1]": ("boards/stm32f4/src/main.rs", r"gains_milli: \[[\d_]+, ([\d_]+),", 1e-3, "gain_pa1", 0.01),
     "firmware source_gain_milli": ("boards/stm32f4/src/main.rs", r"source_gain_milli: ([\d_]+)", 1e-3, "gain_pa6", 0.01),
     "firmware LEAD_TURNS, degrees": ("boards/stm32f4/src/source.rs", r"([\d.]+) / 360\.0", 1.0, "lag_pa0_deg", 1.0),
-    "emulator gains_milli[0]": ("boards/emulator/src/world.rs", r"gains_milli: vec!\[([\d_]+),", 1e-3, "gain_pa0", 0.01),
-    "emulator gains_milli[1]": ("boards/emulator/src/world.rs", r"gains_milli: vec!\[[\d_]+, ([\d_]+)", 1e-3, "gain_pa1", 0.01),
-    "emulator source_gain_milli": ("boards/emulator/src/world.rs", r"source_gain_milli: ([\d_]+)", 1e-3, "gain_pa6", 0.01),
-    "emulator switch_ohm": ("boards/emulator/src/world.rs", r"switch_ohm: ([\d.]+)", 1.0, "switch_ohm", 0.01),
     "hil-sim excitation_v": ("hil-sim/src/electronics.rs", r"excitation_v: ([\d.]+)", 1.0, "drive_v", 0.01),
     "hil-sim switch_ohm": ("hil-sim/src/electronics.rs", r"switch_ohm: ([\d.]+)", 1.0, "switch_ohm", 0.01),
     "hil-sim settling_s": ("hil-sim/src/electronics.rs", r"settling_s: ([\d.e-]+)", 1.0, "settling_s", 0.1),
+    "hil-sim source_filter_hz": ("hil-sim/src/electronics.rs", r"source_filter_hz: ([\d_.]+)", 1.0, "_corner_hz", 0.01),
+    "hil-sim supply_v": ("hil-sim/src/electronics.rs", r"supply_v: Some\(([\d.]+)\)", 1.0, "_p5va", 0.002),
+    "hil-sim drive_noise_v": ("hil-sim/src/electronics.rs", r"drive_noise_v: ([\d.e-]+)", 1.0, "_drive_noise_v", 0.05),
+    "hil-sim supply_to_drive": ("hil-sim/src/electronics.rs", r"supply_to_drive: ([\d.e-]+)", 1.0, "_usb_to_drive", 0.05),
+    "hil-sim supply_to_channels": ("hil-sim/src/electronics.rs", r"supply_to_channels: ([\d.e-]+)", 1.0, "_usb_to_pa0", 0.05),
     "hil-sim gains_milli[0]": ("hil-sim/src/electronics.rs", r"gains_milli: vec!\[([\d_]+),", 1e-3, "gain_pa0", 0.01),
     "hil-sim gains_milli[1]": ("hil-sim/src/electronics.rs", r"gains_milli: vec!\[[\d_]+, ([\d_]+)", 1e-3, "gain_pa1", 0.01),
     "hil-sim source_gain_milli": ("hil-sim/src/electronics.rs", r"source_gain_milli: ([\d_]+)", 1e-3, "gain_pa6", 0.01),
-}
-
-# Assumptions that are still those of the circuit before: name and number. Each is printed as old. A number that is neither
-# this one nor the circuit's is a miss.
-PENDING = {
-    "hil-sim switch_ohm": 70,
-    "hil-sim gains_milli[0]": 13000,
-    "hil-sim gains_milli[1]": 600,
-    "hil-sim source_gain_milli": 586,
 }
 
 # What the list of test points says in volts: point, pattern of the number, allowed difference in volts.
@@ -418,6 +410,7 @@ def noise(board_text=None):
         "noise_pa0_codes": results["pa0"][0] / CODE_V,
         "noise_pa1_codes": results["pa1"][0] / CODE_V,
         "noise_drive_ppm": results["drive"][0] / 2.25 * 1e6,
+        "_drive_noise_v": results["drive"][0],
     }
 
 
@@ -433,6 +426,8 @@ def supplies(board_text=None):
         "avdd_to_pa0_db": db("avdd_pa0"),
         "supply_ma": results["supply_a"][0] * 1e3,
         "power_up_s": max(late, default=0.0),
+        "_usb_to_drive": results["usb_drive"][0],
+        "_usb_to_pa0": results["usb_pa0"][0],
         "_p5va": results["p5va"][0],
         "_vr": results["vr"][0],
     }
@@ -554,7 +549,8 @@ def everything():
         for part in pool.map(lambda part: part(), parts):
             figures.update(part)
     figures["switch_ohm"] = 100.0
-    figures["settling_s"] = 1.58e3 * 6.8e-9
+    figures["settling_s"] = ohm("R13") * ohm("C8")
+    figures["_corner_hz"] = calculated()["corner"]
     return figures
 
 
@@ -653,8 +649,9 @@ def assumed_in_sources(figures):
     good = True
     for name, (path, pattern, unit, figure, allowed) in ASSUMED.items():
         text = (ROOT / path).read_text(encoding="utf-8")
-        # hil-sim's preset of the drawn board, where there is one; else its default.
-        found = re.search(pattern, text[max(text.find("fn drawn_board"), 0):]) or re.search(pattern, text)
+        # Of hil-sim the preset of the drawn board, without what it leaves at its default.
+        begin = max(text.find("fn drawn_board"), 0)
+        found = re.search(pattern, text[begin:]) or re.search(pattern, text)
         if not found:
             good = show(False, name, "-", f"not found in {path}")
             continue
@@ -663,18 +660,10 @@ def assumed_in_sources(figures):
         off = abs(raw * unit - want) if "degrees" in name else abs(raw * unit / want - 1)
         right = off <= allowed
         text = f"{path}; the circuit: {number(want / unit)}"
-        if name in PENDING:
-            if right:
-                show(True, name, number(raw), text + "; right by now: take it out of PENDING")
-            elif raw != PENDING[name]:
-                show(False, name, number(raw), text + "; neither right nor what PENDING says")
-                good = False
-            else:
-                print(f"old   {name:28s} {number(raw):>12s}  {text}; still of the circuit before")
-        else:
-            good &= show(right, name, number(raw), text)
+        good &= show(right, name, number(raw), text)
     # The noise of a sample is the converter's: the circuit's own must not show in it (9 % of its square at most).
-    found = re.search(r"noise_codes: ([\d.]+)", (ROOT / "hil-sim/src/electronics.rs").read_text(encoding="utf-8"))
+    text = (ROOT / "hil-sim/src/electronics.rs").read_text(encoding="utf-8")
+    found = re.search(r"noise_codes: ([\d.]+)", text[text.find("fn drawn_board"):])
     assumed = float(found.group(1)) if found else 0.0
     own = figures["noise_pa0_codes"]
     good &= show(own <= 0.3 * assumed, "hil-sim noise_codes", number(assumed),

@@ -13,7 +13,7 @@ use crate::task::{Probe, Task, recipe};
 use crate::watch_state::{AfterScan, WatchState};
 use core::ops::DerefMut;
 use protocol::{
-    BoardError, Counters, FoldedPeriod, FrontEndFault, Heartbeat, Outgoing, PeriodRequest, QUARTERS, SelfTest, Watching,
+    BoardError, Counters, FoldedPeriod, FrontEndFault, Heartbeat, Outgoing, PeriodRequest, QUARTERS, Watching,
 };
 
 /// Largest error of the source's amplitude: one part in this many of what was set. A source that is further off has failed:
@@ -132,7 +132,10 @@ where
 
     /// Whether a test or a folded period is under way, which is finished and answered whatever else is asked for.
     pub(crate) fn is_testing(&self) -> bool {
-        matches!(self.task, Task::TestSource | Task::TestPair | Task::Period)
+        matches!(
+            self.task,
+            Task::TestSource | Task::TestPair | Task::TestSense | Task::Period
+        )
     }
 
     /// Queues a message for the link.
@@ -260,7 +263,7 @@ where
             Task::Off => Ok(()),
             Task::Source | Task::TestSource => memory.scan.start_source(recipe, &mut self.front),
             Task::Watch => memory.scan.start(recipe, Pace::ByOne, rest, &mut self.front),
-            Task::Frames | Task::TestPair | Task::Period => {
+            Task::Frames | Task::TestPair | Task::TestSense | Task::Period => {
                 memory.scan.start(recipe, Pace::Ahead, rest, &mut self.front)
             }
         };
@@ -289,6 +292,7 @@ where
                     (Progress::Complete, Task::Source) => self.source(),
                     (Progress::Complete, Task::TestSource) => self.tested_source(),
                     (Progress::Complete, Task::TestPair) => self.tested_pair(),
+                    (Progress::Complete, Task::TestSense) => self.tested_sense(),
                     (Progress::Complete, Task::Period) => self.period(),
                     (Progress::Complete, Task::Off) => {}
                 }
@@ -481,7 +485,8 @@ where
     fn source(&mut self) {
         let set = u32::from(self.memory.settings.excitation_permille);
         let measured = u32::from(self.source_permille());
-        if measured.abs_diff(set) > set / SOURCE_TOLERANCE + ROUNDING_PERMILLE {
+        let off = measured.abs_diff(set) > set / SOURCE_TOLERANCE + ROUNDING_PERMILLE;
+        if off || !self_test::in_phase(&self.memory.scan) {
             Counters::add(&mut self.counters.front_end_faults, 1);
             return self.halt(FrontEndFault::Source);
         }
@@ -492,7 +497,7 @@ where
     fn source_permille(&self) -> u16 {
         let values = self.memory.scan.frame(0, 0, true);
         let amplitude = match (values.values, values.quadrature) {
-            // The phase of the source is not known this well; its amplitude is what counts.
+            // Whatever phase it has: that is tested by itself, and less strictly.
             ([i], [q]) => {
                 let square = |v: &protocol::Value| u32::from(v.sixteenths().unsigned_abs()).pow(2);
                 square(i).saturating_add(square(q)).isqrt()
@@ -507,20 +512,35 @@ where
     /// The source was measured for the self-test; on to the first drive pair.
     fn tested_source(&mut self) {
         let (measured, set) = (self.source_permille(), self.memory.settings.excitation_permille);
-        self_test::source_measured(&mut self.memory.report, measured, set);
+        let memory = &mut *self.memory;
+        self_test::source_measured(&mut memory.report, &memory.scan, measured, set);
         self.begin(Task::TestPair);
     }
 
-    /// A drive pair was measured for the self-test; on to the next one, or the end.
+    /// A drive pair was measured for the self-test; on to the next one, or to the sense pairs.
     fn tested_pair(&mut self) {
         let memory = &mut *self.memory;
-        self_test::pair_measured(&mut memory.report, &self.info, &memory.scan);
-        if let Some(next) = self_test::next_pair(&memory.report, &self.info) {
+        self_test::pair_measured(&mut memory.report, &memory.scan);
+        let next = self_test::next_pair(&memory.report, &self.info);
+        let (probe, task) = match next {
+            Some(probe) => (probe, Task::TestPair),
+            None => (Probe::beside(0, false, self.info.electrodes), Task::TestSense),
+        };
+        self.probe = probe;
+        self.begin(task);
+    }
+
+    /// A sense pair was measured for the self-test; on to the next one, or the end.
+    fn tested_sense(&mut self) {
+        let memory = &mut *self.memory;
+        self_test::sense_measured(&mut memory.report, &self.probe, &memory.scan);
+        if let Some(next) = self_test::next_sense(&memory.report, &self.probe, &self.info) {
             self.probe = next;
-            self.begin(Task::TestPair);
+            self.begin(Task::TestSense);
         } else {
-            let report: SelfTest = core::mem::take(&mut memory.report);
-            self.send(Outgoing::SelfTest(&report));
+            self_test::judge(&mut memory.report, &self.info);
+            let dropped = memory.outbox.push(&Outgoing::SelfTest(&memory.report));
+            Counters::add(&mut self.counters.dropped, dropped);
             self.resume();
         }
     }

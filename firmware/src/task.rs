@@ -18,6 +18,8 @@ pub(crate) enum Task {
     TestSource,
     /// The voltage of one drive pair after the other, second part of the self-test.
     TestPair,
+    /// The sense pairs beside one drive pair after the other, third part of the self-test.
+    TestSense,
     /// One folded period.
     Period,
 }
@@ -27,6 +29,8 @@ pub(crate) enum Task {
 pub(crate) struct Probe {
     pub(crate) request: PeriodRequest,
     slot: Slot,
+    /// Of two sense pairs beside a drive pair, whether this is the second one.
+    pub(crate) second: bool,
 }
 
 impl Probe {
@@ -42,22 +46,41 @@ impl Probe {
                 sense: 1u32.checked_shl(minus.into()).unwrap_or(0),
                 gain: request.gain,
             },
+            second: false,
         }
     }
 
     /// The source, or the voltage of drive pair `m`.
     pub(crate) fn drive_pair(m: u8, electrodes: u8, gain: u8) -> Self {
-        let next = (u16::from(m) + 1) % u16::from(electrodes.max(1));
-        let drive = Pair {
-            plus: m,
-            minus: next as u8,
+        let next = at(u16::from(m) + 1, electrodes);
+        Self::tested(m, Pair { plus: next, minus: m }, electrodes, gain)
+    }
+
+    /// The nearest sense pair on either side of drive pair `m` that shares no electrode with it, through gain 0.
+    pub(crate) fn beside(m: u8, second: bool, electrodes: u8) -> Self {
+        let minus = u16::from(m)
+            + if second {
+                u16::from(electrodes).saturating_sub(2)
+            } else {
+                2
+            };
+        let sense = Pair {
+            plus: at(minus + 1, electrodes),
+            minus: at(minus, electrodes),
         };
+        Self {
+            second,
+            ..Self::tested(m, sense, electrodes, 0)
+        }
+    }
+
+    fn tested(m: u8, sense: Pair, electrodes: u8, gain: u8) -> Self {
         let request = PeriodRequest {
-            drive,
-            sense: Pair {
-                plus: drive.minus,
-                minus: drive.plus,
+            drive: Pair {
+                plus: m,
+                minus: at(u16::from(m) + 1, electrodes),
             },
+            sense,
             gain,
             settle_quarters: 2 * QUARTERS as u16,
             periods: 8,
@@ -74,6 +97,11 @@ impl Probe {
             slots: core::slice::from_ref(&self.slot),
         }
     }
+}
+
+/// An electrode's number on the rim, whatever number it was counted to.
+fn at(n: u16, electrodes: u8) -> u8 {
+    (n % u16::from(electrodes.max(1))) as u8
 }
 
 /// The recipe of a task.

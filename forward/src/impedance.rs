@@ -11,6 +11,16 @@ pub struct ElectrodeMatrix {
 }
 
 impl ElectrodeMatrix {
+    /// That of a ring of equal resistors (ohm) between neighbouring electrodes: `R k (N - k) / N` between electrodes `k`
+    /// apart.
+    pub fn ring(electrodes: usize, ohm: f64) -> Self {
+        let n = electrodes as f64;
+        Self::from_potentials(DMatrix::from_fn(electrodes, electrodes, |i, j| {
+            let k = i.abs_diff(j) as f64;
+            -0.5 * ohm * k * (n - k) / n
+        }))
+    }
+
     /// From the square matrix of potentials in ohm. Only differences over two rows and two columns are used, so any
     /// choice of ground will do.
     pub fn from_potentials(resistance_ohm: DMatrix<f64>) -> Self {
@@ -55,7 +65,8 @@ pub enum Drive {
 }
 
 impl Drive {
-    /// The paper's drive: 4.5 V peak to peak through two switches of 70 ohm (the switches are an assumption).
+    /// The paper's drive: 4.5 V peak to peak through two switches of 70 ohm. The paper does not say which switches it has; the
+    /// board of docs/board.md has 100 ohm.
     pub const PAPER: Self = Self::Voltage {
         amplitude_v: 2.25,
         switch_ohm: 70.0,

@@ -1,10 +1,11 @@
-//! The plans' times and signal to noise ratios, all at the same analog noise: the table of docs/firmware.md.
+//! The plans' times and signal to noise ratios, on the default electronics and on the drawn board: the tables of
+//! docs/firmware.md.
 //!
 //! `cargo run -p hil-sim --example plans`
 
 use forward::{Model, ModelOptions, Sheet};
-use hil_sim::{PERIOD_SAMPLES, Rubber, Scene, SimBoard, SimConfig, Touch, samples, seconds};
-use protocol::{Decoder, FromBoard, MAX_FROM_BOARD_LEN, MAX_TO_BOARD_LEN, Plan, ToBoard, encode};
+use hil_sim::{PERIOD_SAMPLES, Preset, Rubber, Scene, SimBoard, SimConfig, Touch, samples, seconds};
+use protocol::{Decoder, FromBoard, MAX_FROM_BOARD_LEN, MAX_TO_BOARD_LEN, Plan, Sampling, ToBoard, encode};
 use std::error::Error;
 use std::sync::Arc;
 
@@ -15,8 +16,15 @@ struct Recording {
     bytes: usize,
 }
 
-fn record(model: &Arc<Model>, plan: &Plan, touches: Vec<Touch>, count: usize) -> Result<Recording, Box<dyn Error>> {
+fn record(
+    preset: Preset,
+    model: &Arc<Model>,
+    plan: &Plan,
+    touches: Vec<Touch>,
+    count: usize,
+) -> Result<Recording, Box<dyn Error>> {
     let config = SimConfig {
+        electronics: preset.electronics(),
         plan: Some(plan.clone()),
         ..SimConfig::default()
     };
@@ -87,23 +95,33 @@ fn main() -> Result<(), Box<dyn Error>> {
             },
         ),
     ];
-    println!("| plan | values | periods | ms | frames/s | bytes/frame | kB/s | signal to noise, dB |");
-    println!("|---|---|---|---|---|---|---|---|");
-    for (name, plan) in plans {
-        let count = 400;
-        let rest = record(&model, &plan, vec![], count)?;
-        let pressed = record(&model, &plan, vec![Touch::tip(0.0, 0.0, 25.0)], count)?;
-        let step_s = seconds(rest.step);
-        println!(
-            "| {name} | {} | {} | {:.1} | {:.1} | {} | {:.1} | {:.1} |",
-            plan.value_count(),
-            rest.step as f64 / PERIOD_SAMPLES as f64,
-            1e3 * step_s,
-            1.0 / step_s,
-            rest.bytes,
-            rest.bytes as f64 / step_s / 1e3,
-            signal_to_noise_db(&rest.frames, &pressed.frames)
-        );
+    for preset in [Preset::SixteenChannels, Preset::DrawnBoard] {
+        println!("\n{}\n", preset.name());
+        println!("| plan | values | periods | ms | frames/s | bytes/frame | kB/s | signal to noise, dB |");
+        println!("|---|---|---|---|---|---|---|---|");
+        for (name, plan) in &plans {
+            if !preset.electronics().one_channel || plan.sampling == Sampling::Sequential {
+                row(preset, &model, name, plan)?;
+            }
+        }
     }
+    Ok(())
+}
+
+fn row(preset: Preset, model: &Arc<Model>, name: &str, plan: &Plan) -> Result<(), Box<dyn Error>> {
+    let count = 400;
+    let rest = record(preset, model, plan, vec![], count)?;
+    let pressed = record(preset, model, plan, vec![Touch::tip(0.0, 0.0, 25.0)], count)?;
+    let step_s = seconds(rest.step);
+    println!(
+        "| {name} | {} | {} | {:.1} | {:.1} | {} | {:.1} | {:.1} |",
+        plan.value_count(),
+        rest.step as f64 / PERIOD_SAMPLES as f64,
+        1e3 * step_s,
+        1.0 / step_s,
+        rest.bytes,
+        rest.bytes as f64 / step_s / 1e3,
+        signal_to_noise_db(&rest.frames, &pressed.frames)
+    );
     Ok(())
 }

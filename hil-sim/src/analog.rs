@@ -2,12 +2,14 @@
 
 use crate::clock::{PERIOD_SAMPLES, TICKS_PER_SAMPLE, TIMER_HZ};
 use crate::converter::Converter;
+use crate::current::{Broken, Current};
 use crate::electronics::Electronics;
 use crate::electronics_error::ElectronicsError;
+use crate::head_room::HeadRoom;
 use crate::interference::Running;
 use crate::noise::{Flicker, Noise};
 use crate::wave::Wave;
-use firmware::{FULL_SCALE, MAX_CHANNELS, Route, Sense};
+use firmware::{FULL_SCALE, MAX_CHANNELS, Route, SAMPLES_PER_PERIOD, Sense};
 use forward::ElectrodeMatrix;
 use std::f64::consts::TAU;
 
@@ -28,6 +30,8 @@ pub struct Analog {
     permille: u16,
     wave: Wave,
     white: Noise,
+    /// The drive's noise and the supply's, one value each for all channels.
+    common: Noise,
     jitter: Noise,
     flicker: Option<Box<Flicker>>,
     lines: Vec<Running>,
@@ -41,6 +45,13 @@ pub struct Routing {
     pub amplitude_v: [f64; MAX_CHANNELS],
     /// How far apart along x and y the electrodes of each channel's pair lie, of the rim's diameter, times the gain.
     pub chords: [[f64; 2]; MAX_CHANNELS],
+    /// What each channel gets of a voltage between the drive's ends, at the converter.
+    pub drive_part: [f64; MAX_CHANNELS],
+    /// What each channel's period differs by from its sine, at each sample, V at the converter, where source or amplifier
+    /// meet their supply.
+    pub bent_v: Option<Box<[[f64; SAMPLES_PER_PERIOD]; MAX_CHANNELS]>>,
+    /// How far the resting channels are from the middle of the converter's range, V.
+    pub rest_v: f64,
     /// When the switches opened, in samples since power-up.
     pub switched_at: u64,
     /// How long they stayed open, s.
@@ -56,6 +67,9 @@ impl Default for Routing {
         Self {
             amplitude_v: [0.0; MAX_CHANNELS],
             chords: [[0.0; 2]; MAX_CHANNELS],
+            drive_part: [0.0; MAX_CHANNELS],
+            bent_v: None,
+            rest_v: 0.0,
             switched_at: 0,
             open_s: 0.0,
             before_v: [0.0; MAX_CHANNELS],
@@ -90,6 +104,7 @@ impl Analog {
             permille: 1000,
             wave: Wave::new(e, 1000),
             white: Noise::new(e.seed),
+            common: Noise::new(e.seed ^ 0xD21F_E5B9),
             jitter: Noise::new(e.seed ^ 0x6A17_7E12),
             flicker: (e.flicker_codes > 0.0).then(|| Box::new(Flicker::new(e.seed ^ 0xF11C_4E12))),
             lines: e
@@ -130,36 +145,93 @@ impl Analog {
     }
 
     /// Amplitude of every channel of a route on this sheet with the source as it is set, V at the converter; 0 for channels
-    /// that do not exist. `None` for a gain that does not exist. `open` is a set of electrodes, bit n for electrode n. An
-    /// amplifier on an open electrode sees the middle of the source, unless the source is connected to that electrode.
-    pub fn amplitudes_v(&self, sheet: &ElectrodeMatrix, route: &Route, open: u64) -> Option<[f64; MAX_CHANNELS]> {
+    /// that do not exist. `None` for a gain that does not exist.
+    pub fn amplitudes_v(&self, sheet: &ElectrodeMatrix, route: &Route, broken: &Broken) -> Option<[f64; MAX_CHANNELS]> {
+        let source_v = self.source_v();
+        Some(self.drive_parts(sheet, route, broken)?.map(|part| part * source_v))
+    }
+
+    /// Amplitude of the source as it is set, V.
+    fn source_v(&self) -> f64 {
+        self.electronics.excitation_v * f64::from(self.permille) / 1000.0
+    }
+
+    /// [`Routing::drive_part`] of a route.
+    fn drive_parts(&self, sheet: &ElectrodeMatrix, route: &Route, broken: &Broken) -> Option<[f64; MAX_CHANNELS]> {
         let e = &self.electronics;
-        let source_v = e.excitation_v * f64::from(self.permille) / 1000.0;
         let gain = self.gain(route)?;
-        let r = sheet.potentials_ohm();
-        let (plus, minus) = (usize::from(route.drive.plus), usize::from(route.drive.minus));
-        // Potential of an electrode for 1 A, ohm. Both ends of the source on one electrode drive nothing.
-        let potential = |n: usize| r[(n, plus)] - r[(n, minus)];
-        let own_ohm = potential(plus) - potential(minus);
-        let current_a = if plus == minus {
-            0.0
+        if route.sense == Sense::Source {
+            let mut out = [0.0; MAX_CHANNELS];
+            out[0] = f64::from(e.source_gain_milli) / 1000.0;
+            return Some(out);
+        }
+        if broken.amplifier_dead && route.gain == 0 {
+            return Some([0.0; MAX_CHANNELS]);
+        }
+        let current = Current::new(sheet, route, e.switch_ohm, broken);
+        Some(self.channels(route, sheet.electrodes(), |a, b| gain * current.share(a, b)))
+    }
+
+    /// What a route has besides its amplitudes: what it picks up, where it rests, and what is missing where source or
+    /// amplifiers meet their supply, with the source at `scale` of what it is set to. Crosstalk passes on the sine alone.
+    pub fn route(&self, routing: &mut Routing, sheet: &ElectrodeMatrix, route: &Route, broken: &Broken, scale: f64) {
+        let e = &self.electronics;
+        routing.chords = self.chords(route, sheet.electrodes());
+        routing.drive_part = self.drive_parts(sheet, route, broken).unwrap_or_default();
+        routing.rest_v = if broken.converter_reference_lost {
+            -0.5 * e.adc_span_v
         } else {
-            source_v / (own_ohm + 2.0 * e.switch_ohm)
+            0.0
         };
-        let middle = 0.5 * (potential(plus) + potential(minus));
-        let seen = |n: usize| {
-            if open >> n & 1 == 1 && n != plus && n != minus {
-                middle
-            } else {
-                potential(n)
+        routing.bent_v = self.bent_v(sheet, route, broken, scale * self.source_v());
+    }
+
+    fn bent_v(
+        &self,
+        sheet: &ElectrodeMatrix,
+        route: &Route,
+        broken: &Broken,
+        amplitude_v: f64,
+    ) -> Option<Box<[[f64; SAMPLES_PER_PERIOD]; MAX_CHANNELS]>> {
+        let e = &self.electronics;
+        let room = HeadRoom::new(e, broken.drive_reference_lost, broken.reach_lost_v)?;
+        let gain = self.gain(route)?;
+        let mut out = None;
+        let mut bend = |channel: usize, missing: Option<[f64; SAMPLES_PER_PERIOD]>| {
+            if let Some(missing) = missing {
+                let all = out.get_or_insert_with(|| Box::new([[0.0; SAMPLES_PER_PERIOD]; MAX_CHANNELS]));
+                all[channel] = missing;
             }
         };
         if route.sense == Sense::Source {
-            let mut out = [0.0; MAX_CHANNELS];
-            out[0] = source_v * f64::from(e.source_gain_milli) / 1000.0;
-            return Some(out);
+            let gain = f64::from(e.source_gain_milli) / 1000.0;
+            bend(0, room.missing_of_source_v(gain, amplitude_v));
+            return out;
         }
-        Some(self.channels(route, sheet.electrodes(), |a, b| gain * current_a * (seen(a) - seen(b))))
+        let instrument = route.gain == 0;
+        if route.drive.plus == route.drive.minus || instrument && broken.amplifier_dead {
+            return None;
+        }
+        let current = Current::new(sheet, route, e.switch_ohm, broken);
+        let electrodes = sheet.electrodes();
+        let mut pair = |channel: usize, a: usize, b: usize| {
+            let late_turns = self.late_s[channel] / self.period_s();
+            let own = gain * (1.0 + of_channel(&e.gain_error, channel));
+            bend(
+                channel,
+                room.missing_v(instrument, own, current.pickup(a, b), amplitude_v, late_turns),
+            );
+        };
+        match route.sense {
+            Sense::Source => {}
+            Sense::One(sense) => pair(0, sense.plus.into(), sense.minus.into()),
+            Sense::All { step } => {
+                for n in 0..electrodes.min(MAX_CHANNELS) {
+                    pair(n, (n + usize::from(step)) % electrodes, n);
+                }
+            }
+        }
+        out
     }
 
     /// [`Routing::chords`] of a route with so many electrodes on the rim.
@@ -229,7 +301,11 @@ impl Analog {
             decayed * self.late_decay[channel]
         };
         let wave = self.wave.value(channel, (time % PERIOD_SAMPLES) as usize);
-        routing.amplitude_v[channel] * wave + routing.residue_v[channel] * left
+        let bent = routing
+            .bent_v
+            .as_ref()
+            .map_or(0.0, |b| b[channel][(time % PERIOD_SAMPLES) as usize]);
+        routing.amplitude_v[channel] * wave + bent + routing.residue_v[channel] * left
     }
 
     /// The routing after the switches opened at `time` and closed on channels of these amplitudes.
@@ -257,10 +333,9 @@ impl Analog {
         let (then, now) = (self.wave.fundamental(turns(0.0)), self.wave.fundamental(turns(open_s)));
         let mut after = Routing {
             amplitude_v,
-            chords: before.chords,
             switched_at: time,
             open_s,
-            ..Routing::default()
+            ..before.clone()
         };
         for (channel, amplitude_v) in amplitude_v.iter().enumerate() {
             after.before_v[channel] = if since_s < before.open_s {
@@ -287,7 +362,18 @@ impl Analog {
         let since_s = time.saturating_sub(routing.switched_at) as f64 * self.sample_s;
         let decayed = decay(since_s - routing.open_s, e.settling_s);
         for (channel, v) in volts.iter_mut().enumerate().take(used) {
-            *v = self.connected_v(time, channel, since_s, decayed, routing) + of_channel(&e.offset_v, channel);
+            *v = self.connected_v(time, channel, since_s, decayed, routing)
+                + of_channel(&e.offset_v, channel)
+                + routing.rest_v;
+        }
+        if e.drive_noise_v > 0.0 || e.supply_noise_v > 0.0 {
+            let mut common = [0.0; 2];
+            self.common.fill(absolute, &mut common);
+            let (drive_v, supply_v) = (e.drive_noise_v * common[0], e.supply_noise_v * common[1]);
+            let between_v = drive_v + e.supply_to_drive * supply_v;
+            for (v, part) in volts.iter_mut().zip(routing.drive_part).take(used) {
+                *v += part * between_v + e.supply_to_channels * supply_v;
+            }
         }
         let mut noise = [0.0; MAX_CHANNELS];
         if e.jitter_s > 0.0 {

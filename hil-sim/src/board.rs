@@ -14,7 +14,7 @@ use crate::sheet::{Shared, SheetModel};
 use crate::timeline::Timeline;
 use crate::uart::Uart;
 use firmware::{Activity, BoardInfo, Controller, MAX_CHANNELS, Memory};
-use protocol::{Counters, Hello, MAX_ELECTRODES, Plan, PlanError, ResetCause};
+use protocol::{Counters, Hello, MAX_ELECTRODES, Plan, PlanError, ResetCause, Sampling};
 use std::ops::Deref;
 use thiserror::Error;
 
@@ -121,8 +121,9 @@ impl<S: SheetModel> Machine<S> {
                 given,
                 most: MAX_ELECTRODES.into(),
             })?;
-        // A channel for every electrode, or where there are more electrodes than channels one behind the multiplexers.
-        let channels = if given <= MAX_CHANNELS { electrodes } else { 1 };
+        // A channel for every electrode, or one behind the multiplexers: also where there are more electrodes than channels.
+        let one_channel = electronics.one_channel || given > MAX_CHANNELS;
+        let channels = if one_channel { 1 } else { electrodes };
         config.faults.iter().try_for_each(|fault| fault.validate(given))?;
         let mut gains_milli = [0; 4];
         for (place, gain) in gains_milli.iter_mut().zip(&electronics.gains_milli) {
@@ -147,8 +148,15 @@ impl<S: SheetModel> Machine<S> {
         };
         let plan = match &config.plan {
             Some(plan) => plan.clone(),
-            None if channels < electrodes => Plan::sparse(electrodes).map_err(BoardError::Plan)?,
-            None => Plan::adjacent(electrodes).map_err(BoardError::Plan)?,
+            None if given > MAX_CHANNELS => Plan::sparse(electrodes).map_err(BoardError::Plan)?,
+            None => Plan {
+                sampling: if one_channel {
+                    Sampling::Sequential
+                } else {
+                    Sampling::Simultaneous
+                },
+                ..Plan::adjacent(electrodes).map_err(BoardError::Plan)?
+            },
         };
         let uart = Uart::new(clock.clone());
         let chip = Chip::new(clock.clone(), flash);

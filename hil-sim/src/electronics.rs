@@ -24,6 +24,29 @@ pub struct Electronics {
     /// How much faster than it says the board's crystal runs, millionths.
     pub crystal_ppm: f64,
 
+    /// The analogue supply, V; absent: neither source nor amplifiers ever come near it.
+    pub supply_v: Option<f64>,
+    /// Whether both ends of the drive move, against each other, about the middle of the supply. Else the negative end rests
+    /// there and the positive one moves by all of the drive.
+    pub push_pull: bool,
+    /// How near to the supply's ends an op-amp's output comes, V: the source's, and the amplifiers' of all gains but number 0.
+    pub op_amp_margin_v: f64,
+    /// How far above its inputs the first stage of the amplifier of gain 0 works, V.
+    pub inner_shift_v: f64,
+    /// How near to the supply's ends the outputs of that amplifier come, those of its first stage and its own, V. Beyond, its
+    /// output looks right and is wrong.
+    pub inner_margin_v: f64,
+    /// White noise between the drive's ends, V rms in each sample.
+    pub drive_noise_v: f64,
+    /// White noise of the supply, V rms in each sample.
+    pub supply_noise_v: f64,
+    /// Part of the supply's noise that is between the drive's ends.
+    pub supply_to_drive: f64,
+    /// Part of it that every channel has besides, at the converter.
+    pub supply_to_channels: f64,
+
+    /// Whether one channel behind multiplexers measures one pair after the other. Else every electrode has a channel.
+    pub one_channel: bool,
     /// Timer ticks from the conversion of one channel to that of the next: one converter takes them in turn.
     pub skew_ticks: u16,
     /// Resistance of one closed switch, ohm; the drive current passes two.
@@ -89,6 +112,16 @@ impl Default for Electronics {
             source_bits: 0,
             source_filter_hz: 0.0,
             crystal_ppm: 0.0,
+            supply_v: None,
+            push_pull: true,
+            op_amp_margin_v: 0.0,
+            inner_shift_v: 0.0,
+            inner_margin_v: 0.0,
+            drive_noise_v: 0.0,
+            supply_noise_v: 0.0,
+            supply_to_drive: 0.0,
+            supply_to_channels: 0.0,
+            one_channel: false,
             skew_ticks: 60,
             switch_ohm: 70.0,
             break_s: 0.0,
@@ -126,6 +159,42 @@ impl Electronics {
         }
     }
 
+    /// The board of docs/board.md, at 5.00 V of USB: what its parts give by calculation, and in ngspice where both differ.
+    /// `hardware/check.py` holds the numbers against the circuit. Nobody has measured a built board.
+    /// - 5.00 V lose 30 mV in the filter of the analogue supply;
+    /// - the amplifier's first stage lies 0.8 V above its inputs and comes to 0.1 V from the supply's ends (INA826), op-amps
+    ///   come to 20 mV (MCP602x);
+    /// - the converter's own noise of 0.4 codes is with the prefetch off, as measured by others on such chips; 0.06 codes of
+    ///   the amplifiers do not show in it;
+    /// - 2 mV of supply noise are 10 uV in the root of a hertz, a switching supply's, in half the sample rate;
+    /// - charge of the switches: 15 pC into a metre of wire, 100 pF behind 1 kilohm, are over after 0.5 us.
+    pub fn drawn_board() -> Self {
+        Self {
+            source_gain_milli: 285,
+            source_steps: 16,
+            source_bits: 12,
+            source_filter_hz: 10_070.0,
+            supply_v: Some(4.97),
+            push_pull: true,
+            op_amp_margin_v: 0.02,
+            inner_shift_v: 0.8,
+            inner_margin_v: 0.1,
+            drive_noise_v: 66e-6,
+            supply_noise_v: 2e-3,
+            supply_to_drive: 1.3e-4,
+            supply_to_channels: 6.7e-5,
+            one_channel: true,
+            skew_ticks: 0,
+            switch_ohm: 100.0,
+            break_s: 0.24e-6,
+            settling_s: 10.744e-6,
+            injection_v: 0.0,
+            gains_milli: vec![12_600, 584],
+            noise_codes: 0.4,
+            ..Self::default()
+        }
+    }
+
     /// Whether such electronics can be.
     ///
     /// # Errors
@@ -152,6 +221,13 @@ impl Electronics {
             ("switch_ohm", self.switch_ohm),
             ("break_s", self.break_s),
             ("settling_s", self.settling_s),
+            ("op_amp_margin_v", self.op_amp_margin_v),
+            ("inner_shift_v", self.inner_shift_v),
+            ("inner_margin_v", self.inner_margin_v),
+            ("drive_noise_v", self.drive_noise_v),
+            ("supply_noise_v", self.supply_noise_v),
+            ("supply_to_drive", self.supply_to_drive),
+            ("supply_to_channels", self.supply_to_channels),
             ("noise_codes", self.noise_codes),
             ("flicker_codes", self.flicker_codes),
         ] {
@@ -175,6 +251,12 @@ impl Electronics {
         if self.source_steps == 0 && self.source_bits != 0 {
             let allowed = "0 for a pure sine: give source_steps, or leave the bits out";
             in_range("source_bits", self.source_bits.into(), 0.0..=0.0, allowed)?;
+        }
+        if let Some(supply_v) = self.supply_v {
+            // The amplifiers rest in the middle of the converter's range.
+            let least = (0.5 * self.adc_span_v).max(2.0 * self.op_amp_margin_v.max(self.inner_margin_v));
+            let allowed = "more than half of adc_span_v and twice the margins, at most 1000";
+            in_range("supply_v", supply_v, (least + SOME)..=1000.0, allowed)?;
         }
         if let Some(swing_v) = self.swing_v {
             in_range("swing_v", swing_v, SOME.., above)?;

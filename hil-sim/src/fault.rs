@@ -31,6 +31,16 @@ pub enum Multiplexer {
     SenseMinus,
 }
 
+/// One of the references that the drawn board's circuit rests on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Reference {
+    /// The middle of the analogue supply, about which the drive moves.
+    Drive,
+    /// The middle of the converter's range, where the amplifiers rest.
+    Converter,
+}
+
 /// What breaks. In a TOML file `kind = "cable_pulled"`, or `kind = { electrode_open = { electrode = 5 } }`. Texts and files count
 /// electrodes from 1, as people do.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -104,6 +114,41 @@ pub enum FaultKind {
         /// Which channel's; absent: all of them.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         channel: Option<u8>,
+    },
+    /// The amplifier of gain 0 gives nothing.
+    AmplifierDead,
+    /// The first stage of that amplifier stops before its supply. Seen only where the electronics have a supply.
+    AmplifierSaturating {
+        /// By how much more than it should, V.
+        volt: f64,
+    },
+    /// A closed switch has more resistance than the others. Sense multiplexers carry no current.
+    SwitchResistance {
+        /// Of which multiplexer.
+        multiplexer: Multiplexer,
+        /// Which electrode's switch, from 0.
+        #[serde(with = "from_1")]
+        electrode: u8,
+        /// How much more, ohm.
+        ohm: f64,
+    },
+    /// Two address lines of a multiplexer are swapped.
+    AddressSwapped {
+        /// Of which multiplexer.
+        multiplexer: Multiplexer,
+        /// Which lines, 0 to 2.
+        lines: [u8; 2],
+    },
+    /// The wires of two electrodes are swapped.
+    WiresSwapped {
+        /// Which ones, from 0.
+        #[serde(with = "both_from_1")]
+        electrodes: [u8; 2],
+    },
+    /// A reference is at 0 V. That of the drive is seen only where the electronics have a supply.
+    ReferenceLost {
+        /// Which one.
+        reference: Reference,
     },
     /// The converter's samples are overwritten before they are fetched.
     ConverterOverrun {
@@ -239,22 +284,28 @@ impl Fault {
                 known(electrode)?;
                 number("ohm", ohm, f64::MAX, not_below)
             }
-            FaultKind::ElectrodesShort {
-                electrodes: [a, b],
-                ohm,
-            } => {
-                known(a)?;
-                known(b)?;
-                if a == b {
-                    let allowed = "another electrode than the first";
-                    return Err(FaultError::Range {
-                        field: "the second electrode",
-                        value: f64::from(b) + 1.0,
-                        allowed,
-                    });
-                }
+            FaultKind::SwitchResistance { electrode, ohm, .. } => {
+                known(electrode)?;
                 number("ohm", ohm, f64::MAX, not_below)
             }
+            FaultKind::ElectrodesShort { electrodes, ohm } => {
+                two_of(electrodes, known)?;
+                number("ohm", ohm, f64::MAX, not_below)
+            }
+            FaultKind::WiresSwapped { electrodes } => two_of(electrodes, known),
+            FaultKind::AddressSwapped { lines: [a, b], .. } => {
+                number("line", a.into(), 2.0, "between 0 and 2")?;
+                number("line", b.into(), 2.0, "between 0 and 2")?;
+                if a == b {
+                    return Err(FaultError::Range {
+                        field: "the second line",
+                        value: b.into(),
+                        allowed: "another line than the first",
+                    });
+                }
+                Ok(())
+            }
+            FaultKind::AmplifierSaturating { volt } => number("volt", volt, 1000.0, "between 0 and 1000"),
             FaultKind::AdcStuck { code } => number("code", code.into(), 4095.0, "between 0 and 4095"),
             FaultKind::Saturation { channel } => {
                 let most = firmware::MAX_CHANNELS as f64 - 1.0;
@@ -264,9 +315,25 @@ impl Fault {
             | FaultKind::BreakToBoard
             | FaultKind::CablePulled
             | FaultKind::BoardReset
+            | FaultKind::AmplifierDead
+            | FaultKind::ReferenceLost { .. }
             | FaultKind::SourceLost => Ok(()),
         }
     }
+}
+
+/// Whether there are both electrodes, and they are two.
+fn two_of([a, b]: [u8; 2], known: impl Fn(u8) -> Result<(), FaultError>) -> Result<(), FaultError> {
+    known(a)?;
+    known(b)?;
+    if a == b {
+        return Err(FaultError::Range {
+            field: "the second electrode",
+            value: f64::from(b) + 1.0,
+            allowed: "another electrode than the first",
+        });
+    }
+    Ok(())
 }
 
 impl FromStr for Fault {
@@ -276,6 +343,16 @@ impl FromStr for Fault {
     fn from_str(text: &str) -> Result<Self, FaultError> {
         parsed(text).ok_or_else(|| FaultError::Text(text.to_owned()))
     }
+}
+
+fn multiplexer(word: &str) -> Option<Multiplexer> {
+    Some(match word {
+        "drive_plus" => Multiplexer::DrivePlus,
+        "drive_minus" => Multiplexer::DriveMinus,
+        "sense_plus" => Multiplexer::SensePlus,
+        "sense_minus" => Multiplexer::SenseMinus,
+        _ => return None,
+    })
 }
 
 fn parsed(text: &str) -> Option<Fault> {
@@ -317,14 +394,31 @@ fn parsed(text: &str) -> Option<Fault> {
             code: given.next()?.parse().ok()?,
         },
         "multiplexer_stuck" => FaultKind::MultiplexerStuck {
-            multiplexer: match given.next()? {
-                "drive_plus" => Multiplexer::DrivePlus,
-                "drive_minus" => Multiplexer::DriveMinus,
-                "sense_plus" => Multiplexer::SensePlus,
-                "sense_minus" => Multiplexer::SenseMinus,
+            multiplexer: multiplexer(given.next()?)?,
+            electrode: electrode(given.next()?)?,
+        },
+        "amplifier_dead" => FaultKind::AmplifierDead,
+        "amplifier_saturating" => FaultKind::AmplifierSaturating {
+            volt: given.next()?.parse().ok()?,
+        },
+        "switch_resistance" => FaultKind::SwitchResistance {
+            multiplexer: multiplexer(given.next()?)?,
+            electrode: electrode(given.next()?)?,
+            ohm: given.next()?.parse().ok()?,
+        },
+        "address_swapped" => FaultKind::AddressSwapped {
+            multiplexer: multiplexer(given.next()?)?,
+            lines: [given.next()?.parse().ok()?, given.next()?.parse().ok()?],
+        },
+        "wires_swapped" => FaultKind::WiresSwapped {
+            electrodes: [electrode(given.next()?)?, electrode(given.next()?)?],
+        },
+        "reference_lost" => FaultKind::ReferenceLost {
+            reference: match given.next()? {
+                "drive" => Reference::Drive,
+                "converter" => Reference::Converter,
                 _ => return None,
             },
-            electrode: electrode(given.next()?)?,
         },
         "saturation" => FaultKind::Saturation {
             channel: given.next().map(str::parse).transpose().ok()?,

@@ -166,7 +166,7 @@ impl<S: SheetModel> SimFrontEnd<S> {
         match &self.route {
             Some(route) if self.excited && !self.wiring.source_lost => self
                 .analog
-                .amplitudes_v(&self.seen, &self.wiring.routed(route), self.wiring.floating())
+                .amplitudes_v(&self.seen, &self.wiring.routed(route), &self.wiring.broken(route))
                 .ok_or(SimFrontEndError::Route(*route)),
             _ => Ok([0.0; MAX_CHANNELS]),
         }
@@ -198,16 +198,27 @@ impl<S: SheetModel> SimFrontEnd<S> {
         if changed {
             self.seen = self.wiring.seen(&self.matrix);
             self.routing.amplitude_v = self.amplitudes_v()?;
-            self.routing.chords = self.chords();
+            self.wire();
         }
         Ok(())
     }
 
-    fn chords(&self) -> [[f64; 2]; MAX_CHANNELS] {
-        let route = self.route.as_ref().map(|route| self.wiring.routed(route));
-        route.map_or([[0.0; 2]; MAX_CHANNELS], |route| {
-            self.analog.chords(&route, self.electrodes())
-        })
+    /// What the present route has besides its amplitudes.
+    fn wire(&mut self) {
+        let Some(route) = &self.route else { return };
+        let scale = if self.excited && !self.wiring.source_lost {
+            1.0
+        } else {
+            0.0
+        };
+        let broken = self.wiring.broken(route);
+        self.analog.route(
+            &mut self.routing,
+            &self.seen,
+            &self.wiring.routed(route),
+            &broken,
+            scale,
+        );
     }
 
     /// Connects the route that is now set, with a transient.
@@ -216,7 +227,7 @@ impl<S: SheetModel> SimFrontEnd<S> {
         self.look(now)?;
         let amplitudes = self.amplitudes_v()?;
         self.routing = self.analog.switched(now, &self.routing, amplitudes);
-        self.routing.chords = self.chords();
+        self.wire();
         Ok(())
     }
 
@@ -226,6 +237,7 @@ impl<S: SheetModel> SimFrontEnd<S> {
         self.look(now)?;
         let amplitudes = self.amplitudes_v()?;
         self.routing = self.analog.driven(now, &self.routing, amplitudes);
+        self.wire();
         Ok(())
     }
 

@@ -22,6 +22,13 @@ impl<S: SheetModel + ?Sized> SheetModel for Box<S> {
 #[derive(Clone, Debug)]
 pub struct FixedSheet(pub ElectrodeMatrix);
 
+impl FixedSheet {
+    /// A ring of equal resistors (ohm) between neighbouring electrodes, in the place of a sheet.
+    pub fn ring(electrodes: usize, ohm: f64) -> Self {
+        Self(ElectrodeMatrix::ring(electrodes, ohm))
+    }
+}
+
 impl SheetModel for FixedSheet {
     fn electrode_matrix(&mut self, _t_s: f64) -> Result<&ElectrodeMatrix, ForwardError> {
         Ok(&self.0)

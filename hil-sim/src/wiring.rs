@@ -1,6 +1,7 @@
 //! Analogue faults at work: what they make of the sheet, of a route and of the codes.
 
-use crate::fault::{FaultKind, Multiplexer};
+use crate::current::Broken;
+use crate::fault::{FaultKind, Multiplexer, Reference};
 use firmware::{FULL_SCALE, MAX_CHANNELS, Route, Sense};
 use forward::ElectrodeMatrix;
 
@@ -14,7 +15,13 @@ pub(crate) struct Wiring {
     open: u64,
     raised: Vec<(usize, f64)>,
     shorts: Vec<([usize; 2], f64)>,
+    /// Electrodes whose wires are swapped.
+    swapped: Vec<[usize; 2]>,
     stuck: Vec<(Multiplexer, u8)>,
+    addresses: Vec<(Multiplexer, [u8; 2])>,
+    switches: Vec<(Multiplexer, u8, f64)>,
+    /// What does not depend on the route.
+    broken: Broken,
     pub(crate) source_lost: bool,
     adc: Option<u16>,
     saturated: u32,
@@ -32,6 +39,19 @@ impl Wiring {
                 FaultKind::ElectrodesShort { electrodes, ohm } => out.shorts.push((electrodes.map(usize::from), ohm)),
                 FaultKind::SourceLost => out.source_lost = true,
                 FaultKind::AdcStuck { code } => out.adc = Some(code),
+                FaultKind::AmplifierDead => out.broken.amplifier_dead = true,
+                FaultKind::AmplifierSaturating { volt } => out.broken.reach_lost_v += volt,
+                FaultKind::SwitchResistance {
+                    multiplexer,
+                    electrode,
+                    ohm,
+                } => out.switches.push((multiplexer, electrode, ohm)),
+                FaultKind::AddressSwapped { multiplexer, lines } => out.addresses.push((multiplexer, lines)),
+                FaultKind::WiresSwapped { electrodes } => out.swapped.push(electrodes.map(usize::from)),
+                FaultKind::ReferenceLost { reference } => match reference {
+                    Reference::Drive => out.broken.drive_reference_lost = true,
+                    Reference::Converter => out.broken.converter_reference_lost = true,
+                },
                 FaultKind::MultiplexerStuck { multiplexer, electrode } => out.stuck.push((multiplexer, electrode)),
                 FaultKind::Saturation { channel: Some(channel) } => out.saturated |= 1 << channel,
                 FaultKind::Saturation { channel: None } => out.saturated = u32::MAX,
@@ -50,10 +70,14 @@ impl Wiring {
 
     /// The sheet as the board's wires see it.
     pub(crate) fn seen(&self, sheet: &ElectrodeMatrix) -> ElectrodeMatrix {
-        if self.open == 0 && self.raised.is_empty() && self.shorts.is_empty() {
+        if self.open == 0 && self.raised.is_empty() && self.shorts.is_empty() && self.swapped.is_empty() {
             return sheet.clone();
         }
         let mut r = sheet.potentials_ohm().clone();
+        for [a, b] in &self.swapped {
+            r.swap_rows(*a, *b);
+            r.swap_columns(*a, *b);
+        }
         for n in (0..sheet.electrodes()).filter(|n| self.open >> n & 1 == 1) {
             r[(n, n)] += OPEN_OHM;
         }
@@ -71,14 +95,40 @@ impl Wiring {
     }
 
     /// Electrodes whose amplifiers float: off the sheet, and not held by another wire.
-    pub(crate) fn floating(&self) -> u64 {
+    fn floating(&self) -> u64 {
         let joined = self.shorts.iter().flat_map(|(pair, _)| pair);
         joined.fold(self.open, |open, n| open & !(1 << n))
+    }
+
+    /// What is broken on the way of a route.
+    pub(crate) fn broken(&self, route: &Route) -> Broken {
+        let drive = self.routed(route).drive;
+        let added = |which, electrode| {
+            let of = |(m, n, ohm): &(Multiplexer, u8, f64)| (*m == which && *n == electrode).then_some(*ohm);
+            self.switches.iter().filter_map(of).sum()
+        };
+        Broken {
+            open: self.floating(),
+            switches_ohm: [
+                added(Multiplexer::DrivePlus, drive.plus),
+                added(Multiplexer::DriveMinus, drive.minus),
+            ],
+            ..self.broken
+        }
     }
 
     /// The route as the multiplexers carry it out. Amplifiers of their own for all pairs at once need no sense multiplexers.
     pub(crate) fn routed(&self, route: &Route) -> Route {
         let mut out = *route;
+        for (multiplexer, lines) in &self.addresses {
+            match (multiplexer, &mut out.sense) {
+                (Multiplexer::DrivePlus, _) => out.drive.plus = swapped(out.drive.plus, *lines),
+                (Multiplexer::DriveMinus, _) => out.drive.minus = swapped(out.drive.minus, *lines),
+                (Multiplexer::SensePlus, Sense::One(pair)) => pair.plus = swapped(pair.plus, *lines),
+                (Multiplexer::SenseMinus, Sense::One(pair)) => pair.minus = swapped(pair.minus, *lines),
+                _ => {}
+            }
+        }
         for (multiplexer, electrode) in &self.stuck {
             match (multiplexer, &mut out.sense) {
                 (Multiplexer::DrivePlus, _) => out.drive.plus = *electrode,
@@ -104,4 +154,10 @@ impl Wiring {
             row.fill(stuck);
         }
     }
+}
+
+/// An address with two of its bits swapped.
+fn swapped(address: u8, [a, b]: [u8; 2]) -> u8 {
+    let differ = (address >> a ^ address >> b) & 1;
+    address ^ (differ << a | differ << b)
 }

@@ -31,6 +31,19 @@ impl Choice {
     /// # Errors
     /// There is none, or it does not answer.
     pub(crate) fn connect(&self) -> Result<Connected> {
+        self.connect_or(simulated_skin::demo)
+    }
+
+    /// Whether it is the simulated skin.
+    pub(crate) fn is_simulated(&self) -> bool {
+        self.simulate
+    }
+
+    /// The same, with this port in the place of the simulated skin's.
+    ///
+    /// # Errors
+    /// As of [`Choice::connect`].
+    pub(crate) fn connect_or(&self, simulated: impl FnOnce() -> Result<Box<dyn Port>>) -> Result<Connected> {
         let greeted = |port: Box<dyn Port>, source: &str| -> Result<Connected> {
             let link = Link::open(port)?;
             let hello = greet(&link)?;
@@ -41,7 +54,7 @@ impl Choice {
             })
         };
         if self.simulate {
-            return greeted(simulated_skin::demo()?, "simulated skin");
+            return greeted(simulated()?, "simulated skin");
         }
         if let Some(path) = &self.port {
             return greeted(ports::open(path).map_err(|e| anyhow!(e))?, path).with_context(|| path.clone());

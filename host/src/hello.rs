@@ -1,8 +1,10 @@
 //! `skin hello`: who the board is, and how it is.
 
 use crate::board::{Choice, Connected};
+use crate::{number, phantom, simulated_skin};
 use anyhow::{Result, bail};
 use clap::Args;
+use hil_sim::{Fault, Preset};
 use link::Link;
 use protocol::{Check, FromBoard, Hello, SelfTest, ToBoard};
 use serde_json::json;
@@ -19,13 +21,23 @@ pub(crate) struct Arguments {
     /// Do not run the self-test.
     #[arg(long)]
     no_test: bool,
+    /// The production test: a ring of equal resistors of so many ohm is in the place of the sheet, one between neighbouring
+    /// electrodes. Every value is held against theory, and what is wrong is named (docs/board.md).
+    #[arg(long, value_name = "OHM", conflicts_with = "no_test", value_parser = number::positive("a resistance in ohm above 0"))]
+    phantom: Option<f64>,
+    /// The electronics of the simulated board: sixteen_channels, ideal or drawn_board (docs/simulator.md).
+    #[arg(long, value_name = "NAME", requires = "simulate")]
+    preset: Option<Preset>,
+    /// Something that breaks on the simulated board, as for `skin sim`, such as amplifier_dead@0 or wires_swapped:5,6@0; repeatable.
+    #[arg(long, value_name = "KIND@AT[+FOR]", requires = "simulate")]
+    fault: Vec<Fault>,
 }
 
 /// Longest that a self-test takes, the drive pairs of a sequential board included.
 const TEST_TIME: Duration = Duration::from_secs(10);
 
 /// The parts of the self-test and what is wrong when one fails.
-const CHECKS: [(Check, &str, &str); 5] = [
+const CHECKS: [(Check, &str, &str); 8] = [
     (
         Check::Source,
         "source",
@@ -43,14 +55,49 @@ const CHECKS: [(Check, &str, &str); 5] = [
     ),
     (Check::Electrodes, "electrodes", "electrodes are open or shorted"),
     (Check::Store, "store", "the memory for settings cannot be read"),
+    (
+        Check::Amplifier,
+        "amplifier",
+        "the amplifier of the sense pairs gives no signal: look at U3, R12 and PA0",
+    ),
+    (
+        Check::Linearity,
+        "linearity",
+        "the amplifier of the sense pairs saturates or clips: look at its supply",
+    ),
+    (
+        Check::Phase,
+        "phase",
+        "source or sense pairs are out of phase: look at the filters' parts",
+    ),
 ];
+
+/// Mean of the source's own channel below the middle of the range, codes, from which on half of the source's amplitude means
+/// that the reference of the drive is at ground: without it each end gives every other half wave.
+const NO_REFERENCE_CODES: f64 = -200.0;
+/// Thousandths of the source's amplitude that such a board shows.
+const HALF_PERMILLE: std::ops::Range<u16> = 400..600;
+/// Part of the range by which the mean of a channel without its reference is off, or more: half of it, less a half wave's mean,
+/// 1/pi of half the range at most.
+const HALF_RANGE: f64 = 0.3;
+
+/// What a lost reference is recognised by, in words.
+fn lost_reference(test: &SelfTest, hello: &Hello) -> Option<&'static str> {
+    let range = f64::from((1u32 << hello.adc_bits.min(31)) - 1);
+    if test.offset.codes() < -HALF_RANGE * range {
+        return Some("the reference of 1.65 V is lost: look at U1D, R3, R4 and TP5");
+    }
+    let half = HALF_PERMILLE.contains(&test.source_permille);
+    (half && test.source_offset.codes() < NO_REFERENCE_CODES)
+        .then_some("the reference V_R is lost: look at U1C, R1, R2 and TP4")
+}
 
 /// Runs the command.
 ///
 /// # Errors
 /// No board, or a failed self-test.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
-    let Connected { link, hello, source } = arguments.board.connect()?;
+    let Connected { link, hello, source } = connected(arguments)?;
     let test = if arguments.no_test {
         None
     } else {
@@ -60,8 +107,16 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         .iter()
         .filter(|(check, ..)| test.as_ref().is_some_and(|t| !t.passed(*check)))
         .collect();
+    let reference = test.as_ref().and_then(|test| lost_reference(test, &hello));
+    let tried = match (arguments.phantom, &test) {
+        (Some(ohm), Some(test)) => Some(phantom::test(&link, &hello, ohm, test)?),
+        _ => None,
+    };
     if arguments.json {
-        println!("{}", as_json(&hello, test.as_ref(), &source));
+        let mut json = as_json(&hello, test.as_ref(), &source);
+        json["lost_reference"] = json!(reference);
+        json["phantom"] = json!(tried.as_ref().map(phantom::as_json));
+        println!("{json}");
     } else {
         describe(&hello, &source);
         if let Some(test) = &test {
@@ -72,6 +127,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
                 test.offset.codes(),
             );
             println!("            {}", if failed.is_empty() { "passed" } else { "FAILED:" });
+            if let Some(reference) = reference {
+                println!("            {reference}");
+            }
             for (_, name, what) in &failed {
                 println!(
                     "            {name}: {what}{}",
@@ -79,11 +137,29 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
                 );
             }
         }
+        if let Some(tried) = &tried {
+            phantom::describe(tried);
+        }
+    }
+    if tried.is_some_and(|tried| !tried.passed()) {
+        bail!("the board does not pass on the phantom; docs/board.md says what to look at");
     }
     if !failed.is_empty() {
         bail!("the board does not pass its self-test; see docs/board.md for what to look at");
     }
     Ok(())
+}
+
+/// The board, or a simulated one with what was asked for.
+fn connected(arguments: &Arguments) -> Result<Connected> {
+    let plain = arguments.preset.is_none() && arguments.fault.is_empty() && arguments.phantom.is_none();
+    if plain || !arguments.board.is_simulated() {
+        return arguments.board.connect();
+    }
+    let preset = arguments.preset.unwrap_or_default();
+    arguments
+        .board
+        .connect_or(|| simulated_skin::bench(preset, &arguments.fault, arguments.phantom))
 }
 
 fn suspects(name: &str, bits: u32, electrodes: u8) -> String {
@@ -150,6 +226,10 @@ fn as_json(hello: &Hello, test: Option<&SelfTest>, source: &str) -> serde_json::
             "offset_codes": t.offset.codes(),
             "noise_codes_rms": t.noise.codes2().sqrt(),
             "suspect_drive_pairs": (0..32).filter(|m| t.suspect >> m & 1 == 1).collect::<Vec<u32>>(),
+            "source_offset_codes": t.source_offset.codes(),
+            "bent_drive_pairs": (0..32).filter(|m| t.bent >> m & 1 == 1).collect::<Vec<u32>>(),
+            "drive_pair_codes": t.drive_pairs.iter().map(|v| v.codes()).collect::<Vec<f64>>(),
+            "sense_pair_codes": t.sense_pairs.iter().map(|v| v.codes()).collect::<Vec<f64>>(),
         })
     });
     json!({

@@ -18,6 +18,7 @@ mod live_output;
 mod method;
 mod number;
 mod paper;
+mod phantom;
 mod plan;
 mod progress;
 mod reconstruct;

@@ -4,7 +4,7 @@
 use crate::{capture, number, scene, sheet};
 use anyhow::Result;
 use clap::Args;
-use hil_sim::{Fault, Rubber, SceneFile, SimBoard};
+use hil_sim::{Electronics, Fault, Preset, Rubber, SceneFile, SimBoard};
 use std::path::PathBuf;
 
 /// Arguments of `skin sim`.
@@ -21,6 +21,10 @@ pub(crate) struct Arguments {
     /// multiplexer_stuck:drive_plus,3@5; repeatable, in addition to the scene's (docs/simulator.md lists them); electrodes count from 1.
     #[arg(long, value_name = "KIND@AT[+FOR]")]
     fault: Vec<Fault>,
+    /// The board's electronics, with nothing changed: sixteen_channels, ideal or drawn_board (docs/simulator.md) [default: the
+    /// scene's].
+    #[arg(long, value_name = "NAME")]
+    preset: Option<Preset>,
     /// Seed of all that is random [default: the scene's].
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
@@ -68,6 +72,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         None => SceneFile::demo(sheet::load(arguments.sheet.as_deref())?.0),
     };
     file.config.faults.extend(arguments.fault.iter().cloned());
+    if let Some(preset) = arguments.preset {
+        let seed = file.config.electronics.seed;
+        file.config.electronics = Electronics {
+            seed,
+            ..preset.electronics()
+        };
+    }
     if let Some(seed) = arguments.seed {
         file.config.electronics.seed = seed;
         file.scene.variation.seed = seed;

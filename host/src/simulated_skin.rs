@@ -2,7 +2,7 @@
 
 use ::forward::Sheet;
 use anyhow::{Context, Result};
-use hil_sim::{Pace, Rubber, SceneFile, SimBoard, SimPort};
+use hil_sim::{Fault, FixedSheet, Pace, Preset, Rubber, Scene, SceneFile, SimBoard, SimConfig, SimPort};
 use link::Port;
 use std::time::Duration;
 
@@ -12,6 +12,30 @@ use std::time::Duration;
 /// It does not start.
 pub(crate) fn demo() -> Result<Box<dyn Port>> {
     start(&SceneFile::demo(Sheet::paper()))
+}
+
+/// A board with these faults on the untouched paper's sheet, or on a ring of resistors of so many ohm. Its time passes as fast as
+/// it is listened to.
+///
+/// # Errors
+/// A fault that cannot be.
+pub(crate) fn bench(preset: Preset, faults: &[Fault], ring_ohm: Option<f64>) -> Result<Box<dyn Port>> {
+    let sheet = Sheet::paper();
+    let config = SimConfig {
+        electronics: preset.electronics(),
+        faults: faults.to_vec(),
+        ..SimConfig::default()
+    };
+    Ok(match ring_ohm {
+        Some(ohm) => {
+            let ring = FixedSheet::ring(sheet.electrodes.len(), ohm);
+            Box::new(SimPort::new(SimBoard::new(config, ring)?, Pace::Unpaced)?)
+        }
+        None => {
+            let rubber = Rubber::new(&sheet, Scene::empty())?;
+            Box::new(SimPort::new(SimBoard::new(config, rubber)?, Pace::Unpaced)?)
+        }
+    })
 }
 
 /// A scene that runs from power-up.

@@ -2,7 +2,7 @@
 //!
 //! [`Link`] turns bytes into messages on a thread of its own and counts what was lost. [`Session`] is a board that has
 //! introduced itself and streams [`MeasuredFrame`]s. [`plans`] names what a frame measures, [`settings`] what the board keeps,
-//! [`flash`] programs it, [`ports`] finds and opens serial ports. Nothing here knows the sheet or its picture.
+//! [`phantom`] tests it on a ring of resistors, [`flash`] programs it, [`ports`] finds and opens serial ports. Nothing here knows the sheet or its picture.
 //! The way of a frame through all crates: docs/architecture.md.
 //!
 //! One frame of a simulated board; a serial port of [`ports`] takes the place of `SimPort` for a real one:
@@ -28,6 +28,7 @@ mod error;
 pub mod flash;
 mod inbox;
 mod link;
+pub mod phantom;
 pub mod plans;
 pub mod ports;
 mod session;

@@ -43,7 +43,7 @@ pub struct FoldedPeriod {
 pub enum Check {
     /// The source is within a tenth of what it is set to.
     Source,
-    /// No drive pair is without contact or shorted.
+    /// No drive pair is without current or shorted.
     Electrodes,
     /// The mean of the samples is within a tenth of the middle of its range.
     Offset,
@@ -51,11 +51,26 @@ pub enum Check {
     Noise,
     /// The store can be read.
     Store,
+    /// The amplifier of gain 0 gives a signal.
+    Amplifier,
+    /// A sense pair's period through that amplifier is the same upside down, and no sample touches the converter's rails.
+    Linearity,
+    /// Source and sense pairs are within ten degrees of the phase that the lock-in takes them at.
+    Phase,
 }
 
 impl Check {
     /// All of them.
-    pub const ALL: [Self; 5] = [Self::Source, Self::Electrodes, Self::Offset, Self::Noise, Self::Store];
+    pub const ALL: [Self; 8] = [
+        Self::Source,
+        Self::Electrodes,
+        Self::Offset,
+        Self::Noise,
+        Self::Store,
+        Self::Amplifier,
+        Self::Linearity,
+        Self::Phase,
+    ];
 
     /// Its bit in [`SelfTest::failed`].
     pub const fn bit(self) -> u8 {
@@ -72,15 +87,22 @@ pub struct SelfTest {
     pub source_permille: u16,
     /// How far the mean code is from the middle of the range, in sixteenths of a code; the farthest of all measured.
     pub offset: Value,
-    /// Variance of one sample; the largest of all measured.
+    /// Variance of one sample; the largest of all measured, but for bent periods.
     pub noise: Variance,
-    /// One bit for each drive pair (m, m + 1) whose voltage says that an electrode is open or shorted: more than 98 % or
-    /// less than 2 % of the source's.
+    /// One bit for each drive pair (m, m + 1) of which an electrode is open or shorted: the sense pairs beside it see less than
+    /// a quarter of the mean, or its own voltage is less than 2 % of the source's.
     pub suspect: u32,
     /// The voltage of each drive pair, through the gain that the test chose.
     pub drive_pairs: Vec<Value, { MAX_ELECTRODES as usize }>,
     /// That gain's number.
     pub gain: u8,
+    /// How far the mean code is from the middle of the range where the source itself is measured, in sixteenths of a code.
+    pub source_offset: Value,
+    /// For each drive pair (m, m + 1) the larger one of the two sense pairs (m + 3, m + 2) and (m - 1, m - 2), through
+    /// gain 0.
+    pub sense_pairs: Vec<Value, { MAX_ELECTRODES as usize }>,
+    /// One bit for each drive pair beside which a sense pair's period is not the same upside down.
+    pub bent: u32,
 }
 
 impl SelfTest {
@@ -93,6 +115,9 @@ impl SelfTest {
         suspect: 0,
         drive_pairs: Vec::new(),
         gain: 0,
+        source_offset: Value::new(0),
+        sense_pairs: Vec::new(),
+        bent: 0,
     };
 
     /// Whether a part of it passed.

@@ -15,12 +15,13 @@
 //! The analogue world works without a program. It counts address lines that change while a switch is closed:
 //!
 //! ```
-//! use emulator::world::{World, soldered};
+//! use emulator::world::World;
+//! use hil_sim::Electronics;
 //! use forward::ElectrodeMatrix;
 //! use nalgebra::DMatrix;
 //!
 //! let sheet = ElectrodeMatrix::from_potentials(DMatrix::from_diagonal_element(16, 16, 900.0));
-//! let mut world = World::new(soldered(), sheet);
+//! let mut world = World::new(Electronics::drawn_board(), sheet);
 //! // All enable lines high: nothing is connected, and the converter sees the middle of its range.
 //! for enable in 0..8 {
 //!     world.pin("GPIOC", enable, true);

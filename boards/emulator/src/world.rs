@@ -1,9 +1,9 @@
 //! What is soldered to the pins: multiplexers, sheet, amplifiers, the source's filter. Electronics and sheet are
 //! `hil-sim`'s.
 
-use firmware::{Route, SAMPLES_PER_PERIOD, Sense};
+use firmware::{MAX_CHANNELS, Route, SAMPLES_PER_PERIOD, Sense};
 use forward::ElectrodeMatrix;
-use hil_sim::{Analog, Electronics, Routing};
+use hil_sim::{Analog, Broken, Electronics, Routing};
 use protocol::Pair;
 use std::f64::consts::TAU;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -19,18 +19,6 @@ fn lag_turns() -> f64 {
     let source = (source * (3.0 - 1.59)).atan2(1.0 - source * source) / TAU;
     let receiver = (w * 1.58e3 * 6.8e-9).atan() / TAU;
     source + receiver + 1.2 / 360.0 + 0.5 / SAMPLES_PER_PERIOD as f64
-}
-
-/// The electronics of docs/board.md as far as the board's constants know them: gains with the filters' loss, switches, the
-/// filters' time constant. Everything else is the default.
-pub fn soldered() -> Electronics {
-    Electronics {
-        source_gain_milli: 285,
-        gains_milli: vec![12_600, 584],
-        switch_ohm: 100.0,
-        settling_s: 1.58e3 * 6.8e-9,
-        ..Electronics::default()
-    }
 }
 
 /// How far the source may be from what it should be and count as exact: the DAC has twelve bits.
@@ -192,17 +180,29 @@ impl World {
             return;
         };
         self.route = Some(route);
-        let full = self.analog.amplitudes_v(&self.sheet, &route, 0).unwrap_or_default();
-        let amplitudes = full.map(|v| v * self.source.0);
-        self.routing = self.analog.switched(self.triggers, &self.routing, amplitudes);
+        self.routing = self
+            .analog
+            .switched(self.triggers, &self.routing, self.amplitudes_v(&route));
+        self.wire(&route);
     }
 
     /// The amplitude of the present route, whatever is on its way there.
     fn refresh(&mut self) {
         if let Some(route) = self.route {
-            let full = self.analog.amplitudes_v(&self.sheet, &route, 0).unwrap_or_default();
-            self.routing.amplitude_v = full.map(|v| v * self.source.0);
+            self.routing.amplitude_v = self.amplitudes_v(&route);
+            self.wire(&route);
         }
+    }
+
+    fn amplitudes_v(&self, route: &Route) -> [f64; MAX_CHANNELS] {
+        let full = self.analog.amplitudes_v(&self.sheet, route, &Broken::default());
+        full.unwrap_or_default().map(|v| v * self.source.0)
+    }
+
+    /// What a route has besides its amplitudes.
+    fn wire(&mut self, route: &Route) {
+        let (broken, scale) = (Broken::default(), self.source.0);
+        self.analog.route(&mut self.routing, &self.sheet, route, &broken, scale);
     }
 
     /// The timer's pulse steps the DAC to this code.
@@ -256,7 +256,7 @@ impl World {
             0.0
         } else {
             let quiet = Routing {
-                residue_v: [0.0; firmware::MAX_CHANNELS],
+                residue_v: [0.0; MAX_CHANNELS],
                 ..self.routing.clone()
             };
             let quarter = SAMPLES_PER_PERIOD as u64 / 4;

@@ -6,7 +6,8 @@ mod common;
 
 use common::{AWAKE_NS, frames, hellos, in_process, program, sheet};
 use emulator::run::{Outcome, Setup, run, run_in};
-use emulator::world::{World, soldered};
+use emulator::world::World;
+use hil_sim::Electronics;
 use protocol::{FromBoard, Plan, ResetCause, Sampling, ToBoard};
 
 /// Instructions that the work on a block may take: a twentieth of the cycles of one period at 168 MHz, which is the
@@ -18,7 +19,15 @@ fn start(name: &str, plan: &Plan, frames: usize, until_ns: u64) -> Outcome {
         (AWAKE_NS, ToBoard::SetPlan(plan.clone())),
         (AWAKE_NS + 10_000_000, ToBoard::Start),
     ];
-    run(&program(name), soldered(), sheet(), commands, frames, until_ns).unwrap()
+    run(
+        &program(name),
+        Electronics::drawn_board(),
+        sheet(),
+        commands,
+        frames,
+        until_ns,
+    )
+    .unwrap()
 }
 
 fn plans() -> [Plan; 2] {
@@ -112,7 +121,8 @@ fn planted_faults_of_routing_and_timing_are_found() {
         // A window of seven quarter periods instead of eight.
         ("fault-settling", "2 frames took 197"),
         ("fault-timer", "2 frames took 2256"),
-        ("fault-phase", "frame 1: 0 of 208 values alike"),
+        // Its source is out of phase: it does not start.
+        ("fault-phase", "0 frames of 3"),
     ] {
         let found = faults(name, &plan);
         println!("{name}: {found:?}");
@@ -197,7 +207,7 @@ fn the_stack_has_room_to_spare() {
     let restart = at(3) + 150_000_000;
     let outcome = run_in(
         &program("f446"),
-        World::new(soldered(), sheet()),
+        World::new(Electronics::drawn_board(), sheet()),
         Setup {
             commands,
             restart: Some(restart),
@@ -227,7 +237,7 @@ fn the_stack_has_room_to_spare() {
 #[test]
 fn an_overrun_of_the_converter_costs_one_frame() {
     let [plan, _] = plans();
-    let mut world = World::new(soldered(), sheet());
+    let mut world = World::new(Electronics::drawn_board(), sheet());
     // Within the first frame, which takes 6656 samples from the 1932nd on.
     world.overrun_at = Some(4000);
     let commands = vec![
@@ -251,7 +261,15 @@ fn an_overrun_of_the_converter_costs_one_frame() {
 
 #[test]
 fn a_panic_is_told_after_the_restart() {
-    let outcome = run(&program("fault-panic"), soldered(), sheet(), Vec::new(), 1, 100_000_000).unwrap();
+    let outcome = run(
+        &program("fault-panic"),
+        Electronics::drawn_board(),
+        sheet(),
+        Vec::new(),
+        1,
+        100_000_000,
+    )
+    .unwrap();
     // It panics once; the introduction after that tells of it.
     assert_eq!(outcome.resets, 1);
     let hellos = hellos(&outcome);
@@ -270,7 +288,7 @@ fn a_panic_is_told_after_the_restart() {
 fn a_program_that_hangs_is_restarted_by_the_watchdog() {
     let outcome = run(
         &program("fault-hang"),
-        soldered(),
+        Electronics::drawn_board(),
         sheet(),
         Vec::new(),
         1,

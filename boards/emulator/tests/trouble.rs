@@ -6,10 +6,11 @@ mod common;
 
 use common::{AWAKE_NS, frames, hellos, program, sheet};
 use emulator::run::{Outcome, Setup, run_in};
-use emulator::world::{World, soldered};
+use emulator::world::World;
 use firmware::Sector;
 use firmware::settings::{self, Settings};
 use forward::ElectrodeMatrix;
+use hil_sim::Electronics;
 use hil_sim::Flash;
 use protocol::{FromBoard, Plan, ResetCause, Status, Stored, ToBoard, Watch, Watching};
 
@@ -17,7 +18,7 @@ use protocol::{FromBoard, Plan, ResetCause, Status, Stored, ToBoard, Watch, Watc
 const PERIOD_NS: f64 = 16.0 * 1425.0 / 84e-3;
 
 fn world() -> World {
-    World::new(soldered(), sheet())
+    World::new(Electronics::drawn_board(), sheet())
 }
 
 fn states(outcome: &Outcome) -> Vec<(u64, Watching)> {

@@ -315,6 +315,27 @@ fn a_frame_is_as_good_as_its_source() {
     assert!(!bench.frames(2000).is_empty());
 }
 
+/// A DAC whose table is one step off gives the right amplitude 22.5 degrees late, and every value 8 % too small.
+#[test]
+fn a_source_that_is_a_step_late_is_noticed() {
+    let mut bench = Bench::new(Plan::fast());
+    bench.board.front_mut().source_late = 1.0;
+    bench.command(&ToBoard::Start);
+    let fault = FromBoard::Error(BoardError::FrontEnd(FrontEndFault::Source));
+    assert_eq!(bench.run(2000), [FromBoard::Ack(Command::Start), fault]);
+    bench.command(&ToBoard::SelfTest);
+    let said = bench.run(20_000);
+    let found = |m: &FromBoard| match m {
+        FromBoard::SelfTest(r) => Some((r.passed(Check::Source), r.passed(Check::Phase))),
+        _ => None,
+    };
+    assert_eq!(said.iter().find_map(found), Some((true, false)), "{said:?}");
+    // 6.75 degrees are within what parts may make.
+    bench.board.front_mut().source_late = 0.3;
+    bench.command(&ToBoard::Start);
+    assert!(!bench.frames(2000).is_empty());
+}
+
 #[test]
 fn tests_and_periods_come_between_frames_without_a_gap() {
     let mut bench = Bench::new(Plan::fast());

@@ -10,6 +10,7 @@ pub use error::{Located, SceneFileError};
 
 use crate::board::{BoardError, SimBoard, SimConfig};
 use crate::clock::samples;
+use crate::electronics::Electronics;
 use crate::front_end::SimFrontEndError;
 use crate::library;
 use crate::material::Material;
@@ -81,17 +82,17 @@ impl SceneFile {
     /// As for [`SceneFile::load`].
     pub fn parse(text: &str, folder: Option<&Path>) -> Result<Self, SceneFileError> {
         let file = toml::from_str::<File>(text).map_err(Mistake::from);
-        file.and_then(|file| Self::from_file(file, folder))
+        file.and_then(|file| Self::from_file(file, text, folder))
             .map_err(|mistake| mistake.located(text))
     }
 
-    fn from_file(file: File, folder: Option<&Path>) -> Result<Self, Mistake> {
+    fn from_file(file: File, text: &str, folder: Option<&Path>) -> Result<Self, Mistake> {
         let sheet = sheet(&file.sheet, folder)?;
         let mut config = board(&file.board, sheet.electrodes.len())?;
         if let Some(electronics) = file.electronics {
-            let span = electronics.span();
-            config.electronics = electronics.into_inner();
-            config.electronics.validate().map_err(|e| Mistake::new(span, e))?;
+            config.electronics = changed(&config.electronics, text)?;
+            let valid = config.electronics.validate();
+            valid.map_err(|e| Mistake::new(electronics.span(), e))?;
         }
         config.electronics.seed = file.seed;
         for fault in file.fault {
@@ -179,6 +180,18 @@ fn material(table: &MaterialTable) -> Material {
     }
 }
 
+/// Electronics with what the text's table `[electronics]` gives put over them. The table was read by itself before, so
+/// that whatever is wrong with a key of it was said with its place.
+fn changed(preset: &Electronics, text: &str) -> Result<Electronics, Mistake> {
+    let unplaced = |e: toml::ser::Error| Mistake::new(0..0, e);
+    let mut all = toml::Table::try_from(preset).map_err(unplaced)?;
+    let file: toml::Table = toml::from_str(text)?;
+    if let Some(toml::Value::Table(given)) = file.get("electronics") {
+        all.extend(given.clone());
+    }
+    Ok(all.try_into()?)
+}
+
 fn board(table: &BoardTable, electrodes: usize) -> Result<SimConfig, Mistake> {
     let plan = match &table.plan {
         None => None,
@@ -191,6 +204,7 @@ fn board(table: &BoardTable, electrodes: usize) -> Result<SimConfig, Mistake> {
         },
     };
     Ok(SimConfig {
+        electronics: table.preset.electronics(),
         plan,
         look_samples: table.look_s.map(|s| samples(s.0).max(1)),
         ..SimConfig::default()

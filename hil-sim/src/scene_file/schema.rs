@@ -3,6 +3,7 @@
 use super::number::{Change, Finite, NotNegative, OneOrMore, Positive, Share};
 use crate::electronics::Electronics;
 use crate::fault::Fault;
+use crate::preset::Preset;
 use protocol::PlanName;
 use serde::de::Error;
 use serde::{Deserialize, Deserializer};
@@ -106,6 +107,7 @@ pub(super) enum MaterialKind {
 #[derive(Default, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(super) struct BoardTable {
+    pub(super) preset: Preset,
     pub(super) plan: Option<Spanned<PlanKey>>,
     pub(super) look_s: Option<Positive>,
 }

@@ -1,6 +1,6 @@
 //! Electronics and faults as files and command lines describe them.
 
-use hil_sim::{Electronics, Fault, FaultKind, Line, Multiplexer, SimBoard, SimConfig};
+use hil_sim::{Electronics, Fault, FaultKind, Line, Multiplexer, Reference, SimBoard, SimConfig};
 
 #[derive(Debug, serde::Deserialize)]
 struct File {
@@ -158,6 +158,45 @@ fn faults_are_written_as_words() {
                 },
             ),
         ),
+        ("amplifier_dead@1", Fault::new(1.0, FaultKind::AmplifierDead)),
+        (
+            "amplifier_saturating:0.5@0",
+            Fault::new(0.0, FaultKind::AmplifierSaturating { volt: 0.5 }),
+        ),
+        (
+            "switch_resistance:drive_plus,16,150@0",
+            Fault::new(
+                0.0,
+                FaultKind::SwitchResistance {
+                    multiplexer: Multiplexer::DrivePlus,
+                    electrode: 15,
+                    ohm: 150.0,
+                },
+            ),
+        ),
+        (
+            "address_swapped:sense_plus,0,2@0",
+            Fault::new(
+                0.0,
+                FaultKind::AddressSwapped {
+                    multiplexer: Multiplexer::SensePlus,
+                    lines: [0, 2],
+                },
+            ),
+        ),
+        (
+            "wires_swapped:5,6@0",
+            Fault::new(0.0, FaultKind::WiresSwapped { electrodes: [4, 5] }),
+        ),
+        (
+            "reference_lost:converter@0",
+            Fault::new(
+                0.0,
+                FaultKind::ReferenceLost {
+                    reference: Reference::Converter,
+                },
+            ),
+        ),
         ("saturation@2", Fault::new(2.0, FaultKind::Saturation { channel: None })),
         (
             "saturation:2@2",
@@ -190,6 +229,11 @@ fn faults_that_cannot_be_are_refused() {
         "bytes_lost:nan@1",
         "adc_stuck:4096@1",
         "saturation:16@1",
+        "wires_swapped:3,3@1",
+        "address_swapped:drive_plus,1,1@1",
+        "address_swapped:drive_plus,0,3@1",
+        "switch_resistance:drive_plus,17,10@1",
+        "amplifier_saturating:-1@1",
         "contact_raised:3,-1@1",
         "board_reset@-1",
         "board_reset@1+-1",

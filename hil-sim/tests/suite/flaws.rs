@@ -2,7 +2,7 @@
 
 use crate::common::disc;
 use firmware::{MAX_CHANNELS, Route, Sense};
-use hil_sim::{Analog, Electronics, Line, PERIOD_SAMPLES, Routing, TICKS_PER_SAMPLE, TIMER_HZ};
+use hil_sim::{Analog, Broken, Electronics, Line, PERIOD_SAMPLES, Routing, TICKS_PER_SAMPLE, TIMER_HZ};
 use protocol::Pair;
 use std::f64::consts::{PI, TAU};
 
@@ -400,7 +400,9 @@ fn gain_errors_scale_and_offsets_shift_the_channels_they_belong_to() {
         sense: Sense::All { step: 1 },
         gain: 0,
     };
-    let ideal = analog(Electronics::ideal()).amplitudes_v(&disc(16), &route, 0).unwrap();
+    let ideal = analog(Electronics::ideal())
+        .amplitudes_v(&disc(16), &route, &Broken::default())
+        .unwrap();
     for (given, of) in [
         (vec![0.02], [0.02, 0.02, 0.02]),
         (vec![0.01, -0.03], [0.01, -0.03, 0.0]),
@@ -409,7 +411,7 @@ fn gain_errors_scale_and_offsets_shift_the_channels_they_belong_to() {
             gain_error: given.clone(),
             ..Electronics::ideal()
         });
-        let seen = flawed.amplitudes_v(&disc(16), &route, 0).unwrap();
+        let seen = flawed.amplitudes_v(&disc(16), &route, &Broken::default()).unwrap();
         for (n, error) in of.iter().enumerate() {
             assert!((seen[n] / ideal[n] - 1.0 - error).abs() < 1e-12);
         }
@@ -432,12 +434,14 @@ fn neighbouring_channels_see_their_part_of_each_other() {
         sense: Sense::All { step: 1 },
         gain: 0,
     };
-    let own = analog(Electronics::ideal()).amplitudes_v(&disc(16), &route, 0).unwrap();
+    let own = analog(Electronics::ideal())
+        .amplitudes_v(&disc(16), &route, &Broken::default())
+        .unwrap();
     let flawed = analog(Electronics {
         crosstalk: 0.01,
         ..Electronics::ideal()
     });
-    let seen = flawed.amplitudes_v(&disc(16), &route, 0).unwrap();
+    let seen = flawed.amplitudes_v(&disc(16), &route, &Broken::default()).unwrap();
     for n in 0..16 {
         let below = if n > 0 { own[n - 1] } else { 0.0 };
         let above = if n < 15 { own[n + 1] } else { 0.0 };
@@ -448,7 +452,7 @@ fn neighbouring_channels_see_their_part_of_each_other() {
         sense: Sense::One(Pair { plus: 6, minus: 5 }),
         ..route
     };
-    assert!((flawed.amplitudes_v(&disc(16), &one, 0).unwrap()[0] - own[5]).abs() < 1e-12);
+    assert!((flawed.amplitudes_v(&disc(16), &one, &Broken::default()).unwrap()[0] - own[5]).abs() < 1e-12);
 }
 
 #[test]

@@ -11,6 +11,7 @@ mod board;
 mod calibration;
 mod common;
 mod descriptions;
+mod drawn_board;
 mod electronics;
 mod faults;
 mod flaws;
@@ -20,6 +21,7 @@ mod pty;
 mod rubber;
 mod scene_files;
 mod scene_start;
+mod self_test;
 mod settings;
 mod support;
 #[path = "../../../forward/tests/suite/theory/mod.rs"]

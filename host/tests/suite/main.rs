@@ -8,6 +8,7 @@
 
 mod baseline;
 mod calibrate;
+mod hello;
 mod paper;
 mod program;
 mod real_data;

@@ -7,5 +7,6 @@
 )]
 
 mod flash;
+mod phantom;
 mod session;
 mod settings;

@@ -2,10 +2,9 @@
 #![allow(dead_code, reason = "each test its own part")]
 
 use emulator::run::Outcome;
-use emulator::world::soldered;
 use firmware::{Excitation, Pace, Progress, Scan};
 use forward::ElectrodeMatrix;
-use hil_sim::{Clock, FixedSheet, SimFrontEnd};
+use hil_sim::{Clock, Electronics, FixedSheet, SimFrontEnd};
 use nalgebra::DMatrix;
 use protocol::{Frame, FromBoard, Hello, Plan};
 use std::f64::consts::PI;
@@ -59,7 +58,7 @@ pub(crate) fn in_process(plan: &Plan, first: u64, count: usize) -> Vec<Frame> {
 pub(crate) fn in_process_on(sheet: ElectrodeMatrix, plan: &Plan, first: u64, count: usize) -> Vec<Frame> {
     let clock = Clock::new();
     clock.advance(first - u64::from(plan.settle_quarters) * 4);
-    let mut front = SimFrontEnd::new(soldered(), FixedSheet(sheet), clock)
+    let mut front = SimFrontEnd::new(Electronics::drawn_board(), FixedSheet(sheet), clock)
         .unwrap()
         .self_clocked();
     front.switch_on().unwrap();

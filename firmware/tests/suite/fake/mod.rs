@@ -58,6 +58,8 @@ pub(crate) struct Fake {
     pub permille: u16,
     /// What the source really does, over what it is told.
     pub source: f64,
+    /// How much later than it should the source steps, samples.
+    pub source_late: f64,
     /// The clock of the chip, if it is to go with the samples.
     pub clock: Rc<Cell<u64>>,
     pub route: Option<Route>,
@@ -79,6 +81,7 @@ impl Fake {
             on: false,
             permille: 1000,
             source: 1.0,
+            source_late: 0.0,
             clock: Rc::default(),
             route: None,
             log: Vec::new(),
@@ -109,7 +112,7 @@ impl Fake {
             };
             let sign = if self.flaw == Some(Flaw::Reversed) { -1.0 } else { 1.0 };
             let late = f64::from(channel) * f64::from(SKEW_TICKS) / f64::from(TICKS_PER_SAMPLE);
-            let angle = core::f64::consts::TAU * (time as f64 + late) / SAMPLES_PER_PERIOD as f64;
+            let angle = core::f64::consts::TAU * (time as f64 + late - self.source_late) / SAMPLES_PER_PERIOD as f64;
             value += sign * signal * f64::from(self.permille) / 1000.0 * angle.sin();
         }
         value.round().clamp(0.0, 4095.0) as u16
