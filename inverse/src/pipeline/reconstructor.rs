@@ -5,6 +5,7 @@ use crate::pipeline::contact_test::ContactTest;
 use crate::pipeline::frame_solver::{Averaged, FrameSolver, Task};
 use crate::pipeline::options::ReconstructorOptions;
 use crate::pipeline::result::FrameResult;
+use crate::quality::diagnosis::{Electrodes, Fault, FaultMonitor};
 use crate::quality::doubt::Doubt;
 use crate::quality::faults::FaultDetector;
 use crate::reference::drift::Drifting;
@@ -20,6 +21,7 @@ pub struct Reconstructor {
     /// For frames in which only the common gain and resistance drift, and for those in which contacts do.
     detectors: [Option<ChangeDetector>; 2],
     faults: FaultDetector,
+    broken: FaultMonitor,
     contacts: ContactTest,
     solver: FrameSolver,
     /// By what frames are divided: the gain that drifted since the baseline.
@@ -29,6 +31,7 @@ pub struct Reconstructor {
     /// Room for a frame, and for the mean of several.
     divided: Vec<f64>,
     difference: Difference,
+    whole: Difference,
     mean: Vec<f64>,
     result: FrameResult,
 }
@@ -53,12 +56,14 @@ impl Reconstructor {
         Self {
             detectors,
             faults: FaultDetector::new(&imager.pattern, imager.drive, options.sequence, options.faults),
+            broken: FaultMonitor::new(imager, options.sequence),
             contacts: ContactTest::new(&options),
             solver,
             gain: 1.0,
             unexplained: 0,
             divided: Vec::new(),
             difference: reference.unchanged().clone(),
+            whole: reference.unchanged().clone(),
             mean: Vec::new(),
             result: FrameResult::nothing(imager),
             reference,
@@ -178,6 +183,7 @@ impl Reconstructor {
         // Only one of them has seen the frame.
         self.detectors.iter_mut().flatten().for_each(ChangeDetector::forget);
         self.faults.clear();
+        self.broken.clear();
         self.unexplained = 0;
     }
 
@@ -198,13 +204,75 @@ impl Reconstructor {
         }
     }
 
-    /// Reconstructs a frame, or the mean of several. `quiet`: it is known to show no touch.
+    /// Reconstructs a frame, or the mean of several. `quiet`: it is known to show no touch. Where touches do not explain it, what is
+    /// broken is looked for; once that is known, the frame is solved anew.
     fn reconstruct(&mut self, values: &[f64], averaged: Averaged, quiet: bool) -> Result<(), ImagerError> {
         self.reference.difference_into(values, &mut self.difference)?;
         if !self.options.sequence {
             // What was in the frame before says nothing of this one.
             self.solver.forget_touches();
+            self.broken.clear();
         }
+        if averaged.frames > 1 {
+            self.solve(averaged, quiet);
+            return Ok(());
+        }
+        self.whole.clone_from(&self.difference);
+        let mut due = self.broken.begin(self.contacts.changed());
+        loop {
+            let blind = self.broken.named().is_some_and(|fault| !fault.leaves_touches());
+            if !blind {
+                self.broken.leave_out(&mut self.difference);
+                self.solve(averaged, quiet);
+            }
+            if (blind && !due) || !self.look_for_faults(values, blind, due) {
+                break;
+            }
+            due = false;
+            self.difference.clone_from(&self.whole);
+        }
+        self.show_faults();
+        Ok(())
+    }
+
+    /// Looks for what is broken in a frame that touches do not explain. True where something else is known now.
+    fn look_for_faults(&mut self, values: &[f64], blind: bool, due: bool) -> bool {
+        let result = &self.result;
+        let unexplained = blind
+            || result.doubt.is_some_and(|doubt| !matches!(doubt, Doubt::Fault(_)))
+            || (self.solver.fits() && result.misfit.is_none() && result.changed)
+            || self.faults.is_open()
+            || self.faults.rejects();
+        let sigma_v = self.reference.noise().or(result.noise).map(|n| n.sigma);
+        let frame = (values, &self.whole, self.reference.unchanged());
+        let other = self.broken.take(frame, sigma_v, unexplained, due);
+        if let Some(Fault::Contacts(electrodes)) = self.broken.take_contacts() {
+            self.contacts.accept(electrodes.list());
+        }
+        other
+    }
+
+    /// Says what is broken. Where it leaves no touches, none are shown.
+    fn show_faults(&mut self) {
+        let named = self.broken.named();
+        if self.broken.is_open() {
+            // Every frame counts.
+            self.detectors.iter_mut().flatten().for_each(ChangeDetector::forget);
+        }
+        let contacts = self.contacts.changed();
+        let contacts = (!contacts.is_empty()).then(|| Fault::Contacts(Electrodes::of(contacts)));
+        if let Some(fault) = named.filter(|fault| !fault.leaves_touches()) {
+            let used = self.whole.used.iter().filter(|used| **used).count();
+            self.result.clear(self.reference.noise(), used);
+            (self.result.anew, self.result.doubt) = (true, Some(Doubt::Fault(fault)));
+            self.solver.forget();
+        }
+        self.result.faults.clear();
+        self.result.faults.extend(named.into_iter().chain(contacts));
+    }
+
+    /// Solves the difference of a frame, or of the mean of several.
+    fn solve(&mut self, averaged: Averaged, quiet: bool) {
         let model_v = &self.reference.imager().model_v;
         // Nothing is left out of frames that are averaged, and what would be of their mean is not in a frame.
         let estimated = match averaged.frames {
@@ -246,10 +314,7 @@ impl Reconstructor {
         } else {
             1
         };
-        let contact = changed.first().map(|electrode| Doubt::Contact {
-            electrode: *electrode,
-            more: changed.len() - 1,
-        });
+        let contact = (!changed.is_empty()).then(|| Doubt::Fault(Fault::Contacts(Electrodes::of(changed))));
         self.result.doubt = Doubt::of(&self.difference, model_v, self.options.doubts)
             .or((self.unexplained >= least).then_some(Doubt::NotTouches))
             .or(contact);
@@ -259,6 +324,5 @@ impl Reconstructor {
         }
         self.result.contacts.clear();
         self.result.contacts.extend_from_slice(changed);
-        Ok(())
     }
 }

@@ -45,8 +45,8 @@ pub struct Case {
     pub exchanged: Option<[usize; 2]>,
     /// What is measured; none: what `skin run` chooses.
     pub plan: Option<PlanName>,
-    /// A sentence with one of these names it.
-    pub named: Vec<String>,
+    /// It is named once all of one of these were said.
+    pub named: Vec<Vec<String>>,
 }
 
 impl Case {
@@ -58,7 +58,10 @@ impl Case {
             values: None,
             exchanged: None,
             plan: None,
-            named: named.iter().map(|&n| n.to_owned()).collect(),
+            named: named
+                .iter()
+                .map(|all| all.split(" & ").map(str::to_owned).collect())
+                .collect(),
         }
     }
 
@@ -96,24 +99,24 @@ impl Case {
 
 /// Every fault of docs/simulator.md, and some in the values. The first is none.
 pub fn cases() -> Vec<Case> {
-    let frames_lost: &[&str] = &["frames are lost", "messages arrived damaged"];
+    let frames_lost: &[&str] = &["frames are lost", "did not answer"];
     let mut out = vec![Case::new("none", &[])];
     for kind in ["bytes_lost", "bytes_flipped", "bytes_doubled"] {
         for rate in ["0.0001", "0.01"] {
             out.push(Case::board(&[&format!("{kind}:{rate}")], frames_lost));
         }
     }
-    out.push(Case::board(&["line_break"], &["sent nothing for"]).lasting(1.0));
+    out.push(Case::board(&["line_break"], &["sent nothing for", "frames are lost"]).lasting(1.0));
     out.push(Case::board(&["break_to_board"], &[]).lasting(0.5));
     out.push(Case::board(&["cable_pulled"], &["connection to the board is lost"]).lasting(0.5));
     out.push(Case::board(&["board_reset"], &["the board was reset"]).lasting(0.3));
     out.extend([
         Case::board(&["electrode_open:3"], &["electrode 3 "]),
-        Case::board(&["electrode_open:3", "electrode_open:4"], &["electrodes 3 and 4 "]),
-        Case::board(&["electrode_open:3", "electrode_open:9"], &["electrodes 3 and 9 "]),
+        Case::board(&["electrode_open:3", "electrode_open:4"], &["electrodes 3 and 4 ", "electrode 3 gives & electrode 4 gives"]),
+        Case::board(&["electrode_open:3", "electrode_open:9"], &["electrodes 3 and 9 ", "electrode 3 gives & electrode 9 gives"]),
         Case::board(
             &["electrode_open:3", "electrode_open:8", "electrode_open:13"],
-            &["electrodes 3, 8 and 13 "],
+            &["electrodes 3, 8 and 13 ", "electrode 3 gives & electrode 8 gives & electrode 13 gives"],
         ),
     ]);
     for ohm in [20, 100, 500, 5000] {

@@ -124,11 +124,15 @@ impl Outcome {
         )
     }
 
-    /// When the fault was named first, s, and how; none where it never was.
+    /// When the fault was named, s, and how; none where it never was.
     pub fn naming(&self, case: &Case) -> Option<(f64, &str)> {
-        let named = |text: &str| case.named.iter().any(|word| text.contains(word.as_str()));
-        let said = self.said.iter().find(|(_, text)| named(text));
-        said.map(|(after_s, text)| (*after_s, text.as_str()))
+        let first = |word: &String| self.said.iter().find(|(_, text)| text.contains(word.as_str()));
+        let all = |words: &Vec<String>| {
+            let said: Option<Vec<_>> = words.iter().map(first).collect();
+            said?.into_iter().max_by(|a, b| a.0.total_cmp(&b.0))
+        };
+        let named = case.named.iter().filter_map(all).min_by(|a, b| a.0.total_cmp(&b.0))?;
+        Some((named.0, named.1.as_str()))
     }
 }
 

@@ -249,9 +249,9 @@ fn end(outcome: &mut Outcome, why: &LinkError) {
 
 /// What the program says of a frame.
 fn hear(outcome: &mut Outcome, after_s: f64, result: &FrameResult) {
-    if let Some(doubt) = result.doubt {
-        say(outcome, after_s, doubt.to_string());
-    }
+    let faults = result.faults.iter().map(ToString::to_string);
+    let doubt = result.doubt.map(|doubt| doubt.to_string());
+    faults.chain(doubt).for_each(|text| say(outcome, after_s, text));
 }
 
 fn say(outcome: &mut Outcome, after_s: f64, text: String) {
