@@ -182,7 +182,7 @@ impl Live {
         let options = ReconstructorOptions::for_imager(&imager, self.options.method).of_sequence();
         let reference = Reference::of(imager, &inspection.baseline)?;
         self.running = Some(Running {
-            reconstructor: Reconstructor::new(reference, options),
+            reconstructor: Reconstructor::new(reference, options).after(inspection.fault),
             inspection,
         });
         Ok(())

@@ -45,7 +45,10 @@ impl fmt::Display for LinkNotice {
                 write!(f, "{lost} of {of} frames are lost within a second: ")?;
                 match damaged {
                     0 => write!(f, "the board gave them up; look at its supply, and take a slower plan"),
-                    n => write!(f, "{n} messages arrived damaged; look at the cable and what runs beside it"),
+                    n => write!(
+                        f,
+                        "{n} messages arrived damaged; look at the cable and what runs beside it"
+                    ),
                 }
             }
             Self::Silent { s } => write!(
@@ -102,7 +105,11 @@ impl LinkNotices {
         }
         self.frames.push_back(now);
         // The last one that is older than the window stays: what is counted is since it.
-        while self.frames.get(1).is_some_and(|second| time_s - second.time_s > WINDOW_S) {
+        while self
+            .frames
+            .get(1)
+            .is_some_and(|second| time_s - second.time_s > WINDOW_S)
+        {
             self.frames.pop_front();
         }
         if reset {
@@ -175,7 +182,10 @@ mod tests {
         for every in [2, 10, 40] {
             let said = said(every, 25.0);
             assert_eq!(said.len(), 3, "{every}: {said:?}");
-            assert!(said[0].0 <= 1.0 && (9.9..10.1).contains(&(said[1].0 - said[0].0)), "{said:?}");
+            assert!(
+                said[0].0 <= 1.0 && (9.9..10.1).contains(&(said[1].0 - said[0].0)),
+                "{said:?}"
+            );
         }
         assert!(said(150, 25.0).is_empty());
     }
@@ -187,7 +197,11 @@ mod tests {
             assert_eq!(notices.take(&skipped(5), Some(&frame(u32::MAX, 0.0))), None);
             let said = notices.take(&skipped(5 + over), Some(&frame(99, 1.0)));
             let lost = 99 - over;
-            let expected = LinkNotice::Lost { lost, of: 100, damaged: 0 };
+            let expected = LinkNotice::Lost {
+                lost,
+                of: 100,
+                damaged: 0,
+            };
             assert_eq!(said, (lost > 1).then_some(expected));
         }
     }

@@ -26,7 +26,10 @@ fn main() -> anyhow::Result<()> {
     let total = quantile(&sound.totals, 0.5);
     println!("{}", Outcome::HEAD);
     for case in cases.iter().filter(|c| only.is_none_or(|text| c.name.contains(text))) {
-        for when in When::ALL.into_iter().filter(|w| when.is_none_or(|text| w.name().contains(text))) {
+        for when in When::ALL
+            .into_iter()
+            .filter(|w| when.is_none_or(|text| w.name().contains(text)))
+        {
             let outcome = bench.run(case, when)?;
             println!("{}", outcome.row(case, when, total));
             for (after_s, text) in &outcome.said {

@@ -68,6 +68,13 @@ impl ContactTest {
         self.monitor.stay();
     }
 
+    /// Gives these up again.
+    pub(crate) fn give_up(&mut self, electrodes: &[usize]) {
+        let mut changed = self.monitor.changed().to_vec();
+        changed.retain(|l| !electrodes.contains(l));
+        self.monitor.keep(changed);
+    }
+
     /// Which detector tells whether the next frame is a change.
     pub(crate) fn detector(&self) -> usize {
         usize::from(self.drifting == Drifting::Contacts)

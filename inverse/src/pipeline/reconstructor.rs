@@ -5,14 +5,18 @@ use crate::pipeline::contact_test::ContactTest;
 use crate::pipeline::frame_solver::{Averaged, FrameSolver, Task};
 use crate::pipeline::options::ReconstructorOptions;
 use crate::pipeline::result::FrameResult;
-use crate::quality::diagnosis::{Electrodes, Fault, FaultMonitor};
 use crate::quality::doubt::Doubt;
+use crate::quality::fault_monitor::FaultMonitor;
 use crate::quality::faults::FaultDetector;
+use crate::reference::diagnosis::{Electrodes, Fault};
 use crate::reference::drift::Drifting;
 use crate::reference::imager::{Imager, ImagerError};
 use crate::reference::noise::NoiseEstimate;
 use crate::reference::{Difference, Reference};
 use std::sync::Arc;
+
+/// Misfit of the same touches beside a fault, over that without, from which the fault is one.
+const BETTER: f64 = 0.7;
 
 /// Turns the frames of one reference into pictures, with its state from frame to frame.
 pub struct Reconstructor {
@@ -22,6 +26,12 @@ pub struct Reconstructor {
     detectors: [Option<ChangeDetector>; 2],
     faults: FaultDetector,
     broken: FaultMonitor,
+    /// What was broken as the baseline was taken.
+    before: Option<Fault>,
+    /// Whether the fault that is named is to be looked for in the frame.
+    due: bool,
+    /// A fault that was named just now in a frame with so many touches and this misfit, whose place it has to take.
+    instead_of: Option<(Fault, usize, Option<f64>)>,
     contacts: ContactTest,
     solver: FrameSolver,
     /// By what frames are divided: the gain that drifted since the baseline.
@@ -41,22 +51,18 @@ impl Reconstructor {
     pub fn new(reference: Reference, options: ReconstructorOptions) -> Self {
         let imager = reference.imager();
         let mut solver = FrameSolver::new(imager, options);
-        let mut detector = |drifting| {
-            let (noise, share) = (reference.noise()?, reference.baseline_share());
-            solver.detector(
-                reference.unchanged(),
-                reference.baseline(),
-                noise.sigma,
-                share,
-                drifting,
-            )
-        };
-        let contacts = detector(Drifting::Contacts);
-        let detectors = [detector(Drifting::Common), contacts];
+        let detectors = detectors(&mut solver, &reference, reference.unchanged());
+        let mut broken = FaultMonitor::new(imager, options.sequence);
+        if let Some(noise) = reference.noise().filter(|_| options.sequence && options.fit.is_some()) {
+            broken.prepare(noise.sigma, reference.unchanged());
+        }
         Self {
             detectors,
             faults: FaultDetector::new(&imager.pattern, imager.drive, options.sequence, options.faults),
-            broken: FaultMonitor::new(imager, options.sequence),
+            broken,
+            before: None,
+            due: false,
+            instead_of: None,
             contacts: ContactTest::new(&options),
             solver,
             gain: 1.0,
@@ -69,6 +75,11 @@ impl Reconstructor {
             reference,
             options,
         }
+    }
+
+    /// The same after a baseline that was taken with something broken: no touches are shown, since none can be right.
+    pub fn after(self, fault: Option<Fault>) -> Self {
+        Self { before: fault, ..self }
     }
 
     /// What frames are compared with.
@@ -107,6 +118,11 @@ impl Reconstructor {
         if !self.options.sequence {
             self.gain = 1.0;
         }
+        if self.before.is_some() {
+            self.reference.difference_into(values, &mut self.whole)?;
+            self.show_faults();
+            return Ok(&mut self.result);
+        }
         let mut divided = std::mem::take(&mut self.divided);
         let done = self.divided(values, interval_s, &mut divided);
         self.divided = divided;
@@ -138,6 +154,15 @@ impl Reconstructor {
 
     /// A frame divided by the gain; false where it is like the one before, and so is the result.
     fn frame_of_gain(&mut self, values: &[f64], interval_s: Option<f64>) -> Result<bool, ImagerError> {
+        self.due = self.broken.begin(self.contacts.changed());
+        if self.due {
+            self.reconstruct(values, Averaged::ONE, false)?;
+            return Ok(true);
+        }
+        if self.broken.named().is_some_and(|fault| !fault.leaves_touches()) {
+            self.result.anew = false;
+            return Ok(false);
+        }
         let most_averaged = self.options.most_averaged(interval_s);
         let change = self.detectors[self.contacts.detector()]
             .as_mut()
@@ -167,6 +192,7 @@ impl Reconstructor {
             return Ok(false);
         };
         self.reference.difference_into(values, &mut self.difference)?;
+        self.broken.leave_out(&mut self.difference);
         Ok(self.solver.drifted(&self.difference, noise.sigma))
     }
 
@@ -183,7 +209,10 @@ impl Reconstructor {
         // Only one of them has seen the frame.
         self.detectors.iter_mut().flatten().for_each(ChangeDetector::forget);
         self.faults.clear();
-        self.broken.clear();
+        if self.broken.named().is_none() {
+            self.broken.clear();
+        }
+        self.show_faults();
         self.unexplained = 0;
     }
 
@@ -214,28 +243,37 @@ impl Reconstructor {
             self.broken.clear();
         }
         if averaged.frames > 1 {
+            self.broken.leave_out(&mut self.difference);
             self.solve(averaged, quiet);
+            self.show_faults();
             return Ok(());
         }
         self.whole.clone_from(&self.difference);
-        let mut due = self.broken.begin(self.contacts.changed());
+        let mut due = std::mem::take(&mut self.due);
         loop {
             let blind = self.broken.named().is_some_and(|fault| !fault.leaves_touches());
             if !blind {
                 self.broken.leave_out(&mut self.difference);
                 self.solve(averaged, quiet);
             }
+            if self.took_no_place() {
+                self.difference.clone_from(&self.whole);
+                self.look_without_faults();
+                continue;
+            }
             if (blind && !due) || !self.look_for_faults(values, blind, due) {
                 break;
             }
             due = false;
             self.difference.clone_from(&self.whole);
+            self.look_without_faults();
         }
         self.show_faults();
         Ok(())
     }
 
-    /// Looks for what is broken in a frame that touches do not explain. True where something else is known now.
+    /// Looks for what is broken in a frame that touches do not explain, or that a fault would explain as well. True where something
+    /// else is known now.
     fn look_for_faults(&mut self, values: &[f64], blind: bool, due: bool) -> bool {
         let result = &self.result;
         let unexplained = blind
@@ -243,13 +281,57 @@ impl Reconstructor {
             || (self.solver.fits() && result.misfit.is_none() && result.changed)
             || self.faults.is_open()
             || self.faults.rejects();
+        let (touches, misfit) = (result.touches.len(), result.misfit);
+        // Contacts that changed by so much are no drift, and touches beside them may be what the linear shapes leave.
+        let least = self.options.contacts.least_change;
+        let known = self.contacts.changed();
+        let contacts = result.drift.contacts.iter().enumerate();
+        let contacts = contacts
+            .filter(|(l, change)| change.abs() > least && !known.contains(l))
+            .count();
+        let suspected = !unexplained && touches > 0 && (contacts > 0 || self.broken.suspects(&self.whole));
         let sigma_v = self.reference.noise().or(result.noise).map(|n| n.sigma);
         let frame = (values, &self.whole, self.reference.unchanged());
-        let other = self.broken.take(frame, sigma_v, unexplained, due);
+        if !self.broken.take(frame, sigma_v, unexplained || suspected, due) {
+            return false;
+        }
+        let named = self.broken.named();
         if let Some(Fault::Contacts(electrodes)) = self.broken.take_contacts() {
             self.contacts.accept(electrodes.list());
         }
-        other
+        if let Some(fault) = named.filter(|_| suspected && !self.broken.is_alone()) {
+            self.instead_of = Some((fault, touches, misfit));
+        }
+        true
+    }
+
+    /// Whether the fault that was named just now leaves as many touches as there were, as badly explained: it is none, and forgotten.
+    fn took_no_place(&mut self) -> bool {
+        let Some((fault, touches, before)) = self.instead_of.take() else {
+            return false;
+        };
+        let now = self.result.touches.len();
+        let better = before
+            .zip(self.result.misfit)
+            .is_some_and(|(before, now)| now < BETTER * before);
+        if now < touches || (now == touches && better) {
+            return false;
+        }
+        self.broken.reject(fault);
+        if let Fault::Contacts(electrodes) = fault {
+            self.contacts.give_up(electrodes.list());
+        }
+        true
+    }
+
+    /// Lets the detectors of changes look at the values that are left.
+    fn look_without_faults(&mut self) {
+        let mut left = self.reference.unchanged().clone();
+        self.broken.leave_out(&mut left);
+        let used = left.used.iter().filter(|used| **used).count();
+        if self.options.sequence && self.detectors.iter().flatten().any(|d| d.used() != used) {
+            self.detectors = detectors(&mut self.solver, &self.reference, &left);
+        }
     }
 
     /// Says what is broken. Where it leaves no touches, none are shown.
@@ -261,6 +343,7 @@ impl Reconstructor {
         }
         let contacts = self.contacts.changed();
         let contacts = (!contacts.is_empty()).then(|| Fault::Contacts(Electrodes::of(contacts)));
+        let named = self.before.or(named);
         if let Some(fault) = named.filter(|fault| !fault.leaves_touches()) {
             let used = self.whole.used.iter().filter(|used| **used).count();
             self.result.clear(self.reference.noise(), used);
@@ -325,4 +408,15 @@ impl Reconstructor {
         self.result.contacts.clear();
         self.result.contacts.extend_from_slice(changed);
     }
+}
+
+/// Detectors of changes in the values of a difference that has nothing in it: for frames in which only the common gain and
+/// resistance drift, and for those in which contacts do.
+fn detectors(solver: &mut FrameSolver, reference: &Reference, unchanged: &Difference) -> [Option<ChangeDetector>; 2] {
+    let mut detector = |drifting| {
+        let (noise, share) = (reference.noise()?, reference.baseline_share());
+        solver.detector(unchanged, reference.baseline(), noise.sigma, share, drifting)
+    };
+    let contacts = detector(Drifting::Contacts);
+    [detector(Drifting::Common), contacts]
 }

@@ -1,8 +1,8 @@
 //! What became of a frame.
 
-use crate::quality::diagnosis::Fault;
 use crate::quality::doubt::Doubt;
 use crate::reference::Drift;
+use crate::reference::diagnosis::Fault;
 use crate::reference::drift::DriftNotice;
 use crate::reference::imager::Imager;
 use crate::reference::noise::NoiseEstimate;

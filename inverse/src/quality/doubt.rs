@@ -1,7 +1,7 @@
 //! When a frame's touches should not be believed, and why.
 
-use crate::quality::diagnosis::Fault;
 use crate::reference::Difference;
+use crate::reference::diagnosis::Fault;
 use serde::{Serialize, Serializer};
 use std::fmt;
 

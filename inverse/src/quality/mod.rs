@@ -1,7 +1,7 @@
 //! What can be believed of a frame: noise by reciprocity, faults of electrodes, contacts that changed, doubts.
 
 pub mod contact;
-pub mod diagnosis;
 pub mod doubt;
+pub(crate) mod fault_monitor;
 pub mod faults;
 pub mod reciprocity;

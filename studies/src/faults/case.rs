@@ -19,7 +19,9 @@ impl ValueFault {
     pub fn apply(self, values_v: &mut [f64], pattern: &Pattern) {
         let next = |l: usize| (l + 1) % pattern.electrodes();
         for (k, (v, m)) in values_v.iter_mut().zip(pattern.measurements()).enumerate() {
-            let is_of = |l: usize| [m.sense.plus, m.sense.minus].contains(&l) && [m.sense.plus, m.sense.minus].contains(&next(l));
+            let is_of = |l: usize| {
+                [m.sense.plus, m.sense.minus].contains(&l) && [m.sense.plus, m.sense.minus].contains(&next(l))
+            };
             match self {
                 Self::Value(index, factor) if index == k => *v *= factor,
                 Self::ChannelGain(l, factor) if is_of(l) => *v *= factor,
@@ -112,18 +114,33 @@ pub fn cases() -> Vec<Case> {
     out.push(Case::board(&["board_reset"], &["the board was reset"]).lasting(0.3));
     out.extend([
         Case::board(&["electrode_open:3"], &["electrode 3 "]),
-        Case::board(&["electrode_open:3", "electrode_open:4"], &["electrodes 3 and 4 ", "electrode 3 gives & electrode 4 gives"]),
-        Case::board(&["electrode_open:3", "electrode_open:9"], &["electrodes 3 and 9 ", "electrode 3 gives & electrode 9 gives"]),
+        Case::board(
+            &["electrode_open:3", "electrode_open:4"],
+            &["electrodes 3 and 4 ", "electrode 3 gives & electrode 4 gives"],
+        ),
+        Case::board(
+            &["electrode_open:3", "electrode_open:9"],
+            &["electrodes 3 and 9 ", "electrode 3 gives & electrode 9 gives"],
+        ),
         Case::board(
             &["electrode_open:3", "electrode_open:8", "electrode_open:13"],
-            &["electrodes 3, 8 and 13 ", "electrode 3 gives & electrode 8 gives & electrode 13 gives"],
+            &[
+                "electrodes 3, 8 and 13 ",
+                "electrode 3 gives & electrode 8 gives & electrode 13 gives",
+            ],
         ),
     ]);
     for ohm in [20, 100, 500, 5000] {
         out.push(Case::board(&[&format!("contact_raised:3,{ohm}")], &["electrode 3 "]));
     }
-    out.push(Case::board(&["contact_raised:3,100", "contact_raised:9,100"], &["electrodes 3 and 9 "]));
-    out.push(Case::board(&["contact_raised:3,500", "contact_raised:9,200"], &["electrodes 3 and 9 "]));
+    out.push(Case::board(
+        &["contact_raised:3,100", "contact_raised:9,100"],
+        &["electrodes 3 and 9 "],
+    ));
+    out.push(Case::board(
+        &["contact_raised:3,500", "contact_raised:9,200"],
+        &["electrodes 3 and 9 "],
+    ));
     out.extend([
         Case::board(&["electrodes_short:3,4"], &["electrodes 3 and 4 "]),
         Case::board(&["electrodes_short:3,10"], &["electrodes 3 and 10 "]),
@@ -133,10 +150,16 @@ pub fn cases() -> Vec<Case> {
         Case::board(&["adc_stuck:2048"], &["converter"]),
         Case::board(&["adc_stuck:4095"], &["rail"]),
     ]);
-    for (line, named) in [("drive_plus", "drive + multiplexer"), ("drive_minus", "drive - multiplexer")] {
+    for (line, named) in [
+        ("drive_plus", "drive + multiplexer"),
+        ("drive_minus", "drive - multiplexer"),
+    ] {
         out.push(Case::board(&[&format!("multiplexer_stuck:{line},3")], &[named]));
     }
-    for (line, named) in [("sense_plus", "sense + multiplexer"), ("sense_minus", "sense - multiplexer")] {
+    for (line, named) in [
+        ("sense_plus", "sense + multiplexer"),
+        ("sense_minus", "sense - multiplexer"),
+    ] {
         let case = Case::board(&[&format!("multiplexer_stuck:{line},3")], &[named]);
         out.push(case.with_plan(PlanName::SequentialFast));
     }
@@ -146,10 +169,26 @@ pub fn cases() -> Vec<Case> {
         Case::board(&["converter_overrun:0.001"], frames_lost),
         Case::board(&["converter_overrun:0.02"], frames_lost),
         Case::in_values("one value x10", ValueFault::Value(100, 10.0), &["value of drive"]),
-        Case::in_values("one channel's gain +1 %", ValueFault::ChannelGain(6, 1.01), &["electrodes 7 and 8 "]),
-        Case::in_values("one channel's gain +5 %", ValueFault::ChannelGain(6, 1.05), &["electrodes 7 and 8 "]),
-        Case::in_values("one channel's offset 1 mV", ValueFault::ChannelOffset(6, 1e-3), &["electrodes 7 and 8 "]),
-        Case::in_values("one channel's offset 10 mV", ValueFault::ChannelOffset(6, 1e-2), &["electrodes 7 and 8 "]),
+        Case::in_values(
+            "one channel's gain +1 %",
+            ValueFault::ChannelGain(6, 1.01),
+            &["electrodes 7 and 8 "],
+        ),
+        Case::in_values(
+            "one channel's gain +5 %",
+            ValueFault::ChannelGain(6, 1.05),
+            &["electrodes 7 and 8 "],
+        ),
+        Case::in_values(
+            "one channel's offset 1 mV",
+            ValueFault::ChannelOffset(6, 1e-3),
+            &["electrodes 7 and 8 "],
+        ),
+        Case::in_values(
+            "one channel's offset 10 mV",
+            ValueFault::ChannelOffset(6, 1e-2),
+            &["electrodes 7 and 8 "],
+        ),
     ]);
     for [a, b] in [[3, 4], [3, 11]] {
         out.push(Case {

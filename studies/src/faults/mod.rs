@@ -108,7 +108,11 @@ impl Outcome {
         };
         let off = match self.off_mm.is_empty() {
             true => "-".to_owned(),
-            false => format!("{:.2} / {:.1}", quantile(&self.off_mm, 0.5), quantile(&self.off_mm, 1.0)),
+            false => format!(
+                "{:.2} / {:.1}",
+                quantile(&self.off_mm, 0.5),
+                quantile(&self.off_mm, 1.0)
+            ),
         };
         let of = match self.totals.is_empty() {
             true => "-".to_owned(),

@@ -205,15 +205,21 @@ impl Rig {
                 continue;
             };
             silent = 0;
-            let faulty = now_s >= at && (began_s.is_some() || when == When::Baseline);
-            if let Some(fault) = case.values.filter(|f| faulty && (when != When::Baseline || !is_later(*f) || began_s.is_none())) {
+            let faulty = when == When::Baseline || (now_s >= at && began_s.is_some());
+            if let Some(fault) = case
+                .values
+                .filter(|f| faulty && (when != When::Baseline || !is_later(*f) || began_s.is_none()))
+            {
                 fault.apply(&mut frame.values_v, &self.pattern);
             }
             let start = Instant::now();
             match self.live.frame(frame.time_s, &frame.values_v)? {
                 LiveFrame::Baseline { left: 0 } => {
                     if let Some(inspection) = self.live.inspection() {
-                        inspection.warnings().into_iter().for_each(|text| say(outcome, 0.0, text));
+                        inspection
+                            .warnings()
+                            .into_iter()
+                            .for_each(|text| say(outcome, 0.0, text));
                     }
                     self.port.begin_scene();
                 }

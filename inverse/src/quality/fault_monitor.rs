@@ -3,9 +3,8 @@
 //! A touch that comes down while a frame is measured fits nothing either, but the next frame tells another story. What is broken stays
 //! broken. In frames that follow one another a fault is therefore named when several of them tell the same.
 
-use super::fault::Fault;
-use super::hypotheses::{Diagnosis, values_of, values_of_channel};
 use crate::reference::Difference;
+use crate::reference::diagnosis::{Diagnosis, Fault, values_of, values_of_channel};
 use crate::reference::imager::Imager;
 use std::sync::Arc;
 
@@ -13,9 +12,12 @@ use std::sync::Arc;
 const SUSPICIOUS: usize = 2;
 /// Frames that have to tell the same fault.
 const NAMES: usize = 3;
-/// Frames until a fault that was named is looked for again, and times that speak against it before it is over.
-const AGAIN: usize = 16;
+/// Frames until a fault that was named is looked for again: one that leaves touches, and one that leaves none; and times that speak
+/// against it before it is over.
+const AGAIN: [usize; 2] = [64, 16];
 const AGAINST: usize = 2;
+/// Frames for which a fault that took no touch's place is not named again.
+const REJECTED: usize = 32;
 /// Most frames between two looks that find nothing.
 const LONGEST_WAIT: usize = 64;
 
@@ -26,6 +28,8 @@ pub(crate) struct FaultMonitor {
     /// Made when it is first needed; none inside where the sheet cannot be solved.
     diagnosis: Option<Option<Diagnosis>>,
     named: Option<Fault>,
+    /// Whether touches cannot take its place.
+    alone: bool,
     /// Electrodes whose contact is known to have changed.
     contacts: Vec<usize>,
     /// What the last looks told, and how many.
@@ -35,6 +39,8 @@ pub(crate) struct FaultMonitor {
     until: usize,
     wait: usize,
     against: usize,
+    /// A fault that took no touch's place, and for how many frames it is none.
+    rejected: Option<(Fault, usize)>,
 }
 
 impl FaultMonitor {
@@ -44,13 +50,40 @@ impl FaultMonitor {
             sequence,
             diagnosis: None,
             named: None,
+            alone: false,
             contacts: Vec::new(),
             candidate: None,
             suspicious: 0,
             until: 0,
             wait: 1,
             against: 0,
+            rejected: None,
         }
+    }
+
+    /// Makes ready to compare frames of this noise (V of the model) with every fault, which takes as long as many frames.
+    pub(crate) fn prepare(&mut self, sigma_v: f64, unchanged: &Difference) {
+        self.diagnosis = Some(Diagnosis::new(&self.imager));
+        if let Some(Some(diagnosis)) = &mut self.diagnosis {
+            diagnosis.prepare(sigma_v, unchanged);
+        }
+    }
+
+    /// Whether a frame whose touches explain it would be as well explained by a fault: its touches may be phantoms.
+    pub(crate) fn suspects(&self, d: &Difference) -> bool {
+        let diagnosis = self.diagnosis.as_ref().and_then(Option::as_ref);
+        self.named.is_none() && diagnosis.is_some_and(|diagnosis| diagnosis.suspects(d))
+    }
+
+    /// Whether nothing but the fault that was named last explains the frame.
+    pub(crate) fn is_alone(&self) -> bool {
+        self.alone
+    }
+
+    /// The fault that was named took no touch's place: it is none for a while.
+    pub(crate) fn reject(&mut self, fault: Fault) {
+        (self.named, self.candidate) = (None, None);
+        self.rejected = Some((fault, REJECTED));
     }
 
     /// The fault that is named.
@@ -58,9 +91,9 @@ impl FaultMonitor {
         self.named
     }
 
-    /// Whether a fault is named or a candidate: then every frame counts.
+    /// Whether a fault is a candidate: then every frame counts.
     pub(crate) fn is_open(&self) -> bool {
-        self.named.is_some() || self.candidate.is_some()
+        self.candidate.is_some()
     }
 
     /// Forgets all that earlier frames said.
@@ -79,10 +112,13 @@ impl FaultMonitor {
         self.contacts.clear();
         self.contacts.extend_from_slice(contacts);
         self.until = self.until.saturating_sub(1);
+        self.rejected = self
+            .rejected
+            .and_then(|(fault, frames)| Some((fault, frames.checked_sub(1)?)));
         self.named.is_some() && (self.until == 0 || !self.sequence)
     }
 
-    /// Leaves the values out that the named fault spoils.
+    /// Leaves the values out that the named fault spoils, in a difference.
     pub(crate) fn leave_out(&self, d: &mut Difference) {
         let imager = &self.imager;
         let values = match self.named {
@@ -105,12 +141,13 @@ impl FaultMonitor {
         unexplained: bool,
         due: bool,
     ) -> bool {
+        let known = self.of_values(values, d, unchanged);
+        let unexplained = unexplained || known.is_some();
         self.suspicious = if unexplained { self.suspicious + 1 } else { 0 };
         if !unexplained && self.named.is_none() {
             (self.candidate, self.wait) = (None, 1);
             return false;
         }
-        let known = self.of_values(values, d, unchanged);
         let asked = known.is_some() || due || (unexplained && self.until == 0 && self.named.is_none());
         let early = self.sequence && self.suspicious < SUSPICIOUS && known.is_none() && !due;
         let again = self.candidate.is_some();
@@ -121,8 +158,12 @@ impl FaultMonitor {
             Fault::Contacts(electrodes) => electrodes.list().iter().all(|l| known.contains(l)),
             _ => false,
         };
-        let told = known.or_else(|| self.explain(d, sigma_v));
-        let told = told.filter(|fault| !known_contacts(fault, &self.contacts));
+        let told = known.map(|fault| (fault, true)).or_else(|| self.explain(d, sigma_v));
+        self.alone = told.is_some_and(|(_, alone)| alone);
+        let told = told.map(|(fault, _)| fault);
+        let rejected = self.rejected.map(|(fault, _)| fault);
+        let told =
+            told.filter(|fault| !known_contacts(fault, &self.contacts) && !rejected.is_some_and(|r| r.is_same(fault)));
         self.judge(told)
     }
 
@@ -142,7 +183,7 @@ impl FaultMonitor {
         (self.against, self.wait) = (0, 1);
         if let Some(named) = self.named.filter(|named| named.is_same(&told)) {
             self.candidate = None;
-            self.until = AGAIN;
+            self.until = AGAIN[usize::from(!told.leaves_touches())];
             // Its size may be another.
             self.named = Some(if named == told { named } else { told });
             return false;
@@ -156,7 +197,7 @@ impl FaultMonitor {
             return false;
         }
         tracing::debug!(?told, "a fault");
-        (self.named, self.candidate, self.until) = (Some(told), None, AGAIN);
+        (self.named, self.candidate, self.until) = (Some(told), None, AGAIN[usize::from(!told.leaves_touches())]);
         true
     }
 
@@ -183,8 +224,11 @@ impl FaultMonitor {
         (all == missing && all == had).then_some(Fault::Rail(pair))
     }
 
-    fn explain(&mut self, d: &Difference, sigma_v: Option<f64>) -> Option<Fault> {
-        let diagnosis = self.diagnosis.get_or_insert_with(|| Diagnosis::new(&self.imager)).as_ref()?;
+    fn explain(&mut self, d: &Difference, sigma_v: Option<f64>) -> Option<(Fault, bool)> {
+        let diagnosis = self
+            .diagnosis
+            .get_or_insert_with(|| Diagnosis::new(&self.imager))
+            .as_ref()?;
         diagnosis.explain(d, sigma_v)
     }
 }

@@ -56,7 +56,17 @@ impl Evidence {
         let wc = &self.w * column;
         let (a, b, variance) = (column.dot(&wc), column.dot(&self.wy), sd * sd);
         let size = variance * b / (1.0 + variance * a);
-        (self.of_touches() - 0.5 * b * size + 0.5 * (1.0 + variance * a).ln(), size)
+        (
+            self.of_touches() - 0.5 * b * size + 0.5 * (1.0 + variance * a).ln(),
+            size,
+        )
+    }
+
+    /// What [`Evidence::along`] is told by in any frame of the same covariance: with `(a, g)` a frame y costs `(a' y)² / 2 - g` less.
+    pub(crate) fn score(&self, column: &DVector<f64>, sd: f64) -> (DVector<f64>, f64) {
+        let wc = &self.w * column;
+        let spread = 1.0 + sd * sd * column.dot(&wc);
+        (wc * (sd / spread.sqrt()), 0.5 * spread.ln())
     }
 
     /// Cost of a fault that leaves values free.
@@ -120,7 +130,10 @@ mod tests {
             let p = DVector::from_fn(9, |k, _| (k as f64).sin());
             near(evidence.of(&p) + constant, cost(&(&y - &p), &c));
             let with = &c + 0.49 * &p * p.transpose();
-            near(evidence.along(&p, 0.7).0 + constant, cost(&y, &with));
+            let along = evidence.along(&p, 0.7).0;
+            near(along + constant, cost(&y, &with));
+            let (by, gain) = evidence.score(&p, 0.7);
+            near(evidence.of_touches() - 0.5 * by.dot(&y).powi(2) + gain, along);
             // Free values are independent of the rest, with the variance of the range.
             let free = [1, 4, 5];
             let mut apart = c.clone();

@@ -106,7 +106,9 @@ impl Fault {
     /// Whether the values that are left tell touches right.
     pub fn leaves_touches(&self) -> bool {
         match self {
-            Self::Open(_) | Self::Contacts(_) | Self::Rail(_) | Self::Gain(..) | Self::Offset(_) | Self::Value(..) => true,
+            Self::Open(_) | Self::Contacts(_) | Self::Rail(_) | Self::Gain(..) | Self::Offset(_) | Self::Value(..) => {
+                true
+            }
             Self::Short { .. }
             | Self::Source
             | Self::Converter

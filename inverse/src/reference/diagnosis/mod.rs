@@ -7,7 +7,6 @@
 mod evidence;
 mod fault;
 mod hypotheses;
-mod monitor;
 
 pub use fault::{Electrodes, Fault, MOST_ELECTRODES};
-pub(crate) use monitor::FaultMonitor;
+pub(crate) use hypotheses::{Diagnosis, values_of, values_of_channel};
