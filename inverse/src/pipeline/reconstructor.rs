@@ -248,7 +248,7 @@ impl Reconstructor {
             self.show_faults();
             return Ok(());
         }
-        self.whole.clone_from(&self.difference);
+        self.whole.copy_from(&self.difference);
         let mut due = std::mem::take(&mut self.due);
         loop {
             let blind = self.broken.named().is_some_and(|fault| !fault.leaves_touches());
@@ -257,7 +257,7 @@ impl Reconstructor {
                 self.solve(averaged, quiet);
             }
             if self.took_no_place() {
-                self.difference.clone_from(&self.whole);
+                self.difference.copy_from(&self.whole);
                 self.look_without_faults();
                 continue;
             }
@@ -265,7 +265,7 @@ impl Reconstructor {
                 break;
             }
             due = false;
-            self.difference.clone_from(&self.whole);
+            self.difference.copy_from(&self.whole);
             self.look_without_faults();
         }
         self.show_faults();

@@ -119,7 +119,7 @@ impl Fault {
     }
 
     /// The same fault, whatever its size.
-    pub(crate) fn is_same(&self, other: &Self) -> bool {
+    pub fn is_same(&self, other: &Self) -> bool {
         match (self, other) {
             (Self::Short { electrodes: a, .. }, Self::Short { electrodes: b, .. }) => a == b,
             (Self::Gain(a, _), Self::Gain(b, _)) => a == b,
