@@ -30,6 +30,8 @@ pub struct Reconstructor {
     before: Option<Fault>,
     /// Whether the fault that is named is to be looked for in the frame.
     due: bool,
+    /// Whether other values are left out than in the frame before.
+    left_changed: bool,
     /// A fault that was named just now in a frame with so many touches and this misfit, whose place it has to take.
     instead_of: Option<(Fault, usize, Option<f64>)>,
     contacts: ContactTest,
@@ -62,6 +64,7 @@ impl Reconstructor {
             broken,
             before: None,
             due: false,
+            left_changed: false,
             instead_of: None,
             contacts: ContactTest::new(&options),
             solver,
@@ -154,6 +157,9 @@ impl Reconstructor {
 
     /// A frame divided by the gain; false where it is like the one before, and so is the result.
     fn frame_of_gain(&mut self, values: &[f64], interval_s: Option<f64>) -> Result<bool, ImagerError> {
+        if std::mem::take(&mut self.left_changed) {
+            self.look_without_faults();
+        }
         self.due = self.broken.begin(self.contacts.changed());
         if self.due {
             self.reconstruct(values, Averaged::ONE, false)?;
@@ -258,7 +264,7 @@ impl Reconstructor {
             }
             if self.took_no_place() {
                 self.difference.copy_from(&self.whole);
-                self.look_without_faults();
+                self.left_changed = true;
                 continue;
             }
             if (blind && !due) || !self.look_for_faults(values, blind, due) {
@@ -266,7 +272,7 @@ impl Reconstructor {
             }
             due = false;
             self.difference.copy_from(&self.whole);
-            self.look_without_faults();
+            self.left_changed = true;
         }
         self.show_faults();
         Ok(())
@@ -277,7 +283,10 @@ impl Reconstructor {
     fn look_for_faults(&mut self, values: &[f64], blind: bool, due: bool) -> bool {
         let result = &self.result;
         let unexplained = blind
-            || result.doubt.is_some_and(|doubt| !matches!(doubt, Doubt::Fault(_)))
+            || matches!(
+                result.doubt,
+                Some(Doubt::NotThisSheet | Doubt::NotTouches | Doubt::FewValues { .. })
+            )
             || (self.solver.fits() && result.misfit.is_none() && result.changed)
             || self.faults.is_open()
             || self.faults.rejects();
@@ -324,7 +333,7 @@ impl Reconstructor {
         true
     }
 
-    /// Lets the detectors of changes look at the values that are left.
+    /// Lets the detectors of changes look at the values that are left. They have seen no frame then.
     fn look_without_faults(&mut self) {
         let mut left = self.reference.unchanged().clone();
         self.broken.leave_out(&mut left);
