@@ -28,6 +28,7 @@ mod recording_file;
 mod recover;
 mod replay;
 mod replayed;
+mod rise;
 mod run;
 mod say;
 mod scene;

@@ -23,6 +23,7 @@ use inverse::reference::imager::Imager;
 use inverse::reference::noise::NoiseSource;
 use inverse::reference::screening::Finding;
 use inverse::solvers::{Method, Status};
+use inverse::touches::polarity::Polarity;
 use serde::Serialize;
 use std::collections::HashSet;
 use std::io::{BufWriter, Write};
@@ -73,6 +74,9 @@ pub(crate) struct Arguments {
     /// Writes the cells of every frame, FRAME.csv with x_mm, y_mm and relative rise, into this folder.
     #[arg(long, value_name = "DIR")]
     cells: Option<PathBuf>,
+    /// Which way touches change the resistance of the sheet [default: the way that explains a frame].
+    #[arg(long, value_name = "WAY", value_parser = crate::rise::parser())]
+    rise: Option<Polarity>,
     /// Forces in newtons with the creep of the rubber taken out, by what `skin calibrate` wrote; the frames are those of one
     /// recording in the order of the columns.
     #[arg(long, requires = "frame_s", value_name = "FILE")]
@@ -260,6 +264,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let unpressed: Vec<&[f64]> = prepared.unpressed.iter().map(AsRef::as_ref).collect();
     let defaults = BatchOptions::of(method);
     let options = BatchOptions {
+        polarity: arguments.rise,
         find_electrodes: defaults.find_electrodes && prepared.measured && !arguments.trust_electrodes,
         interval_s: arguments.frame_s,
         calibration,

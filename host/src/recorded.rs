@@ -55,6 +55,9 @@ pub(crate) struct SessionRecord {
     pub(crate) find_electrodes: bool,
     pub(crate) baseline_frames: usize,
     pub(crate) method: String,
+    /// None where it was learned.
+    #[serde(default)]
+    pub(crate) rise: Option<String>,
     pub(crate) reach: f64,
     pub(crate) patience_s: f64,
     pub(crate) machine: String,
@@ -101,6 +104,7 @@ impl SessionRecord {
             find_electrodes: options.find_electrodes,
             baseline_frames: options.baseline_frames,
             method: options.method.name().to_owned(),
+            rise: options.polarity.map(|p| p.name().to_owned()),
             reach: options.reach,
             patience_s: options.patience_s,
             machine: machine(),
@@ -147,6 +151,7 @@ impl SessionRecord {
         Ok(LiveOptions {
             baseline_frames: self.baseline_frames,
             method: self.method.parse()?,
+            polarity: self.rise.as_deref().map(str::parse).transpose()?,
             find_electrodes: self.find_electrodes,
             calibration: self.calibration()?,
             reach: self.reach,

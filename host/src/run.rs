@@ -17,6 +17,7 @@ use clap::{Args, ValueEnum};
 use hil_sim::{BOARD_NAME, SceneFile, SimPort};
 use inverse::live::{Live, LiveFrame, LiveOptions};
 use inverse::reference::imager::Imager;
+use inverse::touches::polarity::Polarity;
 use link::plans::PlanChoice;
 use link::{LinkNotices, MeasuredFrame, Port, Session, ports};
 use protocol::{Hello, QUARTERS, Watch, Watching};
@@ -73,6 +74,9 @@ pub(crate) struct SourceArguments {
     /// Take the electrodes to be exactly where they are said to be, instead of finding them in the baseline.
     #[arg(long)]
     trust_electrodes: bool,
+    /// Which way touches change the resistance of the sheet [default: learned from the first ones].
+    #[arg(long, value_name = "WAY", value_parser = crate::rise::parser())]
+    rise: Option<Polarity>,
     /// Frames of the unpressed sheet that make the baseline, at least 2 [default: those of 0.7 s, at least 24].
     #[arg(long, value_name = "N", value_parser = RangedU64ValueParser::<usize>::new().range(2..))]
     baseline_frames: Option<usize>,
@@ -261,6 +265,7 @@ pub(crate) fn live(arguments: &SourceArguments, outputs: &Outputs<'_>) -> Result
     let stored = stored.transpose()?;
     let options = LiveOptions {
         baseline_frames: arguments.baseline_frames.unwrap_or_else(|| baseline_frames(&session)),
+        polarity: arguments.rise,
         find_electrodes: !arguments.trust_electrodes,
         calibration,
         ..LiveOptions::default()

@@ -8,6 +8,7 @@ use crate::reference::imager::{Imager, ImagerError};
 use crate::reference::inspection::{Inspection, InspectionOptions, inspect};
 use crate::reference::noise::FrameNoise;
 use crate::solvers::Method;
+use crate::touches::polarity::Polarity;
 use crate::touches::touch::Touch;
 use std::sync::Arc;
 
@@ -16,6 +17,8 @@ use std::sync::Arc;
 pub struct BatchOptions {
     /// The solver.
     pub method: Method,
+    /// Which way touches change the resistivity; none where the frames say it.
+    pub polarity: Option<Polarity>,
     /// Whether the electrodes are looked for in the baseline, or taken to be where the sheet says.
     pub find_electrodes: bool,
     /// Time from a frame to the next, s, where they follow one another; none where nothing says so.
@@ -31,6 +34,7 @@ impl BatchOptions {
     pub fn of(method: Method) -> Self {
         Self {
             method,
+            polarity: None,
             find_electrodes: method == Method::Nnls,
             interval_s: None,
             calibration: None,
@@ -64,6 +68,7 @@ impl Batch {
         );
         let (imager, baseline) = (Arc::clone(&inspection.imager), &inspection.baseline);
         let how = ReconstructorOptions {
+            polarity: options.polarity,
             sequence: options.interval_s.is_some(),
             ..ReconstructorOptions::for_imager(&imager, options.method)
         };

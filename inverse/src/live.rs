@@ -7,6 +7,7 @@ use crate::reference::baseline::{Baseline, BaselineTaker};
 use crate::reference::imager::{Imager, ImagerError};
 use crate::reference::inspection::{Inspection, InspectionOptions, inspect};
 use crate::solvers::Method;
+use crate::touches::polarity::Polarity;
 use crate::touches::radius_filter::RadiusFilter;
 use crate::touches::tracker::{Tracker, TrackerOptions};
 use std::sync::Arc;
@@ -18,6 +19,8 @@ pub struct LiveOptions {
     pub baseline_frames: usize,
     /// The solver.
     pub method: Method,
+    /// Which way touches change the resistivity; none where that is learned from the first ones.
+    pub polarity: Option<Polarity>,
     /// Whether the electrodes are looked for in the baseline, or taken to be where the sheet says.
     pub find_electrodes: bool,
     /// What the forces of the touches are computed with; none: no forces.
@@ -35,6 +38,7 @@ impl Default for LiveOptions {
         Self {
             baseline_frames: 24,
             method: Method::Nnls,
+            polarity: None,
             find_electrodes: true,
             calibration: None,
             reach: 0.1,
@@ -179,7 +183,10 @@ impl Live {
         // Electrodes that a baseline does not tell are where the one before showed them to be.
         let found = inspection.electrodes.is_some();
         let imager = Arc::clone(if found { &inspection.imager } else { self.imager() });
-        let options = ReconstructorOptions::for_imager(&imager, self.options.method).of_sequence();
+        let options = ReconstructorOptions {
+            polarity: self.options.polarity,
+            ..ReconstructorOptions::for_imager(&imager, self.options.method).of_sequence()
+        };
         let reference = Reference::of(imager, &inspection.baseline)?;
         self.running = Some(Running {
             reconstructor: Reconstructor::new(reference, options).after(inspection.fault),

@@ -25,6 +25,15 @@ impl Drift {
         }
     }
 
+    /// This part of it, 0 to 1: as far as it has come.
+    pub fn part(&self, part: f64) -> Self {
+        Self {
+            gain: self.gain.powf(part),
+            resistance: self.resistance.powf(part),
+            contacts: self.contacts.iter().map(|c| c.powf(part)).collect(),
+        }
+    }
+
     /// Contacts that drifted by this standard deviation of their logarithm.
     pub fn with_contacts(self, sd: f64, rng: &mut StdRng) -> Self {
         let contacts = self.contacts.iter();

@@ -231,7 +231,7 @@ pub struct Picture {
     pub outline_mm: Arc<Vec<[f64; 2]>>,
     /// Centres of the electrodes, mm; shown with the numbers 1..n.
     pub electrodes_mm: Arc<Vec<[f64; 2]>>,
-    /// Relative rise of resistivity per used cell of the grid, >= 0.
+    /// Relative change of resistivity per used cell of the grid, without its sign.
     pub values: Vec<f32>,
     /// Touches, in any order.
     pub touches: Vec<Touch>,
@@ -262,7 +262,7 @@ impl Picture {
     /// The touches, strongest first.
     pub fn strongest_first(&self) -> Vec<Touch> {
         let mut touches = self.touches.clone();
-        touches.sort_by(|a, b| b.rise.total_cmp(&a.rise));
+        touches.sort_by(|a, b| b.rise.abs().total_cmp(&a.rise.abs()));
         touches
     }
 }

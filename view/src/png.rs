@@ -94,7 +94,7 @@ pub fn render_with(picture: &Picture, options: &ImageOptions) -> Result<Canvas, 
     let marks = sheet::electrode_marks(&layout, &picture.outline_mm, &picture.electrodes_mm);
     sheet::draw_touches(&mut canvas, &layout, &picture.strongest_first(), &marks);
     let top = f64::from(full);
-    sheet::draw_bar(&mut canvas, &layout, options.palette, "rise", [0.0, top], |v| {
+    sheet::draw_bar(&mut canvas, &layout, options.palette, "change", [0.0, top], |v| {
         format!("{} %", trimmed(100.0 * v))
     });
     sheet::draw_scale(&mut canvas, &layout);

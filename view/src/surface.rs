@@ -34,7 +34,7 @@ impl Surface {
             grid: Arc::clone(&self.grid),
             outline_mm: Arc::clone(&self.outline_mm),
             electrodes_mm: Arc::clone(&self.electrodes_mm),
-            values: result.x.iter().map(|x| x.max(0.0) as f32).collect(),
+            values: result.x.iter().map(|x| x.abs() as f32).collect(),
             touches: result.touches.clone(),
             stats,
         }

@@ -161,7 +161,7 @@ impl ForceMeter {
             // The sheet takes all of a touch, also of one that reaches over the rim or lies between the points.
             let whole = covered.iter().map(|(_, part)| part).sum::<f64>() * self.cell_mm * self.cell_mm;
             if whole > 0.0 && touch.area_mm2 > 0.0 {
-                let mean = touch.total_mm2 / touch.area_mm2;
+                let mean = touch.total_mm2.abs() / touch.area_mm2;
                 let strain = self.calibration.solid.strain_mpa(mean) * touch.area_mm2 / whole;
                 for (c, part) in &covered {
                     self.strain_mpa[*c] += strain * part;

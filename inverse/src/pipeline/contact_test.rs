@@ -3,6 +3,7 @@
 use crate::change::detector::ChangeDetector;
 use crate::pipeline::frame_solver::{FrameSolver, Task};
 use crate::pipeline::options::ReconstructorOptions;
+use crate::pipeline::polarity_test::PolarityTest;
 use crate::pipeline::result::FrameResult;
 use crate::quality::contact::{ContactMonitor, ContactOptions, Decision, Evidence};
 use crate::reference::Difference;
@@ -18,6 +19,7 @@ type Detectors = [Option<ChangeDetector>; 2];
 pub(crate) struct ContactTest {
     options: ContactOptions,
     monitor: ContactMonitor,
+    polarity: PolarityTest,
     sequence: bool,
     /// What drifts in the frames now; how many touches have stood the test against it; and frames until the next test.
     drifting: Drifting,
@@ -41,6 +43,7 @@ impl ContactTest {
                 if options.sequence { options.contacts.frames } else { 1 },
                 options.contacts,
             ),
+            polarity: PolarityTest::new(options.polarity, options.sequence),
             sequence: options.sequence,
             drifting: Drifting::Common,
             asked: 0,
@@ -88,20 +91,22 @@ impl ContactTest {
     /// Forgets all that earlier frames said.
     pub(crate) fn clear(&mut self) {
         self.monitor.clear();
+        self.polarity.clear();
         (self.drifting, self.stood, self.until) = (Drifting::Common, 0, 0);
     }
 
     /// Solves a frame into the result, with the contacts that changed left out. What drifts and the contacts of the task are
-    /// not looked at.
+    /// not looked at, nor its polarity. Returns the place, mm, of something that lay on the sheet in its baseline and has gone.
     pub(crate) fn solve(
         &mut self,
         solver: &mut FrameSolver,
         task: Task,
         detectors: &mut Detectors,
         result: &mut FrameResult,
-    ) {
+    ) -> Option<[f64; 2]> {
         self.asked = self.detector();
         self.judge(solver, task, detectors, result);
+        let gone = self.polarity.learn(result);
         self.without_contacts(solver, task, |solver, task| solver.finish(task, result));
         if self.detector() != self.asked
             && let Some(detector) = &mut detectors[self.detector()]
@@ -109,6 +114,7 @@ impl ContactTest {
             // It knows nothing of the frames that the other has seen.
             detector.forget();
         }
+        gone
     }
 
     fn judge(&mut self, solver: &mut FrameSolver, task: Task, detectors: &mut Detectors, result: &mut FrameResult) {
@@ -132,10 +138,14 @@ impl ContactTest {
             self.test_again(changed, solver, task, detectors, result);
         } else {
             let mut evidence = self.solve_with(solver, task, detectors, result);
+            let new = result.touches.len() > self.stood;
             if !task.quiet {
                 evidence = self.test_drifting(evidence, solver, task, detectors, result);
             }
-            self.test_candidates(evidence, solver, task, detectors, result);
+            evidence = self.test_candidates(evidence, solver, task, detectors, result);
+            if !task.quiet {
+                self.test_polarity((evidence, new), solver, task, detectors, result);
+            }
         }
         if task.quiet {
             // Without touches the frame itself says it.
@@ -147,6 +157,41 @@ impl ContactTest {
             };
             self.stood = 0;
         }
+    }
+
+    /// Decides whether some touches change the resistivity the other way.
+    fn test_polarity(
+        &mut self,
+        (evidence, new): (Option<Evidence>, bool),
+        solver: &mut FrameSolver,
+        task: Task,
+        detectors: &mut Detectors,
+        result: &mut FrameResult,
+    ) {
+        let unexplained = result.touches.is_empty() || result.misfit.is_none_or(|m| m > self.options.explained);
+        let may = solver.fits() && result.changed;
+        // Whether contacts drifted or changed is decided first.
+        let decided = self.put_off == 0 && !self.monitor.is_open();
+        if !(may && decided && (new || unexplained) && self.polarity.asks(new, unexplained)) {
+            return;
+        }
+        let before = self.polarity.now();
+        self.kept.copy_from(result);
+        self.polarity.widen();
+        solver.begin_other();
+        let other = self.solve_with(solver, task, detectors, result);
+        let better = evidence
+            .zip(other)
+            .is_some_and(|(evidence, other)| other.cheaper_than(evidence, self.options.margin_accepted));
+        // The other search may not have come to its end yet; this one has.
+        let explained = solver.is_finished() && result.misfit.is_some();
+
+        if better && explained && result.touches.iter().any(|t| !before.allows(t.rise)) {
+            return;
+        }
+        self.polarity.narrow(before);
+        result.copy_from(&self.kept);
+        solver.end_other();
     }
 
     /// Decides whether contacts drift: a new touch must explain the frame better than that.
@@ -242,7 +287,7 @@ impl ContactTest {
         task: Task,
         detectors: &mut Detectors,
         result: &mut FrameResult,
-    ) {
+    ) -> Option<Evidence> {
         while self.monitor.changed().len() < self.options.most_contacts {
             let changed = self.monitor.changed();
             let candidate = solver.candidate(changed, result);
@@ -266,6 +311,7 @@ impl ContactTest {
             tracing::debug!(?candidate, ?with, ?without, "a contact");
             without = with;
         }
+        without
     }
 
     /// Solves a frame without what drifted, and what the contacts did that changed.
@@ -295,6 +341,7 @@ impl ContactTest {
         let task = Task {
             drifting,
             changed,
+            polarity: self.polarity.now(),
             ..task
         };
         if changed.is_empty() {

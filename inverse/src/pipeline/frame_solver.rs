@@ -13,6 +13,7 @@ use crate::reference::noise::{NoiseEstimate, NoiseSource};
 use crate::stats::fisher_quantile;
 use crate::touches::fit::fitter::{Beside, Data, Fitter};
 use crate::touches::fit::reduction::WeightedProjection;
+use crate::touches::polarity::Polarity;
 use crate::touches::touch::Touch;
 use arrayvec::ArrayVec;
 use forward::Geometry;
@@ -58,6 +59,8 @@ pub(crate) struct Task<'a> {
     pub(crate) drifting: Drifting,
     /// Electrodes whose contact's shapes are left out.
     pub(crate) changed: &'a [usize],
+    /// Which way touches change the resistivity.
+    pub(crate) polarity: Polarity,
     /// Whether the detector has seen the frame: only then it can take it for the last one.
     pub(crate) seen: bool,
     /// Whether the frame shows no touch: what it shows is drift, or contacts.
@@ -137,6 +140,16 @@ impl FrameSolver {
         self.fitter.is_some()
     }
 
+    /// Begins a fit with touches of other signs.
+    pub(crate) fn begin_other(&mut self) {
+        self.fitter.iter_mut().for_each(Fitter::begin_other);
+    }
+
+    /// Goes on from the last frame before that.
+    pub(crate) fn end_other(&mut self) {
+        self.fitter.iter_mut().for_each(Fitter::end_other);
+    }
+
     /// Starts the next fit without the touches of the frame before: they have gone.
     pub(crate) fn forget_touches(&mut self) {
         self.fitter.iter_mut().for_each(Fitter::forget);
@@ -210,9 +223,15 @@ impl FrameSolver {
         let Some(weighted) = self.weightings.current_mut() else {
             return;
         };
-        let ridge = self.image.solve(&self.options, weighted, &self.values, sigma, result);
+        let (values, options) = (&self.values, &self.options);
+        let ridge = self
+            .image
+            .solve(options, weighted, values, (sigma, task.polarity), result);
+        if let (Polarity::Either, Some(ridge)) = (task.polarity, ridge) {
+            self.image
+                .solve_with_falls(options, weighted, values, (ridge, task.polarity), result);
+        }
         result.solve_us = start.elapsed().as_secs_f64() * 1e6;
-        self.image.find(result);
         self.ridges[task.drifting as usize] = ridge;
         self.fit(task, noise, detector, result);
         if task.drifting == Drifting::Contacts {
@@ -227,11 +246,13 @@ impl FrameSolver {
         let Some(ridge) = self.ridges[task.drifting as usize].filter(|_| unexplained) else {
             return;
         };
+        // Nothing says that what is there is a touch.
+        let said = self.options.polarity.unwrap_or(Polarity::Either);
         self.weigh(task.difference, (Drifting::Nothing, task.changed));
         self.reduce(task.difference);
         if let Some(weighted) = self.weightings.current_mut() {
             self.image
-                .solve_with_falls(&self.options, weighted, &self.values, ridge, result);
+                .solve_with_falls(&self.options, weighted, &self.values, (ridge, said), result);
         }
     }
 
@@ -364,6 +385,7 @@ impl FrameSolver {
             noise,
             gain: task.averaged.gain,
             patient: task.patient,
+            polarity: task.polarity,
             corrected: task.corrected,
         };
         let seeds = result.touches.iter().map(|t| [t.x_mm, t.y_mm]);
@@ -386,7 +408,11 @@ impl FrameSolver {
         }
         result.touches.clear();
         let (geometry, unplaced) = (self.imager.model.geometry(), self.options.unplaced_mm);
-        let placed = fitted.touches.iter().filter(|t| {
+        let strengths = fitted.touches.iter().zip(&fitted.significances);
+        let significant = strengths
+            .filter(|(_, s)| **s >= self.options.least_significance)
+            .map(|(t, _)| t);
+        let placed = significant.filter(|t| {
             let sd = t.x_sd_mm.unwrap_or(0.0).max(t.y_sd_mm.unwrap_or(0.0));
             sd <= unplaced || sd <= apart(t, &fitted.touches, geometry)
         });
@@ -482,7 +508,7 @@ impl FrameSolver {
 /// Distance of a touch from the rim, or from a stronger touch where that is nearer, mm.
 fn apart(touch: &Touch, touches: &[Touch], geometry: &Geometry) -> f64 {
     let rim = geometry.outline().nearest([touch.x_mm, touch.y_mm]).1;
-    let stronger = touches.iter().filter(|t| t.total_mm2 > touch.total_mm2);
+    let stronger = touches.iter().filter(|t| t.total_mm2.abs() > touch.total_mm2.abs());
     let distances = stronger.map(|t| (t.x_mm - touch.x_mm).hypot(t.y_mm - touch.y_mm));
     distances.fold(rim, f64::min)
 }

@@ -4,13 +4,20 @@ use crate::pipeline::options::ReconstructorOptions;
 use crate::pipeline::result::FrameResult;
 use crate::pipeline::weighted::Weighted;
 use crate::reference::imager::Imager;
-use crate::solvers::{Method, Nnls, NnlsOptions, discrepancy_ridge, lawson_hanson, pseudo_inverse, tikhonov};
+use crate::solvers::{Method, Nnls, discrepancy_ridge, lawson_hanson, pseudo_inverse, tikhonov};
 use crate::touches::peaks::TouchFinder;
+use crate::touches::polarity::Polarity;
+use crate::touches::touch::Touch;
 use nalgebra::DVector;
 
 /// Solves for pictures, one after another.
 pub(crate) struct ImageSolver {
     finder: TouchFinder,
+    /// Room for a picture, or values, of the other sign, and its peaks.
+    turned: Vec<f64>,
+    hollows: Vec<Touch>,
+    /// Room for rises, then falls.
+    both: Vec<f64>,
     cells: usize,
 }
 
@@ -18,6 +25,9 @@ impl ImageSolver {
     pub(crate) fn new(imager: &Imager, options: &ReconstructorOptions) -> Self {
         Self {
             finder: TouchFinder::new(&imager.grid, options.touches),
+            turned: Vec::new(),
+            hollows: Vec::new(),
+            both: Vec::new(),
             cells: imager.grid.len(),
         }
     }
@@ -29,12 +39,25 @@ impl ImageSolver {
         options: &ReconstructorOptions,
         weighted: &mut Weighted,
         values: &[f64],
-        sigma: f64,
+        (sigma, polarity): (f64, Polarity),
         result: &mut FrameResult,
     ) -> Option<f64> {
         result.x.resize(self.cells, 0.0);
         if options.method == Method::Nnls {
-            return Some(self.solve_nnls(options, weighted, values, sigma, result));
+            let ridge = match polarity {
+                Polarity::Down => {
+                    self.turned.clear();
+                    self.turned.extend(values.iter().map(|v| -v));
+                    let turned = std::mem::take(&mut self.turned);
+                    let ridge = Self::solve_nnls(options, weighted, &turned, sigma, result);
+                    self.turned = turned;
+                    result.x.iter_mut().for_each(|x| *x = -*x);
+                    ridge
+                }
+                _ => Self::solve_nnls(options, weighted, values, sigma, result),
+            };
+            self.find(polarity, result);
+            return Some(ridge);
         }
         let problem = &weighted.problem;
         let b = DVector::from_column_slice(values);
@@ -51,11 +74,11 @@ impl ImageSolver {
         };
         result.x.copy_from_slice(solution.x.as_slice());
         (result.residual, result.gap, result.status) = (solution.residual, solution.gap, solution.status);
+        self.find(polarity, result);
         None
     }
 
     fn solve_nnls(
-        &mut self,
         options: &ReconstructorOptions,
         weighted: &mut Weighted,
         values: &[f64],
@@ -90,39 +113,57 @@ impl ImageSolver {
         sigma / expected
     }
 
-    /// Finds the touches of the picture: its peaks.
-    pub(crate) fn find(&mut self, result: &mut FrameResult) {
-        self.finder.find(&result.x, &mut result.touches);
+    /// Finds the touches of the picture: its peaks, and its hollows where these are allowed.
+    fn find(&mut self, polarity: Polarity, result: &mut FrameResult) {
+        result.touches.clear();
+        if polarity != Polarity::Down {
+            self.finder.find(&result.x, &mut result.touches);
+        }
+        if polarity != Polarity::Up {
+            self.turned.clear();
+            self.turned.extend(result.x.iter().map(|x| -x));
+            self.finder.find(&self.turned, &mut self.hollows);
+            result.touches.extend(self.hollows.drain(..).map(|t| Touch {
+                rise: -t.rise,
+                total_mm2: -t.total_mm2,
+                ..t
+            }));
+        }
     }
 
     /// Lets the picture fall as well as rise: where no touches explain a frame, nothing says that it only rises (metal
     /// beside a finger, say). With a voltage drive a fall somewhere looks much like a rise everywhere else, so that a
-    /// picture of rises alone can explain it well and be wrong.
+    /// picture of rises alone can explain it well and be wrong. Peaks are touches as far as the polarity allows them.
     pub(crate) fn solve_with_falls(
         &mut self,
         options: &ReconstructorOptions,
         weighted: &mut Weighted,
         values: &[f64],
-        ridge: f64,
+        (ridge, polarity): (f64, Polarity),
         result: &mut FrameResult,
     ) {
-        let problem = &weighted.problem;
-        let both = weighted.with_falls.get_or_insert_with(|| problem.with_falls(1.0));
-        let solution = Nnls::new(NnlsOptions {
-            ridge,
-            ..weighted.nnls.options()
-        })
-        .solve(both, &DVector::from_column_slice(values));
-        let mut x = solution.x;
-        weighted.scale(x.as_mut_slice());
-        let (rises, falls) = x.as_slice().split_at(self.cells);
-        self.finder.find(falls, &mut result.touches);
-        let fall = result.touches.iter().map(|t| t.total_mm2).fold(0.0, f64::max);
-        result.x.copy_from_slice(rises);
+        let (problem, options_of) = (&weighted.problem, weighted.nnls.options());
+        let (both, nnls) = weighted
+            .with_falls
+            .get_or_insert_with(|| (problem.with_falls(1.0), Nnls::new(options_of)));
+        nnls.set_ridge(ridge);
+        self.both.resize(both.cells(), 0.0);
+        let solution = nnls.solve_into(both, values, &mut self.both);
+        weighted.scale(&mut self.both);
+        let (rises, falls) = self.both.split_at(self.cells);
+        for ((x, rise), fall) in result.x.iter_mut().zip(rises).zip(falls) {
+            *x = rise - fall;
+        }
         result.residual = solution.residual;
         result.gap = solution.gap;
         result.status = solution.status;
-        self.finder.find(rises, &mut result.touches);
-        result.touches.retain(|t| t.total_mm2 >= options.least_over_fall * fall);
+        self.find(Polarity::Either, result);
+        let largest = |sign: f64| result.touches.iter().map(|t| sign * t.total_mm2).fold(0.0, f64::max);
+        let [rise, fall] = [1.0, -1.0].map(|sign| options.least_over_fall * largest(sign));
+        result.touches.retain(|t| {
+            let least = if t.rise > 0.0 { fall } else { rise };
+            polarity.allows(t.rise) && t.total_mm2.abs() >= least
+        });
+        result.touches.sort_by(|a, b| b.rise.abs().total_cmp(&a.rise.abs()));
     }
 }

@@ -1,9 +1,11 @@
 //! From a frame to a picture and its touches.
 
 mod contact_test;
+mod following;
 mod frame_solver;
 mod image;
 mod options;
+mod polarity_test;
 mod reconstructor;
 mod result;
 mod weighted;

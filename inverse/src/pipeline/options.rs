@@ -8,6 +8,7 @@ use crate::reference::imager::Imager;
 use crate::solvers::Method;
 use crate::touches::fit::FitOptions;
 use crate::touches::peaks::TouchOptions;
+use crate::touches::polarity::Polarity;
 
 /// How frames are turned into pictures.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -35,6 +36,9 @@ pub struct ReconstructorOptions {
     /// How the picture's touches are fitted to the measurements; none leaves them as the picture has them. Only
     /// [`Method::Nnls`] has a fit.
     pub fit: Option<FitOptions>,
+    /// Which way touches change the resistivity; none where that is to be learned from the frames. A sheet of which nothing is
+    /// known is first taken for one whose touches raise it.
+    pub polarity: Option<Polarity>,
     /// Whether frames are measured one after another. What broke or changed on the sheet stays so. A doubtful electrode is
     /// then left out only when its fault lasts, a contact is accepted as changed after
     /// [`ContactOptions::frames`], and unexplained frames are reported after
@@ -42,6 +46,9 @@ pub struct ReconstructorOptions {
     pub sequence: bool,
     /// Longest time over which frames of a scene at rest are averaged, s. More is quieter; a press creeps meanwhile.
     pub averaged_s: f64,
+    /// How fast the baseline follows what drifts while nothing touches, s. More is quieter and lags further behind: by this time
+    /// the rate of the drift. A touch that comes down more slowly than this is taken for drift.
+    pub follow_s: f64,
     /// Frames one after another that no touches explain before that is reported: a touch that comes down while a frame is
     /// measured fits none either.
     pub unexplained_frames: usize,
@@ -62,6 +69,9 @@ pub struct ReconstructorOptions {
     /// Standard deviation of a place, mm, from which a touch must be further from the rim, and from stronger touches, than that to
     /// be one. Fingers are known to a tenth of it.
     pub unplaced_mm: f64,
+    /// Least strength of a touch, in its standard deviations. What drift may have made is part of these. 4.2 is the quantile for
+    /// one false touch in 1,000 frames anywhere on the paper's disc, which has room for 60 fingertips.
+    pub least_significance: f64,
     /// A gain that drifted by more than this part since the frame before is divided out, and the frame solved once more: touches
     /// scale with it. Less costs time in drifting scenes.
     pub gain_step: f64,
@@ -96,8 +106,10 @@ impl ReconstructorOptions {
                 least_rise: 0.005,
             },
             fit: (method == Method::Nnls).then(|| FitOptions::for_extent(extent)),
+            polarity: None,
             sequence: false,
             averaged_s: 0.25,
+            follow_s: 10.0,
             unexplained_frames: 4,
             tolerance: 1e-9,
             most_steps: 60,
@@ -106,6 +118,7 @@ impl ReconstructorOptions {
             least_over_fall: 0.5,
             least_sensitivity: 1e-3,
             unplaced_mm: 0.03 * extent,
+            least_significance: 4.2,
             gain_step: 0.005,
             least_gain: 0.2,
             change: ChangeOptions::default(),

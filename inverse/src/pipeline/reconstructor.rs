@@ -2,6 +2,7 @@
 
 use crate::change::detector::{Change, ChangeDetector};
 use crate::pipeline::contact_test::ContactTest;
+use crate::pipeline::following::Following;
 use crate::pipeline::frame_solver::{Averaged, FrameSolver, Task};
 use crate::pipeline::options::ReconstructorOptions;
 use crate::pipeline::result::FrameResult;
@@ -13,6 +14,7 @@ use crate::reference::drift::Drifting;
 use crate::reference::imager::{Imager, ImagerError};
 use crate::reference::noise::NoiseEstimate;
 use crate::reference::{Difference, Reference};
+use crate::touches::polarity::Polarity;
 use std::sync::Arc;
 
 /// Misfit of the same touches beside a fault, over that without, from which the fault is one.
@@ -38,6 +40,8 @@ pub struct Reconstructor {
     solver: FrameSolver,
     /// By what frames are divided: the gain that drifted since the baseline.
     gain: f64,
+    /// What the baseline has become since.
+    following: Following,
     /// Frames one after another that no touches explained.
     unexplained: usize,
     /// Room for a frame, and for the mean of several.
@@ -69,6 +73,7 @@ impl Reconstructor {
             contacts: ContactTest::new(&options),
             solver,
             gain: 1.0,
+            following: Following::new(reference.baseline().len(), options.follow_s),
             unexplained: 0,
             divided: Vec::new(),
             difference: reference.unchanged().clone(),
@@ -136,14 +141,13 @@ impl Reconstructor {
     /// The same with room for the frame divided by its gain. Where the gain turns out to be another, once more.
     fn divided(&mut self, values: &[f64], interval_s: Option<f64>, room: &mut Vec<f64>) -> Result<(), ImagerError> {
         for last in [false, true] {
-            room.clear();
-            room.extend(values.iter().map(|v| v / self.gain));
+            self.following.divide(values, self.gain, room);
             if !self.frame_of_gain(room, interval_s)? {
                 break;
             }
             let found = self.result.drift.gain;
             let gain = found * self.gain;
-            self.result.drift.gain = gain;
+            self.result.drift.gain = gain * self.following.gain();
             let off = (found - 1.0).abs() > self.options.gain_step && gain > self.options.least_gain;
             let settled = !self.result.changed || (self.result.misfit.is_some() && self.solver.is_finished());
             if last || !off || !settled {
@@ -151,6 +155,13 @@ impl Reconstructor {
             }
             self.gain = gain;
             self.detectors.iter_mut().flatten().for_each(ChangeDetector::forget);
+        }
+        let result = &self.result;
+        let sound = result.faults.is_empty() && !self.broken.is_open();
+        let untouched = result.touches.is_empty() && sound && result.doubt.is_none();
+        if let Some(interval_s) = interval_s.filter(|_| untouched && self.options.sequence) {
+            let (baseline, used) = (self.reference.baseline(), &self.reference.unchanged().used);
+            self.following.follow(room, baseline, used, interval_s);
         }
         Ok(())
     }
@@ -384,13 +395,15 @@ impl Reconstructor {
             noise: known.or(estimated),
             averaged,
             drifting: Drifting::Common,
+            polarity: Polarity::Up,
             changed: &[],
             seen: true,
             quiet,
             patient: false,
             corrected: true,
         };
-        self.contacts
+        let gone = self
+            .contacts
             .solve(&mut self.solver, task, &mut self.detectors, &mut self.result);
         let changed = self.contacts.changed();
         if let Some(detector) = &mut self.detectors[self.contacts.detector()]
@@ -409,6 +422,10 @@ impl Reconstructor {
         let contact = (!changed.is_empty()).then(|| Doubt::Fault(Fault::Contacts(Electrodes::of(changed))));
         self.result.doubt = Doubt::of(&self.difference, model_v, self.options.doubts)
             .or((self.unexplained >= least).then_some(Doubt::NotTouches))
+            .or(gone.map(|[x, y]| Doubt::Gone {
+                x_mm: x.round() as i32,
+                y_mm: y.round() as i32,
+            }))
             .or(contact);
         if self.result.doubt == Some(Doubt::NotThisSheet) {
             // Whatever they are, they are no touches on the sheet of the baseline.

@@ -36,7 +36,7 @@ pub(crate) struct Weighted {
     /// Solves for pictures, each from the one before.
     pub(crate) nnls: Nnls,
     /// The problem with cells that fall; made when a frame first needs it.
-    pub(crate) with_falls: Option<Problem>,
+    pub(crate) with_falls: Option<(Problem, Nnls)>,
     /// Reduced responses to touches; made when a frame first needs them.
     pub(crate) tables: Option<Tables>,
 }
@@ -199,7 +199,10 @@ impl Weightings {
 
     /// Starts the next picture of every problem without the last one.
     pub(crate) fn forget(&mut self) {
-        self.kept.iter_mut().for_each(|w| w.nnls.reset());
+        for weighted in &mut self.kept {
+            weighted.nnls.reset();
+            weighted.with_falls.iter_mut().for_each(|(_, nnls)| nnls.reset());
+        }
     }
 
     /// Makes the problem for the values of a difference the one in use.

@@ -21,6 +21,13 @@ pub enum Doubt {
     NotTouches,
     /// Something is broken, and touches are not to be had, or less certain: contacts that changed are taken out.
     Fault(Fault),
+    /// Something that lay on the sheet when the baseline was taken has gone.
+    Gone {
+        /// Where it lay, mm.
+        x_mm: i32,
+        /// Where it lay, mm.
+        y_mm: i32,
+    },
 }
 
 /// When the values of a frame speak against it.
@@ -79,6 +86,11 @@ impl fmt::Display for Doubt {
                 )
             }
             Self::Fault(fault) => write!(f, "{fault}"),
+            Self::Gone { x_mm, y_mm } => write!(
+                f,
+                "something that lay at ({x_mm}, {y_mm}) mm when the baseline was taken has gone: take a new baseline; or, if \
+                 touches lower the resistance of this sheet, say --rise down"
+            ),
             Self::NotTouches => write!(
                 f,
                 "no touches of the expected size explain the change: shown are the picture's peaks, of other objects or of \

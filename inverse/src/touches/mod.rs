@@ -2,6 +2,7 @@
 
 pub mod fit;
 pub mod peaks;
+pub mod polarity;
 pub mod radius_filter;
 pub mod touch;
 pub mod tracker;

@@ -110,7 +110,7 @@ impl RadiusFilter {
                 }),
             }
         }
-        touches.sort_by(|a, b| b.rise.total_cmp(&a.rise));
+        touches.sort_by(|a, b| b.rise.abs().total_cmp(&a.rise.abs()));
     }
 
     /// Keeps the radii of touches that are as they were, in a frame at this time.

@@ -12,5 +12,6 @@ mod drift;
 mod faults;
 mod hand;
 mod noise;
+mod polarity;
 mod screening;
 mod watch;

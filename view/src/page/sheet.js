@@ -308,8 +308,8 @@ export class Sheet {
     c.fillStyle = FAINT;
     c.textAlign = this.wide ? "center" : "right";
     c.textBaseline = "alphabetic";
-    if (this.wide) c.fillText("rise", bar.x + bar.w / 2, bar.y - 12);
-    else c.fillText("rise", w - 14, bar.y + 10);
+    if (this.wide) c.fillText("change", bar.x + bar.w / 2, bar.y - 12);
+    else c.fillText("change", w - 14, bar.y + 10);
   }
 
   drawScale(c, w, h) {

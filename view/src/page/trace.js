@@ -1,4 +1,4 @@
-// The rise of each touch over the last ten seconds.
+// The change by each touch, without its sign, over the last ten seconds.
 
 import { idColour, number } from "./labels.js";
 import { fit, ticks } from "./sheet.js";
@@ -31,7 +31,7 @@ export class Trace {
       const line = this.lines.get(touch.id);
       // More than a point a pixel cannot be seen.
       if (line.length > 1 && now - line.at(-2)[0] < this.pixelMs) line.pop();
-      line.push([now, touch.rise]);
+      line.push([now, Math.abs(touch.rise)]);
     }
     for (const [key, line] of this.lines) {
       let old = 0;

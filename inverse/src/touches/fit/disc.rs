@@ -10,11 +10,12 @@ pub struct Disc {
     pub at: [f64; 2],
     /// Radius, mm.
     pub radius: f64,
-    /// Strength as the linear model sees it: rise times area, mm².
+    /// Strength as the linear model sees it: rise times area, mm²; below 0 for a fall.
     pub strength: f64,
 }
 
-/// Largest `s = S / (pi R²)` that is accepted: a rise of 11. The rise goes to infinity as s goes to 2. Chosen by hand.
+/// Largest size of `s = S / (pi R²)` that is accepted: a rise of 11, a fall to a twelfth. The rise goes to infinity as s goes to 2,
+/// the resistivity to 0 as s goes to -2. Chosen by hand.
 const LARGEST_CONTRAST: f64 = 1.7;
 
 impl Disc {
@@ -23,14 +24,14 @@ impl Disc {
         PI * self.radius * self.radius
     }
 
-    /// The rise that the linear model sees, `s = S / (pi R²)`, at most what is accepted.
+    /// The rise that the linear model sees, `s = S / (pi R²)`, no larger than what is accepted.
     pub fn contrast(&self) -> f64 {
-        (self.strength / self.area_mm2()).min(LARGEST_CONTRAST)
+        (self.strength / self.area_mm2()).clamp(-LARGEST_CONTRAST, LARGEST_CONTRAST)
     }
 
     /// The same strength on a disc that is large enough for its contrast to be accepted.
     pub fn believable(&self) -> Self {
-        let least = (self.strength.max(0.0) / (PI * LARGEST_CONTRAST)).sqrt();
+        let least = (self.strength.abs() / (PI * LARGEST_CONTRAST)).sqrt();
         Self {
             radius: self.radius.max(least),
             ..*self

@@ -14,6 +14,7 @@ use crate::touches::fit::nuisance::{NuisanceScratch, Nuisances};
 use crate::touches::fit::prior::FitOptions;
 use crate::touches::fit::reduction::Reduce;
 use crate::touches::fit::responses::ResponseTable;
+use crate::touches::polarity::Polarity;
 use std::sync::Arc;
 
 /// A frame to fit, reduced and weighted.
@@ -31,6 +32,8 @@ pub struct Data<'a> {
     /// Variance of one frame's noise over that of this one: 1, or more for a mean of several. The error of the disc
     /// model does not average out, so an additional touch needs as much in a mean as in one frame.
     pub gain: f64,
+    /// Which way touches change the resistivity.
+    pub polarity: Polarity,
     /// Whether the search must end in this frame, however many follow.
     pub patient: bool,
     /// Whether the error of the linear model may be solved for: that takes as long as many fits.
@@ -156,10 +159,17 @@ impl Followed {
 struct Fits {
     now: Fitted,
     before: Fitted,
-    scratch: Scratch,
 }
 
 impl Fits {
+    fn with_room(stride: usize, most: usize) -> Self {
+        let fitted = || Fitted::with_room(stride, most);
+        Self {
+            now: fitted(),
+            before: fitted(),
+        }
+    }
+
     /// Fits a frame from these places, or from the touches fitted last. With a misfit, the touches fitted last are
     /// followed as long as the frame's misfit is about as small.
     fn fit(
@@ -169,6 +179,7 @@ impl Fits {
         seeds: Option<&[Disc]>,
         least_misfit: Option<f64>,
         turn: usize,
+        scratch: &mut Scratch,
     ) -> Option<()> {
         std::mem::swap(&mut self.before, &mut self.now);
         let from = &self.before;
@@ -182,11 +193,11 @@ impl Fits {
             seeds: seeds.unwrap_or(&from.discs),
             before: least_misfit.map(follow),
         };
-        fit(model, frame, start, &mut self.scratch, &mut self.now)
+        fit(model, frame, start, scratch, &mut self.now)
     }
 }
 
-/// What is kept from frame to frame of a reduction that is not in use.
+/// What is kept from frame to frame of fits that are not in use.
 #[derive(Debug, Default)]
 struct Aside {
     carried: Carried,
@@ -212,8 +223,9 @@ pub struct Fitter {
     followed: Followed,
     fits: Fits,
     corrected: Corrected,
-    /// Those of frames with another reduction.
-    aside: Aside,
+    scratch: Scratch,
+    /// Those of frames with another reduction, and of those with touches of other signs.
+    aside: [Aside; 2],
     /// Whether the values fitted last were corrected.
     was_corrected: bool,
     /// Of the frame fitted last.
@@ -235,8 +247,13 @@ impl Fitter {
 
     /// The same with other thresholds.
     pub fn with_options(imager: &Arc<Imager>, prior: FitOptions, options: FitterOptions) -> Option<Self> {
+        let volts = ResponseTable::new(&imager.model, imager.drive, &imager.pattern, prior.radius_mm)?;
+        let fits = || Fits::with_room(volts.stride(), prior.most_touches.min(MOST_TOUCHES));
+        let aside = || Aside {
+            fits: fits(),
+            ..Aside::default()
+        };
         Some(Self {
-            volts: ResponseTable::new(&imager.model, imager.drive, &imager.pattern, prior.radius_mm)?,
             electrodes: ElectrodeUncertainty::new(imager, prior.radius_mm),
             imager: Arc::clone(imager),
             prior,
@@ -245,9 +262,11 @@ impl Fitter {
             chi_square_threshold: None,
             carried: Carried::default(),
             followed: Followed::default(),
-            fits: Fits::default(),
+            fits: fits(),
             corrected: Corrected::default(),
-            aside: Aside::default(),
+            scratch: Scratch::default(),
+            aside: [aside(), aside()],
+            volts,
             was_corrected: false,
             drift: Drift::with_room(imager.pattern.electrodes()),
             alone: Drift::with_room(imager.pattern.electrodes()),
@@ -279,20 +298,33 @@ impl Fitter {
 
     /// Goes on from the last frame of the other of two reductions.
     pub(crate) fn exchange(&mut self) {
-        std::mem::swap(&mut self.carried, &mut self.aside.carried);
-        std::mem::swap(&mut self.followed, &mut self.aside.followed);
-        std::mem::swap(&mut self.fits, &mut self.aside.fits);
-        std::mem::swap(&mut self.corrected, &mut self.aside.corrected);
+        self.exchange_with(0);
+    }
+
+    /// Begins a fit with touches of other signs without a frame before.
+    pub(crate) fn begin_other(&mut self) {
+        self.exchange_with(1);
+        forget(&mut self.followed, &mut self.carried);
+    }
+
+    /// Goes on from the last frame before that.
+    pub(crate) fn end_other(&mut self) {
+        self.exchange_with(1);
+    }
+
+    fn exchange_with(&mut self, aside: usize) {
+        let aside = &mut self.aside[aside];
+        std::mem::swap(&mut self.carried, &mut aside.carried);
+        std::mem::swap(&mut self.followed, &mut aside.followed);
+        std::mem::swap(&mut self.fits, &mut aside.fits);
+        std::mem::swap(&mut self.corrected, &mut aside.corrected);
     }
 
     /// Forgets the touches of the frame before: they have gone.
     pub fn forget(&mut self) {
-        for (followed, carried) in [
-            (&mut self.followed, &mut self.carried),
-            (&mut self.aside.followed, &mut self.aside.carried),
-        ] {
-            followed.holds = false;
-            (carried.error, carried.failed) = (None, None);
+        forget(&mut self.followed, &mut self.carried);
+        for aside in &mut self.aside {
+            forget(&mut aside.followed, &mut aside.carried);
         }
     }
 
@@ -500,11 +532,13 @@ impl Fitter {
             sigma: job.data.noise.sigma,
             chi_square_threshold: job.chi_square_threshold,
             error,
+            polarity: job.data.polarity,
             most_work: if job.hurried { self.prior.most_work } else { usize::MAX },
         };
         self.was_corrected = matches!(values, Values::Corrected);
         let least_misfit = || self.followed.least_misfit(job.data.gain, self.options.misfit_scatter);
-        self.fits.fit(model, frame, seeds, follows.then(least_misfit), job.turn)
+        let (least_misfit, scratch) = (follows.then(least_misfit), &mut self.scratch);
+        self.fits.fit(model, frame, seeds, least_misfit, job.turn, scratch)
     }
 
     /// The chi-square threshold, kept as long as the noise is known as well.
@@ -520,13 +554,19 @@ impl Fitter {
     }
 }
 
+fn forget(followed: &mut Followed, carried: &mut Carried) {
+    followed.holds = false;
+    (carried.error, carried.failed) = (None, None);
+}
+
 /// The discs with one of the expected size in place of two neighbours; `None` where no disc with a near neighbour has
 /// more than the contrast `too_strong`. The linearisation error of one strong touch can look like two touches.
 fn merged(discs: &Discs, radius_mm: f64, too_strong: f64) -> Option<Discs> {
     let apart = |p: &Disc, q: &Disc| (p.at[0] - q.at[0]).hypot(p.at[1] - q.at[1]);
     let pairs = (0..discs.len()).flat_map(|i| (0..i).map(move |k| (k, i)));
     let (k, i) = pairs
-        .filter(|(k, i)| discs[*k].contrast().max(discs[*i].contrast()) > too_strong)
+        .filter(|(k, i)| discs[*k].contrast().abs().max(discs[*i].contrast().abs()) > too_strong)
+        .filter(|(k, i)| discs[*k].strength * discs[*i].strength > 0.0)
         .filter(|(k, i)| apart(&discs[*k], &discs[*i]) < 2.0 * radius_mm)
         .min_by(|p, q| apart(&discs[p.0], &discs[p.1]).total_cmp(&apart(&discs[q.0], &discs[q.1])))?;
     let (one, other) = (discs[k], discs[i]);
@@ -549,7 +589,7 @@ fn settled(before: &Fitted, after: &Fitted, part: f64) -> bool {
             .touches
             .iter()
             .zip(&after.touches)
-            .all(|(a, b)| (a.total_mm2 - b.total_mm2).abs() <= part * b.total_mm2)
+            .all(|(a, b)| (a.total_mm2 - b.total_mm2).abs() <= part * b.total_mm2.abs())
 }
 
 #[cfg(test)]

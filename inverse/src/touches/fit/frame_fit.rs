@@ -4,6 +4,7 @@ use crate::touches::fit::disc::{Disc, Discs, MOST_TOUCHES};
 use crate::touches::fit::interpolation;
 use crate::touches::fit::levenberg_marquardt::PARAMETERS;
 use crate::touches::fit::model_order::{Before, DiscModel, Scratch, Search};
+use crate::touches::polarity::Polarity;
 use crate::touches::touch::Touch;
 use arrayvec::ArrayVec;
 use std::f64::consts::PI;
@@ -22,6 +23,8 @@ pub struct Fitted {
     pub discs: Discs,
     /// Norm of the response to every one of them over the noise.
     pub norms: ArrayVec<f64, MOST_TOUCHES>,
+    /// Strength of every one of them over its standard deviation; infinite where that is not determined.
+    pub significances: ArrayVec<f64, MOST_TOUCHES>,
     /// All discs that were fitted, also those too weak for touches. The next frame's fit begins at them.
     pub all: Discs,
     /// Which of those every touch is.
@@ -52,6 +55,20 @@ pub struct Fitted {
     pub slopes: Vec<f64>,
 }
 
+impl Fitted {
+    /// With room for so many touches in data of this stride: no frame is then to allocate.
+    pub(super) fn with_room(stride: usize, most: usize) -> Self {
+        let count = PARAMETERS * most;
+        Self {
+            touches: Vec::with_capacity(most),
+            covariance: Vec::with_capacity(count * count),
+            residual_whitened: Vec::with_capacity(stride),
+            slopes: Vec::with_capacity(stride * count),
+            ..Self::default()
+        }
+    }
+}
+
 /// What is to be fitted.
 #[derive(Clone, Copy, Debug)]
 pub struct Frame<'a> {
@@ -64,6 +81,8 @@ pub struct Frame<'a> {
     pub chi_square_threshold: f64,
     /// Part of the data that the model may get wrong, 0 to 1: no touch is added for less.
     pub error: f64,
+    /// Which way touches change the resistivity.
+    pub polarity: Polarity,
     /// What the search may cost: see [`most_work`](crate::touches::fit::prior::FitOptions::most_work).
     pub most_work: usize,
 }
@@ -119,7 +138,9 @@ fn fit_whitened(
         discs: &discs_before,
         ..b
     });
-    let search = Search::new(model, whitened, chi_square_threshold, scratch)?.within(frame.most_work);
+    let search = Search::new(model, whitened, chi_square_threshold, scratch)?
+        .within(frame.most_work)
+        .of(frame.polarity);
     let found = search.run(&in_noise(start.seeds), before)?;
     let best = found.fit;
     let freedom = (table.length() as f64 - 3.0 * best.discs.len() as f64).max(1.0);
@@ -137,7 +158,7 @@ fn fit_whitened(
     let n = table.stride();
     let norm_of = |k: usize, d: &Disc| {
         let response = &best.jacobian[(PARAMETERS * k + 3) * n..][..n];
-        d.strength * interpolation::dot(table.arch(), response, response).sqrt()
+        d.strength.abs() * interpolation::dot(table.arch(), response, response).sqrt()
     };
     (out.followed, out.finished, out.settled) = (found.followed, found.finished, true);
     (out.sigma, out.variance) = (sigma, variance);
@@ -155,13 +176,21 @@ fn fit_whitened(
         })
         .collect();
     out.all = found.iter().map(|f| f.1).collect();
-    found.sort_unstable_by(|a, b| b.0.rise.total_cmp(&a.0.rise));
-    let strongest = found.iter().map(|f| f.0.total_mm2).fold(0.0, f64::max);
-    found.retain(|(t, ..)| t.total_mm2 >= prior.least_of_strongest * strongest && t.rise >= prior.least_rise);
+    found.sort_unstable_by(|a, b| b.0.rise.abs().total_cmp(&a.0.rise.abs()));
+    let strongest = found.iter().map(|f| f.0.total_mm2.abs()).fold(0.0, f64::max);
+    let least = prior.least_of_strongest * strongest;
+    found.retain(|(t, ..)| t.total_mm2.abs() >= least && t.rise.abs() >= prior.least_rise);
     out.touches.clear();
     out.touches.extend(found.iter().map(|f| f.0));
     out.discs = found.iter().map(|f| f.1).collect();
     out.norms = found.iter().map(|f| f.2).collect();
+    out.significances = found
+        .iter()
+        .map(|(_, disc, _, k)| {
+            let variance = out.covariance.get((4 * k + 3) * (count + 1)).copied();
+            significance(disc, sigma, variance)
+        })
+        .collect();
     out.places = found.iter().map(|f| f.3).collect();
     out.misfit = misfit;
     out.relative_residual = best.square.sqrt() / norm.max(f64::MIN_POSITIVE);
@@ -172,6 +201,11 @@ fn fit_whitened(
     out.slopes.extend_from_slice(&best.jacobian);
     scratch.work.put(best);
     Some(())
+}
+
+/// Strength of a disc over its standard deviation; `variance` is over `sigma²`.
+pub(super) fn significance(disc: &Disc, sigma: f64, variance: Option<f64>) -> f64 {
+    variance.map_or(f64::INFINITY, |v| disc.strength.abs() / (sigma * v.max(0.0).sqrt()))
 }
 
 /// The touch that a disc is. `of` gives the covariances of its parameters, the strength's over `sigma`.

@@ -31,7 +31,7 @@ pub struct LevenbergMarquardtOptions {
     /// Longest move of a touch in one step, as a fraction of its expected radius. More converges in fewer steps, and
     /// overshoots more often: the model is not linear in the place.
     pub longest_step: f64,
-    /// Least strength after a step, as a fraction of that before: a strength stays positive.
+    /// Least strength after a step, as a fraction of that before: a strength keeps its sign.
     pub least_strength: f64,
     /// How the damping follows the steps.
     pub damping: Damping,
@@ -296,10 +296,15 @@ impl Task<'_> {
             let length = s[0].hypot(s[1]);
             let shorten = (longest / length.max(f64::MIN_POSITIVE)).min(1.0);
             let moved = [d.at[0] + shorten * s[0], d.at[1] + shorten * s[1]];
+            let (strength, least) = (d.strength + s[3], self.options.least_strength * d.strength);
             *d = Disc {
                 at: if self.table.holds(moved) { moved } else { d.at },
                 radius: (d.radius + s[2]).clamp(smallest, largest),
-                strength: (d.strength + s[3]).max(self.options.least_strength * d.strength),
+                strength: if strength.abs() < least.abs() || strength * least < 0.0 {
+                    least
+                } else {
+                    strength
+                },
             };
         }
         discs

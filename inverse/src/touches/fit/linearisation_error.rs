@@ -64,7 +64,7 @@ impl LinearisationError {
     pub fn error(&self, growth: &ErrorGrowth, discs: &[Disc], scale: f64) -> f64 {
         let all = self.discs.iter().map(|d| d.strength * d.strength).sum::<f64>().sqrt();
         // One that has come or gone.
-        let alone = |strength: f64| growth.by_strength * strength / all;
+        let alone = |strength: f64| growth.by_strength * strength.abs() / all;
         let apart = |a: &Disc, b: &Disc| (a.at[0] - b.at[0]).hypot(a.at[1] - b.at[1]);
         let mut met = [false; MOST_TOUCHES];
         let mut of = |d: &Disc| {

@@ -17,6 +17,7 @@ use crate::touches::fit::interpolation::{add_scaled, dot};
 use crate::touches::fit::levenberg_marquardt::{Fit, LevenbergMarquardtOptions, PARAMETERS, Workspace, fit};
 use crate::touches::fit::prior::FitOptions;
 use crate::touches::fit::responses::ResponseTable;
+use crate::touches::polarity::Polarity;
 
 /// When touches are added, split, merged, removed and followed.
 ///
@@ -126,6 +127,7 @@ pub struct Search<'a> {
     /// Fall of chi-square that a touch must bring: by chance, and by the model's error.
     chi_square_threshold: f64,
     scratch: &'a mut Scratch,
+    polarity: Polarity,
     /// What fits may still cost, in evaluations of the response to one touch.
     remaining_work: usize,
 }
@@ -177,6 +179,7 @@ impl<'a> Search<'a> {
             data,
             chi_square_threshold,
             scratch,
+            polarity: Polarity::Up,
             remaining_work: usize::MAX,
         })
     }
@@ -240,6 +243,11 @@ impl<'a> Search<'a> {
             remaining_work: most_work,
             ..self
         }
+    }
+
+    /// Limits touches to those that change the resistivity this way.
+    pub fn of(self, polarity: Polarity) -> Self {
+        Self { polarity, ..self }
     }
 
     /// Finds the touches, from a picture's peaks and the touches of the frame before.
@@ -321,7 +329,7 @@ impl<'a> Search<'a> {
 
     /// Whether the residual asks for a touch more, or for one to be split.
     fn news(&mut self, fit: &Fit) -> bool {
-        let DiscModel { table, prior, order } = self.model;
+        let (DiscModel { table, prior, order }, polarity) = (self.model, self.polarity);
         let worth = order.worth_a_try * self.chi_square_threshold;
         let apart = order.longest_move * prior.radius_mm;
         let Scratch { products, .. } = &mut *self.scratch;
@@ -334,10 +342,10 @@ impl<'a> Search<'a> {
         let mut places = table.coarse().iter().zip(products).zip(table.coarse_norms());
         let further = places.any(|((at, product), norm)| {
             let along = *product / norm.max(f64::MIN_POSITIVE);
-            along > 0.0 && along * along > worth && far(at)
+            polarity.allows(along) && along * along > worth && far(at)
         });
         let long = |d: &Disc| {
-            let split = table.best_split(&fit.residual, d.at);
+            let split = table.best_split(&fit.residual, d.at, d.strength);
             split.is_some_and(|(gain, _)| gain > 0.0 && gain * gain > worth)
         };
         further || fit.discs.iter().any(long)
@@ -345,7 +353,7 @@ impl<'a> Search<'a> {
 
     /// First strengths of the touches that have none: each from the residual of those before.
     fn strengthen(&mut self, discs: &mut [Disc]) {
-        let table = self.model.table;
+        let (table, polarity) = (self.model.table, self.polarity);
         let (n, arch) = (table.stride(), table.arch());
         let responses = &mut self.scratch.responses;
         responses.clear();
@@ -359,8 +367,8 @@ impl<'a> Search<'a> {
         for d in discs {
             table.at(d.at, d.radius, [&mut *value, &mut *a, &mut *b, &mut *c]);
             let power = dot(arch, value, value).max(f64::MIN_POSITIVE);
-            if d.strength <= 0.0 {
-                d.strength = (dot(arch, value, residual) / power).max(1.0 / power.sqrt());
+            if d.strength == 0.0 {
+                d.strength = polarity.at_least(dot(arch, value, residual) / power, 1.0 / power.sqrt());
             }
             add_scaled(arch, value, -d.strength, residual);
         }
@@ -386,7 +394,7 @@ impl<'a> Search<'a> {
         for (k, a) in best.discs.iter().enumerate() {
             for (other, b) in best.discs.iter().enumerate().take(k) {
                 let apart = (a.at[0] - b.at[0]).hypot(a.at[1] - b.at[1]);
-                if apart < order.near * prior.radius_mm {
+                if apart < order.near * prior.radius_mm && a.strength * b.strength > 0.0 {
                     let strength = a.strength + b.strength;
                     let share = a.strength / strength;
                     let mut discs = best.discs.clone();
@@ -474,7 +482,7 @@ impl<'a> Search<'a> {
 
     /// The touches with one more where the residual asks for it most.
     fn further(&mut self, best: &Fit, candidates: &mut Candidates) {
-        let DiscModel { table, prior, order } = self.model;
+        let (DiscModel { table, prior, order }, polarity) = (self.model, self.polarity);
         let apart = order.apart * prior.radius_mm;
         let worth = order.worth_a_try * self.chi_square_threshold;
         let far = |at: [f64; 2], others: &[Disc], least: f64| {
@@ -485,7 +493,7 @@ impl<'a> Search<'a> {
         gains.clear();
         for ((at, product), norm) in table.coarse().iter().zip(products).zip(table.coarse_norms()) {
             let along = *product / norm.max(f64::MIN_POSITIVE);
-            if along > 0.0 && along * along > worth {
+            if polarity.allows(along) && along * along > worth {
                 let strength = along / norm;
                 gains.push((
                     along,
@@ -496,7 +504,7 @@ impl<'a> Search<'a> {
                 ));
             }
         }
-        gains.sort_unstable_by(|a, b| b.0.total_cmp(&a.0));
+        gains.sort_unstable_by(|a, b| b.0.abs().total_cmp(&a.0.abs()));
         let mut chosen = Discs::new();
         for (_, d) in gains {
             if chosen.len() == order.places {
@@ -517,7 +525,7 @@ impl<'a> Search<'a> {
     /// The touches with one split along the direction in which the residual says that the touch is long.
     fn split(&self, best: &Fit, k: usize, d: &Disc) -> Option<Discs> {
         let DiscModel { table, prior, order } = self.model;
-        let (gain, direction) = table.best_split(&best.residual, d.at)?;
+        let (gain, direction) = table.best_split(&best.residual, d.at, d.strength)?;
         if gain <= 0.0 || gain * gain < order.split_worth * order.worth_a_try * self.chi_square_threshold {
             return None;
         }

@@ -15,7 +15,7 @@ use crate::linalg::kernels::{LANES, padded};
 use crate::linalg::vector::dot;
 use crate::reference::drift::{CHANGED, ContactChange, Drift, DriftShapes, Drifting};
 use crate::touches::fit::disc::{Disc, MOST_TOUCHES};
-use crate::touches::fit::frame_fit::{Fitted, touch_of};
+use crate::touches::fit::frame_fit::{Fitted, significance, touch_of};
 use crate::touches::fit::levenberg_marquardt::PARAMETERS;
 use crate::touches::fit::responses::ResponseTable;
 use nalgebra::DMatrix;
@@ -136,7 +136,8 @@ impl Nuisances {
         }
         if determined {
             self.shift(count, scratch);
-            for (touch, place) in fitted.touches.iter_mut().zip(&fitted.places) {
+            let touches = fitted.touches.iter_mut().zip(&mut fitted.significances);
+            for ((touch, strength), place) in touches.zip(&fitted.places) {
                 let first = PARAMETERS * place;
                 let by = &scratch.shift[first..first + PARAMETERS];
                 let disc = &fitted.all[*place];
@@ -157,8 +158,8 @@ impl Nuisances {
                     let block = &scratch.reduced[PARAMETERS * PARAMETERS * place..];
                     Some(fitted.covariance[k] - block[PARAMETERS * j + i])
                 };
-                let moved = touch_of(&moved, sigma, of);
-                *touch = moved;
+                *strength = significance(&moved, sigma, of(3, 3));
+                *touch = touch_of(&moved, sigma, of);
             }
         }
         self.drifted(sigma, scratch, drift);

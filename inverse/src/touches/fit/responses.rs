@@ -312,9 +312,10 @@ impl ResponseTable {
         })
     }
 
-    /// How much of a vector of [`ResponseTable::stride`] entries lies along what splitting a touch of unit strength
-    /// changes, in the direction where that is most, with that direction; none where no split stays on the sheet.
-    pub fn best_split(&self, v: &[f64], at: [f64; 2]) -> Option<(f64, usize)> {
+    /// How much of a vector of [`ResponseTable::stride`] entries lies along what splitting a touch changes, over the size of
+    /// its strength, in the direction where that is most, with that direction; none where no split stays on the sheet.
+    /// Of `strength` only the sign counts.
+    pub fn best_split(&self, v: &[f64], at: [f64; 2], strength: f64) -> Option<(f64, usize)> {
         let l = &*self.lattice;
         let nearest = l.coarse.iter().map(|c| (c[0] - at[0]).powi(2) + (c[1] - at[1]).powi(2));
         let (nearest, _) = nearest.enumerate().min_by(|a, b| a.1.total_cmp(&b.1))?;
@@ -326,7 +327,7 @@ impl ResponseTable {
                 let norm = self.split_norms[nearest][direction].max(f64::MIN_POSITIVE);
                 ends.iter()
                     .all(|e| self.holds(*e))
-                    .then_some((change / norm, direction))
+                    .then_some((strength.signum() * change / norm, direction))
             })
             .max_by(|a, b| a.0.total_cmp(&b.0))
     }

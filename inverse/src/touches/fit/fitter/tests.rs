@@ -64,6 +64,7 @@ fn fitted(f: &Fitter, values: &DVector<f64>, sigma: f64, threshold: f64, seeds: 
         sigma,
         chi_square_threshold: threshold,
         error: 0.0,
+        polarity: Polarity::Up,
         most_work: usize::MAX,
     };
     let mut found = Fitted::default();
@@ -171,6 +172,7 @@ fn the_linearisation_error_is_carried_from_frame_to_frame() {
                 gain: 1.0,
                 patient,
                 corrected: true,
+                polarity: Polarity::Up,
             };
             fitter.fit(data, truth.iter().map(|d| d.at)).unwrap().clone()
         };

@@ -1,0 +1,126 @@
+//! Which way touches change the resistivity: said, or learned from frame to frame.
+
+use crate::pipeline::result::FrameResult;
+use crate::touches::polarity::Polarity;
+use crate::touches::touch::Touch;
+
+/// Frames with touches of one sign from which that is known to be the sheet's.
+const LEARNED_FRAMES: usize = 8;
+/// Frames until what touches of one sign do not explain is tried again with both.
+const RETRY_FRAMES: usize = 16;
+
+/// Follows the polarity of the frames of one baseline.
+pub(crate) struct PolarityTest {
+    said: Option<Polarity>,
+    sequence: bool,
+    learned: Option<Polarity>,
+    /// With what the next frame is fitted first.
+    now: Polarity,
+    /// Frames of one baseline with rises, and with falls alone since the sheet was last quiet.
+    rises: usize,
+    falls: usize,
+    /// Frames until both signs are tried again.
+    until: usize,
+}
+
+impl PolarityTest {
+    /// `said` is none where it is to be learned. Frames that are no `sequence` teach nothing.
+    pub(crate) fn new(said: Option<Polarity>, sequence: bool) -> Self {
+        Self {
+            said,
+            sequence,
+            learned: None,
+            now: said.unwrap_or_default(),
+            rises: 0,
+            falls: 0,
+            until: 0,
+        }
+    }
+
+    /// With what the frame is fitted first.
+    pub(crate) fn now(&self) -> Polarity {
+        self.now
+    }
+
+    /// What the sheet's touches do, as far as that is known.
+    fn known(&self) -> Option<Polarity> {
+        self.said.or(self.learned)
+    }
+
+    /// Whether a frame is to be fitted with both signs: one that is not explained; and one with a new touch as long as the
+    /// sheet is not known, since a fall in one place is much like rises in others.
+    pub(crate) fn asks(&mut self, new: bool, unexplained: bool) -> bool {
+        let due = unexplained && self.until == 0;
+        self.until = self.until.saturating_sub(1);
+        self.now != Polarity::Either && (due || (new && self.known().is_none()))
+    }
+
+    /// The frame was explained with both signs, and not with one.
+    pub(crate) fn widen(&mut self) {
+        (self.now, self.until) = (Polarity::Either, 0);
+    }
+
+    /// It was not: back to what it was, until the next time.
+    pub(crate) fn narrow(&mut self, now: Polarity) {
+        self.now = now;
+        self.until = if self.sequence { RETRY_FRAMES } else { 0 };
+    }
+
+    /// The sheet is quiet: what was there has gone, so that it was a touch.
+    pub(crate) fn clear(&mut self) {
+        if self.sequence && self.falls >= LEARNED_FRAMES && self.known().is_none() {
+            self.learned = Some(Polarity::Down);
+        }
+        self.now = self.known().unwrap_or_default();
+        (self.falls, self.until) = (0, 0);
+    }
+
+    /// Learns from a frame's result. What cannot be a touch is taken out of its touches: the place of the strongest of these,
+    /// something that lay on the sheet when the baseline was taken.
+    pub(crate) fn learn(&mut self, result: &mut FrameResult) -> Option<[f64; 2]> {
+        let explained = result.changed && result.misfit.is_some();
+        let is_rise = |t: &Touch| t.rise > 0.0;
+        let rises = result.touches.iter().any(is_rise);
+        let falls = result.touches.iter().any(|t| !is_rise(t));
+        if !explained || self.said == Some(Polarity::Either) {
+            return None;
+        }
+        if !self.sequence {
+            self.now = self.known().unwrap_or_default();
+            let said = self.said?;
+            return strange(said, result);
+        }
+        if rises {
+            self.rises += 1;
+            if self.rises >= LEARNED_FRAMES && self.known().is_none() {
+                self.learned = Some(Polarity::Up);
+            }
+        } else if falls {
+            self.falls += 1;
+        }
+        let sheet = self.known().unwrap_or_default();
+        if !result.touches.iter().any(|t| !sheet.allows(t.rise)) {
+            self.now = sheet;
+            return None;
+        }
+        // Falls alone may still be touches of a sheet of which nothing is known.
+        let touches = (self.known().is_none() && !rises).then(|| result.touches.clone());
+        let gone = strange(sheet, result);
+        if let Some(touches) = touches {
+            result.touches = touches;
+        }
+        gone
+    }
+}
+
+/// Takes the touches out of a result that change the resistivity the other way. The place of the strongest, mm.
+fn strange(sheet: Polarity, result: &mut FrameResult) -> Option<[f64; 2]> {
+    let strongest = result
+        .touches
+        .iter()
+        .filter(|t| !sheet.allows(t.rise))
+        .max_by(|a, b| a.total_mm2.abs().total_cmp(&b.total_mm2.abs()))
+        .map(|t| [t.x_mm, t.y_mm]);
+    result.touches.retain(|t| sheet.allows(t.rise));
+    strongest
+}
