@@ -123,7 +123,7 @@ impl FaultMonitor {
         let imager = &self.imager;
         let values = match self.named {
             Some(Fault::Open(electrodes)) => values_of(imager, electrodes.list()),
-            Some(Fault::Gain(pair, _) | Fault::Offset(pair)) => values_of_channel(imager, pair),
+            Some(Fault::Gain(pair, _) | Fault::Offset(pair) | Fault::Rail(pair)) => values_of_channel(imager, pair),
             Some(Fault::Value(k, _)) => vec![k],
             _ => return,
         };
