@@ -6,12 +6,13 @@ use crate::say::say;
 use anyhow::{Context, Result};
 use inverse::pipeline::FrameResult;
 use inverse::quality::doubt::Doubt;
+use inverse::reference::diagnosis::Fault;
 use inverse::reference::drift::Drift;
 use inverse::reference::imager::Imager;
 use inverse::reference::inspection::Inspection;
-use inverse::reference::screening::Finding;
+use inverse::reference::screening::{Finding, FindingKind};
 use inverse::touches::touch::Touch;
-use link::{LinkCounters, MeasuredFrame};
+use link::{LinkCounters, LinkNotice, MeasuredFrame};
 use recording::Counts;
 use serde::Serialize;
 use std::collections::VecDeque;
@@ -27,6 +28,9 @@ use view::web::{Command, LiveView};
 
 /// A doubt that lasts is said again after so long.
 const SAID_AGAIN: Duration = Duration::from_secs(10);
+/// What is said of the line is shown for so long.
+const LINE_SHOWN: Duration = Duration::from_secs(1);
+
 #[derive(Serialize)]
 struct Line<'a> {
     frame: u32,
@@ -44,6 +48,12 @@ struct Line<'a> {
     /// What speaks against the touches.
     #[serde(skip_serializing_if = "Option::is_none")]
     doubt: Option<Doubt>,
+    /// What is broken on the board or at its wires.
+    #[serde(skip_serializing_if = "<[_]>::is_empty")]
+    faults: &'a [Fault],
+    /// What was lost on the line within the last second.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    line: Option<&'a str>,
     /// What drifted since the baseline.
     #[serde(skip_serializing_if = "Drift::is_none")]
     drift: &'a Drift,
@@ -96,6 +106,11 @@ pub(crate) struct Output {
     recorded: Option<Counts>,
     /// The kind of doubt that was said last, and when.
     doubted: Option<(Discriminant<Doubt>, Instant)>,
+    /// What is broken, as it was said last, and when.
+    faults: Vec<Fault>,
+    faults_said: Instant,
+    /// What was said of the line last, and when.
+    line: Option<(String, Instant)>,
     /// When a drift was said last.
     drifted: Option<Instant>,
 }
@@ -120,6 +135,9 @@ impl Output {
             left_out: Vec::new(),
             recorded: None,
             doubted: None,
+            faults: Vec::new(),
+            faults_said: Instant::now(),
+            line: None,
             drifted: None,
         }
     }
@@ -181,7 +199,9 @@ impl Output {
         frame: &MeasuredFrame,
         counters: LinkCounters,
     ) -> Result<()> {
-        if let Some(doubt) = result.doubt {
+        self.say_faults(result, frame);
+        // A fault is said already.
+        if let Some(doubt) = result.doubt.filter(|doubt| !matches!(doubt, Doubt::Fault(_))) {
             let kind = std::mem::discriminant(&doubt);
             if self
                 .doubted
@@ -198,16 +218,65 @@ impl Output {
             say!("notice: frame {}: {notice}", frame.sequence);
             self.drifted = Some(Instant::now());
         }
+        let line = self.line_text();
         let status = result.doubt.map(|d| d.to_string());
+        let status = status
+            .or_else(|| result.faults.first().map(ToString::to_string))
+            .or_else(|| line.clone());
         let status = status.or_else(|| notice.map(|n| n.to_string()));
         self.show(imager, result, frame, counters, status)?;
         if self.json {
             let now_unix_s = self.now_unix_s.unwrap_or_else(|| unix_s(SystemTime::now()));
             let baseline = self.baseline.as_ref().map(|note| BaselineLine::of(note, now_unix_s));
-            return print(result, frame, counters, baseline, &self.left_out);
+            return print(result, frame, counters, baseline, (&self.left_out, line.as_deref()));
         }
         self.status(result);
         Ok(())
+    }
+
+    /// Says what is broken when it is new, and again while it lasts.
+    fn say_faults(&mut self, result: &FrameResult, frame: &MeasuredFrame) {
+        let again = self.faults_said.elapsed() > SAID_AGAIN;
+        let known = |fault: &Fault| self.faults.iter().any(|known| known.is_same(fault));
+        let new: Vec<&Fault> = result.faults.iter().filter(|fault| again || !known(fault)).collect();
+        for fault in &new {
+            say!("warning: frame {}: {fault}", frame.sequence);
+        }
+        if !new.is_empty() {
+            self.faults_said = Instant::now();
+        }
+        let over = |fault: &&Fault| !result.faults.iter().any(|now| now.is_same(fault));
+        if self.faults.iter().any(|fault| over(&fault)) && result.faults.is_empty() {
+            say!("notice: frame {}: nothing is broken any more", frame.sequence);
+        }
+        self.faults.clone_from(&result.faults);
+    }
+
+    /// Says something of the line.
+    pub(crate) fn say_line(&mut self, notice: LinkNotice) {
+        self.end_status();
+        say!("warning: {notice}");
+        self.line = Some((notice.to_string(), Instant::now()));
+    }
+
+    /// What was said of the line a moment ago.
+    fn line_text(&self) -> Option<String> {
+        let (text, _) = self.line.as_ref().filter(|(_, at)| at.elapsed() < LINE_SHOWN)?;
+        Some(text.clone())
+    }
+
+    /// Electrodes that are broken, now or in the baseline, from 0.
+    fn faulty(&self, result: &FrameResult) -> Vec<usize> {
+        let dead = [FindingKind::Electrode, FindingKind::ElectrodeElsewhere];
+        let findings = self.left_out.iter().filter(|f| dead.contains(&f.kind));
+        let mut out: Vec<usize> = findings.flat_map(|f| f.electrodes.iter().map(|l| l - 1)).collect();
+        result
+            .faults
+            .iter()
+            .for_each(|fault| out.extend(fault.electrodes().list()));
+        out.sort_unstable();
+        out.dedup();
+        out
     }
 
     /// The board's name, with how many values of the baseline are left out.
@@ -255,6 +324,7 @@ impl Output {
             skipped_frames: counters.skipped_frames,
             source: self.source_text(),
             baseline: self.baseline.clone(),
+            faulty: self.faulty(result),
             status,
         };
         // What shows nothing new is drawn only now and then, for the rates beside it.
@@ -319,7 +389,7 @@ fn print(
     frame: &MeasuredFrame,
     counters: LinkCounters,
     baseline: Option<BaselineLine<'_>>,
-    left_out: &[Finding],
+    (left_out, line): (&[Finding], Option<&str>),
 ) -> Result<()> {
     let mut out = std::io::stdout().lock();
     let line = Line {
@@ -333,6 +403,8 @@ fn print(
         skipped_frames: counters.skipped_frames,
         baseline,
         doubt: result.doubt,
+        faults: &result.faults,
+        line,
         drift: &result.drift,
         left_out,
     };

@@ -19,7 +19,7 @@ use inverse::live::{Live, LiveFrame, LiveOptions};
 use inverse::reference::imager::Imager;
 use inverse::touches::polarity::Polarity;
 use link::plans::PlanChoice;
-use link::{MeasuredFrame, Port, Session, ports};
+use link::{LinkNotices, MeasuredFrame, Port, Session, ports};
 use protocol::{Hello, QUARTERS, Watch, Watching};
 use recording::{Recorder, Tap, WaitingRecorder};
 use std::io::IsTerminal;
@@ -459,6 +459,7 @@ impl Run<'_> {
     /// Frames to pictures, until somebody ends it.
     fn pump(&mut self, stop: &AtomicBool) -> Result<()> {
         let mut pictures = 0;
+        let mut notices = LinkNotices::default();
         let mut last: Option<MeasuredFrame> = None;
         // The board's time since the first picture, s; after a reset it goes on.
         let mut shown_s = 0.0;
@@ -481,7 +482,12 @@ impl Run<'_> {
             if let Some(command) = self.output.command() {
                 self.obey(command)?;
             }
-            let Some(frame) = self.session.frame(Duration::from_millis(100))? else {
+            let frame = self.session.frame(Duration::from_millis(100))?;
+            let watched = matches!(self.session.watching(), Watching::Asleep | Watching::Learning);
+            if !watched && let Some(notice) = notices.take(&self.session.link().counters(), frame.as_ref()) {
+                self.output.say_line(notice);
+            }
+            let Some(frame) = frame else {
                 if let (Watching::Asleep | Watching::Learning, Some(last)) = (self.session.watching(), &last) {
                     let status = Some("nothing touches: the board watches".to_owned());
                     self.output

@@ -82,7 +82,8 @@ impl Batch {
             }
         };
         Ok(Self {
-            reconstructor: Reconstructor::new(Reference::new(imager, baseline.values_v.clone(), noise)?, how),
+            reconstructor: Reconstructor::new(Reference::new(imager, baseline.values_v.clone(), noise)?, how)
+                .after(inspection.fault),
             inspection,
             interval_s: options.interval_s,
             meter,

@@ -209,7 +209,7 @@ impl Live {
         };
         let reference = Reference::of(imager, &inspection.baseline)?;
         self.running = Some(Running {
-            reconstructor: Reconstructor::new(reference, options),
+            reconstructor: Reconstructor::new(reference, options).after(inspection.fault),
             inspection,
         });
         Ok(())

@@ -28,6 +28,7 @@ pub mod conformal;
 pub mod cost;
 pub mod drift;
 pub mod error;
+pub mod faults;
 pub mod fig7;
 pub mod greit;
 pub mod live_sheet;

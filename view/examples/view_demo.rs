@@ -63,6 +63,7 @@ fn main() -> anyhow::Result<()> {
                 skipped_frames: 0,
                 source: "synthetic fingers".into(),
                 baseline: None,
+                faulty: Vec::new(),
                 status: taring.then(|| "taking the baseline, do not touch".to_owned()),
             },
             touches,

@@ -212,6 +212,8 @@ pub struct Stats {
     pub source: String,
     /// The baseline in force; none before the first one.
     pub baseline: Option<BaselineNote>,
+    /// Electrodes that are broken, from 0, in order; drawn so.
+    pub faulty: Vec<usize>,
     /// What to tell the user now, such as "taking the baseline, do not touch".
     pub status: Option<String>,
 }

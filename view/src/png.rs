@@ -83,6 +83,14 @@ pub fn render_with(picture: &Picture, options: &ImageOptions) -> Result<Canvas, 
         |p| field.at(p[0], p[1]) / full,
         options.palette,
     );
+    let faulty = &picture.stats.faulty;
+    sheet::draw_faulty(
+        &mut canvas,
+        &layout,
+        &picture.outline_mm,
+        &picture.electrodes_mm,
+        faulty,
+    );
     let marks = sheet::electrode_marks(&layout, &picture.outline_mm, &picture.electrodes_mm);
     sheet::draw_touches(&mut canvas, &layout, &picture.strongest_first(), &marks);
     let top = f64::from(full);

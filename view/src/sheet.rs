@@ -16,6 +16,8 @@ pub const FAINT: Rgb = [139, 147, 163];
 const RIM: Rgb = [92, 99, 115];
 /// The electrodes.
 pub const METAL: Rgb = [214, 160, 104];
+/// Broken ones.
+pub const BROKEN: Rgb = [255, 82, 82];
 
 /// Least width of an image, px: below it the labels cannot be read.
 pub const LEAST_PX: u32 = 320;
@@ -118,10 +120,35 @@ pub fn draw_sheet(
     canvas.shade(&outline, |x, y| table[palette::index(value(layout.to_mm([x, y])))]);
     let line = layout.text / 9.0;
     canvas.stroke(&outline, true, line, RIM);
+    let all = |_: &usize| true;
+    draw_electrodes(canvas, layout, outline_mm, electrodes_mm, (all, METAL, FAINT));
+}
+
+/// Draws the electrodes of this list (from 0) over those of [`draw_sheet`], as broken ones.
+pub fn draw_faulty(
+    canvas: &mut Canvas,
+    layout: &Layout,
+    outline_mm: &[[f64; 2]],
+    electrodes_mm: &[[f64; 2]],
+    faulty: &[usize],
+) {
+    let those = |k: &usize| faulty.contains(k);
+    draw_electrodes(canvas, layout, outline_mm, electrodes_mm, (those, BROKEN, BROKEN));
+}
+
+/// Draws some of the electrodes in a colour, their numbers in another.
+fn draw_electrodes(
+    canvas: &mut Canvas,
+    layout: &Layout,
+    outline_mm: &[[f64; 2]],
+    electrodes_mm: &[[f64; 2]],
+    (which, colour, ink): (impl Fn(&usize) -> bool, Rgb, Rgb),
+) {
+    let line = layout.text / 9.0;
     // Numbers shrink where electrodes are close together.
     let closest = spacing_mm(electrodes_mm) * layout.scale;
     let size = (0.9 * layout.text).min(0.55 * closest as f32).max(7.0);
-    for (k, &centre) in electrodes_mm.iter().enumerate() {
+    for (k, &centre) in electrodes_mm.iter().enumerate().filter(|(k, _)| which(k)) {
         let ([nx, ny], [x, y]) = (outward(outline_mm, centre), layout.to_px(centre));
         let (nx, ny) = (nx as f32, -ny as f32);
         let half = (0.28 * closest as f32).clamp(2.0, 0.75 * layout.text);
@@ -129,10 +156,10 @@ pub fn draw_sheet(
             &[[x - ny * half, y + nx * half], [x + ny * half, y - nx * half]],
             false,
             2.6 * line,
-            METAL,
+            colour,
         );
         let (tx, ty) = (x + nx * 1.3 * layout.text, y + ny * 1.3 * layout.text + 0.36 * size);
-        canvas.text(tx, ty, size, Align::Middle, FAINT, &format!("{}", k + 1));
+        canvas.text(tx, ty, size, Align::Middle, ink, &format!("{}", k + 1));
     }
 }
 

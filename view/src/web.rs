@@ -243,7 +243,7 @@ fn same_scene(a: &Picture, b: &Picture) -> bool {
     }
     let sheet = same(&a.outline_mm, &b.outline_mm) && same(&a.electrodes_mm, &b.electrodes_mm);
     let stats = a.stats.source == b.stats.source && a.stats.baseline == b.stats.baseline;
-    sheet && same(&a.grid, &b.grid) && stats
+    sheet && same(&a.grid, &b.grid) && stats && a.stats.faulty == b.stats.faulty
 }
 
 /// The system's error with what to do about it.

@@ -1,6 +1,6 @@
 //! The messages between the program and the live page.
 //!
-//! To the page: a *scene* (JSON text) whenever the sheet, the source or the baseline changes, and a *frame* (binary) per picture. From
+//! To the page: a *scene* (JSON text) whenever the sheet, its broken electrodes, the source or the baseline change, and a *frame* (binary) per picture. From
 //! the page: one binary byte for every frame it has taken, and small JSON texts for the rest.
 //!
 //! A frame tells the cells that changed since the frame that this page was sent before; what is a change, [`Shown`] decides. A
@@ -72,6 +72,8 @@ pub struct Scene<'a> {
     pub outline_mm: &'a [[f64; 2]],
     /// Centres of the electrodes, mm.
     pub electrodes_mm: &'a [[f64; 2]],
+    /// Electrodes that are broken, from 0.
+    pub faulty: &'a [usize],
 }
 
 impl<'a> Scene<'a> {
@@ -94,6 +96,7 @@ impl<'a> Scene<'a> {
             cells: grid.cells().iter().map(index).collect(),
             outline_mm: &picture.outline_mm,
             electrodes_mm: &picture.electrodes_mm,
+            faulty: &picture.stats.faulty,
         }
     }
 }

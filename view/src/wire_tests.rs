@@ -35,6 +35,7 @@ pub(crate) fn picture(sequence: u64) -> Picture {
             skipped_frames: 7,
             source: "simulated skin".into(),
             baseline: None,
+            faulty: vec![2],
             status: Some("taking the baseline, do not touch · 3 s".into()),
         },
     }

@@ -60,6 +60,24 @@ impl ContactTest {
         self.monitor.changed()
     }
 
+    /// Accepts contacts that changed.
+    pub(crate) fn accept(&mut self, electrodes: &[usize]) {
+        let known = self.monitor.changed();
+        let mut changed: Vec<usize> = known.iter().chain(electrodes).copied().collect();
+        changed.sort_unstable();
+        changed.dedup();
+        changed.truncate(self.options.most_contacts);
+        self.monitor.keep(changed);
+        self.monitor.stay();
+    }
+
+    /// Gives these up again.
+    pub(crate) fn give_up(&mut self, electrodes: &[usize]) {
+        let mut changed = self.monitor.changed().to_vec();
+        changed.retain(|l| !electrodes.contains(l));
+        self.monitor.keep(changed);
+    }
+
     /// Which detector tells whether the next frame is a change.
     pub(crate) fn detector(&self) -> usize {
         usize::from(self.drifting == Drifting::Contacts)

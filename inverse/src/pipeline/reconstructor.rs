@@ -7,13 +7,18 @@ use crate::pipeline::frame_solver::{Averaged, FrameSolver, Task};
 use crate::pipeline::options::ReconstructorOptions;
 use crate::pipeline::result::FrameResult;
 use crate::quality::doubt::Doubt;
+use crate::quality::fault_monitor::FaultMonitor;
 use crate::quality::faults::FaultDetector;
+use crate::reference::diagnosis::{Electrodes, Fault};
 use crate::reference::drift::Drifting;
 use crate::reference::imager::{Imager, ImagerError};
 use crate::reference::noise::NoiseEstimate;
 use crate::reference::{Difference, Reference};
 use crate::touches::polarity::Polarity;
 use std::sync::Arc;
+
+/// Misfit of the same touches beside a fault, over that without, from which the fault is one.
+const BETTER: f64 = 0.7;
 
 /// Turns the frames of one reference into pictures, with its state from frame to frame.
 pub struct Reconstructor {
@@ -22,6 +27,15 @@ pub struct Reconstructor {
     /// For frames in which only the common gain and resistance drift, and for those in which contacts do.
     detectors: [Option<ChangeDetector>; 2],
     faults: FaultDetector,
+    broken: FaultMonitor,
+    /// What was broken as the baseline was taken.
+    before: Option<Fault>,
+    /// Whether the fault that is named is to be looked for in the frame.
+    due: bool,
+    /// Whether other values are left out than in the frame before.
+    left_changed: bool,
+    /// A fault that was named just now in a frame with so many touches and this misfit, whose place it has to take.
+    instead_of: Option<(Fault, usize, Option<f64>)>,
     contacts: ContactTest,
     solver: FrameSolver,
     /// By what frames are divided: the gain that drifted since the baseline.
@@ -33,6 +47,7 @@ pub struct Reconstructor {
     /// Room for a frame, and for the mean of several.
     divided: Vec<f64>,
     difference: Difference,
+    whole: Difference,
     mean: Vec<f64>,
     result: FrameResult,
 }
@@ -42,21 +57,19 @@ impl Reconstructor {
     pub fn new(reference: Reference, options: ReconstructorOptions) -> Self {
         let imager = reference.imager();
         let mut solver = FrameSolver::new(imager, options);
-        let mut detector = |drifting| {
-            let (noise, share) = (reference.noise()?, reference.baseline_share());
-            solver.detector(
-                reference.unchanged(),
-                reference.baseline(),
-                noise.sigma,
-                share,
-                drifting,
-            )
-        };
-        let contacts = detector(Drifting::Contacts);
-        let detectors = [detector(Drifting::Common), contacts];
+        let detectors = detectors(&mut solver, &reference, reference.unchanged());
+        let mut broken = FaultMonitor::new(imager, options.sequence);
+        if let Some(noise) = reference.noise().filter(|_| options.sequence && options.fit.is_some()) {
+            broken.prepare(noise.sigma, reference.unchanged());
+        }
         Self {
             detectors,
             faults: FaultDetector::new(&imager.pattern, imager.drive, options.sequence, options.faults),
+            broken,
+            before: None,
+            due: false,
+            left_changed: false,
+            instead_of: None,
             contacts: ContactTest::new(&options),
             solver,
             gain: 1.0,
@@ -64,11 +77,17 @@ impl Reconstructor {
             unexplained: 0,
             divided: Vec::new(),
             difference: reference.unchanged().clone(),
+            whole: reference.unchanged().clone(),
             mean: Vec::new(),
             result: FrameResult::nothing(imager),
             reference,
             options,
         }
+    }
+
+    /// The same after a baseline that was taken with something broken: no touches are shown, since none can be right.
+    pub fn after(self, fault: Option<Fault>) -> Self {
+        Self { before: fault, ..self }
     }
 
     /// What frames are compared with.
@@ -107,6 +126,11 @@ impl Reconstructor {
         if !self.options.sequence {
             self.gain = 1.0;
         }
+        if self.before.is_some() {
+            self.reference.difference_into(values, &mut self.whole)?;
+            self.show_faults();
+            return Ok(&mut self.result);
+        }
         let mut divided = std::mem::take(&mut self.divided);
         let done = self.divided(values, interval_s, &mut divided);
         self.divided = divided;
@@ -133,7 +157,8 @@ impl Reconstructor {
             self.detectors.iter_mut().flatten().for_each(ChangeDetector::forget);
         }
         let result = &self.result;
-        let untouched = result.touches.is_empty() && result.contacts.is_empty() && result.doubt.is_none();
+        let sound = result.faults.is_empty() && !self.broken.is_open();
+        let untouched = result.touches.is_empty() && sound && result.doubt.is_none();
         if let Some(interval_s) = interval_s.filter(|_| untouched && self.options.sequence) {
             let (baseline, used) = (self.reference.baseline(), &self.reference.unchanged().used);
             self.following.follow(room, baseline, used, interval_s);
@@ -143,6 +168,18 @@ impl Reconstructor {
 
     /// A frame divided by the gain; false where it is like the one before, and so is the result.
     fn frame_of_gain(&mut self, values: &[f64], interval_s: Option<f64>) -> Result<bool, ImagerError> {
+        if std::mem::take(&mut self.left_changed) {
+            self.look_without_faults();
+        }
+        self.due = self.broken.begin(self.contacts.changed());
+        if self.due {
+            self.reconstruct(values, Averaged::ONE, false)?;
+            return Ok(true);
+        }
+        if self.broken.named().is_some_and(|fault| !fault.leaves_touches()) {
+            self.result.anew = false;
+            return Ok(false);
+        }
         let most_averaged = self.options.most_averaged(interval_s);
         let change = self.detectors[self.contacts.detector()]
             .as_mut()
@@ -172,6 +209,7 @@ impl Reconstructor {
             return Ok(false);
         };
         self.reference.difference_into(values, &mut self.difference)?;
+        self.broken.leave_out(&mut self.difference);
         Ok(self.solver.drifted(&self.difference, noise.sigma))
     }
 
@@ -188,6 +226,10 @@ impl Reconstructor {
         // Only one of them has seen the frame.
         self.detectors.iter_mut().flatten().for_each(ChangeDetector::forget);
         self.faults.clear();
+        if self.broken.named().is_none() {
+            self.broken.clear();
+        }
+        self.show_faults();
         self.unexplained = 0;
     }
 
@@ -208,13 +250,132 @@ impl Reconstructor {
         }
     }
 
-    /// Reconstructs a frame, or the mean of several. `quiet`: it is known to show no touch.
+    /// Reconstructs a frame, or the mean of several. `quiet`: it is known to show no touch. Where touches do not explain it, what is
+    /// broken is looked for; once that is known, the frame is solved anew.
     fn reconstruct(&mut self, values: &[f64], averaged: Averaged, quiet: bool) -> Result<(), ImagerError> {
         self.reference.difference_into(values, &mut self.difference)?;
         if !self.options.sequence {
             // What was in the frame before says nothing of this one.
             self.solver.forget_touches();
+            self.broken.clear();
         }
+        if averaged.frames > 1 {
+            self.broken.leave_out(&mut self.difference);
+            self.solve(averaged, quiet);
+            self.show_faults();
+            return Ok(());
+        }
+        self.whole.copy_from(&self.difference);
+        let mut due = std::mem::take(&mut self.due);
+        loop {
+            let blind = self.broken.named().is_some_and(|fault| !fault.leaves_touches());
+            if !blind {
+                self.broken.leave_out(&mut self.difference);
+                self.solve(averaged, quiet);
+            }
+            if self.took_no_place() {
+                self.difference.copy_from(&self.whole);
+                self.left_changed = true;
+                continue;
+            }
+            if (blind && !due) || !self.look_for_faults(values, blind, due) {
+                break;
+            }
+            due = false;
+            self.difference.copy_from(&self.whole);
+            self.left_changed = true;
+        }
+        self.show_faults();
+        Ok(())
+    }
+
+    /// Looks for what is broken in a frame that touches do not explain, or that a fault would explain as well. True where something
+    /// else is known now.
+    fn look_for_faults(&mut self, values: &[f64], blind: bool, due: bool) -> bool {
+        let result = &self.result;
+        let unexplained = blind
+            || matches!(
+                result.doubt,
+                Some(Doubt::NotThisSheet | Doubt::NotTouches | Doubt::FewValues { .. })
+            )
+            || (self.solver.fits() && result.misfit.is_none() && result.changed)
+            || self.faults.is_open()
+            || self.faults.rejects();
+        let (touches, misfit) = (result.touches.len(), result.misfit);
+        // Contacts that changed by so much are no drift, and touches beside them may be what the linear shapes leave.
+        let least = self.options.contacts.least_change;
+        let known = self.contacts.changed();
+        let contacts = result.drift.contacts.iter().enumerate();
+        let contacts = contacts
+            .filter(|(l, change)| change.abs() > least && !known.contains(l))
+            .count();
+        let suspected = !unexplained && touches > 0 && (contacts > 0 || self.broken.suspects(&self.whole));
+        let sigma_v = self.reference.noise().or(result.noise).map(|n| n.sigma);
+        let frame = (values, &self.whole, self.reference.unchanged());
+        if !self.broken.take(frame, sigma_v, unexplained || suspected, due) {
+            return false;
+        }
+        let named = self.broken.named();
+        if let Some(Fault::Contacts(electrodes)) = self.broken.take_contacts() {
+            self.contacts.accept(electrodes.list());
+        }
+        if let Some(fault) = named.filter(|_| suspected && !self.broken.is_alone()) {
+            self.instead_of = Some((fault, touches, misfit));
+        }
+        true
+    }
+
+    /// Whether the fault that was named just now leaves as many touches as there were, as badly explained: it is none, and forgotten.
+    fn took_no_place(&mut self) -> bool {
+        let Some((fault, touches, before)) = self.instead_of.take() else {
+            return false;
+        };
+        let now = self.result.touches.len();
+        let better = before
+            .zip(self.result.misfit)
+            .is_some_and(|(before, now)| now < BETTER * before);
+        if now < touches || (now == touches && better) {
+            return false;
+        }
+        self.broken.reject(fault);
+        if let Fault::Contacts(electrodes) = fault {
+            self.contacts.give_up(electrodes.list());
+        }
+        true
+    }
+
+    /// Lets the detectors of changes look at the values that are left. They have seen no frame then.
+    fn look_without_faults(&mut self) {
+        let mut left = self.reference.unchanged().clone();
+        self.broken.leave_out(&mut left);
+        let used = left.used.iter().filter(|used| **used).count();
+        if self.options.sequence && self.detectors.iter().flatten().any(|d| d.used() != used) {
+            self.detectors = detectors(&mut self.solver, &self.reference, &left);
+        }
+    }
+
+    /// Says what is broken. Where it leaves no touches, none are shown.
+    fn show_faults(&mut self) {
+        let named = self.broken.named();
+        if self.broken.is_open() {
+            // Every frame counts.
+            self.detectors.iter_mut().flatten().for_each(ChangeDetector::forget);
+        }
+        let contacts = self.contacts.changed();
+        let contacts = (!contacts.is_empty()).then(|| Fault::Contacts(Electrodes::of(contacts)));
+        let named = self.before.or(named);
+        if let Some(fault) = named.filter(|fault| !fault.leaves_touches()) {
+            let used = self.whole.used.iter().filter(|used| **used).count();
+            self.result.clear(self.reference.noise(), used);
+            (self.result.anew, self.result.doubt) = (true, Some(Doubt::Fault(fault)));
+            self.solver.forget();
+        }
+        self.result.faults.clear();
+        self.result.faults.extend(named.into_iter().chain(contacts));
+    }
+
+    /// Solves the difference of a frame, or of the mean of several.
+    fn solve(&mut self, averaged: Averaged, quiet: bool) {
         let model_v = &self.reference.imager().model_v;
         // Nothing is left out of frames that are averaged, and what would be of their mean is not in a frame.
         let estimated = match averaged.frames {
@@ -258,10 +419,7 @@ impl Reconstructor {
         } else {
             1
         };
-        let contact = changed.first().map(|electrode| Doubt::Contact {
-            electrode: *electrode,
-            more: changed.len() - 1,
-        });
+        let contact = (!changed.is_empty()).then(|| Doubt::Fault(Fault::Contacts(Electrodes::of(changed))));
         self.result.doubt = Doubt::of(&self.difference, model_v, self.options.doubts)
             .or((self.unexplained >= least).then_some(Doubt::NotTouches))
             .or(gone.map(|[x, y]| Doubt::Gone {
@@ -275,6 +433,16 @@ impl Reconstructor {
         }
         self.result.contacts.clear();
         self.result.contacts.extend_from_slice(changed);
-        Ok(())
     }
+}
+
+/// Detectors of changes in the values of a difference that has nothing in it: for frames in which only the common gain and
+/// resistance drift, and for those in which contacts do.
+fn detectors(solver: &mut FrameSolver, reference: &Reference, unchanged: &Difference) -> [Option<ChangeDetector>; 2] {
+    let mut detector = |drifting| {
+        let (noise, share) = (reference.noise()?, reference.baseline_share());
+        solver.detector(unchanged, reference.baseline(), noise.sigma, share, drifting)
+    };
+    let contacts = detector(Drifting::Contacts);
+    [detector(Drifting::Common), contacts]
 }

@@ -2,6 +2,7 @@
 
 use crate::quality::doubt::Doubt;
 use crate::reference::Drift;
+use crate::reference::diagnosis::Fault;
 use crate::reference::drift::DriftNotice;
 use crate::reference::imager::Imager;
 use crate::reference::noise::NoiseEstimate;
@@ -42,6 +43,8 @@ pub struct FrameResult {
     pub doubt: Option<Doubt>,
     /// What drifted since the baseline. It is taken out of the frame, and touches are right beside it.
     pub drift: Drift,
+    /// What is known to be broken. Values that it spoils are left out; where that leaves no touches, it is the doubt.
+    pub faults: Vec<Fault>,
     /// Electrodes whose contact changed since the baseline, and whose doing was taken out of the frame.
     pub contacts: Vec<usize>,
     /// Whether this frame was reconstructed. Otherwise it differs from an earlier one by nothing but noise, and the rest is
@@ -67,6 +70,7 @@ impl FrameResult {
             misfit: None,
             doubt: None,
             drift: Drift::none(),
+            faults: Vec::new(),
             contacts: Vec::new(),
             anew: true,
         }
@@ -86,19 +90,23 @@ impl FrameResult {
             touches,
             drift,
             contacts,
+            faults,
             ..
         } = self;
         x.clone_from(&other.x);
         touches.clone_from(&other.touches);
         contacts.clone_from(&other.contacts);
+        faults.clone_from(&other.faults);
         drift.copy_from(&other.drift);
         let (x, touches) = (std::mem::take(x), std::mem::take(touches));
         let (drift, contacts) = (std::mem::take(drift), std::mem::take(contacts));
+        let faults = std::mem::take(faults);
         *self = Self {
             x,
             touches,
             drift,
             contacts,
+            faults,
             ..*other
         };
     }
@@ -115,6 +123,7 @@ impl FrameResult {
         (self.noise, self.used, self.doubt) = (noise, used, None);
         (self.frames, self.grown) = (1, false);
         self.contacts.clear();
+        self.faults.clear();
         self.drift.clear();
     }
 }

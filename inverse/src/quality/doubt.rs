@@ -1,11 +1,12 @@
 //! When a frame's touches should not be believed, and why.
 
 use crate::reference::Difference;
+use crate::reference::diagnosis::Fault;
 use serde::{Serialize, Serializer};
 use std::fmt;
 
 /// What speaks against a frame.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Doubt {
     /// Most values are missing, clipped or contradict the others.
     FewValues {
@@ -18,6 +19,8 @@ pub enum Doubt {
     NotThisSheet,
     /// Something changed, but no touches explain it.
     NotTouches,
+    /// Something is broken, and touches are not to be had, or less certain: contacts that changed are taken out.
+    Fault(Fault),
     /// Something that lay on the sheet when the baseline was taken has gone.
     Gone {
         /// Where it lay, mm.
@@ -25,19 +28,12 @@ pub enum Doubt {
         /// Where it lay, mm.
         y_mm: i32,
     },
-    /// The contact of an electrode changed since the baseline; what it does to the frame is taken out.
-    Contact {
-        /// The electrode, from 0; a person reads it from 1.
-        electrode: usize,
-        /// How many more.
-        more: usize,
-    },
 }
 
 /// When the values of a frame speak against it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DoubtOptions {
-    /// Part of the values that a frame needs. Without three electrodes of sixteen there is half; the touches of such frames
+    /// Part of the values that a frame needs. Without three electrodes of sixteen there are 76 of 208; the touches of such frames
     /// are still right.
     pub least_values: f64,
     /// Largest change over the unpressed values, 2-norms. A whole hand with +300 % changes a tenth of this, a lost or reversed
@@ -48,7 +44,7 @@ pub struct DoubtOptions {
 impl Default for DoubtOptions {
     fn default() -> Self {
         Self {
-            least_values: 0.5,
+            least_values: 0.35,
             largest_change: 0.6,
         }
     }
@@ -89,16 +85,7 @@ impl fmt::Display for Doubt {
                     "not the sheet of the baseline: look at excitation, cables and multiplexers"
                 )
             }
-            Self::Contact { electrode, more } => {
-                write!(f, "the contact of electrode {}", electrode + 1)?;
-                if *more > 0 {
-                    write!(f, " and of {more} more")?;
-                }
-                write!(
-                    f,
-                    " changed since the baseline and is left out: look at its clamp and cable, then take a new baseline"
-                )
-            }
+            Self::Fault(fault) => write!(f, "{fault}"),
             Self::Gone { x_mm, y_mm } => write!(
                 f,
                 "something that lay at ({x_mm}, {y_mm}) mm when the baseline was taken has gone: take a new baseline; or, if \

@@ -72,6 +72,11 @@ impl FaultDetector {
         self.search.is_open()
     }
 
+    /// Whether it left anything out of the last frame, or would, if that lasts.
+    pub fn rejects(&self) -> bool {
+        !self.search.named.is_empty()
+    }
+
     /// Forgets all that earlier frames said.
     pub fn clear(&mut self) {
         self.search.named.clear();

@@ -2,5 +2,6 @@
 
 pub mod contact;
 pub mod doubt;
+pub(crate) mod fault_monitor;
 pub mod faults;
 pub mod reciprocity;

@@ -50,6 +50,13 @@ impl Difference {
         difference
     }
 
+    /// Makes it another, without allocation where that is no larger.
+    pub(crate) fn copy_from(&mut self, other: &Self) {
+        self.y.copy_from(&other.y);
+        self.used.clone_from(&other.used);
+        self.spread.clone_from(&other.spread);
+    }
+
     /// Gives it the values of another frame; which take part stays.
     pub(crate) fn fill(&mut self, model_v: &[f64], baseline: &[f64], frame: &[f64]) {
         let volts = model_v.iter().zip(baseline).zip(frame);

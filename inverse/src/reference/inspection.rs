@@ -2,6 +2,7 @@
 //! is that of the sheet at all.
 
 use crate::reference::baseline::Baseline;
+use crate::reference::diagnosis::{Diagnosis, Fault};
 use crate::reference::electrode_fit::{self, ElectrodeFit, ElectrodeFitOptions, NoFit};
 use crate::reference::imager::Imager;
 use crate::reference::screening::{Finding, FindingKind, ScreeningOptions, consensus, screen, value_finding};
@@ -28,6 +29,8 @@ pub struct Inspection {
     pub baseline: Baseline,
     /// What is not as the model has it, the gravest first.
     pub findings: Vec<Finding>,
+    /// What was broken on the board as the baseline was taken, where no touches are to be had with it.
+    pub fault: Option<Fault>,
     /// Whether the baseline is that of the sheet at all. If not, nothing is left out and no electrode is looked for.
     pub conclusive: bool,
     /// The electrodes, where they were looked for and found.
@@ -79,6 +82,10 @@ pub fn inspect(
         })
         .collect();
     let screening = screen(&imager.model_v, pattern, &known, &options.screening);
+    let suspicious = wiring.is_none() && !(screening.conclusive && screening.findings.is_empty());
+    let fault = suspicious
+        .then(|| Diagnosis::new(imager)?.explain_baseline(&baseline.values_v))
+        .flatten();
     let mut findings = screening.findings;
     for f in findings.iter_mut().filter(|f| f.kind == FindingKind::Electrode) {
         if f.electrodes.iter().any(|l| moved.contains(&(l - 1))) {
@@ -115,6 +122,7 @@ pub fn inspect(
             .map_or_else(|| Arc::clone(imager), |fit| Arc::new(fit.imager.clone())),
         expected: MODEL_ERROR.hypot(baseline.relative_noise()),
         conclusive: screening.conclusive,
+        fault,
         findings,
         electrodes,
         not_found,
@@ -147,7 +155,8 @@ impl Inspection {
 
     /// What there is to say of it, a line each, the gravest first; none for a baseline as it should be.
     pub fn warnings(&self) -> Vec<String> {
-        let mut lines = Vec::new();
+        let mut lines: Vec<String> = Vec::new();
+        lines.extend(self.fault.iter().map(|fault| format!("in the baseline {fault}")));
         if let Some(check) = &self.wiring {
             lines.push(format!(
                 "the electrodes seem to be wired in another order, which fits the baseline to {:.0} % instead of {:.0} %; look with \

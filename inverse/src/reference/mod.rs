@@ -2,6 +2,7 @@
 
 pub mod baseline;
 pub mod departure;
+pub mod diagnosis;
 mod difference;
 pub mod drift;
 pub mod electrode_fit;

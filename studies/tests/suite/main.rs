@@ -9,6 +9,7 @@
 mod accuracy;
 mod contacts;
 mod drift;
+mod faults;
 mod hand;
 mod noise;
 mod polarity;

@@ -6,6 +6,7 @@ import { idColour, Labels, number, placeText, ringRadius, strengthText } from ".
 const FONT = 'system-ui, "Segoe UI", "Helvetica Neue", Arial, sans-serif';
 const FAINT = "#98a1b3";
 const METAL = "#d6a068";
+const BROKEN = "#ff5252";
 
 const strongFont = (t) => `650 ${t + 1}px ${FONT}`;
 const plainFont = (t) => `400 ${t - 1}px ${FONT}`;
@@ -53,7 +54,8 @@ export class Sheet {
     this.drawn = "";
     const [xs, ys] = [0, 1].map((k) => scene.outline_mm.map((p) => p[k]));
     this.box = { left: Math.min(...xs), right: Math.max(...xs), bottom: Math.min(...ys), top: Math.max(...ys) };
-    this.electrodes = scene.electrodes_mm.map((p) => ({ p, n: outward(scene.outline_mm, p) }));
+    const faulty = new Set(scene.faulty);
+    this.electrodes = scene.electrodes_mm.map((p, k) => ({ p, n: outward(scene.outline_mm, p), faulty: faulty.has(k) }));
     const apart = scene.electrodes_mm.map((a, k, all) => {
       const b = all[(k + 1) % all.length];
       return Math.hypot(a[0] - b[0], a[1] - b[1]) || 1e3;
@@ -169,7 +171,7 @@ export class Sheet {
     c.textAlign = "center";
     c.textBaseline = "middle";
     c.lineCap = "round";
-    this.electrodes.forEach(({ p, n }, k) => {
+    this.electrodes.forEach(({ p, n, faulty }, k) => {
       const [nx, ny] = [n[0], -n[1]];
       // On the rim from outside.
       const [x, y] = this.px(p).map((v, axis) => v + 2.2 * [nx, ny][axis]);
@@ -177,9 +179,9 @@ export class Sheet {
       c.moveTo(x - ny * half, y + nx * half);
       c.lineTo(x + ny * half, y - nx * half);
       c.lineWidth = 4.5;
-      c.strokeStyle = METAL;
+      c.strokeStyle = faulty ? BROKEN : METAL;
       c.stroke();
-      c.fillStyle = FAINT;
+      c.fillStyle = faulty ? BROKEN : FAINT;
       const [tx, ty] = this.numbers[k];
       c.fillText(k + 1, tx, ty + 0.5);
     });

@@ -1,0 +1,234 @@
+//! Which fault is named, frame after frame.
+//!
+//! A touch that comes down while a frame is measured fits nothing either, but the next frame tells another story. What is broken stays
+//! broken. In frames that follow one another a fault is therefore named when several of them tell the same.
+
+use crate::reference::Difference;
+use crate::reference::diagnosis::{Diagnosis, Fault, values_of, values_of_channel};
+use crate::reference::imager::Imager;
+use std::sync::Arc;
+
+/// Frames one after another that touches do not explain before a fault is looked for: it takes as long as some frames.
+const SUSPICIOUS: usize = 2;
+/// Frames that have to tell the same fault.
+const NAMES: usize = 3;
+/// Frames until a fault that was named is looked for again: one that leaves touches, and one that leaves none; and times that speak
+/// against it before it is over.
+const AGAIN: [usize; 2] = [64, 16];
+const AGAINST: usize = 2;
+/// Frames for which a fault that took no touch's place is not named again.
+const REJECTED: usize = 32;
+/// Most frames between two looks that find nothing.
+const LONGEST_WAIT: usize = 64;
+
+/// Names faults.
+pub(crate) struct FaultMonitor {
+    imager: Arc<Imager>,
+    sequence: bool,
+    /// Made when it is first needed; none inside where the sheet cannot be solved.
+    diagnosis: Option<Option<Diagnosis>>,
+    named: Option<Fault>,
+    /// Whether touches cannot take its place.
+    alone: bool,
+    /// Electrodes whose contact is known to have changed.
+    contacts: Vec<usize>,
+    /// What the last looks told, and how many.
+    candidate: Option<(Fault, usize)>,
+    /// Suspicious frames one after another, and frames until the next look.
+    suspicious: usize,
+    until: usize,
+    wait: usize,
+    against: usize,
+    /// A fault that took no touch's place, and for how many frames it is none.
+    rejected: Option<(Fault, usize)>,
+}
+
+impl FaultMonitor {
+    pub(crate) fn new(imager: &Arc<Imager>, sequence: bool) -> Self {
+        Self {
+            imager: Arc::clone(imager),
+            sequence,
+            diagnosis: None,
+            named: None,
+            alone: false,
+            contacts: Vec::new(),
+            candidate: None,
+            suspicious: 0,
+            until: 0,
+            wait: 1,
+            against: 0,
+            rejected: None,
+        }
+    }
+
+    /// Makes ready to compare frames of this noise (V of the model) with every fault, which takes as long as many frames.
+    pub(crate) fn prepare(&mut self, sigma_v: f64, unchanged: &Difference) {
+        self.diagnosis = Some(Diagnosis::new(&self.imager));
+        if let Some(Some(diagnosis)) = &mut self.diagnosis {
+            diagnosis.prepare(sigma_v, unchanged);
+        }
+    }
+
+    /// Whether a frame whose touches explain it would be as well explained by a fault: its touches may be phantoms.
+    pub(crate) fn suspects(&self, d: &Difference) -> bool {
+        let diagnosis = self.diagnosis.as_ref().and_then(Option::as_ref);
+        self.named.is_none() && diagnosis.is_some_and(|diagnosis| diagnosis.suspects(d))
+    }
+
+    /// Whether nothing but the fault that was named last explains the frame.
+    pub(crate) fn is_alone(&self) -> bool {
+        self.alone
+    }
+
+    /// The fault that was named took no touch's place: it is none for a while.
+    pub(crate) fn reject(&mut self, fault: Fault) {
+        (self.named, self.candidate) = (None, None);
+        self.rejected = Some((fault, REJECTED));
+    }
+
+    /// The fault that is named.
+    pub(crate) fn named(&self) -> Option<Fault> {
+        self.named
+    }
+
+    /// Whether a fault is a candidate: then every frame counts.
+    pub(crate) fn is_open(&self) -> bool {
+        self.candidate.is_some()
+    }
+
+    /// Forgets all that earlier frames said.
+    pub(crate) fn clear(&mut self) {
+        (self.named, self.candidate) = (None, None);
+        (self.suspicious, self.until, self.wait, self.against) = (0, 0, 1, 0);
+    }
+
+    /// Hands over contacts that changed, if these are what is named: they are taken out of frames elsewhere.
+    pub(crate) fn take_contacts(&mut self) -> Option<Fault> {
+        self.named.take_if(|fault| matches!(fault, Fault::Contacts(_)))
+    }
+
+    /// Begins a frame, with the contacts that are known to have changed: whether the fault that was named is to be looked for again.
+    pub(crate) fn begin(&mut self, contacts: &[usize]) -> bool {
+        self.contacts.clear();
+        self.contacts.extend_from_slice(contacts);
+        self.until = self.until.saturating_sub(1);
+        self.rejected = self
+            .rejected
+            .and_then(|(fault, frames)| Some((fault, frames.checked_sub(1)?)));
+        self.named.is_some() && (self.until == 0 || !self.sequence)
+    }
+
+    /// Leaves the values out that the named fault spoils, in a difference.
+    pub(crate) fn leave_out(&self, d: &mut Difference) {
+        let imager = &self.imager;
+        let values = match self.named {
+            Some(Fault::Open(electrodes)) => values_of(imager, electrodes.list()),
+            Some(Fault::Gain(pair, _) | Fault::Offset(pair) | Fault::Rail(pair)) => values_of_channel(imager, pair),
+            Some(Fault::Value(k, _)) => vec![k],
+            _ => return,
+        };
+        for k in values {
+            (d.used[k], d.y[k]) = (false, 0.0);
+        }
+    }
+
+    /// Takes a frame as it was measured (V) and its difference. `unexplained`: touches do not explain it, or values contradict each
+    /// other. `due`: what [`FaultMonitor::begin`] said. True when another fault is named now, or none any more.
+    pub(crate) fn take(
+        &mut self,
+        (values, d, unchanged): (&[f64], &Difference, &Difference),
+        sigma_v: Option<f64>,
+        unexplained: bool,
+        due: bool,
+    ) -> bool {
+        let known = self.of_values(values, d, unchanged);
+        let unexplained = unexplained || known.is_some();
+        self.suspicious = if unexplained { self.suspicious + 1 } else { 0 };
+        if !unexplained && self.named.is_none() {
+            (self.candidate, self.wait) = (None, 1);
+            return false;
+        }
+        let asked = known.is_some() || due || (unexplained && self.until == 0 && self.named.is_none());
+        let early = self.sequence && self.suspicious < SUSPICIOUS && known.is_none() && !due;
+        let again = self.candidate.is_some();
+        if early || !(asked || again) {
+            return false;
+        }
+        let known_contacts = |fault: &Fault, known: &[usize]| match fault {
+            Fault::Contacts(electrodes) => electrodes.list().iter().all(|l| known.contains(l)),
+            _ => false,
+        };
+        let told = known.map(|fault| (fault, true)).or_else(|| self.explain(d, sigma_v));
+        self.alone = told.is_some_and(|(_, alone)| alone);
+        let told = told.map(|(fault, _)| fault);
+        let rejected = self.rejected.map(|(fault, _)| fault);
+        let told =
+            told.filter(|fault| !known_contacts(fault, &self.contacts) && !rejected.is_some_and(|r| r.is_same(fault)));
+        self.judge(told)
+    }
+
+    fn judge(&mut self, told: Option<Fault>) -> bool {
+        let names = if self.sequence { NAMES } else { 1 };
+        let Some(told) = told else {
+            self.candidate = None;
+            self.until = self.wait;
+            self.wait = (2 * self.wait).min(LONGEST_WAIT);
+            self.against += 1;
+            let over = self.named.is_some() && (self.against >= AGAINST || !self.sequence);
+            if over {
+                self.clear();
+            }
+            return over;
+        };
+        (self.against, self.wait) = (0, 1);
+        if let Some(named) = self.named.filter(|named| named.is_same(&told)) {
+            self.candidate = None;
+            self.until = AGAIN[usize::from(!told.leaves_touches())];
+            // Its size may be another.
+            self.named = Some(if named == told { named } else { told });
+            return false;
+        }
+        let count = match self.candidate {
+            Some((before, count)) if before.is_same(&told) => count + 1,
+            _ => 1,
+        };
+        self.candidate = Some((told, count));
+        if count < names {
+            return false;
+        }
+        tracing::debug!(?told, "a fault");
+        (self.named, self.candidate, self.until) = (Some(told), None, AGAIN[usize::from(!told.leaves_touches())]);
+        true
+    }
+
+    /// What the values say without a model: the same everywhere, or missing together.
+    fn of_values(&self, values: &[f64], d: &Difference, unchanged: &Difference) -> Option<Fault> {
+        let first = values.first()?;
+        if first.is_finite() && values.iter().all(|v| v == first) {
+            return Some(Fault::Converter);
+        }
+        let is_missing = |k: usize| unchanged.used[k] && !d.used[k];
+        let missing = (0..values.len()).filter(|k| is_missing(*k)).count();
+        if missing == 0 {
+            return None;
+        }
+        if !d.used.contains(&true) {
+            return Some(Fault::Range);
+        }
+        let one = (0..values.len()).find(|k| is_missing(*k))?;
+        let sense = self.imager.pattern.measurements()[one].sense;
+        let pair = [sense.plus.min(sense.minus), sense.plus.max(sense.minus)];
+        let own = values_of_channel(&self.imager, pair);
+        let all = own.iter().filter(|k| is_missing(**k)).count();
+        let had = own.iter().filter(|k| unchanged.used[**k]).count();
+        (all == missing && all == had).then_some(Fault::Rail(pair))
+    }
+
+    fn explain(&mut self, d: &Difference, sigma_v: Option<f64>) -> Option<(Fault, bool)> {
+        let diagnosis = self
+            .diagnosis
+            .get_or_insert_with(|| Diagnosis::new(&self.imager))
+            .as_ref()?;
+        diagnosis.explain(d, sigma_v)
+    }
+}

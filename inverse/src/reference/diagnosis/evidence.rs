@@ -1,0 +1,165 @@
+//! How probable a frame is with a fault.
+//!
+//! What touches and drift do to a frame is Gaussian: `y = y_fault + S x + d + e`, with the rises `x` of the cells, the sizes of the
+//! drift's shapes and the noise independent. With the covariance `C` of all but the fault, a fault that predicts a frame has the cost
+//! `(y - y_fault)' C⁻¹ (y - y_fault) / 2`. A fault that leaves some values U free, anywhere in the range F, has (with `W = C⁻¹`, by
+//! the block inverse) the cost of the others, `(r' W r - (W r)_U' W_UU⁻¹ (W r)_U + ln |W_UU|) / 2`, and `y² / 2 F² + ln F` of each
+//! free value (Bishop 2006, 2.3).
+
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+
+/// A frame and the covariance of what touches, drift and noise do to it.
+pub(crate) struct Evidence {
+    y: DVector<f64>,
+    /// The inverse of the covariance, and its product with the frame.
+    w: DMatrix<f64>,
+    wy: DVector<f64>,
+    /// Range of a value that is free, V.
+    range_v: f64,
+}
+
+impl Evidence {
+    /// `covariance`: of touches and drift, V². `own`: standard deviation of every value's own noise and model error, V; not finite
+    /// for a value that takes no part. None where the covariance is none.
+    pub(crate) fn new(y: &DVector<f64>, covariance: &DMatrix<f64>, own: &[f64], range_v: f64) -> Option<Self> {
+        let mut c = covariance.clone();
+        let mut y = y.clone();
+        for (k, sd) in own.iter().enumerate() {
+            if sd.is_finite() {
+                c[(k, k)] += sd * sd;
+            } else {
+                c.row_mut(k).fill(0.0);
+                c.column_mut(k).fill(0.0);
+                c[(k, k)] = range_v * range_v;
+                y[k] = 0.0;
+            }
+        }
+        let w = Cholesky::new(c)?.inverse();
+        let wy = &w * &y;
+        Some(Self { y, w, wy, range_v })
+    }
+
+    /// Cost of touches alone.
+    pub(crate) fn of_touches(&self) -> f64 {
+        0.5 * self.y.dot(&self.wy)
+    }
+
+    /// Cost of a fault that predicts a frame (V, the change).
+    pub(crate) fn of(&self, predicted: &DVector<f64>) -> f64 {
+        // r' W r with r = y - p, from the one product W p.
+        let wp = &self.w * predicted;
+        self.of_touches() - predicted.dot(&self.wy) + 0.5 * predicted.dot(&wp)
+    }
+
+    /// Cost of a fault that adds one column of unknown size with this standard deviation, and that size.
+    pub(crate) fn along(&self, column: &DVector<f64>, sd: f64) -> (f64, f64) {
+        let wc = &self.w * column;
+        let (a, b, variance) = (column.dot(&wc), column.dot(&self.wy), sd * sd);
+        let size = variance * b / (1.0 + variance * a);
+        (
+            self.of_touches() - 0.5 * b * size + 0.5 * (1.0 + variance * a).ln(),
+            size,
+        )
+    }
+
+    /// What [`Evidence::along`] is told by in any frame of the same covariance: with `(a, g)` a frame y costs `(a' y)² / 2 - g` less.
+    pub(crate) fn score(&self, column: &DVector<f64>, sd: f64) -> (DVector<f64>, f64) {
+        let wc = &self.w * column;
+        let spread = 1.0 + sd * sd * column.dot(&wc);
+        (wc * (sd / spread.sqrt()), 0.5 * spread.ln())
+    }
+
+    /// Cost of a fault that leaves values free.
+    pub(crate) fn free(&self, values: &[usize]) -> f64 {
+        let n = values.len();
+        let of = DMatrix::from_fn(n, n, |i, j| self.w[(values[i], values[j])]);
+        let Some(factor): Option<Cholesky<f64, Dyn>> = Cholesky::new(of) else {
+            return f64::INFINITY;
+        };
+        let u = DVector::from_fn(n, |i, _| self.wy[values[i]]);
+        let gone = u.dot(&factor.solve(&u));
+        let log_det: f64 = 2.0 * factor.l_dirty().diagonal().iter().map(|v| v.ln()).sum::<f64>();
+        let own: f64 = values
+            .iter()
+            .map(|k| 0.5 * (self.y[*k] / self.range_v).powi(2) + self.range_v.ln())
+            .sum();
+        self.of_touches() - 0.5 * gone + 0.5 * log_det + own
+    }
+
+    /// The value that is furthest from what the others tell.
+    pub(crate) fn wildest(&self) -> Option<usize> {
+        let by = |k: usize| self.wy[k] * self.wy[k] / self.w[(k, k)];
+        (0..self.y.len()).max_by(|a, b| by(*a).total_cmp(&by(*b)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{Rng, SeedableRng};
+
+    fn random(n: usize, seed: u64) -> (DVector<f64>, DMatrix<f64>, Vec<f64>) {
+        let mut rng = rand::rngs::StdRng::seed_from_u64(seed);
+        let mut one = || rng.random_range(-1.0..1.0);
+        let s = DMatrix::from_fn(n, n / 2, |_, _| one());
+        let y = DVector::from_fn(n, |_, _| one());
+        (y, &s * s.transpose(), (0..n).map(|k| 0.3 + 0.1 * k as f64).collect())
+    }
+
+    /// Minus the logarithm of a normal density, without its constant.
+    fn cost(y: &DVector<f64>, c: &DMatrix<f64>) -> f64 {
+        let inverse = c.clone().try_inverse().unwrap();
+        0.5 * (y.transpose() * inverse * y)[0] + 0.5 * c.determinant().ln()
+    }
+
+    fn whole(covariance: &DMatrix<f64>, own: &[f64]) -> DMatrix<f64> {
+        covariance + DMatrix::from_diagonal(&DVector::from_fn(own.len(), |k, _| own[k] * own[k]))
+    }
+
+    /// Every cost is the logarithm of the density of the frame written out.
+    #[test]
+    fn costs_are_densities() {
+        let range_v = 2.0;
+        for seed in 0..5 {
+            let (y, covariance, own) = random(9, seed);
+            let c = whole(&covariance, &own);
+            let evidence = Evidence::new(&y, &covariance, &own, range_v).unwrap();
+            let constant = 0.5 * c.determinant().ln();
+            let near = |a: f64, b: f64| assert!((a - b).abs() < 1e-8 * b.abs().max(1.0), "{a} {b}");
+            near(evidence.of_touches() + constant, cost(&y, &c));
+            let p = DVector::from_fn(9, |k, _| (k as f64).sin());
+            near(evidence.of(&p) + constant, cost(&(&y - &p), &c));
+            let with = &c + 0.49 * &p * p.transpose();
+            let along = evidence.along(&p, 0.7).0;
+            near(along + constant, cost(&y, &with));
+            let (by, gain) = evidence.score(&p, 0.7);
+            near(evidence.of_touches() - 0.5 * by.dot(&y).powi(2) + gain, along);
+            // Free values are independent of the rest, with the variance of the range.
+            let free = [1, 4, 5];
+            let mut apart = c.clone();
+            for k in free {
+                apart.row_mut(k).fill(0.0);
+                apart.column_mut(k).fill(0.0);
+                apart[(k, k)] = range_v * range_v;
+            }
+            near(evidence.free(&free) + constant, cost(&y, &apart));
+        }
+    }
+
+    /// A value that takes no part changes no difference of costs.
+    #[test]
+    fn what_takes_no_part_says_nothing() {
+        let (y, covariance, mut own) = random(9, 7);
+        let p = DVector::from_fn(9, |k, _| (k as f64).cos());
+        let difference = |y: &DVector<f64>, own: &[f64]| {
+            let evidence = Evidence::new(y, &covariance, own, 2.0).unwrap();
+            let mut p = p.clone();
+            p[3] = 0.0;
+            evidence.of(&p) - evidence.of_touches()
+        };
+        own[3] = f64::NAN;
+        let mut other = y.clone();
+        other[3] = 1e3;
+        assert!((difference(&y, &own) - difference(&other, &own)).abs() < 1e-9);
+    }
+}

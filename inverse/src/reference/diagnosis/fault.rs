@@ -1,0 +1,245 @@
+//! Faults by name.
+
+use serde::{Serialize, Serializer};
+use std::fmt;
+
+/// Most electrodes of one fault.
+pub const MOST_ELECTRODES: usize = 3;
+
+/// Up to [`MOST_ELECTRODES`] electrodes, counted from 0, in order.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Electrodes {
+    list: [usize; MOST_ELECTRODES],
+    count: usize,
+}
+
+impl Electrodes {
+    /// Of a list, sorted; what is too many is left out.
+    pub fn of(electrodes: &[usize]) -> Self {
+        let mut out = Self::default();
+        for (to, l) in out.list.iter_mut().zip(electrodes) {
+            *to = *l;
+            out.count += 1;
+        }
+        out.list[..out.count].sort_unstable();
+        out
+    }
+
+    /// Which ones.
+    pub fn list(&self) -> &[usize] {
+        &self.list[..self.count]
+    }
+}
+
+/// `electrode 3`, `electrodes 3, 8 and 13`.
+impl fmt::Display for Electrodes {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.list() {
+            [] => write!(f, "no electrode"),
+            [one] => write!(f, "electrode {}", one + 1),
+            [first @ .., last] => {
+                let first: Vec<String> = first.iter().map(|l| (l + 1).to_string()).collect();
+                write!(f, "electrodes {} and {}", first.join(", "), last + 1)
+            }
+        }
+    }
+}
+
+/// What is broken, as frames tell it. Electrodes and values count from 0; a person reads them from 1.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Fault {
+    /// The values of these electrodes say nothing: no contact, or a broken wire.
+    Open(Electrodes),
+    /// The wires or electrodes of two electrodes are connected.
+    Short {
+        /// Which ones.
+        electrodes: [usize; 2],
+        /// Resistance between them, ohm.
+        ohm: f64,
+    },
+    /// The contacts of these electrodes changed since the baseline.
+    Contacts(Electrodes),
+    /// The source gives nothing.
+    Source,
+    /// The converter gives always the same.
+    Converter,
+    /// All values that the baseline has are out of the converter's range.
+    Range,
+    /// The values of one amplifier, between these electrodes, are out of range.
+    Rail([usize; 2]),
+    /// The gain of one amplifier, between these electrodes, changed by this factor.
+    Gain([usize; 2], f64),
+    /// The offset of one amplifier, between these electrodes, changed.
+    Offset([usize; 2]),
+    /// One value is wrong: its index, the drive pair and the sense pair.
+    Value(usize, [usize; 4]),
+    /// A multiplexer stays on an electrode.
+    Multiplexer {
+        /// Of the drive or of the sense pair.
+        drive: bool,
+        /// Its positive or negative end.
+        plus: bool,
+        /// Where it stays.
+        electrode: usize,
+    },
+    /// Two wires are exchanged.
+    Exchanged([usize; 2]),
+}
+
+impl Fault {
+    /// The electrodes that are to be looked at, in order; none where it is no electrode's.
+    pub fn electrodes(&self) -> Electrodes {
+        match self {
+            Self::Open(electrodes) | Self::Contacts(electrodes) => *electrodes,
+            Self::Short { electrodes, .. } | Self::Exchanged(electrodes) => Electrodes::of(electrodes),
+            Self::Multiplexer { electrode, .. } => Electrodes::of(&[*electrode]),
+            Self::Source
+            | Self::Converter
+            | Self::Range
+            | Self::Rail(_)
+            | Self::Gain(..)
+            | Self::Offset(_)
+            | Self::Value(..) => Electrodes::default(),
+        }
+    }
+
+    /// Whether the values that are left tell touches right.
+    pub fn leaves_touches(&self) -> bool {
+        match self {
+            Self::Open(_) | Self::Contacts(_) | Self::Rail(_) | Self::Gain(..) | Self::Offset(_) | Self::Value(..) => {
+                true
+            }
+            Self::Short { .. }
+            | Self::Source
+            | Self::Converter
+            | Self::Range
+            | Self::Multiplexer { .. }
+            | Self::Exchanged(_) => false,
+        }
+    }
+
+    /// The same fault, whatever its size.
+    pub fn is_same(&self, other: &Self) -> bool {
+        match (self, other) {
+            (Self::Short { electrodes: a, .. }, Self::Short { electrodes: b, .. }) => a == b,
+            (Self::Gain(a, _), Self::Gain(b, _)) => a == b,
+            _ => self == other,
+        }
+    }
+
+    fn kind(&self) -> &'static str {
+        match self {
+            Self::Open(_) => "electrode_open",
+            Self::Short { .. } => "electrodes_short",
+            Self::Contacts(_) => "contacts_changed",
+            Self::Source => "source_lost",
+            Self::Converter => "converter_stuck",
+            Self::Range => "out_of_range",
+            Self::Rail(_) => "channel_out_of_range",
+            Self::Gain(..) => "channel_gain",
+            Self::Offset(_) => "channel_offset",
+            Self::Value(..) => "value",
+            Self::Multiplexer { .. } => "multiplexer_stuck",
+            Self::Exchanged(_) => "wires_exchanged",
+        }
+    }
+}
+
+impl fmt::Display for Fault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let pair = |p: &[usize; 2]| format!("electrodes {} and {}", p[0] + 1, p[1] + 1);
+        match self {
+            Self::Open(electrodes) => write!(
+                f,
+                "{electrodes} {} no signal: the values are left out; look at the wire and the clamp",
+                if electrodes.list().len() == 1 { "gives" } else { "give" }
+            ),
+            Self::Short { electrodes, ohm } if *ohm < 1.0 => write!(
+                f,
+                "{} are shorted: no touches are shown; look where their wires and clamps touch",
+                pair(electrodes)
+            ),
+            Self::Short { electrodes, ohm } => write!(
+                f,
+                "{} are connected over {:.0} ohm: no touches are shown; look where their wires and clamps touch",
+                pair(electrodes),
+                ohm
+            ),
+            Self::Contacts(electrodes) => write!(
+                f,
+                "the contact of {electrodes} changed since the baseline and is left out: look at its clamp and cable, then take a new \
+                 baseline"
+            ),
+            Self::Source => write!(
+                f,
+                "the source gives nothing: no touches are shown; look at the excitation and its cable"
+            ),
+            Self::Converter => write!(
+                f,
+                "the converter gives always the same value: no touches are shown; look at the board"
+            ),
+            Self::Range => write!(
+                f,
+                "all values are out of range: the converter or all amplifiers are at a rail; look at the board and its supply"
+            ),
+            Self::Rail(p) => write!(
+                f,
+                "the amplifier between {} is at its rail: its values are left out; look at the board",
+                pair(p)
+            ),
+            Self::Gain(p, factor) => write!(
+                f,
+                "the amplifier between {} gives {factor:.3} of what it gave: its values are left out; take a new baseline",
+                pair(p)
+            ),
+            Self::Offset(p) => write!(
+                f,
+                "the amplifier between {} has another offset than in the baseline: its values are left out; take a new baseline",
+                pair(p)
+            ),
+            Self::Value(_, [a, b, c, d]) => write!(
+                f,
+                "the value of drive {}-{}, sense {}-{} is wrong: it is left out",
+                a + 1,
+                b + 1,
+                c + 1,
+                d + 1
+            ),
+            Self::Multiplexer { drive, plus, electrode } => write!(
+                f,
+                "the {} {} multiplexer stays on electrode {}: no touches are shown; look at its control lines",
+                if *drive { "drive" } else { "sense" },
+                if *plus { "+" } else { "-" },
+                electrode + 1
+            ),
+            Self::Exchanged(electrodes) => write!(
+                f,
+                "the wires of {} are exchanged since the baseline: no touches are shown; put them back, or take a new baseline",
+                pair(electrodes)
+            ),
+        }
+    }
+}
+
+/// As the page and JSON have it: kind, electrodes from 1, text.
+impl Serialize for Fault {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        #[derive(Serialize)]
+        struct Line {
+            kind: &'static str,
+            electrodes: Vec<usize>,
+            text: String,
+        }
+        let pair = match self {
+            Self::Rail(p) | Self::Gain(p, _) | Self::Offset(p) => p.to_vec(),
+            Self::Value(_, p) => p.to_vec(),
+            _ => self.electrodes().list().to_vec(),
+        };
+        Line {
+            kind: self.kind(),
+            electrodes: pair.iter().map(|l| l + 1).collect(),
+            text: self.to_string(),
+        }
+        .serialize(serializer)
+    }
+}

@@ -1,0 +1,514 @@
+//! The faults that a frame is compared with, and what each predicts.
+
+use super::evidence::Evidence;
+use super::fault::{Electrodes, Fault, MOST_ELECTRODES};
+use crate::reference::Difference;
+use crate::reference::drift::{DriftShapes, Drifting};
+use crate::reference::imager::Imager;
+use crate::reference::screening::consensus;
+use forward::{Drive, ElectrodeMatrix, Measurement, Pair, Solver};
+use nalgebra::{DMatrix, DVector};
+use std::sync::Arc;
+
+/// Standard deviation of a cell's rise: fingers and hands.
+const RISE: f64 = 0.15;
+/// How the expected rise falls with a cell's sensitivity.
+const DEPTH: f64 = 0.7;
+/// Standard deviations of what drifts: the gain and the sheet's resistance, and every contact.
+const COMMON: f64 = 0.1;
+const CONTACT: f64 = 0.01;
+/// Relative error of what a fault is predicted to change: the model's electrodes are not quite the sheet's.
+const PREDICTION: f64 = 0.02;
+/// Relative error of the values of a sheet as it is built, and how much more probable a baseline must be with a fault, as a logarithm.
+const BUILT: f64 = 0.1;
+const CLEAR: f64 = 50.0;
+/// Noise of a value over the frame's mean value where nothing tells it.
+const LEAST_NOISE: f64 = 3e-4;
+/// Standard deviations of an amplifier's gain, and of its offset over the frame's mean value.
+const GAIN: f64 = 0.1;
+const OFFSET: f64 = 0.1;
+/// Resistances that are tried, ohm: of shorts, and of contacts.
+const SHORTS_OHM: [f64; 4] = [0.0, 30.0, 200.0, 1000.0];
+const CONTACTS_OHM: [f64; 7] = [10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0, 10_000.0];
+/// A contact worse by this is small.
+const SCORED_OHM: f64 = 20.0;
+/// Steps of the search for a resistance between two of these.
+const REFINEMENTS: usize = 10;
+/// Of so many sets of open electrodes larger ones are tried.
+const MOST_TRIED: usize = 3;
+/// Cost of a fault before a frame: as the chance of one in 10⁵. The same of the choice of a resistance.
+const FAULT: f64 = 12.0;
+const RESISTANCE: f64 = 2.0;
+
+/// Tells faults from frames. Immutable.
+pub(crate) struct Diagnosis {
+    imager: Arc<Imager>,
+    /// Of the unpressed sheet.
+    potentials_ohm: DMatrix<f64>,
+    /// What touches and drift do to a frame, V².
+    covariance: DMatrix<f64>,
+    /// Root mean square of the unpressed frame, and its largest value, V.
+    mean_v: f64,
+    largest_v: f64,
+    /// Frames of shorts, V, and of two exchanged wires.
+    shorts: Vec<([usize; 2], f64, DVector<f64>)>,
+    /// Sense pairs, each with its values.
+    channels: Vec<([usize; 2], Vec<usize>)>,
+    /// What linear faults are told by in a frame of known noise; see [`Diagnosis::suspects`].
+    scores: Option<Scores>,
+}
+
+/// Scores of faults of unknown size: for each a vector along which a frame is looked at, and the variance of that with touches alone
+/// over that with the fault.
+struct Scores {
+    along: DMatrix<f64>,
+    gain: Vec<f64>,
+}
+
+/// The best explanation so far, its cost and that of touches alone.
+struct Best {
+    fault: Option<Fault>,
+    cost: f64,
+    touches: f64,
+}
+
+impl Best {
+    fn offer(&mut self, cost: f64, fault: impl FnOnce() -> Fault) {
+        if cost < self.cost {
+            (self.cost, self.fault) = (cost, Some(fault()));
+        }
+    }
+}
+
+impl Diagnosis {
+    /// For the frames of an imager. None where its sheet cannot be solved.
+    pub(crate) fn new(imager: &Arc<Imager>) -> Option<Self> {
+        let solver = Solver::new(Arc::clone(&imager.model)).ok()?;
+        let drift = DriftShapes::new(imager)?;
+        let shapes = drift.columns(Drifting::Contacts);
+        let sd = |kind: usize| if kind < 2 { COMMON } else { CONTACT };
+        let shapes = DMatrix::from_fn(shapes.nrows(), shapes.ncols(), |k, c| sd(c) * shapes[(k, c)]);
+        let s = rises(imager);
+        let covariance = &s * s.transpose() + &shapes * shapes.transpose();
+        let v = &imager.model_v;
+        let mut out = Self {
+            potentials_ohm: solver.electrode_matrix().potentials_ohm().clone(),
+            covariance,
+            mean_v: (v.iter().map(|v| v * v).sum::<f64>() / v.len().max(1) as f64).sqrt(),
+            largest_v: v.iter().fold(0.0, |m, v| m.max(v.abs())),
+            shorts: Vec::new(),
+            channels: channels(imager),
+            scores: None,
+            imager: Arc::clone(imager),
+        };
+        out.shorts = out
+            .pairs()
+            .flat_map(|p| SHORTS_OHM.map(|ohm| (p, ohm, out.short(p, ohm))))
+            .collect();
+        Some(out)
+    }
+
+    fn electrodes(&self) -> usize {
+        self.imager.pattern.electrodes()
+    }
+
+    /// All pairs of electrodes.
+    fn pairs(&self) -> impl Iterator<Item = [usize; 2]> + use<> {
+        let n = self.electrodes();
+        (0..n).flat_map(move |a| (a + 1..n).map(move |b| [a, b]))
+    }
+
+    /// Values of an electrode.
+    fn values_of(&self, electrodes: &[usize]) -> Vec<usize> {
+        values_of(&self.imager, electrodes)
+    }
+
+    /// What measurements of these electrodes' matrix change, V.
+    fn change(&self, potentials: DMatrix<f64>, routed: impl Fn(Measurement) -> Measurement) -> DVector<f64> {
+        let matrix = ElectrodeMatrix::from_potentials(potentials);
+        let measurements = self.imager.pattern.measurements().iter().zip(&self.imager.model_v);
+        let value = |(m, v): (&Measurement, &f64)| {
+            let routed = routed(*m);
+            // Both ends of the source on one electrode drive nothing.
+            let none = routed.drive.plus == routed.drive.minus || routed.sense.plus == routed.sense.minus;
+            let measured = if none {
+                0.0
+            } else {
+                self.imager.drive.voltage_v(&matrix, routed)
+            };
+            measured - v
+        };
+        DVector::from_iterator(self.imager.pattern.len(), measurements.map(value))
+    }
+
+    /// A resistor between two wires: the current through it is what drives their voltage through the rest.
+    fn short(&self, [a, b]: [usize; 2], ohm: f64) -> DVector<f64> {
+        let r = &self.potentials_ohm;
+        let column = r.column(a) - r.column(b);
+        let across = column[a] - column[b];
+        let row = r.row(a) - r.row(b);
+        self.change(r - &column * row / (ohm + across), |m| m)
+    }
+
+    fn contacts(&self, worse: &[(usize, f64)]) -> DVector<f64> {
+        let mut r = self.potentials_ohm.clone();
+        for (l, ohm) in worse {
+            r[(*l, *l)] += ohm;
+        }
+        self.change(r, |m| m)
+    }
+
+    fn exchanged(&self, [a, b]: [usize; 2]) -> DVector<f64> {
+        let mut r = self.potentials_ohm.clone();
+        r.swap_rows(a, b);
+        r.swap_columns(a, b);
+        self.change(r, |m| m)
+    }
+
+    fn stuck(&self, drive: bool, plus: bool, electrode: usize) -> DVector<f64> {
+        let routed = |mut m: Measurement| {
+            let pair = if drive { &mut m.drive } else { &mut m.sense };
+            *pair = if plus {
+                Pair::new(electrode, pair.minus)
+            } else {
+                Pair::new(pair.plus, electrode)
+            };
+            m
+        };
+        self.change(self.potentials_ohm.clone(), routed)
+    }
+
+    /// Makes ready for [`Diagnosis::suspects`]: frames of this noise, V of the model.
+    pub(crate) fn prepare(&mut self, sigma_v: f64, unchanged: &Difference) {
+        let own: Vec<f64> = (0..unchanged.used.len())
+            .map(|k| {
+                if unchanged.used[k] {
+                    sigma_v * unchanged.spread[k]
+                } else {
+                    f64::NAN
+                }
+            })
+            .collect();
+        let contacts = (0..self.electrodes()).map(|l| (self.contacts(&[(l, SCORED_OHM)]), 1.0));
+        let channels = self.channels.iter().flat_map(|(_, values)| {
+            let [gain, offset] = self.channel_columns(values, unchanged);
+            [(gain, GAIN), (offset, OFFSET * self.mean_v)]
+        });
+        let columns: Vec<(DVector<f64>, f64)> = contacts.chain(channels).collect();
+        let Some(evidence) = Evidence::new(&unchanged.y, &self.covariance, &own, self.largest_v) else {
+            return;
+        };
+        let scored: Vec<(DVector<f64>, f64)> = columns.iter().map(|(c, sd)| evidence.score(c, *sd)).collect();
+        let along: Vec<DVector<f64>> = scored.iter().map(|(along, _)| along.clone()).collect();
+        self.scores = Some(Scores {
+            along: DMatrix::from_columns(&along),
+            gain: scored.iter().map(|(_, gain)| *gain).collect(),
+        });
+    }
+
+    /// Whether a small fault may take the place of touches in a frame: a worse contact, an amplifier's gain or offset. It takes a
+    /// product with a small matrix; [`Diagnosis::explain`] decides.
+    pub(crate) fn suspects(&self, d: &Difference) -> bool {
+        let Some(Scores { along, gain }) = &self.scores else {
+            return false;
+        };
+        let cost = FAULT + RESISTANCE + (gain.len() as f64).ln();
+        (along.column_iter().zip(gain)).any(|(along, gain)| 0.5 * along.dot(&d.y).powi(2) > cost + gain)
+    }
+
+    /// What a gain and an offset of an amplifier change, of unit size.
+    fn channel_columns(&self, values: &[usize], d: &Difference) -> [DVector<f64>; 2] {
+        let mut gain = DVector::zeros(d.used.len());
+        let mut offset = gain.clone();
+        for k in values.iter().copied().filter(|k| d.used[*k]) {
+            (gain[k], offset[k]) = (self.imager.model_v[k], d.spread[k]);
+        }
+        [gain, offset]
+    }
+
+    /// The fault that explains a difference best; none where touches and drift do. `sigma_v`: noise of one value, V of the model.
+    /// With it, whether nothing else comes into question: touches alone leave more than twice the square that is expected, and the
+    /// fault does not.
+    pub(crate) fn explain(&self, d: &Difference, sigma_v: Option<f64>) -> Option<(Fault, bool)> {
+        let sigma_v = sigma_v.unwrap_or(LEAST_NOISE * self.mean_v);
+        let own = |k: usize| (sigma_v * d.spread[k]).hypot(PREDICTION * d.y[k]);
+        let best = self.best(d, own)?;
+        let values = d.used.iter().filter(|used| **used).count() as f64;
+        let alone = best.touches > values && best.cost < values;
+        best.fault.map(|fault| (fault, alone))
+    }
+
+    /// The fault of a whole baseline (any unit) after which no touches are to be had; none where its values are those of the sheet, or
+    /// of nothing that is known.
+    pub(crate) fn explain_baseline(&self, baseline: &[f64]) -> Option<Fault> {
+        let v = &self.imager.model_v;
+        let ratios = v.iter().zip(baseline).map(|(m, b)| (m / b).abs().ln());
+        let common = consensus(ratios, std::f64::consts::LN_2)?.0.exp();
+        // The board's own volts are the model's where all values are wrong.
+        let of = |gain: f64| {
+            let used: Vec<bool> = baseline.iter().map(|b| b.is_finite()).collect();
+            let y = v
+                .iter()
+                .zip(baseline)
+                .map(|(m, b)| if b.is_finite() { gain * b - m } else { 0.0 });
+            let d = Difference {
+                y: DVector::from_iterator(v.len(), y),
+                spread: vec![1.0; v.len()],
+                used,
+            };
+            let values = d.used.iter().filter(|used| **used).count();
+            let own = |k: usize| BUILT * (v[k].abs().hypot(d.y[k])).max(0.1 * self.mean_v);
+            self.best(&d, own)
+                .filter(|best| best.cost < values as f64 && best.touches - best.cost > CLEAR)
+        };
+        let best = [common, 1.0]
+            .into_iter()
+            .filter_map(of)
+            .min_by(|a, b| a.cost.total_cmp(&b.cost))?;
+        best.fault.filter(|fault| !fault.leaves_touches())
+    }
+
+    /// The best explanation of a difference, with the standard deviation of every value's own error.
+    fn best(&self, d: &Difference, own: impl Fn(usize) -> f64) -> Option<Best> {
+        let own: Vec<f64> = (0..d.used.len())
+            .map(|k| if d.used[k] { own(k) } else { f64::NAN })
+            .collect();
+        let evidence = Evidence::new(&d.y, &self.covariance, &own, self.largest_v)?;
+        let masked = |mut p: DVector<f64>| {
+            p.iter_mut()
+                .zip(&d.used)
+                .filter(|(_, used)| !**used)
+                .for_each(|(p, _)| *p = 0.0);
+            p
+        };
+        let touches = evidence.of_touches();
+        let mut best = Best {
+            fault: None,
+            cost: touches,
+            touches,
+        };
+        self.offer_source(&evidence, &masked, &mut best);
+        self.offer_multiplexers(&evidence, &masked, &mut best);
+        self.offer_shorts(&evidence, &masked, &mut best);
+        self.offer_contacts(&evidence, &masked, &mut best);
+        self.offer_channels(&evidence, d, &mut best);
+        self.offer_values(&evidence, &mut best);
+        self.offer_open(&evidence, &mut best);
+        tracing::debug!(?best.fault, touches, best.cost, "looked for a fault");
+        Some(best)
+    }
+
+    fn offer_source(&self, evidence: &Evidence, masked: &impl Fn(DVector<f64>) -> DVector<f64>, best: &mut Best) {
+        let lost = DVector::from_iterator(self.imager.model_v.len(), self.imager.model_v.iter().map(|v| -v));
+        best.offer(FAULT + evidence.of(&masked(lost)), || Fault::Source);
+    }
+
+    fn offer_multiplexers(&self, evidence: &Evidence, masked: &impl Fn(DVector<f64>) -> DVector<f64>, best: &mut Best) {
+        let n = self.electrodes();
+        let cost = FAULT + (4.0 * n as f64).ln();
+        for (drive, plus) in [(true, true), (true, false), (false, true), (false, false)] {
+            for electrode in 0..n {
+                let predicted = masked(self.stuck(drive, plus, electrode));
+                best.offer(cost + evidence.of(&predicted), || Fault::Multiplexer {
+                    drive,
+                    plus,
+                    electrode,
+                });
+            }
+        }
+        let pairs = self.pairs().count() as f64;
+        for pair in self.pairs() {
+            let predicted = masked(self.exchanged(pair));
+            best.offer(FAULT + pairs.ln() + evidence.of(&predicted), || Fault::Exchanged(pair));
+        }
+    }
+
+    fn offer_shorts(&self, evidence: &Evidence, masked: &impl Fn(DVector<f64>) -> DVector<f64>, best: &mut Best) {
+        let cost = FAULT + RESISTANCE + (self.pairs().count() as f64).ln();
+        let mut tried: Vec<(f64, [usize; 2], f64)> = self
+            .shorts
+            .iter()
+            .map(|(pair, ohm, predicted)| (evidence.of(&masked(predicted.clone())), *pair, *ohm))
+            .collect();
+        tried.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let Some((first, pair, ohm)) = tried.first().copied() else {
+            return;
+        };
+        // Where a wire's own resistance is nothing, a logarithm is none.
+        let of = |ohm: f64| evidence.of(&masked(self.short(pair, ohm)));
+        let (ohm, refined) = least(of, (ohm, first), [0.2 * ohm, 6.0 * ohm + 30.0]);
+        best.offer(cost + refined, || Fault::Short { electrodes: pair, ohm });
+    }
+
+    fn offer_contacts(&self, evidence: &Evidence, masked: &impl Fn(DVector<f64>) -> DVector<f64>, best: &mut Best) {
+        if matches!(self.imager.drive, Drive::Current { .. }) {
+            // A given current does not go with the contacts of its wires.
+            return;
+        }
+        let n = self.electrodes();
+        let one = RESISTANCE + (n as f64).ln();
+        let mut worse: Vec<(usize, f64)> = Vec::new();
+        let mut before = f64::INFINITY;
+        for count in 1..=MOST_ELECTRODES {
+            let of = |l: usize, ohm: f64| {
+                let mut with = worse.clone();
+                with.push((l, ohm));
+                evidence.of(&masked(self.contacts(&with)))
+            };
+            let all = (0..n).filter(|l| !worse.iter().any(|(other, _)| other == l));
+            let each = all.flat_map(|l| CONTACTS_OHM.map(|ohm| (of(l, ohm), l, ohm)));
+            let Some((_, l, ohm)) = each.min_by(|a, b| a.0.total_cmp(&b.0)) else {
+                return;
+            };
+            worse.push((l, ohm));
+            let cost = self.refine_contacts(&mut worse, evidence, masked);
+            if cost + one > before {
+                return;
+            }
+            before = cost;
+            let electrodes: Vec<usize> = worse.iter().map(|(l, _)| *l).collect();
+            best.offer(FAULT + count as f64 * one + cost, || {
+                Fault::Contacts(Electrodes::of(&electrodes))
+            });
+        }
+    }
+
+    /// Looks for the resistances one after the other, twice. Gives the cost.
+    fn refine_contacts(
+        &self,
+        worse: &mut [(usize, f64)],
+        evidence: &Evidence,
+        masked: &impl Fn(DVector<f64>) -> DVector<f64>,
+    ) -> f64 {
+        let mut cost = f64::INFINITY;
+        for k in (0..worse.len()).chain(0..worse.len()) {
+            let now = worse[k].1;
+            let of = |ohm: f64| {
+                let mut with = worse.to_vec();
+                with[k].1 = ohm;
+                evidence.of(&masked(self.contacts(&with)))
+            };
+            let start = (now, of(now));
+            (worse[k].1, cost) = least(of, start, [now / 3.5, 3.5 * now]);
+        }
+        cost
+    }
+
+    fn offer_channels(&self, evidence: &Evidence, d: &Difference, best: &mut Best) {
+        let cost = FAULT + (2.0 * self.channels.len() as f64).ln();
+        for (pair, values) in &self.channels {
+            let [gain, offset] = self.channel_columns(values, d);
+            let (of_gain, size) = evidence.along(&gain, GAIN);
+            best.offer(cost + of_gain, || Fault::Gain(*pair, 1.0 + size));
+            let (of_offset, _) = evidence.along(&offset, OFFSET * self.mean_v);
+            best.offer(cost + of_offset, || Fault::Offset(*pair));
+        }
+    }
+
+    fn offer_values(&self, evidence: &Evidence, best: &mut Best) {
+        // One alone: of several each is named in its turn.
+        if let Some(k) = evidence.wildest() {
+            let m = self.imager.pattern.measurements()[k];
+            let of = [m.drive.plus, m.drive.minus, m.sense.plus, m.sense.minus];
+            let cost = FAULT + (self.imager.pattern.len() as f64).ln() + evidence.free(&[k]);
+            best.offer(cost, || Fault::Value(k, of));
+        }
+    }
+
+    fn offer_open(&self, evidence: &Evidence, best: &mut Best) {
+        let n = self.electrodes();
+        let one = (n as f64).ln();
+        let mut sets: Vec<Vec<usize>> = vec![Vec::new()];
+        let mut least = f64::INFINITY;
+        for count in 1..=MOST_ELECTRODES {
+            let mut tried: Vec<(f64, Vec<usize>)> = Vec::new();
+            for set in &sets {
+                for l in (0..n).filter(|l| !set.contains(l)) {
+                    let mut with = set.clone();
+                    with.push(l);
+                    with.sort_unstable();
+                    if !tried.iter().any(|(_, other)| *other == with) {
+                        tried.push((evidence.free(&self.values_of(&with)), with));
+                    }
+                }
+            }
+            tried.sort_by(|a, b| a.0.total_cmp(&b.0));
+            tried.truncate(MOST_TRIED);
+            let Some((cost, set)) = tried.first() else { return };
+            best.offer(FAULT + count as f64 * one + cost, || Fault::Open(Electrodes::of(set)));
+            if cost + one > least {
+                return;
+            }
+            least = *cost;
+            sets = tried.into_iter().map(|(_, set)| set).collect();
+        }
+    }
+}
+
+/// What every cell changes by one standard deviation of its rise, V. Cells before an electrode are a hundred times as sensitive as
+/// others; fingers there are as seldom as elsewhere, and smaller rises are expected of them, as of the picture.
+fn rises(imager: &Imager) -> DMatrix<f64> {
+    let mut s = imager.sensitivity.clone();
+    let norms: Vec<f64> = s.column_iter().map(|c| c.norm()).collect();
+    let mut sorted = norms.clone();
+    sorted.sort_by(f64::total_cmp);
+    let median = sorted
+        .get(sorted.len() / 2)
+        .copied()
+        .unwrap_or(0.0)
+        .max(f64::MIN_POSITIVE);
+    for (mut column, norm) in s.column_iter_mut().zip(norms) {
+        column *= RISE * (norm / median).max(1.0).powf(-DEPTH);
+    }
+    s
+}
+
+/// Sense pairs of a pattern, whichever way round, each with its values.
+fn channels(imager: &Imager) -> Vec<([usize; 2], Vec<usize>)> {
+    let mut out: Vec<([usize; 2], Vec<usize>)> = Vec::new();
+    for (k, m) in imager.pattern.measurements().iter().enumerate() {
+        let pair = [m.sense.plus.min(m.sense.minus), m.sense.plus.max(m.sense.minus)];
+        match out.iter_mut().find(|(of, _)| *of == pair) {
+            Some((_, values)) => values.push(k),
+            None => out.push((pair, vec![k])),
+        }
+    }
+    out
+}
+
+/// Values in which one of these electrodes takes part.
+pub(crate) fn values_of(imager: &Imager, electrodes: &[usize]) -> Vec<usize> {
+    let measurements = imager.pattern.measurements().iter().enumerate();
+    let of = measurements.filter(|(_, m)| {
+        let of = [m.drive.plus, m.drive.minus, m.sense.plus, m.sense.minus];
+        of.iter().any(|l| electrodes.contains(l))
+    });
+    of.map(|(k, _)| k).collect()
+}
+
+/// Values of one sense pair.
+pub(crate) fn values_of_channel(imager: &Imager, pair: [usize; 2]) -> Vec<usize> {
+    let own = channels(imager).into_iter().find(|(of, _)| *of == pair);
+    own.map_or_else(Vec::new, |(_, values)| values)
+}
+
+/// The least value of a function near a start (where, value), by golden sections of an interval.
+fn least(of: impl Fn(f64) -> f64, start: (f64, f64), [mut low, mut high]: [f64; 2]) -> (f64, f64) {
+    let part = 0.5 * (5.0_f64.sqrt() - 1.0);
+    let mut best = start;
+    for _ in 0..REFINEMENTS {
+        let [a, b] = [high - part * (high - low), low + part * (high - low)];
+        let [of_a, of_b] = [of(a), of(b)];
+        for (at, value) in [(a, of_a), (b, of_b)] {
+            if value < best.1 {
+                best = (at, value);
+            }
+        }
+        if of_a < of_b {
+            high = b;
+        } else {
+            low = a;
+        }
+    }
+    best
+}

@@ -1,0 +1,203 @@
+//! The faults that are tried.
+
+use forward::Pattern;
+use protocol::PlanName;
+
+/// Something wrong in the values of a frame. Values and channels are counted from 0.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum ValueFault {
+    /// One value is multiplied.
+    Value(usize, f64),
+    /// The values of an amplifier, between this electrode and the next, are multiplied.
+    ChannelGain(usize, f64),
+    /// Volts are added to the values of an amplifier.
+    ChannelOffset(usize, f64),
+}
+
+impl ValueFault {
+    /// Makes a frame (V, in the pattern's order) a faulty one.
+    pub fn apply(self, values_v: &mut [f64], pattern: &Pattern) {
+        let next = |l: usize| (l + 1) % pattern.electrodes();
+        for (k, (v, m)) in values_v.iter_mut().zip(pattern.measurements()).enumerate() {
+            let is_of = |l: usize| {
+                [m.sense.plus, m.sense.minus].contains(&l) && [m.sense.plus, m.sense.minus].contains(&next(l))
+            };
+            match self {
+                Self::Value(index, factor) if index == k => *v *= factor,
+                Self::ChannelGain(l, factor) if is_of(l) => *v *= factor,
+                Self::ChannelOffset(l, volts) if is_of(l) => *v += volts,
+                _ => {}
+            }
+        }
+    }
+}
+
+/// A fault with what it has to be named by.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Case {
+    /// As in a table.
+    pub name: String,
+    /// Of the board and its line: kinds as on the command line, without the time.
+    pub board: Vec<String>,
+    /// How long the board's faults last, s; none: to the end.
+    pub for_s: Option<f64>,
+    /// In the values.
+    pub values: Option<ValueFault>,
+    /// Two wires that are exchanged, electrodes from 0.
+    pub exchanged: Option<[usize; 2]>,
+    /// What is measured; none: what `skin run` chooses.
+    pub plan: Option<PlanName>,
+    /// It is named once all of one of these were said.
+    pub named: Vec<Vec<String>>,
+}
+
+impl Case {
+    fn new(name: &str, named: &[&str]) -> Self {
+        Self {
+            name: name.to_owned(),
+            board: Vec::new(),
+            for_s: None,
+            values: None,
+            exchanged: None,
+            plan: None,
+            named: named
+                .iter()
+                .map(|all| all.split(" & ").map(str::to_owned).collect())
+                .collect(),
+        }
+    }
+
+    /// Faults of the board, in its words.
+    fn board(kinds: &[&str], named: &[&str]) -> Self {
+        Self {
+            board: kinds.iter().map(|&k| k.to_owned()).collect(),
+            ..Self::new(&format!("`{}`", kinds.join("`, `")), named)
+        }
+    }
+
+    fn lasting(self, for_s: f64) -> Self {
+        Self {
+            name: format!("{} for {for_s} s", self.name),
+            for_s: Some(for_s),
+            ..self
+        }
+    }
+
+    fn with_plan(self, plan: PlanName) -> Self {
+        Self {
+            name: format!("{}, plan {}", self.name, plan.name()),
+            plan: Some(plan),
+            ..self
+        }
+    }
+
+    fn in_values(name: &str, fault: ValueFault, named: &[&str]) -> Self {
+        Self {
+            values: Some(fault),
+            ..Self::new(name, named)
+        }
+    }
+}
+
+/// Every fault of docs/simulator.md, and some in the values. The first is none.
+pub fn cases() -> Vec<Case> {
+    let frames_lost: &[&str] = &["frames are lost", "did not answer"];
+    let mut out = vec![Case::new("none", &[])];
+    for kind in ["bytes_lost", "bytes_flipped", "bytes_doubled"] {
+        for rate in ["0.0001", "0.01"] {
+            out.push(Case::board(&[&format!("{kind}:{rate}")], frames_lost));
+        }
+    }
+    out.push(Case::board(&["line_break"], &["sent nothing for", "frames are lost"]).lasting(1.0));
+    out.push(Case::board(&["break_to_board"], &[]).lasting(0.5));
+    out.push(Case::board(&["cable_pulled"], &["connection to the board is lost"]).lasting(0.5));
+    out.push(Case::board(&["board_reset"], &["the board was reset"]).lasting(0.3));
+    out.extend([
+        Case::board(&["electrode_open:3"], &["electrode 3 "]),
+        Case::board(
+            &["electrode_open:3", "electrode_open:4"],
+            &["electrodes 3 and 4 ", "electrode 3 gives & electrode 4 gives"],
+        ),
+        Case::board(
+            &["electrode_open:3", "electrode_open:9"],
+            &["electrodes 3 and 9 ", "electrode 3 gives & electrode 9 gives"],
+        ),
+        Case::board(
+            &["electrode_open:3", "electrode_open:8", "electrode_open:13"],
+            &[
+                "electrodes 3, 8 and 13 ",
+                "electrode 3 gives & electrode 8 gives & electrode 13 gives",
+            ],
+        ),
+    ]);
+    for ohm in [20, 100, 500, 5000] {
+        out.push(Case::board(&[&format!("contact_raised:3,{ohm}")], &["electrode 3 "]));
+    }
+    out.push(Case::board(
+        &["contact_raised:3,100", "contact_raised:9,100"],
+        &["electrodes 3 and 9 "],
+    ));
+    out.push(Case::board(
+        &["contact_raised:3,500", "contact_raised:9,200"],
+        &["electrodes 3 and 9 "],
+    ));
+    out.extend([
+        Case::board(&["electrodes_short:3,4"], &["electrodes 3 and 4 "]),
+        Case::board(&["electrodes_short:3,10"], &["electrodes 3 and 10 "]),
+        Case::board(&["electrodes_short:3,4,100"], &["electrodes 3 and 4 "]),
+        Case::board(&["source_lost"], &["the source "]),
+        Case::board(&["adc_stuck:0"], &["rail"]),
+        Case::board(&["adc_stuck:2048"], &["converter"]),
+        Case::board(&["adc_stuck:4095"], &["rail"]),
+    ]);
+    for (line, named) in [
+        ("drive_plus", "drive + multiplexer"),
+        ("drive_minus", "drive - multiplexer"),
+    ] {
+        out.push(Case::board(&[&format!("multiplexer_stuck:{line},3")], &[named]));
+    }
+    for (line, named) in [
+        ("sense_plus", "sense + multiplexer"),
+        ("sense_minus", "sense - multiplexer"),
+    ] {
+        let case = Case::board(&[&format!("multiplexer_stuck:{line},3")], &[named]);
+        out.push(case.with_plan(PlanName::SequentialFast));
+    }
+    out.extend([
+        Case::board(&["saturation:5"], &["electrodes 6 and 7 "]),
+        Case::board(&["saturation"], &["rail"]),
+        Case::board(&["converter_overrun:0.001"], frames_lost),
+        Case::board(&["converter_overrun:0.02"], frames_lost),
+        Case::in_values("one value x10", ValueFault::Value(100, 10.0), &["value of drive"]),
+        Case::in_values(
+            "one channel's gain +1 %",
+            ValueFault::ChannelGain(6, 1.01),
+            &["electrodes 7 and 8 "],
+        ),
+        Case::in_values(
+            "one channel's gain +5 %",
+            ValueFault::ChannelGain(6, 1.05),
+            &["electrodes 7 and 8 "],
+        ),
+        Case::in_values(
+            "one channel's offset 1 mV",
+            ValueFault::ChannelOffset(6, 1e-3),
+            &["electrodes 7 and 8 "],
+        ),
+        Case::in_values(
+            "one channel's offset 10 mV",
+            ValueFault::ChannelOffset(6, 1e-2),
+            &["electrodes 7 and 8 "],
+        ),
+    ]);
+    for [a, b] in [[3, 4], [3, 11]] {
+        out.push(Case {
+            exchanged: Some([a - 1, b - 1]),
+            ..Case::new(
+                &format!("wires {a} and {b} exchanged"),
+                &[&format!("electrodes {a} and {b} "), "another order"],
+            )
+        });
+    }
+    out
+}

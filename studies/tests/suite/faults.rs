@@ -1,0 +1,82 @@
+//! Faults of the board and of values, through the whole chain in simulated time: named within a second, and no wrong touch without
+//! a doubt.
+
+use studies::faults::{Bench, Outcome, When, cases};
+
+/// Frames that may be wrong and silent until a fault is known: a tenth of a second.
+const UNKNOWN: usize = 12;
+
+fn run(name: &str, when: When) -> Outcome {
+    let case = cases().into_iter().find(|c| c.name == name).unwrap();
+    let outcome = Bench::new().unwrap().run(&case, when).unwrap();
+    let named = outcome.naming(&case);
+    assert!(
+        named.is_some_and(|(after_s, _)| after_s < 1.0),
+        "{name}, {when:?}: {:?}",
+        outcome.said
+    );
+    let silent = outcome.touched.silent + outcome.rest.silent;
+    assert!(silent <= UNKNOWN, "{name}, {when:?}: {outcome:?}");
+    outcome
+}
+
+/// What a fault leaves is as good as if the values were missing from the start.
+#[test]
+fn touches_beside_what_is_left_out_are_right() {
+    let left = [
+        ("`electrode_open:3`, `electrode_open:9`", When::UnderTouch),
+        (
+            "`electrode_open:3`, `electrode_open:8`, `electrode_open:13`",
+            When::AtRest,
+        ),
+        ("`saturation:5`", When::UnderTouch),
+        ("one value x10", When::AtRest),
+        ("one channel's gain +5 %", When::AtRest),
+        ("one channel's offset 10 mV", When::UnderTouch),
+        ("`contact_raised:3,100`, `contact_raised:9,100`", When::AtRest),
+    ];
+    for (name, when) in left {
+        let outcome = run(name, when);
+        assert!(outcome.touched.right_part() > 0.95, "{name}: {outcome:?}");
+        assert!(outcome.rest.right_part() > 0.95, "{name}: {outcome:?}");
+    }
+}
+
+/// Where nothing is left that tells touches, none are shown.
+#[test]
+fn what_leaves_no_touches_is_doubted_and_shows_none() {
+    let none = [
+        ("`electrodes_short:3,4`", When::AtRest),
+        ("`electrodes_short:3,4,100`", When::UnderTouch),
+        ("`source_lost`", When::AtRest),
+        ("`adc_stuck:2048`", When::UnderTouch),
+        ("`saturation`", When::AtRest),
+        ("`multiplexer_stuck:drive_plus,3`", When::AtRest),
+        ("wires 3 and 4 exchanged", When::AtRest),
+        ("`electrodes_short:3,10`", When::Baseline),
+    ];
+    for (name, when) in none {
+        let outcome = run(name, when);
+        let doubted = outcome.touched.doubted + outcome.rest.doubted;
+        let frames = outcome.touched.frames + outcome.rest.frames;
+        assert!(doubted + UNKNOWN >= frames, "{name}: {outcome:?}");
+        assert!(outcome.rest.right_part() > 0.95, "{name}: {outcome:?}");
+    }
+}
+
+#[test]
+fn frames_lost_on_the_line_are_said() {
+    for name in ["`bytes_lost:0.01`", "`converter_overrun:0.02`"] {
+        run(name, When::AtRest);
+    }
+}
+
+#[test]
+fn a_sound_board_has_no_fault() {
+    let none = cases().into_iter().find(|c| c.name == "none").unwrap();
+    for when in When::ALL {
+        let outcome = Bench::new().unwrap().run(&none, when).unwrap();
+        assert!(outcome.said.is_empty(), "{when:?}: {:?}", outcome.said);
+        assert_eq!((outcome.touched.silent, outcome.rest.silent), (0, 0), "{when:?}");
+    }
+}
