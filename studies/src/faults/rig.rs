@@ -185,10 +185,14 @@ impl Rig {
         loop {
             let frame = match self.session.frame(WAIT) {
                 Ok(frame) => frame,
-                Err(why) => return Ok(end(outcome, &why)),
+                Err(why) => {
+                    end(outcome, &why);
+                    return Ok(());
+                }
             };
             if let Err(why) = self.session.check_silence(SILENCE) {
-                return Ok(end(outcome, &why));
+                end(outcome, &why);
+                return Ok(());
             }
             let counters = self.session.link().counters();
             let began_s = self.port.scene_began_s();
@@ -200,7 +204,8 @@ impl Rig {
             let Some(mut frame) = frame else {
                 silent += 1;
                 if silent > LONGEST {
-                    return Ok(end(outcome, &LinkError::NoFrames { s: 30 }));
+                    end(outcome, &LinkError::NoFrames { s: 30 });
+                    return Ok(());
                 }
                 continue;
             };
