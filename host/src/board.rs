@@ -1,10 +1,12 @@
 //! Which board a command is for.
 
-use crate::simulated_skin;
+use crate::usage::Usage;
+use crate::{sheet, simulated_skin};
 use anyhow::{Context, Result, anyhow, bail};
 use clap::Args;
 use link::{Link, Port, greet, ports};
 use protocol::Hello;
+use std::path::PathBuf;
 
 /// The board's port, on the command line.
 #[derive(Debug, Args)]
@@ -15,6 +17,10 @@ pub(crate) struct Choice {
     /// The simulated skin.
     #[arg(long, conflicts_with = "port", global = true)]
     simulate: bool,
+    /// The sheet of the simulated skin, a TOML file as for `skin forward`; a board says itself how many electrodes it has [default:
+    /// the paper's disc].
+    #[arg(long, value_name = "FILE", global = true)]
+    sheet: Option<PathBuf>,
 }
 
 /// A board that has introduced itself.
@@ -40,8 +46,13 @@ impl Choice {
                 source: source.to_owned(),
             })
         };
+        if self.sheet.is_some() && !self.simulate {
+            let why = "--sheet is for the simulated skin (--simulate): a board says itself what is wired to it";
+            return Err(Usage(why.to_owned()).into());
+        }
         if self.simulate {
-            return greeted(simulated_skin::demo()?, "simulated skin");
+            let (sheet, _) = sheet::load(self.sheet.as_deref())?;
+            return greeted(simulated_skin::demo(sheet)?, "simulated skin");
         }
         if let Some(path) = &self.port {
             return greeted(ports::open(path).map_err(|e| anyhow!(e))?, path).with_context(|| path.clone());

@@ -6,12 +6,12 @@ use hil_sim::{Pace, Rubber, SceneFile, SimBoard, SimPort};
 use link::Port;
 use std::time::Duration;
 
-/// The demo on the paper's sheet.
+/// The demo on a sheet.
 ///
 /// # Errors
 /// It does not start.
-pub(crate) fn demo() -> Result<Box<dyn Port>> {
-    start(&SceneFile::demo(Sheet::paper()))
+pub(crate) fn demo(sheet: Sheet) -> Result<Box<dyn Port>> {
+    start(&SceneFile::demo(sheet))
 }
 
 /// A scene that runs from power-up.
