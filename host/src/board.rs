@@ -1,10 +1,13 @@
 //! Which board a command is for.
 
-use crate::simulated_skin;
+use crate::usage::Usage;
+use crate::{sheet, simulated_skin};
+use ::forward::Sheet;
 use anyhow::{Context, Result, anyhow, bail};
 use clap::Args;
 use link::{Link, Port, greet, ports};
 use protocol::Hello;
+use std::path::PathBuf;
 
 /// The board's port, on the command line.
 #[derive(Debug, Args)]
@@ -15,6 +18,10 @@ pub(crate) struct Choice {
     /// The simulated skin.
     #[arg(long, conflicts_with = "port", global = true)]
     simulate: bool,
+    /// The sheet of the simulated skin, a TOML file as for `skin forward`; a board says itself how many electrodes it has [default:
+    /// the paper's disc].
+    #[arg(long, value_name = "FILE", global = true)]
+    sheet: Option<PathBuf>,
 }
 
 /// A board that has introduced itself.
@@ -39,11 +46,11 @@ impl Choice {
         self.simulate
     }
 
-    /// The same, with this port in the place of the simulated skin's.
+    /// The same, with this port, of the sheet that is asked for, in the place of the simulated skin's.
     ///
     /// # Errors
     /// As of [`Choice::connect`].
-    pub(crate) fn connect_or(&self, simulated: impl FnOnce() -> Result<Box<dyn Port>>) -> Result<Connected> {
+    pub(crate) fn connect_or(&self, simulated: impl FnOnce(Sheet) -> Result<Box<dyn Port>>) -> Result<Connected> {
         let greeted = |port: Box<dyn Port>, source: &str| -> Result<Connected> {
             let link = Link::open(port)?;
             let hello = greet(&link)?;
@@ -53,8 +60,13 @@ impl Choice {
                 source: source.to_owned(),
             })
         };
+        if self.sheet.is_some() && !self.simulate {
+            let why = "--sheet is for the simulated skin (--simulate): a board says itself what is wired to it";
+            return Err(Usage(why.to_owned()).into());
+        }
         if self.simulate {
-            return greeted(simulated()?, "simulated skin");
+            let (sheet, _) = sheet::load(self.sheet.as_deref())?;
+            return greeted(simulated(sheet)?, "simulated skin");
         }
         if let Some(path) = &self.port {
             return greeted(ports::open(path).map_err(|e| anyhow!(e))?, path).with_context(|| path.clone());

@@ -4,7 +4,7 @@ use crate::files::{calibration_file, press_table};
 use crate::recorded::SessionRecord;
 use crate::replay::PlayedBoard;
 use crate::{number, scene, sheet};
-use ::forward::{Drive, Pattern, Sheet};
+use ::forward::{Drive, Geometry, Pattern, Sheet};
 use ::recording::Speed;
 use anyhow::{Context, Result, anyhow, bail};
 use clap::{ArgGroup, Args};
@@ -52,8 +52,9 @@ pub(crate) struct Arguments {
     /// Fit the exponent of the resistivity too; it takes a recording of more than one force.
     #[arg(long)]
     exponent: bool,
-    /// The sheet of the board, a TOML file as for `skin forward` [default: the paper's disc].
-    #[arg(long, value_name = "FILE", requires = "port")]
+    /// The sheet of the board, or of the simulated skin, which is pressed in the middle; a TOML file as for `skin forward` [default: the
+    /// paper's disc].
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["file", "from", "scene"])]
     sheet: Option<PathBuf>,
     /// Where to write the calibration.
     #[arg(long, default_value = "calibration.toml", value_name = "FILE")]
@@ -160,7 +161,10 @@ const RAMP_S: f64 = 0.5;
 const HELD: f64 = 0.6;
 
 fn simulate(arguments: &Arguments) -> Result<Vec<Sample>> {
-    let (force_n, at) = (arguments.force_n.unwrap_or(25.0), [0.0, 0.0]);
+    let (sheet, _) = sheet::load(arguments.sheet.as_deref())?;
+    let (low, high) = Geometry::new(&sheet)?.bounding_box();
+    let at = [0, 1].map(|k| 0.5 * (low[k] + high[k]));
+    let force_n = arguments.force_n.unwrap_or(25.0);
     let (lifted, end) = (DOWN_S + HELD * arguments.seconds, DOWN_S + arguments.seconds);
     // With an exponent to tell, half of the force first.
     let first = if arguments.exponent { 0.5 * force_n } else { force_n };
@@ -180,19 +184,11 @@ fn simulate(arguments: &Arguments) -> Result<Vec<Sample>> {
             arguments.seconds
         );
     }
-    let Mounted { port, gauge } = SimulatedRig::new()?
+    let Mounted { port, gauge } = SimulatedRig::on(&sheet)?
         .mount(&[Press::tip(at, &path)], true, arguments.seed)
         .map_err(|e| anyhow!(e))?;
     let session = Session::start(port, adjacent_plan)?;
-    take(
-        &session,
-        || live(&session),
-        &Sheet::paper(),
-        Some(at),
-        end,
-        gauge,
-        |_| (),
-    )
+    take(&session, || live(&session), &sheet, Some(at), end, gauge, |_| ())
 }
 
 fn play(arguments: &Arguments, file: &Path) -> Result<Vec<Sample>> {

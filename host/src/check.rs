@@ -355,7 +355,11 @@ impl Source {
             return Ok(Self::Recording(PlayedBoard::open(path, Speed::Unpaced)?));
         }
         if arguments.simulate {
-            return Ok(Self::Board(Session::start(simulated_skin::demo()?, adjacent_plan)?));
+            let (sheet, _) = sheet::load(arguments.geometry.file())?;
+            return Ok(Self::Board(Session::start(
+                simulated_skin::demo(sheet)?,
+                adjacent_plan,
+            )?));
         }
         if let Some(path) = &arguments.port {
             let port = ports::open(path).map_err(|e| anyhow!(e))?;

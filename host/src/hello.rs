@@ -159,7 +159,7 @@ fn connected(arguments: &Arguments) -> Result<Connected> {
     let preset = arguments.preset.unwrap_or_default();
     arguments
         .board
-        .connect_or(|| simulated_skin::bench(preset, &arguments.fault, arguments.phantom))
+        .connect_or(|sheet| simulated_skin::bench(&sheet, preset, &arguments.fault, arguments.phantom))
 }
 
 fn suspects(name: &str, bits: u32, electrodes: u8) -> String {

@@ -6,21 +6,20 @@ use hil_sim::{Fault, FixedSheet, Pace, Preset, Rubber, Scene, SceneFile, SimBoar
 use link::Port;
 use std::time::Duration;
 
-/// The demo on the paper's sheet.
+/// The demo on a sheet.
 ///
 /// # Errors
 /// It does not start.
-pub(crate) fn demo() -> Result<Box<dyn Port>> {
-    start(&SceneFile::demo(Sheet::paper()))
+pub(crate) fn demo(sheet: Sheet) -> Result<Box<dyn Port>> {
+    start(&SceneFile::demo(sheet))
 }
 
-/// A board with these faults on the untouched paper's sheet, or on a ring of resistors of so many ohm. Its time passes as fast as
+/// A board with these faults on an untouched sheet, or on a ring of resistors of so many ohm. Its time passes as fast as
 /// it is listened to.
 ///
 /// # Errors
 /// A fault that cannot be.
-pub(crate) fn bench(preset: Preset, faults: &[Fault], ring_ohm: Option<f64>) -> Result<Box<dyn Port>> {
-    let sheet = Sheet::paper();
+pub(crate) fn bench(sheet: &Sheet, preset: Preset, faults: &[Fault], ring_ohm: Option<f64>) -> Result<Box<dyn Port>> {
     let config = SimConfig {
         electronics: preset.electronics(),
         faults: faults.to_vec(),
@@ -32,7 +31,7 @@ pub(crate) fn bench(preset: Preset, faults: &[Fault], ring_ohm: Option<f64>) -> 
             Box::new(SimPort::new(SimBoard::new(config, ring)?, Pace::Unpaced)?)
         }
         None => {
-            let rubber = Rubber::new(&sheet, Scene::empty())?;
+            let rubber = Rubber::new(sheet, Scene::empty())?;
             Box::new(SimPort::new(SimBoard::new(config, rubber)?, Pace::Unpaced)?)
         }
     })

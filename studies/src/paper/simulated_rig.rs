@@ -2,7 +2,6 @@
 
 use crate::paper::rig::{Mounted, Press, Rig, RigError, Tip};
 use forward::{ForwardError, Model, ModelOptions, Sheet};
-
 use hil_sim::{Key, Material, Pace, Rubber, Scene, Shape, SimBoard, SimConfig, SimPort, Touch};
 use std::sync::Arc;
 
@@ -13,23 +12,31 @@ const ACCURACY: f64 = 5e-4;
 /// second. A delay of half the interval is 1 % of that.
 const LOOK_S: f64 = 0.01;
 
-/// Skins of the paper's sheet. All share a mesh, and each has its own rubber.
+/// Skins of one sheet. All share a mesh, and each has its own rubber.
 pub struct SimulatedRig {
     model: Arc<Model>,
 }
 
 impl SimulatedRig {
-    /// Meshes the sheet.
+    /// Skins of the paper's sheet.
     ///
     /// # Errors
     /// None for the paper's sheet.
     pub fn new() -> Result<Self, ForwardError> {
+        Self::on(&Sheet::paper())
+    }
+
+    /// Skins of a sheet, which is meshed.
+    ///
+    /// # Errors
+    /// [`ForwardError`] for a sheet that makes no sense.
+    pub fn on(sheet: &Sheet) -> Result<Self, ForwardError> {
         let options = ModelOptions {
             accuracy: ACCURACY,
             ..ModelOptions::default()
         };
         Ok(Self {
-            model: Arc::new(Model::new(&Sheet::paper(), &options)?),
+            model: Arc::new(Model::new(sheet, &options)?),
         })
     }
 }

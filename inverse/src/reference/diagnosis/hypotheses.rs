@@ -226,16 +226,19 @@ impl Diagnosis {
         [gain, offset]
     }
 
-    /// The fault that explains a difference best; none where touches and drift do. `sigma_v`: noise of one value, V of the model.
-    /// With it, whether nothing else comes into question: touches alone leave more than twice the square that is expected, and the
-    /// fault does not.
+    /// The fault that explains a difference best; none where touches and drift do, or where it leaves more than twice the square that
+    /// is expected. `sigma_v`: noise of one value, V of the model.
+    /// With it, whether nothing else comes into question: touches alone leave more than that.
     pub(crate) fn explain(&self, d: &Difference, sigma_v: Option<f64>) -> Option<(Fault, bool)> {
         let sigma_v = sigma_v.unwrap_or(LEAST_NOISE * self.mean_v);
         let own = |k: usize| (sigma_v * d.spread[k]).hypot(PREDICTION * d.y[k]);
         let best = self.best(d, own)?;
         let values = d.used.iter().filter(|used| **used).count() as f64;
-        let alone = best.touches > values && best.cost < values;
-        best.fault.map(|fault| (fault, alone))
+        if best.cost > values {
+            // It is nothing that is known: objects in a tank, say.
+            return None;
+        }
+        best.fault.map(|fault| (fault, best.touches > values))
     }
 
     /// The fault of a whole baseline (any unit) after which no touches are to be had; none where its values are those of the sheet, or
