@@ -182,6 +182,8 @@ impl Rig {
         let ([down, up], at, [rest, over]) = when.times();
         let [down, up, at, rest, over] = [down, up, at, rest, over].map(|part| part * self.length_s);
         let mut silent = 0;
+        // The board's clock begins anew with a reset: how far it had come.
+        let (mut last_s, mut before_s) = (0.0, 0.0);
         loop {
             let frame = match self.session.frame(WAIT) {
                 Ok(frame) => frame,
@@ -196,8 +198,13 @@ impl Rig {
             }
             let counters = self.session.link().counters();
             let began_s = self.port.scene_began_s();
-            let time_s = frame.as_ref().map(|f| f.time_s);
-            let now_s = time_s.zip(began_s).map_or(0.0, |(now, began)| now - began);
+            if let Some(frame) = &frame {
+                if frame.time_s < last_s {
+                    before_s += last_s;
+                }
+                last_s = frame.time_s;
+            }
+            let now_s = began_s.map_or(0.0, |began| (before_s + last_s - began).max(0.0));
             if let Some(notice) = self.notices.take(&counters, frame.as_ref()) {
                 say(outcome, now_s - at, notice.to_string());
             }

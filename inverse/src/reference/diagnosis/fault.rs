@@ -165,11 +165,17 @@ impl fmt::Display for Fault {
                 pair(electrodes),
                 ohm
             ),
-            Self::Contacts(electrodes) => write!(
-                f,
-                "the contact of {electrodes} changed since the baseline and is left out: look at its clamp and cable, then take a new \
-                 baseline"
-            ),
+            Self::Contacts(electrodes) => {
+                let [contact, is, look] = match electrodes.list().len() {
+                    1 => ["contact", "is", "its clamp and cable"],
+                    _ => ["contacts", "are", "their clamps and cables"],
+                };
+                write!(
+                    f,
+                    "the {contact} of {electrodes} changed since the baseline and {is} left out: look at {look}, then take a new \
+                     baseline"
+                )
+            }
             Self::Source => write!(
                 f,
                 "the source gives nothing: no touches are shown; look at the excitation and its cable"
