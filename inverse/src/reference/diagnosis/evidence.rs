@@ -14,6 +14,8 @@ pub(crate) struct Evidence {
     /// The inverse of the covariance, and its product with the frame.
     w: DMatrix<f64>,
     wy: DVector<f64>,
+    /// Logarithm of the covariance's determinant.
+    log_det: f64,
     /// Range of a value that is free, V.
     range_v: f64,
 }
@@ -34,14 +36,27 @@ impl Evidence {
                 y[k] = 0.0;
             }
         }
-        let w = Cholesky::new(c)?.inverse();
+        let factor = Cholesky::new(c)?;
+        let log_det = 2.0 * factor.l_dirty().diagonal().iter().map(|v| v.ln()).sum::<f64>();
+        let w = factor.inverse();
         let wy = &w * &y;
-        Some(Self { y, w, wy, range_v })
+        Some(Self {
+            y,
+            w,
+            wy,
+            log_det,
+            range_v,
+        })
     }
 
     /// Cost of touches alone.
     pub(crate) fn of_touches(&self) -> f64 {
         0.5 * self.y.dot(&self.wy)
+    }
+
+    /// The same as another covariance has it: comparable with the costs of that one.
+    pub(crate) fn of_touches_beside(&self, other: &Self) -> f64 {
+        self.of_touches() + 0.5 * (self.log_det - other.log_det)
     }
 
     /// Cost of a fault that predicts a frame (V, the change).
@@ -69,12 +84,12 @@ impl Evidence {
         (wc * (sd / spread.sqrt()), 0.5 * spread.ln())
     }
 
-    /// Cost of a fault that leaves values free.
-    pub(crate) fn free(&self, values: &[usize]) -> f64 {
+    /// Cost of a fault that leaves values free, and the part of it that the other values have.
+    pub(crate) fn free(&self, values: &[usize]) -> (f64, f64) {
         let n = values.len();
         let of = DMatrix::from_fn(n, n, |i, j| self.w[(values[i], values[j])]);
         let Some(factor): Option<Cholesky<f64, Dyn>> = Cholesky::new(of) else {
-            return f64::INFINITY;
+            return (f64::INFINITY, f64::INFINITY);
         };
         let u = DVector::from_fn(n, |i, _| self.wy[values[i]]);
         let gone = u.dot(&factor.solve(&u));
@@ -83,7 +98,8 @@ impl Evidence {
             .iter()
             .map(|k| 0.5 * (self.y[*k] / self.range_v).powi(2) + self.range_v.ln())
             .sum();
-        self.of_touches() - 0.5 * gone + 0.5 * log_det + own
+        let others = self.of_touches() - 0.5 * gone;
+        (others + 0.5 * log_det + own, others)
     }
 
     /// The value that is furthest from what the others tell.
@@ -127,6 +143,9 @@ mod tests {
             let constant = 0.5 * c.determinant().ln();
             let near = |a: f64, b: f64| assert!((a - b).abs() < 1e-8 * b.abs().max(1.0), "{a} {b}");
             near(evidence.of_touches() + constant, cost(&y, &c));
+            let wider = Evidence::new(&y, &(9.0 * &covariance), &own, range_v).unwrap();
+            let c_wider = whole(&(9.0 * &covariance), &own);
+            near(wider.of_touches_beside(&evidence) + constant, cost(&y, &c_wider));
             let p = DVector::from_fn(9, |k, _| (k as f64).sin());
             near(evidence.of(&p) + constant, cost(&(&y - &p), &c));
             let with = &c + 0.49 * &p * p.transpose();
@@ -142,7 +161,7 @@ mod tests {
                 apart.column_mut(k).fill(0.0);
                 apart[(k, k)] = range_v * range_v;
             }
-            near(evidence.free(&free) + constant, cost(&y, &apart));
+            near(evidence.free(&free).0 + constant, cost(&y, &apart));
         }
     }
 

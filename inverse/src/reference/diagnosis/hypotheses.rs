@@ -12,6 +12,8 @@ use std::sync::Arc;
 
 /// Standard deviation of a cell's rise: fingers and hands.
 const RISE: f64 = 0.15;
+/// The same of things in a tank, which may insulate or conduct.
+const STRONG_RISE: f64 = 1.0;
 /// How the expected rise falls with a cell's sensitivity.
 const DEPTH: f64 = 0.7;
 /// Standard deviations of what drifts: the gain and the sheet's resistance, and every contact.
@@ -47,6 +49,8 @@ pub(crate) struct Diagnosis {
     potentials_ohm: DMatrix<f64>,
     /// What touches and drift do to a frame, V².
     covariance: DMatrix<f64>,
+    /// The same where touches may be strong.
+    strong: DMatrix<f64>,
     /// Root mean square of the unpressed frame, and its largest value, V.
     mean_v: f64,
     largest_v: f64,
@@ -69,13 +73,19 @@ struct Scores {
 struct Best {
     fault: Option<Fault>,
     cost: f64,
+    /// The part of the cost that values have which are not free.
+    left: f64,
     touches: f64,
 }
 
 impl Best {
     fn offer(&mut self, cost: f64, fault: impl FnOnce() -> Fault) {
+        self.offer_free(cost, cost, fault);
+    }
+
+    fn offer_free(&mut self, cost: f64, left: f64, fault: impl FnOnce() -> Fault) {
         if cost < self.cost {
-            (self.cost, self.fault) = (cost, Some(fault()));
+            (self.cost, self.left, self.fault) = (cost, left, Some(fault()));
         }
     }
 }
@@ -89,11 +99,12 @@ impl Diagnosis {
         let sd = |kind: usize| if kind < 2 { COMMON } else { CONTACT };
         let shapes = DMatrix::from_fn(shapes.nrows(), shapes.ncols(), |k, c| sd(c) * shapes[(k, c)]);
         let s = rises(imager);
-        let covariance = &s * s.transpose() + &shapes * shapes.transpose();
+        let (rises, drifts) = (&s * s.transpose(), &shapes * shapes.transpose());
         let v = &imager.model_v;
         let mut out = Self {
             potentials_ohm: solver.electrode_matrix().potentials_ohm().clone(),
-            covariance,
+            covariance: &rises + &drifts,
+            strong: (STRONG_RISE / RISE).powi(2) * rises + drifts,
             mean_v: (v.iter().map(|v| v * v).sum::<f64>() / v.len().max(1) as f64).sqrt(),
             largest_v: v.iter().fold(0.0, |m, v| m.max(v.abs())),
             shorts: Vec::new(),
@@ -234,8 +245,8 @@ impl Diagnosis {
         let own = |k: usize| (sigma_v * d.spread[k]).hypot(PREDICTION * d.y[k]);
         let best = self.best(d, own)?;
         let values = d.used.iter().filter(|used| **used).count() as f64;
-        if best.cost > values {
-            // It is nothing that is known: objects in a tank, say.
+        if best.left > values {
+            // It is nothing that is known.
             return None;
         }
         best.fault.map(|fault| (fault, best.touches > values))
@@ -288,6 +299,7 @@ impl Diagnosis {
         let mut best = Best {
             fault: None,
             cost: touches,
+            left: touches,
             touches,
         };
         self.offer_source(&evidence, &masked, &mut best);
@@ -297,6 +309,12 @@ impl Diagnosis {
         self.offer_channels(&evidence, d, &mut best);
         self.offer_values(&evidence, &mut best);
         self.offer_open(&evidence, &mut best);
+        if best.fault.is_some() {
+            let strong = Evidence::new(&d.y, &self.strong, &own, self.largest_v)?.of_touches_beside(&evidence);
+            if strong < best.cost {
+                (best.fault, best.cost, best.left) = (None, strong, strong);
+            }
+        }
         tracing::debug!(?best.fault, touches, best.cost, "looked for a fault");
         Some(best)
     }
@@ -413,8 +431,9 @@ impl Diagnosis {
         if let Some(k) = evidence.wildest() {
             let m = self.imager.pattern.measurements()[k];
             let of = [m.drive.plus, m.drive.minus, m.sense.plus, m.sense.minus];
-            let cost = FAULT + (self.imager.pattern.len() as f64).ln() + evidence.free(&[k]);
-            best.offer(cost, || Fault::Value(k, of));
+            let (cost, left) = evidence.free(&[k]);
+            let cost = FAULT + (self.imager.pattern.len() as f64).ln() + cost;
+            best.offer_free(cost, left, || Fault::Value(k, of));
         }
     }
 
@@ -424,7 +443,7 @@ impl Diagnosis {
         let mut sets: Vec<Vec<usize>> = vec![Vec::new()];
         let mut least = f64::INFINITY;
         for count in 1..=MOST_ELECTRODES {
-            let mut tried: Vec<(f64, Vec<usize>)> = Vec::new();
+            let mut tried: Vec<((f64, f64), Vec<usize>)> = Vec::new();
             for set in &sets {
                 for l in (0..n).filter(|l| !set.contains(l)) {
                     let mut with = set.clone();
@@ -435,10 +454,14 @@ impl Diagnosis {
                     }
                 }
             }
-            tried.sort_by(|a, b| a.0.total_cmp(&b.0));
+            tried.sort_by(|a, b| a.0.0.total_cmp(&b.0.0));
             tried.truncate(MOST_TRIED);
-            let Some((cost, set)) = tried.first() else { return };
-            best.offer(FAULT + count as f64 * one + cost, || Fault::Open(Electrodes::of(set)));
+            let Some(((cost, left), set)) = tried.first() else {
+                return;
+            };
+            best.offer_free(FAULT + count as f64 * one + cost, *left, || {
+                Fault::Open(Electrodes::of(set))
+            });
             if cost + one > least {
                 return;
             }
