@@ -7,8 +7,9 @@ TARGET=thumbv7em-none-eabihf
 
 debian_install() {
     command -v apt-get >/dev/null 2>&1 && [ "$(id -u)" = 0 ] || return 1
-    apt-get install -y -qq "$@" >/dev/null 2>&1 ||
-        { apt-get update -qq >/dev/null 2>&1 && apt-get install -y -qq "$@" >/dev/null 2>&1; }
+    # A list of packages that is old names an older compiler, which is too old.
+    apt-get update -qq >/dev/null 2>&1
+    apt-get install -y -qq "$@" >/dev/null 2>&1
 }
 
 debian_rust() { [ -x /usr/bin/rustc ] && [ -d /usr/lib/rustlib/src/rust/library/core ] && command -v ld.lld >/dev/null 2>&1; }
