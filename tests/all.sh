@@ -55,6 +55,31 @@ elif cargo clippy --version >/dev/null 2>&1; then
 else
     skip "clippy: this toolchain has none (rustup component add clippy)"
 fi
+if have python3 && python3 -c 'import tomllib' 2>/dev/null; then
+    step "licences and sources of the libraries, THIRD-PARTY.md" python3 tests/third_party.py --check
+else
+    skip "licences and sources of the libraries: no python3 of 3.11 or later"
+fi
+if ! have cargo-deny; then
+    skip "advisories of the libraries: no cargo-deny (cargo install cargo-deny)"
+elif cargo deny --offline check advisories >/dev/null 2>&1 || cargo deny fetch db >/dev/null 2>&1; then
+    step "advisories, licences and sources of the libraries" cargo deny --offline check
+else
+    skip "advisories of the libraries: no database, and none can be had here (cargo deny fetch db)"
+    step "licences and sources of the libraries" cargo deny --offline check bans licenses sources
+fi
+if ! $quick; then
+    if have c++; then
+        step "the fuzz targets compile" cargo clippy --manifest-path fuzz/Cargo.toml --locked -- -D warnings
+    else
+        skip "the fuzz targets: no C++ compiler for libFuzzer (apt-get install g++)"
+    fi
+    if cargo miri --version >/dev/null 2>&1; then
+        step "vector code in Miri" env MIRIFLAGS=-Zmiri-disable-isolation cargo miri test --locked -p inverse -p forward --lib -- linalg cholesky
+    else
+        skip "vector code in Miri: this toolchain has none (rustup +nightly component add miri)"
+    fi
+fi
 if ! browser; then
     $quick || step "a browser for the live page's tests" install chromium
     browser || skip "the live page in a browser: no chromium (apt-get install chromium)"

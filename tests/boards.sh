@@ -33,6 +33,8 @@ clippy() {
     for features in laws st-link; do
         in_board stm32f4 clippy --locked --features "$features" -- -D warnings || return 1
     done
+    in_board stm32f4 clippy --locked --features defmt -- -D warnings || return 1
+    in_board template clippy --locked -- -D warnings || return 1
     in_board qemu-mps2 clippy --locked -- -D warnings
 }
 beside() {
@@ -63,13 +65,36 @@ fi
 grep -q the_hot_path_can_panic "$programs/hot-path.log" || fail "the hot path with a planted panic does not build for another reason: $programs/hot-path.log"
 
 say "the same program with planted faults"
-for fault in routing break settling timer phase panic hang; do
+for fault in routing break settling timer phase request panic hang; do
     in_board stm32f4 build --release --locked --bin skin-board --features "fault-$fault" 2>/dev/null || fail "fault-$fault does not build"
     cp "$boards_target/$TARGET/release/skin-board" "$programs/fault-$fault"
 done
 
+say "with its log over the debug probe"
+in_board stm32f4 build --release --locked --bin skin-board --features defmt || fail "stm32f4 (defmt) does not build"
+cp "$boards_target/$TARGET/release/skin-board" "$programs/defmt"
+
+say "without the log it is, byte for byte, the image of sources that never heard of one"
+copy="$boards_target/without-log"
+copied_image() {
+    (cd "$copy/boards/stm32f4" && CARGO_TARGET_DIR="$boards_target" board_cargo build --release --bin skin-board) || fail "$1 does not build"
+    "$root/tests/image.py" "$boards_target/$TARGET/release/skin-board" >"$programs/$2.image" || fail "$1 has no image"
+}
+rm -rf "$copy"
+mkdir -p "$copy"
+tar -c --exclude target Cargo.toml protocol firmware boards/stm32f4 | tar -x -C "$copy"
+sed -i 's/^members = .*/members = ["protocol", "firmware"]/' "$copy/Cargo.toml"
+copied_image "the copy" with-log-off
+# Lines become empty ones: the places of panics stay the same.
+find "$copy" -name '*.rs' -exec sed -i -E 's/^.*(log!\(|feature = "defmt"|macro_use|mod log;|log::tell|\/log\.rs").*$//' {} +
+find "$copy" -name log.rs -delete
+if grep -rn defmt --include '*.rs' "$copy/protocol" "$copy/firmware" "$copy/boards/stm32f4/src"; then fail "these lines of the log could not be taken out"; fi
+copied_image "the copy without the log's lines" without-log
+cmp "$programs/with-log-off.image" "$programs/without-log.image" || fail "the log changes the image where it is off"
+
 say "board programs for the emulated mps2-an386"
 in_board qemu-mps2 build --release --locked || fail "qemu-mps2 does not build"
+in_board template build --release --locked || fail "template does not build"
 
 say "clippy on the board crates, warnings denied: every unsafe block has its argument; the emulator's build"
 wait "$beside"
@@ -89,6 +114,19 @@ if command -v qemu-system-arm >/dev/null 2>&1; then
     every_test --no-run || fail "the tests do not build"
     SKIN_QEMU_PROGRAMS="$boards_target/$TARGET/release" SKIN_PROGRAM="$target/debug/skin" \
         every_test -- --ignored --nocapture emulated:: || fail "the board on QEMU"
+
+    say "the template of a board: every duty kept, and the host program's self-test passed"
+    machine=(qemu-system-arm -M mps2-an386 -nographic -monitor none -semihosting-config "enable=on,target=native")
+    timeout 300 "${machine[@]}" -serial null -kernel "$boards_target/$TARGET/release/template-laws" || fail "the template does not keep its duties"
+    "${machine[@]}" -serial pty -kernel "$boards_target/$TARGET/release/template-board" >"$programs/template.log" 2>&1 &
+    template=$!
+    trap 'kill "$template" 2>/dev/null' EXIT
+    for _ in $(seq 300); do
+        port="$(grep -o '/dev/pts/[0-9]*' "$programs/template.log")" && break
+        sleep 0.1
+    done
+    "$target/debug/skin" hello --port "${port:-none}" || fail "the template does not pass its self-test"
+    kill "$template"
 else
     say "skipped: no qemu-system-arm (apt-get install qemu-system-arm)"
 fi

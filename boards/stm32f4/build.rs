@@ -23,6 +23,13 @@ fn main() -> Result<(), Box<dyn Error>> {
         // The laws' bench keeps whole periods on the stack, and no controller beside it.
         map = map.replace("STACK = 2304", "STACK = 6656");
     }
+    if env::var_os("CARGO_FEATURE_DEFMT").is_some() {
+        // The log's buffer of 1 KiB, and the formatting of a panic's whole text.
+        map = map
+            .replace("STACK = 2304", "STACK = 4096")
+            .replace("8K - STACK", "12K - STACK");
+        println!("cargo:rustc-link-arg-bins=-Tdefmt.x");
+    }
     fs::write(out.join("memory.x"), map)?;
     println!("cargo:rustc-link-search={}", out.display());
     println!("cargo:rustc-env=SKIN_GIT={}", source_state());

@@ -4,11 +4,9 @@ use crate::fold::MAX_CHANNELS;
 use crate::reference::SAMPLES_PER_PERIOD;
 use crate::scan::MAX_AMPLITUDES;
 use protocol::{
-    Hello, Limits, MAX_SLOTS, MAX_VALUES, MAX_WATCH_SLOTS, MAX_WATCH_VALUES, ResetCause, SCHEMA, Value, Version, text,
+    Hello, Limits, MAX_ELECTRODES, MAX_SLOTS, MAX_VALUES, MAX_WATCH_SLOTS, MAX_WATCH_VALUES, ResetCause, SCHEMA, Value,
+    Version, text,
 };
-
-/// The excitation's frequency, mHz: the paper's 3.685 kHz.
-const EXCITATION_MHZ: u64 = 3_685_000;
 
 /// The constants of one board, gathered in one place of its crate. Everything else of [`Hello`] follows. A board asserts
 /// [`BoardInfo::is_sound`] where it is compiled.
@@ -20,7 +18,7 @@ pub struct BoardInfo<'a> {
     pub serial: &'a str,
     /// State of the source tree it was built from, at most 32 bytes: a commit, `-dirty` after it when it was changed.
     pub git: &'a str,
-    /// Electrodes wired, 4 to [`MAX_CHANNELS`].
+    /// Electrodes wired, 4 to [`MAX_ELECTRODES`].
     pub electrodes: u8,
     /// Channels sampled at once.
     pub channels: u8,
@@ -46,18 +44,25 @@ pub struct BoardInfo<'a> {
 }
 
 impl BoardInfo<'_> {
-    /// Whether the constants fit together. The excitation has to be within 0.05 % of 3.685 kHz. A row of channels has to be
+    /// Whether the constants fit together. There has to be an excitation, of whatever frequency. A row of channels has to be
     /// converted before the next one begins. The firmware has to be able to use the electrodes, channels and gains.
     pub const fn is_sound(&self) -> bool {
-        // Compared as products: no division rounds.
-        let given = self.timer_hz as u64 * 1000 * 2000;
-        let wanted = EXCITATION_MHZ * self.ticks_per_sample as u64 * SAMPLES_PER_PERIOD as u64 * 2000;
-        let in_tune = given.abs_diff(wanted) <= wanted / 2000;
+        let in_tune = self.excitation_millihertz() > 0;
         let in_time = self.skew_ticks as u32 * self.channels as u32 <= self.ticks_per_sample;
-        let electrodes = self.electrodes >= 4 && self.electrodes as usize <= MAX_CHANNELS;
+        let electrodes = self.electrodes >= 4 && self.electrodes <= MAX_ELECTRODES;
         let channels = self.channels >= 1 && self.channels as usize <= MAX_CHANNELS;
         let gains = self.gains() >= 1;
         in_tune && in_time && electrodes && channels && gains
+    }
+
+    /// The excitation's frequency: the sampling timer's over the samples of a period, in thousandths of a hertz, rounded
+    /// down. A board asserts the one that its filters are made for.
+    pub const fn excitation_millihertz(&self) -> u64 {
+        let ticks = self.ticks_per_sample as u64 * SAMPLES_PER_PERIOD as u64;
+        if ticks == 0 {
+            return 0;
+        }
+        self.timer_hz as u64 * 1000 / ticks
     }
 
     /// How many gains there are.
@@ -143,17 +148,26 @@ mod tests {
     #[test]
     fn constants_that_do_not_fit_together_are_found() {
         assert!(GOOD.is_sound());
-        // 84 MHz / 16 / 1424 = 3686.8 Hz: 0.049 % high; 1423 is 0.12 %, 1426 is 0.09 % low.
-        for (ticks, sound) in [(1423, false), (1424, true), (1425, true), (1426, false)] {
+        // Boards of other frequencies: 84 MHz / 16 / 1425, 170 MHz / 16 / 213, and none.
+        for (timer_hz, ticks_per_sample, millihertz) in [
+            (84_000_000, 1425, 3_684_210),
+            (170_000_000, 213, 49_882_629),
+            (84_000_000, 0, 0),
+            (0, 1425, 0),
+        ] {
             let info = BoardInfo {
-                ticks_per_sample: ticks,
+                timer_hz,
+                ticks_per_sample,
+                skew_ticks: 0,
                 ..GOOD
             };
-            assert_eq!(info.is_sound(), sound, "{ticks}");
+            assert_eq!(info.excitation_millihertz(), millihertz);
+            assert_eq!(info.is_sound(), millihertz > 0, "{timer_hz} {ticks_per_sample}");
         }
         assert!(!BoardInfo { skew_ticks: 90, ..GOOD }.is_sound());
         assert!(!BoardInfo { electrodes: 3, ..GOOD }.is_sound());
-        assert!(!BoardInfo { electrodes: 17, ..GOOD }.is_sound());
+        assert!(BoardInfo { electrodes: 32, ..GOOD }.is_sound());
+        assert!(!BoardInfo { electrodes: 33, ..GOOD }.is_sound());
         assert!(!BoardInfo { channels: 0, ..GOOD }.is_sound());
         assert!(
             !BoardInfo {

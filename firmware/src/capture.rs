@@ -6,6 +6,7 @@ use protocol::QUARTERS;
 
 /// What to capture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Window {
     /// Quarter periods to let pass first.
     pub settle_quarters: u16,
@@ -27,6 +28,7 @@ pub const QUARTER_SAMPLES: usize = SAMPLES_PER_PERIOD / QUARTERS as usize;
 
 /// What a board knows of a block's samples and the converter's rails.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Rails {
     /// Nothing: they have to be looked at.
     #[default]

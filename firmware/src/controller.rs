@@ -105,6 +105,7 @@ where
             (Ok(true), true) => Stored::InForce,
             (Ok(true), false) | (Err(_), _) => Stored::Unusable,
         };
+        log!(info, "settings: {}", self.stored);
     }
 
     /// Does what can be done now and returns; never waits, except for the store.
@@ -217,6 +218,7 @@ where
     }
 
     fn refuse(&mut self, error: &BoardError) {
+        log!(warn, "refused: {}", error);
         Counters::add(&mut self.measuring.counters_mut().refused, 1);
         self.measuring.send(Outgoing::Error(error));
     }

@@ -11,6 +11,7 @@ pub trait Error: Debug {
 /// Kinds of front-end errors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ErrorKind {
     /// A sample was lost: this frame is void, the next may be good.
     Overrun,

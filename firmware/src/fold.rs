@@ -58,6 +58,7 @@ const _: () = assert!((2 * MAX_BIN).pow(2) <= u64::MAX / (HALF * HALF) as u64);
 
 /// Why a block was not folded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum FoldError {
     /// It does not hold whole quarter periods of the expected number of channels.
     Shape,

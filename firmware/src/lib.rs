@@ -32,6 +32,9 @@
 #[cfg(test)]
 extern crate std;
 
+#[macro_use]
+mod log;
+
 mod board_info;
 mod capture;
 mod change;

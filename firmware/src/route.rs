@@ -5,6 +5,7 @@ use protocol::Pair;
 
 /// What the converter's channels see.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Sense {
     /// One channel, on this pair.
     One(Pair),
@@ -21,6 +22,7 @@ pub enum Sense {
 
 /// A setting of all switches.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Route {
     /// Where the excitation enters and leaves the sheet.
     pub drive: Pair,
@@ -35,7 +37,7 @@ pub trait Router: ErrorType {
     /// Connects `route` and nothing else, at once.
     ///
     /// The implementor's duties: break before make, so that no two electrodes are ever joined through the switches on
-    /// the way; all address lines in one register write, so that no third electrode is selected on the way. The caller
+    /// the way; addresses change only while all switches are open, so that no third electrode is selected. The caller
     /// has checked electrodes and gain against what the board said it has.
     ///
     /// # Errors

@@ -15,6 +15,7 @@ const _: () = assert!(MAX_AMPLITUDES >= MAX_VALUES);
 
 /// What a step of a scan came to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Progress {
     /// Something was done; no slot was completed.
     Working,
@@ -26,6 +27,7 @@ pub enum Progress {
 
 /// When the next route is selected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Pace {
     /// As soon as a window is over, before its samples are worked up: a new drive settles meanwhile.
     Ahead,
@@ -35,6 +37,7 @@ pub enum Pace {
 
 /// Why a frame cannot be finished.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ScanError<E> {
     /// The front end reported an error.
     FrontEnd(E),

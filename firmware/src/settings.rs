@@ -69,14 +69,17 @@ const HEADER: u32 = 8;
 /// Bytes of the check sum after them.
 const CRC_LEN: u32 = 4;
 const CRC: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISCSI);
-/// Bytes that are written at once. A power cut may have written them without a trace: a new record keeps this distance from
-/// the last one.
+/// Bytes that are written at once, or one unit of the memory where that is more. A power cut may have written them without
+/// a trace: a new record keeps this distance from the last one.
 const GAP: u32 = 16;
+/// The largest unit of a memory.
+const MOST_WRITE_LEN: u32 = 32;
 /// No settings are longer: a plan of 32 slots and a watch of 8.
 const LONGEST: u32 = 512;
 
 /// The store does not do what it should.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct StoreFault;
 
 /// A record that was found.
@@ -159,7 +162,11 @@ fn append<S: Store>(store: &mut S, settings: Option<&Settings>) -> Result<(), St
         None => 0,
     };
     let len = u32::try_from(size).map_err(|_| StoreFault)?;
-    let total = HEADER + len + CRC_LEN;
+    let unit = store.write_len();
+    if !(1..=MOST_WRITE_LEN).contains(&unit) {
+        return Err(StoreFault);
+    }
+    let total = (HEADER + len + CRC_LEN).next_multiple_of(unit);
     let (a, b) = (scan(store, Sector::A)?, scan(store, Sector::B)?);
     let newest = newer(a.last, b.last);
     let number = newest.map_or(0, |r| r.number.wrapping_add(1));
@@ -181,6 +188,7 @@ fn append<S: Store>(store: &mut S, settings: Option<&Settings>) -> Result<(), St
         store,
         sector,
         next: offset,
+        unit,
         chunk: heapless::Vec::new(),
         digest: CRC.digest(),
     };
@@ -222,7 +230,8 @@ fn scan<S: Store>(store: &mut S, sector: Sector) -> Result<Log, StoreFault> {
         let part = chunk.get_mut(..size as usize).unwrap_or_default();
         store.read(sector, at, part).map_err(|_| StoreFault)?;
         if let Some(last) = part.iter().rposition(|b| *b != 0xFF) {
-            log.free = at + last as u32 + 1 + GAP;
+            let unit = store.write_len().max(1);
+            log.free = (at + last as u32 + 1).next_multiple_of(unit) + GAP.max(unit);
         }
         at += size;
     }
@@ -276,7 +285,9 @@ struct Writer<'a, S> {
     store: &'a mut S,
     sector: Sector,
     next: u32,
-    chunk: heapless::Vec<u8, { GAP as usize }>,
+    /// Bytes of a unit of the memory.
+    unit: u32,
+    chunk: heapless::Vec<u8, { MOST_WRITE_LEN as usize }>,
     digest: crc::Digest<'static, u32>,
 }
 
@@ -287,10 +298,11 @@ impl<S: Store> Writer<'_, S> {
     }
 
     fn keep(&mut self, byte: u8) -> Result<(), StoreFault> {
-        if self.chunk.push(byte).is_err() {
+        if self.chunk.len() as u32 >= GAP.max(self.unit) {
             self.flush()?;
-            let _ = self.chunk.push(byte);
         }
+        // Cannot fail: it holds the largest unit.
+        let _ = self.chunk.push(byte);
         Ok(())
     }
 
@@ -309,6 +321,8 @@ impl<S: Store> Writer<'_, S> {
         for byte in sum {
             self.keep(byte)?;
         }
+        // The rest of the unit stays as erased.
+        while !(self.chunk.len() as u32).is_multiple_of(self.unit) && self.chunk.push(0xFF).is_ok() {}
         self.flush()
     }
 }

@@ -21,6 +21,7 @@ pub trait Watchdog {
 
 /// One of the two halves of a [`Store`], which are erased one by one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Sector {
     /// The first.
     A,
@@ -30,18 +31,24 @@ pub enum Sector {
 
 /// Two sectors of flash memory or of anything that behaves like it. Laws:
 /// - what was erased reads 0xFF; what was written reads as it was written, also after power was cut and came back;
-/// - `write` writes byte after byte. A cut leaves one byte at most in an unknown state, none after it touched, and never
-///   changes anything before;
+/// - `write` writes unit after unit of [`Store::write_len`] bytes. A cut leaves one unit at most in an unknown state, none
+///   after it touched, and never changes anything before;
 /// - a cut while erasing leaves that sector in an unknown state and never changes the other one.
 ///
-/// The caller writes each byte at most once after it was erased, never across the end, and only while nothing is measured:
-/// both calls may take a second.
+/// The caller writes whole units, each at most once after it was erased, never across the end, and only while nothing is
+/// measured: both calls may take a second.
 pub trait Store {
     /// The error.
     type Error: Debug;
 
     /// Bytes of each sector; 0 where there is no store.
     fn sector_len(&self) -> u32;
+
+    /// Bytes that are written at once, from a multiple of as many on: 1, 2, 4, 8, 16 or 32. A sector has a multiple of it.
+    /// Memories with error correction have more than 1.
+    fn write_len(&self) -> u32 {
+        1
+    }
 
     /// Copies from a sector, beginning at `offset`.
     ///
@@ -84,6 +91,10 @@ impl<T: Store + ?Sized> Store for &mut T {
 
     fn sector_len(&self) -> u32 {
         T::sector_len(self)
+    }
+
+    fn write_len(&self) -> u32 {
+        T::write_len(self)
     }
 
     fn read(&mut self, sector: Sector, offset: u32, out: &mut [u8]) -> Result<(), Self::Error> {

@@ -5,6 +5,7 @@ use protocol::{Pair, PeriodRequest, QUARTERS, Recipe, Sampling, Slot};
 
 /// What is being measured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub(crate) enum Task {
     /// Nothing.
     Off,

@@ -32,8 +32,8 @@ pub enum CellError {
     },
 }
 
-/// Most squares of a grid, far more than a picture has. The limit names a cell size in a wrong unit before memory runs out.
-const MOST_CELLS: usize = 1_000_000;
+/// Most squares of a grid, far more than a picture has. The limit names a cell size in a wrong unit before time runs out.
+const MOST_CELLS: usize = 250_000;
 
 /// Square cells, their grid lines through the middle of the sheet's bounding box. A cell counts when its centre is on
 /// the sheet; slivers of the sheet beyond belong to the nearest cell.

@@ -107,6 +107,24 @@ pub enum GeometryError {
         /// The number.
         value: f64,
     },
+    /// A number that no sheet has.
+    #[error("{what} is {value:e}; give a number from {least:e} to {most:e}")]
+    OutOfRange {
+        /// What the number is.
+        what: String,
+        /// The number.
+        value: f64,
+        /// The least that is possible.
+        least: f64,
+        /// The most.
+        most: f64,
+    },
+    /// Rims of more segments than can be held against one another.
+    #[error("the rims have {segments} segments, more than {MOST_SEGMENTS}; leave out holes or points of the outlines")]
+    TooManySegments {
+        /// Straight segments of all rims; 256 for a circle, 32 for every point of a smooth curve.
+        segments: usize,
+    },
     /// A coordinate or an angle that is not a number.
     #[error("{what} is {value}; give a finite number")]
     NotFinite {
@@ -254,12 +272,48 @@ pub struct Geometry {
 /// Least area of a curve over the square of its length: a strip ten thousand times as long as wide has more.
 const LEAST_AREA: f64 = 1e-6;
 
+/// Shortest and longest length of a sheet, mm: a micrometre and a kilometre. Squares and quotients of such numbers, and of
+/// those below, are far from overflow.
+const LENGTHS_MM: [f64; 2] = [1e-3, 1e6];
+/// Places on a sheet, mm.
+const PLACES_MM: [f64; 2] = [-1e6, 1e6];
+/// Contact impedances as lengths of sheet, mm: from a short to a broken wire.
+const CONTACTS_MM: [f64; 2] = [1e-9, 1e9];
+/// Resistance of a square, ohm: from thick copper to an insulator.
+const RESISTANCES_OHM: [f64; 2] = [1e-6, 1e12];
+/// Straight segments of all rims together. Every one is held against every other, and every cell against all.
+const MOST_SEGMENTS: usize = 16_384;
+
 fn positive(what: impl Fn() -> String, value: f64) -> Result<f64, GeometryError> {
     if value > 0.0 && value.is_finite() {
         Ok(value)
     } else {
         Err(GeometryError::NotPositive { what: what(), value })
     }
+}
+
+fn within(what: impl Fn() -> String, value: f64, [least, most]: [f64; 2]) -> Result<f64, GeometryError> {
+    if (least..=most).contains(&value) {
+        Ok(value)
+    } else {
+        let what = what();
+        Err(GeometryError::OutOfRange {
+            what,
+            value,
+            least,
+            most,
+        })
+    }
+}
+
+/// A length of the sheet, mm.
+fn length(what: impl Fn() -> String, value: f64) -> Result<f64, GeometryError> {
+    within(&what, positive(&what, value)?, LENGTHS_MM)
+}
+
+/// A coordinate of the sheet, mm.
+fn coordinate(what: impl Fn() -> String, value: f64) -> Result<f64, GeometryError> {
+    within(&what, finite(&what, value)?, PLACES_MM)
 }
 
 fn finite(what: impl Fn() -> String, value: f64) -> Result<f64, GeometryError> {
@@ -270,9 +324,17 @@ fn finite(what: impl Fn() -> String, value: f64) -> Result<f64, GeometryError> {
     }
 }
 
+fn few_enough(segments: usize) -> Result<(), GeometryError> {
+    if segments > MOST_SEGMENTS {
+        return Err(GeometryError::TooManySegments { segments });
+    }
+    Ok(())
+}
+
 impl Outline {
     fn curve(&self, ring: &str) -> Result<Curve, GeometryError> {
         let points = |points: &[Point]| -> Result<(), GeometryError> {
+            few_enough(points.len())?;
             if points.len() < 3 {
                 return Err(GeometryError::TooFewPoints {
                     ring: ring.to_owned(),
@@ -282,7 +344,7 @@ impl Outline {
             }
             for (k, p) in points.iter().enumerate() {
                 for value in p {
-                    finite(|| format!("point {k} of {ring}"), *value)?;
+                    coordinate(|| format!("point {k} of {ring} (mm)"), *value)?;
                 }
                 if *p == points[(k + 1) % points.len()] {
                     return Err(GeometryError::EmptySegment {
@@ -294,14 +356,14 @@ impl Outline {
             Ok(())
         };
         let centre_ok = |c: &Point| -> Result<(), GeometryError> {
-            finite(|| format!("the centre of {ring}"), c[0])?;
-            finite(|| format!("the centre of {ring}"), c[1])?;
+            coordinate(|| format!("the centre of {ring} (mm)"), c[0])?;
+            coordinate(|| format!("the centre of {ring} (mm)"), c[1])?;
             Ok(())
         };
         Ok(match self {
             Self::Disc { diameter_mm, centre_mm } => {
                 centre_ok(centre_mm)?;
-                let d = positive(|| format!("the diameter of {ring} (mm)"), *diameter_mm)?;
+                let d = length(|| format!("the diameter of {ring} (mm)"), *diameter_mm)?;
                 Curve::circle(*centre_mm, 0.5 * d)
             }
             Self::Rectangle {
@@ -310,8 +372,8 @@ impl Outline {
                 centre_mm,
             } => {
                 centre_ok(centre_mm)?;
-                let w = 0.5 * positive(|| format!("the width of {ring} (mm)"), *width_mm)?;
-                let h = 0.5 * positive(|| format!("the height of {ring} (mm)"), *height_mm)?;
+                let w = 0.5 * length(|| format!("the width of {ring} (mm)"), *width_mm)?;
+                let h = 0.5 * length(|| format!("the height of {ring} (mm)"), *height_mm)?;
                 let [x, y] = *centre_mm;
                 Curve::polygon(&[[x - w, y - h], [x + w, y - h], [x + w, y + h], [x - w, y + h]])
             }
@@ -374,9 +436,11 @@ impl Geometry {
     /// # Errors
     /// [`GeometryError`] names the electrode or the segment and says what to do.
     pub fn new(sheet: &Sheet) -> Result<Self, GeometryError> {
-        positive(
-            || "the sheet resistance (ohm per square)".to_owned(),
-            sheet.sheet_resistance_ohm,
+        let resistance = || "the sheet resistance (ohm per square)".to_owned();
+        within(
+            resistance,
+            positive(resistance, sheet.sheet_resistance_ohm)?,
+            RESISTANCES_OHM,
         )?;
         let name = |k: usize| {
             if k == 0 {
@@ -388,6 +452,7 @@ impl Geometry {
         let mut rings = Vec::new();
         for (k, outline) in std::iter::once(&sheet.outline).chain(&sheet.holes).enumerate() {
             rings.push(outline.curve(&name(k))?);
+            few_enough(rings.iter().map(|r: &Curve| r.polyline().len()).sum())?;
         }
         for i in 0..rings.len() {
             for j in i..rings.len() {
@@ -429,10 +494,8 @@ impl Geometry {
             });
         }
         for (l, electrode) in sheet.electrodes.iter().enumerate() {
-            positive(
-                || format!("the contact of electrode {} (mm of sheet)", l + 1),
-                electrode.contact_mm,
-            )?;
+            let contact = || format!("the contact of electrode {} (mm of sheet)", l + 1);
+            within(contact, positive(contact, electrode.contact_mm)?, CONTACTS_MM)?;
             geometry.place(l, electrode.place)?;
         }
         geometry.check_overlaps()?;
@@ -440,7 +503,7 @@ impl Geometry {
     }
 
     fn place(&mut self, electrode: usize, place: Place) -> Result<(), GeometryError> {
-        let width = |w: f64| positive(|| format!("the width of electrode {} (mm)", electrode + 1), w);
+        let width = |w: f64| length(|| format!("the width of electrode {} (mm)", electrode + 1), w);
         let (ring, centre, width_mm) = match place {
             Place::Angle { angle_deg, width_mm } => {
                 finite(
@@ -450,7 +513,7 @@ impl Geometry {
                 (0, self.arc_at_angle(angle_deg), width(width_mm)?)
             }
             Place::Arc { arc_mm, width_mm } => {
-                finite(
+                coordinate(
                     || format!("the arc position of electrode {} (mm)", electrode + 1),
                     arc_mm,
                 )?;
@@ -459,7 +522,7 @@ impl Geometry {
             Place::Point { point_mm, width_mm } => {
                 let width_mm = width(width_mm)?;
                 for value in point_mm {
-                    finite(|| format!("the place of electrode {} (mm)", electrode + 1), value)?;
+                    coordinate(|| format!("the place of electrode {} (mm)", electrode + 1), value)?;
                 }
                 let (ring, (s, off)) = self.rings[..self.rims]
                     .iter()
@@ -476,9 +539,9 @@ impl Geometry {
                 (ring, s, width_mm)
             }
             Place::Inside { centre_mm, radius_mm } => {
-                positive(|| format!("the radius of electrode {} (mm)", electrode + 1), radius_mm)?;
+                length(|| format!("the radius of electrode {} (mm)", electrode + 1), radius_mm)?;
                 for value in centre_mm {
-                    finite(|| format!("the place of electrode {} (mm)", electrode + 1), value)?;
+                    coordinate(|| format!("the place of electrode {} (mm)", electrode + 1), value)?;
                 }
                 let clear = self.rings[..self.rims]
                     .iter()

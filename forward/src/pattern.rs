@@ -1,5 +1,6 @@
 //! Which electrodes drive and which sense: patterns are data.
 
+use std::collections::HashSet;
 use thiserror::Error;
 
 /// Two electrodes, by index from 0. As a drive pair the current flows into `plus` and out of `minus`; as a sense pair
@@ -129,6 +130,7 @@ impl Pattern {
             return Err(PatternError::Empty);
         }
         let mut drives = Vec::new();
+        let mut known = HashSet::new();
         for (index, m) in measurements.iter().enumerate() {
             for pair in [m.drive, m.sense] {
                 for electrode in [pair.plus, pair.minus] {
@@ -147,7 +149,7 @@ impl Pattern {
                     });
                 }
             }
-            if !drives.contains(&m.drive) {
+            if known.insert(m.drive) {
                 drives.push(m.drive);
             }
         }

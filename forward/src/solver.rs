@@ -168,6 +168,19 @@ impl Solver {
     /// # Errors
     /// A touch without sense, or a system beyond double precision. The state is then that of before.
     pub fn solve_touches(&mut self, touches: &[DiscTouch]) -> Result<&ElectrodeMatrix, ForwardError> {
+        self.solve_discs(touches, true)
+    }
+
+    /// The same without a mesh of their own for any touches: elements that are still cut get the laminate's tensor. One
+    /// solution takes about as long as any other, and is less accurate for strong touches at the rim.
+    ///
+    /// # Errors
+    /// As for [`Solver::solve_touches`].
+    pub fn solve_touches_here(&mut self, touches: &[DiscTouch]) -> Result<&ElectrodeMatrix, ForwardError> {
+        self.solve_discs(touches, false)
+    }
+
+    fn solve_discs(&mut self, touches: &[DiscTouch], remesh: bool) -> Result<&ElectrodeMatrix, ForwardError> {
         if self.touches.as_deref() == Some(touches) {
             self.work = Work::Nothing;
             return Ok(self.electrode_matrix());
@@ -186,7 +199,8 @@ impl Solver {
         });
         let fit = fit::fit(&mut shape.mesh, model.mesh(), model.neighbours(), touches);
         let strong = |t: &DiscTouch| (2.0 * t.rise / (2.0 + t.rise)).abs() > STRONG;
-        if !fit.complete
+        if remesh
+            && !fit.complete
             && touches.iter().any(strong)
             && let Some(options) = model.options()
         {

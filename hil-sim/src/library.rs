@@ -1,6 +1,6 @@
 //! Scenes that come with the simulator: the files of hil-sim/scenes.
 
-const SCENES: [(&str, &str); 12] = [
+const SCENES: [(&str, &str); 14] = [
     ("one-touch", include_str!("../scenes/one-touch.toml")),
     ("two-touches", include_str!("../scenes/two-touches.toml")),
     ("three-touches", include_str!("../scenes/three-touches.toml")),
@@ -12,6 +12,8 @@ const SCENES: [(&str, &str); 12] = [
     ("lost-electrode", include_str!("../scenes/lost-electrode.toml")),
     ("drifting-sheet", include_str!("../scenes/drifting-sheet.toml")),
     ("noisy-motor", include_str!("../scenes/noisy-motor.toml")),
+    ("crossing", include_str!("../scenes/crossing.toml")),
+    ("gestures", include_str!("../scenes/gestures.toml")),
     ("preload", include_str!("../scenes/preload.toml")),
 ];
 

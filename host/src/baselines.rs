@@ -40,9 +40,13 @@ pub(crate) struct Baselines {
     earlier: Vec<Dated>,
 }
 
-/// The folder for what programs keep, as the XDG base directory specification says: absolute, or not at all.
+/// The folder for what programs keep: on Windows that of local data, else as the XDG base directory specification says; absolute, or
+/// not at all.
 pub(crate) fn state_folder() -> Option<PathBuf> {
     let absolute = |name| std::env::var_os(name).map(PathBuf::from).filter(|p| p.is_absolute());
+    if cfg!(windows) {
+        return absolute("LOCALAPPDATA").map(|folder| folder.join("skin"));
+    }
     let state = absolute("XDG_STATE_HOME").or_else(|| absolute("HOME").map(|home| home.join(".local/state")));
     state.map(|folder| folder.join("skin"))
 }

@@ -1,22 +1,30 @@
 //! Which board a command is for.
 
+use crate::config::Config;
+use crate::ending;
+use crate::list::{self, Listed};
+use crate::say::say;
 use crate::usage::Usage;
 use crate::{sheet, simulated_skin};
 use ::forward::Sheet;
 use anyhow::{Context, Result, anyhow, bail};
 use clap::Args;
-use link::{Link, Port, greet, ports};
+use link::ports::{self, Place};
+use link::{Link, Port, greet};
 use protocol::Hello;
 use std::path::PathBuf;
 
 /// The board's port, on the command line.
 #[derive(Debug, Args)]
 pub(crate) struct Choice {
-    /// Serial port of the board [default: the first on USB that may be one and answers].
+    /// Serial port of the board, or tcp://HOST:PORT of a bridge to it [default: the only board on USB].
     #[arg(long, value_name = "PORT", global = true)]
     port: Option<String>,
+    /// Serial number of the board or of its adapter, as `skin list` shows them.
+    #[arg(long, value_name = "SERIAL", conflicts_with = "port", global = true)]
+    serial: Option<String>,
     /// The simulated skin.
-    #[arg(long, conflicts_with = "port", global = true)]
+    #[arg(long, conflicts_with_all = ["port", "serial"], global = true)]
     simulate: bool,
     /// The sheet of the simulated skin, a TOML file as for `skin forward`; a board says itself how many electrodes it has [default:
     /// the paper's disc].
@@ -53,6 +61,7 @@ impl Choice {
     pub(crate) fn connect_or(&self, simulated: impl FnOnce(Sheet) -> Result<Box<dyn Port>>) -> Result<Connected> {
         let greeted = |port: Box<dyn Port>, source: &str| -> Result<Connected> {
             let link = Link::open(port)?;
+            ending::stops(&link)?;
             let hello = greet(&link)?;
             Ok(Connected {
                 link,
@@ -68,10 +77,14 @@ impl Choice {
             let (sheet, _) = sheet::load(self.sheet.as_deref())?;
             return greeted(simulated(sheet)?, "simulated skin");
         }
+        let open = |place: &Place| {
+            let port = place.open().map_err(|e| anyhow!(e))?;
+            greeted(port, place.path()).with_context(|| place.path().to_owned())
+        };
         if let Some(path) = &self.port {
-            return greeted(ports::open(path).map_err(|e| anyhow!(e))?, path).with_context(|| path.clone());
+            return open(&Place::of(path));
         }
-        match first(greeted)? {
+        match only(self.serial.as_deref(), open)? {
             Ok(found) => Ok(found),
             Err(why) => {
                 bail!("no board found ({why}); name its port with --port, or ask the simulated skin with --simulate")
@@ -80,25 +93,82 @@ impl Choice {
     }
 }
 
-/// What `start` makes of the first port that a board may be behind and that answers as one; or why there is none. No other device is
-/// sent anything.
+/// What `start` makes of the only board, or of the one with this serial number; or why there is none. No device that is not asked for
+/// is sent anything.
 ///
 /// # Errors
-/// The ports cannot be listed.
-pub(crate) fn first<T>(start: impl Fn(Box<dyn Port>, &str) -> Result<T>) -> Result<Result<T, String>> {
-    let candidates = ports::candidates().context("the serial ports cannot be listed")?;
-    for path in &candidates.likely {
-        match ports::open(path)
-            .map_err(|e| anyhow!(e))
-            .and_then(|port| start(port, path))
-        {
-            Ok(found) => return Ok(Ok(found)),
-            Err(e) => eprintln!("{path}: {e:#}"),
+/// There are several boards, or the ports cannot be listed.
+pub(crate) fn only<T>(serial: Option<&str>, start: impl Fn(&Place) -> Result<T>) -> Result<Result<T, String>> {
+    let config = Config::load()?;
+    if let (None, Some(path)) = (serial, &config.port) {
+        say!("{path}: the port of the configuration");
+        // Who names a port means it: what is wrong with it is an error.
+        return start(&Place::of(path)).map(Ok);
+    }
+    let serial = serial.or(config.serial.as_deref());
+    let ports = ports::usb_ports().context("the serial ports cannot be listed")?;
+    let likely: Vec<&str> = ports.iter().filter(|p| p.likely).map(|p| p.path.as_str()).collect();
+    let path = match (&likely[..], serial) {
+        ([], None) => {
+            let why = "there is no serial port on USB as a board has".to_owned();
+            return Ok(Err(why + &ports::left_alone(&ports)));
+        }
+        ([one], None) => (*one).to_owned(),
+        _ => match chosen(&list::usb()?, serial)? {
+            Ok(path) => path,
+            Err(why) => return Ok(Err(why + &ports::left_alone(&ports))),
+        },
+    };
+    Ok(start(&Place::of(&path)).map_err(|e| {
+        say!("{e:#}");
+        "the serial port on USB did not answer as one".to_owned() + &ports::left_alone(&ports)
+    }))
+}
+
+/// The port of the board that is meant.
+fn chosen(listed: &[Listed], serial: Option<&str>) -> Result<Result<String, String>> {
+    let meant: Vec<&Listed> = match serial {
+        Some(serial) => listed.iter().filter(|l| l.has_serial(serial)).collect(),
+        None => listed.iter().filter(|l| l.is_board()).collect(),
+    };
+    match (&meant[..], serial) {
+        ([one], _) => Ok(Ok(one.port.clone())),
+        ([], Some(serial)) => Ok(Err(format!("there is no board of serial number {serial}"))),
+        ([], None) => Ok(Err(format!(
+            "none of {} serial ports on USB answered as one",
+            listed.len()
+        ))),
+        (several, _) => {
+            let names: Vec<String> = several.iter().map(|l| l.name()).collect();
+            let why = format!(
+                "there are several boards: {}; name one with --serial SERIAL or --port PORT",
+                names.join(", ")
+            );
+            Err(Usage(why).into())
         }
     }
-    let why = match candidates.likely.len() {
-        0 => "there is no serial port on USB as a board has".to_owned(),
-        n => format!("none of {n} serial ports on USB answered as one"),
-    };
-    Ok(Err(why + &candidates.left_alone()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_of_several_boards_has_to_be_named() {
+        let boards = [
+            Listed::board("/dev/ttyUSB0", "FT1", "A"),
+            Listed::board("/dev/ttyUSB1", "FT2", "B"),
+        ];
+        let path = |serial| chosen(&boards, serial).unwrap();
+        assert_eq!(path(Some("B")), Ok("/dev/ttyUSB1".to_owned()));
+        assert_eq!(path(Some("FT1")), Ok("/dev/ttyUSB0".to_owned()));
+        assert!(path(Some("C")).unwrap_err().contains("serial number C"));
+        assert_eq!(chosen(&boards[..1], None).unwrap(), Ok("/dev/ttyUSB0".to_owned()));
+        let several = chosen(&boards, None).unwrap_err().to_string();
+        assert!(
+            several.contains("/dev/ttyUSB0 (A)") && several.contains("--serial"),
+            "{several}"
+        );
+        assert!(chosen(&[], None).unwrap().is_err());
+    }
 }

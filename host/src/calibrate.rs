@@ -1,13 +1,14 @@
-//! `skin calibrate`: the rubber's parameters from a press-and-hold.
+//! `skin calibrate`: the rubber's parameters from a press-and-hold; maps of a real skin from presses at known places.
 
 use crate::files::{calibration_file, press_table};
+use crate::progress::Progress;
 use crate::recorded::SessionRecord;
 use crate::replay::PlayedBoard;
-use crate::{number, scene, sheet};
+use crate::{number, presses, scene, sheet};
 use ::forward::{Drive, Geometry, Pattern, Sheet};
 use ::recording::Speed;
 use anyhow::{Context, Result, anyhow, bail};
-use clap::{ArgGroup, Args};
+use clap::{ArgGroup, Args, Subcommand};
 use hil_sim::{Pace, SimPort};
 use inverse::force::calibration::{self, Fit, StandardErrors};
 use inverse::force::press::Recorder;
@@ -26,8 +27,10 @@ use studies::paper::simulated_rig::SimulatedRig;
 
 /// Arguments of `skin calibrate`.
 #[derive(Debug, Args)]
-#[command(group(ArgGroup::new("source").required(true)))]
+#[command(group(ArgGroup::new("source").required(true)), args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 pub(crate) struct Arguments {
+    #[command(subcommand)]
+    what: Option<What>,
     /// A recorded press-and-hold (CSV with columns time_s, rise_mm2 and, where they are known, force_n and area_mm2).
     #[arg(group = "source", value_name = "TABLE")]
     file: Option<PathBuf>,
@@ -70,6 +73,13 @@ pub(crate) struct Arguments {
     json: bool,
 }
 
+/// What else can be calibrated.
+#[derive(Debug, Subcommand)]
+enum What {
+    /// Maps of a real skin, from presses at known places: for `reconstruct --calibration`.
+    Presses(presses::calibrate::Arguments),
+}
+
 #[derive(Serialize)]
 struct Line {
     delayed_ratio: f64,
@@ -87,6 +97,9 @@ struct Line {
 /// # Errors
 /// A recording that cannot be read or made, or that does not tell the parameters; a file that cannot be written.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
+    if let Some(What::Presses(of_presses)) = &arguments.what {
+        return presses::calibrate::run(of_presses);
+    }
     let samples = match (&arguments.file, &arguments.port, &arguments.scene, &arguments.from) {
         (Some(table), ..) => press_table::read(table, arguments.force_n)?,
         (_, Some(port), ..) => record(arguments, port)?,
@@ -249,6 +262,7 @@ fn record(arguments: &Arguments, path: &str) -> Result<Vec<Sample>> {
     let (sheet, _) = sheet::load(arguments.sheet.as_deref())?;
     let port = ports::open(path).map_err(|e| anyhow!(e))?;
     let session = Session::start(port, adjacent_plan).with_context(|| path.to_owned())?;
+    crate::ending::stops(session.link())?;
     eprintln!("taking the baseline, do not touch");
     let mut samples = take(
         &session,
@@ -299,6 +313,7 @@ fn take(
     let frames = LiveOptions::default().baseline_frames;
     let mut recorder = Recorder::new(Arc::new(imager), frames, frame_s, near_mm);
     let mut end_s = f64::INFINITY;
+    let mut progress = Progress::new("press-and-hold", false);
     loop {
         let Some(frame) = next()? else {
             if !recorder.is_ready() {
@@ -306,6 +321,9 @@ fn take(
             }
             return Ok(recorder.into_samples());
         };
+        // In milliseconds, from the end of the baseline on.
+        let [done, whole] = [seconds - (end_s - frame.time_s), seconds].map(|s| (1e3 * s).max(0.0) as usize);
+        progress.at(done, whole);
         let before = recorder.is_ready();
         recorder.take(frame.time_s, &frame.values_v, gauge(recorder.middle_s(frame.time_s)))?;
         if recorder.is_ready() && !before {

@@ -1,6 +1,8 @@
 //! `skin sim` as fast as it goes: frames as a table, or bytes.
 
+use crate::files::replace::replace;
 use crate::files::sheet_line::SheetLine;
+use crate::progress::Progress;
 use ::forward::Pattern;
 use anyhow::{Context, Result, anyhow};
 use hil_sim::{Pace, Rubber, SceneFile, SimBoard, SimPort};
@@ -9,13 +11,23 @@ use link::plans::adjacent_plan;
 use protocol::{MAX_TO_BOARD_LEN, ToBoard, encode};
 use serde::Serialize;
 use std::fs::File;
-use std::io::{BufWriter, Write};
+use std::io::{self, BufWriter, Write};
 use std::path::Path;
 use std::time::Duration;
 
-fn create(path: &Path) -> Result<BufWriter<File>> {
-    let file = File::create(path).with_context(|| format!("{}: cannot be written", path.display()))?;
-    Ok(BufWriter::new(file))
+/// A time in whole milliseconds, for [`Progress::at`].
+fn milliseconds(s: f64) -> usize {
+    (1e3 * s).max(0.0) as usize
+}
+
+/// Writes a file, as a whole or not at all.
+fn write(path: &Path, fill: impl FnOnce(&mut BufWriter<&mut File>) -> io::Result<()>) -> Result<()> {
+    let written = replace(path, |file| {
+        let mut out = BufWriter::new(file);
+        fill(&mut out)?;
+        out.flush()
+    });
+    written.with_context(|| format!("{}: cannot be written", path.display()))
 }
 
 /// Writes what the board sends after it was told to start.
@@ -23,19 +35,21 @@ fn create(path: &Path) -> Result<BufWriter<File>> {
 /// # Errors
 /// The file cannot be written.
 pub(crate) fn bytes(mut board: SimBoard<Rubber>, duration_s: f64, path: &Path) -> Result<()> {
-    let mut out = create(path)?;
     let start = encode(&ToBoard::Start, &mut [0; MAX_TO_BOARD_LEN])
         .map_err(|e| anyhow!("the command to start: {e:?}"))?
         .to_vec();
     board.receive(&start);
     let mut bytes = Vec::new();
-    while board.now_s() < duration_s {
-        bytes.clear();
-        board.step(|byte| bytes.push(byte));
-        out.write_all(&bytes)?;
-    }
-    out.flush()?;
-    Ok(())
+    let mut progress = Progress::new("simulating", false);
+    write(path, |out| {
+        while board.now_s() < duration_s {
+            bytes.clear();
+            board.step(|byte| bytes.push(byte));
+            out.write_all(&bytes)?;
+            progress.at(milliseconds(board.now_s()), milliseconds(duration_s));
+        }
+        Ok(())
+    })
 }
 
 /// What there really is.
@@ -66,10 +80,12 @@ pub(crate) fn table(file: &SceneFile, board: SimBoard<Rubber>, every_s: f64, tru
     let pattern = Pattern::from_pairs(session.electrodes(), session.measurements())?;
     let mut frames = Vec::new();
     let mut next_s = 0.0;
+    let mut progress = Progress::new("simulating", false);
     loop {
         let frame = session
             .frame(Duration::from_secs(3))?
             .ok_or_else(|| anyhow!("the simulated board sends no frame any more"))?;
+        progress.at(milliseconds(frame.time_s), milliseconds(file.duration_s));
         if frame.time_s > file.duration_s {
             break;
         }
@@ -78,28 +94,30 @@ pub(crate) fn table(file: &SceneFile, board: SimBoard<Rubber>, every_s: f64, tru
             frames.push(frame);
         }
     }
+    drop(progress);
     if let Some(path) = truth {
-        let mut out = create(path)?;
-        for frame in &frames {
-            let now = file.scene.truth(frame.time_s).into_iter().map(|t| {
-                let mut probe = file.scene.probe(t.x_mm, t.y_mm);
-                probe.advance(frame.time_s);
-                TrueTouch {
-                    id: t.id,
-                    x_mm: t.x_mm,
-                    y_mm: t.y_mm,
-                    force_n: t.force_n,
-                    rise: probe.rise(),
-                }
-            });
-            let truth = Truth {
-                time_s: frame.time_s,
-                touches: now.collect(),
-            };
-            serde_json::to_writer(&mut out, &truth)?;
-            writeln!(out)?;
-        }
-        out.flush()?;
+        write(path, |out| {
+            for frame in &frames {
+                let now = file.scene.truth(frame.time_s).into_iter().map(|t| {
+                    let mut probe = file.scene.probe(t.x_mm, t.y_mm);
+                    probe.advance(frame.time_s);
+                    TrueTouch {
+                        id: t.id,
+                        x_mm: t.x_mm,
+                        y_mm: t.y_mm,
+                        force_n: t.force_n,
+                        rise: probe.rise(),
+                    }
+                });
+                let truth = Truth {
+                    time_s: frame.time_s,
+                    touches: now.collect(),
+                };
+                serde_json::to_writer(&mut *out, &truth)?;
+                writeln!(out)?;
+            }
+            Ok(())
+        })?;
     }
     let mut out = BufWriter::new(std::io::stdout().lock());
     writeln!(

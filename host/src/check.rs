@@ -1,6 +1,7 @@
 //! `skin check`: whether the electrodes are wired in the order that is said, and all of them give a signal.
 
 use crate::drive::DriveKind;
+use crate::ending;
 use crate::files::measurements::MeasurementTable;
 use crate::progress::Progress;
 use crate::recorded::SessionRecord;
@@ -33,9 +34,12 @@ pub(crate) struct Arguments {
     /// Table of measurements, as for `skin reconstruct` [default: a board's frames].
     #[arg(group = "source", value_name = "TABLE")]
     file: Option<PathBuf>,
-    /// Serial port of the board [default: the first on USB that may be one and answers].
+    /// Serial port of the board, or tcp://HOST:PORT of a bridge to it [default: the only board on USB].
     #[arg(long, group = "source", value_name = "PORT")]
     port: Option<String>,
+    /// Serial number of the board or of its adapter, as `skin list` shows them.
+    #[arg(long, group = "source", value_name = "SERIAL")]
+    serial: Option<String>,
     /// The simulated skin.
     #[arg(long, group = "source")]
     simulate: bool,
@@ -349,6 +353,13 @@ enum Source {
     Recording(PlayedBoard),
 }
 
+/// A board that measures until the end.
+fn started(port: Box<dyn link::Port>) -> Result<Session> {
+    let session = Session::start(port, adjacent_plan)?;
+    ending::stops(session.link())?;
+    Ok(session)
+}
+
 impl Source {
     fn of(arguments: &Arguments) -> Result<Self> {
         if let Some(path) = &arguments.from {
@@ -363,9 +374,12 @@ impl Source {
         }
         if let Some(path) = &arguments.port {
             let port = ports::open(path).map_err(|e| anyhow!(e))?;
-            return Ok(Self::Board(Session::start(port, adjacent_plan)?));
+            return Ok(Self::Board(started(port)?));
         }
-        match board::first(|port, _| Ok(Session::start(port, adjacent_plan)?))? {
+        match board::only(arguments.serial.as_deref(), |place| {
+            let port = place.open().map_err(|e| anyhow!(e))?;
+            started(port).with_context(|| place.path().to_owned())
+        })? {
             Ok(session) => Ok(Self::Board(session)),
             Err(why) => bail!(
                 "no board found ({why}); name its port with --port, a table of frames, a recording with --from, or ask the simulated \

@@ -4,7 +4,7 @@ use ::forward::Drive;
 use clap::ValueEnum;
 
 /// How the frames were driven.
-#[derive(Clone, Copy, Debug, ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum DriveKind {
     /// A voltage source behind switches, as on the board.
     Voltage,

@@ -2,6 +2,7 @@
 
 use crate::files::arrays::write::{ArrayFile, Mat, Npz, Of};
 use crate::files::order::Order;
+use crate::files::replace::beside;
 use crate::recorded::SessionRecord;
 use crate::recorded_frames::{self, Part, RecordedFrames, RecordedTable};
 use crate::usage::Usage;
@@ -10,8 +11,8 @@ use anyhow::{Context, Result, anyhow, bail};
 use clap::{Args, ValueEnum};
 use recording::{Reader, Topic};
 use serde_json::Value;
-use std::fs::{File, OpenOptions};
-use std::io::{BufWriter, Write};
+use std::fs::File;
+use std::io::{BufWriter, Error, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
 /// What to write.
@@ -80,10 +81,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         .out
         .clone()
         .unwrap_or_else(|| from.with_extension(arguments.to.ending()));
+    let beside = beside(&out);
     let mut made = false;
     let mut open = || -> Result<BufWriter<File>> {
-        let file = OpenOptions::new().write(true).create_new(true).open(&out);
-        let file = file.with_context(|| format!("{}: cannot be made; name a new file with --out", out.display()))?;
+        let there = out.try_exists().and_then(|there| match there {
+            true => Err(Error::new(ErrorKind::AlreadyExists, "there is a file of this name")),
+            false => File::create(&beside),
+        });
+        let file = there.with_context(|| format!("{}: cannot be made; name a new file with --out", out.display()))?;
         made = true;
         Ok(BufWriter::new(file))
     };
@@ -96,9 +101,16 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
             Mat::new(file, "frames recorded by skin")
         }),
     };
+    // No part passes for the whole: it gets its name at the end.
+    let written = written.and_then(|what| {
+        let named = File::open(&beside)
+            .and_then(|file| file.sync_all())
+            .and_then(|()| std::fs::rename(&beside, &out));
+        named.with_context(|| format!("{}: cannot be written", out.display()))?;
+        Ok(what)
+    });
     if written.is_err() && made {
-        // No part passes for the whole.
-        let _ = std::fs::remove_file(&out);
+        let _ = std::fs::remove_file(&beside);
     }
     let what = written?;
     eprintln!("{}: {what}", out.display());
@@ -353,7 +365,16 @@ fn baseline(path: &Path, numbers: &[u32]) -> Result<Option<Vec<f64>>> {
 fn touches(path: &Path, open: Open<'_>) -> Result<String> {
     SessionRecord::read(path)?;
     let mut out = open()?;
-    let keys = ["id", "x_mm", "y_mm", "rise", "area_mm2", "total_mm2", "force_n"];
+    let keys = [
+        "id",
+        "x_mm",
+        "y_mm",
+        "rise",
+        "area_mm2",
+        "total_mm2",
+        "force_n",
+        "uncalibrated",
+    ];
     writeln!(out, "unix_s,time_s,frame,{}", keys.join(","))?;
     let mut reader = Reader::open(path)?;
     let (mut pictures, mut count) = (0, 0);

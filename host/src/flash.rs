@@ -94,11 +94,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
 }
 
 fn only_port() -> Result<String> {
-    let candidates = ports::candidates().context("the serial ports cannot be listed")?;
-    match &candidates.likely[..] {
+    let all = ports::usb_ports().context("the serial ports cannot be listed")?;
+    let likely: Vec<String> = all.iter().filter(|p| p.likely).map(|p| p.path.clone()).collect();
+    match &likely[..] {
         [] => bail!(
             "there is no serial port on USB as a board has{}: plug the board in, or name its port with --port",
-            candidates.left_alone()
+            ports::left_alone(&all)
         ),
         [one] => Ok(one.clone()),
         several => bail!(

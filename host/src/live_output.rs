@@ -1,26 +1,28 @@
 //! What `skin run` shows: the page, JSON lines, the line on the terminal, doubts.
 
+use crate::event::{Event, Said};
 use crate::files::baseline_file::unix_s;
-use crate::recorded::pressed;
+use crate::json_lines::{self, Beside};
+use crate::recorded::SessionRecord;
 use crate::say::say;
 use anyhow::{Context, Result};
 use inverse::pipeline::FrameResult;
 use inverse::quality::doubt::Doubt;
 use inverse::reference::diagnosis::Fault;
-use inverse::reference::drift::Drift;
 use inverse::reference::imager::Imager;
 use inverse::reference::inspection::Inspection;
 use inverse::reference::screening::{Finding, FindingKind};
+use inverse::touches::gestures::TouchEvent;
 use inverse::touches::touch::Touch;
-use link::{LinkCounters, LinkNotice, MeasuredFrame};
+use link::{LinkCounters, MeasuredFrame, Session};
 use recording::Counts;
-use serde::Serialize;
 use std::collections::VecDeque;
-use std::io::{IsTerminal, Write};
+use std::io::IsTerminal;
 use std::mem::Discriminant;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant, SystemTime};
+use view::labels;
 use view::picture::{BaselineNote, Picture, Stats};
 use view::png;
 use view::surface::Surface;
@@ -28,61 +30,8 @@ use view::web::{Command, LiveView};
 
 /// A doubt that lasts is said again after so long.
 const SAID_AGAIN: Duration = Duration::from_secs(10);
-/// What is said of the line is shown for so long.
-const LINE_SHOWN: Duration = Duration::from_secs(1);
-
-#[derive(Serialize)]
-struct Line<'a> {
-    frame: u32,
-    time_s: f64,
-    touches: Vec<&'a Touch>,
-    residual: f64,
-    gap: f64,
-    solve_us: f64,
-    lost_frames: u64,
-    /// Passed over so far for newer ones.
-    skipped_frames: u64,
-    /// What the frames are compared with.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    baseline: Option<BaselineLine<'a>>,
-    /// What speaks against the touches.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    doubt: Option<Doubt>,
-    /// What is broken on the board or at its wires.
-    #[serde(skip_serializing_if = "<[_]>::is_empty")]
-    faults: &'a [Fault],
-    /// What was lost on the line within the last second.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    line: Option<&'a str>,
-    /// What drifted since the baseline.
-    #[serde(skip_serializing_if = "Drift::is_none")]
-    drift: &'a Drift,
-    /// What is left out of all frames, since it is wrong in the baseline.
-    #[serde(skip_serializing_if = "<[_]>::is_empty")]
-    left_out: &'a [Finding],
-}
-
-/// The baseline in force.
-#[derive(Serialize)]
-struct BaselineLine<'a> {
-    age_s: f64,
-    /// Whether it was not taken now, but stored.
-    stored: bool,
-    /// What speaks against it.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    warning: Option<&'a str>,
-}
-
-impl<'a> BaselineLine<'a> {
-    fn of(note: &'a BaselineNote, now_unix_s: f64) -> Self {
-        Self {
-            // In whole seconds: the system's clock is no more certain.
-            age_s: (now_unix_s - note.taken_unix_s).max(0.0).floor(),
-            stored: note.stored,
-            warning: note.warning.as_deref(),
-        }
-    }
-}
+/// What is said of the line is shown for so long, s of the board's time.
+const LINE_SHOWN_S: f64 = 1.0;
 
 /// Where pictures go, with what was shown before.
 pub(crate) struct Output {
@@ -91,6 +40,8 @@ pub(crate) struct Output {
     json: bool,
     /// What time it is, s since 1970, in a recording that is played.
     now_unix_s: Option<f64>,
+    /// Whether forces are those of a typical rubber.
+    uncalibrated: bool,
     source: String,
     baseline: Option<BaselineNote>,
     last: Option<Arc<Picture>>,
@@ -109,8 +60,8 @@ pub(crate) struct Output {
     /// What is broken, as it was said last, and when.
     faults: Vec<Fault>,
     faults_said: Instant,
-    /// What was said of the line last, and when.
-    line: Option<(String, Instant)>,
+    /// What was said of the line last, and the board's time of the frame after it, s.
+    line: Option<(String, Option<f64>)>,
     /// When a drift was said last.
     drifted: Option<Instant>,
 }
@@ -125,6 +76,7 @@ impl Output {
             page,
             json,
             now_unix_s: None,
+            uncalibrated: false,
             source,
             baseline: None,
             last: None,
@@ -198,6 +150,7 @@ impl Output {
         result: &FrameResult,
         frame: &MeasuredFrame,
         counters: LinkCounters,
+        events: &[TouchEvent],
     ) -> Result<()> {
         self.say_faults(result, frame);
         // A fault is said already.
@@ -218,7 +171,7 @@ impl Output {
             say!("notice: frame {}: {notice}", frame.sequence);
             self.drifted = Some(Instant::now());
         }
-        let line = self.line_text();
+        let line = self.line_text(frame.time_s);
         let status = result.doubt.map(|d| d.to_string());
         let status = status
             .or_else(|| result.faults.first().map(ToString::to_string))
@@ -226,9 +179,14 @@ impl Output {
         let status = status.or_else(|| notice.map(|n| n.to_string()));
         self.show(imager, result, frame, counters, status)?;
         if self.json {
-            let now_unix_s = self.now_unix_s.unwrap_or_else(|| unix_s(SystemTime::now()));
-            let baseline = self.baseline.as_ref().map(|note| BaselineLine::of(note, now_unix_s));
-            return print(result, frame, counters, baseline, (&self.left_out, line.as_deref()));
+            let beside = Beside {
+                events,
+                unix_s: self.unix_s(),
+                baseline: self.baseline.as_ref(),
+                line: line.as_deref(),
+                left_out: &self.left_out,
+            };
+            return json_lines::write(&json_lines::picture(result, frame, counters, &beside)?);
         }
         self.status(result);
         Ok(())
@@ -252,17 +210,69 @@ impl Output {
         self.faults.clone_from(&result.faults);
     }
 
-    /// Says something of the line.
-    pub(crate) fn say_line(&mut self, notice: LinkNotice) {
+    /// What time it is, s since 1970: now, or in the recording that is played.
+    fn unix_s(&self) -> f64 {
+        self.now_unix_s.unwrap_or_else(|| unix_s(SystemTime::now()))
+    }
+
+    /// Begins with what is known before the first picture: the header of the JSON lines, where they are asked for.
+    ///
+    /// # Errors
+    /// Nobody reads them.
+    pub(crate) fn header(&mut self, session: &Session, record: &SessionRecord) -> Result<()> {
+        self.uncalibrated = record.is_uncalibrated();
+        if self.json {
+            json_lines::header(session, record)?;
+        }
+        Ok(())
+    }
+
+    /// Tells what happened: on stderr where it is of the line, in JSON, and on the page.
+    ///
+    /// # Errors
+    /// Nobody reads it.
+    pub(crate) fn event(&mut self, said: &Said) -> Result<()> {
+        let last_s = self.times.back().copied();
+        if self.json {
+            json_lines::event(said, last_s, self.unix_s())?;
+        }
+        if !said.is_of_line() {
+            return Ok(());
+        }
         self.end_status();
-        say!("warning: {notice}");
-        self.line = Some((notice.to_string(), Instant::now()));
+        let level = if said.is_good() { "notice" } else { "warning" };
+        say!("{level}: {}", said.text);
+        match said.event {
+            Event::BoardAway { .. } | Event::OtherBoard { .. } => self.show_away(Some(&said.text))?,
+            Event::BoardBack { .. } => {
+                // Rates are counted anew.
+                self.times.clear();
+                self.show_away(None)?;
+            }
+            _ => self.line = Some((said.text.clone(), None)),
+        }
+        Ok(())
+    }
+
+    /// Shows the last picture as one that is old, since the board is away, or no more.
+    fn show_away(&mut self, why: Option<&str>) -> Result<()> {
+        let Some(last) = &self.last else { return Ok(()) };
+        let mut picture = Picture::clone(last);
+        picture.stats.away = why.map(str::to_owned);
+        picture.stats.frames_per_s = 0.0;
+        let picture = Arc::new(picture);
+        if let Some(page) = &self.page {
+            page.publish(Arc::clone(&picture))?;
+        }
+        self.last = Some(picture);
+        Ok(())
     }
 
     /// What was said of the line a moment ago.
-    fn line_text(&self) -> Option<String> {
-        let (text, _) = self.line.as_ref().filter(|(_, at)| at.elapsed() < LINE_SHOWN)?;
-        Some(text.clone())
+    fn line_text(&mut self, now_s: f64) -> Option<String> {
+        let (text, at) = self.line.as_mut()?;
+        let shown_s = now_s - *at.get_or_insert(now_s);
+        (0.0..LINE_SHOWN_S).contains(&shown_s).then(|| text.clone())
     }
 
     /// Electrodes that are broken, now or in the baseline, from 0.
@@ -326,6 +336,8 @@ impl Output {
             baseline: self.baseline.clone(),
             faulty: self.faulty(result),
             status,
+            away: None,
+            uncalibrated: self.uncalibrated,
         };
         // What shows nothing new is drawn only now and then, for the rates beside it.
         let old = !result.anew && stats.status.is_none();
@@ -363,8 +375,8 @@ impl Output {
             .iter()
             .filter(|t| t.is_pressed())
             .map(|t| {
-                let force = t.force_n.map_or(String::new(), |f| format!(" {f:.1} N"));
-                format!("({:.0}, {:.0}) mm {:+.0} %{force}", t.x_mm, t.y_mm, 100.0 * t.rise)
+                let rise = labels::strength_text(t);
+                format!("({:.0}, {:.0}) mm {rise}", t.x_mm, t.y_mm)
             })
             .collect();
         let mut text = if list.is_empty() {
@@ -376,6 +388,10 @@ impl Output {
             let size_mb = counts.file_bytes as f64 / 1e6;
             text = format!("recorded {} frames, {size_mb:.1} MB   {text}", counts.frames);
         }
+        // A line that wraps could not be written over.
+        if let Some((terminal_size::Width(columns), _)) = terminal_size::terminal_size_of(std::io::stderr()) {
+            text = cut(&text, usize::from(columns).saturating_sub(1));
+        }
         if text != self.said {
             eprint!("\r\x1b[K{text}");
             self.said = text;
@@ -383,32 +399,29 @@ impl Output {
     }
 }
 
-/// One JSON object on stdout.
-fn print(
-    result: &FrameResult,
-    frame: &MeasuredFrame,
-    counters: LinkCounters,
-    baseline: Option<BaselineLine<'_>>,
-    (left_out, line): (&[Finding], Option<&str>),
-) -> Result<()> {
-    let mut out = std::io::stdout().lock();
-    let line = Line {
-        frame: frame.sequence,
-        time_s: frame.time_s,
-        touches: pressed(result),
-        residual: result.residual,
-        gap: result.gap,
-        solve_us: result.solve_us,
-        lost_frames: counters.lost_frames,
-        skipped_frames: counters.skipped_frames,
-        baseline,
-        doubt: result.doubt,
-        faults: &result.faults,
-        line,
-        drift: &result.drift,
-        left_out,
-    };
-    serde_json::to_writer(&mut out, &line)?;
-    writeln!(out)?;
-    Ok(())
+/// A text of so many characters at most, which ends with an ellipsis where it was longer.
+fn cut(text: &str, most: usize) -> String {
+    if text.chars().count() <= most {
+        return text.to_owned();
+    }
+    let kept: String = text.chars().take(most.saturating_sub(1)).collect();
+    if most == 0 { kept } else { kept + "\u{2026}" }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_cut_text_is_never_longer_and_begins_as_the_whole() {
+        let text = "(12, \u{2212}40) mm +20 %  \u{2248} 12 N";
+        let length = text.chars().count();
+        assert_eq!(cut(text, length), text);
+        for most in 0..length {
+            let cut = cut(text, most);
+            assert_eq!(cut.chars().count(), most);
+            let begin = cut.strip_suffix('\u{2026}').unwrap_or(&cut);
+            assert!(text.starts_with(begin) && (cut.ends_with('\u{2026}') || most == 0));
+        }
+    }
 }

@@ -1,25 +1,52 @@
 //! `skin`: the tactile skin's command line. Data go to stdout, everything else to stderr.
 #![forbid(unsafe_code)]
 
+/// The standard library's panics where the reader has gone, as after `skin ... 2>&1 | head -1`.
+macro_rules! println {
+    ($($text:tt)*) => { $crate::say::out(format_args!($($text)*)) };
+}
+/// As [`println!`].
+macro_rules! eprint {
+    ($($text:tt)*) => { $crate::say::err(format_args!($($text)*)) };
+}
+/// As [`println!`].
+macro_rules! eprintln {
+    () => { $crate::say::err(format_args!("\n")) };
+    ($($text:tt)*) => { $crate::say::err(format_args!("{}\n", format_args!($($text)*))) };
+}
+
 mod baselines;
 mod bench;
 mod board;
 mod calibrate;
 mod capture;
 mod check;
+mod commands;
+mod completions;
+mod config;
 mod drive;
+mod ending;
+mod event;
 mod export;
 mod files;
 mod flash;
 mod forward;
 mod hello;
 mod info;
+mod json_lines;
+mod latency;
+mod list;
 mod live_output;
+mod live_run;
 mod method;
+#[cfg(test)]
+mod mutated;
 mod number;
+mod page;
 mod paper;
 mod phantom;
 mod plan;
+mod presses;
 mod progress;
 mod reconstruct;
 mod record;
@@ -31,30 +58,30 @@ mod replay;
 mod replayed;
 mod rise;
 mod run;
+mod run_arguments;
 mod say;
 mod scene;
+mod script;
 mod settings;
 mod sheet;
 mod sim;
 mod simulated_skin;
+mod source;
 mod table_baseline;
+mod table_batch;
 mod table_pattern;
 mod table_sheet;
 mod usage;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 use std::io::IsTerminal;
 use std::process::ExitCode;
 use tracing_subscriber::filter::{LevelFilter, Targets};
 use tracing_subscriber::prelude::*;
 
-/// A tactile skin without a wire in it: pictures of pressure by electrical impedance tomography.
-///
-/// Without a command: shows the board that is plugged in, or the simulated skin when there is none, live in the browser.
-///
-/// Exit codes: 0 all went well, 1 an error (said on stderr), 2 wrong usage.
+/// A tactile skin without a wire in it, by electrical impedance tomography.
 #[derive(Debug, Parser)]
-#[command(name = "skin", version, args_conflicts_with_subcommands = true)]
+#[command(name = "skin", version, args_conflicts_with_subcommands = true, help_template = HELP)]
 struct Cli {
     #[command(subcommand)]
     command: Option<Command>,
@@ -62,9 +89,26 @@ struct Cli {
     run: run::Arguments,
 }
 
+/// The help of the program itself: one screen. The options of `skin` alone are those of `skin run`.
+const HELP: &str = "\
+{about}
+
+    skin                      live picture of the board or of the simulated skin
+    skin record touches.mcap  keeps what the board sends, for skin replay
+    skin reconstruct frames.csv --baseline 1,2,3
+
+Usage: skin [COMMAND] [OPTIONS]
+
+{subcommands}
+
+skin COMMAND --help lists the options, skin run --help those of skin alone.
+What is the same on every call goes into a file: docs/configuration.md.
+Exit codes: 0 all went well, 1 an error (said on stderr), 2 wrong usage.
+";
+
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Live pictures of the board, or of the simulated skin (what `skin` alone does).
+    /// Live pictures of the board, or of the simulated skin; skin alone.
     Run(run::Arguments),
     /// Records a board into a file: what it sends and what is made of it.
     Record(record::Arguments),
@@ -78,24 +122,34 @@ enum Command {
     Recover(recover::Arguments),
     /// Touches and pictures from a table of measured frames.
     Reconstruct(reconstruct::Arguments),
-    /// Whether the electrodes are wired in the order that is said, and all of them give a signal.
+    /// Whether the electrodes are wired in order, and give a signal.
     Check(check::Arguments),
     /// What a touched sheet gives: the table of measurements, simulated.
     Forward(forward::Arguments),
-    /// What the reconstruction costs and how good it is, measured on this machine with simulated frames.
+    /// What the reconstruction costs and how good it is, measured here.
     Bench(bench::Arguments),
-    /// The source paper's experiments again, on the simulated skin: one report with every figure and number.
+    /// The source paper's experiments again, simulated, as one report.
     Paper(paper::Arguments),
-    /// The rubber's creep and the force of a touch, from a press-and-hold: for `run --calibration`.
+    /// The rubber's creep and force from a press; a real skin's maps.
+    ///
+    /// What `run --calibration` takes. `calibrate presses` makes maps of a real skin from presses at known places.
     Calibrate(calibrate::Arguments),
     /// Programs a board over its serial cable.
     Flash(flash::Arguments),
+    /// The boards on this computer: ports, serial numbers, names.
+    List(list::Arguments),
     /// Who the board is, and its self-test.
     Hello(hello::Arguments),
-    /// A simulated board with a scene on its sheet: its frames as a table, its bytes, or a serial port to read them from.
+    /// A simulated board: its frames as a table, bytes, a serial port.
+    ///
+    /// A scene on its sheet says what touches it.
     Sim(sim::Arguments),
-    /// What a board measures, watches and does at power-up: shows, sets, stores and forgets it.
+    /// What a board measures, watches and does at power-up.
+    ///
+    /// Shows, sets, stores and forgets it.
     Settings(settings::Arguments),
+    /// A script that completes commands and options in a shell.
+    Completions(completions::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -103,9 +157,12 @@ fn main() -> ExitCode {
     // What the library has to say beside its results; RUST_LOG asks for more.
     let asked = std::env::var("RUST_LOG").ok().and_then(|levels| levels.parse().ok());
     let levels = asked.unwrap_or_else(|| Targets::new().with_default(LevelFilter::WARN));
+    let no_colour = std::env::var_os("NO_COLOR").is_some_and(|v| !v.is_empty());
     let log = tracing_subscriber::fmt::layer()
         .with_writer(std::io::stderr)
-        .with_ansi(std::io::stderr().is_terminal());
+        // A log that cannot be written is no reason to end.
+        .log_internal_errors(false)
+        .with_ansi(std::io::stderr().is_terminal() && !no_colour);
     // Fails only where there is a subscriber already.
     let _ = tracing_subscriber::registry().with(log).with(levels).try_init();
     let outcome = match cli.command {
@@ -116,6 +173,7 @@ fn main() -> ExitCode {
         Some(Command::Paper(arguments)) => paper::run(&arguments),
         Some(Command::Calibrate(arguments)) => calibrate::run(&arguments),
         Some(Command::Flash(arguments)) => flash::run(&arguments),
+        Some(Command::List(arguments)) => list::run(&arguments),
         Some(Command::Hello(arguments)) => hello::run(&arguments),
         Some(Command::Sim(arguments)) => sim::run(&arguments),
         Some(Command::Settings(arguments)) => settings::run(&arguments),
@@ -125,6 +183,7 @@ fn main() -> ExitCode {
         Some(Command::Info(arguments)) => info::run(&arguments),
         Some(Command::Export(arguments)) => export::run(&arguments),
         Some(Command::Recover(arguments)) => recover::run(&arguments),
+        Some(Command::Completions(arguments)) => completions::run(&arguments, Cli::command()),
         None => run::run(&cli.run),
     };
     match outcome {

@@ -1,6 +1,7 @@
 //! How far a long table is, on stderr.
 
 use std::io::{IsTerminal, Write};
+use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
 /// Nothing is said of what takes less.
@@ -58,4 +59,30 @@ impl Drop for Progress {
             let _ = write!(std::io::stderr(), "\r\x1b[K");
         }
     }
+}
+
+/// Does a work that does not say how far it is, and says how long it has taken: on a terminal after two seconds, in a log after ten.
+pub(crate) fn meanwhile<T>(what: &str, silent: bool, work: impl FnOnce() -> T) -> T {
+    if silent {
+        return work();
+    }
+    let pause = if std::io::stderr().is_terminal() {
+        PATIENCE
+    } else {
+        LOG_EVERY
+    };
+    let (done, wait) = channel::<()>();
+    std::thread::scope(|scope| {
+        scope.spawn(move || {
+            let started = Instant::now();
+            while wait.recv_timeout(pause) == Err(RecvTimeoutError::Timeout) {
+                let taken_s = started.elapsed().as_secs_f64();
+                // Whoever reads no stderr has lost nothing but this.
+                let _ = writeln!(std::io::stderr(), "{what}: {taken_s:.0} s so far");
+            }
+        });
+        let result = work();
+        drop(done);
+        result
+    })
 }

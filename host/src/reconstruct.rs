@@ -6,9 +6,13 @@ use crate::files::calibration_file;
 use crate::files::measurements::MeasurementTable;
 use crate::files::order::Order;
 use crate::files::ordered;
+use crate::files::replace::replace;
+use crate::files::sheet_line::SheetLine;
+use crate::presses::{self, file::PressCalibration};
 use crate::progress::Progress;
 use crate::recorded_frames::{self, Part};
 use crate::table_baseline::{BaselineArguments, Frame};
+use crate::table_batch::{How, TableBatch};
 use crate::table_sheet::Geometry;
 use crate::usage::Usage;
 use crate::{number, sheet};
@@ -28,7 +32,6 @@ use serde::Serialize;
 use std::collections::HashSet;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use view::picture::Stats;
 use view::png;
 use view::surface::Surface;
@@ -77,9 +80,9 @@ pub(crate) struct Arguments {
     /// Which way touches change the resistance of the sheet [default: the way that explains a frame].
     #[arg(long, value_name = "WAY", value_parser = crate::rise::parser())]
     rise: Option<Polarity>,
-    /// Forces in newtons with the creep of the rubber taken out, by what `skin calibrate` wrote; the frames are those of one
-    /// recording in the order of the columns.
-    #[arg(long, requires = "frame_s", value_name = "FILE")]
+    /// What `skin calibrate` wrote. With --frame-s forces in newtons with the creep of the rubber taken out, the frames being those of one
+    /// recording in the order of the columns. What `skin calibrate presses` wrote locates presses by it, in place of the model.
+    #[arg(long, value_name = "FILE")]
     calibration: Option<PathBuf>,
     /// The frames follow one another, so many s from one to the next: what is broken or changed on the sheet is then told over several of
     /// them.
@@ -152,6 +155,9 @@ struct Source {
     /// What the reader of the table assumed or left out.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     notes: Vec<String>,
+    /// A calibration from presses whose sheet this is.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    calibration: Option<String>,
 }
 
 /// A frame's name, what it was compared with, and what came of it.
@@ -222,19 +228,84 @@ fn read(arguments: &Arguments) -> Result<Input> {
     })
 }
 
+/// What was given that only a reconstruction by the sheet's model uses.
+fn of_the_model(arguments: &Arguments) -> Vec<&'static str> {
+    let mut list = arguments.geometry.given();
+    list.extend(
+        [
+            (arguments.png.is_some(), "--png"),
+            (arguments.cells.is_some(), "--cells"),
+            (arguments.drive != DriveKind::Voltage, "--drive"),
+            (arguments.trust_electrodes, "--trust-electrodes"),
+            (!arguments.wires.is_empty(), "--wires"),
+            (arguments.method != Method::Nnls, "--method"),
+            (arguments.rise.is_some(), "--rise"),
+            (arguments.frame_s.is_some(), "--frame-s"),
+            (arguments.baseline.has_unit(), "--unit-v"),
+        ]
+        .iter()
+        .filter_map(|(given, name)| given.then_some(*name)),
+    );
+    list
+}
+
+/// Locates presses by what others taught.
+fn by_presses(
+    arguments: &Arguments,
+    table: &MeasurementTable,
+    calibration: &PressCalibration,
+    baseline: Option<&str>,
+) -> Result<()> {
+    let of_the_model = of_the_model(arguments);
+    if !of_the_model.is_empty() {
+        let why = "a calibration from presses takes the place of the sheet's model, and gives places only; leave out";
+        return Err(Usage(format!("{why} {}", of_the_model.join(", "))).into());
+    }
+    let compared = arguments.baseline.or(baseline);
+    presses::locate::run(
+        table,
+        calibration,
+        &compared.comparison(),
+        arguments.json,
+        arguments.no_progress,
+    )
+}
+
 /// Runs the command.
 ///
 /// # Errors
 /// A table or a sheet that makes no sense, a frame that is not there, a picture that cannot be written.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
-    let calibration = arguments
-        .calibration
-        .as_deref()
-        .map(calibration_file::read)
-        .transpose()?;
+    let of_presses = arguments.calibration.as_deref().filter(|path| presses::file::is(path));
+    let rubber = arguments.calibration.as_deref().filter(|_| of_presses.is_none());
+    if rubber.is_some() && arguments.frame_s.is_none() {
+        let why = "--calibration of the rubber's creep needs --frame-s: the time from a frame to the next";
+        return Err(Usage(why.to_owned()).into());
+    }
+    let calibration = rubber.map(calibration_file::read).transpose()?;
     let Input { table, sheet, baseline } = read(arguments)?;
+    let of_presses = of_presses.map(presses::file::read).transpose()?;
+    // The sheet of a model that locates the calibration's presses better than what they taught.
+    let mut calibrated = None;
+    if let Some(presses) = of_presses {
+        let Some((sheet, median_mm)) = &presses.better else {
+            return by_presses(arguments, &table, &presses, baseline.as_deref());
+        };
+        eprintln!(
+            "calibration: {}: the sheet's model located its presses better than what they taught ({median_mm:.2} mm median error), and \
+             is used",
+            presses.file
+        );
+        calibrated = Some((presses.file.clone(), sheet.clone()));
+    }
     let method = arguments.method;
-    let chosen = arguments.geometry.choose_with(&table, method, sheet)?;
+    let known = sheet.or_else(|| calibrated.as_ref().map(|(_, sheet)| sheet.clone()));
+    let chosen = arguments.geometry.choose_with(&table, method, known)?;
+    if let Some((file, calibrated)) = &calibrated
+        && let Some(difference) = SheetLine::of(calibrated)?.differs(&chosen.line)
+    {
+        bail!("{file}: it was made on another sheet than the one used: {difference}; calibrate on this sheet");
+    }
     if let Some(missing) = chosen.table_pattern.missing_text(&table.measurements) {
         eprintln!("warning: {}: {missing}", table.file);
     }
@@ -248,46 +319,40 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
             .map(|m| [m.drive.plus, m.drive.minus, m.sense.minus, m.sense.plus].map(|e| e + 1))
             .collect(),
         notes: table.notes.clone(),
+        calibration: calibrated.map(|(file, _)| file),
     };
-    let imager = Arc::new(Imager::for_method(
+    let pattern = sheet::rewired(chosen.pattern, &arguments.wires)?;
+    let how = How {
+        drive: arguments.drive.drive(),
         method,
-        &chosen.sheet,
-        arguments.drive.drive(),
-        sheet::rewired(chosen.pattern, &arguments.wires)?,
-        chosen.cell_mm,
-    )?);
-    let prepared = arguments.baseline.or(baseline.as_deref()).prepare(&table, &imager)?;
+        polarity: arguments.rise,
+        trust_electrodes: arguments.trust_electrodes,
+        frame_s: arguments.frame_s,
+        calibration,
+        no_progress: arguments.no_progress,
+    };
+    let compared = arguments.baseline.or(baseline.as_deref());
+    let ready = TableBatch::new(&table, (&chosen.sheet, pattern, chosen.cell_mm), &compared, &how)?;
     eprintln!(
         "sheet: {}; pattern: {}; baseline: {}",
-        source.sheet, source.pattern, prepared.name
+        source.sheet, source.pattern, ready.prepared.name
     );
-    let unpressed: Vec<&[f64]> = prepared.unpressed.iter().map(AsRef::as_ref).collect();
-    let defaults = BatchOptions::of(method);
-    let options = BatchOptions {
-        polarity: arguments.rise,
-        find_electrodes: defaults.find_electrodes && prepared.measured && !arguments.trust_electrodes,
-        interval_s: arguments.frame_s,
-        calibration,
-        noise_frames: if prepared.tells_noise {
-            defaults.noise_frames
-        } else {
-            usize::MAX
-        },
-        ..defaults
-    };
-    let mut batch = Batch::new(imager, &unpressed, options)?;
+    if let Some(left_out) = &ready.prepared.left_out {
+        eprintln!("warning: {left_out}");
+    }
+    let mut batch = ready.batch()?;
     sheet::say(batch.inspection());
     if let Some(found) = &batch.inspection().electrodes {
         let most = found.moved_mm.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
         eprintln!("electrodes found in the baseline, up to {most:.1} mm from where they were said to be");
     }
-    let results = reconstruct(arguments, &table, prepared.frames, &mut batch)?;
+    let results = reconstruct(arguments, &table, ready.prepared.frames, &mut batch)?;
     let by_residual = |done: &Done| matches!(done.result.noise.map(|n| n.source), Some(NoiseSource::Residual { .. }));
     if results.iter().any(by_residual) {
         eprintln!(
             "notice: no pairs of this pattern are reciprocal, so that the noise is estimated from the part of a frame that touches \
              hardly reach. {} or more frames of the unpressed sheet (--baseline) measure it, and make weak touches surer",
-            defaults.noise_frames
+            BatchOptions::of(method).noise_frames
         );
     }
     // Everything is computed and every picture written before the first line is printed: no part passes for the whole.
@@ -359,7 +424,8 @@ fn write_cells(folder: &Path, imager: &Imager, results: &[Done<'_>]) -> Result<(
     let names = file_names(results.iter().map(|done| done.frame), "csv");
     for (done, file) in results.iter().zip(names) {
         let path = folder.join(file);
-        std::fs::write(&path, cells(imager, &done.result.x))
+        let text = cells(imager, &done.result.x);
+        replace(&path, |new| new.write_all(text.as_bytes()))
             .with_context(|| format!("{}: cannot write the cells", path.display()))?;
     }
     Ok(())

@@ -1,7 +1,8 @@
 //! `skin record`: everything that a board sends and what is made of it, into a file, without a page.
 
 use crate::number;
-use crate::run::{Outputs, ShowArguments, SourceArguments, live};
+use crate::run::{Outputs, live};
+use crate::run_arguments::{ShowArguments, SourceArguments};
 use anyhow::Result;
 use clap::Args;
 use std::path::PathBuf;

@@ -1,23 +1,24 @@
 //! What a recording holds beside the wire, as `skin run` writes it and a replay reads it.
 
+use crate::event::Said;
 use crate::files::calibration_file;
 use ::forward::Sheet;
 use ::forward::file::{parse_sheet, sheet_text};
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::{Context, Result, bail};
 use inverse::force::meter::Calibration;
 use inverse::live::LiveOptions;
 use inverse::pipeline::FrameResult;
 use inverse::quality::doubt::Doubt;
 use inverse::reference::baseline::Baseline;
+use inverse::reference::diagnosis::Fault;
 use inverse::reference::screening::Finding;
+use inverse::touches::gestures::{GestureOptions, TouchEvent};
 use inverse::touches::touch::Touch;
 use link::{LinkCounters, MeasuredFrame};
 use protocol::Hello;
 use recording::{FORMAT, Reader, Tap, Topic};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use std::fs::File;
-use std::io::BufReader;
 use std::path::Path;
 use std::sync::Arc;
 use view::picture::{BaselineNote, Picture};
@@ -52,6 +53,9 @@ pub(crate) struct SessionRecord {
     pub(crate) wires: Vec<usize>,
     /// TOML.
     pub(crate) calibration: Option<String>,
+    /// None where it is calibrated, and in recordings of a program that gave no such forces.
+    #[serde(default)]
+    pub(crate) uncalibrated_n_per_mm2: Option<f64>,
     pub(crate) find_electrodes: bool,
     pub(crate) baseline_frames: usize,
     pub(crate) method: String,
@@ -101,6 +105,7 @@ impl SessionRecord {
             sheet: sheet_text(of.sheet)?,
             wires: of.wires.to_vec(),
             calibration: calibration.transpose()?,
+            uncalibrated_n_per_mm2: options.uncalibrated_n_per_mm2.filter(|_| options.calibration.is_none()),
             find_electrodes: options.find_electrodes,
             baseline_frames: options.baseline_frames,
             method: options.method.name().to_owned(),
@@ -143,6 +148,20 @@ impl SessionRecord {
         Ok(self.calibration.as_ref().map(read).transpose()?)
     }
 
+    /// Whether its forces are those of a typical rubber.
+    pub(crate) fn is_uncalibrated(&self) -> bool {
+        self.uncalibrated_n_per_mm2.is_some()
+    }
+
+    /// What its touch events are defined by. With a calibration dents are no touches.
+    pub(crate) fn gestures(&self) -> GestureOptions {
+        let defined = GestureOptions::default();
+        GestureOptions {
+            dent_part: defined.dent_part.filter(|_| self.calibration.is_none()),
+            ..defined
+        }
+    }
+
     /// The options of its reconstruction.
     ///
     /// # Errors
@@ -154,6 +173,7 @@ impl SessionRecord {
             polarity: self.rise.as_deref().map(str::parse).transpose()?,
             find_electrodes: self.find_electrodes,
             calibration: self.calibration()?,
+            uncalibrated_n_per_mm2: self.uncalibrated_n_per_mm2,
             reach: self.reach,
             patience_s: self.patience_s,
             ..LiveOptions::default()
@@ -250,6 +270,10 @@ pub(crate) enum LiveRecord {
     Resume { baseline: BaselineRecord },
     /// What is said of the one in force.
     InForce { note: Option<NoteRecord> },
+    /// Something happened on the line.
+    Event { said: Said },
+    /// Bytes that follow came by a port that was opened again; the recorder writes it.
+    Port,
 }
 
 /// The touches of a picture.
@@ -258,6 +282,7 @@ struct TouchesRecord<'a> {
     frame: u32,
     time_s: f64,
     touches: &'a [&'a Touch],
+    events: &'a [TouchEvent],
     changed: bool,
     residual: f64,
     gap: f64,
@@ -267,6 +292,7 @@ struct TouchesRecord<'a> {
     skipped_frames: u64,
     #[serde(skip_serializing_if = "Option::is_none")]
     doubt: Option<Doubt>,
+    faults: &'a [Fault],
 }
 
 #[derive(Serialize)]
@@ -345,6 +371,11 @@ impl Notes {
         self.step(None, &LiveRecord::Resume { baseline });
     }
 
+    pub(crate) fn event(&self, said: &Said) {
+        let said = said.clone();
+        self.step(None, &LiveRecord::Event { said });
+    }
+
     pub(crate) fn in_force(&mut self, note: Option<BaselineNote>, left_out: Vec<Finding>) {
         let note = note.map(NoteRecord::from);
         self.step(None, &LiveRecord::InForce { note });
@@ -368,12 +399,19 @@ impl Notes {
     }
 
     /// The touches of a picture, and what belongs to them.
-    pub(crate) fn picture(&mut self, result: &FrameResult, frame: &MeasuredFrame, counters: LinkCounters) {
+    pub(crate) fn picture(
+        &mut self,
+        result: &FrameResult,
+        frame: &MeasuredFrame,
+        counters: LinkCounters,
+        events: &[TouchEvent],
+    ) {
         let touches = pressed(result);
         let record = TouchesRecord {
             frame: frame.sequence,
             time_s: frame.time_s,
             touches: &touches,
+            events,
             changed: result.changed,
             residual: result.residual,
             gap: result.gap,
@@ -382,6 +420,7 @@ impl Notes {
             lost_frames: counters.lost_frames,
             skipped_frames: counters.skipped_frames,
             doubt: result.doubt,
+            faults: &result.faults,
         };
         self.tap.put(Topic::Touches, Some(frame.time_s), &record);
         if due(&mut self.points_s, frame.time_s, POINTS_S) {
@@ -412,90 +451,5 @@ impl Notes {
                 .ok()?;
             Some(bytes)
         });
-    }
-}
-
-/// A step that a replay takes.
-pub(crate) enum Step {
-    /// A frame was taken: into the baseline, or to a picture with these touches.
-    Frame {
-        frame: u32,
-        picture: Option<PictureRecord>,
-    },
-    Tare,
-    Resume(Baseline),
-    InForce(Option<BaselineNote>),
-}
-
-/// What a recording says of a picture.
-#[derive(Deserialize)]
-pub(crate) struct PictureRecord {
-    frame: u32,
-    pub(crate) touches: Value,
-    pub(crate) lost_frames: u64,
-    pub(crate) skipped_frames: u64,
-    /// When it was recorded, s since 1970.
-    #[serde(skip)]
-    pub(crate) unix_s: f64,
-}
-
-impl PictureRecord {
-    /// The board's number of the frame.
-    pub(crate) fn frame(&self) -> u32 {
-        self.frame
-    }
-}
-
-/// What the live reconstruction did, step by step.
-pub(crate) struct Script {
-    reader: Reader<BufReader<File>>,
-}
-
-impl Script {
-    /// That of a recording.
-    ///
-    /// # Errors
-    /// It cannot be read.
-    pub(crate) fn open(path: &Path) -> Result<Self> {
-        Ok(Self {
-            reader: Reader::open(path)?,
-        })
-    }
-
-    /// The next step; none at the end.
-    ///
-    /// # Errors
-    /// The file cannot be read, or a step cannot be understood.
-    pub(crate) fn next(&mut self) -> Result<Option<Step>> {
-        let file = self.reader.file().to_owned();
-        let bad = |e: serde_json::Error| anyhow!("{file}: a step of the recording cannot be understood: {e}");
-        while let Some(message) = self.reader.next()? {
-            match message.topic {
-                Some(Topic::Touches) => {
-                    let mut picture: PictureRecord = serde_json::from_slice(message.data).map_err(bad)?;
-                    picture.unix_s = 1e-9 * message.log_ns as f64;
-                    return Ok(Some(Step::Frame {
-                        frame: picture.frame,
-                        picture: Some(picture),
-                    }));
-                }
-                Some(Topic::Live) => {
-                    let step = serde_json::from_slice(message.data).map_err(bad)?;
-                    return Ok(Some(match step {
-                        LiveRecord::Baseline { frame, .. } => Step::Frame { frame, picture: None },
-                        LiveRecord::Tare => Step::Tare,
-                        LiveRecord::Resume { baseline } => Step::Resume(baseline.into()),
-                        LiveRecord::InForce { note } => Step::InForce(note.map(BaselineNote::from)),
-                    }));
-                }
-                _ => {}
-            }
-        }
-        Ok(None)
-    }
-
-    /// Whether the file was closed.
-    pub(crate) fn is_whole(&self) -> bool {
-        self.reader.ended() != Some(recording::Ended::Cut)
     }
 }

@@ -1,8 +1,10 @@
-//! Names of recordings, and what is said of one that is closed.
+//! Files to record into: their names, and what is said of one that is closed.
 
-use crate::say::say;
+use crate::recorded::SessionRecord;
+use crate::say::{self, say};
 use anyhow::{Context, Result};
-use recording::Recorder;
+use recording::{Recorder, Tap, WaitingRecorder};
+use std::path::Path;
 
 /// Year, month, day of a day after 1970-01-01 (UTC); Hinnant's algorithm, with years that begin in March.
 fn date(day: i64) -> (i64, i64, i64) {
@@ -48,6 +50,55 @@ pub(crate) fn file_name(unix_s: f64, serial: &str) -> String {
         .collect();
     let serial = if serial.is_empty() { "board" } else { &serial };
     format!("skin-{}-{serial}.mcap", compact(unix_s))
+}
+
+/// A file to record into.
+pub(crate) enum RecordTo {
+    /// That was asked for: it is made before anything else is done.
+    File(Recorder),
+    /// Its name is that of the board.
+    Named(WaitingRecorder),
+}
+
+impl RecordTo {
+    /// A recorder for this file, or for one with a name of its own.
+    ///
+    /// # Errors
+    /// There is a file of that name, or it cannot be made.
+    pub(crate) fn new(file: Option<&Path>) -> Result<Self> {
+        Ok(match file {
+            Some(file) => Self::File(Recorder::create(file)?),
+            None => Self::Named(Recorder::waiting()),
+        })
+    }
+
+    /// Hands over what there is to record.
+    pub(crate) fn tap(&self) -> &Tap {
+        match self {
+            Self::File(recorder) => recorder.tap(),
+            Self::Named(waiting) => waiting.tap(),
+        }
+    }
+
+    /// Begins to write the recording of a session.
+    ///
+    /// # Errors
+    /// The file cannot be made.
+    pub(crate) fn begin(self, session: &SessionRecord) -> Result<Recorder> {
+        let (mut recorder, file) = match self {
+            Self::File(recorder) => (recorder, None),
+            Self::Named(waiting) => {
+                let file = file_name(session.started_unix_s, &session.board.serial);
+                (waiting.into_file(Path::new(&file))?, Some(file))
+            }
+        };
+        say::record_to(recorder.tap());
+        if let Some(file) = file {
+            say!("recording into {file}");
+        }
+        recorder.begin(session)?;
+        Ok(recorder)
+    }
 }
 
 /// Closes a recording and says what is in it.

@@ -1,15 +1,23 @@
 //! `skin replay`: a recording through the very code that showed it live, frame by frame as it was taken then.
 
 use crate::baselines::Baselines;
+use crate::commands::Commands;
+use crate::ending;
+use crate::event::Event;
 use crate::live_output::Output;
-use crate::recorded::{Script, SessionRecord, Step};
+use crate::live_run::Run;
+use crate::page::page;
+use crate::recorded::SessionRecord;
 use crate::replayed::Replayed;
-use crate::run::{Run, ShowArguments, imager, page, stop_flag};
+use crate::run::imager;
+use crate::run_arguments::ShowArguments;
 use crate::say::say;
+use crate::script::{Script, Step};
 use anyhow::{Context, Result};
 use clap::Args;
 use inverse::live::Live;
-use link::{MeasuredFrame, Session};
+use inverse::touches::gestures::Gestures;
+use link::{Link, MeasuredFrame, Port, Session};
 use recording::{Playback, Speed};
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
@@ -53,7 +61,14 @@ impl PlayedBoard {
     pub(crate) fn open(path: &Path, speed: Speed) -> Result<Self> {
         let playback = Playback::open(path, speed)?;
         let (plan, ended) = (playback.plan().clone(), playback.ended());
-        let session = Session::start(Box::new(playback), |_| Ok(plan)).with_context(|| path.display().to_string())?;
+        // Where the board went away and came back, so does the recorded one.
+        let again = playback.clone();
+        let reopen = move || {
+            let again = again.reopen().map_err(|e| e.to_string())?;
+            Ok(Box::new(again) as Box<dyn Port>)
+        };
+        let link = Link::reopening(Box::new(playback), Box::new(reopen))?;
+        let session = Session::start_on(link, |_| Ok(plan)).with_context(|| path.display().to_string())?;
         Ok(Self { session, ended })
     }
 
@@ -65,8 +80,9 @@ impl PlayedBoard {
         loop {
             match self.session.frame(Duration::from_millis(100)) {
                 Ok(Some(frame)) => return Ok(Some(frame)),
+                // All that came before the end has been taken.
+                Ok(None) if self.session.is_away() && self.ended.load(Ordering::Acquire) => return Ok(None),
                 Ok(None) => {}
-                Err(_) if self.ended.load(Ordering::Acquire) => return Ok(None),
                 Err(why) => return Err(why.into()),
             }
         }
@@ -82,7 +98,7 @@ const AHEAD: usize = 512;
 /// A file that cannot be read, a page that cannot be served.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let path = &arguments.file;
-    let stop = stop_flag()?;
+    let stop = ending::flag()?;
     let record = SessionRecord::read(path)?;
     if let Some(differs) = record.differs() {
         say!("warning: {}: {differs}", path.display());
@@ -99,6 +115,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         every_frame: true,
         session,
         live: &mut live,
+        gestures: Gestures::new(record.gestures()),
+        commands: Commands::new(&arguments.show.on)?,
         output: &mut Output::new(page, arguments.show.json, source),
         baselines: &mut Baselines::default(),
         watch: None,
@@ -108,6 +126,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         recorder: None,
         replayed: Some(Replayed::default()),
     };
+    run.output.header(session, &record)?;
     let outcome = play(&mut run, &mut script, &board, &stop);
     if let (Ok(ended), Some(replayed)) = (&outcome, &run.replayed) {
         replayed.say(&path.display().to_string(), *ended);
@@ -127,6 +146,7 @@ fn play(run: &mut Run<'_>, script: &mut Script, board: &PlayedBoard, stop: &Atom
     let mut frames = Frames {
         board,
         waiting: VecDeque::new(),
+        connection: 0,
         ended: false,
     };
     while !stop.load(Ordering::Relaxed) && run.show.frames.is_none_or(|n| pictures < n) {
@@ -134,13 +154,18 @@ fn play(run: &mut Run<'_>, script: &mut Script, board: &PlayedBoard, stop: &Atom
             say!("this is a recording: its baselines are those that were taken then");
         }
         let Some(step) = script.next()? else { return Ok(true) };
+        run.output.set_now(script.unix_s());
         match step {
-            Step::Tare => run.live.tare(),
+            Step::Tare => run.begin_baseline()?,
             Step::Resume(baseline) => {
                 run.live.resume(baseline)?;
-                run.in_force();
+                run.in_force()?;
             }
-            Step::InForce(note) => run.output.set_baseline(note),
+            Step::InForce(note) => run.in_force_as(note)?,
+            Step::Event(said) => {
+                frames.connection += u32::from(matches!(said.event, Event::BoardBack { .. }));
+                run.happened(&said)?;
+            }
             Step::Frame { frame, picture } => {
                 let found = frames.find(frame, stop)?;
                 let Some(replayed) = &mut run.replayed else {
@@ -150,9 +175,6 @@ fn play(run: &mut Run<'_>, script: &mut Script, board: &PlayedBoard, stop: &Atom
                     replayed.missing += u64::from(!stop.load(Ordering::Relaxed));
                     continue;
                 };
-                if let Some(picture) = &picture {
-                    run.output.set_now(picture.unix_s);
-                }
                 replayed.expected = picture;
                 if run.take(&found)? {
                     pictures += 1;
@@ -166,8 +188,10 @@ fn play(run: &mut Run<'_>, script: &mut Script, board: &PlayedBoard, stop: &Atom
 /// The frames of a recording, as they are asked for.
 struct Frames<'a> {
     board: &'a PlayedBoard,
-    /// Newer than the one asked for last, as far as their numbers tell.
-    waiting: VecDeque<MeasuredFrame>,
+    /// Newer than the one asked for last, as far as their numbers tell; each with how often the board had come back before it.
+    waiting: VecDeque<(u32, MeasuredFrame)>,
+    /// How often the board has come back so far.
+    connection: u32,
     ended: bool,
 }
 
@@ -177,13 +201,16 @@ impl Frames<'_> {
         let mut looked = 0;
         loop {
             while looked < self.waiting.len() {
-                let frame = &self.waiting[looked];
-                if frame.sequence == sequence {
+                let (connection, frame) = &self.waiting[looked];
+                if *connection > self.connection {
+                    return Ok(None);
+                }
+                if *connection == self.connection && frame.sequence == sequence {
                     self.waiting.drain(..looked);
-                    return Ok(self.waiting.pop_front());
+                    return Ok(self.waiting.pop_front().map(|(_, frame)| frame));
                 }
                 // After a reset the numbers begin anew: what seems newer may come before it.
-                if sequence.wrapping_sub(frame.sequence) < u32::MAX / 2 {
+                if *connection < self.connection || sequence.wrapping_sub(frame.sequence) < u32::MAX / 2 {
                     self.waiting.remove(looked);
                 } else {
                     looked += 1;
@@ -193,7 +220,7 @@ impl Frames<'_> {
                 return Ok(None);
             }
             match self.board.frame()? {
-                Some(frame) => self.waiting.push_back(frame),
+                Some(frame) => self.waiting.push_back((self.board.session.restored(), frame)),
                 None => self.ended = true,
             }
         }

@@ -1,9 +1,11 @@
 //! How a recording that is played compares with what was recorded.
 
-use crate::recorded::{PictureRecord, pressed};
+use crate::recorded::pressed;
 use crate::say::say;
+use crate::script::PictureRecord;
 use anyhow::Result;
 use inverse::pipeline::FrameResult;
+use inverse::touches::gestures::TouchEvent;
 use link::LinkCounters;
 
 /// A recording that is played, and how it compares with what was found when it was recorded.
@@ -22,13 +24,22 @@ impl Replayed {
     ///
     /// # Errors
     /// The touches cannot be compared.
-    pub(crate) fn compare(&mut self, result: &FrameResult, counters: &mut LinkCounters) -> Result<()> {
+    pub(crate) fn compare(
+        &mut self,
+        result: &FrameResult,
+        events: &[TouchEvent],
+        counters: &mut LinkCounters,
+    ) -> Result<()> {
         let Some(expected) = self.expected.take() else {
             return Ok(());
         };
         counters.lost_frames = expected.lost_frames;
         counters.skipped_frames = expected.skipped_frames;
-        if serde_json::to_value(pressed(result))? == expected.touches {
+        let faults = serde_json::to_value(&result.faults)?;
+        let same_faults = expected.faults.as_ref().is_none_or(|expected| *expected == faults);
+        let events = serde_json::to_value(events)?;
+        let same_events = expected.events.as_ref().is_none_or(|expected| *expected == events);
+        if serde_json::to_value(pressed(result))? == expected.touches && same_faults && same_events {
             self.same += 1;
         } else {
             self.different += 1;
@@ -44,7 +55,7 @@ impl Replayed {
             say!("{file}: no picture in it; skin info says what there is");
         } else if self.different > 0 {
             say!(
-                "warning: {file}: {} of {pictures} pictures have other touches than were recorded, from frame {} on",
+                "warning: {file}: {} of {pictures} pictures have other touches, events or faults than were recorded, from frame {} on",
                 self.different,
                 self.first_different.unwrap_or(0)
             );

@@ -28,3 +28,19 @@ macro_rules! say {
     ($($text:tt)*) => { $crate::say::line(format_args!($($text)*)) };
 }
 pub(crate) use say;
+
+/// Writes to stdout, for `println!`. Whoever closed it has read enough: then the program ends well.
+pub(crate) fn out(text: Arguments<'_>) {
+    if let Err(e) = writeln!(std::io::stdout(), "{text}") {
+        let closed = e.kind() == std::io::ErrorKind::BrokenPipe;
+        if !closed {
+            let _ = writeln!(std::io::stderr(), "skin: stdout: {e}");
+        }
+        std::process::exit(i32::from(!closed));
+    }
+}
+
+/// Writes to stderr, for `eprint!` and `eprintln!`. Whoever closed it does not want to know.
+pub(crate) fn err(text: Arguments<'_>) {
+    let _ = write!(std::io::stderr(), "{text}");
+}

@@ -97,13 +97,10 @@ fn serve(arguments: &Arguments, board: SimBoard<Rubber>) -> Result<()> {
     use anyhow::Context;
     use hil_sim::{Pace, Pty, PtyOptions};
     use std::io::Write;
-    use std::sync::Arc;
-    use std::sync::atomic::{AtomicBool, Ordering};
+    use std::sync::atomic::Ordering;
     use std::time::Duration;
 
-    let stop = Arc::new(AtomicBool::new(false));
-    let flag = Arc::clone(&stop);
-    ctrlc::set_handler(move || flag.store(true, Ordering::Relaxed)).context("Ctrl-C cannot be caught")?;
+    let stop = crate::ending::flag()?;
     let options = PtyOptions {
         latency: Duration::from_millis(arguments.latency_ms),
         link: arguments.link.clone(),

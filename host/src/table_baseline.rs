@@ -4,6 +4,7 @@
 use crate::files::before::{self, Before};
 use crate::files::measurements::{MeasurementTable, Names, TableError};
 use crate::number;
+use crate::presses::locate::Comparison;
 use anyhow::{Result, anyhow, bail};
 use clap::Args;
 use inverse::reference::baseline::Baseline;
@@ -52,6 +53,8 @@ pub(crate) struct Prepared<'a> {
     pub measured: bool,
     /// Whether the scatter of the unpressed frames is their noise.
     pub tells_noise: bool,
+    /// What of the table is neither a frame nor a baseline, in words.
+    pub left_out: Option<String>,
 }
 
 /// Names that are listed in full.
@@ -62,9 +65,33 @@ const LEAST_BASELINE: f64 = 1e-3;
 const LARGEST_CHANGE: f64 = 1.0;
 
 impl BaselineArguments {
+    /// For each frame the one that a list of presses names before it.
+    pub(crate) fn of_presses(list: &Path) -> Self {
+        Self {
+            baseline: Vec::new(),
+            before: Some(list.to_owned()),
+            difference: false,
+            unit_v: None,
+        }
+    }
+
     /// Whether the command line names nothing.
     pub(crate) fn says_nothing(&self) -> bool {
         self.baseline.is_empty() && self.before.is_none() && !self.difference
+    }
+
+    /// Whether it says what 1 in a table of changes is.
+    pub(crate) const fn has_unit(&self) -> bool {
+        self.unit_v.is_some()
+    }
+
+    /// The same for a calibration from presses, which needs no model.
+    pub(crate) fn comparison(&self) -> Comparison<'_> {
+        Comparison {
+            baseline: &self.baseline,
+            before: self.before.as_deref(),
+            difference: self.difference,
+        }
     }
 
     /// These, with columns of the unpressed sheet where the command line names nothing.
@@ -141,6 +168,7 @@ impl BaselineArguments {
             );
         }
         Prepared {
+            left_out: None,
             unpressed: vec![model.clone().into()],
             name: "the model".to_owned(),
             frames: table.columns.iter().enumerate().map(frame).collect(),
@@ -171,6 +199,7 @@ fn plain(table: &MeasurementTable, common: Vec<usize>) -> Prepared<'_> {
         baseline: name.clone(),
     };
     Prepared {
+        left_out: None,
         frames: (0..table.columns.len())
             .filter(|k| !taken.contains(k))
             .map(frame)
@@ -252,14 +281,13 @@ fn own<'a>(table: &'a MeasurementTable, names: &Names<'_>, common: &[usize], pat
             unnamed.push(column.name.as_str());
         }
     }
-    if !unnamed.is_empty() {
-        eprintln!(
-            "warning: {} frames are not in {file} and are left out; name them there, or give --baseline for them: {}",
-            unnamed.len(),
-            shortened(&unnamed)
-        );
-    }
+    let left_out = format!(
+        "{} frames are not in {file} and are left out; name them there, or give --baseline for them: {}",
+        unnamed.len(),
+        shortened(&unnamed)
+    );
     Ok(Prepared {
+        left_out: (!unnamed.is_empty()).then_some(left_out),
         unpressed: columns.into_iter().map(Cow::from).collect(),
         name: format!("of each frame its own, by {file}"),
         frames,

@@ -37,6 +37,37 @@ pub(crate) struct Geometry {
     cell_mm: Option<f64>,
 }
 
+impl Geometry {
+    /// The sheet of a file, or the paper's disc.
+    pub(crate) fn of(sheet: Option<&Path>) -> Self {
+        Self {
+            sheet: sheet.map(Path::to_owned),
+            diameter_mm: None,
+            first_electrode_deg: 0.0,
+            clockwise: false,
+            electrodes: None,
+            electrode_mm: None,
+            cell_mm: None,
+        }
+    }
+
+    /// The options that were given, by their names.
+    pub(crate) fn given(&self) -> Vec<&'static str> {
+        [
+            (self.sheet.is_some(), "--sheet"),
+            (self.diameter_mm.is_some(), "--diameter-mm"),
+            (self.first_electrode_deg != 0.0, "--first-electrode-deg"),
+            (self.clockwise, "--clockwise"),
+            (self.electrodes.is_some(), "--electrodes"),
+            (self.electrode_mm.is_some(), "--electrode-mm"),
+            (self.cell_mm.is_some(), "--cell-mm"),
+        ]
+        .iter()
+        .filter_map(|(given, name)| given.then_some(*name))
+        .collect()
+    }
+}
+
 fn length() -> impl Fn(&str) -> Result<f64, String> + Clone {
     number::positive("a length in mm above 0")
 }

@@ -1,9 +1,10 @@
 //! From the frames of a sensor board to a picture of pressure and a list of touches.
 //!
-//! Every folder knows only those below it: [`live`] (a stream of frames) and [`batch`] (a table of them), [`force`] (newtons
-//! from a rubber that creeps), [`pipeline`] (one frame), [`quality`] (what can be believed of it), [`touches`] (found, fitted,
-//! followed), [`change`] (is there anything new), [`reference`](mod@reference) (what frames are compared with), [`solvers`],
-//! `linalg` and `stats`. No I/O, no threads.
+//! [`learned`] stands beside the others: touches on sheets that no model describes. Every other folder knows only those below
+//! it: [`live`] (a stream of frames) and [`batch`] (a table of them), [`force`] (newtons from a rubber that creeps),
+//! [`pipeline`] (one frame), [`quality`] (what can be believed of it), [`touches`] (found, fitted, followed), [`change`] (is
+//! there anything new), [`reference`](mod@reference) (what frames are compared with), [`solvers`], `linalg` and `stats`. No
+//! I/O, no threads.
 //! The way of a frame through all crates: docs/architecture.md.
 //!
 //! A touch on the paper's sheet, simulated on a mesh of its own and found again:
@@ -34,6 +35,7 @@
 pub mod batch;
 pub mod change;
 pub mod force;
+pub mod learned;
 mod linalg;
 pub mod live;
 pub mod pipeline;

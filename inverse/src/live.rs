@@ -26,6 +26,9 @@ pub struct LiveOptions {
     pub find_electrodes: bool,
     /// What the forces of the touches are computed with; none: no forces.
     pub calibration: Option<Calibration>,
+    /// Without a calibration: the force of each mm² of a touch's integrated rise, N/mm², which marks the force as uncalibrated
+    /// ([`TYPICAL_N_PER_MM2`](crate::force::TYPICAL_N_PER_MM2)); none: no forces.
+    pub uncalibrated_n_per_mm2: Option<f64>,
     /// How far a touch may move from one frame to the next and keep its number, as a part of the sheet's width; and how far
     /// from where it vanished it may be seen again. Touches nearer to each other are seldom resolved. Chosen by hand.
     pub reach: f64,
@@ -45,6 +48,7 @@ impl Default for LiveOptions {
             polarity: None,
             find_electrodes: true,
             calibration: None,
+            uncalibrated_n_per_mm2: None,
             reach: 0.1,
             gone_s: 0.5,
             patience_s: 0.5,
@@ -95,10 +99,7 @@ impl Live {
         let extent = imager.reach_mm();
         let values = imager.pattern.len();
         Self {
-            tracker: Tracker::new(TrackerOptions {
-                reach_mm: 2.0 * options.reach * extent,
-                patience_s: options.patience_s,
-            }),
+            tracker: Tracker::new(TrackerOptions::new(2.0 * options.reach * extent, options.patience_s)),
             radius_filter: RadiusFilter::default(),
             meter: options.calibration.map(|c| ForceMeter::new(&imager, c)),
             taker: Some(BaselineTaker::new(values, options.baseline_frames)),
@@ -137,6 +138,13 @@ impl Live {
         self.taker = None;
         self.gone_since_s = None;
         self.put_in_force(baseline)
+    }
+
+    /// Frames are missing here, however many: touches that were there keep their numbers, if they are there after it.
+    pub fn gap(&mut self) {
+        self.tracker.gap();
+        self.before_s = None;
+        self.gone_since_s = None;
     }
 
     /// Whether a new baseline is called for, and can be taken: something that lay on the sheet in the baseline has gone, for
@@ -189,6 +197,12 @@ impl Live {
         }
         if let Some(meter) = &mut self.meter {
             meter.update(time_s, &mut result.touches);
+        } else if let Some(n_per_mm2) = self.options.uncalibrated_n_per_mm2 {
+            // Of what lowers the resistivity the typical rubber tells nothing.
+            for touch in result.touches.iter_mut().filter(|t| t.total_mm2 > 0.0) {
+                touch.force_n = Some(n_per_mm2 * touch.total_mm2);
+                touch.uncalibrated = true;
+            }
         }
         Ok(LiveFrame::Picture(result))
     }

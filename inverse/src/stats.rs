@@ -10,7 +10,54 @@ use statrs::distribution::{ChiSquared, ContinuousCDF, FisherSnedecor};
 /// `None` for degrees of freedom out of range, or a `probability` outside 0..=1.
 pub(crate) fn fisher_quantile(numerator: f64, denominator: f64, probability: f64) -> Option<f64> {
     let distribution = FisherSnedecor::new(numerator, denominator).ok()?;
-    is_probability(probability).then(|| distribution.inverse_cdf(probability))
+    is_probability(probability).then(|| fisher_tail(&distribution, 1.0 - probability))
+}
+
+/// Most halvings of [`fisher_tail`], and the relative width at which it is found.
+const HALVINGS: usize = 200;
+const WIDTH: f64 = 1e-12;
+
+/// Where the upper tail has this probability, by regula falsi in the logarithms (the Illinois method): some ten values of the tail.
+fn fisher_tail(distribution: &FisherSnedecor, tail: f64) -> f64 {
+    if tail <= 0.0 {
+        return f64::INFINITY;
+    }
+    if tail >= 1.0 {
+        return 0.0;
+    }
+    let off = |x: f64| (distribution.sf(x.exp()) / tail).ln();
+    let [mut low, mut high] = [-1.0, 1.0];
+    while off(low) < 0.0 && low > -700.0 {
+        low *= 2.0;
+    }
+    while off(high) > 0.0 && high < 700.0 {
+        high *= 2.0;
+    }
+    let [mut at_low, mut at_high] = [off(low), off(high)];
+    let mut last = 0.0;
+    for _ in 0..HALVINGS {
+        let part = at_low / (at_low - at_high);
+        // A tail too small for a number has no logarithm.
+        let part = if at_high.is_finite() && part.is_finite() {
+            part
+        } else {
+            0.5
+        };
+        let middle = low + part * (high - low);
+        let at = off(middle);
+        if at == 0.0 || high - low < WIDTH || at.abs() < WIDTH {
+            return middle.exp();
+        }
+        if at > 0.0 {
+            (low, at_low) = (middle, at);
+            at_high *= if last > 0.0 { 0.5 } else { 1.0 };
+        } else {
+            (high, at_high) = (middle, at);
+            at_low *= if last < 0.0 { 0.5 } else { 1.0 };
+        }
+        last = at;
+    }
+    (0.5 * (low + high)).exp()
 }
 
 /// The value that chi-square exceeds with a probability of `1 - probability`.

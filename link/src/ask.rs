@@ -2,7 +2,7 @@
 
 use crate::error::LinkError;
 use crate::link::Link;
-use protocol::{FromBoard, Hello, ToBoard, Version};
+use protocol::{FromBoard, Hello, MAX_FROM_BOARD_LEN, ToBoard, Version};
 use std::time::Duration;
 
 /// How long a board that is there may take to answer, and how often it is reminded of what it was told.
@@ -45,7 +45,10 @@ pub(crate) fn insist<T>(
         }
     }
     let ms = (wait * TRIES).as_millis();
+    let bytes = link.counters().bytes_unread;
     answer.map_err(|e| match e {
+        // More than what is on its way when a port is opened.
+        LinkError::Silent { .. } if bytes > MAX_FROM_BOARD_LEN as u64 => LinkError::Damaged { ms, bytes },
         LinkError::Silent { what, .. } => LinkError::Silent { what, ms },
         e => e,
     })

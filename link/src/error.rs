@@ -19,8 +19,26 @@ pub enum LinkError {
         ms: u128,
     },
     /// No frame and no sign of life.
-    #[error("the board has sent no frame for {s} s; look at its cable and power")]
+    #[error("{}", no_frames(*.s, *.bytes))]
     NoFrames {
+        /// How long its port was listened to, s.
+        s: u64,
+        /// Bytes that came meanwhile and were no frame.
+        bytes: u64,
+    },
+    /// Bytes come, and none of them is a message.
+    #[error(
+        "{bytes} bytes came in {ms} ms, and none was a message of a board; is it the right device, with the right bit rate, and does nothing disturb the cable?"
+    )]
+    Damaged {
+        /// How long was waited, ms.
+        ms: u128,
+        /// Bytes that came meanwhile.
+        bytes: u64,
+    },
+    /// Signs of life, and no frame.
+    #[error("the board watches although it was told to measure: for {s} s it has sent signs of life and no frame")]
+    Watches {
         /// How long its port was listened to, s.
         s: u64,
     },
@@ -34,10 +52,25 @@ pub enum LinkError {
         /// Ours.
         ours: u8,
     },
+    /// The board came back as one that measures in another way.
+    #[error(
+        "the board that came back has the serial number of the one before, but measures in another way; start again"
+    )]
+    Changed,
     /// The board refused a command, or stopped by itself; in its own words.
     #[error("{0}")]
     Refused(String),
     /// There is no way to scan what is wired to the board.
     #[error("no scan plan suits this board: {0}")]
     Plan(#[from] PlanError),
+}
+
+/// What a silence is, by what came meanwhile.
+fn no_frames(s: u64, bytes: u64) -> String {
+    match bytes {
+        0 => format!("the board has sent no frame for {s} s; look at its cable and power"),
+        n => format!(
+            "no frame could be read for {s} s, although {n} bytes came; is it the right device, and does nothing disturb the cable?"
+        ),
+    }
 }

@@ -8,7 +8,7 @@ use protocol::FromBoard;
 
 use crate::error::LinkError;
 
-/// Messages that may wait.
+/// Messages that may wait, unless more are [held](Inbox::hold).
 const MOST: usize = 256;
 
 type Message = Result<FromBoard, LinkError>;
@@ -26,6 +26,10 @@ struct State {
     /// Frames older than the newest by more than so many samples are passed over.
     span: Option<u64>,
     skipped: u64,
+    /// Messages that may wait beyond the usual number, where every frame is kept.
+    held: usize,
+    /// Nobody could wait any more.
+    was_full: bool,
     /// Nobody reads, or nobody writes any more.
     closed: bool,
     ended: bool,
@@ -36,6 +40,11 @@ fn is_frame(message: &Message) -> bool {
 }
 
 impl State {
+    /// Messages that may wait.
+    fn most(&self) -> usize {
+        if self.span.is_some() { MOST } else { MOST + self.held }
+    }
+
     /// Makes room by passing over the oldest frame; false if none waits.
     fn drop_oldest(&mut self) -> bool {
         let at = self.waiting.iter().position(is_frame);
@@ -76,7 +85,8 @@ impl Inbox {
 
     fn put(&self, message: Message) {
         let mut state = self.state();
-        while state.waiting.len() >= MOST && !state.closed && !(state.span.is_some() && state.drop_oldest()) {
+        while state.waiting.len() >= state.most() && !state.closed && !(state.span.is_some() && state.drop_oldest()) {
+            state.was_full |= state.span.is_none();
             state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
         }
         if !state.closed {
@@ -120,6 +130,15 @@ impl Inbox {
         state.span = None;
     }
 
+    pub(crate) fn hold(&self, bytes: usize) {
+        self.state().held = bytes / size_of::<Message>();
+        self.changed.notify_all();
+    }
+
+    pub(crate) fn was_full(&self) -> bool {
+        std::mem::take(&mut self.state().was_full)
+    }
+
     pub(crate) fn skipped(&self) -> u64 {
         self.state().skipped
     }
@@ -128,6 +147,14 @@ impl Inbox {
     pub(crate) fn close(&self) {
         self.state().closed = true;
         self.changed.notify_all();
+    }
+
+    /// Whether nobody writes any more, at most after so long.
+    pub(crate) fn wait_for_end(&self, wait: Duration) -> bool {
+        let woken = self
+            .changed
+            .wait_timeout_while(self.state(), wait, |state| !state.ended);
+        woken.unwrap_or_else(PoisonError::into_inner).0.ended
     }
 
     /// For the writer to hold: once it is dropped, nobody writes any more.
@@ -208,6 +235,32 @@ mod tests {
         inbox.put(frame(4, 1000));
         inbox.put(frame(0, 0));
         assert_eq!(sequences(&inbox), [Some(4), Some(0)]);
+    }
+
+    #[test]
+    fn as_many_frames_wait_as_the_memory_has_places_for() {
+        let inbox = Arc::new(Inbox::default());
+        let places = 1000;
+        inbox.hold(places * size_of::<Message>());
+        let all = u32::try_from(MOST + places).unwrap();
+        for k in 0..all {
+            inbox.put(frame(k, u64::from(k)));
+        }
+        assert!(!inbox.was_full());
+        // One more waits for a place, and says so.
+        let writer = inbox.writer();
+        let waits = std::thread::spawn(move || writer.put(frame(all, u64::from(all))));
+        while !inbox.was_full() {
+            std::thread::yield_now();
+        }
+        let taken: Vec<_> = (0..=all).map(|_| inbox.take(Duration::from_secs(30))).collect();
+        waits.join().unwrap();
+        for (k, message) in taken.into_iter().enumerate() {
+            assert!(
+                matches!(message, Some(Ok(FromBoard::Frame(f))) if f.sequence as usize == k),
+                "{k}"
+            );
+        }
     }
 
     proptest! {

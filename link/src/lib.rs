@@ -24,6 +24,7 @@
 #![forbid(unsafe_code)]
 
 mod ask;
+mod connection;
 mod error;
 pub mod flash;
 mod inbox;
@@ -31,12 +32,18 @@ mod link;
 mod notices;
 pub mod phantom;
 pub mod plans;
+mod port;
 pub mod ports;
+mod printable;
+mod pump;
 mod session;
 pub mod settings;
+mod usb;
 
 pub use ask::greet;
+pub use connection::ConnectionEvent;
 pub use error::LinkError;
-pub use link::{Link, LinkCounters, Port};
+pub use link::{Link, Stopper};
 pub use notices::{LinkNotice, LinkNotices};
+pub use port::{LinkCounters, Port, Reopen};
 pub use session::{MeasuredFrame, Session};

@@ -1,6 +1,6 @@
 //! What a person is told of the line: frames that are lost, silence, a board that was reset.
 
-use crate::link::LinkCounters;
+use crate::port::LinkCounters;
 use crate::session::MeasuredFrame;
 use std::collections::VecDeque;
 use std::fmt;

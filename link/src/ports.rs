@@ -1,83 +1,91 @@
-//! Serial ports where a board may be.
+//! Serial ports where a board may be, and how one is opened, now and after it was gone: by its name, or as `tcp://HOST:PORT` behind
+//! a bridge.
 
-use crate::link::Port;
-use serialport::{SerialPortInfo, SerialPortType};
+use crate::port::{Port, Reopen};
+pub use crate::usb::{UsbPort, left_alone, usb_ports};
+use std::io::{self, Read, Write};
+use std::net::{TcpStream, ToSocketAddrs};
+use std::path::Path;
 use std::time::Duration;
 
 /// Bits a second on the board's serial line.
 pub const BAUD: u32 = 1_000_000;
 /// How long a read waits for bytes.
 const READ_WAIT: Duration = Duration::from_millis(20);
+/// How long a bridge may take to accept a connection, or to take a command.
+const BRIDGE_WAIT: Duration = Duration::from_secs(1);
+/// What the name of a port behind a bridge begins with.
+const TCP: &str = "tcp://";
 
-/// USB's numbers of the adapters that a board may have (docs/board.md), likeliest first: vendor and products.
-const ADAPTERS: [(u16, &[u16]); 3] = [
-    // FTDI: FT232R, FT2232, FT4232, FT232H, FT-X.
-    (0x0403, &[0x6001, 0x6010, 0x6011, 0x6014, 0x6015]),
-    // ST-LINK/V2-1 and V3 with a serial port, as on a Nucleo.
-    (
-        0x0483,
-        &[0x374b, 0x3752, 0x374e, 0x374f, 0x3753, 0x3754, 0x3755, 0x3757],
-    ),
-    // Silicon Labs: CP210x.
-    (0x10c4, &[0xea60, 0xea63, 0xea70, 0xea71]),
-];
-
-/// Serial ports on USB.
-#[derive(Clone, Debug, Default)]
-pub struct Candidates {
-    /// A board may be behind these, likeliest first.
-    pub likely: Vec<String>,
-    /// These are of other devices, which must not be sent anything unless somebody names them; with USB's numbers.
-    pub others: Vec<String>,
+/// Where a board is: a serial port, or a bridge to one.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Place {
+    path: String,
+    /// The adapter, where it can be told from others by a serial number.
+    usb: Option<UsbPort>,
 }
 
-impl Candidates {
-    /// What to say of the ports that are not asked, to be added to a sentence.
-    pub fn left_alone(&self) -> String {
-        if self.others.is_empty() {
-            return String::new();
-        }
-        format!("; not asked, as they are of other devices: {}", self.others.join(", "))
+impl Place {
+    /// That of a port's name: `/dev/ttyUSB0`, a link to it, `COM3`, or `tcp://HOST:PORT`.
+    pub fn of(path: &str) -> Self {
+        let target = std::fs::canonicalize(path).unwrap_or_else(|_| path.into());
+        let ports = usb_ports().unwrap_or_default();
+        let usb = ports
+            .into_iter()
+            .find(|p| Path::new(&p.path) == target && p.serial.is_some());
+        let path = path.to_owned();
+        Self { path, usb }
     }
-}
 
-/// The serial ports on USB of this computer.
-///
-/// # Errors
-/// The system's, when it cannot list its ports.
-pub fn candidates() -> Result<Candidates, serialport::Error> {
-    // Some containers have no such folder, and the listing needs it.
-    if cfg!(target_os = "linux") && !std::path::Path::new("/sys/class/tty").exists() {
-        return Ok(Candidates::default());
+    /// Its name.
+    pub fn path(&self) -> &str {
+        &self.path
     }
-    Ok(sorted(serialport::available_ports()?))
-}
 
-fn sorted(ports: Vec<SerialPortInfo>) -> Candidates {
-    let mut likely = Vec::new();
-    let mut others = Vec::new();
-    for port in ports {
-        let SerialPortType::UsbPort(usb) = port.port_type else {
-            continue;
+    /// Opens it.
+    ///
+    /// # Errors
+    /// As [`open`].
+    pub fn open(&self) -> Result<Box<dyn Port>, String> {
+        let Some(usb) = &self.usb else {
+            return open(&self.path);
         };
-        match ADAPTERS.iter().position(|(v, p)| *v == usb.vid && p.contains(&usb.pid)) {
-            Some(rank) => likely.push((rank, port.port_name)),
-            None => others.push(format!("{} ({:04x}:{:04x})", port.port_name, usb.vid, usb.pid)),
-        }
+        open(&moved(usb, &usb_ports().map_err(|e| e.to_string())?)?)
     }
-    likely.sort_by_key(|(rank, _)| *rank);
-    Candidates {
-        likely: likely.into_iter().map(|(_, name)| name).collect(),
-        others,
+
+    /// Opens it again whenever it is asked: by the adapter's serial number whatever the port is called now, else by the port's name.
+    pub fn reopen(&self) -> Reopen {
+        let place = self.clone();
+        Box::new(move || place.open())
     }
+}
+
+/// What the port of an adapter is called now. An adapter with several ports has one serial number: then the name counts too.
+fn moved(usb: &UsbPort, ports: &[UsbPort]) -> Result<String, String> {
+    let same = |p: &&UsbPort| (p.vendor, p.product, &p.serial) == (usb.vendor, usb.product, &usb.serial);
+    let found: Vec<&UsbPort> = ports.iter().filter(same).collect();
+    let named = found.iter().find(|p| p.path == usb.path);
+    let port = named.or(found.first()).map(|p| p.path.clone());
+    port.ok_or_else(|| {
+        let serial = usb.serial.as_deref().unwrap_or_default();
+        format!("the adapter {serial} is not there")
+    })
 }
 
 /// Opens a port for a [`crate::Link`]. Where its DTR and RTS are wired to a board's BOOT0 and reset (see docs/board.md), the
-/// board runs its program afterwards: systems assert both lines when they open a port.
+/// board runs its program afterwards: systems assert both lines when they open a port. A bridge has no such lines.
 ///
 /// # Errors
 /// The system's, with what to do about it.
 pub fn open(path: &str) -> Result<Box<dyn Port>, String> {
+    if let Some(address) = path.strip_prefix(TCP) {
+        let bridge = bridge(address).map_err(|e| {
+            format!(
+                "{path}: {e}; look at the address (tcp://HOST:PORT), and whether the bridge runs there (ser2net, socat)"
+            )
+        })?;
+        return Ok(Box::new(bridge));
+    }
     match serialport::new(path, BAUD).timeout(READ_WAIT).open() {
         Ok(mut port) => {
             // BOOT0 first, so that the reset that ends with the other finds it low. A port without these lines needs neither.
@@ -89,18 +97,52 @@ pub fn open(path: &str) -> Result<Box<dyn Port>, String> {
     }
 }
 
+/// Whether a port's name is that of a bridge.
+pub(crate) fn is_bridge(path: &str) -> bool {
+    path.starts_with(TCP)
+}
+
+fn bridge(address: &str) -> io::Result<TcpStream> {
+    let mut refused = io::Error::new(io::ErrorKind::NotFound, "no such host");
+    for address in address.to_socket_addrs()? {
+        match TcpStream::connect_timeout(&address, BRIDGE_WAIT) {
+            Ok(stream) => {
+                // Commands are short, and are to leave at once.
+                stream.set_nodelay(true)?;
+                stream.set_read_timeout(Some(READ_WAIT))?;
+                stream.set_write_timeout(Some(BRIDGE_WAIT))?;
+                return Ok(stream);
+            }
+            Err(e) => refused = e,
+        }
+    }
+    Err(refused)
+}
+
+/// What helps where a port that a board is on is not found, or is held by another program; one line each.
+pub fn hints() -> &'static [&'static str] {
+    if cfg!(target_os = "linux") {
+        &[
+            "ModemManager opens every new port for some seconds: contrib/70-skin.rules keeps it away",
+            "brltty takes CP210x and some FTDI adapters for braille displays and removes their port: `sudo apt remove brltty`, or mask its udev rule",
+        ]
+    } else {
+        &[]
+    }
+}
+
 /// Why a port did not open, and what to do about it.
 pub(crate) fn explained(path: &str, error: &serialport::Error) -> String {
     let text = error.to_string();
     let help = match error.kind() {
         serialport::ErrorKind::NoDevice if text.contains("lock") => {
-            "another program holds the port: end it, or name another port"
+            "another program holds the port: end it, or name another port; ModemManager does so for some seconds after a board is plugged in (contrib/70-skin.rules keeps it away)"
         }
-        serialport::ErrorKind::NoDevice | serialport::ErrorKind::Io(std::io::ErrorKind::NotFound) => {
-            "there is no such port: look at the cable and at the name"
+        serialport::ErrorKind::NoDevice | serialport::ErrorKind::Io(io::ErrorKind::NotFound) => {
+            "there is no such port: look at the cable and at the name; skin list shows what there is"
         }
-        serialport::ErrorKind::Io(std::io::ErrorKind::PermissionDenied) => {
-            "add yourself to the group that owns the port (`sudo usermod -aG dialout $USER`) and log in again"
+        serialport::ErrorKind::Io(io::ErrorKind::PermissionDenied) => {
+            "add yourself to the group that owns the port (`sudo usermod -aG dialout $USER`) and log in again, or install contrib/70-skin.rules"
         }
         _ => "is it a serial port?",
     };
@@ -110,18 +152,18 @@ pub(crate) fn explained(path: &str, error: &serialport::Error) -> String {
 /// A serial port as a plain stream of bytes.
 struct SerialPort(Box<dyn serialport::SerialPort>);
 
-impl std::io::Read for SerialPort {
-    fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
+impl Read for SerialPort {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         self.0.read(buffer)
     }
 }
 
-impl std::io::Write for SerialPort {
-    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+impl Write for SerialPort {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         self.0.write(bytes)
     }
 
-    fn flush(&mut self) -> std::io::Result<()> {
+    fn flush(&mut self) -> io::Result<()> {
         self.0.flush()
     }
 }
@@ -129,35 +171,34 @@ impl std::io::Write for SerialPort {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use serialport::UsbPortInfo;
+
+    fn port(path: &str, product: u16, serial: &str) -> UsbPort {
+        UsbPort {
+            path: path.to_owned(),
+            vendor: 0x0403,
+            product,
+            serial: Some(serial.to_owned()),
+            name: None,
+            likely: true,
+        }
+    }
 
     #[test]
-    fn only_adapters_that_a_board_may_have_are_greeted() {
-        let usb = |name: &str, vid, pid| SerialPortInfo {
-            port_name: name.to_owned(),
-            port_type: SerialPortType::UsbPort(UsbPortInfo {
-                vid,
-                pid,
-                serial_number: None,
-                manufacturer: None,
-                product: None,
-            }),
-        };
-        let found = sorted(vec![
-            usb("cp2102", 0x10c4, 0xea60),
-            usb("arduino", 0x2341, 0x0043),
-            usb("nucleo", 0x0483, 0x374b),
-            usb("a dfu device of the same maker", 0x0483, 0x5740),
-            usb("ft232rl", 0x0403, 0x6001),
-            SerialPortInfo {
-                port_name: "no usb".to_owned(),
-                port_type: SerialPortType::PciPort,
-            },
-        ]);
-        assert_eq!(found.likely, ["ft232rl", "nucleo", "cp2102"]);
-        assert_eq!(
-            found.others,
-            ["arduino (2341:0043)", "a dfu device of the same maker (0483:5740)"]
-        );
+    fn an_adapter_is_found_by_its_serial_number_whatever_its_port_is_called() {
+        let mine = port("/dev/ttyUSB0", 0x6010, "A7");
+        let other = port("/dev/ttyUSB0", 0x6010, "B8");
+        let again = port("/dev/ttyUSB3", 0x6010, "A7");
+        let second = port("/dev/ttyUSB4", 0x6010, "A7");
+        assert_eq!(moved(&mine, &[other.clone(), again.clone()]).unwrap(), "/dev/ttyUSB3");
+        assert_eq!(moved(&second, &[again, second.clone()]).unwrap(), "/dev/ttyUSB4");
+        assert!(moved(&mine, &[other, port("/dev/ttyUSB0", 0x6001, "A7")]).is_err());
+    }
+
+    #[test]
+    fn a_bridge_that_is_not_there_is_said_with_what_to_do() {
+        for path in ["tcp://127.0.0.1:1", "tcp://127.0.0.1", "tcp://"] {
+            let error = open(path).err().unwrap();
+            assert!(error.starts_with(path) && error.contains("tcp://HOST:PORT"), "{error}");
+        }
     }
 }

@@ -1,10 +1,13 @@
 //! A board that has introduced itself and streams frames.
 
 use crate::ask::{PATIENCE, greet, insist};
+use crate::connection::{Connection, ConnectionEvent, Identity};
 use crate::error::LinkError;
-use crate::link::{Link, Port};
+use crate::link::Link;
+use crate::port::Port;
 use protocol::{BoardError, Command, Frame, FromBoard, Hello, Plan, PlanError, ToBoard, Watch, Watching};
 use std::cell::{Cell, RefCell};
+use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
 /// A running session.
@@ -18,7 +21,16 @@ pub struct Session {
     watch: RefCell<Option<Watch>>,
     /// What the board does about it, as it last said.
     watching: Cell<Watching>,
+    /// Amplitude of the source, in thousandths of full scale, once the board has said it.
+    excitation: Cell<Option<u16>>,
+    connection: RefCell<Connection>,
+    events: RefCell<VecDeque<ConnectionEvent>>,
+    /// How often the connection was restored.
+    restored: Cell<u32>,
 }
+
+/// A board that is looked for is asked so often who it is.
+const GREETING: Duration = Duration::from_millis(200);
 
 /// One measured frame as numbers.
 #[derive(Clone, Debug, PartialEq)]
@@ -66,7 +78,15 @@ impl Session {
         port: Box<dyn Port>,
         choose: impl FnOnce(&Hello) -> Result<Plan, PlanError>,
     ) -> Result<Self, LinkError> {
-        let link = Link::open(port)?;
+        Self::start_on(Link::open(port)?, choose)
+    }
+
+    /// The same on a link. With one that [opens its port again](Link::reopening) the session outlives a lost connection: it waits for
+    /// the same board, gives it what it had (watch, amplitude, plan) and starts it ([`Session::event`] tells).
+    ///
+    /// # Errors
+    /// As [`Session::start`].
+    pub fn start_on(link: Link, choose: impl FnOnce(&Hello) -> Result<Plan, PlanError>) -> Result<Self, LinkError> {
         let hello = greet(&link)?;
         let plan = choose(&hello)?;
         let plan = insist(
@@ -85,6 +105,8 @@ impl Session {
         insist(&link, "the start", &ToBoard::Start, PATIENCE, |m| {
             matches!(m, FromBoard::Ack(Command::Start)).then_some(())
         })?;
+        // Its amplitude is to be the same after a power cut. The answer comes among the frames.
+        link.send(ToBoard::GetStatus);
         link.expect_frames();
         Ok(Self {
             link,
@@ -93,6 +115,10 @@ impl Session {
             told: Cell::new(Instant::now()),
             watch: RefCell::new(None),
             watching: Cell::new(Watching::Off),
+            excitation: Cell::new(None),
+            connection: RefCell::new(Connection::Up),
+            events: RefCell::default(),
+            restored: Cell::new(0),
         })
     }
 
@@ -117,6 +143,9 @@ impl Session {
         self.told.set(Instant::now());
         self.watching.set(Watching::Off);
         self.link.send(ToBoard::SetWatch(watch.clone()));
+        if watch.is_none() {
+            self.link.expect_frames();
+        }
         self.watch.replace(watch);
     }
 
@@ -136,15 +165,49 @@ impl Session {
         self.watching.get()
     }
 
-    /// Says so where the board has sent neither a frame nor a sign of life while its port was listened to for so long.
+    /// Says so where the board has sent neither a frame nor, if it is to watch, a sign of life while its port was listened to for so
+    /// long. Where the port can be opened again, that is done instead.
     ///
     /// # Errors
-    /// [`LinkError::NoFrames`].
+    /// [`LinkError::NoFrames`], [`LinkError::Watches`].
     pub fn check_silence(&self, most: Duration) -> Result<(), LinkError> {
-        if self.link.counters().silent > most {
-            return Err(LinkError::NoFrames { s: most.as_secs() });
+        let counters = self.link.counters();
+        // Only who watches may do without frames.
+        let watches = self.watch.borrow().is_some();
+        if counters
+            .silent
+            .max(if watches { Duration::ZERO } else { counters.frameless })
+            <= most
+        {
+            return Ok(());
         }
+        let (s, bytes) = (most.as_secs(), counters.bytes_unread);
+        let why = if counters.silent <= most {
+            LinkError::Watches { s }
+        } else {
+            LinkError::NoFrames { s, bytes }
+        };
+        if !self.link.reopens() {
+            return Err(why);
+        }
+        self.link.reopen(why.to_string());
+        self.link.expect_frames();
         Ok(())
+    }
+
+    /// What became of the connection, oldest first; each is told once. What [`Session::frame`] gave before belongs before it.
+    pub fn event(&self) -> Option<ConnectionEvent> {
+        self.events.borrow_mut().pop_front()
+    }
+
+    /// Whether the board is missed now.
+    pub fn is_away(&self) -> bool {
+        *self.connection.borrow() != Connection::Up
+    }
+
+    /// How often the connection was restored: frames of the same count came by one connection.
+    pub fn restored(&self) -> u32 {
+        self.restored.get()
     }
 
     /// Electrodes of the board.
@@ -161,15 +224,32 @@ impl Session {
             .map(move |(drive, sense)| [pair(drive), pair(sense)])
     }
 
-    /// The next frame of the plan in force, or `None` when none came in time, or the board said that it watches. A board that was reset meanwhile (its
-    /// sequence and its time begin anew) is given the plan again and started.
+    /// The next frame of the plan in force. `None` when none came in time, when the board said that it watches, and when there is
+    /// an [event](Session::event). A board that was reset meanwhile (its sequence and its time begin anew) is given the plan again
+    /// and started.
     ///
     /// # Errors
-    /// The port is gone, another board is behind it, or the board stopped with an error.
+    /// The port is gone and cannot be opened again, another board is behind it, or the board stopped with an error.
     pub fn frame(&self, wait: Duration) -> Result<Option<MeasuredFrame>, LinkError> {
         let end = Instant::now() + wait;
         loop {
-            match self.link.receive(end.saturating_duration_since(Instant::now()))? {
+            let left = end.saturating_duration_since(Instant::now());
+            let away = self.is_away();
+            let received = match self.link.receive(if away { left.min(GREETING) } else { left }) {
+                Err(LinkError::Lost(why)) if self.link.reopens() => {
+                    self.lose(why);
+                    return Ok(None);
+                }
+                received => received?,
+            };
+            if away {
+                let over = self.look_for(received)?;
+                if over || Instant::now() >= end {
+                    return Ok(None);
+                }
+                continue;
+            }
+            match received {
                 None => {
                     // Perhaps it was reset and its introduction was lost. Starting twice is no error.
                     if self.patience_is_over() {
@@ -181,18 +261,37 @@ impl Session {
                 Some(FromBoard::Frame(frame)) if self.fits(&frame) => {
                     return Ok(Some(MeasuredFrame::of(&self.hello, &self.plan, &frame)));
                 }
-                Some(FromBoard::Hello(hello)) if !hello.is_same_board(&self.hello) => {
-                    return Err(LinkError::Lost("another board is behind the port now".to_owned()));
+                Some(FromBoard::Hello(hello)) => {
+                    // It was reset: every time it is, at once.
+                    if hello.is_same_board(&self.hello) {
+                        self.resume();
+                    } else if self.link.reopens() {
+                        self.lose("another board is behind the port now".to_owned());
+                        self.meet(&hello)?;
+                        return Ok(None);
+                    } else {
+                        return Err(LinkError::Lost("another board is behind the port now".to_owned()));
+                    }
+                }
+                // It was reset, its introduction was lost, and it has the watch of its power-up.
+                Some(FromBoard::Heartbeat(_)) if self.watch.borrow().is_none() => {
+                    if self.patience_is_over() {
+                        self.resume();
+                    }
+                    return Ok(None);
                 }
                 Some(FromBoard::Heartbeat(beat)) => {
                     self.told.set(Instant::now());
                     self.watching.set(beat.state);
                     return Ok(None);
                 }
-                // It was reset: every time it is, at once.
-                Some(FromBoard::Hello(_)) => self.resume(),
                 // It was reset, its introduction was lost, and it has the plan of its power-up.
                 Some(FromBoard::Frame(_)) if self.patience_is_over() => self.resume(),
+                Some(FromBoard::Status(status)) => {
+                    if self.excitation.get().is_none() {
+                        self.excitation.set(Some(status.excitation_permille));
+                    }
+                }
                 Some(FromBoard::Error(BoardError::Command(e))) => {
                     tracing::debug!("the board could not read a command: {e}");
                 }
@@ -200,6 +299,88 @@ impl Session {
                 Some(_) => {}
             }
         }
+    }
+
+    /// The port was lost.
+    fn lose(&self, why: String) {
+        let since = match &*self.connection.borrow() {
+            Connection::Up => None,
+            Connection::Lost { since, other } => Some((*since, *other)),
+            Connection::Told { since, .. } => Some((*since, false)),
+        };
+        if since.is_none() {
+            self.events.borrow_mut().push_back(ConnectionEvent::Lost { why });
+        }
+        let (since, other) = since.unwrap_or((Instant::now(), false));
+        self.connection.replace(Connection::Lost { since, other });
+        self.watching.set(Watching::Off);
+        // The link asks whoever comes.
+        self.told.set(Instant::now());
+    }
+
+    /// Asks whoever is there; nobody hears it while the port is gone.
+    fn ask_who(&self) {
+        self.told.set(Instant::now());
+        self.link.send(ToBoard::Hello);
+    }
+
+    /// Takes what comes while the board is missed; whether it is back. Frames are nobody's as long as it is not known whose.
+    fn look_for(&self, received: Option<FromBoard>) -> Result<bool, LinkError> {
+        match received {
+            Some(FromBoard::Hello(hello)) => self.meet(&hello)?,
+            Some(FromBoard::Plan(said)) => {
+                let confirmed = self.connection.borrow().confirmed(&said, &self.plan);
+                if let Some((since, firmware)) = confirmed {
+                    self.connection.replace(Connection::Up);
+                    self.restored.set(self.restored.get() + 1);
+                    let away = since.elapsed();
+                    let restored = ConnectionEvent::Restored { away, firmware };
+                    self.events.borrow_mut().push_back(restored);
+                    return Ok(true);
+                }
+            }
+            Some(FromBoard::Error(BoardError::Command(_))) => {}
+            Some(FromBoard::Error(e)) if matches!(&*self.connection.borrow(), Connection::Told { .. }) => {
+                return Err(LinkError::Refused(e.to_string()));
+            }
+            _ => {}
+        }
+        let patience = match &*self.connection.borrow() {
+            Connection::Told { .. } => PATIENCE,
+            _ => GREETING,
+        };
+        if self.told.get().elapsed() >= patience {
+            self.ask_who();
+        }
+        Ok(false)
+    }
+
+    /// Somebody introduced itself where the board was.
+    fn meet(&self, hello: &Hello) -> Result<(), LinkError> {
+        let (since, told) = match &*self.connection.borrow() {
+            Connection::Up => return Ok(()),
+            Connection::Lost { since, other } => (*since, *other),
+            Connection::Told { since, .. } => (*since, false),
+        };
+        let firmware = match Identity::of(hello, &self.hello) {
+            Identity::Same => None,
+            Identity::OtherFirmware(firmware) => Some(firmware),
+            Identity::Changed => return Err(LinkError::Changed),
+            Identity::Other => {
+                if !told {
+                    self.events.borrow_mut().push_back(ConnectionEvent::OtherBoard {
+                        serial: hello.serial.to_string(),
+                        wanted: self.hello.serial.to_string(),
+                    });
+                }
+                self.connection.replace(Connection::Lost { since, other: true });
+                self.link.reopen("another board is behind the port".to_owned());
+                return Ok(());
+            }
+        };
+        self.connection.replace(Connection::Told { since, firmware });
+        self.resume();
+        Ok(())
     }
 
     /// Whether the board was told what to do so long ago that it must have heard it or lost it.
@@ -211,6 +392,9 @@ impl Session {
     fn resume(&self) {
         self.told.set(Instant::now());
         self.link.send(ToBoard::SetWatch(self.watch.borrow().clone()));
+        if let Some(permille) = self.excitation.get() {
+            self.link.send(ToBoard::SetExcitation(permille));
+        }
         self.link.send(ToBoard::SetPlan(self.plan.clone()));
         self.link.send(ToBoard::Start);
     }

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 /// Events since power-up or since [`crate::ToBoard::ResetCounters`]. Each stays at `u32::MAX` once it is there.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Counters {
     /// Frames measured and queued.
     pub frames: u32,

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 /// Why a stretch of bytes between two delimiters was not a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum FrameError {
     /// Longer than the receiver holds.
     Overflow,
@@ -36,6 +37,7 @@ impl core::error::Error for FrameError {}
 
 /// A fault of the front end that stopped the scan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum FrontEndFault {
     /// No samples came.
     Timeout,
@@ -49,6 +51,7 @@ pub enum FrontEndFault {
 
 /// What else a command can ask for that the board cannot do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Refusal {
     /// Not while frames are being measured.
     Busy,
@@ -72,6 +75,7 @@ pub enum Refusal {
 
 /// Numbers of a [`crate::Watch`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum WatchNumber {
     /// [`crate::Watch::learn_scans`].
     LearnScans,
@@ -111,6 +115,7 @@ impl fmt::Display for Refusal {
 
 /// Why the board did not do what it was told, or stopped doing it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum BoardError {
     /// A command arrived that could not be read.
     Command(FrameError),

@@ -58,6 +58,7 @@ pub struct Limits {
 
 /// Why the board started.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ResetCause {
     /// It does not know.
     #[default]

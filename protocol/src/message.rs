@@ -54,6 +54,7 @@ pub enum ToBoard {
 
 /// Which command an acknowledgement is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Command {
     /// [`ToBoard::Start`].
     Start,

@@ -18,6 +18,7 @@ pub const MAX_ELECTRODES: u8 = 32;
 /// Two electrodes, counted from 0 counter-clockwise as seen from the touched side. As a drive pair the current flows into
 /// `plus` and out of `minus`; as a sense pair the value is the potential of `plus` less that of `minus`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Pair {
     /// Where the current enters, or the positive input.
     pub plus: u8,

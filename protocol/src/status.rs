@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 /// How the store goes together with what is in force.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Stored {
     /// Nothing is stored: at power-up the board is as it was made.
     #[default]
@@ -20,6 +21,7 @@ pub enum Stored {
 
 /// What the board is set to, beside its plan and its watch, and what it does.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Status {
     /// Whether it was told to measure.
     pub running: bool,

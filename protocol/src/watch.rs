@@ -122,6 +122,7 @@ impl Watch {
 
 /// What the board is doing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Watching {
     /// There is no watch, or no scan.
     #[default]

@@ -2,16 +2,17 @@
 
 use crate::error::RecordingError;
 use crate::reader::Reader;
-use crate::topic::Topic;
+use crate::topic::{PORT_STEP, Topic};
 use protocol::{
     BoardError, Command, Decoder, FromBoard, Hello, MAX_FROM_BOARD_LEN, MAX_TO_BOARD_LEN, Plan, ToBoard, encode,
 };
+use serde::Deserialize;
 use std::collections::VecDeque;
 use std::fs::File;
 use std::io::{self, BufReader, ErrorKind, Read, Write};
 use std::path::Path;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 /// How fast a recording is played.
@@ -26,9 +27,20 @@ pub enum Speed {
 /// Longest that a read waits.
 const WAIT: Duration = Duration::from_millis(20);
 
-/// A port with a recorded board behind it. It introduces itself and accepts the recorded plan as the board did; from the start on
-/// it sends what the board sent after it was started, and nothing else. At the end reads give no byte, which is the end of a port.
+/// A port with a recorded board behind it; clones are the same. It introduces itself and accepts the recorded plan as the board did; from the start on
+/// it sends what the board sent after it was started, and nothing else. Where the recorded port was opened again, this one is gone
+/// until it is [opened again](Playback::reopen), too. At the end reads give no byte, which is the end of a port.
+#[derive(Clone)]
 pub struct Playback {
+    played: Arc<Mutex<Played>>,
+    hello: Hello,
+    plan: Plan,
+    ended: Arc<AtomicBool>,
+    /// Which of the recorded ports it is.
+    port: u32,
+}
+
+struct Played {
     reader: Reader<BufReader<File>>,
     hello: Hello,
     plan: Plan,
@@ -38,6 +50,8 @@ pub struct Playback {
     /// Since the start was asked for.
     playing: Option<Playing>,
     ended: Arc<AtomicBool>,
+    /// How often the recorded port was opened again so far.
+    ports: u32,
 }
 
 #[derive(Default)]
@@ -47,8 +61,30 @@ struct Playing {
     started: bool,
     /// Log time and present of the first frame.
     began: Option<(u64, Instant)>,
-    /// The next message and its log time.
-    next: Option<(u64, Vec<u8>)>,
+    /// What is to be sent next.
+    next: Option<Next>,
+}
+
+/// What comes next by a recorded port.
+enum Next {
+    /// A message, with its log time.
+    Message(u64, Vec<u8>),
+    /// It was opened again at this log time.
+    Port(u64),
+}
+
+impl Next {
+    fn log_ns(&self) -> u64 {
+        match self {
+            Self::Message(log_ns, _) | Self::Port(log_ns) => *log_ns,
+        }
+    }
+}
+
+/// What a step of the live reconstruction says of the port.
+#[derive(Deserialize)]
+struct Step {
+    step: String,
 }
 
 fn decoded(decoder: &mut Decoder<MAX_FROM_BOARD_LEN>, message: &[u8]) -> Option<FromBoard> {
@@ -83,16 +119,43 @@ impl Playback {
                 _ => {}
             }
         }
-        Ok(Self {
-            hello: hello.ok_or_else(|| lacks("introduction of a board"))?,
-            plan: plan.ok_or_else(|| lacks("plan of what was measured"))?,
+        let hello = hello.ok_or_else(|| lacks("introduction of a board"))?;
+        let plan = plan.ok_or_else(|| lacks("plan of what was measured"))?;
+        let ended = Arc::default();
+        let played = Played {
+            hello: hello.clone(),
+            plan: plan.clone(),
             reader: Reader::open(path)?,
             speed,
             commands: Decoder::new(),
             out: VecDeque::new(),
             playing: None,
-            ended: Arc::default(),
+            ended: Arc::clone(&ended),
+            ports: 0,
+        };
+        Ok(Self {
+            played: Arc::new(Mutex::new(played)),
+            hello,
+            plan,
+            ended,
+            port: 0,
         })
+    }
+
+    /// The port once more, as it was opened again when it was recorded.
+    ///
+    /// # Errors
+    /// [`ErrorKind::NotFound`] at the end of the recording.
+    pub fn reopen(&self) -> io::Result<Self> {
+        if self.ended.load(Ordering::Acquire) {
+            return Err(ErrorKind::NotFound.into());
+        }
+        let port = self.played().ports;
+        Ok(Self { port, ..self.clone() })
+    }
+
+    fn played(&self) -> MutexGuard<'_, Played> {
+        self.played.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Who the board was.
@@ -109,7 +172,9 @@ impl Playback {
     pub fn ended(&self) -> Arc<AtomicBool> {
         Arc::clone(&self.ended)
     }
+}
 
+impl Played {
     fn answer(&mut self, message: &FromBoard) {
         match encode(message, &mut [0; MAX_FROM_BOARD_LEN]) {
             Ok(bytes) => self.out.extend(bytes),
@@ -133,8 +198,8 @@ impl Playback {
         }
     }
 
-    /// The next message that is to be sent, with its log time.
-    fn next_message(&mut self) -> Result<Option<(u64, Vec<u8>)>, RecordingError> {
+    /// What comes next; none at the end.
+    fn next(&mut self) -> Result<Option<Next>, RecordingError> {
         let Some(playing) = &mut self.playing else {
             return Ok(None);
         };
@@ -142,6 +207,11 @@ impl Playback {
             return Ok(Some(next));
         }
         while let Some(message) = self.reader.next()? {
+            let again = message.topic == Some(Topic::Live)
+                && serde_json::from_slice::<Step>(message.data).is_ok_and(|s| s.step == PORT_STEP);
+            if again && playing.started {
+                return Ok(Some(Next::Port(message.log_ns)));
+            }
             if message.topic != Some(Topic::Board) {
                 continue;
             }
@@ -154,47 +224,51 @@ impl Playback {
                     playing.started |= frame.plan == self.plan.id;
                     playing.started
                 }
-                // A reset, a sign of life, a stop; or what was damaged on the way, which is counted again.
-                Some(FromBoard::Hello(_) | FromBoard::Heartbeat(_)) | None => playing.started,
+                // A reset, the plan after it, a sign of life, a stop; or what was damaged on the way, which is counted again.
+                Some(FromBoard::Hello(_) | FromBoard::Plan(_) | FromBoard::Heartbeat(_)) | None => playing.started,
                 Some(FromBoard::Error(e)) => playing.started && !matches!(e, BoardError::Command(_)),
                 Some(_) => false,
             };
             if send {
-                return Ok(Some((message.log_ns, message.data.to_vec())));
+                return Ok(Some(Next::Message(message.log_ns, message.data.to_vec())));
             }
         }
         Ok(None)
     }
 }
 
-impl Read for Playback {
+impl Played {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        if buffer.is_empty() {
-            return Ok(0);
-        }
         if self.out.is_empty() {
             if self.playing.is_none() {
                 // Nothing was asked for: nothing will come.
                 std::thread::sleep(Duration::from_millis(1));
                 return Err(ErrorKind::TimedOut.into());
             }
-            let Some((log_ns, message)) = self.next_message().map_err(io::Error::other)? else {
+            let Some(next) = self.next().map_err(io::Error::other)? else {
                 self.ended.store(true, Ordering::Release);
                 return Ok(0);
             };
             let playing = self.playing.get_or_insert_default();
             if let Speed::Times(times) = self.speed {
+                let log_ns = next.log_ns();
                 let (first_ns, began) = *playing.began.get_or_insert_with(|| (log_ns, Instant::now()));
                 let after_s = 1e-9 * log_ns.saturating_sub(first_ns) as f64 / times;
                 let due = Duration::try_from_secs_f64(after_s).unwrap_or(Duration::MAX);
                 let wait = due.saturating_sub(began.elapsed());
                 std::thread::sleep(wait.min(WAIT));
                 if wait > WAIT {
-                    playing.next = Some((log_ns, message));
+                    playing.next = Some(next);
                     return Err(ErrorKind::TimedOut.into());
                 }
             }
-            self.out.extend(message);
+            match next {
+                Next::Message(_, message) => self.out.extend(message),
+                Next::Port(_) => {
+                    self.ports += 1;
+                    return Err(ErrorKind::BrokenPipe.into());
+                }
+            }
         }
         let count = self.out.len().min(buffer.len());
         for (place, byte) in buffer.iter_mut().zip(self.out.drain(..count)) {
@@ -204,15 +278,28 @@ impl Read for Playback {
     }
 }
 
+impl Read for Playback {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let mut played = self.played();
+        match buffer {
+            [] => Ok(0),
+            _ if played.ports != self.port => Err(ErrorKind::BrokenPipe.into()),
+            buffer => played.read(buffer),
+        }
+    }
+}
+
 impl Write for Playback {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let mut played = self.played();
         let mut commands = Vec::new();
-        self.commands
+        played
+            .commands
             .push(bytes, |command: Result<ToBoard, _>| commands.extend(command));
         // Once it plays, what the board answered is in the recording.
         for command in commands {
-            if self.playing.is_none() {
-                self.obey(command);
+            if played.playing.is_none() {
+                played.obey(command);
             }
         }
         Ok(bytes.len())

@@ -4,7 +4,7 @@ use crate::clock::{BoardClock, ClockFit};
 use crate::error::RecordingError;
 use crate::sink::Target;
 use crate::tap::{Data, Item, Queue, Shared, Tap};
-use crate::topic::Topic;
+use crate::topic::{PORT_STEP, Topic};
 use crate::wire::Splitter;
 use crate::writer::Writer;
 use protocol::{Decoder, FromBoard, MAX_FROM_BOARD_LEN};
@@ -190,11 +190,14 @@ pub(crate) fn record<T: Target>(writer: Writer<T>, queue: &Queue, session: &[u8]
     let shared = Arc::clone(&queue.tap.shared);
     // What came by ports that turned out to be no board's is not recorded.
     let mut early: Vec<Item> = queue.items.try_iter().collect();
-    let port = early.iter().rposition(|item| matches!(item, Item::Port)).unwrap_or(0);
+    let port = early
+        .iter()
+        .rposition(|item| matches!(item, Item::Port { .. }))
+        .unwrap_or(0);
     let mut place = 0;
     early.retain(|item| {
         place += 1;
-        place > port || !matches!(item, Item::Bytes { .. })
+        place > port || !matches!(item, Item::Bytes { .. } | Item::Port { .. })
     });
     let mut state = State {
         writer,
@@ -204,6 +207,7 @@ pub(crate) fn record<T: Target>(writer: Writer<T>, queue: &Queue, session: &[u8]
         rate: None,
         board: BoardClock::default(),
         fit: None,
+        has_port: false,
     };
     let mut outcome = state.session(session);
     let mut early = early.into_iter();
@@ -266,6 +270,8 @@ struct State<'a, T: Target> {
     rate: Option<f64>,
     board: BoardClock,
     fit: Option<ClockFit>,
+    /// Whether bytes of a port were recorded: another one is the same board's, which came back.
+    has_port: bool,
 }
 
 impl<T: Target> State<'_, T> {
@@ -291,7 +297,14 @@ impl<T: Target> State<'_, T> {
 
     fn take(&mut self, item: Item) -> Result<(), RecordingError> {
         match item {
-            Item::Port => self.splitters = Default::default(),
+            Item::Port { at } => {
+                self.splitters = Default::default();
+                if std::mem::replace(&mut self.has_port, true) {
+                    let log_ns = self.shared.clock.unix_ns(at);
+                    let step = json!({"step": PORT_STEP});
+                    return self.write(Topic::Live, log_ns, log_ns, step.to_string().as_bytes());
+                }
+            }
             Item::Bytes {
                 at,
                 from_board,

@@ -25,7 +25,9 @@ pub(crate) enum Data {
 
 pub(crate) enum Item {
     /// Bytes that come from now on are another port's.
-    Port,
+    Port {
+        at: Instant,
+    },
     Bytes {
         at: Instant,
         from_board: bool,
@@ -96,7 +98,7 @@ impl Tap {
 
     /// A port whose bytes are recorded, both ways. What came by the ports before is forgotten where the recording has not begun.
     pub fn port<P>(&self, port: P) -> Tapped<P> {
-        self.give(Item::Port);
+        self.give(Item::Port { at: Instant::now() });
         Tapped {
             port,
             tap: self.clone(),

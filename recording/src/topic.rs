@@ -5,6 +5,9 @@ pub const FORMAT: u32 = 1;
 /// The profile in the file's header.
 pub const PROFILE: &str = "skin";
 
+/// The step on [`Topic::Live`] that the recorder itself writes: what follows came by a port that was opened again.
+pub(crate) const PORT_STEP: &str = "port";
+
 /// A topic. Messages of all but the first two are JSON.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Topic {

@@ -55,13 +55,8 @@ fn main() -> anyhow::Result<()> {
                     baseline_frames: Some(BASELINE_FRAMES),
                 };
                 let mut reconstructor = live_reconstructor(&sheet.fitted_imager(), &baseline, noise)?;
-                let (mut tracker, mut radius_filter) = (
-                    Tracker::new(TrackerOptions {
-                        reach_mm: 20.0,
-                        patience_s: 0.5,
-                    }),
-                    RadiusFilter::default(),
-                );
+                let (mut tracker, mut radius_filter) =
+                    (Tracker::new(TrackerOptions::new(20.0, 0.5)), RadiusFilter::default());
                 let mut looks = LOOKS.iter().zip(&mut scores).peekable();
                 for frame in 1.. {
                     let time_s = frame as f64 * FRAME_S;

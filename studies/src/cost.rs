@@ -1,14 +1,19 @@
 //! Time of a frame from voltages to touches, for different events on the sheet.
 
+mod frames;
+
 use crate::error::StudyError;
 use crate::scene::{Fault, Scene, rng};
 use crate::score::quantile;
-use crate::test_sheet::{TestSheet, imager, live_reconstructor, noise_v, noisy};
-use forward::{DiscTouch, Drive};
-use inverse::pipeline::Reconstructor;
-use inverse::reference::noise::FrameNoise;
+use crate::test_sheet::{TestSheet, imager, noise_v, noisy, reconstructor};
+use forward::{DiscTouch, Drive, Pattern, Sheet};
+pub use frames::Frames;
+use inverse::live::{Live, LiveFrame, LiveOptions};
+use inverse::pipeline::FrameResult;
+use inverse::reference::imager::Imager;
 use rand::rngs::StdRng;
 use serde::Serialize;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// What happens on the sheet.
@@ -93,91 +98,177 @@ fn hand(turn: f64) -> Vec<DiscTouch> {
     touches
 }
 
-/// Times of a happening.
+/// Times of the frames of one kind.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Cost {
     /// What happens.
-    pub happening: &'static str,
+    pub happening: String,
     /// Frames measured; fewer than asked for where they take long.
     pub frames: usize,
-    /// Time of a frame over the frames of the sequence, us: median and 99th percentile.
+    /// Time of a frame over the frames of the sequence, us: median, 99th percentile and the longest.
     pub median_us: f64,
     /// See `median_us`.
     pub p99_us: f64,
+    /// See `median_us`.
+    pub worst_us: f64,
     /// The picture's solve alone, median, us.
     pub solve_us: f64,
     /// Touches found, mean over the frames.
     pub touches: f64,
-    /// Part of the frames with as many touches as there are.
-    pub counted: f64,
+    /// Part of the frames with as many touches as there are; none where what is there is no touch.
+    pub counted: Option<f64>,
 }
 
 /// Number of runs through the sequence. The time of a frame is its least, which leaves out other programs.
 const RUNS: usize = 5;
-/// After this time a happening gets no more runs, and at most [`FEW`] frames.
-const MOST: Duration = Duration::from_secs(3);
-const FEW: usize = 8;
+/// After this time a kind gets no more runs, and at most [`FEW`] frames.
+const MOST: Duration = Duration::from_secs(4);
+const FEW: usize = 24;
+/// Time from a frame to the next, s.
+const INTERVAL_S: f64 = 1.0 / 210.0;
 
-/// Measures the times of frames with the noise at which four fingers have 27 dB.
+/// Measures the times of frames with the noise at which four fingers have 27 dB: of the paper's sheet, and of one with 32 electrodes.
+/// `told` is told the name of every kind before it is measured.
 ///
 /// # Errors
 /// [`StudyError`] where the sheet cannot be modelled.
-pub fn costs(drive: Drive, frames: usize, seed: u64) -> Result<Vec<Cost>, StudyError> {
+pub fn costs(drive: Drive, frames: usize, seed: u64, mut told: impl FnMut(&str)) -> Result<Vec<Cost>, StudyError> {
+    let mut costs = of_paper(drive, frames, seed, &mut told)?;
+    costs.extend(of_32_electrodes(drive, frames, seed, &mut told)?);
+    Ok(costs)
+}
+
+/// The same of the paper's sheet alone.
+fn of_paper(drive: Drive, frames: usize, seed: u64, mut told: impl FnMut(&str)) -> Result<Vec<Cost>, StudyError> {
     let mut rng = rng(seed);
     let imager = imager(drive, 5.0)?;
     let mut sheet = TestSheet::new(&imager, drive, 0.0, 0.0, &mut rng)?;
     let sigma = noise(&mut sheet, &mut rng)?;
-    let mut costs = Vec::new();
-    for happening in Happening::ALL {
-        let sequence = sequence(&mut sheet, happening, frames, sigma, &mut rng)?;
-        let mut best = vec![f64::INFINITY; frames];
-        let mut cost = Cost {
-            happening: happening.name(),
-            frames: 0,
-            median_us: 0.0,
-            p99_us: 0.0,
-            solve_us: 0.0,
-            touches: 0.0,
-            counted: 0.0,
-        };
-        let mut solves = vec![f64::INFINITY; frames];
-        let begin = Instant::now();
-        for run in 0..RUNS {
-            if run > 0 && begin.elapsed() > MOST {
-                break;
-            }
-            let noise = match happening {
-                Happening::IdleUnknownNoise => FrameNoise::Unknown,
-                _ => FrameNoise::of_frames(sigma),
-            };
-            let mut r = live_reconstructor(&imager, &sheet.baseline, noise)?;
-            // The first frame prepares the problem and the tables of the fit.
-            warm_up(&mut r, &mut sheet, sigma, &mut rng)?;
-            for (k, frame) in sequence.iter().enumerate() {
-                if k >= FEW && begin.elapsed() > MOST {
-                    break;
-                }
-                let start = Instant::now();
-                let found = r.frame(frame)?;
-                best[k] = best[k].min(start.elapsed().as_secs_f64() * 1e6);
-                solves[k] = solves[k].min(found.solve_us);
-                if run == 0 {
-                    cost.frames += 1;
-                    cost.touches += found.touches.len() as f64;
-                    cost.counted += f64::from(found.touches.len() == happening.touches(k).len());
-                }
-            }
-        }
-        best.truncate(cost.frames);
-        solves.truncate(cost.frames);
-        cost.touches /= cost.frames as f64;
-        cost.counted /= cost.frames as f64;
-        cost.median_us = quantile(&best, 0.5);
-        cost.p99_us = quantile(&best, 0.99);
-        cost.solve_us = quantile(&solves, 0.5);
-        costs.push(cost);
+    let idle = Frames::of_happening(&mut sheet, Happening::Idle, frames, &mut rng)?;
+    let noisy = idle.noisy(sigma, &mut rng);
+    told(Happening::IdleUnknownNoise.name());
+    let way = || {
+        let mut r = reconstructor(&imager, &sheet.baseline)?;
+        // The first frame prepares the problem.
+        r.frame(&noisy[0]).map(drop)?;
+        Ok(move |_: f64, frame: &[f64], see: &mut dyn FnMut(&FrameResult)| {
+            see(r.frame(frame)?);
+            Ok(())
+        })
+    };
+    let unknown = time(Happening::IdleUnknownNoise.name(), &idle, &noisy, way)?;
+    let mut costs = vec![unknown];
+    for kind in Frames::of_paper(&mut sheet, frames, &mut rng)? {
+        told(&kind.name);
+        costs.push(live(&imager, &sheet, &kind, sigma, &mut rng)?);
     }
     Ok(costs)
+}
+
+/// The same with 32 electrodes.
+fn of_32_electrodes(
+    drive: Drive,
+    frames: usize,
+    seed: u64,
+    mut told: impl FnMut(&str),
+) -> Result<Vec<Cost>, StudyError> {
+    let (mut rng, electrodes) = (rng(seed), 32);
+    let paper = Sheet::paper();
+    let contact_mm = paper.electrodes.first().map_or(0.0, |e| e.contact_mm);
+    let disc = Sheet::disc(195.0, electrodes, 7.0, contact_mm, paper.sheet_resistance_ohm);
+    let imager = Arc::new(Imager::new(&disc, drive, Pattern::adjacent(electrodes)?, 5.0)?);
+    let mut sheet = TestSheet::of_sheet(&imager, drive, &disc)?;
+    let sigma = noise(&mut sheet, &mut rng)?;
+    let mut costs = Vec::new();
+    for kind in Frames::of_many_electrodes(&mut sheet, frames, &mut rng)? {
+        told(&kind.name);
+        costs.push(live(&imager, &sheet, &kind, sigma, &mut rng)?);
+    }
+    Ok(costs)
+}
+
+/// Measures frames on their way from the link to numbered touches.
+fn live(
+    imager: &Arc<Imager>,
+    sheet: &TestSheet,
+    kind: &Frames,
+    sigma: f64,
+    rng: &mut StdRng,
+) -> Result<Cost, StudyError> {
+    let options = LiveOptions {
+        find_electrodes: false,
+        ..LiveOptions::default()
+    };
+    let baseline: Vec<Vec<f64>> = (0..options.baseline_frames + 8)
+        .map(|_| sheet.empty(sigma, rng))
+        .collect();
+    let noisy = kind.noisy(sigma, rng);
+    let way = || {
+        let mut live = Live::new(Arc::clone(imager), options);
+        for (k, frame) in baseline.iter().enumerate() {
+            live.frame(k as f64 * INTERVAL_S, frame)?;
+        }
+        let begin_s = baseline.len() as f64 * INTERVAL_S;
+        Ok(move |time_s: f64, frame: &[f64], see: &mut dyn FnMut(&FrameResult)| {
+            if let LiveFrame::Picture(result) = live.frame(begin_s + time_s, frame)? {
+                see(result);
+            }
+            Ok(())
+        })
+    };
+    time(&kind.name, kind, &noisy, way)
+}
+
+/// Runs frames through a way that is begun anew for every run.
+fn time<W>(
+    name: &str,
+    kind: &Frames,
+    noisy: &[Vec<f64>],
+    mut begin: impl FnMut() -> Result<W, StudyError>,
+) -> Result<Cost, StudyError>
+where
+    W: FnMut(f64, &[f64], &mut dyn FnMut(&FrameResult)) -> Result<(), StudyError>,
+{
+    let mut best = vec![f64::INFINITY; noisy.len()];
+    let mut solves = best.clone();
+    let (mut measured, mut touches, mut counted) = (0, 0.0, 0.0);
+    let start = Instant::now();
+    for run in 0..RUNS {
+        if run > 0 && start.elapsed() > MOST {
+            break;
+        }
+        let mut way = begin()?;
+        for (k, frame) in noisy.iter().enumerate() {
+            if k >= FEW && start.elapsed() > MOST {
+                break;
+            }
+            let (mut found, mut solve_us) = (0, 0.0);
+            let begin = Instant::now();
+            way(k as f64 * INTERVAL_S, frame, &mut |result| {
+                (found, solve_us) = (result.touches.len(), result.solve_us);
+            })?;
+            best[k] = best[k].min(begin.elapsed().as_secs_f64() * 1e6);
+            solves[k] = solves[k].min(solve_us);
+            if run == 0 {
+                measured += 1;
+                touches += found as f64;
+                counted += f64::from(kind.touches.get(k) == Some(&found));
+            }
+        }
+    }
+    best.truncate(measured);
+    solves.truncate(measured);
+    let frames = measured as f64;
+    Ok(Cost {
+        happening: name.to_owned(),
+        frames: measured,
+        median_us: quantile(&best, 0.5),
+        p99_us: quantile(&best, 0.99),
+        worst_us: quantile(&best, 1.0),
+        solve_us: quantile(&solves, 0.5),
+        touches: touches / frames,
+        counted: (!kind.touches.is_empty()).then_some(counted / frames),
+    })
 }
 
 /// Noise at which four fingers have 27 dB, V.
@@ -220,17 +311,12 @@ pub(super) fn sequence(
         .collect()
 }
 
-fn warm_up(r: &mut Reconstructor, sheet: &mut TestSheet, sigma: f64, rng: &mut StdRng) -> Result<(), StudyError> {
-    for happening in [Happening::Four, Happening::Idle] {
-        let frame = sequence(sheet, happening, 1, sigma, rng)?;
-        r.frame(&frame[0])?;
-    }
-    Ok(())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::test_sheet::live_reconstructor;
+    use inverse::pipeline::Work;
+    use inverse::reference::noise::FrameNoise;
 
     #[test]
     fn nothing_touches_overlaps_or_leaves_the_sheet() {
@@ -249,14 +335,53 @@ mod tests {
         }
     }
 
+    /// Whatever is on the sheet, and whatever is broken, no frame of a sequence takes more work than this.
     #[test]
-    fn costs_are_told_for_all_that_happens() {
-        let costs = costs(Drive::PAPER, 4, 5).unwrap();
-        assert_eq!(costs.len(), Happening::ALL.len());
-        assert!(
-            costs[..2].iter().all(|c| c.touches == 0.0 && c.solve_us == 0.0),
-            "{costs:?}"
-        );
-        assert!(costs[2..5].iter().all(|c| c.counted == 1.0), "{costs:?}");
+    fn no_frame_takes_more_than_so_much_work() {
+        let mut rng = rng(11);
+        let imager = imager(Drive::PAPER, 10.0).unwrap();
+        let mut sheet = TestSheet::new(&imager, Drive::PAPER, 0.0, 0.0, &mut rng).unwrap();
+        let sigma = noise(&mut sheet, &mut rng).unwrap();
+        for kind in Frames::of_paper(&mut sheet, 12, &mut rng).unwrap() {
+            let mut r = live_reconstructor(&imager, &sheet.baseline, FrameNoise::of_frames(sigma)).unwrap();
+            for (k, frame) in kind.noisy(sigma, &mut rng).iter().enumerate() {
+                r.frame_after(frame, Some(INTERVAL_S)).unwrap();
+                let Work {
+                    fits,
+                    solutions,
+                    problems,
+                    searches,
+                } = r.work();
+                let all = (fits <= 16, solutions <= 4, problems <= 6, searches <= 4);
+                assert_eq!(
+                    all,
+                    (true, true, true, true),
+                    "{}, frame {k}: {:?}",
+                    kind.name,
+                    r.work()
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn costs_are_told_for_what_happens() {
+        let mut rng = rng(5);
+        let imager = imager(Drive::PAPER, 10.0).unwrap();
+        let mut sheet = TestSheet::new(&imager, Drive::PAPER, 0.0, 0.0, &mut rng).unwrap();
+        let sigma = noise(&mut sheet, &mut rng).unwrap();
+        for happening in [Happening::Idle, Happening::One] {
+            let kind = Frames::of_happening(&mut sheet, happening, 4, &mut rng).unwrap();
+            let cost = live(&imager, &sheet, &kind, sigma, &mut rng).unwrap();
+            assert_eq!(
+                (cost.happening.as_str(), cost.frames, cost.counted),
+                (happening.name(), 4, Some(1.0))
+            );
+            assert!(
+                cost.median_us <= cost.p99_us && cost.p99_us <= cost.worst_us,
+                "{cost:?}"
+            );
+            assert_eq!(cost.solve_us > 0.0, happening == Happening::One, "{cost:?}");
+        }
     }
 }

@@ -11,6 +11,7 @@ use inverse::reference::electrode_fit;
 use inverse::reference::imager::Imager;
 use inverse::reference::noise::FrameNoise;
 use inverse::solvers::Method;
+use nalgebra::DMatrix;
 use rand::Rng;
 use rand::rngs::StdRng;
 use rand_distr::StandardNormal;
@@ -39,12 +40,19 @@ impl TestSheet {
         contact: f64,
         rng: &mut StdRng,
     ) -> Result<Self, ForwardError> {
-        let sheet = misplaced(off_mm, contact, rng);
+        Self::of_sheet(imager, drive, &misplaced(off_mm, contact, rng))
+    }
+
+    /// Any sheet, as it is built.
+    ///
+    /// # Errors
+    /// [`ForwardError`] where electrodes overlap.
+    pub fn of_sheet(imager: &Arc<Imager>, drive: Drive, sheet: &Sheet) -> Result<Self, ForwardError> {
         let options = ModelOptions {
             accuracy: 5e-5,
             ..ModelOptions::default()
         };
-        let solver = Solver::new(Arc::new(Model::new(&sheet, &options)?))?;
+        let solver = Solver::new(Arc::new(Model::new(sheet, &options)?))?;
         Ok(Self {
             baseline: drive.frame_v(solver.electrode_matrix(), &imager.pattern),
             imager: Arc::clone(imager),
@@ -152,6 +160,32 @@ impl TestSheet {
             .zip(change)
             .map(|(b, c)| drift.gain * (b + c))
             .collect())
+    }
+
+    /// The frame of any rises of the resistivity (a place in mm to the relative rise), V without noise.
+    ///
+    /// # Errors
+    /// [`ForwardError`] where the model has no solution: a rise of -1 or less.
+    pub fn field_frame(&mut self, rise: impl Fn([f64; 2]) -> f64) -> Result<Vec<f64>, ForwardError> {
+        let conductivity = conductivity_of(self.solver.model().mesh(), rise);
+        Ok(self
+            .drive
+            .frame_v(self.solver.solve(&conductivity)?, &self.imager.pattern))
+    }
+
+    /// The frame of discs without noise, V, after a change of the electrodes' matrix.
+    ///
+    /// # Errors
+    /// [`ForwardError`] where the model has no solution.
+    pub fn rewired_frame(
+        &mut self,
+        touches: &[DiscTouch],
+        rewire: impl Fn(&mut DMatrix<f64>),
+    ) -> Result<Vec<f64>, ForwardError> {
+        let mut potentials = self.solver.solve_touches(touches)?.potentials_ohm().clone();
+        rewire(&mut potentials);
+        let matrix = ElectrodeMatrix::from_potentials(potentials);
+        Ok(self.drive.frame_v(&matrix, &self.imager.pattern))
     }
 
     fn spoil(&self, v: &mut [f64], fault: Fault, rng: &mut StdRng) {

@@ -65,6 +65,8 @@ fn main() -> anyhow::Result<()> {
                 baseline: None,
                 faulty: Vec::new(),
                 status: taring.then(|| "taking the baseline, do not touch".to_owned()),
+                away: None,
+                uncalibrated: false,
             },
             touches,
         }

@@ -208,7 +208,7 @@ impl Canvas {
         let path = path.as_ref();
         let mut bytes = Vec::new();
         self.encode_png(&mut bytes)?;
-        std::fs::write(path, bytes).map_err(|source| ImageError::Write {
+        crate::replace::replace(path, |file| file.write_all(&bytes)).map_err(|source| ImageError::Write {
             path: path.display().to_string(),
             source,
         })

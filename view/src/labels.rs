@@ -132,9 +132,13 @@ pub fn rise_text(rise: f64) -> String {
     format!("{:+.0} %", 100.0 * rise).replace('-', "\u{2212}")
 }
 
-/// How strong a touch is: "+20 %", and where the force is known "+20 %  12.3 N".
+/// How strong a touch is: "+20 %", where the force is known "+20 %  12.3 N", and where it is that of a typical rubber "+20 %  ≈ 12 N".
 pub fn strength_text(touch: &Touch) -> String {
-    let force = touch.force_n.map(|f| format!("  {f:.1} N")).unwrap_or_default();
+    let force = match touch.force_n {
+        Some(force_n) if touch.uncalibrated => format!("  \u{2248} {force_n:.0} N"),
+        Some(force_n) => format!("  {force_n:.1} N"),
+        None => String::new(),
+    };
     rise_text(touch.rise) + &force
 }
 
@@ -225,5 +229,10 @@ mod tests {
             (strength_text(&touch), strength_text(&pressed)),
             ("+20 %".into(), "+20 %  12.3 N".into())
         );
+        let typical = Touch {
+            uncalibrated: true,
+            ..pressed
+        };
+        assert_eq!(strength_text(&typical), "+20 %  \u{2248} 12 N");
     }
 }

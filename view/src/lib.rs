@@ -38,6 +38,7 @@ pub mod labels;
 pub mod palette;
 pub mod picture;
 pub mod png;
+pub mod replace;
 pub mod sheet;
 pub mod shown;
 pub mod surface;

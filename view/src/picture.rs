@@ -216,6 +216,10 @@ pub struct Stats {
     pub faulty: Vec<usize>,
     /// What to tell the user now, such as "taking the baseline, do not touch".
     pub status: Option<String>,
+    /// Why no newer picture comes, where the board is away and waited for.
+    pub away: Option<String>,
+    /// Whether forces are those of a typical rubber, without a calibration.
+    pub uncalibrated: bool,
 }
 
 /// A picture to show. The parts that stay the same from frame to frame are shared.

@@ -18,10 +18,19 @@ use tokio::sync::watch;
 
 use crate::picture::{Picture, PictureError};
 use crate::shown::Shown;
+use crate::web::drawn::Drawn;
+use crate::web::keys::Keys;
+use crate::web::refused::Refusals;
 use crate::{SCALE_FLOOR, wire};
 
+mod app;
+mod connections;
+mod drawn;
 mod guard;
+mod keys;
+mod refused;
 mod server;
+mod watcher;
 
 /// Port unless told otherwise. Always the same, so that an open page finds the program again when it is restarted.
 pub const DEFAULT_PORT: u16 = 8477;
@@ -30,7 +39,7 @@ pub const DEFAULT_PORT: u16 = 8477;
 const WAITING_COMMANDS: usize = 16;
 
 /// How long pages are given to part in friendship when the program stops.
-const FAREWELL: Duration = Duration::from_millis(300);
+const FAREWELL: Duration = Duration::from_millis(150);
 
 /// How to serve the page.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -77,6 +86,9 @@ struct Shared {
     clients: AtomicUsize,
     encoded: AtomicUsize,
     commands: SyncSender<Command>,
+    keys: Keys,
+    refused: Arc<Refusals>,
+    drawn: Drawn,
 }
 
 /// The picture published last, and its messages once somebody wants them.
@@ -157,6 +169,8 @@ impl LiveView {
         let runtime = tokio::runtime::Builder::new_current_thread()
             .enable_io()
             .enable_time()
+            // One drawing at a time.
+            .max_blocking_threads(1)
             .build()?;
         let (sender, receiver) = sync_channel(WAITING_COMMANDS);
         let shared = Arc::new(Shared {
@@ -166,6 +180,9 @@ impl LiveView {
             clients: AtomicUsize::new(0),
             encoded: AtomicUsize::new(0),
             commands: sender,
+            keys: Keys::new()?,
+            refused: Arc::default(),
+            drawn: Drawn::default(),
         });
         let (stop, stopped) = watch::channel(false);
         let serve = {
@@ -187,9 +204,18 @@ impl LiveView {
         })
     }
 
-    /// Where the page is: `http://127.0.0.1:8477/`.
+    /// Where the page is, with the token that lets it command: `http://127.0.0.1:8477/#4f1c...`. For the user's eyes.
     pub fn url(&self) -> String {
-        format!("http://{}/", self.address)
+        format!("http://{}/#{}", self.address, self.shared.keys.token())
+    }
+
+    /// The same with a ticket in place of the token: only the first page that opens it may command. For what opens a browser, since all
+    /// users of a computer see the arguments of its programs.
+    ///
+    /// # Errors
+    /// The system has no random numbers.
+    pub fn url_once(&self) -> io::Result<String> {
+        Ok(format!("http://{}/#{}", self.address, self.shared.keys.new_ticket()?))
     }
 
     /// Shows a picture. Never waits for a page; a picture that no page has taken yet is replaced.
@@ -242,8 +268,10 @@ fn same_scene(a: &Picture, b: &Picture) -> bool {
         Arc::ptr_eq(a, b) || a == b
     }
     let sheet = same(&a.outline_mm, &b.outline_mm) && same(&a.electrodes_mm, &b.electrodes_mm);
-    let stats = a.stats.source == b.stats.source && a.stats.baseline == b.stats.baseline;
-    sheet && same(&a.grid, &b.grid) && stats && a.stats.faulty == b.stats.faulty
+    let stats =
+        a.stats.source == b.stats.source && a.stats.baseline == b.stats.baseline && a.stats.away == b.stats.away;
+    let marks = a.stats.faulty == b.stats.faulty && a.stats.uncalibrated == b.stats.uncalibrated;
+    sheet && same(&a.grid, &b.grid) && stats && marks
 }
 
 /// The system's error with what to do about it.

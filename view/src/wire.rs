@@ -1,6 +1,6 @@
 //! The messages between the program and the live page.
 //!
-//! To the page: a *scene* (JSON text) whenever the sheet, its broken electrodes, the source or the baseline change, and a *frame* (binary) per picture. From
+//! To the page: a *scene* (JSON text) whenever the sheet, its broken electrodes, the source, the baseline or the board's presence change, and a *frame* (binary) per picture. From
 //! the page: one binary byte for every frame it has taken, and small JSON texts for the rest.
 //!
 //! A frame tells the cells that changed since the frame that this page was sent before; what is a change, [`Shown`] decides. A
@@ -54,6 +54,10 @@ pub struct Scene<'a> {
     pub source: &'a str,
     /// The baseline in force; `null` before the first one.
     pub baseline: Option<&'a BaselineNote>,
+    /// Why no newer picture comes, where the board is away; else `null`.
+    pub away: Option<&'a str>,
+    /// Whether forces are those of a typical rubber.
+    pub uncalibrated: bool,
     /// Least full scale of the colours, relative rise.
     pub floor: f32,
     /// Columns of the grid.
@@ -87,6 +91,8 @@ impl<'a> Scene<'a> {
             scene,
             source: &picture.stats.source,
             baseline: picture.stats.baseline.as_ref(),
+            away: picture.stats.away.as_deref(),
+            uncalibrated: picture.stats.uncalibrated,
             floor,
             columns: grid.columns(),
             rows: grid.rows(),
@@ -105,6 +111,11 @@ impl<'a> Scene<'a> {
 #[derive(Debug, PartialEq, Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum Request {
+    /// May this page command? It shows what its address ends with.
+    Enter {
+        /// The token, or a ticket for it.
+        key: String,
+    },
     /// Take the baseline anew.
     Tare,
     /// Bring back the baseline before.
@@ -114,6 +125,15 @@ pub enum Request {
         /// The page's time, ms.
         page_ms: f64,
     },
+}
+
+/// The answer to [`Request::Enter`], and to a command of a page that may not command.
+#[derive(Debug, Serialize)]
+pub struct Rights<'a> {
+    /// Always "rights".
+    pub kind: &'static str,
+    /// The token, for a page that may command.
+    pub token: Option<&'a str>,
 }
 
 /// The answer to [`Request::Clock`].

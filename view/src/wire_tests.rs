@@ -37,6 +37,8 @@ pub(crate) fn picture(sequence: u64) -> Picture {
             baseline: None,
             faulty: vec![2],
             status: Some("taking the baseline, do not touch · 3 s".into()),
+            away: None,
+            uncalibrated: false,
         },
     }
 }
@@ -123,6 +125,10 @@ fn requests_of_the_page_are_read() {
     let read = |text| serde_json::from_str::<Request>(text).ok();
     assert_eq!(read(r#"{"kind":"tare"}"#), Some(Request::Tare));
     assert_eq!(read(r#"{"kind":"undo_baseline"}"#), Some(Request::UndoBaseline));
+    assert_eq!(
+        read(r#"{"kind":"enter","key":"4f1c"}"#),
+        Some(Request::Enter { key: "4f1c".into() })
+    );
     assert_eq!(
         read(r#"{"kind":"clock","page_ms":3.5}"#),
         Some(Request::Clock { page_ms: 3.5 })

@@ -91,6 +91,69 @@ fn pixels(page: &mut Page) -> String {
 }
 
 #[test]
+fn a_board_that_is_away_is_a_state_of_its_own() {
+    let Some(browser) = browser() else { return };
+    let (view, template) = (view(), template());
+    let mut page = browser.open(&view.url());
+    let mut says = |picture: Picture, text: &str| {
+        let end = Instant::now() + NOT_FOR_EVER;
+        loop {
+            // Pictures go on coming, as of a board that is there.
+            view.publish(picture.clone()).unwrap();
+            let state = page.ask(r##"document.querySelector("#connection-text").textContent"##);
+            if state.as_str() == Some(text) {
+                return page.ask(
+                    r##"[document.querySelector("#banner").textContent, document.querySelector("#tare").disabled].join()"##,
+                );
+            }
+            assert!(Instant::now() < end, "{state} is not {text}");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    };
+    assert_eq!(says(picture(&template, 1), "live"), ",false");
+    let mut away = picture(&template, 2);
+    away.stats.away = Some("waiting for the board".into());
+    assert_eq!(says(away, "board away"), "waiting for the board,true");
+    assert_eq!(says(picture(&template, 3), "live"), ",false");
+}
+
+/// The button for a baseline can be used only on a page whose address has the token, or a ticket for it, which it turns into the token.
+#[test]
+fn only_a_page_with_the_printed_address_may_command() {
+    let Some(browser) = browser() else { return };
+    let (view, template) = (view(), template());
+    let address = view.url();
+    let (bare, token) = address.split_once('#').unwrap();
+    let (once, start) = (view.url_once().unwrap(), Instant::now());
+    let rights = r##"[document.querySelector("#tare").disabled, document.querySelector("#rights").hidden, location.hash].join()"##;
+    let mut sequence = 0;
+    let mut becomes = |page: &mut Page, wanted: &str| {
+        while page.ask(rights).as_str() != Some(wanted) {
+            sequence += 1;
+            view.publish(picture(&template, sequence)).unwrap();
+            assert!(start.elapsed() < NOT_FOR_EVER, "never {wanted}: {}", page.ask(rights));
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    };
+    let (may, watches) = (format!("false,true,#{token}"), "true,false,");
+    becomes(&mut browser.open(&address), &may);
+    let mut opened = browser.open(&once);
+    becomes(&mut opened, &may);
+    let late = once.split_once('#').unwrap().1;
+    becomes(&mut browser.open(&once), &format!("{watches}#{late}"));
+    let mut stranger = browser.open(bare);
+    becomes(&mut stranger, watches);
+    // Until somebody puts the printed address into it.
+    stranger.ask(&format!("location.hash = '{token}'"));
+    becomes(&mut stranger, &may);
+    opened.ask("document.querySelector('#tare').click()");
+    while view.command().is_none() {
+        assert!(start.elapsed() < NOT_FOR_EVER, "the command arrives");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
+#[test]
 fn a_page_fed_with_differences_shows_what_a_fresh_one_shows() {
     let Some(browser) = browser() else { return };
     let (view, template) = (view(), template());

@@ -1,6 +1,7 @@
 //! The chip with the models that it lacks, and what is around it.
 
 use crate::converter::Converter;
+use crate::counter::Counter;
 use crate::line::Line;
 use crate::source::{DMA_REQUEST, Source};
 use crate::timer::Timer;
@@ -11,8 +12,8 @@ use rigless::machine::{Board, Target};
 use rigless::mcu::{Mcu, Operate};
 use rigless::snapshot::Store;
 use rigless::soc::stm32f427::Stm32f427;
-use rigless::soc::stm32f427::generated::flash::{Register as Options, optcr};
-use rigless::soc::stm32f427::generated::rcc::{Register, cr};
+use rigless::soc::stm32f427::generated::flash::{Register as Options, acr, optcr};
+use rigless::soc::stm32f427::generated::rcc::{Register, cfgr, cr};
 use rigless::soc::stm32f427::peripherals::dma::{Dma, Wire};
 use rigless::soc::stm32f427::peripherals::usart::TRANSMIT_REQUEST;
 use rigless::soc::{Bus, Error};
@@ -39,6 +40,44 @@ static DMA1_WIRES: [Wire; 2] = [
     },
 ];
 
+/// What is soldered to the high-speed clock input.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Wired {
+    /// Nothing, or a dead crystal.
+    Nothing,
+    /// A crystal of so many Hz.
+    Crystal(u64),
+    /// A clock of so many Hz from outside, as the debugger of a Nucleo gives.
+    Clock(u64),
+}
+
+impl Wired {
+    fn hz(self) -> u64 {
+        match self {
+            Self::Nothing => 0,
+            Self::Crystal(hz) | Self::Clock(hz) => hz,
+        }
+    }
+
+    /// Whether the input runs, by the clock controller's register: a crystal with its oscillator only, a clock from
+    /// outside without it only.
+    fn runs(self, control: u64) -> bool {
+        let bypassed = cr::HSEBYP.is_set(control);
+        match self {
+            Self::Nothing => false,
+            Self::Crystal(_) => !bypassed,
+            Self::Clock(_) => bypassed,
+        }
+    }
+}
+
+impl Default for Wired {
+    /// As on a Nucleo.
+    fn default() -> Self {
+        Self::Clock(8_000_000)
+    }
+}
+
 /// The chip.
 #[derive(Debug)]
 pub struct Chip {
@@ -46,10 +85,11 @@ pub struct Chip {
     timer: Timer,
     converter: Converter,
     source: Source,
-    slots: [usize; 3],
-    /// Of the clock controller, and whether the crystal is dead.
+    counter: Counter,
+    slots: [usize; 4],
+    /// Of the clock controller, and what its input has.
     clocks: usize,
-    dead_crystal: bool,
+    wired: Wired,
     world: Shared,
 }
 
@@ -59,14 +99,15 @@ impl Chip {
     ///
     /// # Errors
     /// rigless's, when the chip does not fit together.
-    pub fn new(world: Shared, line: Line) -> Result<Self, Error> {
+    pub fn new(world: Shared, line: Line, wired: Wired) -> Result<Self, Error> {
         let mut inner = Stm32f427::new()?;
         let slots = [
             inner.bus().slot("TIM2")?,
             inner.bus().slot("ADC1")?,
             inner.bus().slot("DAC")?,
+            inner.bus().slot("TIM11")?,
         ];
-        inner.rcc.attach_crystals(8_000_000, 0);
+        inner.rcc.attach_crystals(wired.hz(), 0);
         inner.set_supply(3300);
         inner.usart[0].attach(line.clone());
         inner.usart[1].attach(line);
@@ -77,23 +118,24 @@ impl Chip {
             timer: Timer::default(),
             converter: Converter::new(world.clone()),
             source: Source::new(world.clone()),
+            counter: Counter::default(),
             slots,
             clocks,
-            dead_crystal: false,
+            wired,
             world,
         })
-    }
-
-    /// The crystal never swings.
-    pub fn without_crystal(mut self) -> Self {
-        self.dead_crystal = true;
-        self
     }
 
     /// The brown-out reset's level in the option bytes: 3 is off, 0 the highest.
     pub fn brown_out(&self) -> u64 {
         let registers = self.inner.bus().registers("FLASH");
         registers.map_or(3, |r| optcr::BOR_LEV.get(r.get(Options::Optcr)))
+    }
+
+    /// Whether the flash memory's prefetch is on.
+    pub fn prefetch(&self) -> bool {
+        let registers = self.inner.bus().registers("FLASH");
+        registers.is_some_and(|r| acr::PRFTEN.is_set(r.get(Options::Acr)))
     }
 
     /// The supply is so many millivolts from now on.
@@ -118,6 +160,7 @@ impl Mcu for Chip {
         Device::reset(&mut self.timer);
         Device::reset(&mut self.converter);
         Device::reset(&mut self.source);
+        Device::reset(&mut self.counter);
         locked(&self.world).reset();
     }
 
@@ -126,11 +169,17 @@ impl Mcu for Chip {
     }
 
     fn split(&mut self, slot: usize) -> (&mut Bus, Option<&mut dyn ErasedDevice>) {
-        let [timer, converter, source] = self.slots;
-        if self.dead_crystal && slot == self.clocks {
-            // rigless's oscillator is ready some time after it was switched on, whatever is soldered to it.
+        let [timer, converter, source, counter] = self.slots;
+        if slot == self.clocks || slot == counter {
             let (_, registers) = self.inner.clocks();
-            registers.set(Register::Cr, cr::HSERDY.set(registers.get(Register::Cr), 0));
+            let control = registers.get(Register::Cr);
+            if !self.wired.runs(control) {
+                // rigless's oscillator is ready some time after it was switched on, whatever is soldered to it.
+                registers.set(Register::Cr, cr::HSERDY.set(control, 0));
+            }
+            let ready = cr::HSERDY.is_set(registers.get(Register::Cr));
+            let divider = cfgr::RTCPRE.get(registers.get(Register::Cfgr));
+            self.counter.input = (if ready { self.wired.hz() } else { 0 }, divider);
         }
         let (bus, model) = self.inner.split(slot);
         if slot == timer {
@@ -139,6 +188,8 @@ impl Mcu for Chip {
             (bus, Some(&mut self.converter))
         } else if slot == source {
             (bus, Some(&mut self.source))
+        } else if slot == counter {
+            (bus, Some(&mut self.counter))
         } else {
             (bus, model)
         }

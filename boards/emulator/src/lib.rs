@@ -5,6 +5,7 @@
 //! `rigless` lacks:
 //!
 //! - the timer that triggers converter and source: [`timer`], [`converter`], [`source`]
+//! - the timer that measures the clock input: [`counter`]
 //! - the analogue world behind the pins, with the electronics and the sheet of `hil-sim`: [`world`]
 //! - the run of a program from power-up, and what it did: [`run`]
 //!
@@ -39,6 +40,7 @@
 
 pub mod board;
 pub mod converter;
+pub mod counter;
 pub mod line;
 pub mod run;
 pub mod source;

@@ -1,6 +1,6 @@
 //! Runs a program and keeps what it did.
 
-use crate::board::{Chip, Machine};
+use crate::board::{Chip, Machine, Wired};
 use crate::line::Line;
 use crate::world::{Shared, World, locked};
 use forward::ElectrodeMatrix;
@@ -37,6 +37,12 @@ pub struct Outcome {
     pub resets: usize,
     /// The brown-out reset's level in the option bytes: 3 is off, 0 the highest.
     pub brown_out: u64,
+    /// Whether the flash memory's prefetch is on at the end.
+    pub prefetch: bool,
+    /// When the light changed, in instructions, and whether it is on then.
+    pub light: Vec<(u64, bool)>,
+    /// What was logged, as it left the chip.
+    pub log: Vec<u8>,
     /// What the emulator lacks and the program used: addresses without a register, refused accesses, registers without
     /// a model.
     pub gaps: Vec<String>,
@@ -65,7 +71,25 @@ struct Watcher {
     frames: usize,
     busy_since: Option<u64>,
     work: Vec<u64>,
+    light: Vec<(u64, bool)>,
+    log_at: Option<u64>,
+    log: Vec<u8>,
     stack: (u64, u64),
+}
+
+/// What the program logged since the last look, from the control block of SEGGER's RTT at an address: after 24 bytes the
+/// first channel's name, buffer, size, end and beginning, a word each.
+fn drain(block: u64, host: &mut dyn Host) -> Option<Vec<u8>> {
+    let channel = block + 24;
+    let mut word = |k: u64| host.read(channel + 4 * k, Width::W32).ok();
+    let (buffer, size, end, mut begin) = (word(1)?, word(2)?, word(3)?, word(4)?);
+    let mut out = Vec::new();
+    while begin != end && begin < size {
+        out.push(host.read(buffer + begin, Width::W8).ok()? as u8);
+        begin = (begin + 1) % size;
+    }
+    host.write(channel + 16, Width::W32, begin).ok()?;
+    Some(out)
 }
 
 impl Driver<Machine> for Watcher {
@@ -75,6 +99,15 @@ impl Driver<Machine> for Watcher {
         if let Settled::Access { access, value, .. } = settled
             && access.address == PORT_A_BSRR
         {
+            // Pin 5 is the light.
+            let light = match (value >> 5 & 1, value >> 21 & 1) {
+                (1, _) => Some(true),
+                (0, 1) => Some(false),
+                _ => None,
+            };
+            if let Some(on) = light.filter(|on| self.light.last().is_none_or(|(_, before)| before != on)) {
+                self.light.push((access.instruction_count, on));
+            }
             if value & 1 << 8 != 0 && self.busy_since.is_none() {
                 self.busy_since = Some(access.instruction_count);
             } else if value & 1 << 24 != 0
@@ -104,6 +137,9 @@ impl Driver<Machine> for Watcher {
                 locked(&self.line.input).extend(framed);
             }
             self.next = self.commands.next();
+        }
+        if let Some(block) = self.log_at {
+            self.log.extend(drain(block, host).unwrap_or_default());
         }
         let sent = locked(&self.line.sent).clone();
         for (at, byte) in sent.get(self.taken..).unwrap_or_default() {
@@ -143,8 +179,10 @@ pub struct Setup {
     pub supply: Vec<(u64, u32)>,
     /// What the flash memory holds beside the program: where, and what.
     pub flash: Option<(u64, Vec<u8>)>,
-    /// The crystal does not swing.
-    pub dead_crystal: bool,
+    /// What the high-speed clock input has.
+    pub clock: Wired,
+    /// The address of the log's control block, if it is to be read.
+    pub log_at: Option<u64>,
 }
 
 /// Runs a program on a sheet: sends commands at times (ns), and ends when so many frames came or at a time.
@@ -179,18 +217,12 @@ pub fn run_in(
 ) -> Result<Outcome, Box<dyn Error>> {
     let world: Shared = Arc::new(Mutex::new(world));
     let line = Line::default();
-    let mut chip = Chip::new(world.clone(), line.clone())?;
+    let mut chip = Chip::new(world.clone(), line.clone(), setup.clock)?;
     let mut supply = VecDeque::from(setup.supply);
     if let Some((_, millivolts)) = supply.pop_front_if(|(at, _)| *at == 0) {
         chip.supply(millivolts);
     }
-    let machine = Machine {
-        chip: if setup.dead_crystal {
-            chip.without_crystal()
-        } else {
-            chip
-        },
-    };
+    let machine = Machine { chip };
     let mut commands = setup.commands.into_iter();
     let watcher = Watcher {
         line,
@@ -206,6 +238,9 @@ pub fn run_in(
         frames,
         busy_since: None,
         work: Vec::new(),
+        light: Vec::new(),
+        log_at: setup.log_at,
+        log: Vec::new(),
         stack: (0, 0),
     };
     let mut images = vec![Image::read(program, None)?];
@@ -227,6 +262,9 @@ pub fn run_in(
         triggers: world.triggers,
         resets: session.resets().len(),
         brown_out: session.board().chip.brown_out(),
+        prefetch: session.board().chip.prefetch(),
+        light: watcher.light,
+        log: watcher.log,
         gaps,
         work: watcher.work,
         stack: watcher.stack.0,

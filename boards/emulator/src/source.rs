@@ -13,6 +13,9 @@ pub const BY_TIMER: u64 = 1 << 31;
 /// Status bit: a step of the timer found no new value.
 const UNDERRUN: u64 = 1 << 13;
 
+/// Control bits: the channel is on, and asks for values by DMA.
+const ON: u64 = 1 | 1 << 12;
+
 /// The request output that asks for the next value.
 pub const DMA_REQUEST: usize = 0;
 
@@ -44,6 +47,15 @@ impl Device for Source {
             Register::Dhr12r1 if self.asking => {
                 self.asking = false;
                 context.request(DMA_REQUEST, Level::Low);
+            }
+            Register::Cr if control & ON == ON && !self.asking => {
+                // Errata ES0206, 2.6.1: a request of before the stop is served as soon as the DAC is started again.
+                let mut world = locked(&self.world);
+                let triggers = world.triggers;
+                if world.stale_request_at.take_if(|at| *at <= triggers).is_some() {
+                    self.asking = true;
+                    context.request(DMA_REQUEST, Level::High);
+                }
             }
             Register::Sr => {
                 // Cleared by writing 1; the hardware alone sets it.

@@ -82,6 +82,8 @@ pub struct World {
     pub without_break: u32,
     /// The trigger at which the converter overruns, once.
     pub overrun_at: Option<u64>,
+    /// The trigger after which the next start of the DAC finds a request left over, once.
+    pub stale_request_at: Option<u64>,
 }
 
 /// The world as everything around the chip shares it.
@@ -109,6 +111,7 @@ impl World {
             triggers: 0,
             without_break: 0,
             overrun_at: None,
+            stale_request_at: None,
         }
     }
 

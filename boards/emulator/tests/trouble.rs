@@ -153,25 +153,6 @@ fn it_starts_from_stored_settings() {
 }
 
 #[test]
-fn without_its_crystal_it_works_on_the_internal_clock_and_says_so() {
-    let setup = Setup {
-        commands: vec![
-            (3 * AWAKE_NS, ToBoard::SetPlan(Plan::sequential_fast())),
-            (4 * AWAKE_NS, ToBoard::Start),
-        ],
-        dead_crystal: true,
-        ..Setup::default()
-    };
-    let outcome = run_in(&program("f427"), world(), setup, 1, 1_000_000_000).unwrap();
-    let [hello] = &hellos(&outcome)[..] else {
-        panic!("{:?}", outcome.messages);
-    };
-    assert_eq!(hello.reset, ResetCause::PowerOn);
-    assert!(hello.last_panic.starts_with("no 8 MHz clock"), "{}", hello.last_panic);
-    assert_eq!((frames(&outcome).len(), outcome.damaged, outcome.resets), (1, 0, 0));
-}
-
-#[test]
 fn a_supply_that_sags_restarts_it_and_the_cause_is_told() {
     let sag = 10 * AWAKE_NS;
     let setup = Setup {
@@ -238,4 +219,46 @@ fn the_front_end_and_the_clock_keep_their_duties_on_the_chip() {
     };
     assert_eq!((hello.board.as_str(), hello.last_panic.as_str()), ("laws", ""));
     assert_eq!((outcome.resets, outcome.without_break), (0, 0));
+}
+
+/// The longest times that the light was on and off, ms, of the whole ones between two commands.
+fn light(outcome: &Outcome, from_ns: u64, to_ns: u64) -> (f64, f64) {
+    // The emulated chip carries 120 million instructions a second out.
+    let ms = |instructions: u64| instructions as f64 / 120e3;
+    let (mut on, mut off) = (0.0f64, 0.0f64);
+    for pair in outcome.light.windows(2) {
+        let [(start, lit), (end, _)] = pair else { continue };
+        if ms(*start) < from_ns as f64 * 1e-6 || ms(*end) > to_ns as f64 * 1e-6 {
+            continue;
+        }
+        let longest = if *lit { &mut on } else { &mut off };
+        *longest = longest.max(ms(end - start));
+    }
+    (on, off)
+}
+
+#[test]
+fn the_light_tells_an_idle_board_from_one_that_measures_and_one_that_failed() {
+    const SECOND: u64 = 1_000_000_000;
+    // 2^27 processor cycles at 168 MHz.
+    let cycle = f64::from(1 << 27) / 168e3;
+    let near = |(on, off): (f64, f64), part: f64, of: f64| {
+        assert!(
+            (on - part * of).abs() < 3.0 && (off - (1.0 - part) * of).abs() < 3.0,
+            "{on} {off}"
+        );
+    };
+    let run = |name, start| {
+        let setup = Setup {
+            commands: vec![(start, ToBoard::Start)],
+            ..Setup::default()
+        };
+        run_in(&program(name), world(), setup, usize::MAX, 5 * SECOND).unwrap()
+    };
+    let outcome = run("f446", 5 * SECOND / 2);
+    near(light(&outcome, 0, 5 * SECOND / 2), 1.0 / 16.0, cycle);
+    near(light(&outcome, 11 * SECOND / 4, 5 * SECOND), 0.5, cycle / 2.0);
+    // Its source is out of phase: it does not start, and says so.
+    let outcome = run("fault-phase", AWAKE_NS);
+    near(light(&outcome, SECOND, 5 * SECOND), 7.0 / 8.0, cycle);
 }

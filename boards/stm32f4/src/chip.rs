@@ -1,5 +1,6 @@
 //! The chip's start (watchdog, clocks, analogue pins), and `firmware`'s clock, watchdog and store.
 
+use crate::clocks;
 use crate::flash;
 use crate::multiplexer;
 use crate::panic_record;
@@ -8,8 +9,7 @@ use crate::supply::{self, supply_is_good, wait_for_supply};
 use firmware::{Clock, Sector, Store, Watchdog};
 use protocol::ResetCause;
 use stm32f4xx_hal::pac;
-use stm32f4xx_hal::prelude::*;
-use stm32f4xx_hal::rcc::Config;
+use stm32f4xx_hal::rcc::RccExt;
 
 /// What was found at the start.
 pub struct Started {
@@ -19,7 +19,7 @@ pub struct Started {
     pub note: &'static str,
 }
 
-const NO_CRYSTAL: &str = "no 8 MHz clock: on the internal one, up to 1 % off";
+const NO_CLOCK: &str = "no clock of 8, 12, 16 or 25 MHz: on the internal one, 1 % off";
 const LOW_SUPPLY: &str = "the supply is below 3.0 V: settings cannot be stored";
 
 /// What the watchdog counts down from, at 32 kHz / 64: 2 s. Erasing a sector of the settings takes half a second at
@@ -57,20 +57,17 @@ pub fn start(device: pac::Peripherals, mut core: cortex_m::Peripherals) -> Start
         reset_below_2_7_volt(&device.FLASH);
     }
 
-    let crystal = hse_runs(&device.RCC);
-    let clock = match (crystal, NUCLEO) {
-        (true, false) => Config::hse(8.MHz()),
-        (true, true) => Config::hse(8.MHz()).bypass_hse_oscillator(),
-        // The internal oscillator is good enough for the serial line. The lock-in compares with no other clock.
-        (false, _) => Config::hsi(),
-    };
-    let rcc = device
-        .RCC
-        .freeze(clock.sysclk(168.MHz()).pclk1(42.MHz()).pclk2(84.MHz()));
-    // From here on a crystal that stops is a non-maskable interrupt, not a frequency that silently changes.
-    if crystal {
+    let clock = clocks::find(&device.RCC, &device.TIM11);
+    log!(info, "clock: {}; supply good: {=bool}", clock, supplied);
+    let rcc = device.RCC.freeze(clocks::config(clock));
+    // From here on a clock that stops is a non-maskable interrupt, not a frequency that silently changes.
+    if clock.is_some() {
         rcc.cr().modify(|_, w| w.csson().on());
     }
+    // `freeze` switches the prefetch of instructions on, which disturbs the converter on every STM32F4 (ES0298 and
+    // ES0206, 2.2.8), and does not work at all in the STM32F405's revision A (ES0182). Off on all of them, whatever the
+    // revision: the caches serve the loops, and the rest has time.
+    device.FLASH.acr().modify(|_, w| w.prften().disabled());
 
     core.DCB.enable_trace();
     // A reset does not clear the counter, and the time of the samples begins at 0.
@@ -84,16 +81,14 @@ pub fn start(device: pac::Peripherals, mut core: cortex_m::Peripherals) -> Start
     });
     // The converters' clock is 84 MHz / 4.
     device.ADC_COMMON.ccr().modify(|_, w| w.adcpre().div4());
-    let note = match (crystal, supplied) {
-        (false, _) => NO_CRYSTAL,
-        (true, false) => LOW_SUPPLY,
-        (true, true) => "",
+    let note = match (clock, supplied) {
+        (None, _) => NO_CLOCK,
+        (Some(_), false) => LOW_SUPPLY,
+        (Some(_), true) => "",
     };
     Started { cause, note }
 }
 
-/// A Nucleo gets its 8 MHz from the debugger on it, without a crystal.
-const NUCLEO: bool = cfg!(feature = "f446");
 const ST_LINK: bool = cfg!(feature = "st-link");
 
 /// The two keys that open the option bytes, in this order (RM0390 section 3.6.2, RM0090 section 3.7.2).
@@ -111,6 +106,7 @@ fn reset_below_2_7_volt(flash: &pac::FLASH) {
     if flash.optcr().read().bor_lev().bits() == BROWN_OUT_LEVEL_3 {
         return;
     }
+    log!(info, "option bytes: brown-out reset to level 3");
     // A reset in the middle would leave the option bytes half written.
     let finish = || {
         while flash.sr().read().bsy().is_busy() {
@@ -134,26 +130,6 @@ fn feed() {
     watchdog.kr().write(|w| w.key().feed());
 }
 
-/// Starts the oscillator of the crystal, or the input for the Nucleo's clock; whether it runs after 50 ms at most.
-fn hse_runs(rcc: &pac::RCC) -> bool {
-    fn bypass(w: &mut pac::rcc::cr::W, bypassed: bool) -> &mut pac::rcc::cr::W {
-        if NUCLEO { w.hsebyp().bit(bypassed) } else { w }
-    }
-    // The bypass can only be changed while the oscillator is off.
-    rcc.cr().modify(|_, w| bypass(w.hseon().off(), true));
-    rcc.cr().modify(|_, w| bypass(w.hseon().on(), true));
-    let runs = || rcc.cr().read().hserdy().is_ready();
-    let mut patience = 100_000;
-    while !runs() && patience > 0 {
-        patience -= 1;
-    }
-    let found = runs();
-    if !found {
-        rcc.cr().modify(|_, w| bypass(w.hseon().off(), false));
-    }
-    found
-}
-
 fn reset_cause(flags: &pac::rcc::csr::R) -> ResetCause {
     if flags.wdgrstf().is_reset() || flags.wwdgrstf().is_reset() {
         ResetCause::Watchdog
@@ -172,7 +148,7 @@ fn reset_cause(flags: &pac::rcc::csr::R) -> ResetCause {
 
 #[cortex_m_rt::exception]
 unsafe fn NonMaskableInt() {
-    panic!("the crystal stopped");
+    panic!("the clock stopped");
 }
 
 /// Clock, watchdog and store.

@@ -11,10 +11,15 @@
 #![no_std]
 #![no_main]
 
+#[macro_use]
+mod log;
+
 mod chip;
+mod clocks;
 mod flash;
 mod front_end;
 mod identity;
+mod light;
 mod multiplexer;
 mod panic_record;
 mod ring;
@@ -58,6 +63,8 @@ const INFO: BoardInfo<'static> = BoardInfo {
 };
 
 const _: () = assert!(INFO.is_sound());
+// The filters are for the paper's 3.685 kHz: within 0.05 %.
+const _: () = assert!(INFO.excitation_millihertz().abs_diff(3_685_000) <= 3_685_000 / 2000);
 
 /// Which chip the image is for, in words that `skin flash` looks for.
 static IMAGE_TAG: &[u8] = if cfg!(feature = "f405") {
@@ -84,9 +91,23 @@ fn main() -> ! {
     core::hint::black_box(IMAGE_TAG);
     panic_record::planted();
     loop {
+        #[cfg(feature = "defmt")]
+        log::tell(board.counters());
         if board.poll() == Activity::Idle {
-            multiplexer::rest();
+            multiplexer::rest(light::is_on(state(board)));
         }
+    }
+}
+
+/// What the light tells of the board.
+fn state(board: &Board) -> light::State {
+    if board.running() {
+        light::State::Measuring
+    } else if board.counters().front_end_faults > 0 {
+        // What failed was told and stopped it; the next start clears nothing, but measures or fails again.
+        light::State::Fault
+    } else {
+        light::State::Alive
     }
 }
 
@@ -118,6 +139,7 @@ fn start(
         Some(Past::Sag) => info.reset = ResetCause::BrownOut,
         None => {}
     }
+    log!(info, "reset: {}; {=str}", info.reset, info.last_panic);
     Controller::asleep(info, first_plan(), FrontEnd::start(), Serial::start(), Chip, memory)
 }
 

@@ -16,6 +16,8 @@ const ADDRESS_PINS: u32 = 0b0111_0001_1111_1111;
 const ENABLE_PINS: u32 = 0xFF;
 /// Port A, pin 8: high while the processor works on a block of samples; for an oscilloscope.
 const BUSY_PIN: u32 = 1 << 8;
+/// Port A, pin 5: the Nucleo's green light LD2, on when high.
+const LIGHT_PIN: u32 = 1 << 5;
 
 /// Processor cycles between two steps of a change: 0.12 us.
 ///
@@ -51,7 +53,7 @@ pub fn start() {
     set_levels(c, ENABLE_PINS, 0);
     make_outputs(c, ENABLE_PINS);
     make_outputs(b, ADDRESS_PINS);
-    make_outputs(a, BUSY_PIN);
+    make_outputs(a, BUSY_PIN | LIGHT_PIN);
 }
 
 /// The registers of a port.
@@ -134,8 +136,12 @@ pub fn work() {
     set_levels(a, BUSY_PIN, 0);
 }
 
-/// Says that there is nothing to do.
-pub fn rest() {
+/// Says that there is nothing to do, and switches the light.
+pub fn rest(light: bool) {
     let [a, ..] = ports();
-    set_levels(a, 0, BUSY_PIN);
+    if light {
+        set_levels(a, LIGHT_PIN, BUSY_PIN);
+    } else {
+        set_levels(a, 0, BUSY_PIN | LIGHT_PIN);
+    }
 }

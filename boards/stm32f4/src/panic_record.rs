@@ -104,6 +104,7 @@ const EMPTY: Report = Report {
 #[panic_handler]
 fn panic(info: &PanicInfo<'_>) -> ! {
     cortex_m::interrupt::disable();
+    log!(error, "panic: {}", defmt::Display2Format(info));
     let mut report = EMPTY;
     if let Some(place) = info.location() {
         let file = place.file();

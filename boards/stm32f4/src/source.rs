@@ -25,6 +25,11 @@ const LEAD_TURNS: f64 = if cfg!(feature = "fault-phase") {
     57.2 / 360.0
 };
 
+/// How often the source is armed at most: the second time no request can be left over.
+const ARMINGS: usize = 3;
+/// Processor cycles in which a waiting request of the DAC has been served: 0.6 us.
+const SERVED_CYCLES: u32 = 100;
+
 /// Full-scale codes about the middle, by phase.
 const SINE: [i16; SAMPLES_PER_PERIOD] = table();
 
@@ -71,9 +76,23 @@ impl Source {
         }
     }
 
-    /// Makes DAC and DMA ready; they wait for the timer. The first step of the timer puts out phase 0.
+    /// Makes DAC and DMA ready; they wait for the timer, which stands still. The first step of the timer puts out phase 0.
+    ///
+    /// A request of the run before may be served at once, since nothing takes it back (ES0298 2.7.1, ES0206 2.6.1). The
+    /// sine would then run one entry, 22.5 degrees, ahead for ever. Its mark is a stream that has moved although no step
+    /// came. The request is used up then, and the second arming finds none.
     pub fn arm(&self) {
         self.fill();
+        for _ in 0..ARMINGS {
+            let left = self.arm_once();
+            if left == SAMPLES_PER_PERIOD as u16 || cfg!(feature = "fault-request") {
+                break;
+            }
+        }
+    }
+
+    /// Arms, and returns how many entries of the table the stream has still to read.
+    fn arm_once(&self) -> u16 {
         // SAFETY: the addresses are those of the registers. The DAC and stream 5 of DMA1 are this module's alone. Of
         // DMA1 it writes no register that others write but one that clears flags; zeros there do nothing.
         let (dac, dma) = unsafe { (&*pac::DAC::ptr(), &*pac::DMA1::ptr()) };
@@ -101,6 +120,9 @@ impl Source {
             w.dmaen1().enabled().tsel1().tim2trgo();
             w.ten1().enabled().en1().enabled()
         });
+        // A request that waits is served within some ten cycles.
+        cortex_m::asm::delay(SERVED_CYCLES);
+        stream.ndtr().read().ndt().bits()
     }
 
     /// Whether the DAC ran out of values, which would have put it out of step.

@@ -10,6 +10,7 @@ use protocol::QUARTERS;
 /// A duty that a front end does not keep.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Violation {
     /// It reported an error where none was due.
     Refused(ErrorKind),

@@ -7,6 +7,7 @@ use crate::support::{Clock, Sector, Store, Watchdog};
 /// A duty that is not kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum SupportViolation {
     /// The clock went back.
     Backwards {
@@ -125,8 +126,9 @@ pub fn store<S: Store>(store: &mut S) -> Result<(), SupportViolation> {
     for sector in [Sector::A, Sector::B] {
         store.erase(sector).map_err(refused)?;
         expect(store, sector, |_| 0xFF)?;
-        // In pieces of all sizes.
-        let (mut at, mut size) = (0, 1);
+        // In pieces of all sizes, of whole units.
+        let unit = store.write_len().max(1);
+        let (mut at, mut size) = (0, unit);
         while at < len {
             let mut piece = [0; 32];
             let n = size.min(len - at);
@@ -137,7 +139,7 @@ pub fn store<S: Store>(store: &mut S) -> Result<(), SupportViolation> {
                 .write(sector, at, piece.get(..n as usize).unwrap_or_default())
                 .map_err(refused)?;
             at += n;
-            size = size % 32 + 1;
+            size = size % 32 + unit;
         }
     }
     for sector in [Sector::A, Sector::B] {

@@ -159,3 +159,36 @@ fn nonsense_is_refused_by_name() {
     // The third and the fourth.
     assert!(message.contains("electrodes 3 and 4"), "{message}");
 }
+
+#[test]
+fn lengths_that_no_sheet_has_are_refused_before_they_overflow() {
+    let disc = |diameter_mm| Geometry::new(&Sheet::disc(diameter_mm, 16, 0.05 * diameter_mm, 1.0, 1000.0));
+    assert!(disc(1e5).is_ok() && disc(0.1).is_ok());
+    for wild in [1e-4, 1e7, 1e18, f64::MAX] {
+        let error = disc(wild).unwrap_err();
+        assert!(matches!(error, GeometryError::OutOfRange { .. }), "{error}");
+    }
+    let points_mm = vec![[-50.0, -50.0], [60.0, 1e308], [40.0, 70.0]];
+    for outline in [
+        Outline::Smooth {
+            points_mm: points_mm.clone(),
+        },
+        Outline::Polygon { points_mm },
+    ] {
+        let error = Geometry::new(&Sheet {
+            outline,
+            ..Sheet::paper()
+        })
+        .unwrap_err()
+        .to_string();
+        assert!(error.contains("point 1") && error.contains("(mm)"), "{error}");
+    }
+    let points_mm = (0..20_000).map(|k| [f64::from(k), 0.0]).collect();
+    let outline = Outline::Polygon { points_mm };
+    let error = Geometry::new(&Sheet {
+        outline,
+        ..Sheet::paper()
+    })
+    .unwrap_err();
+    assert_eq!(error, GeometryError::TooManySegments { segments: 20_000 });
+}

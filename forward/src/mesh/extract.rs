@@ -2,7 +2,7 @@
 
 use super::refine::Cdt;
 use super::rim::Lines;
-use super::{ContactEdge, LEAST_ANGLE_DEG, Mesh, MeshError, Order};
+use super::{ContactEdge, LEAST_ANGLE_DEG, MOST_VERTICES, Mesh, MeshError, Order};
 use crate::curve::{Point, cross, distance};
 use crate::geometry::Geometry;
 use spade::{AngleLimit, RefinementParameters, Triangulation};
@@ -14,6 +14,7 @@ pub(super) fn extract(geometry: &Geometry, lines: &Lines, mut cdt: Cdt, order: O
         RefinementParameters::<f64>::new()
             .keep_constraint_edges()
             .exclude_outer_faces(true)
+            .with_max_additional_vertices(MOST_VERTICES)
             .with_angle_limit(AngleLimit::from_deg(25.0)),
     );
     let mut outside = vec![false; cdt.num_all_faces()];

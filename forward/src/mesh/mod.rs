@@ -44,11 +44,11 @@ pub struct MeshSizes {
 pub enum MeshError {
     /// More nodes than an index or this machine's memory should have to hold.
     #[error(
-        "the sheet would need about {nodes} mesh nodes on its rims, more than {most}; widen the narrowest electrode or gap, \
-         or ask for less accuracy"
+        "the sheet would need {nodes} mesh nodes or more, and {most} are the most; make it less long for its width, widen the \
+         narrowest electrode, gap or bend, or ask for less accuracy"
     )]
     TooFine {
-        /// Nodes on the rims that the sizes ask for.
+        /// Nodes that the sizes ask for, as far as they were counted.
         nodes: usize,
         /// The limit.
         most: usize,
@@ -74,9 +74,10 @@ pub enum MeshError {
     },
 }
 
-/// Most nodes on the rims, far more than any accuracy of [`crate::ModelOptions`] asks of a sensible sheet. The limit names the
-/// mistake before memory runs out.
-const MOST_RIM_NODES: usize = 200_000;
+/// Most nodes on the rims: 256 electrodes at an error of 2e-4 have 8,448. The limit names the mistake before time runs out.
+const MOST_RIM_NODES: usize = 20_000;
+/// Most vertices: 256 electrodes at an error of 2e-4 have 47,808. With 180,000 a sheet took 1.07 GB.
+const MOST_VERTICES: usize = 80_000;
 /// Smallest angle of a triangle, degrees; a flatter one is refused. Sharp corners of an outline cause them. Less lets flat
 /// elements spoil the voltages; more refuses outlines that could be computed.
 const LEAST_ANGLE_DEG: f64 = 1.0;
@@ -217,5 +218,25 @@ mod tests {
         let b = Mesh::new(&g, &sizes(), Order::Quadratic).unwrap();
         assert_eq!(a.nodes, b.nodes);
         assert_eq!(a.triangles, b.triangles);
+    }
+
+    /// A sheet whose mesh would need what no memory has is refused as soon as that shows.
+    #[test]
+    fn sheets_too_long_or_too_fine_are_refused() {
+        let strip = |width_mm, height_mm, electrode_mm| {
+            let mut sheet = Sheet::disc(100.0, 8, electrode_mm, 1.0, 1000.0);
+            sheet.outline = Outline::Rectangle {
+                width_mm,
+                height_mm,
+                centre_mm: [0.0, 0.0],
+            };
+            let sizes = crate::Model::sizes(&sheet, &crate::ModelOptions::default()).unwrap();
+            Mesh::new(&Geometry::new(&sheet).unwrap(), &sizes, Order::Quadratic)
+        };
+        assert!(strip(200.0, 4000.0, 10.0).is_ok());
+        for (width, height, electrode) in [(200.0, 6e5, 10.0), (200.0, 4e4, 10.0)] {
+            let error = strip(width, height, electrode).unwrap_err();
+            assert!(matches!(error, MeshError::TooFine { .. }), "{error}");
+        }
     }
 }

@@ -1,9 +1,9 @@
 //! Delaunay refinement by size.
 
-use super::MeshError;
 use super::rim::Lines;
 use super::segments::Segments;
 use super::size::SizeField;
+use super::{MOST_VERTICES, MeshError};
 use crate::curve::Point;
 use spade::handles::{FixedFaceHandle, InnerTag};
 use spade::{ConstrainedDelaunayTriangulation, Point2, Triangulation};
@@ -65,7 +65,15 @@ pub(super) fn triangulate(lines: &Lines, field: &SizeField<'_>) -> Result<Cdt, M
         vertices.push(Point2::new(node.position[0], node.position[1]));
     }
     let count = vertices.len();
-    let mut cdt = Cdt::bulk_load_cdt(vertices, edges).map_err(|e| refuse(e.to_string()))?;
+    let mut crossed = None;
+    let mut cdt = Cdt::try_bulk_load_cdt(vertices, edges, |edge| crossed = crossed.or(Some(edge)))
+        .map_err(|e| refuse(e.to_string()))?;
+    if let Some(edge) = crossed {
+        return Err(refuse(format!(
+            "the edge from node {} to {} crosses another",
+            edge[0], edge[1]
+        )));
+    }
     if cdt.num_vertices() != count {
         return Err(refuse("two rim nodes coincide".to_owned()));
     }
@@ -97,7 +105,6 @@ pub(super) fn triangulate(lines: &Lines, field: &SizeField<'_>) -> Result<Cdt, M
     for face in faces {
         queue.extend(candidate(&cdt, face));
     }
-    let most = 40 * count + 200_000;
     while let Some(next) = queue.pop() {
         if next.face.index() > cdt.num_inner_faces()
             || cdt.face(next.face).vertices().map(|v| v.index()) != next.corners
@@ -118,10 +125,10 @@ pub(super) fn triangulate(lines: &Lines, field: &SizeField<'_>) -> Result<Cdt, M
         for face in around {
             queue.extend(candidate(&cdt, face));
         }
-        if cdt.num_vertices() > most {
+        if cdt.num_vertices() > MOST_VERTICES {
             return Err(MeshError::TooFine {
                 nodes: cdt.num_vertices(),
-                most,
+                most: MOST_VERTICES,
             });
         }
     }

@@ -48,14 +48,19 @@ pub(super) fn lines(geometry: &Geometry, field: &SizeField<'_>) -> Result<Lines,
         let count = nodes.len();
         circles.push(Rim { first, nodes, curve });
         first += count;
-        if first > MOST_RIM_NODES {
-            return Err(MeshError::TooFine {
-                nodes: first,
-                most: MOST_RIM_NODES,
-            });
-        }
+        few_enough(first)?;
     }
     Ok(Lines { rims, circles })
+}
+
+fn few_enough(nodes: usize) -> Result<(), MeshError> {
+    if nodes > MOST_RIM_NODES {
+        return Err(MeshError::TooFine {
+            nodes,
+            most: MOST_RIM_NODES,
+        });
+    }
+    Ok(())
 }
 
 /// Nodes along every ring, spaced by the size field; electrode ends and corners are always nodes.
@@ -74,6 +79,10 @@ fn rims(geometry: &Geometry, field: &SizeField<'_>) -> Result<Vec<Rim>, MeshErro
         }
         fixed.sort_by(f64::total_cmp);
         fixed.dedup_by(|a, b| (*a - *b).abs() < 1e-9 * length);
+        // The end of the ring is its beginning.
+        while fixed.len() > 1 && fixed[fixed.len() - 1] - fixed[0] > (1.0 - 1e-9) * length {
+            fixed.pop();
+        }
         let mut nodes = Vec::new();
         for (i, from) in fixed.iter().enumerate() {
             let to = fixed.get(i + 1).copied().unwrap_or(fixed[0] + length);
@@ -83,6 +92,7 @@ fn rims(geometry: &Geometry, field: &SizeField<'_>) -> Result<Vec<Rim>, MeshErro
                     position: ring.point(s),
                 });
             }
+            few_enough(first + nodes.len())?;
         }
         let count = nodes.len();
         rims.push(Rim {
@@ -91,12 +101,6 @@ fn rims(geometry: &Geometry, field: &SizeField<'_>) -> Result<Vec<Rim>, MeshErro
             curve: ring.clone(),
         });
         first += count;
-        if first > MOST_RIM_NODES {
-            return Err(MeshError::TooFine {
-                nodes: first,
-                most: MOST_RIM_NODES,
-            });
-        }
     }
     Ok(rims)
 }

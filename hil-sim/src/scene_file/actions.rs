@@ -145,8 +145,8 @@ pub(super) fn hand(table: &Spanned<HandTable>) -> Result<Vec<Touch>, Mistake> {
         table.keys.as_ref().map(|keys| keyed(keys)),
         table.press.as_ref().map(|p| Ok(pressed(p))),
     ];
-    let none = || Mistake::new(span, "a hand needs exactly one of keys and press");
-    let keys = finer(&only(given).ok_or_else(none)??);
+    let none = || Mistake::new(span.clone(), "a hand needs exactly one of keys and press");
+    let keys = finer(&only(given).ok_or_else(none)??, &span)?;
     let half = 0.5 * table.palm_width_mm.0;
     let palm_share = table.palm_share_percent.0 / 100.0;
     let part = |shape, radius_mm, share: f64, [x, y]: [f64; 2]| {
@@ -166,12 +166,24 @@ pub(super) fn hand(table: &Spanned<HandTable>) -> Result<Vec<Touch>, Mistake> {
     Ok([palm].into_iter().chain(tips).collect())
 }
 
+/// Most keys of a fingertip: it goes round some 1,400 times.
+const MOST_KEYS: usize = 100_000;
+
 /// The same keys with some between those that turn far.
-fn finer(keys: &[Key]) -> Vec<Key> {
+fn finer(keys: &[Key], span: &Range<usize>) -> Result<Vec<Key>, Mistake> {
+    let parts = |pair: &[Key]| {
+        ((pair[1].angle_deg - pair[0].angle_deg).abs() / TURN_DEG)
+            .ceil()
+            .max(1.0)
+    };
+    let count: f64 = keys.windows(2).map(parts).sum();
+    if count > MOST_KEYS as f64 {
+        let message = format_args!("turns that take {count:e} keys, more than {MOST_KEYS}; turn less");
+        return Err(Mistake::new(span.clone(), message));
+    }
     let mut out = Vec::new();
     for pair in keys.windows(2) {
-        let turn = (pair[1].angle_deg - pair[0].angle_deg).abs();
-        let parts = (turn / TURN_DEG).ceil().max(1.0) as usize;
+        let parts = parts(pair) as usize;
         out.extend((0..parts).map(|k| {
             crate::touch::between(&pair[0], &pair[1], {
                 let u = k as f64 / parts as f64;
@@ -185,7 +197,7 @@ fn finer(keys: &[Key]) -> Vec<Key> {
         }));
     }
     out.extend(keys.last());
-    out
+    Ok(out)
 }
 
 /// The stretching of a table.

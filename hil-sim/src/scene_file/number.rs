@@ -3,6 +3,9 @@
 use serde::de::Error;
 use serde::{Deserialize, Deserializer};
 
+/// Largest number of a scene, in any unit: sums and squares of such numbers are far from overflow.
+const MOST: f64 = 1e12;
+
 macro_rules! number {
     ($name:ident, $allowed:literal, $test:expr) => {
         #[doc = concat!("A number that is ", $allowed, ".")]
@@ -13,6 +16,11 @@ macro_rules! number {
             fn deserialize<D: Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
                 let value = f64::deserialize(from)?;
                 let test: fn(f64) -> bool = $test;
+                if value.is_finite() && value.abs() > MOST {
+                    return Err(D::Error::custom(format_args!(
+                        "{value:e} is not possible here; it must be {MOST:e} at most"
+                    )));
+                }
                 if value.is_finite() && test(value) {
                     Ok(Self(value))
                 } else {

@@ -292,3 +292,15 @@ fn an_error_of_a_file_names_it_and_shows_the_line() {
         "{unknown}"
     );
 }
+
+#[test]
+fn a_scene_that_no_memory_holds_is_refused_with_its_place() {
+    let turned = "duration_s = 5\n[[hand]]\nkeys = [{ t_s = 0, force_n = 5 }, { t_s = 1, angle_deg = 1e11 }]\n";
+    let (line, _, message) = mistake(turned);
+    assert!(line == 2 && message.contains("more than 100000"), "{line}: {message}");
+    let (line, column, message) = mistake("duration_s = 1e300\n");
+    assert!(
+        (line, column) == (1, 14) && message.contains("1e12 at most"),
+        "{message}"
+    );
+}

@@ -153,6 +153,15 @@ pub(crate) fn path(folder: &Path, subject: &Subject) -> PathBuf {
 /// # Errors
 /// What the system said.
 pub(crate) fn write(path: &Path, subject: &Subject, stored: &Stored) -> io::Result<()> {
+    let text = text(subject, stored).map_err(|e| io::Error::new(ErrorKind::InvalidData, e))?;
+    if let Some(folder) = path.parent() {
+        std::fs::create_dir_all(folder)?;
+    }
+    replace(path, |file| file.write_all(text.as_bytes()))
+}
+
+/// The text of a file.
+fn text(subject: &Subject, stored: &Stored) -> Result<String, toml::ser::Error> {
     let keys = Keys {
         taken_unix_s: unix_s(stored.taken),
         frames: stored.baseline.frames,
@@ -161,11 +170,7 @@ pub(crate) fn write(path: &Path, subject: &Subject, stored: &Stored) -> io::Resu
         value_noise_v: stored.baseline.value_noise_v(),
         of: subject.clone(),
     };
-    let text = toml::to_string(&keys).map_err(|e| io::Error::new(ErrorKind::InvalidData, e))?;
-    if let Some(folder) = path.parent() {
-        std::fs::create_dir_all(folder)?;
-    }
-    replace(path, |file| file.write_all(format!("{HEAD}{text}").as_bytes()))
+    Ok(format!("{HEAD}{}", toml::to_string(&keys)?))
 }
 
 /// Reads the baseline of a board.
@@ -174,17 +179,25 @@ pub(crate) fn write(path: &Path, subject: &Subject, stored: &Stored) -> io::Resu
 /// [`BaselineFileError`] says what to do.
 pub(crate) fn read(path: &Path, subject: &Subject) -> Result<Stored, BaselineFileError> {
     let file = path.display().to_string();
-    let text = match std::fs::read_to_string(path) {
-        Ok(text) => text,
-        Err(e) if e.kind() == ErrorKind::NotFound => return Err(BaselineFileError::Missing { file }),
-        Err(cause) => return Err(BaselineFileError::Io { file, cause }),
-    };
+    match std::fs::read_to_string(path) {
+        Ok(text) => parse(&file, &text, subject),
+        Err(e) if e.kind() == ErrorKind::NotFound => Err(BaselineFileError::Missing { file }),
+        Err(cause) => Err(BaselineFileError::Io { file, cause }),
+    }
+}
+
+/// The same from text; `file` is its name in messages.
+///
+/// # Errors
+/// As for [`read`].
+pub(crate) fn parse(file: &str, text: &str, subject: &Subject) -> Result<Stored, BaselineFileError> {
     let malformed = |message: String| BaselineFileError::Malformed {
-        file: file.clone(),
+        file: file.to_owned(),
         message,
     };
-    let keys: Keys = toml::from_str(&text).map_err(|e| malformed(e.to_string().trim_end().to_owned()))?;
+    let keys: Keys = toml::from_str(text).map_err(|e| malformed(e.to_string().trim_end().to_owned()))?;
     if let Some(what) = subject.difference(&keys.of) {
+        let file = file.to_owned();
         return Err(BaselineFileError::Other { file, what });
     }
     if keys.values_v.len() != subject.values || keys.value_noise_v.len() != subject.values {
@@ -194,6 +207,11 @@ pub(crate) fn read(path: &Path, subject: &Subject) -> Result<Stored, BaselineFil
             keys.value_noise_v.len(),
             subject.values
         )));
+    }
+    // What is missing is NaN; nothing is infinite, and no noise is negative.
+    let wild = |v: &f64| v.is_infinite();
+    if keys.values_v.iter().any(wild) || keys.value_noise_v.iter().any(|v| wild(v) || *v < 0.0) {
+        return Err(malformed("a value or a noise that no board measures".to_owned()));
     }
     let taken = Duration::try_from_secs_f64(keys.taken_unix_s)
         .ok()
@@ -222,8 +240,13 @@ pub(crate) fn unix_s(time: SystemTime) -> f64 {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
+
+    /// A file and whose it is.
+    pub(crate) fn sample() -> (Subject, String) {
+        (subject(), text(&subject(), &stored()).unwrap())
+    }
 
     fn subject() -> Subject {
         Subject {

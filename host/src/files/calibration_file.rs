@@ -1,12 +1,26 @@
 //! The calibration file: TOML with a unit in every key.
 
+use crate::files::replace::replace;
 use inverse::force::calibration::StandardErrors;
 use inverse::force::meter::Calibration;
 use inverse::force::solid::Solid;
 
 use serde::{Deserialize, Serialize};
+use std::io::Write;
 use std::path::Path;
 use thiserror::Error;
+
+/// What a calibration from presses says that it is.
+pub(crate) const PRESSES: &str = "presses";
+
+/// What a calibration says that it is; that of the rubber says nothing.
+pub(crate) fn kind(text: &str) -> Option<String> {
+    #[derive(Deserialize)]
+    struct Kind {
+        kind: String,
+    }
+    toml::from_str::<Kind>(text).ok().map(|k| k.kind)
+}
 
 /// Why a calibration file cannot be used.
 #[derive(Debug, Error)]
@@ -77,6 +91,11 @@ pub(crate) fn parse(file: &str, text: &str) -> Result<Calibration, CalibrationFi
         file: file.to_owned(),
         message,
     };
+    if kind(text).as_deref() == Some(PRESSES) {
+        let message =
+            "it is a calibration from presses, which skin reconstruct --calibration uses; the rubber's is needed here";
+        return Err(malformed(message.to_owned()));
+    }
     let keys: Keys = toml::from_str(text).map_err(|e| malformed(e.to_string().trim_end().to_owned()))?;
     let solid = Solid {
         delayed_ratio: keys.delayed_ratio,
@@ -114,7 +133,7 @@ pub(crate) fn read(path: &Path) -> Result<Calibration, CalibrationFileError> {
 /// # Errors
 /// [`CalibrationFileError::Io`].
 pub(crate) fn write(path: &Path, text: &str) -> Result<(), CalibrationFileError> {
-    std::fs::write(path, text).map_err(|cause| CalibrationFileError::Io {
+    replace(path, |file| file.write_all(text.as_bytes())).map_err(|cause| CalibrationFileError::Io {
         file: path.display().to_string(),
         cause,
     })

@@ -10,6 +10,7 @@ use crate::files::malformed::FileError;
 use crate::files::order;
 use crate::files::sheet_line::SheetLine;
 use crate::progress::Progress;
+use ::forward::file::MOST_ELECTRODES;
 use ::forward::{Measurement, Pair};
 use csv::StringRecord;
 use std::collections::{HashMap, HashSet};
@@ -161,10 +162,11 @@ impl Place<'_> {
         let mut electrodes = [0; 4];
         for (k, key) in KEYS.iter().enumerate() {
             electrodes[k] = match record[k].parse::<usize>() {
-                Ok(e) if (1..=1024).contains(&e) => e - 1,
+                Ok(e) if (1..=MOST_ELECTRODES).contains(&e) => e - 1,
                 _ => {
                     let found = format!("'{}'", &record[k]);
-                    return Err(self.malformed(line, key, "an electrode's number from 1 to 1024", &found));
+                    let expected = format!("an electrode's number from 1 to {MOST_ELECTRODES}");
+                    return Err(self.malformed(line, key, &expected, &found));
                 }
             };
         }

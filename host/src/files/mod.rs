@@ -10,5 +10,6 @@ pub(crate) mod measurements;
 pub(crate) mod order;
 pub(crate) mod ordered;
 pub(crate) mod press_table;
-pub(crate) mod replace;
 pub(crate) mod sheet_line;
+
+pub(crate) use view::replace;

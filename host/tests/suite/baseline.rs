@@ -1,6 +1,7 @@
 //! `skin run` with baselines that are stored: the program as a person runs it, with the simulated skin. Nothing here depends on
 //! how fast the machine is: the scene waits for the baseline.
 
+use crate::program::{lines, said};
 use serde_json::Value;
 use std::path::Path;
 use std::process::{Command, Output};
@@ -14,14 +15,11 @@ fn run(state: &Path, arguments: &[&str]) -> Output {
         .unwrap()
 }
 
-fn said(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stderr).into_owned()
-}
-
+/// The pictures, with the baseline's age.
 fn pictures(output: &Output) -> Vec<Value> {
-    assert!(output.status.success(), "{}", said(output));
-    let lines = output.stdout.split(|b| *b == b'\n').filter(|l| !l.is_empty());
-    lines.map(|line| serde_json::from_slice(line).unwrap()).collect()
+    let mut lines = lines(output);
+    lines.retain(|line| line["kind"] == "picture");
+    lines
 }
 
 /// The only file in a folder.

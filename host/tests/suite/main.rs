@@ -8,10 +8,19 @@
 
 mod baseline;
 mod calibrate;
+#[cfg(target_os = "linux")]
+mod ending;
+mod events;
 mod hello;
+mod help;
+mod json_lines;
 mod paper;
+mod presses;
 mod program;
 mod real_data;
+mod reconnect;
 mod recordings;
 mod tables;
 mod transcripts;
+#[cfg(target_os = "linux")]
+mod web_load;

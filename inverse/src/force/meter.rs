@@ -107,7 +107,7 @@ impl ForceMeter {
 
     /// Writes the force (N) into every touch found at a time (s, of any clock).
     ///
-    /// A clock that goes back counts as no time passed. A force that is no more than noise and dents is exactly 0.
+    /// A touch that lowers the resistivity gets none. A clock that goes back counts as no time passed. A force that is no more than noise and dents is exactly 0.
     pub fn update(&mut self, time_s: f64, touches: &mut [Touch]) {
         let step = self
             .calibration
@@ -129,7 +129,8 @@ impl ForceMeter {
         for (touch, [force_n, dent_n]) in touches.iter_mut().zip(sums) {
             let Calibration { force_sd_n, .. } = self.calibration;
             let least = self.options.least_sd * force_sd_n + self.options.least_of_dent * dent_n.max(0.0);
-            touch.force_n = Some(if force_n > least { force_n } else { 0.0 });
+            let force_n = if force_n > least { force_n } else { 0.0 };
+            touch.force_n = (touch.total_mm2 >= 0.0).then_some(force_n);
         }
     }
 
@@ -141,7 +142,8 @@ impl ForceMeter {
         self.owner.fill(None);
         let mut nearest = vec![f64::INFINITY; self.cells.len()];
         let mut covered = Vec::new();
-        for (k, touch) in touches.iter().enumerate() {
+        // Of what lowers the resistivity the calibration knows nothing.
+        for (k, touch) in touches.iter().enumerate().filter(|(_, t)| t.total_mm2 >= 0.0) {
             let radius = (touch.area_mm2.max(0.0) / PI).sqrt();
             covered.clear();
             for (c, centre) in self.centres_mm.iter().enumerate() {
@@ -161,7 +163,7 @@ impl ForceMeter {
             // The sheet takes all of a touch, also of one that reaches over the rim or lies between the points.
             let whole = covered.iter().map(|(_, part)| part).sum::<f64>() * self.cell_mm * self.cell_mm;
             if whole > 0.0 && touch.area_mm2 > 0.0 {
-                let mean = touch.total_mm2.abs() / touch.area_mm2;
+                let mean = touch.total_mm2 / touch.area_mm2;
                 let strain = self.calibration.solid.strain_mpa(mean) * touch.area_mm2 / whole;
                 for (c, part) in &covered {
                     self.strain_mpa[*c] += strain * part;
@@ -312,5 +314,25 @@ mod tests {
         assert!((seen[0].force_n.unwrap() - 25.0).abs() < 1e-6);
         meter.rest();
         assert!(meter.cells.iter().all(|c| *c == SolidState::default()));
+    }
+
+    /// What lowers the resistivity has no force, and changes none beside it.
+    #[test]
+    fn what_falls_has_no_force() {
+        let (mut alone, mut beside) = (meter(1.0), meter(1.0));
+        for k in 0..20 {
+            let rise = touch(20.0, 0.0, 0.2);
+            let fall = Touch {
+                total_mm2: -rise.total_mm2,
+                rise: -rise.rise,
+                x_mm: -40.0,
+                ..rise
+            };
+            let (mut one, mut two) = ([rise], [rise, fall]);
+            alone.update(0.1 * f64::from(k), &mut one);
+            beside.update(0.1 * f64::from(k), &mut two);
+            assert_eq!((two[0].force_n, two[1].force_n), (one[0].force_n, None));
+            assert!(one[0].force_n.is_some());
+        }
     }
 }

@@ -8,6 +8,7 @@ use crate::pipeline::result::FrameResult;
 use crate::quality::contact::{ContactMonitor, ContactOptions, Decision, Evidence};
 use crate::reference::Difference;
 use crate::reference::drift::Drifting;
+use crate::touches::touch::Touch;
 
 /// Frames for which the test of new touches waits for a search that does not come to its end; then the search is patient.
 const MOST_PUT_OFF: usize = 2;
@@ -96,14 +97,14 @@ impl ContactTest {
     }
 
     /// Solves a frame into the result, with the contacts that changed left out. What drifts and the contacts of the task are
-    /// not looked at, nor its polarity. Returns the place, mm, of something that lay on the sheet in its baseline and has gone.
+    /// not looked at, nor its polarity. Returns the change where something lay on the sheet in its baseline that has gone.
     pub(crate) fn solve(
         &mut self,
         solver: &mut FrameSolver,
         task: Task,
         detectors: &mut Detectors,
         result: &mut FrameResult,
-    ) -> Option<[f64; 2]> {
+    ) -> Option<Touch> {
         self.asked = self.detector();
         self.judge(solver, task, detectors, result);
         let gone = self.polarity.learn(result);

@@ -26,6 +26,22 @@ const LEAST_REACHED: usize = 8;
 /// Least noise that is found so, over the root mean square of the frame: exact frames have none.
 const LEAST_NOISE: f64 = 1e-4;
 
+/// Solutions of the sheet that a frame of a sequence may take: 6 ms each. The next frame goes on.
+const MOST_SOLUTIONS: usize = 4;
+
+/// What a frame took, in steps that take long: the same on every machine.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Work {
+    /// Pictures with their fits of touches, 0.2 ms and more.
+    pub fits: usize,
+    /// Solutions of the sheet with touches, 6 ms.
+    pub solutions: usize,
+    /// Problems made anew for other values or contacts, 15 ms.
+    pub problems: usize,
+    /// Searches for what is broken, 10 to 25 ms.
+    pub searches: usize,
+}
+
 /// Of how many frames the values are the mean.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Averaged {
@@ -102,6 +118,8 @@ pub(crate) struct FrameSolver {
     alone: Option<usize>,
     /// Ridges of the pictures solved last, by what drifts.
     ridges: [Option<f64>; 3],
+    /// What this frame has taken.
+    work: Work,
 }
 
 impl FrameSolver {
@@ -120,8 +138,28 @@ impl FrameSolver {
             sizes: Vec::new(),
             alone: None,
             ridges: [None; 3],
+            work: Work::default(),
             imager: Arc::clone(imager),
             options,
+        }
+    }
+
+    /// Begins a frame: nothing was done for it.
+    pub(crate) fn begin_frame(&mut self) {
+        self.work = Work::default();
+        let most = if self.options.sequence {
+            MOST_SOLUTIONS
+        } else {
+            usize::MAX
+        };
+        self.fitter.iter_mut().for_each(|fitter| fitter.begin_frame(most));
+    }
+
+    /// What the frame has taken so far.
+    pub(crate) fn work(&self) -> Work {
+        Work {
+            solutions: self.fitter.as_ref().map_or(0, Fitter::solutions),
+            ..self.work
         }
     }
 
@@ -162,7 +200,7 @@ impl FrameSolver {
     }
 
     /// The detector of changes against a reference of which frames have this difference to themselves; none where no value
-    /// can be used. Makes ready all that a first touch needs.
+    /// can be used. Makes ready all that a first touch needs; not `at_once` what takes as long as many frames.
     pub(crate) fn detector(
         &mut self,
         unchanged: &Difference,
@@ -170,9 +208,10 @@ impl FrameSolver {
         sigma: f64,
         baseline_share: f64,
         drifting: Drifting,
+        at_once: bool,
     ) -> Option<ChangeDetector> {
         self.weigh(unchanged, (drifting, &[]));
-        self.tabulate();
+        self.tabulate(at_once);
         let weighted = self.weightings.current()?;
         let offset: Vec<f64> = self
             .imager
@@ -214,6 +253,7 @@ impl FrameSolver {
         }
         let power = self.power();
         let Some(noise) = task.noise else { return };
+        self.work.fits += 1;
         (result.noise, result.used, result.changed, result.anew) = (Some(noise), used, true, true);
         (result.frames, result.grown, result.misfit) = (task.averaged.frames, task.averaged.grown, None);
         let start = Instant::now();
@@ -262,8 +302,9 @@ impl FrameSolver {
             self.fitter.iter_mut().for_each(Fitter::exchange);
         }
         let (drift, contacts) = (self.drift.as_ref(), self.contacts.as_mut());
-        self.weightings
-            .switch(&self.imager, &self.options, drift, contacts, difference, left_out);
+        self.work.problems +=
+            self.weightings
+                .switch(&self.imager, &self.options, drift, contacts, difference, left_out);
     }
 
     fn reduce(&mut self, difference: &Difference) {
@@ -314,16 +355,16 @@ impl FrameSolver {
         self.reduced.iter().map(|v| v * v).sum::<f64>() / self.reduced.len() as f64
     }
 
-    fn tabulate(&mut self) {
+    fn tabulate(&mut self, at_once: bool) {
         if let (Some(fitter), Some(weighted)) = (&self.fitter, self.weightings.current_mut()) {
-            weighted.tabulate(fitter, self.drift.as_ref());
+            weighted.tabulate(fitter, self.drift.as_ref(), at_once);
         }
     }
 
     /// Whether a frame that shows no touch differs from the baseline by more than noise: something drifted.
     pub(crate) fn drifted(&mut self, difference: &Difference, sigma: f64) -> bool {
         self.weigh(difference, (Drifting::Contacts, &[]));
-        self.tabulate();
+        self.tabulate(false);
         let nuisances = self
             .weightings
             .current()
@@ -337,7 +378,7 @@ impl FrameSolver {
 
     /// What drifted in a frame without touches.
     fn drift_alone(&mut self, task: Task, result: &mut FrameResult) {
-        self.tabulate();
+        self.tabulate(false);
         let nuisances = self
             .weightings
             .current()
@@ -359,7 +400,7 @@ impl FrameSolver {
         detector: Option<&mut ChangeDetector>,
         result: &mut FrameResult,
     ) {
-        self.tabulate();
+        self.tabulate(false);
         let (Some(fitter), Some(weighted)) = (&mut self.fitter, self.weightings.current_mut()) else {
             return;
         };
@@ -387,6 +428,7 @@ impl FrameSolver {
             patient: task.patient,
             polarity: task.polarity,
             corrected: task.corrected,
+            unhurried: !self.options.sequence,
         };
         let seeds = result.touches.iter().map(|t| [t.x_mm, t.y_mm]);
         let explained = fitter.fit(data, seeds).is_some();

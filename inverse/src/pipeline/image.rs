@@ -144,9 +144,12 @@ impl ImageSolver {
         result: &mut FrameResult,
     ) {
         let (problem, options_of) = (&weighted.problem, weighted.nnls.options());
-        let (both, nnls) = weighted
-            .with_falls
-            .get_or_insert_with(|| (problem.with_falls(1.0), Nnls::new(options_of)));
+        let (both, nnls) = weighted.with_falls.get_or_insert_with(|| {
+            (
+                problem.with_falls(1.0),
+                Nnls::new(options_of).with_rounding(options.sequence),
+            )
+        });
         nnls.set_ridge(ridge);
         self.both.resize(both.cells(), 0.0);
         let solution = nnls.solve_into(both, values, &mut self.both);

@@ -10,6 +10,7 @@ mod reconstructor;
 mod result;
 mod weighted;
 
+pub use frame_solver::Work;
 pub use options::ReconstructorOptions;
 pub use reconstructor::Reconstructor;
 pub use result::FrameResult;

@@ -75,9 +75,9 @@ impl PolarityTest {
         (self.falls, self.until) = (0, 0);
     }
 
-    /// Learns from a frame's result. What cannot be a touch is taken out of its touches: the place of the strongest of these,
-    /// something that lay on the sheet when the baseline was taken.
-    pub(crate) fn learn(&mut self, result: &mut FrameResult) -> Option<[f64; 2]> {
+    /// Learns from a frame's result. What cannot be a touch is taken out of its touches. The strongest of these: where it is,
+    /// something lay on the sheet when the baseline was taken.
+    pub(crate) fn learn(&mut self, result: &mut FrameResult) -> Option<Touch> {
         let explained = result.changed && result.misfit.is_some();
         let is_rise = |t: &Touch| t.rise > 0.0;
         let rises = result.touches.iter().any(is_rise);
@@ -113,14 +113,14 @@ impl PolarityTest {
     }
 }
 
-/// Takes the touches out of a result that change the resistivity the other way. The place of the strongest, mm.
-fn strange(sheet: Polarity, result: &mut FrameResult) -> Option<[f64; 2]> {
+/// Takes the touches out of a result that change the resistivity the other way. The strongest of them.
+fn strange(sheet: Polarity, result: &mut FrameResult) -> Option<Touch> {
     let strongest = result
         .touches
         .iter()
         .filter(|t| !sheet.allows(t.rise))
         .max_by(|a, b| a.total_mm2.abs().total_cmp(&b.total_mm2.abs()))
-        .map(|t| [t.x_mm, t.y_mm]);
+        .copied();
     result.touches.retain(|t| sheet.allows(t.rise));
     strongest
 }

@@ -3,7 +3,7 @@
 use crate::change::detector::{Change, ChangeDetector};
 use crate::pipeline::contact_test::ContactTest;
 use crate::pipeline::following::Following;
-use crate::pipeline::frame_solver::{Averaged, FrameSolver, Task};
+use crate::pipeline::frame_solver::{Averaged, FrameSolver, Task, Work};
 use crate::pipeline::options::ReconstructorOptions;
 use crate::pipeline::result::FrameResult;
 use crate::quality::doubt::Doubt;
@@ -44,6 +44,8 @@ pub struct Reconstructor {
     following: Following,
     /// Frames one after another that no touches explained.
     unexplained: usize,
+    /// Searches for what is broken before this frame.
+    searches: usize,
     /// Room for a frame, and for the mean of several.
     divided: Vec<f64>,
     difference: Difference,
@@ -57,7 +59,7 @@ impl Reconstructor {
     pub fn new(reference: Reference, options: ReconstructorOptions) -> Self {
         let imager = reference.imager();
         let mut solver = FrameSolver::new(imager, options);
-        let detectors = detectors(&mut solver, &reference, reference.unchanged());
+        let detectors = detectors(&mut solver, &reference, reference.unchanged(), true);
         let mut broken = FaultMonitor::new(imager, options.sequence);
         if let Some(noise) = reference.noise().filter(|_| options.sequence && options.fit.is_some()) {
             broken.prepare(noise.sigma, reference.unchanged());
@@ -75,6 +77,7 @@ impl Reconstructor {
             gain: 1.0,
             following: Following::new(reference.baseline().len(), options.follow_s),
             unexplained: 0,
+            searches: 0,
             divided: Vec::new(),
             difference: reference.unchanged().clone(),
             whole: reference.unchanged().clone(),
@@ -105,6 +108,14 @@ impl Reconstructor {
         self.solver.rank()
     }
 
+    /// What the last frame took.
+    pub fn work(&self) -> Work {
+        Work {
+            searches: self.broken.searches() - self.searches,
+            ..self.solver.work()
+        }
+    }
+
     /// Reconstructs a frame (the baseline's unit).
     ///
     /// With the noise known, a frame that shows nothing, or in a sequence ([`ReconstructorOptions::sequence`]) nothing new,
@@ -123,6 +134,8 @@ impl Reconstructor {
     /// # Errors
     /// As for [`Reconstructor::frame`].
     pub fn frame_after(&mut self, values: &[f64], interval_s: Option<f64>) -> Result<&mut FrameResult, ImagerError> {
+        self.solver.begin_frame();
+        self.searches = self.broken.searches();
         if !self.options.sequence {
             self.gain = 1.0;
         }
@@ -350,7 +363,7 @@ impl Reconstructor {
         self.broken.leave_out(&mut left);
         let used = left.used.iter().filter(|used| **used).count();
         if self.options.sequence && self.detectors.iter().flatten().any(|d| d.used() != used) {
-            self.detectors = detectors(&mut self.solver, &self.reference, &left);
+            self.detectors = detectors(&mut self.solver, &self.reference, &left, false);
         }
     }
 
@@ -422,9 +435,10 @@ impl Reconstructor {
         let contact = (!changed.is_empty()).then(|| Doubt::Fault(Fault::Contacts(Electrodes::of(changed))));
         self.result.doubt = Doubt::of(&self.difference, model_v, self.options.doubts)
             .or((self.unexplained >= least).then_some(Doubt::NotTouches))
-            .or(gone.map(|[x, y]| Doubt::Gone {
-                x_mm: x.round() as i32,
-                y_mm: y.round() as i32,
+            .or(gone.map(|touch| Doubt::Gone {
+                x_mm: touch.x_mm.round() as i32,
+                y_mm: touch.y_mm.round() as i32,
+                fell: touch.rise < 0.0,
             }))
             .or(contact);
         if self.result.doubt == Some(Doubt::NotThisSheet) {
@@ -438,10 +452,15 @@ impl Reconstructor {
 
 /// Detectors of changes in the values of a difference that has nothing in it: for frames in which only the common gain and
 /// resistance drift, and for those in which contacts do.
-fn detectors(solver: &mut FrameSolver, reference: &Reference, unchanged: &Difference) -> [Option<ChangeDetector>; 2] {
+fn detectors(
+    solver: &mut FrameSolver,
+    reference: &Reference,
+    unchanged: &Difference,
+    at_once: bool,
+) -> [Option<ChangeDetector>; 2] {
     let mut detector = |drifting| {
         let (noise, share) = (reference.noise()?, reference.baseline_share());
-        solver.detector(unchanged, reference.baseline(), noise.sigma, share, drifting)
+        solver.detector(unchanged, reference.baseline(), noise.sigma, share, drifting, at_once)
     };
     let contacts = detector(Drifting::Contacts);
     [detector(Drifting::Common), contacts]

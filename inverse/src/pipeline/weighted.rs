@@ -111,7 +111,9 @@ impl Weighted {
                 ridge: 1.0,
                 tolerance: options.tolerance,
                 most_steps: options.most_steps,
-            }),
+            })
+            // What follows in a moment need not be exact.
+            .with_rounding(options.sequence),
             prior,
             with_falls: None,
             tables: None,
@@ -139,16 +141,23 @@ impl Weighted {
         reduced.extend_from_slice(self.projector.project(|to| to[..values.len()].copy_from_slice(values)));
     }
 
-    /// Reduces the responses to touches, once.
-    pub(crate) fn tabulate(&mut self, fitter: &Fitter, drift: Option<&DriftShapes>) {
+    /// Reduces the responses to touches, once: all `at_once`, or most when a touch first comes near.
+    pub(crate) fn tabulate(&mut self, fitter: &Fitter, drift: Option<&DriftShapes>, at_once: bool) {
         if self.tables.is_none() {
             let weights: Vec<f64> = (0..self.used.len()).map(|k| self.weight(k)).collect();
             let directions = self.left_out.columns();
             let left_out = (self.drifting, self.contacts.as_slice());
-            let nuisances = |d| Nuisances::new(d, left_out, (directions, &self.shapes), &weights, fitter.volts());
-            let reduce_all = |volts: &DMatrix<f64>| self.problem.reduce_all(&weighed(volts, &self.used, &self.spread));
+            let nuisances = |d| {
+                Nuisances::new(
+                    d,
+                    left_out,
+                    (directions, &self.shapes),
+                    &weights,
+                    (fitter.volts(), at_once),
+                )
+            };
             self.tables = Some(Tables {
-                touches: fitter.volts().map(reduce_all),
+                touches: fitter.volts().reduced(&self.problem.reduction(&weights), at_once),
                 nuisances: drift.filter(|_| !directions.is_empty()).map(nuisances),
             });
         }
@@ -205,7 +214,7 @@ impl Weightings {
         }
     }
 
-    /// Makes the problem for the values of a difference the one in use.
+    /// Makes the problem for the values of a difference the one in use. How many were made anew for that: 0 or 1.
     pub(crate) fn switch(
         &mut self,
         imager: &Imager,
@@ -214,15 +223,19 @@ impl Weightings {
         contacts: Option<&mut Contacts>,
         difference: &Difference,
         left_out: (Drifting, &[usize]),
-    ) {
+    ) -> usize {
         match self.kept.iter().position(|w| w.is_for(difference, left_out)) {
-            Some(place) => self.kept[..=place].rotate_right(1),
+            Some(place) => {
+                self.kept[..=place].rotate_right(1);
+                0
+            }
             None => {
                 if self.kept.is_full() {
                     self.kept.pop();
                 }
                 let new = Weighted::new(imager, options, drift, contacts, difference, left_out);
                 self.kept.insert(0, new);
+                1
             }
         }
     }

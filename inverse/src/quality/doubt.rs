@@ -27,6 +27,8 @@ pub enum Doubt {
         x_mm: i32,
         /// Where it lay, mm.
         y_mm: i32,
+        /// Whether the resistivity fell there: on a sheet whose touches lower it, that would be one.
+        fell: bool,
     },
 }
 
@@ -86,11 +88,14 @@ impl fmt::Display for Doubt {
                 )
             }
             Self::Fault(fault) => write!(f, "{fault}"),
-            Self::Gone { x_mm, y_mm } => write!(
-                f,
-                "something that lay at ({x_mm}, {y_mm}) mm when the baseline was taken has gone: take a new baseline; or, if \
-                 touches lower the resistance of this sheet, say --rise down"
-            ),
+            Self::Gone { x_mm, y_mm, fell } => {
+                let [change, rise] = if *fell { ["lower", "down"] } else { ["raise", "up"] };
+                write!(
+                    f,
+                    "something that lay at ({x_mm}, {y_mm}) mm when the baseline was taken has gone: take a new baseline; or, if \
+                     touches {change} the resistance of this sheet, say --rise {rise}"
+                )
+            }
             Self::NotTouches => write!(
                 f,
                 "no touches of the expected size explain the change: shown are the picture's peaks, of other objects or of \
@@ -129,5 +134,22 @@ mod tests {
         // A source that is lost, one that is turned round.
         assert_eq!(of([0.0; 4]), Some(Doubt::NotThisSheet));
         assert_eq!(of([-1.0, 2.0, -3.0, -4.0]), Some(Doubt::NotThisSheet));
+    }
+
+    /// The other way is named, by which it would be a touch.
+    #[test]
+    fn what_has_gone_is_said_with_the_way_in_which_it_would_be_a_touch() {
+        for (fell, rise) in [
+            (true, "touches lower the resistance of this sheet, say --rise down"),
+            (false, "--rise up"),
+        ] {
+            let doubt = Doubt::Gone {
+                x_mm: -3,
+                y_mm: 20,
+                fell,
+            };
+            let text = doubt.to_string();
+            assert!(text.contains("(-3, 20) mm") && text.ends_with(rise), "{text}");
+        }
     }
 }

@@ -41,6 +41,8 @@ pub(crate) struct FaultMonitor {
     against: usize,
     /// A fault that took no touch's place, and for how many frames it is none.
     rejected: Option<(Fault, usize)>,
+    /// Searches so far.
+    searches: usize,
 }
 
 impl FaultMonitor {
@@ -58,6 +60,7 @@ impl FaultMonitor {
             wait: 1,
             against: 0,
             rejected: None,
+            searches: 0,
         }
     }
 
@@ -224,7 +227,13 @@ impl FaultMonitor {
         (all == missing && all == had).then_some(Fault::Rail(pair))
     }
 
+    /// Searches for what is broken so far.
+    pub(crate) fn searches(&self) -> usize {
+        self.searches
+    }
+
     fn explain(&mut self, d: &Difference, sigma_v: Option<f64>) -> Option<(Fault, bool)> {
+        self.searches += 1;
         let diagnosis = self
             .diagnosis
             .get_or_insert_with(|| Diagnosis::new(&self.imager))

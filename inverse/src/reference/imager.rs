@@ -3,7 +3,9 @@
 
 use crate::reference::difference::Difference;
 use crate::solvers::Method;
-use forward::{CellError, CellGrid, Drive, ForwardError, Model, ModelOptions, Pattern, Sensitivity, Sheet, Solver};
+use forward::{
+    CellError, CellGrid, Drive, ForwardError, Geometry, Model, ModelOptions, Pattern, Sensitivity, Sheet, Solver,
+};
 use nalgebra::DMatrix;
 use std::sync::Arc;
 use thiserror::Error;
@@ -28,6 +30,20 @@ pub enum ImagerError {
         /// Of the sheet.
         sheet: usize,
     },
+    /// Cells times values: more numbers than memory should hold.
+    #[error(
+        "{cells} cells and {values} values would make a sensitivity of {} numbers, more than {MOST_ENTRIES}; take larger cells \
+         (here {needed_mm:.2} mm or more), or a pattern of fewer values",
+        cells.saturating_mul(*values)
+    )]
+    TooLarge {
+        /// Cells of the picture.
+        cells: usize,
+        /// Values of a frame, or pairs of electrodes where those are more.
+        values: usize,
+        /// Side of cells that are few enough, mm.
+        needed_mm: f64,
+    },
     /// A frame or a baseline that does not belong to the pattern.
     #[error("{given} values were given for {expected} measurements; give a value for each, in the pattern's order")]
     Baseline {
@@ -36,6 +52,25 @@ pub enum ImagerError {
         /// Values expected.
         expected: usize,
     },
+}
+
+/// Most numbers of a sensitivity. Its factors and copies take about 150 bytes for each: together less than 1 GB.
+const MOST_ENTRIES: usize = 6_000_000;
+
+/// Refuses a picture whose sensitivity memory should not hold.
+fn check_size(grid: &CellGrid, pattern: &Pattern) -> Result<(), ImagerError> {
+    let (cells, n) = (grid.len(), pattern.electrodes());
+    // The gradients of all electrodes are multiplied with one another first.
+    let values = pattern.len().max(n * n);
+    if cells.saturating_mul(values) <= MOST_ENTRIES {
+        return Ok(());
+    }
+    let allowed = (MOST_ENTRIES / values).max(1);
+    Err(ImagerError::TooLarge {
+        cells,
+        values,
+        needed_mm: grid.cell_mm() * (cells as f64 / allowed as f64).sqrt(),
+    })
 }
 
 /// The unpressed sheet as the model sees it, and its sensitivity. Immutable.
@@ -74,8 +109,9 @@ impl Imager {
                 sheet: sheet.electrodes.len(),
             });
         }
+        let grid = CellGrid::new(&Geometry::new(sheet).map_err(ForwardError::from)?, cell_mm)?;
+        check_size(&grid, &pattern)?;
         let model = Arc::new(Model::new(sheet, &ModelOptions::default())?);
-        let grid = CellGrid::new(model.geometry(), cell_mm)?;
         let solver = Solver::new(model.clone())?;
         let matrix = solver.electrode_matrix();
         let sensitivity = Sensitivity::by_cell(&solver, &grid).matrix_v(drive, matrix, &pattern);
@@ -177,5 +213,24 @@ impl Imager {
         } else {
             0.0
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_picture_too_large_for_memory_is_refused_with_cells_that_are_not() {
+        let pattern = Pattern::adjacent(16).unwrap();
+        let error = Imager::new(&Sheet::paper(), Drive::PAPER, pattern.clone(), 0.5).unwrap_err();
+        let ImagerError::TooLarge { values, needed_mm, .. } = error else {
+            panic!("{error}");
+        };
+        assert_eq!(values, 256);
+        let geometry = Geometry::new(&Sheet::paper()).unwrap();
+        let fits = |cell_mm| check_size(&CellGrid::new(&geometry, cell_mm).unwrap(), &pattern).is_ok();
+        // A circle has a few cells more or less than its area says.
+        assert!(fits(1.01 * needed_mm) && !fits(0.99 * needed_mm));
     }
 }

@@ -38,6 +38,7 @@ pub struct NnlsOptions {
 #[derive(Clone, Debug)]
 pub struct Nnls {
     options: NnlsOptions,
+    rounding: bool,
     workspace: Option<Workspace>,
 }
 
@@ -86,8 +87,15 @@ impl Nnls {
     pub fn new(options: NnlsOptions) -> Self {
         Self {
             options,
+            rounding: false,
             workspace: None,
         }
+    }
+
+    /// Whether a ridge that is small beside the residual leaves the solution as exact as rounding lets it be. Else the ridge becomes
+    /// further rows, which takes as long as thousands of steps.
+    pub fn with_rounding(self, rounding: bool) -> Self {
+        Self { rounding, ..self }
     }
 
     /// Ridge and accuracy of the next solve.
@@ -181,12 +189,19 @@ impl Nnls {
             Some(w) if Arc::ptr_eq(&w.columns, problem.columns()) => w,
             other => other.insert(Workspace::new(problem)),
         };
-        workspace.solve(problem, &self.options, b, largest, x)
+        workspace.solve(problem, (&self.options, self.rounding), b, largest, x)
     }
 }
 
 impl Workspace {
-    fn solve(&mut self, problem: &Problem, options: &NnlsOptions, b: &[f64], largest: f64, x: &mut [f64]) -> Outcome {
+    fn solve(
+        &mut self,
+        problem: &Problem,
+        (options, rounding): (&NnlsOptions, bool),
+        b: &[f64],
+        largest: f64,
+        x: &mut [f64],
+    ) -> Outcome {
         for (full, b) in self.full.iter_mut().zip(b) {
             *full = b / largest;
         }
@@ -218,7 +233,7 @@ impl Workspace {
             for (x, g) in x.iter_mut().zip(self.newton.g()) {
                 *x = (g.max(0.0) * scale).min(f64::MAX);
             }
-            if run.gap > options.tolerance && run.rounding > MOST_ROUNDING {
+            if run.gap > options.tolerance && run.rounding > MOST_ROUNDING && !rounding {
                 let stacked = match &mut self.stacked {
                     Some(s) if s.ridge_squared() == ridge_squared => s,
                     other => other.insert(Box::new(Stacked::new(problem, ridge_squared))),

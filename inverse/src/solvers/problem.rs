@@ -165,6 +165,15 @@ impl Problem {
         self.basis.transpose() * b
     }
 
+    /// The matrix that reduces a right-hand side whose rows are to be weighted by these weights first, `rank x rows`.
+    pub fn reduction(&self, weights: &[f64]) -> DMatrix<f64> {
+        let mut out = self.basis.transpose();
+        for (mut column, weight) in out.column_iter_mut().zip(weights) {
+            column *= *weight;
+        }
+        out
+    }
+
     /// `|A x - b| / |b|` of the whole problem, from the norms of the reduced residual and of the part outside the span.
     pub fn relative_residual(reduced: f64, dropped: f64, b: &DVector<f64>) -> f64 {
         let norm = b.norm();

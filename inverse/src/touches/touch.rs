@@ -25,10 +25,13 @@ pub struct Touch {
     pub area_sd_mm2: Option<f64>,
     /// Standard uncertainty of `total_mm2`; none where the touch was not fitted to the measurements.
     pub total_sd_mm2: Option<f64>,
-    /// Force, N, corrected for the creep of the rubber; 0 for a dent that an earlier touch left. None without a
-    /// calibration.
+    /// Force, N. With a calibration it is corrected for the creep of the rubber; 0 for a dent that an earlier touch left. None where
+    /// nothing tells it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub force_n: Option<f64>,
+    /// Whether the force is that of a typical rubber, without a calibration and without its creep.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub uncalibrated: bool,
 }
 
 impl Touch {

@@ -1,20 +1,48 @@
 //! Numbers that stay with a touch from frame to frame.
 //!
-//! A touch has the number of the nearest one of the frame before, within a reach. A new touch where another vanished a
-//! moment ago is that one again: on a hand, weak touches come and go with the noise. Every other touch gets a number
-//! that none had before.
+//! A touch is expected where its motion takes it. Of all ways to say which touch is which one of before, the one with the least sum of
+//! squared distances from where they were expected is taken (`assign`): two that cross keep their numbers. What was in the frame
+//! before and is not said to be any one costs as much as the longest reach; so does a touch that is said to be new. What vanished a moment ago costs
+//! nothing while it is away, so it never takes the place of one that is there.
+//!
+//! A touch gets its number once it was seen in several frames one after another. One that vanished is waited for, and gets its number
+//! back at once.
 
+use crate::touches::assignment::assign;
 use crate::touches::touch::Touch;
 
 /// How far and how long a touch is followed. No experiment is on record; chosen by hand.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrackerOptions {
-    /// Longest move of a touch from frame to frame, and from where it vanishes to where it is seen again, mm. More
-    /// follows faster touches. Above the least distance at which two touches are resolved it takes one for the other.
+    /// Longest distance of a touch from where it was expected, mm. More follows touches that turn faster. Above the least distance at
+    /// which two touches are resolved it takes one for the other.
     pub reach_mm: f64,
     /// How long a touch may be gone and keep its number, s. More takes a second tap at the same place for the same
     /// touch; less numbers flickering touches anew.
     pub patience_s: f64,
+    /// A touch has its number from so many frames on, one after another; at least 1. More waits longer; less numbers what flickers.
+    pub frames: u32,
+    /// Speed of a touch when it is first seen, one direction's standard deviation, mm/s. Less follows later what comes down moving.
+    pub speed_mm_s: f64,
+    /// Change of the velocity in a second, one direction's standard deviation, mm/s. More follows turns sooner; less foretells better
+    /// where a touch goes that is not seen.
+    pub change_mm_s: f64,
+    /// Standard deviation of the place of a touch that was not fitted, and the least of one that was, mm.
+    pub place_sd_mm: [f64; 2],
+}
+
+impl TrackerOptions {
+    /// For a reach (mm) and a patience (s), with the rest as `skin run` has it.
+    pub fn new(reach_mm: f64, patience_s: f64) -> Self {
+        Self {
+            reach_mm,
+            patience_s,
+            frames: 3,
+            speed_mm_s: 300.0,
+            change_mm_s: 50.0,
+            place_sd_mm: [3.0, 0.5],
+        }
+    }
 }
 
 /// Follows touches.
@@ -27,11 +55,78 @@ pub struct Tracker {
 
 #[derive(Clone, Debug)]
 struct Known {
-    id: u32,
-    at: [f64; 2],
+    /// None before it was seen in enough frames.
+    id: Option<u32>,
+    motion: Motion,
+    /// Where and when it was seen last.
+    seen_mm: [f64; 2],
     seen_s: f64,
     /// Whether it was in the frame before.
     present: bool,
+    /// Frames in which it was seen.
+    frames: u32,
+}
+
+/// Place and velocity of a touch whose velocity changes at random: Kalman's filter, one for both directions.
+#[derive(Clone, Copy, Debug)]
+struct Motion {
+    at_mm: [f64; 2],
+    velocity_mm_s: [f64; 2],
+    /// Covariance in one direction: of the place, of place and velocity, of the velocity.
+    covariance: [f64; 3],
+}
+
+impl Motion {
+    /// Variance of a place, mm².
+    fn variance(touch: &Touch, following: &TrackerOptions) -> f64 {
+        let [of_peak, least] = following.place_sd_mm;
+        match (touch.x_sd_mm, touch.y_sd_mm) {
+            (Some(x), Some(y)) if (x + y).is_finite() => (0.5 * (x * x + y * y)).max(least * least),
+            _ => of_peak * of_peak,
+        }
+    }
+
+    /// Seen for the first time.
+    fn new(touch: &Touch, following: &TrackerOptions) -> Self {
+        Self {
+            at_mm: [touch.x_mm, touch.y_mm],
+            velocity_mm_s: [0.0; 2],
+            covariance: [Self::variance(touch, following), 0.0, following.speed_mm_s.powi(2)],
+        }
+    }
+
+    /// After so long, unseen.
+    fn after(&self, s: f64, following: &TrackerOptions) -> Self {
+        let [place, both, velocity] = self.covariance;
+        // Of white acceleration.
+        let change = following.change_mm_s.powi(2);
+        Self {
+            at_mm: [0, 1].map(|k| self.at_mm[k] + s * self.velocity_mm_s[k]),
+            velocity_mm_s: self.velocity_mm_s,
+            covariance: [
+                place + s * (2.0 * both + s * velocity) + change * s.powi(3) / 3.0,
+                both + s * velocity + change * s * s / 2.0,
+                velocity + change * s,
+            ],
+        }
+    }
+
+    /// Seen at a place, where it was expected here.
+    fn seen(&mut self, touch: &Touch, variance: f64) {
+        let [place, both, velocity] = self.covariance;
+        let sum = place + variance;
+        let gain = [place / sum, both / sum];
+        for (k, at) in [touch.x_mm, touch.y_mm].into_iter().enumerate() {
+            let off = at - self.at_mm[k];
+            self.at_mm[k] += gain[0] * off;
+            self.velocity_mm_s[k] += gain[1] * off;
+        }
+        self.covariance = [
+            (1.0 - gain[0]) * place,
+            (1.0 - gain[0]) * both,
+            velocity - gain[1] * both,
+        ];
+    }
 }
 
 impl Tracker {
@@ -44,144 +139,95 @@ impl Tracker {
         }
     }
 
-    /// Numbers the touches of a frame, measured at the board's time.
-    pub fn update(&mut self, time_s: f64, touches: &mut [Touch]) {
-        let TrackerOptions { reach_mm, patience_s } = self.following;
-        for touch in &mut *touches {
-            touch.id = None;
-        }
-        for known in &mut self.known {
-            // After a reset the board's time begins anew.
-            known.seen_s = known.seen_s.min(time_s);
-        }
-        self.known.retain(|k| time_s - k.seen_s <= patience_s);
-        // Touches of the frame before come first: none that vanished takes their place.
-        let mut seen = vec![false; self.known.len()];
-        for present in [true, false] {
-            // Nearest pairs first; a handful of touches, so every pair is looked at.
-            let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
-            for (t, touch) in touches.iter().enumerate().filter(|(_, t)| t.id.is_none()) {
-                for (k, known) in self.known.iter().enumerate().filter(|(_, k)| k.present == present) {
-                    let d = (touch.x_mm - known.at[0]).hypot(touch.y_mm - known.at[1]);
-                    if d <= reach_mm {
-                        pairs.push((d, t, k));
-                    }
-                }
-            }
-            pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
-            for (_, t, k) in pairs {
-                if touches[t].id.is_none() && !seen[k] {
-                    touches[t].id = Some(self.known[k].id);
-                    self.known[k].at = [touches[t].x_mm, touches[t].y_mm];
-                    self.known[k].seen_s = time_s;
-                    seen[k] = true;
-                }
-            }
-        }
-        for (known, seen) in self.known.iter_mut().zip(&seen) {
-            known.present = *seen;
-        }
-        for touch in touches.iter_mut().filter(|t| t.id.is_none()) {
-            touch.id = Some(self.next);
-            self.known.push(Known {
-                id: self.next,
-                at: [touch.x_mm, touch.y_mm],
-                seen_s: time_s,
-                present: true,
-            });
-            // Wrapping after four thousand million touches does no harm.
-            self.next = self.next.wrapping_add(1);
+    /// Frames are missing here: what was there before counts as seen until the next one.
+    pub fn gap(&mut self) {
+        for known in self.known.iter_mut().filter(|k| k.present) {
+            known.seen_s = f64::INFINITY;
+            known.motion.velocity_mm_s = [0.0; 2];
         }
     }
+
+    /// Numbers the touches of a frame, measured at the board's time; those that have no number yet have none.
+    pub fn update(&mut self, time_s: f64, touches: &mut [Touch]) {
+        let following = self.following;
+        for known in &mut self.known {
+            // After a reset the board's time begins anew; after a gap nobody knows when it was seen last.
+            known.seen_s = known.seen_s.min(time_s);
+        }
+        self.known.retain(|k| time_s - k.seen_s <= following.patience_s);
+        let expected = |k: &Known| k.motion.after(time_s - k.seen_s, &following);
+        let expected: Vec<Motion> = self.known.iter().map(expected).collect();
+        let crowd = self.crowd(&expected);
+        let whose = self.assign(&expected, touches);
+        self.known.iter_mut().for_each(|known| known.present = false);
+        for (touch, column) in touches.iter_mut().zip(whose) {
+            let k = if let Some(expected) = expected.get(column) {
+                let own = Motion::variance(touch, &following);
+                self.known[column].motion = *expected;
+                self.known[column].motion.seen(touch, own + crowd[column]);
+                column
+            } else {
+                self.known.push(Known {
+                    id: None,
+                    motion: Motion::new(touch, &following),
+                    seen_mm: [touch.x_mm, touch.y_mm],
+                    seen_s: time_s,
+                    present: true,
+                    frames: 0,
+                });
+                self.known.len() - 1
+            };
+            let known = &mut self.known[k];
+            (known.seen_s, known.present) = (time_s, true);
+            known.seen_mm = [touch.x_mm, touch.y_mm];
+            known.frames = known.frames.saturating_add(1);
+            if known.id.is_none() && known.frames >= following.frames {
+                known.id = Some(self.next);
+                // Wrapping after four thousand million touches does no harm.
+                self.next = self.next.wrapping_add(1);
+            }
+            touch.id = known.id;
+        }
+        // What has no number is not waited for.
+        self.known.retain(|k| k.present || k.id.is_some());
+    }
+
+    /// By how much the places of known ones are more uncertain than they say, mm²: two that are near each other may be seen as one
+    /// between them, or as two elsewhere. Then each goes on rather as it went.
+    fn crowd(&self, expected: &[Motion]) -> Vec<f64> {
+        let near = self.following.reach_mm * self.following.reach_mm;
+        let is_near = |a: &Motion, b: &Motion| squared(a.at_mm, b.at_mm) < near;
+        let crowded = |k: usize| (0..expected.len()).any(|j| j != k && is_near(&expected[j], &expected[k]));
+        (0..expected.len())
+            .map(|k| if crowded(k) { 0.25 * near } else { 0.0 })
+            .collect()
+    }
+
+    /// Which known one every touch is; a number beyond them for a new one.
+    fn assign(&self, expected: &[Motion], touches: &[Touch]) -> Vec<usize> {
+        let alone = self.following.reach_mm * self.following.reach_mm;
+        assign(touches.len(), expected.len() + touches.len(), |touch, column| {
+            let Some(Motion { at_mm, .. }) = expected.get(column) else {
+                return alone;
+            };
+            let there = [touches[touch].x_mm, touches[touch].y_mm];
+            // What stopped, or only trembles, is where it was.
+            let squared = [squared(*at_mm, there), squared(self.known[column].seen_mm, there)]
+                .into_iter()
+                .find(|s| *s <= alone);
+            let Some(squared) = squared else {
+                // More than any sum of costs: never taken, since all can be new.
+                return (touches.len() + 1) as f64 * 4.0 * alone;
+            };
+            // That it is not left alone is gained where it was in the frame before.
+            squared - if self.known[column].present { alone } else { 0.0 }
+        })
+    }
+}
+
+fn squared(a: [f64; 2], b: [f64; 2]) -> f64 {
+    (a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2)
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use proptest::prelude::*;
-
-    const FOLLOWING: TrackerOptions = TrackerOptions {
-        reach_mm: 20.0,
-        patience_s: 0.5,
-    };
-
-    fn touch(x_mm: f64, y_mm: f64) -> Touch {
-        Touch {
-            x_mm,
-            y_mm,
-            rise: 0.2,
-            area_mm2: 400.0,
-            ..Touch::default()
-        }
-    }
-
-    fn ids(tracker: &mut Tracker, time_s: f64, at: &[[f64; 2]]) -> Vec<u32> {
-        let mut touches: Vec<Touch> = at.iter().map(|[x, y]| touch(*x, *y)).collect();
-        tracker.update(time_s, &mut touches);
-        touches.iter().map(|t| t.id.unwrap()).collect()
-    }
-
-    #[test]
-    fn numbers_follow_moving_touches_in_any_order() {
-        let mut tracker = Tracker::new(FOLLOWING);
-        let first = ids(&mut tracker, 0.0, &[[0.0, 0.0], [50.0, 0.0]]);
-        assert_ne!(first[0], first[1]);
-        let second = ids(&mut tracker, 0.1, &[[47.0, 3.0], [4.0, 1.0]]);
-        assert_eq!((second[0], second[1]), (first[1], first[0]));
-        // One is lifted for longer than the patience, another comes: a new number.
-        for k in 2..9 {
-            ids(&mut tracker, 0.1 * f64::from(k), &[[47.0, 3.0]]);
-        }
-        let last = ids(&mut tracker, 0.9, &[[4.0, 1.0], [47.0, 3.0]]);
-        assert_eq!(last[1], first[1]);
-        assert!(!first.contains(&last[0]));
-    }
-
-    #[test]
-    fn a_number_comes_back_at_its_place_only_and_nobody_takes_one_that_is_there() {
-        let mut tracker = Tracker::new(FOLLOWING);
-        let [a, b] = ids(&mut tracker, 0.0, &[[0.0, 0.0], [30.0, 0.0]])[..] else {
-            panic!()
-        };
-        assert_eq!(ids(&mut tracker, 0.1, &[[30.0, 0.0]]), [b]);
-        // Not where it vanished.
-        let c = ids(&mut tracker, 0.2, &[[30.0, 0.0], [-25.0, 0.0]])[1];
-        assert!(c != a && c != b);
-        // b moves to where a vanished, and stays b; then a is there again beside it.
-        assert_eq!(ids(&mut tracker, 0.3, &[[15.0, 0.0]]), [b]);
-        assert_eq!(ids(&mut tracker, 0.4, &[[5.0, 0.0], [-3.0, 0.0]]), [b, a]);
-        // A board that was reset: its time begins anew, its touches are the same.
-        assert_eq!(ids(&mut tracker, 0.0, &[[5.0, 0.0], [-3.0, 0.0]]), [b, a]);
-    }
-
-    proptest! {
-        /// However touches flicker and tremble at their places, in any order: one number each, as long as none is gone
-        /// for longer than the patience.
-        #[test]
-        fn flickering_touches_keep_their_numbers(
-            frames in prop::collection::vec((any::<[bool; 5]>(), any::<[[i8; 2]; 5]>(), any::<bool>(), 0.001..0.25f64), 1..100)
-        ) {
-            let places = [[0.0, 0.0], [50.0, 0.0], [-50.0, 0.0], [0.0, 50.0], [0.0, -50.0]];
-            let mut tracker = Tracker::new(FOLLOWING);
-            let mut numbers = [None; 5];
-            let mut seen_s = [f64::NEG_INFINITY; 5];
-            let mut time_s = 0.0;
-            for (there, tremble, backwards, wait_s) in frames {
-                time_s += wait_s;
-                let mut now: Vec<usize> = (0..5).filter(|k| there[*k] || time_s - seen_s[*k] > 0.24).collect();
-                if backwards {
-                    now.reverse();
-                }
-                let at: Vec<[f64; 2]> = now.iter().map(|k| {
-                    // 7 mm at most each way, so 20 mm between any two of them.
-                    let [x, y] = tremble[*k].map(|v| 7.0 * f64::from(v) / 128.0);
-                    [places[*k][0] + x, places[*k][1] + y]
-                }).collect();
-                for (k, id) in now.iter().zip(ids(&mut tracker, time_s, &at)) {
-                    seen_s[*k] = time_s;
-                    prop_assert_eq!(*numbers[*k].get_or_insert(id), id);
-                }
-            }
-        }
-    }
-}
+mod tests;

@@ -53,22 +53,23 @@ impl Image {
         if header.e_machine(endian) != elf::EM_ARM {
             return Err(ImageError::Machine);
         }
-        let mut pieces = Vec::new();
+        let mut pieces: Vec<(u32, &[u8])> = Vec::new();
         for segment in header.program_headers(endian, bytes).map_err(|_| ImageError::Format)? {
             if segment.p_type(endian) != elf::PT_LOAD || segment.p_filesz(endian) == 0 {
                 continue;
             }
             let data = segment.data(endian, bytes).map_err(|()| ImageError::Format)?;
-            pieces.push((segment.p_paddr(endian), data.to_vec()));
+            pieces.push((segment.p_paddr(endian), data));
         }
+        // Before anything is copied: pieces may all be the same part of the file, and more than memory holds.
+        pieces.sort_by_key(|(start, _)| *start);
+        apart_in_flash(&pieces)?;
         let chip = pieces
             .iter()
             .find_map(|(_, data)| tagged(data))
-            .ok_or(match pieces.is_empty() {
-                true => ImageError::Empty,
-                false => ImageError::Untagged,
-            })?;
-        Self::new(chip, pieces)
+            .ok_or(ImageError::Untagged)?;
+        let pieces = pieces.into_iter().map(|(start, data)| (start, data.to_vec())).collect();
+        Ok(Self { chip, pieces })
     }
 
     /// A program of these pieces.
@@ -78,19 +79,7 @@ impl Image {
     pub fn new(chip: u16, mut pieces: Vec<(u32, Vec<u8>)>) -> Result<Self, ImageError> {
         pieces.retain(|(_, data)| !data.is_empty());
         pieces.sort_by_key(|(start, _)| *start);
-        if pieces.is_empty() {
-            return Err(ImageError::Empty);
-        }
-        let mut end = u64::from(FLASH_START);
-        for (start, data) in &pieces {
-            if *start < FLASH_START || u64::from(*start) + data.len() as u64 > 0x1000_0000 {
-                return Err(ImageError::Address(*start));
-            }
-            if u64::from(*start) < end {
-                return Err(ImageError::Overlap(*start));
-            }
-            end = u64::from(*start) + data.len() as u64;
-        }
+        apart_in_flash(&pieces)?;
         Ok(Self { chip, pieces })
     }
 
@@ -108,6 +97,25 @@ impl Image {
     pub fn chip_name(&self) -> String {
         Chip::of(self.chip).map_or_else(|| format!("chip 0x{:03x}", self.chip), |c| c.name.to_owned())
     }
+}
+
+/// Checks that pieces, sorted by their addresses, are there, do not overlap and are in flash memory.
+fn apart_in_flash(pieces: &[(u32, impl AsRef<[u8]>)]) -> Result<(), ImageError> {
+    if pieces.is_empty() {
+        return Err(ImageError::Empty);
+    }
+    let mut free = u64::from(FLASH_START);
+    for (start, data) in pieces {
+        let end = u64::from(*start) + data.as_ref().len() as u64;
+        if *start < FLASH_START || end > 0x1000_0000 {
+            return Err(ImageError::Address(*start));
+        }
+        if u64::from(*start) < free {
+            return Err(ImageError::Overlap(*start));
+        }
+        free = end;
+    }
+    Ok(())
 }
 
 fn tagged(data: &[u8]) -> Option<u16> {
@@ -129,6 +137,47 @@ mod tests {
             Image::read(b"\x7fELF\x02\x01\x01\0\0\0\0\0\0\0\0\0"),
             Err(ImageError::Format)
         );
+    }
+
+    /// An ELF file whose segments are all of its last bytes, at these addresses.
+    fn elf(addresses: &[u32], len: u32) -> Vec<u8> {
+        let count = addresses.len() as u16;
+        let data = 52 + 32 * u32::from(count);
+        let mut file = b"\x7fELF\x01\x01\x01".to_vec();
+        file.resize(16, 0);
+        for (value, size) in [
+            (2, 2),
+            (u32::from(elf::EM_ARM), 2),
+            (1, 4),
+            (0, 4),
+            (52, 4),
+            (0, 4),
+            (0, 4),
+            (52, 2),
+            (32, 2),
+        ] {
+            file.extend(&u32::to_le_bytes(value)[..size]);
+        }
+        file.extend(count.to_le_bytes());
+        file.extend([0; 6]);
+        for address in addresses {
+            for word in [1, data, *address, *address, len, len, 5, 4] {
+                file.extend(u32::to_le_bytes(word));
+            }
+        }
+        let text = format!("{}421", std::str::from_utf8(TAG).unwrap());
+        file.extend(text.as_bytes());
+        file.resize((data + len) as usize, 0);
+        file
+    }
+
+    #[test]
+    fn overlapping_segments_are_refused_before_they_are_copied() {
+        let image = Image::read(&elf(&[FLASH_START + 4096, FLASH_START], 4096)).unwrap();
+        assert_eq!((image.chip, image.len(), image.pieces[0].0), (0x421, 8192, FLASH_START));
+        // 8 GB if they were copied.
+        let many = vec![FLASH_START; 8192];
+        assert_eq!(Image::read(&elf(&many, 1 << 20)), Err(ImageError::Overlap(FLASH_START)));
     }
 
     #[test]

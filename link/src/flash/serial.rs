@@ -1,7 +1,7 @@
 //! A serial port with a bootloader at its other end.
 
 use super::bootloader::{BAUD, BootPort};
-use crate::ports;
+use crate::ports::{explained, is_bridge};
 use serialport::{ClearBuffer, Parity, SerialPort};
 use std::io::{self, Read, Write};
 use std::time::Duration;
@@ -15,12 +15,17 @@ impl SerialBootPort {
     /// # Errors
     /// The system's, with what to do about it.
     pub fn open(path: &str) -> Result<Self, String> {
+        if is_bridge(path) {
+            return Err(format!(
+                "{path}: programming needs a line with even parity, and control lines, which a bridge does not have; run skin flash where the board is plugged in"
+            ));
+        }
         serialport::new(path, BAUD)
             .parity(Parity::Even)
             .timeout(Duration::from_millis(100))
             .open()
             .map(Self)
-            .map_err(|e| ports::explained(path, &e))
+            .map_err(|e| explained(path, &e))
     }
 }
 

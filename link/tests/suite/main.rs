@@ -7,6 +7,8 @@
 )]
 
 mod flash;
+mod hostile;
 mod phantom;
+mod reconnect;
 mod session;
 mod settings;

@@ -15,10 +15,10 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 /// Long enough on any machine.
-const LONG: Duration = Duration::from_secs(60);
+pub(crate) const LONG: Duration = Duration::from_secs(60);
 
 /// A disc with small electrodes on its rim: potentials fall with the logarithm of the distance.
-fn board(electrodes: usize) -> SimPort {
+pub(crate) fn board(electrodes: usize) -> SimPort {
     let matrix = DMatrix::from_fn(electrodes, electrodes, |i, j| {
         let half = std::f64::consts::PI * (i as f64 - j as f64) / electrodes as f64;
         let distance_mm = if i == j { 2.5 } else { 195.0 * half.sin().abs() };
@@ -167,8 +167,8 @@ fn a_refusal_is_told_once_in_the_boards_words() {
 
 /// A port with a script: what it says, and whether it is gone after that or falls silent.
 #[derive(Clone, Default)]
-struct Scripted {
-    says: Arc<Mutex<VecDeque<u8>>>,
+pub(crate) struct Scripted {
+    pub(crate) says: Arc<Mutex<VecDeque<u8>>>,
     heard: Arc<Mutex<Vec<u8>>>,
     gone: Arc<AtomicBool>,
 }
@@ -197,7 +197,7 @@ impl Write for Scripted {
     }
 }
 
-fn framed(message: &protocol::FromBoard) -> Vec<u8> {
+pub(crate) fn framed(message: &protocol::FromBoard) -> Vec<u8> {
     protocol::encode(message, &mut [0; protocol::MAX_FROM_BOARD_LEN])
         .unwrap()
         .to_vec()

@@ -211,7 +211,7 @@ impl Rig {
             let Some(mut frame) = frame else {
                 silent += 1;
                 if silent > LONGEST {
-                    end(outcome, &LinkError::NoFrames { s: 30 });
+                    end(outcome, &LinkError::NoFrames { s: 30, bytes: 0 });
                     return Ok(());
                 }
                 continue;

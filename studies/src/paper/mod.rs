@@ -24,6 +24,7 @@ use inverse::reference::imager::ImagerError;
 use link::LinkError;
 use protocol::PlanError;
 use serde::Serialize;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 use view::canvas::ImageError;
@@ -175,7 +176,7 @@ impl Report {
         let files = [folder.join("report.html"), folder.join("report.json")];
         let json = self.json().map_err(|e| wrong(&files[1], e.into()))?;
         for (file, text) in files.iter().zip([self.html(), json]) {
-            std::fs::write(file, text).map_err(|e| wrong(file, e))?;
+            view::replace::replace(file, |new| new.write_all(text.as_bytes())).map_err(|e| wrong(file, e))?;
         }
         Ok(files)
     }

@@ -10,6 +10,8 @@ mod baseline;
 mod board_files;
 mod emulated;
 mod faults;
+mod gestures;
 mod live_scenes;
 mod manifests;
+mod safety;
 mod touches;

@@ -4,10 +4,11 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 /// Crates of the workspace, and those of them that each may name in its dependencies.
-const MAY_KNOW: [(&str, &[&str]); 10] = [
+const MAY_KNOW: [(&str, &[&str]); 11] = [
     ("protocol", &[]),
     ("forward", &[]),
     ("firmware", &["protocol"]),
+    ("firmware/parts", &["firmware"]),
     ("link", &["protocol"]),
     ("recording", &["protocol"]),
     ("inverse", &["forward"]),
@@ -32,7 +33,7 @@ const MAY_KNOW: [(&str, &[&str]); 10] = [
     ),
 ];
 /// What each may name besides in its tests.
-const MAY_KNOW_IN_TESTS: [(&str, &[&str]); 1] = [("link", &["hil-sim", "forward"])];
+const MAY_KNOW_IN_TESTS: [(&str, &[&str]); 2] = [("link", &["hil-sim", "forward"]), ("firmware/parts", &["protocol"])];
 /// Registry crates of `inverse`: no I/O, no threads, no server.
 const OF_INVERSE: [&str; 7] = [
     "arrayvec",

@@ -14,11 +14,13 @@ export const number = (value, digits) => signed((Number(value.toFixed(digits)) |
 /** "+20 %" */
 export const riseText = (rise) => (rise < 0 ? "" : "+") + number(100 * rise, 0) + "\u202f%";
 
-/** "12.3 N" */
-export const forceText = (force) => number(force, 1) + "\u202fN";
+/** "12.3 N"; of a typical rubber "≈ 12 N" */
+export const forceText = (force, uncalibrated) =>
+  (uncalibrated ? "\u2248\u202f" + number(force, 0) : number(force, 1)) + "\u202fN";
 
 /** "+20 %", and where the force is known "+20 %  12.3 N" */
-export const strengthText = (touch) => riseText(touch.rise) + (touch.force === null ? "" : "  " + forceText(touch.force));
+export const strengthText = (touch, uncalibrated) =>
+  riseText(touch.rise) + (touch.force === null ? "" : "  " + forceText(touch.force, uncalibrated));
 
 /** "12.3, −40.1 mm" */
 export const placeText = (touch) => `${number(touch.x, 1)}, ${number(touch.y, 1)} mm`;

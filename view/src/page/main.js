@@ -26,6 +26,8 @@ const page = {
   number: 0,
   skipped: 0,
   baseline: null,
+  away: null,
+  commands: false,
   readAt: 0,
 };
 
@@ -41,9 +43,15 @@ const connection = new Connection({
     page.frame = null;
     page.number = 0;
     page.baseline = scene.baseline ?? null;
+    page.away = scene.away ?? null;
     sheet.setScene(scene);
     $("source").textContent = scene.source;
     document.title = `skin – ${scene.source}`;
+  },
+  rights(commands) {
+    page.commands = commands;
+    $("rights").hidden = commands;
+    showState();
   },
   frame(frame) {
     const now = performance.now();
@@ -99,13 +107,14 @@ function set(id, text) {
 
 function showTouches(touches) {
   const n = touches.length;
-  set("count", n === 0 ? "no touch" : n === 1 ? "1 touch" : `${n} touches`);
+  set("count", page.away ? "touches not known" : n === 0 ? "no touch" : n === 1 ? "1 touch" : `${n} touches`);
   $("count").classList.toggle("none", n === 0);
   $("list").hidden = n === 0;
   const body = $("touches");
   const rows = Math.min(n, ROWS);
   const forces = touches.some((touch) => touch.force !== null);
   $("force-head").hidden = !forces;
+  $("uncalibrated").hidden = !forces || !sheet.scene.uncalibrated;
   while (body.rows.length > rows) body.deleteRow(-1);
   while (body.rows.length < rows) {
     const row = body.insertRow();
@@ -122,7 +131,7 @@ function showTouches(touches) {
     set(cells[2], number(touch.y, 1));
     set(cells[3], riseText(touch.rise));
     set(cells[4], number(touch.area, 0));
-    set(cells[5], touch.force === null ? "" : forceText(touch.force));
+    set(cells[5], touch.force === null ? "" : forceText(touch.force, sheet.scene.uncalibrated));
     cells[5].hidden = !forces;
   }
   $("more").hidden = n <= ROWS;
@@ -148,7 +157,7 @@ function showReadings(frame, now) {
 // --- state --------------------------------------------------------------------------------------------------------
 
 function isLive() {
-  return page.state.name === "live" && performance.now() - page.arrived < STALE_MS;
+  return page.state.name === "live" && !page.away && performance.now() - page.arrived < STALE_MS;
 }
 
 function showState() {
@@ -161,6 +170,8 @@ function showState() {
     [text, banner] = [`trying again in ${seconds} s`, "No connection to the program. Is it still running?"];
   } else if (name === "wait") {
     [text, banner] = ["connecting", page.arrived ? "No connection to the program. Is it still running?" : ""];
+  } else if (page.away) {
+    [state, text, banner] = ["away", "board away", page.away];
   } else if (!page.arrived) {
     [state, text] = ["wait", "waiting for the first picture"];
   } else if (quiet > STALE_MS) {
@@ -171,10 +182,11 @@ function showState() {
   $("connection").dataset.state = state;
   set("connection-text", text);
   $("banner").hidden = !banner;
-  $("banner").dataset.state = name === "live" ? "note" : "lost";
+  $("banner").dataset.state = name === "live" && !page.away ? "note" : "lost";
   set("banner", banner);
-  $("tare").disabled = name !== "live";
-  $("undo").disabled = name !== "live" || !page.baseline?.earlier;
+  const commands = name === "live" && page.commands && page.away === null;
+  $("tare").disabled = !commands;
+  $("undo").disabled = !commands || !page.baseline?.earlier;
   showBaseline();
 }
 

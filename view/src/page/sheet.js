@@ -192,7 +192,7 @@ export class Sheet {
     const t = this.letters();
     return touches.map((touch, k) => {
       const [x, y] = this.px([touch.x, touch.y]);
-      const [first, second] = [strengthText(touch), placeText(touch)];
+      const [first, second] = [strengthText(touch, this.scene.uncalibrated), placeText(touch)];
       const chip = touch.id === null ? 0 : (0.9 + 0.6 * String(touch.id).length) * t;
       const ring = { key: touch.id ?? `#${k}`, id: touch.id, x, y, r: ringRadius(touch) * this.scale, first, second, chip };
       return { ...ring, ...this.labelSize(c, ring, t), h: 3.1 * t };

@@ -83,7 +83,8 @@ export class Cells {
 
 /**
  * Keeps a connection to the program.
- * `on.state("live" | "wait" | "lost", seconds to the next try)`, `on.scene(scene)`, `on.frame(frame)`; the cells are in `cells`.
+ * `on.state("live" | "wait" | "lost", seconds to the next try)`, `on.scene(scene)`, `on.frame(frame)`, `on.rights(whether this page may
+ * command)`; the cells are in `cells`.
  */
 export class Connection {
   constructor(on) {
@@ -98,6 +99,8 @@ export class Connection {
   /** Connects, and keeps connecting from then on. */
   start() {
     setInterval(() => this.askTime(), 2000);
+    // The address that was printed, put into a page that is open already.
+    addEventListener("hashchange", () => this.enter());
     this.open();
   }
 
@@ -112,6 +115,7 @@ export class Connection {
       this.tries = 0;
       this.clocks = [];
       this.on.state("live", 0);
+      this.enter();
       this.askTime();
     };
     socket.onmessage = (event) => this.take(event.data);
@@ -142,12 +146,21 @@ export class Connection {
       this.scene = message.scene;
       this.cells = new Cells(message.cells.length);
       this.on.scene(message);
+    } else if (message.kind === "rights") {
+      // In place of a ticket, which is good only once, the address keeps the token: the page may be loaded again.
+      if (message.token) history.replaceState(null, "", `#${message.token}`);
+      this.on.rights(message.token !== null);
     } else if (message.kind === "clock") {
       const now = performance.now();
       const trip = now - message.page_ms;
       this.clocks.push({ trip, offset: message.server_ms + trip / 2 - now });
       this.clocks = this.clocks.slice(-8);
     }
+  }
+
+  /** Shows what the address ends with, to be allowed to command. */
+  enter() {
+    this.send({ kind: "enter", key: location.hash.slice(1, 65) });
   }
 
   askTime() {

@@ -1,21 +1,43 @@
 //! Who may talk to the page's server.
 //!
-//! The server listens on this computer alone, but a web page from anywhere runs in a browser on this computer. Two
-//! checks keep such pages out: the `Host` a request names must be this computer (a name that was rebound to 127.0.0.1 is
-//! not), and an `Origin`, which browsers always send with a WebSocket, must be the very page that this server serves.
-//! Programs send no `Origin` and may connect.
+//! The server listens on this computer alone, but a web page from anywhere runs in a browser on this computer. Three checks keep such
+//! pages out: the `Host` a request names must be this computer (a name that was rebound to 127.0.0.1 is not). An `Origin`, which browsers
+//! always send with a WebSocket, must be the very page that this server serves. And `Sec-Fetch-Site`, which browsers send with whatever a
+//! page asks for, must be that of this page, or of an address that somebody typed in. Programs send neither and may connect.
+//!
+//! Answers, refusals too, are for the own origin alone: a page from elsewhere cannot tell them from those of a port where nobody listens.
 
 use axum::extract::Request;
-use axum::http::{HeaderMap, StatusCode, header};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 
+/// Nothing from elsewhere, and no place in another page's frame.
+const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; \
+                      base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
+
+const FETCH_SITE: HeaderName = HeaderName::from_static("sec-fetch-site");
+
+/// What every answer says of itself.
+const OF_EVERY_ANSWER: [(HeaderName, &str); 5] = [
+    // A newer program must not be shown through an older page.
+    (header::CACHE_CONTROL, "no-store"),
+    (header::CONTENT_SECURITY_POLICY, POLICY),
+    (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
+    (header::REFERRER_POLICY, "no-referrer"),
+    (HeaderName::from_static("cross-origin-resource-policy"), "same-origin"),
+];
+
 /// Lets a request pass or answers 403 with the reason.
 pub(super) async fn check(request: Request, next: Next) -> Response {
-    match refusal(request.headers()) {
+    let mut response = match refusal(request.headers()) {
         None => next.run(request).await,
         Some(reason) => (StatusCode::FORBIDDEN, format!("{reason}\n")).into_response(),
+    };
+    for (name, value) in OF_EVERY_ANSWER {
+        response.headers_mut().insert(name, HeaderValue::from_static(value));
     }
+    response
 }
 
 /// Why a request with these headers is refused; none if it is not.
@@ -36,11 +58,9 @@ pub(super) fn refusal(headers: &HeaderMap) -> Option<&'static str> {
             .strip_prefix("http://")
             .is_some_and(|o| o.eq_ignore_ascii_case(host))
     };
-    match only(header::ORIGIN) {
-        None => None,
-        Some(Some(origin)) if own(origin) => None,
-        Some(_) => Some("another web page may not use this one"),
-    }
+    let origin = only(header::ORIGIN).is_none_or(|origin| origin.is_some_and(own));
+    let site = only(FETCH_SITE).is_none_or(|site| matches!(site, Some("same-origin" | "none")));
+    (!origin || !site).then_some("another web page may not use this one; type its address in")
 }
 
 /// Whether a `Host` header (name or address, perhaps with a port) is this computer. The port is free: it is another one
@@ -107,5 +127,22 @@ mod tests {
         assert!(with("127.0.0.1:8477", "http://127.0.0.1:3000"));
         assert!(with("127.0.0.1:8477", "http://localhost:8477"));
         assert!(with("127.0.0.1:8477", "null"));
+    }
+
+    #[test]
+    fn only_the_own_page_and_a_typed_address_fetch() {
+        let host = (header::HOST, "127.0.0.1:8477");
+        for (site, is_refused) in [
+            ("same-origin", false),
+            ("none", false),
+            // Another program's page on this computer.
+            ("same-site", true),
+            ("cross-site", true),
+            ("", true),
+            ("whatever comes", true),
+        ] {
+            assert_eq!(refused(&[host.clone(), (FETCH_SITE, site)]), is_refused, "{site}");
+        }
+        assert!(refused(&[host, (FETCH_SITE, "none"), (FETCH_SITE, "cross-site")]));
     }
 }

@@ -44,6 +44,25 @@ fn acknowledge(page: &mut Page) {
     page.send(Message::Binary(vec![1].into())).unwrap();
 }
 
+/// What the page's address ends with.
+fn key_of(url: &str) -> &str {
+    url.split_once('#').unwrap().1
+}
+
+/// Shows the server a key; its answer.
+fn enter(page: &mut Page, key: &str) -> serde_json::Value {
+    let text = serde_json::json!({ "kind": "enter", "key": key }).to_string();
+    page.send(Message::Text(text.into())).unwrap();
+    loop {
+        if let Message::Text(text) = page.read().unwrap() {
+            let answer: serde_json::Value = serde_json::from_str(&text).unwrap();
+            if answer["kind"] == "rights" {
+                return answer;
+            }
+        }
+    }
+}
+
 /// Waits for something that other threads are about to do.
 fn eventually(what: &str, mut done: impl FnMut() -> bool) {
     let start = Instant::now();
@@ -256,6 +275,8 @@ fn a_page_that_never_reads_blocks_nobody() {
 fn pages_come_back_after_a_restart_and_commands_arrive() {
     let first = view();
     let address = first.address;
+    let first_url = first.url();
+    let first_token = key_of(&first_url);
     let mut page = connect(address);
     eventually("the page is counted", || first.clients() == 1);
     let start = Instant::now();
@@ -271,6 +292,13 @@ fn pages_come_back_after_a_restart_and_commands_arrive() {
     second.publish(picture(5)).unwrap();
     assert_eq!(next_frame(&mut page).0.sequence, 5);
     page.send(Message::Text("nonsense".into())).unwrap();
+    // The address of the program before is good for nothing, that of a browser once.
+    assert_eq!(enter(&mut page, first_token)["token"], serde_json::Value::Null);
+    let ticket = second.url_once().unwrap();
+    let token = second.shared.keys.token();
+    assert_eq!(enter(&mut page, key_of(&ticket))["token"], token);
+    assert_eq!(enter(&mut page, key_of(&ticket))["token"], serde_json::Value::Null);
+    assert_eq!(enter(&mut page, key_of(&second.url()))["token"], token);
     page.send(Message::Text(r#"{"kind":"tare"}"#.into())).unwrap();
     let mut command = None;
     eventually("the command arrives", || {
@@ -347,3 +375,6 @@ fn one_frame_is_the_same_for_the_page_and_for_us() {
         assert!(reader.contains(at), "{at}");
     }
 }
+
+#[path = "hostile_tests.rs"]
+mod hostile;

@@ -5,8 +5,14 @@
 #![no_main]
 #![allow(dead_code, reason = "parts of the board")]
 
+#[macro_use]
+#[path = "../log.rs"]
+mod log;
+
 #[path = "../chip.rs"]
 mod chip;
+#[path = "../clocks.rs"]
+mod clocks;
 #[path = "../flash.rs"]
 mod flash;
 #[path = "../front_end.rs"]

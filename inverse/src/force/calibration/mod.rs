@@ -34,6 +34,9 @@ pub enum CalibrationError {
     /// The rise does not follow the force.
     #[error("the rise does not grow with the force; is it the touch under the gauge, and the force in newtons?")]
     NoRise,
+    /// Numbers that overflow, or vanish, where they are multiplied.
+    #[error("the numbers of the recording are too large or too small to be fitted; give s, N and mm2")]
+    Numbers,
     /// The recording does not determine a parameter.
     #[error(
         "the recording does not determine {name}: {value:.3} with a standard error of {error:.3}; hold the press for three time \
@@ -142,7 +145,7 @@ pub fn fit_by(samples: &[Sample], with_exponent: bool, options: &CalibrationOpti
     let problem = Recording::new(samples, options)?;
     let start = problem.start().ok_or(CalibrationError::NoRise)?;
     if start.delayed_ratio <= 0.0 {
-        return Ok(problem.finish(start, StandardErrors::default()));
+        return problem.finish(start, StandardErrors::default());
     }
     let count = if with_exponent { 4 } else { 3 };
     let (theta, covariance) = problem.levenberg_marquardt(logarithms(&start), count);
@@ -153,7 +156,7 @@ pub fn fit_by(samples: &[Sample], with_exponent: bool, options: &CalibrationOpti
         && !problem.is_worse(&instant, &solid, options.creep_chi_square)
     {
         // The delayed part is not above the noise: the instant part alone.
-        return Ok(problem.finish(instant, StandardErrors::default()));
+        return problem.finish(instant, StandardErrors::default());
     }
     let exponent_error = if with_exponent { relative(3) } else { 0.0 };
     let more = ["", ", with more than one force"][usize::from(with_exponent)];
@@ -179,7 +182,7 @@ pub fn fit_by(samples: &[Sample], with_exponent: bool, options: &CalibrationOpti
         tau_s: relative(2) * solid.tau_s,
         exponent: exponent_error * solid.exponent,
     };
-    Ok(problem.finish(solid, errors))
+    problem.finish(solid, errors)
 }
 
 /// The parameters' logarithms: unit rise, delayed ratio, time constant, exponent.
@@ -385,7 +388,7 @@ impl<'a> Recording<'a> {
     }
 
     /// The fit of a solid, with the noise about it.
-    fn finish(&self, solid: Solid, errors: StandardErrors) -> Fit {
+    fn finish(&self, solid: Solid, errors: StandardErrors) -> Result<Fit, CalibrationError> {
         let fitted_mm2 = self.model(&solid);
         // Only under force: without a press nothing is found, without any noise.
         let pressed = self
@@ -404,15 +407,17 @@ impl<'a> Recording<'a> {
             .collect();
         let mean_mpa = forces.iter().sum::<f64>() / forces.len().max(1) as f64 / self.area_mm2;
         let slope_mm2_per_n = solid.exponent * solid.rise(mean_mpa) / mean_mpa;
-        Fit {
-            calibration: Calibration {
-                solid,
-                force_sd_n: residual_mm2 / slope_mm2_per_n,
-            },
+        let force_sd_n = residual_mm2 / slope_mm2_per_n;
+        // Squares of such numbers overflow, or are lost.
+        if solid.check().is_err() || !force_sd_n.is_finite() || !fitted_mm2.iter().all(|v| v.is_finite()) {
+            return Err(CalibrationError::Numbers);
+        }
+        Ok(Fit {
+            calibration: Calibration { solid, force_sd_n },
             errors,
             residual_mm2,
             fitted_mm2,
-        }
+        })
     }
 }
 

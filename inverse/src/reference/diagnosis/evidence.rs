@@ -5,14 +5,21 @@
 //! `(y - y_fault)' C⁻¹ (y - y_fault) / 2`. A fault that leaves some values U free, anywhere in the range F, has (with `W = C⁻¹`, by
 //! the block inverse) the cost of the others, `(r' W r - (W r)_U' W_UU⁻¹ (W r)_U + ln |W_UU|) / 2`, and `y² / 2 F² + ln F` of each
 //! free value (Bishop 2006, 2.3).
+//!
+//! The covariance is `C = U U' + D` with few columns U and a diagonal D. With `M = I + U' D⁻¹ U = L L'` and `G = L⁻¹ U' D⁻¹`
+//! (Woodbury) `W = D⁻¹ - G' G`: nothing as large as C is factorised or stored.
 
+use super::covariance::Covariance;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 /// A frame and the covariance of what touches, drift and noise do to it.
 pub(crate) struct Evidence {
     y: DVector<f64>,
-    /// The inverse of the covariance, and its product with the frame.
-    w: DMatrix<f64>,
+    /// The inverse of every value's own variance; 0 for one that takes no part.
+    own: DVector<f64>,
+    /// The rest of the covariance's inverse: `W = D⁻¹ - G' G`.
+    g: DMatrix<f64>,
+    /// The product of W with the frame.
     wy: DVector<f64>,
     /// Logarithm of the covariance's determinant.
     log_det: f64,
@@ -21,28 +28,39 @@ pub(crate) struct Evidence {
 }
 
 impl Evidence {
-    /// `covariance`: of touches and drift, V². `own`: standard deviation of every value's own noise and model error, V; not finite
-    /// for a value that takes no part. None where the covariance is none.
-    pub(crate) fn new(y: &DVector<f64>, covariance: &DMatrix<f64>, own: &[f64], range_v: f64) -> Option<Self> {
-        let mut c = covariance.clone();
-        let mut y = y.clone();
-        for (k, sd) in own.iter().enumerate() {
-            if sd.is_finite() {
-                c[(k, k)] += sd * sd;
-            } else {
-                c.row_mut(k).fill(0.0);
-                c.column_mut(k).fill(0.0);
-                c[(k, k)] = range_v * range_v;
-                y[k] = 0.0;
-            }
+    /// `covariance`: of touches and drift, with the rises `scale` times as large. `own`: standard deviation of every value's own noise
+    /// and model error, V; not finite for a value that takes no part. None where the covariance is none.
+    pub(crate) fn new(
+        y: &DVector<f64>,
+        (covariance, scale): (&Covariance, f64),
+        own: &[f64],
+        range_v: f64,
+    ) -> Option<Self> {
+        let used = |k: usize| own[k].is_finite();
+        let inverse = |k: usize| if used(k) { own[k].powi(-2) } else { 0.0 };
+        let inverses = DVector::from_fn(own.len(), |k, _| inverse(k));
+        let y = DVector::from_fn(own.len(), |k, _| if used(k) { y[k] } else { 0.0 });
+        let least = own
+            .iter()
+            .filter(|sd| sd.is_finite())
+            .fold(f64::INFINITY, |m, sd| m.min(*sd));
+        let u = covariance.columns(scale, least);
+        let mut weighted = u.transpose();
+        for (mut column, inverse) in weighted.column_iter_mut().zip(&inverses) {
+            column *= *inverse;
         }
-        let factor = Cholesky::new(c)?;
-        let log_det = 2.0 * factor.l_dirty().diagonal().iter().map(|v| v.ln()).sum::<f64>();
-        let w = factor.inverse();
-        let wy = &w * &y;
+        let m = &weighted * u;
+        let factor = Cholesky::new(DMatrix::identity(m.nrows(), m.nrows()) + m)?;
+        let own_log_det: f64 = own.iter().filter(|sd| sd.is_finite()).map(|sd| 2.0 * sd.ln()).sum();
+        let log_det = own_log_det + 2.0 * factor.l_dirty().diagonal().iter().map(|v| v.ln()).sum::<f64>();
+        let mut lower = DMatrix::identity(factor.l_dirty().nrows(), factor.l_dirty().nrows());
+        factor.l_dirty().solve_lower_triangular_mut(&mut lower);
+        let g = lower * weighted;
+        let wy = inverses.component_mul(&y) - g.tr_mul(&(&g * &y));
         Some(Self {
             y,
-            w,
+            own: inverses,
+            g,
             wy,
             log_det,
             range_v,
@@ -59,16 +77,38 @@ impl Evidence {
         self.of_touches() + 0.5 * (self.log_det - other.log_det)
     }
 
-    /// Cost of a fault that predicts a frame (V, the change).
+    /// Cost of a fault that predicts a frame (V, the change). Values that take no part are not looked at.
     pub(crate) fn of(&self, predicted: &DVector<f64>) -> f64 {
-        // r' W r with r = y - p, from the one product W p.
-        let wp = &self.w * predicted;
-        self.of_touches() - predicted.dot(&self.wy) + 0.5 * predicted.dot(&wp)
+        self.cost(predicted.as_slice(), (&self.g * predicted).norm_squared())
+    }
+
+    /// The same of every column.
+    pub(crate) fn of_all(&self, predicted: &DMatrix<f64>) -> Vec<f64> {
+        let along = &self.g * predicted;
+        let columns = predicted.column_iter().zip(along.column_iter());
+        columns
+            .map(|(p, along)| self.cost(p.as_slice(), along.norm_squared()))
+            .collect()
+    }
+
+    /// r' W r with r = y - p, from the norm of G p.
+    fn cost(&self, p: &[f64], along: f64) -> f64 {
+        let (mut linear, mut square) = (0.0, 0.0);
+        for ((p, wy), own) in p.iter().zip(&self.wy).zip(&self.own) {
+            linear += p * wy;
+            square += own * p * p;
+        }
+        self.of_touches() - linear + 0.5 * (square - along)
+    }
+
+    /// The product of W with a column.
+    fn times(&self, column: &DVector<f64>) -> DVector<f64> {
+        self.own.component_mul(column) - self.g.tr_mul(&(&self.g * column))
     }
 
     /// Cost of a fault that adds one column of unknown size with this standard deviation, and that size.
     pub(crate) fn along(&self, column: &DVector<f64>, sd: f64) -> (f64, f64) {
-        let wc = &self.w * column;
+        let wc = self.times(column);
         let (a, b, variance) = (column.dot(&wc), column.dot(&self.wy), sd * sd);
         let size = variance * b / (1.0 + variance * a);
         (
@@ -79,15 +119,20 @@ impl Evidence {
 
     /// What [`Evidence::along`] is told by in any frame of the same covariance: with `(a, g)` a frame y costs `(a' y)² / 2 - g` less.
     pub(crate) fn score(&self, column: &DVector<f64>, sd: f64) -> (DVector<f64>, f64) {
-        let wc = &self.w * column;
+        let wc = self.times(column);
         let spread = 1.0 + sd * sd * column.dot(&wc);
         (wc * (sd / spread.sqrt()), 0.5 * spread.ln())
     }
 
     /// Cost of a fault that leaves values free, and the part of it that the other values have.
     pub(crate) fn free(&self, values: &[usize]) -> (f64, f64) {
+        let values: Vec<usize> = values.iter().copied().filter(|k| self.own[*k] > 0.0).collect();
         let n = values.len();
-        let of = DMatrix::from_fn(n, n, |i, j| self.w[(values[i], values[j])]);
+        let g = self.g.select_columns(&values);
+        let mut of = g.transpose() * -g;
+        for (i, k) in values.iter().enumerate() {
+            of[(i, i)] += self.own[*k];
+        }
         let Some(factor): Option<Cholesky<f64, Dyn>> = Cholesky::new(of) else {
             return (f64::INFINITY, f64::INFINITY);
         };
@@ -104,8 +149,9 @@ impl Evidence {
 
     /// The value that is furthest from what the others tell.
     pub(crate) fn wildest(&self) -> Option<usize> {
-        let by = |k: usize| self.wy[k] * self.wy[k] / self.w[(k, k)];
-        (0..self.y.len()).max_by(|a, b| by(*a).total_cmp(&by(*b)))
+        let by = |k: usize| self.wy[k] * self.wy[k] / (self.own[k] - self.g.column(k).norm_squared());
+        let used = (0..self.y.len()).filter(|k| self.own[*k] > 0.0);
+        used.max_by(|a, b| by(*a).total_cmp(&by(*b)))
     }
 }
 
@@ -114,12 +160,15 @@ mod tests {
     use super::*;
     use rand::{Rng, SeedableRng};
 
-    fn random(n: usize, seed: u64) -> (DVector<f64>, DMatrix<f64>, Vec<f64>) {
+    /// A frame, columns of its covariance and that, and every value's own standard deviation.
+    fn random(n: usize, seed: u64) -> (DVector<f64>, Covariance, DMatrix<f64>, Vec<f64>) {
         let mut rng = rand::rngs::StdRng::seed_from_u64(seed);
         let mut one = || rng.random_range(-1.0..1.0);
         let s = DMatrix::from_fn(n, n / 2, |_, _| one());
         let y = DVector::from_fn(n, |_, _| one());
-        (y, &s * s.transpose(), (0..n).map(|k| 0.3 + 0.1 * k as f64).collect())
+        let covariance = Covariance::new(&s, DMatrix::zeros(n, 0));
+        let own = (0..n).map(|k| 0.3 + 0.1 * k as f64).collect();
+        (y, covariance, &s * s.transpose(), own)
     }
 
     /// Minus the logarithm of a normal density, without its constant.
@@ -137,17 +186,20 @@ mod tests {
     fn costs_are_densities() {
         let range_v = 2.0;
         for seed in 0..5 {
-            let (y, covariance, own) = random(9, seed);
+            let (y, columns, covariance, own) = random(9, seed);
             let c = whole(&covariance, &own);
-            let evidence = Evidence::new(&y, &covariance, &own, range_v).unwrap();
+            let evidence = Evidence::new(&y, (&columns, 1.0), &own, range_v).unwrap();
             let constant = 0.5 * c.determinant().ln();
             let near = |a: f64, b: f64| assert!((a - b).abs() < 1e-8 * b.abs().max(1.0), "{a} {b}");
             near(evidence.of_touches() + constant, cost(&y, &c));
-            let wider = Evidence::new(&y, &(9.0 * &covariance), &own, range_v).unwrap();
+            let wider = Evidence::new(&y, (&columns, 3.0), &own, range_v).unwrap();
             let c_wider = whole(&(9.0 * &covariance), &own);
             near(wider.of_touches_beside(&evidence) + constant, cost(&y, &c_wider));
             let p = DVector::from_fn(9, |k, _| (k as f64).sin());
             near(evidence.of(&p) + constant, cost(&(&y - &p), &c));
+            let both = evidence.of_all(&DMatrix::from_columns(&[p.clone(), -&p]));
+            near(both[0], evidence.of(&p));
+            near(both[1] + constant, cost(&(&y + &p), &c));
             let with = &c + 0.49 * &p * p.transpose();
             let along = evidence.along(&p, 0.7).0;
             near(along + constant, cost(&y, &with));
@@ -168,10 +220,10 @@ mod tests {
     /// A value that takes no part changes no difference of costs.
     #[test]
     fn what_takes_no_part_says_nothing() {
-        let (y, covariance, mut own) = random(9, 7);
+        let (y, columns, _, mut own) = random(9, 7);
         let p = DVector::from_fn(9, |k, _| (k as f64).cos());
         let difference = |y: &DVector<f64>, own: &[f64]| {
-            let evidence = Evidence::new(y, &covariance, own, 2.0).unwrap();
+            let evidence = Evidence::new(y, (&columns, 1.0), own, 2.0).unwrap();
             let mut p = p.clone();
             p[3] = 0.0;
             evidence.of(&p) - evidence.of_touches()

@@ -1,5 +1,6 @@
 //! The faults that a frame is compared with, and what each predicts.
 
+use super::covariance::Covariance;
 use super::evidence::Evidence;
 use super::fault::{Electrodes, Fault, MOST_ELECTRODES};
 use crate::reference::Difference;
@@ -47,15 +48,14 @@ pub(crate) struct Diagnosis {
     imager: Arc<Imager>,
     /// Of the unpressed sheet.
     potentials_ohm: DMatrix<f64>,
-    /// What touches and drift do to a frame, V².
-    covariance: DMatrix<f64>,
-    /// The same where touches may be strong.
-    strong: DMatrix<f64>,
+    /// What touches and drift do to a frame.
+    covariance: Covariance,
     /// Root mean square of the unpressed frame, and its largest value, V.
     mean_v: f64,
     largest_v: f64,
-    /// Frames of shorts, V, and of two exchanged wires.
-    shorts: Vec<([usize; 2], f64, DVector<f64>)>,
+    /// Shorts, and what each changes, V, a column each.
+    shorts: Vec<([usize; 2], f64)>,
+    short_frames: DMatrix<f64>,
     /// Sense pairs, each with its values.
     channels: Vec<([usize; 2], Vec<usize>)>,
     /// What linear faults are told by in a frame of known noise; see [`Diagnosis::suspects`].
@@ -98,24 +98,21 @@ impl Diagnosis {
         let shapes = drift.columns(Drifting::Contacts);
         let sd = |kind: usize| if kind < 2 { COMMON } else { CONTACT };
         let shapes = DMatrix::from_fn(shapes.nrows(), shapes.ncols(), |k, c| sd(c) * shapes[(k, c)]);
-        let s = rises(imager);
-        let (rises, drifts) = (&s * s.transpose(), &shapes * shapes.transpose());
         let v = &imager.model_v;
         let mut out = Self {
             potentials_ohm: solver.electrode_matrix().potentials_ohm().clone(),
-            covariance: &rises + &drifts,
-            strong: (STRONG_RISE / RISE).powi(2) * rises + drifts,
+            covariance: Covariance::new(&rises(imager), shapes),
             mean_v: (v.iter().map(|v| v * v).sum::<f64>() / v.len().max(1) as f64).sqrt(),
             largest_v: v.iter().fold(0.0, |m, v| m.max(v.abs())),
             shorts: Vec::new(),
+            short_frames: DMatrix::zeros(0, 0),
             channels: channels(imager),
             scores: None,
             imager: Arc::clone(imager),
         };
-        out.shorts = out
-            .pairs()
-            .flat_map(|p| SHORTS_OHM.map(|ohm| (p, ohm, out.short(p, ohm))))
-            .collect();
+        out.shorts = out.pairs().flat_map(|p| SHORTS_OHM.map(|ohm| (p, ohm))).collect();
+        let frames: Vec<DVector<f64>> = out.shorts.iter().map(|(p, ohm)| out.short(*p, *ohm)).collect();
+        out.short_frames = DMatrix::from_columns(&frames);
         Some(out)
     }
 
@@ -206,7 +203,7 @@ impl Diagnosis {
             [(gain, GAIN), (offset, OFFSET * self.mean_v)]
         });
         let columns: Vec<(DVector<f64>, f64)> = contacts.chain(channels).collect();
-        let Some(evidence) = Evidence::new(&unchanged.y, &self.covariance, &own, self.largest_v) else {
+        let Some(evidence) = Evidence::new(&unchanged.y, (&self.covariance, 1.0), &own, self.largest_v) else {
             return;
         };
         let scored: Vec<(DVector<f64>, f64)> = columns.iter().map(|(c, sd)| evidence.score(c, *sd)).collect();
@@ -287,14 +284,7 @@ impl Diagnosis {
         let own: Vec<f64> = (0..d.used.len())
             .map(|k| if d.used[k] { own(k) } else { f64::NAN })
             .collect();
-        let evidence = Evidence::new(&d.y, &self.covariance, &own, self.largest_v)?;
-        let masked = |mut p: DVector<f64>| {
-            p.iter_mut()
-                .zip(&d.used)
-                .filter(|(_, used)| !**used)
-                .for_each(|(p, _)| *p = 0.0);
-            p
-        };
+        let evidence = Evidence::new(&d.y, (&self.covariance, 1.0), &own, self.largest_v)?;
         let touches = evidence.of_touches();
         let mut best = Best {
             fault: None,
@@ -302,15 +292,16 @@ impl Diagnosis {
             left: touches,
             touches,
         };
-        self.offer_source(&evidence, &masked, &mut best);
-        self.offer_multiplexers(&evidence, &masked, &mut best);
-        self.offer_shorts(&evidence, &masked, &mut best);
-        self.offer_contacts(&evidence, &masked, &mut best);
+        self.offer_source(&evidence, &mut best);
+        self.offer_multiplexers(&evidence, &mut best);
+        self.offer_shorts(&evidence, &mut best);
+        self.offer_contacts(&evidence, &mut best);
         self.offer_channels(&evidence, d, &mut best);
         self.offer_values(&evidence, &mut best);
         self.offer_open(&evidence, &mut best);
         if best.fault.is_some() {
-            let strong = Evidence::new(&d.y, &self.strong, &own, self.largest_v)?.of_touches_beside(&evidence);
+            let strong = Evidence::new(&d.y, (&self.covariance, STRONG_RISE / RISE), &own, self.largest_v)?
+                .of_touches_beside(&evidence);
             if strong < best.cost {
                 (best.fault, best.cost, best.left) = (None, strong, strong);
             }
@@ -319,49 +310,46 @@ impl Diagnosis {
         Some(best)
     }
 
-    fn offer_source(&self, evidence: &Evidence, masked: &impl Fn(DVector<f64>) -> DVector<f64>, best: &mut Best) {
+    fn offer_source(&self, evidence: &Evidence, best: &mut Best) {
         let lost = DVector::from_iterator(self.imager.model_v.len(), self.imager.model_v.iter().map(|v| -v));
-        best.offer(FAULT + evidence.of(&masked(lost)), || Fault::Source);
+        best.offer(FAULT + evidence.of(&lost), || Fault::Source);
     }
 
-    fn offer_multiplexers(&self, evidence: &Evidence, masked: &impl Fn(DVector<f64>) -> DVector<f64>, best: &mut Best) {
+    fn offer_multiplexers(&self, evidence: &Evidence, best: &mut Best) {
         let n = self.electrodes();
         let cost = FAULT + (4.0 * n as f64).ln();
-        for (drive, plus) in [(true, true), (true, false), (false, true), (false, false)] {
-            for electrode in 0..n {
-                let predicted = masked(self.stuck(drive, plus, electrode));
-                best.offer(cost + evidence.of(&predicted), || Fault::Multiplexer {
-                    drive,
-                    plus,
-                    electrode,
-                });
-            }
+        let ends = [(true, true), (true, false), (false, true), (false, false)];
+        let stuck: Vec<(bool, bool, usize)> = ends
+            .iter()
+            .flat_map(|(d, p)| (0..n).map(move |l| (*d, *p, l)))
+            .collect();
+        let predicted: Vec<DVector<f64>> = stuck.iter().map(|(d, p, l)| self.stuck(*d, *p, *l)).collect();
+        for ((drive, plus, electrode), of) in stuck.into_iter().zip(of_all(evidence, &predicted)) {
+            best.offer(cost + of, || Fault::Multiplexer { drive, plus, electrode });
         }
-        let pairs = self.pairs().count() as f64;
-        for pair in self.pairs() {
-            let predicted = masked(self.exchanged(pair));
-            best.offer(FAULT + pairs.ln() + evidence.of(&predicted), || Fault::Exchanged(pair));
+        let pairs: Vec<[usize; 2]> = self.pairs().collect();
+        let predicted: Vec<DVector<f64>> = pairs.iter().map(|pair| self.exchanged(*pair)).collect();
+        let cost = FAULT + (pairs.len() as f64).ln();
+        for (pair, of) in pairs.into_iter().zip(of_all(evidence, &predicted)) {
+            best.offer(cost + of, || Fault::Exchanged(pair));
         }
     }
 
-    fn offer_shorts(&self, evidence: &Evidence, masked: &impl Fn(DVector<f64>) -> DVector<f64>, best: &mut Best) {
+    fn offer_shorts(&self, evidence: &Evidence, best: &mut Best) {
         let cost = FAULT + RESISTANCE + (self.pairs().count() as f64).ln();
-        let mut tried: Vec<(f64, [usize; 2], f64)> = self
-            .shorts
-            .iter()
-            .map(|(pair, ohm, predicted)| (evidence.of(&masked(predicted.clone())), *pair, *ohm))
-            .collect();
-        tried.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let Some((first, pair, ohm)) = tried.first().copied() else {
+        let costs = evidence.of_all(&self.short_frames);
+        let tried = self.shorts.iter().zip(costs);
+        let Some(((pair, ohm), first)) = tried.min_by(|a, b| a.1.total_cmp(&b.1)) else {
             return;
         };
+        let (pair, ohm) = (*pair, *ohm);
         // Where a wire's own resistance is nothing, a logarithm is none.
-        let of = |ohm: f64| evidence.of(&masked(self.short(pair, ohm)));
+        let of = |ohm: f64| evidence.of(&self.short(pair, ohm));
         let (ohm, refined) = least(of, (ohm, first), [0.2 * ohm, 6.0 * ohm + 30.0]);
         best.offer(cost + refined, || Fault::Short { electrodes: pair, ohm });
     }
 
-    fn offer_contacts(&self, evidence: &Evidence, masked: &impl Fn(DVector<f64>) -> DVector<f64>, best: &mut Best) {
+    fn offer_contacts(&self, evidence: &Evidence, best: &mut Best) {
         if matches!(self.imager.drive, Drive::Current { .. }) {
             // A given current does not go with the contacts of its wires.
             return;
@@ -371,18 +359,16 @@ impl Diagnosis {
         let mut worse: Vec<(usize, f64)> = Vec::new();
         let mut before = f64::INFINITY;
         for count in 1..=MOST_ELECTRODES {
-            let of = |l: usize, ohm: f64| {
-                let mut with = worse.clone();
-                with.push((l, ohm));
-                evidence.of(&masked(self.contacts(&with)))
-            };
             let all = (0..n).filter(|l| !worse.iter().any(|(other, _)| other == l));
-            let each = all.flat_map(|l| CONTACTS_OHM.map(|ohm| (of(l, ohm), l, ohm)));
-            let Some((_, l, ohm)) = each.min_by(|a, b| a.0.total_cmp(&b.0)) else {
+            let each: Vec<(usize, f64)> = all.flat_map(|l| CONTACTS_OHM.map(|ohm| (l, ohm))).collect();
+            let with = |one: &(usize, f64)| self.contacts(&[&worse[..], &[*one]].concat());
+            let predicted: Vec<DVector<f64>> = each.iter().map(with).collect();
+            let tried = each.into_iter().zip(of_all(evidence, &predicted));
+            let Some(((l, ohm), _)) = tried.min_by(|a, b| a.1.total_cmp(&b.1)) else {
                 return;
             };
             worse.push((l, ohm));
-            let cost = self.refine_contacts(&mut worse, evidence, masked);
+            let cost = self.refine_contacts(&mut worse, evidence);
             if cost + one > before {
                 return;
             }
@@ -395,19 +381,14 @@ impl Diagnosis {
     }
 
     /// Looks for the resistances one after the other, twice. Gives the cost.
-    fn refine_contacts(
-        &self,
-        worse: &mut [(usize, f64)],
-        evidence: &Evidence,
-        masked: &impl Fn(DVector<f64>) -> DVector<f64>,
-    ) -> f64 {
+    fn refine_contacts(&self, worse: &mut [(usize, f64)], evidence: &Evidence) -> f64 {
         let mut cost = f64::INFINITY;
         for k in (0..worse.len()).chain(0..worse.len()) {
             let now = worse[k].1;
             let of = |ohm: f64| {
                 let mut with = worse.to_vec();
                 with[k].1 = ohm;
-                evidence.of(&masked(self.contacts(&with)))
+                evidence.of(&self.contacts(&with))
             };
             let start = (now, of(now));
             (worse[k].1, cost) = least(of, start, [now / 3.5, 3.5 * now]);
@@ -469,6 +450,14 @@ impl Diagnosis {
             sets = tried.into_iter().map(|(_, set)| set).collect();
         }
     }
+}
+
+/// Costs of what each of these predicts.
+fn of_all(evidence: &Evidence, predicted: &[DVector<f64>]) -> Vec<f64> {
+    if predicted.is_empty() {
+        return Vec::new();
+    }
+    evidence.of_all(&DMatrix::from_columns(predicted))
 }
 
 /// What every cell changes by one standard deviation of its rise, V. Cells before an electrode are a hundred times as sensitive as

@@ -4,6 +4,7 @@
 //! frame from the electrodes' matrix of the model; open electrodes and wild values leave values free. The hypothesis under which the
 //! frame is most probable is named, if it is clearly more probable than touches alone.
 
+mod covariance;
 mod evidence;
 mod fault;
 mod hypotheses;

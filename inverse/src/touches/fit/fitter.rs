@@ -38,6 +38,8 @@ pub struct Data<'a> {
     pub patient: bool,
     /// Whether the error of the linear model may be solved for: that takes as long as many fits.
     pub corrected: bool,
+    /// Whether time does not count: the touches may get a mesh made for them.
+    pub unhurried: bool,
 }
 
 impl Data<'_> {
@@ -104,8 +106,6 @@ struct Carried {
     error: Option<LinearisationError>,
     /// Unexplained misfit after the last failed solution for a mean, in variances of one frame's noise.
     failed: Option<f64>,
-    /// Solutions so far.
-    solutions: usize,
 }
 
 /// The touches of the frame before, as far as the next frame goes on from them.
@@ -228,6 +228,9 @@ pub struct Fitter {
     aside: [Aside; 2],
     /// Whether the values fitted last were corrected.
     was_corrected: bool,
+    /// Solutions of the sheet in this frame, and the most there may be.
+    solutions: usize,
+    most_solutions: usize,
     /// Of the frame fitted last.
     drift: Drift,
     /// Of a frame without touches.
@@ -268,6 +271,8 @@ impl Fitter {
             aside: [aside(), aside()],
             volts,
             was_corrected: false,
+            solutions: 0,
+            most_solutions: usize::MAX,
             drift: Drift::with_room(imager.pattern.electrodes()),
             alone: Drift::with_room(imager.pattern.electrodes()),
             refining: NuisanceScratch::default(),
@@ -280,6 +285,21 @@ impl Fitter {
     /// The last fit, also where it does not explain its frame.
     pub fn last(&self) -> &Fitted {
         &self.fits.now
+    }
+
+    /// Begins a frame, which may take so many solutions of the sheet, however often it is fitted.
+    pub(crate) fn begin_frame(&mut self, most_solutions: usize) {
+        (self.solutions, self.most_solutions) = (0, most_solutions);
+    }
+
+    /// Solutions of the sheet in this frame.
+    pub(crate) fn solutions(&self) -> usize {
+        self.solutions
+    }
+
+    /// Whether the sheet may be solved so many times more.
+    fn may_solve(&self, job: &Job, times: usize) -> bool {
+        job.data.corrected && self.solutions.saturating_add(times) <= self.most_solutions
     }
 
     /// What drifted in the frame fitted last.
@@ -401,10 +421,11 @@ impl Fitter {
         {
             return self.renew(job, scale, size);
         }
-        if job.data.corrected && self.expected_error() > self.options.worth_a_solution {
+        if self.may_solve(job, 1) && self.expected_error() > self.options.worth_a_solution {
             self.correct(job)?;
             // In a mean, the first of its frames decided between one touch and two.
             if job.data.gain <= 1.0
+                && self.may_solve(job, 1)
                 && let Some(discs) = merged(&self.fits.now.discs, self.prior.radius_mm, self.options.too_strong)
             {
                 self.try_merged(job, discs)?;
@@ -412,7 +433,7 @@ impl Fitter {
         } else if shows || carried.is_some() {
             self.carried.error = None;
             self.again(job, Values::Measured)?;
-            self.fits.now.settled &= job.data.corrected;
+            self.fits.now.settled &= self.may_solve(job, 1);
         }
         Some(())
     }
@@ -426,9 +447,9 @@ impl Fitter {
         let unexplained = job.data.unexplained(self.fits.now.misfit);
         let failed_before = |then| unexplained <= options.failed_until * then;
         self.fits.now.settled |= self.carried.failed.is_some_and(failed_before);
-        if !self.fits.now.settled && job.data.corrected {
+        if !self.fits.now.settled && self.may_solve(job, 1) {
             let before = self.fits.now.misfit;
-            let Some(error) = self.solve() else {
+            let Some(error) = self.solve(job) else {
                 return Some(());
             };
             let size = self.corrected.take_off(&error, 1.0, &mut job.data);
@@ -459,11 +480,15 @@ impl Fitter {
     fn correct(&mut self, job: &mut Job) -> Option<()> {
         // In a hurry, the next frame goes on with the correction.
         for round in 0..if job.hurried { 1 } else { self.options.most_rounds } {
+            if !self.may_solve(job, 1) {
+                // As if in a hurry.
+                break;
+            }
             if round > 0 && self.expected_error() <= self.options.worth_a_solution {
                 self.fits.now.settled = true;
                 break;
             }
-            let error = self.solve()?;
+            let error = self.solve(job)?;
             self.corrected.take_off(&error, 1.0, &mut job.data);
             self.carried.error = Some(error);
             self.again(job, Values::Corrected)?;
@@ -482,6 +507,9 @@ impl Fitter {
         if !self.fits.now.settled {
             self.correct(job)?;
         }
+        if !self.may_solve(job, 1) {
+            return Some(());
+        }
         let (two, error) = (self.fits.now.clone(), self.carried.error.clone());
         self.fits.now = Fitted { discs, ..two.clone() };
         self.fits.now.followed = false;
@@ -496,12 +524,13 @@ impl Fitter {
     }
 
     /// The linearisation error of the touches fitted last; `None` when the sheet cannot be solved with them.
-    fn solve(&mut self) -> Option<LinearisationError> {
+    fn solve(&mut self, job: &Job) -> Option<LinearisationError> {
         if self.nonlinear.is_none() {
             self.nonlinear = NonlinearModel::new(&self.imager.model, self.imager.drive, &self.imager.pattern);
         }
-        self.carried.solutions += 1;
-        LinearisationError::solve(self.nonlinear.as_mut()?, &self.volts, &self.fits.now.discs)
+        self.solutions += 1;
+        let (nonlinear, discs) = (self.nonlinear.as_mut()?, &self.fits.now.discs);
+        LinearisationError::solve(nonlinear, &self.volts, discs, job.data.unhurried)
     }
 
     /// Estimated norm of the linearisation error of the touches fitted last, in standard deviations of the noise.

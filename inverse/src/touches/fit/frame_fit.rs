@@ -234,5 +234,6 @@ pub(super) fn touch_of(disc: &Disc, sigma: f64, of: impl Fn(usize, usize) -> Opt
         area_sd_mm2: of(2, 2).map(|v| 2.0 * PI * disc.radius * sd(v)),
         total_sd_mm2: total_variance().map(|v| sd(v).hypot(TOTAL_ERROR * rise * disc.area_mm2())),
         force_n: None,
+        uncalibrated: false,
     }
 }

@@ -41,9 +41,10 @@ pub struct LinearisationError {
 
 impl LinearisationError {
     /// Solves the sheet with discs (strengths in mm²). `None` when that cannot be done.
-    pub fn solve(nonlinear: &mut NonlinearModel, table: &ResponseTable, discs: &[Disc]) -> Option<Self> {
+    /// `remesh`: see [`NonlinearModel::linearisation_error_v`].
+    pub fn solve(nonlinear: &mut NonlinearModel, table: &ResponseTable, discs: &[Disc], remesh: bool) -> Option<Self> {
         Some(Self {
-            volts: nonlinear.linearisation_error_v(table, discs)?,
+            volts: nonlinear.linearisation_error_v(table, discs, remesh)?,
             discs: discs.iter().copied().take(MOST_TOUCHES).collect(),
         })
     }
@@ -129,7 +130,8 @@ mod tests {
         let imager = Arc::new(Imager::new(&Sheet::paper(), Drive::PAPER, pattern, 5.0).unwrap());
         let fitter = Fitter::new(&imager, FitOptions::for_extent(97.5)).unwrap();
         let mut nonlinear = NonlinearModel::new(&imager.model, imager.drive, &imager.pattern).unwrap();
-        let mut solve = |discs: &[Disc]| LinearisationError::solve(&mut nonlinear, fitter.volts(), discs).unwrap();
+        let mut solve =
+            |discs: &[Disc]| LinearisationError::solve(&mut nonlinear, fitter.volts(), discs, true).unwrap();
         let norm = |v: &[f64]| v.iter().map(|v| v * v).sum::<f64>().sqrt();
         let off = |carried: &LinearisationError, scale: f64, now: &LinearisationError| {
             let difference: Vec<f64> = carried

@@ -31,6 +31,7 @@ mod interpolation;
 pub mod levenberg_marquardt;
 pub mod linearisation_error;
 pub mod model_order;
+mod node_values;
 pub mod nonlinear;
 pub(crate) mod nuisance;
 pub mod prior;

@@ -34,7 +34,8 @@ impl NonlinearModel {
     ///
     /// The error depends on the strengths far more than on the radii. A disc too small for its strength is therefore
     /// taken larger, not weaker.
-    pub fn linearisation_error_v(&mut self, table: &ResponseTable, discs: &[Disc]) -> Option<Vec<f64>> {
+    /// With `remesh` strong touches at the rim get a mesh of their own, which takes twenty times as long.
+    pub fn linearisation_error_v(&mut self, table: &ResponseTable, discs: &[Disc], remesh: bool) -> Option<Vec<f64>> {
         let discs: Discs = discs.iter().take(MOST_TOUCHES).map(Disc::believable).collect();
         let touches: Vec<DiscTouch> = discs
             .iter()
@@ -44,9 +45,12 @@ impl NonlinearModel {
                 rise: d.rise(),
             })
             .collect();
-        let mut error_v = self
-            .drive
-            .frame_v(self.solver.solve_touches(&touches).ok()?, &self.pattern);
+        let touched = if remesh {
+            self.solver.solve_touches(&touches)
+        } else {
+            self.solver.solve_touches_here(&touches)
+        };
+        let mut error_v = self.drive.frame_v(touched.ok()?, &self.pattern);
         let untouched = self.solver.solve_untouched_there().ok()?;
         for (error, unpressed) in error_v.iter_mut().zip(self.drive.frame_v(untouched, &self.pattern)) {
             *error -= unpressed;

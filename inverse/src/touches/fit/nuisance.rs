@@ -71,7 +71,7 @@ impl Nuisances {
         (what, changed): (Drifting, &[usize]),
         (orthonormal, shapes): (&[f64], &[f64]),
         weights: &[f64],
-        volts: &ResponseTable,
+        (volts, at_once): (&ResponseTable, bool),
     ) -> Self {
         let values = weights.len();
         let mut directions = orthonormal.to_vec();
@@ -110,7 +110,7 @@ impl Nuisances {
         };
         Self {
             priors: widths.iter().map(prior).collect(),
-            table: volts.map(|volts| &rows * volts),
+            table: volts.reduced(&rows, at_once),
             directions,
             kinds,
             gain,

@@ -9,6 +9,7 @@
 use crate::linalg::aligned::Aligned;
 use crate::linalg::kernels::{LANES, dots_of, padded};
 use crate::touches::fit::interpolation::{Radii, Stencil, add_scaled, dot, interpolate};
+use crate::touches::fit::node_values::NodeValues;
 use forward::{CellGrid, Drive, Model, Pattern, Sensitivity, Solver};
 use nalgebra::DMatrix;
 use pulp::Arch;
@@ -28,8 +29,6 @@ const MARGIN: i64 = 2;
 /// Lattice steps from the sheet's middle to its farthest point: 2.4 mm each on the paper's disc. More makes the table
 /// larger and more exact.
 const STEPS: f64 = 40.0;
-/// Columns mapped at once. It bounds the memory that a mapping takes.
-const COLUMNS_MAPPED: usize = 768;
 /// Divisions of a cell's side when its part inside a disc is counted.
 const CUTS: i32 = 16;
 
@@ -52,14 +51,14 @@ struct Lattice {
     radius_mm: f64,
 }
 
-/// The table, with values as volts (or whatever [`ResponseTable::map`] made of them) per mm² of strength.
+/// The table, with values as volts (or whatever [`ResponseTable::reduced`] made of them) per mm² of strength.
 #[derive(Clone, Debug)]
 pub struct ResponseTable {
     lattice: Arc<Lattice>,
     arch: Arch,
     length: usize,
     /// For every slot the radii, each a column of `length` values and zeros up to a multiple of [`LANES`].
-    values: Aligned,
+    values: NodeValues,
     /// Norm of the values of every coarse node at the expected radius.
     norms: Vec<f64>,
     /// Norm of what a split there changes, for every direction of [`SPLITS`].
@@ -262,24 +261,38 @@ impl ResponseTable {
             coarse_columns,
             radius_mm,
         };
-        Some(Self::with_norms(Arc::new(lattice), length, values))
+        Some(Self::with_norms(
+            Arc::new(lattice),
+            length,
+            NodeValues::Whole(Arc::new(values)),
+        ))
     }
 
-    fn with_norms(lattice: Arc<Lattice>, length: usize, values: Aligned) -> Self {
+    fn with_norms(lattice: Arc<Lattice>, length: usize, values: NodeValues) -> Self {
         let stride = padded(length, LANES);
-        let norm = |column: &usize| {
-            let v = &values[column * stride..][..length];
-            v.iter().map(|x| x * x).sum::<f64>().sqrt()
-        };
+        let norms = values.with(&[], |values| {
+            let norm = |column: &usize| {
+                let v = &values[column * stride..][..length];
+                v.iter().map(|x| x * x).sum::<f64>().sqrt()
+            };
+            lattice.coarse_columns.iter().map(norm).collect()
+        });
         let mut table = Self {
-            norms: lattice.coarse_columns.iter().map(norm).collect(),
+            norms,
             split_norms: Vec::new(),
             lattice,
             arch: Arch::new(),
             length,
             values,
         };
-        table.split_norms = table.coarse().iter().map(|at| table.split_norms_at(*at)).collect();
+        let splits = |values: &[f64]| {
+            table
+                .coarse()
+                .iter()
+                .map(|at| table.split_norms_at(values, *at))
+                .collect()
+        };
+        table.split_norms = table.values.with(&[], splits);
         table
     }
 
@@ -290,7 +303,7 @@ impl ResponseTable {
         [1.0, -1.0].map(|s| [at[0] + s * reach * cos, at[1] + s * reach * sin])
     }
 
-    fn split_norms_at(&self, at: [f64; 2]) -> [f64; SPLITS] {
+    fn split_norms_at(&self, values: &[f64], at: [f64; 2]) -> [f64; SPLITS] {
         let n = self.stride();
         let mut sum = vec![0.0; n];
         std::array::from_fn(|direction| {
@@ -300,12 +313,7 @@ impl ResponseTable {
                 let stencil = self.stencil(place);
                 for (k, column) in stencil.columns.iter().enumerate() {
                     let weight = weight * stencil.across[k % 4] * stencil.up[k / 4];
-                    add_scaled(
-                        self.arch,
-                        &self.values[(column + EXPECTED) * n..][..n],
-                        weight,
-                        &mut sum,
-                    );
+                    add_scaled(self.arch, &values[(column + EXPECTED) * n..][..n], weight, &mut sum);
                 }
             }
             sum.iter().map(|v| v * v).sum::<f64>().sqrt()
@@ -336,39 +344,25 @@ impl ResponseTable {
     fn product(&self, v: &[f64], at: [f64; 2]) -> f64 {
         let stencil = self.stencil(at);
         let n = self.stride();
-        stencil
-            .columns
-            .iter()
-            .enumerate()
-            .map(|(k, column)| {
-                let values = &self.values[(column + EXPECTED) * n..][..n];
+        self.values.with(&[], |values| {
+            let of = |(k, column): (usize, &usize)| {
+                let values = &values[(column + EXPECTED) * n..][..n];
                 stencil.across[k % 4] * stencil.up[k / 4] * dot(self.arch, values, v)
-            })
-            .sum()
+            };
+            stencil.columns.iter().enumerate().map(of).sum()
+        })
     }
 
-    /// The table with its values (a matrix of a column each) replaced by others: the reduced and weighted measurements,
-    /// say.
-    pub fn map(&self, f: impl Fn(&DMatrix<f64>) -> DMatrix<f64>) -> Self {
-        let stride = self.stride();
-        let count = self.values.len() / stride.max(1);
-        let (mut length, mut values) = (0, Aligned::zeros(0));
-        for first in (0..count).step_by(COLUMNS_MAPPED) {
-            let columns = COLUMNS_MAPPED.min(count - first);
-            let block = &self.values[first * stride..(first + columns) * stride];
-            let out = f(&DMatrix::from_fn(self.length, columns, |k, c| block[c * stride + k]));
-            if first == 0 {
-                length = out.nrows();
-                values = Aligned::zeros(count * padded(length, LANES));
-            }
-            let to = values[first * padded(length, LANES)..].chunks_exact_mut(padded(length, LANES));
-            for (to, from) in to.zip(out.column_iter()) {
-                for (to, from) in to.iter_mut().zip(&from) {
-                    *to = *from;
-                }
-            }
-        }
-        Self::with_norms(Arc::clone(&self.lattice), length, values)
+    /// The table with its values times a matrix: the reduced and weighted measurements, say. Unless all is made
+    /// `at_once`, of most radii they are made when a touch first comes near.
+    pub fn reduced(&self, by: &DMatrix<f64>, at_once: bool) -> Self {
+        let eager = if at_once {
+            0..RADII.len()
+        } else {
+            EXPECTED..EXPECTED + 1
+        };
+        let values = self.values.reduced(by, RADII.len(), eager);
+        Self::with_norms(Arc::clone(&self.lattice), by.nrows(), values)
     }
 
     /// Values of one touch: the length of the data.
@@ -414,7 +408,9 @@ impl ResponseTable {
     /// Products of those values with a vector of [`ResponseTable::stride`] entries; `out` is emptied first.
     pub fn coarse_products(&self, v: &[f64], out: &mut Vec<f64>) {
         if v.len() == self.stride() && !v.is_empty() {
-            dots_of(self.arch, &self.values, &self.lattice.coarse_columns, v, out);
+            let columns = &self.lattice.coarse_columns;
+            self.values
+                .with(&[], |values| dots_of(self.arch, values, columns, v, out));
         } else {
             out.clear();
         }
@@ -451,7 +447,9 @@ impl ResponseTable {
         let stencil = self.stencil(at);
         let radii = radii_at(radius / l.radius_mm, l.radius_mm);
         let n = self.stride();
-        interpolate(self.arch, &self.values, &radii, &stencil, out.map(|o| &mut o[..n]));
+        self.values.with(&stencil.columns, |values| {
+            interpolate(self.arch, values, &radii, &stencil, out.map(|o| &mut o[..n]));
+        });
     }
 }
 

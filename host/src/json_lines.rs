@@ -1,0 +1,326 @@
+//! What `skin run --json` and `skin replay --json` print: a header, then a line for every picture and every event. The schema is
+//! docs/live.schema.json.
+
+use crate::event::Said;
+use crate::recorded::{BoardRecord, SessionRecord, pressed};
+use ::protocol::{Plan, QUARTERS, Version};
+use anyhow::Result;
+use inverse::pipeline::FrameResult;
+use inverse::quality::doubt::Doubt;
+use inverse::reference::diagnosis::Fault;
+use inverse::reference::drift::Drift;
+use inverse::reference::screening::Finding;
+use inverse::touches::gestures::TouchEvent;
+use inverse::touches::touch::Touch;
+use link::{LinkCounters, MeasuredFrame, Session};
+use serde::Serialize;
+use serde_json::ser::{CompactFormatter, Formatter};
+use serde_json::{Value, json};
+use std::io::{self, Write};
+use view::picture::BaselineNote;
+
+/// Version of the lines. It grows when a reader of the version before would misunderstand them.
+const SCHEMA: u32 = 2;
+
+/// The first line.
+#[derive(Serialize)]
+struct Header<'a> {
+    kind: &'static str,
+    schema: u32,
+    program: &'a str,
+    protocol: String,
+    started_unix_s: f64,
+    source: &'a str,
+    board: &'a BoardRecord,
+    plan: PlanLine,
+    /// TOML.
+    sheet: &'a str,
+    /// From 1.
+    wires: &'a [usize],
+    calibrated: bool,
+    units: Value,
+}
+
+#[derive(Serialize)]
+struct PlanLine {
+    id: u16,
+    values: usize,
+    frames_per_s: f64,
+    /// Drive plus and minus, sense plus and minus of every value, electrodes from 1.
+    measurements: Vec<[usize; 4]>,
+}
+
+/// The unit of every number, by its name.
+fn units() -> Value {
+    json!({
+        "time_s": "s of the board's clock, 0 at its power-up",
+        "unix_s": "s since 1970 (UTC), this computer's clock",
+        "x_mm": "mm from the sheet's centre, to the right",
+        "y_mm": "mm from the sheet's centre, up",
+        "area_mm2": "mm^2",
+        "rise": "relative rise of the resistivity at the touch's centre, 0.2 is 20 %",
+        "total_mm2": "rise integrated over the area, mm^2",
+        "force_n": "N; of a typical rubber where uncalibrated is true, with --calibration of this one",
+        "residual": "part of the change that the touches do not explain, 0 to 1",
+        "solve_us": "us",
+        "electrodes": "counted from 1",
+    })
+}
+
+impl PlanLine {
+    fn of(session: &Session) -> Self {
+        let plan: &Plan = session.plan();
+        let frame_s = f64::from(plan.quarters()) / f64::from(QUARTERS) / session.hello().excitation_hz().max(1.0);
+        Self {
+            id: plan.id,
+            values: plan.value_count(),
+            frames_per_s: frame_s.recip(),
+            measurements: session
+                .measurements()
+                .map(|[[a, b], [c, d]]| [a, b, c, d].map(|e| e + 1))
+                .collect(),
+        }
+    }
+}
+
+/// Prints the first line.
+///
+/// # Errors
+/// Nobody reads it.
+pub(crate) fn header(session: &Session, record: &SessionRecord) -> Result<()> {
+    let Version { major, minor } = session.hello().version;
+    print(&Header {
+        kind: "header",
+        schema: SCHEMA,
+        program: &record.program,
+        protocol: format!("{major}.{minor}"),
+        started_unix_s: record.started_unix_s,
+        source: &record.source,
+        board: &record.board,
+        plan: PlanLine::of(session),
+        sheet: &record.sheet,
+        wires: &record.wires,
+        calibrated: record.calibration.is_some(),
+        units: units(),
+    })
+}
+
+#[derive(Serialize)]
+struct EventLine<'a> {
+    kind: &'static str,
+    /// The board's time of the last frame before it, s; none before the first.
+    time_s: Option<f64>,
+    unix_s: f64,
+    #[serde(flatten)]
+    said: &'a Said,
+}
+
+/// Prints that something happened, after the frame of a time.
+///
+/// # Errors
+/// Nobody reads it.
+pub(crate) fn event(said: &Said, time_s: Option<f64>, unix_s: f64) -> Result<()> {
+    print(&EventLine {
+        kind: "event",
+        time_s,
+        unix_s,
+        said,
+    })
+}
+
+#[derive(Serialize)]
+struct Line<'a> {
+    kind: &'static str,
+    frame: u32,
+    time_s: f64,
+    unix_s: f64,
+    touches: Vec<&'a Touch>,
+    /// What touches did, as this frame shows.
+    #[serde(skip_serializing_if = "<[_]>::is_empty")]
+    events: &'a [TouchEvent],
+    residual: f64,
+    gap: f64,
+    solve_us: f64,
+    lost_frames: u64,
+    /// Passed over so far for newer ones.
+    skipped_frames: u64,
+    /// What the frames are compared with.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    baseline: Option<BaselineLine<'a>>,
+    /// What speaks against the touches.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    doubt: Option<Doubt>,
+    /// What is broken on the board or at its wires.
+    #[serde(skip_serializing_if = "<[_]>::is_empty")]
+    faults: &'a [Fault],
+    /// What was said of the line within the last second.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    line: Option<&'a str>,
+    /// What drifted since the baseline.
+    #[serde(skip_serializing_if = "Drift::is_none")]
+    drift: &'a Drift,
+    /// What is left out of all frames, since it is wrong in the baseline.
+    #[serde(skip_serializing_if = "<[_]>::is_empty")]
+    left_out: &'a [Finding],
+}
+
+/// The baseline in force.
+#[derive(Serialize)]
+struct BaselineLine<'a> {
+    age_s: f64,
+    /// Whether it was not taken now, but stored.
+    stored: bool,
+    /// What speaks against it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    warning: Option<&'a str>,
+}
+
+impl<'a> BaselineLine<'a> {
+    fn of(note: &'a BaselineNote, now_unix_s: f64) -> Self {
+        Self {
+            // In whole seconds: the system's clock is no more certain.
+            age_s: (now_unix_s - note.taken_unix_s).max(0.0).floor(),
+            stored: note.stored,
+            warning: note.warning.as_deref(),
+        }
+    }
+}
+
+/// What is said with a picture beside its touches.
+pub(crate) struct Beside<'a> {
+    pub(crate) events: &'a [TouchEvent],
+    pub(crate) unix_s: f64,
+    pub(crate) baseline: Option<&'a BaselineNote>,
+    pub(crate) line: Option<&'a str>,
+    pub(crate) left_out: &'a [Finding],
+}
+
+/// The line of a picture's touches.
+///
+/// # Errors
+/// None that a picture has.
+pub(crate) fn picture(
+    result: &FrameResult,
+    frame: &MeasuredFrame,
+    counters: LinkCounters,
+    beside: &Beside<'_>,
+) -> Result<Vec<u8>> {
+    text(&Line {
+        kind: "picture",
+        frame: frame.sequence,
+        time_s: frame.time_s,
+        unix_s: beside.unix_s,
+        touches: pressed(result),
+        events: beside.events,
+        residual: result.residual,
+        gap: result.gap,
+        solve_us: result.solve_us,
+        lost_frames: counters.lost_frames,
+        skipped_frames: counters.skipped_frames,
+        baseline: beside.baseline.map(|note| BaselineLine::of(note, beside.unix_s)),
+        doubt: result.doubt,
+        faults: &result.faults,
+        line: beside.line,
+        drift: &result.drift,
+        left_out: beside.left_out,
+    })
+}
+
+/// One JSON object and the end of its line.
+fn text(line: &impl Serialize) -> Result<Vec<u8>> {
+    let mut text = Vec::new();
+    line.serialize(&mut serde_json::Serializer::with_formatter(
+        &mut text,
+        Digits::default(),
+    ))?;
+    text.push(b'\n');
+    Ok(text)
+}
+
+/// Writes a line to stdout, in one piece.
+///
+/// # Errors
+/// Nobody reads it.
+pub(crate) fn write(line: &[u8]) -> Result<()> {
+    let mut out = io::stdout().lock();
+    out.write_all(line)?;
+    out.flush()?;
+    Ok(())
+}
+
+fn print(line: &impl Serialize) -> Result<()> {
+    write(&text(line)?)
+}
+
+/// Numbers with the digits that mean something: six, more than any measured value has; times to the microsecond.
+#[derive(Default)]
+struct Digits {
+    compact: CompactFormatter,
+    in_key: bool,
+    /// The value of this key is a time.
+    time: bool,
+}
+
+impl Formatter for Digits {
+    fn begin_object_key<W: ?Sized + Write>(&mut self, writer: &mut W, first: bool) -> io::Result<()> {
+        self.in_key = true;
+        self.compact.begin_object_key(writer, first)
+    }
+
+    fn end_object_key<W: ?Sized + Write>(&mut self, writer: &mut W) -> io::Result<()> {
+        self.in_key = false;
+        self.compact.end_object_key(writer)
+    }
+
+    fn write_string_fragment<W: ?Sized + Write>(&mut self, writer: &mut W, fragment: &str) -> io::Result<()> {
+        if self.in_key {
+            self.time = fragment == "time_s" || fragment.ends_with("unix_s");
+        }
+        self.compact.write_string_fragment(writer, fragment)
+    }
+
+    fn write_f64<W: ?Sized + Write>(&mut self, writer: &mut W, value: f64) -> io::Result<()> {
+        self.compact
+            .write_f64(writer, if self.time { microseconds(value) } else { six(value) })
+    }
+}
+
+fn microseconds(value: f64) -> f64 {
+    (value * 1e6).round() / 1e6
+}
+
+/// The number of six decimal digits that is nearest.
+fn six(value: f64) -> f64 {
+    format!("{value:.5e}").parse().unwrap_or(value)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn printed(value: &impl Serialize) -> String {
+        let mut text = Vec::new();
+        let mut serializer = serde_json::Serializer::with_formatter(&mut text, Digits::default());
+        value.serialize(&mut serializer).unwrap();
+        String::from_utf8(text).unwrap()
+    }
+
+    #[test]
+    fn numbers_have_six_digits_and_times_microseconds() {
+        let value = json!({"x_mm": -12.345_678_901, "gap": 1.234_567_89e-12, "time_s": 123_456.789_012_345,
+            "started_unix_s": 1_700_000_000.123_456_7, "touches": [{"rise": 0.1 + 0.2, "id": 7, "y_mm": null}]});
+        let text = printed(&value);
+        for part in [
+            "\"x_mm\":-12.3457",
+            "\"gap\":1.23457e-12",
+            "\"time_s\":123456.789012",
+            "\"started_unix_s\":1700000000.123457",
+            "\"rise\":0.3,",
+            "\"id\":7",
+            "\"y_mm\":null",
+        ] {
+            let text = text.replace('}', ",");
+            assert!(text.contains(part), "{part} in {text}");
+        }
+    }
+}

@@ -1,0 +1,245 @@
+//! `skin reconstruct --calibration FILE` with a calibration from presses.
+
+use super::changes::{self, Frame};
+use super::file::PressCalibration;
+use crate::files::before;
+use crate::files::measurements::MeasurementTable;
+use crate::progress::Progress;
+use anyhow::{Result, bail};
+use inverse::learned::{Located, Presence};
+use serde::Serialize;
+use std::collections::HashMap;
+use std::io::{BufWriter, Write};
+use std::path::Path;
+
+/// A frame whose residuals are this many times as large as in presses that were learned from, in variances, is doubted.
+const DOUBTED: f64 = 6.0;
+
+/// What the frames are compared with.
+pub(crate) struct Comparison<'a> {
+    /// Columns of the unpressed sheet, or ranges of them.
+    pub baseline: &'a [String],
+    /// A list that names for each frame the one before it.
+    pub before: Option<&'a Path>,
+    /// Whether the columns hold changes.
+    pub difference: bool,
+}
+
+#[derive(Serialize)]
+struct TouchLine {
+    x_mm: f64,
+    y_mm: f64,
+    x_sd_mm: f64,
+    y_sd_mm: f64,
+    /// Over the usual strength of the presses that were learned from.
+    strength: f64,
+    strength_sd: f64,
+}
+
+#[derive(Serialize)]
+struct FrameLine<'a> {
+    frame: &'a str,
+    touches: Vec<TouchLine>,
+    /// Part of the change that the touches leave unexplained, 0 to 1.
+    residual: f64,
+    /// Mean square of what they leave, in variances of the presses that were learned from.
+    misfit: f64,
+    used: usize,
+    values: usize,
+    baseline: &'a str,
+    calibration: &'a str,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    doubt: Option<String>,
+}
+
+/// Brings the rows of a table into the order of a calibration.
+struct Rows {
+    /// For every measurement of the calibration the row of the table and the sign; none where the table has no such row.
+    rows: Vec<Option<(usize, f64)>>,
+}
+
+impl Rows {
+    fn new(table: &MeasurementTable, calibration: &PressCalibration) -> Result<Self> {
+        let file = &calibration.file;
+        let places: HashMap<_, _> = table.measurements.iter().enumerate().map(|(k, m)| (*m, k)).collect();
+        let find = |m: &::forward::Measurement| {
+            let turned = |drive: bool, sense: bool| ::forward::Measurement {
+                drive: if drive { m.drive.reversed() } else { m.drive },
+                sense: if sense { m.sense.reversed() } else { m.sense },
+            };
+            [
+                (false, false, 1.0),
+                (false, true, -1.0),
+                (true, false, -1.0),
+                (true, true, 1.0),
+            ]
+            .iter()
+            .find_map(|(d, s, sign)| places.get(&turned(*d, *s)).map(|k| (*k, *sign)))
+        };
+        let rows: Vec<_> = calibration.measurements.iter().map(find).collect();
+        let missing = rows.iter().filter(|r| r.is_none()).count();
+        if missing * 2 > rows.len() {
+            bail!(
+                "{}: it has {} of the {} measurements that {file} was made with; calibrate with tables of this pattern",
+                table.file,
+                rows.len() - missing,
+                rows.len()
+            );
+        }
+        if missing > 0 {
+            eprintln!(
+                "warning: {}: {missing} of the {} measurements of {file} are not in it and are taken as missing",
+                table.file,
+                rows.len()
+            );
+        }
+        Ok(Self { rows })
+    }
+
+    fn ordered(&self, change: &[f64]) -> Vec<f64> {
+        let value = |row: &Option<(usize, f64)>| row.map_or(f64::NAN, |(k, sign)| sign * change[k]);
+        self.rows.iter().map(value).collect()
+    }
+}
+
+/// Locates the presses of a table's frames, in order: what a press leaves behind is taken from the next one.
+///
+/// # Errors
+/// Another pattern than the calibration's, a frame that is not there.
+pub(crate) fn run(
+    table: &MeasurementTable,
+    calibration: &PressCalibration,
+    comparison: &Comparison<'_>,
+    json: bool,
+    no_progress: bool,
+) -> Result<()> {
+    let file = &calibration.file;
+    let rows = Rows::new(table, calibration)?;
+    if calibration.difference != comparison.difference {
+        eprintln!(
+            "notice: {file} was made from {}, and these columns are {}: both have to be in the same unit",
+            kind(calibration.difference),
+            kind(comparison.difference)
+        );
+    }
+    eprintln!(
+        "calibration: {file}, of {} presses, {:.1} mm median error; each frame is compared with the press before it",
+        calibration.presses, calibration.error_mm
+    );
+    let frames = frames(table, comparison)?;
+    let mut progress = Progress::new("locating", no_progress);
+    let mut before_mm = None;
+    let mut out = BufWriter::new(std::io::stdout().lock());
+    for (k, frame) in frames.iter().enumerate() {
+        let change = rows.ordered(&frame.change);
+        let presence = calibration.learned.locate(&change, before_mm);
+        if let Some(press) = presence.presses.first() {
+            before_mm = Some(press.place_mm);
+        }
+        let used = change.iter().filter(|v| v.is_finite()).count();
+        let doubt = doubt(&presence, used);
+        if let Some(doubt) = &doubt {
+            eprintln!("warning: frame {}: {doubt}", frame.name);
+        }
+        if json {
+            let line = FrameLine {
+                frame: &frame.name,
+                touches: presence.presses.iter().map(touch).collect(),
+                residual: digits(1.0 - presence.explained),
+                misfit: digits(presence.misfit),
+                used,
+                values: table.measurements.len(),
+                baseline: &frame.baseline,
+                calibration: file,
+                doubt,
+            };
+            serde_json::to_writer(&mut out, &line)?;
+            writeln!(out)?;
+        } else {
+            write!(out, "{}", words(frame, &presence))?;
+        }
+        progress.at(k + 1, frames.len());
+    }
+    out.flush()?;
+    Ok(())
+}
+
+const fn kind(difference: bool) -> &'static str {
+    if difference {
+        "columns of changes"
+    } else {
+        "frames with one before each"
+    }
+}
+
+fn frames(table: &MeasurementTable, comparison: &Comparison<'_>) -> Result<Vec<Frame>> {
+    if comparison.difference {
+        return Ok(changes::all(table));
+    }
+    let names = table.names();
+    let mut common = Vec::new();
+    for name in comparison.baseline {
+        common.extend(names.range(name.trim())?);
+    }
+    match comparison.before {
+        Some(path) => {
+            let list = before::read(path)?;
+            changes::listed(table, &path.display().to_string(), &list, &common)
+        }
+        None => Ok(changes::against(table, &common)),
+    }
+}
+
+fn doubt(presence: &Presence, used: usize) -> Option<String> {
+    if used == 0 {
+        return Some("no value that can be used".to_owned());
+    }
+    (presence.misfit > DOUBTED).then(|| {
+        format!(
+            "what the touches leave over is {:.1} times as large as in the presses of the calibration; look at the contacts, \
+             or calibrate anew",
+            presence.misfit.sqrt()
+        )
+    })
+}
+
+/// Four significant digits.
+fn digits(value: f64) -> f64 {
+    format!("{value:.3e}").parse().unwrap_or(value)
+}
+
+fn touch(press: &Located) -> TouchLine {
+    TouchLine {
+        x_mm: hundredths(press.place_mm[0]),
+        y_mm: hundredths(press.place_mm[1]),
+        x_sd_mm: hundredths(press.covariance_mm2[0][0].sqrt()),
+        y_sd_mm: hundredths(press.covariance_mm2[1][1].sqrt()),
+        strength: digits(press.strength),
+        strength_sd: digits(press.strength_sd),
+    }
+}
+
+fn hundredths(value: f64) -> f64 {
+    (100.0 * value).round() / 100.0
+}
+
+fn words(frame: &Frame, presence: &Presence) -> String {
+    let count = match presence.presses.len() {
+        0 => "no touch".to_owned(),
+        1 => "1 touch".to_owned(),
+        n => format!("{n} touches"),
+    };
+    let mut text = format!(
+        "{}: {count} (unexplained {:.1} %)\n",
+        frame.name,
+        100.0 * (1.0 - presence.explained)
+    );
+    for press in &presence.presses {
+        let t = touch(press);
+        text += &format!(
+            "    x {:7.1} ± {:.1} mm  y {:7.1} ± {:.1} mm  strength {:5.2}\n",
+            t.x_mm, t.x_sd_mm, t.y_mm, t.y_sd_mm, t.strength
+        );
+    }
+    text
+}

@@ -1,0 +1,9 @@
+//! Presses at known places: calibrating from them, and locating others with what they taught.
+
+pub(crate) mod bench;
+pub(crate) mod calibrate;
+mod changes;
+pub(crate) mod file;
+pub(crate) mod locate;
+mod model;
+mod truth;

@@ -1,0 +1,93 @@
+//! Where presses were: a CSV that names the frame of each, the frame before it, and its place.
+
+use crate::files::before;
+use crate::files::malformed::FileError;
+use std::path::Path;
+
+/// A press in a table.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct KnownPress {
+    /// Line of the file, from 1.
+    pub line: u64,
+    /// Its frame.
+    pub frame: String,
+    /// The frame just before it; none where the columns hold changes.
+    pub before: Option<String>,
+    /// Its place, mm.
+    pub place_mm: [f64; 2],
+}
+
+/// Reads a CSV with the columns `frame`, `before`, `x_mm` and `y_mm`, a line a press in order of time; others are passed over.
+///
+/// # Errors
+/// [`FileError`] with line and column.
+pub(crate) fn read(path: &Path) -> Result<Vec<KnownPress>, FileError> {
+    let file = path.display().to_string();
+    match std::fs::read_to_string(path) {
+        Ok(text) => parse(&file, &text),
+        Err(cause) => Err(FileError::Io { file, cause }),
+    }
+}
+
+fn parse(file: &str, text: &str) -> Result<Vec<KnownPress>, FileError> {
+    let frames = before::parse(file, text)?;
+    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
+    let mut reader = csv::ReaderBuilder::new()
+        .comment(Some(b'#'))
+        .trim(csv::Trim::All)
+        .from_reader(text.as_bytes());
+    let header = reader.headers().cloned().unwrap_or_default();
+    let column = |name: &str| {
+        let there: Vec<&str> = header.iter().collect();
+        header
+            .iter()
+            .position(|h| h == name)
+            .ok_or_else(|| FileError::malformed(file, 1, name, "a column of this name", &there.join(",")))
+    };
+    let columns = [("x_mm", column("x_mm")?), ("y_mm", column("y_mm")?)];
+    let mut list = Vec::with_capacity(frames.len());
+    // Both readings see the same lines: the first has checked them.
+    for (frame, record) in frames.into_iter().zip(reader.records().filter_map(Result::ok)) {
+        let number = |(name, column): (&str, usize)| {
+            let text = record.get(column).unwrap_or_default();
+            let value = text.parse::<f64>().ok().filter(|v| v.is_finite());
+            value.ok_or_else(|| {
+                FileError::malformed(file, frame.line, name, "a place in millimetres", &format!("'{text}'"))
+            })
+        };
+        list.push(KnownPress {
+            line: frame.line,
+            place_mm: [number(columns[0])?, number(columns[1])?],
+            frame: frame.frame,
+            before: frame.before,
+        });
+    }
+    Ok(list)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn places_belong_to_their_frames_and_errors_have_theirs() {
+        let list = parse(
+            "t",
+            "# a robot's\nframe,before,x_mm,y_mm,force_n\np0,u0,1.5,-2,3\np1,,0,4,\n",
+        )
+        .unwrap();
+        assert_eq!((list[0].place_mm, list[0].before.as_deref()), ([1.5, -2.0], Some("u0")));
+        assert_eq!(
+            (list[1].frame.as_str(), &list[1].before, list[1].line),
+            ("p1", &None, 4)
+        );
+        for (text, words) in [
+            ("frame,before,x_mm\np0,,1\n", ["t:1", "y_mm"]),
+            ("frame,before,x_mm,y_mm\np0,,1,far\n", ["t:2", "'far'"]),
+            ("frame,before,x_mm,y_mm\np0,,inf,1\n", ["t:2", "x_mm"]),
+        ] {
+            let message = parse("t", text).unwrap_err().to_string();
+            assert!(words.iter().all(|w| message.contains(w)), "{message}");
+        }
+    }
+}

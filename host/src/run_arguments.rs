@@ -1,0 +1,96 @@
+//! What `skin run`, `skin record` and `skin replay` are asked for: where frames come from, and where pictures go.
+
+use crate::plan;
+use clap::builder::RangedU64ValueParser;
+use clap::{Args, ValueEnum};
+use inverse::touches::polarity::Polarity;
+use link::plans::PlanChoice;
+use std::path::PathBuf;
+
+/// Which baseline a session starts with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Start {
+    /// A new one. It is stored unless it differs from the stored one by more than noise and drift.
+    New,
+    /// The stored one of this board, sheet and plan, when something rests on the sheet.
+    Stored,
+    /// A new one, stored in any case: for another sheet, or one that has changed.
+    Replace,
+}
+
+/// Where frames come from and how they are reconstructed.
+#[derive(Debug, Args)]
+pub(crate) struct SourceArguments {
+    /// Serial port of the board, such as /dev/ttyUSB0, or tcp://HOST:PORT of a bridge to it [default: the only board on USB that
+    /// answers, else the simulated skin].
+    #[arg(long, value_name = "PORT")]
+    pub(crate) port: Option<String>,
+    /// Serial number of the board or of its adapter, as `skin list` shows them: for one of several boards.
+    #[arg(long, value_name = "SERIAL", conflicts_with_all = ["port", "simulate", "scene"])]
+    pub(crate) serial: Option<String>,
+    /// The simulated skin, whether there is a board or not.
+    #[arg(long, conflicts_with = "port")]
+    pub(crate) simulate: bool,
+    /// The simulated skin with this scene, a TOML file (docs/scenes.md) or a name of the library, such as hand or fast-tap;
+    /// over and over.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["port", "sheet"])]
+    pub(crate) scene: Option<PathBuf>,
+    /// What a frame measures.
+    #[arg(long, value_name = "PLAN", value_parser = plan::parser(), default_value_t = PlanChoice::Auto)]
+    pub(crate) plan: PlanChoice,
+    /// Let the board watch: while nothing touches it sends no frames, and a touch brings them with the next drive.
+    #[arg(long)]
+    pub(crate) watch: bool,
+    /// Reconstructs every frame, however late, for boards that do not run in real time; up to 64 MB of them wait [default: the newest,
+    /// and says how many were passed over].
+    #[arg(long)]
+    pub(crate) every_frame: bool,
+    /// The sheet, a TOML file as for `skin forward` [default: the paper's disc].
+    #[arg(long, value_name = "FILE")]
+    pub(crate) sheet: Option<PathBuf>,
+    /// The electrode of the sheet that every wire leads to, in the order of the board's numbers, as `skin check` says it.
+    #[arg(long, value_delimiter = ',', value_name = "ELECTRODE,...")]
+    pub(crate) wires: Vec<usize>,
+    /// Take the electrodes to be exactly where they are said to be, instead of finding them in the baseline.
+    #[arg(long)]
+    pub(crate) trust_electrodes: bool,
+    /// Which way touches change the resistance of the sheet [default: learned from the first ones].
+    #[arg(long, value_name = "WAY", value_parser = crate::rise::parser())]
+    pub(crate) rise: Option<Polarity>,
+    /// Frames of the unpressed sheet that make the baseline, at least 2 [default: those of 0.7 s, at least 24].
+    #[arg(long, value_name = "N", value_parser = RangedU64ValueParser::<usize>::new().range(2..))]
+    pub(crate) baseline_frames: Option<usize>,
+    /// The baseline to start with. The last good one of each board is stored.
+    #[arg(long, value_enum, value_name = "WHICH", default_value_t = Start::New)]
+    pub(crate) baseline: Start,
+    /// Folder of the stored baselines [default: $XDG_STATE_HOME/skin or ~/.local/state/skin, and none for a simulated skin].
+    #[arg(long, value_name = "DIR")]
+    pub(crate) state_dir: Option<PathBuf>,
+    /// Forces in newtons with the creep of the rubber taken out, by what `skin calibrate` wrote.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) calibration: Option<PathBuf>,
+}
+
+/// Where pictures go.
+#[derive(Debug, Default, Args)]
+pub(crate) struct ShowArguments {
+    /// End after so many pictures.
+    #[arg(long, value_name = "N", value_parser = RangedU64ValueParser::<u64>::new().range(1..))]
+    pub(crate) frames: Option<u64>,
+    /// No page: one JSON object a line on stdout: a header, pictures and events (docs/live.schema.json).
+    #[arg(long)]
+    pub(crate) json: bool,
+    /// Runs a command of the shell whenever a touch does this: contact, lift, tap, double_tap, stroke, hold, slip or palm. What it did
+    /// is in the environment (SKIN_X_MM, ...: docs/events.md). Can be given several times.
+    #[arg(long, num_args = 2, value_names = ["EVENT", "CMD"])]
+    pub(crate) on: Vec<String>,
+    /// Writes the last picture to this file at the end.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) png: Option<PathBuf>,
+    /// Port of the page on 127.0.0.1 [default: 8477, or a free one when that is taken].
+    #[arg(long, value_name = "PORT", conflicts_with = "json")]
+    pub(crate) listen: Option<u16>,
+    /// Do not open the page in the browser.
+    #[arg(long, conflicts_with = "json")]
+    pub(crate) no_open: bool,
+}

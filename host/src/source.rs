@@ -1,0 +1,101 @@
+//! Where the frames of `skin run` come from: a board, which is waited for when it goes away, or the simulated skin.
+
+use crate::board;
+use crate::run_arguments::SourceArguments;
+use crate::say::say;
+use crate::simulated_skin;
+use ::forward::Sheet;
+use anyhow::{Context, Result, anyhow};
+use hil_sim::{SceneFile, SimPort};
+use link::plans::PlanChoice;
+use link::ports::Place;
+use link::{Link, Port, Reopen, Session};
+use protocol::{Hello, Plan, PlanError};
+use recording::Tap;
+
+/// A board that streams.
+pub(crate) struct Source {
+    pub(crate) session: Session,
+    pub(crate) name: String,
+    /// The simulated skin's port: its scene is held.
+    pub(crate) scene: Option<SimPort>,
+}
+
+/// A session by a port that is opened again when it is gone, and whose bytes are recorded.
+fn session(
+    port: Box<dyn Port>,
+    mut reopen: Reopen,
+    tap: Option<&Tap>,
+    choose: impl FnOnce(&Hello) -> Result<Plan, PlanError>,
+) -> Result<Session> {
+    let tap = tap.cloned();
+    let tapped = move |port: Box<dyn Port>| -> Box<dyn Port> {
+        match &tap {
+            Some(tap) => Box::new(tap.port(port)),
+            None => port,
+        }
+    };
+    let first = tapped(port);
+    let link = Link::reopening(first, Box::new(move || reopen().map(&tapped)))?;
+    Ok(Session::start_on(link, choose)?)
+}
+
+/// How a simulated board's port is opened again.
+fn again(port: &SimPort) -> Reopen {
+    let port = port.clone();
+    Box::new(move || {
+        let again = port.reopen().map_err(|e| e.to_string())?;
+        Ok(Box::new(again) as Box<dyn Port>)
+    })
+}
+
+/// The board asked for, the only one there is, or the simulated skin.
+///
+/// # Errors
+/// The port does not open, the board does not answer, or there are several.
+pub(crate) fn connect(
+    arguments: &SourceArguments,
+    sheet: &Sheet,
+    scene: Option<&SceneFile>,
+    tap: Option<&Tap>,
+) -> Result<Source> {
+    let choose = |hello: &Hello| arguments.plan.plan(hello);
+    let simulated = |scene: &SceneFile, name: String, plan: Option<Plan>| {
+        let port = simulated_skin::start_held(scene)?;
+        let choose = |hello: &Hello| plan.map_or_else(|| choose(hello), Ok);
+        Ok(Source {
+            session: session(Box::new(port.clone()), again(&port), tap, choose)?,
+            name,
+            scene: Some(port),
+        })
+    };
+    if let Some(scene) = scene {
+        // What a scene says itself is only overruled by a plan that is asked for.
+        let plan = scene.config.plan.clone().filter(|_| arguments.plan == PlanChoice::Auto);
+        let title = if scene.title.is_empty() { "scene" } else { &scene.title };
+        return simulated(scene, format!("simulated skin: {title}"), plan);
+    }
+    let start = |place: &Place| -> Result<Source> {
+        let port = place.open().map_err(|e| anyhow!(e))?;
+        Ok(Source {
+            session: session(port, place.reopen(), tap, choose).with_context(|| place.path().to_owned())?,
+            name: place.path().to_owned(),
+            scene: None,
+        })
+    };
+    if let Some(path) = &arguments.port {
+        return start(&Place::of(path));
+    }
+    if !arguments.simulate {
+        match board::only(arguments.serial.as_deref(), start)? {
+            Ok(source) => return Ok(source),
+            Err(why) if arguments.serial.is_some() => return Err(anyhow!("{why}; skin list shows what there is")),
+            Err(why) => {
+                say!(
+                    "no board found ({why}): showing the simulated skin; name a port with --port if there is one, skin list tells more"
+                );
+            }
+        }
+    }
+    simulated(&SceneFile::demo(sheet.clone()), "simulated skin".to_owned(), None)
+}

@@ -1,0 +1,92 @@
+//! The help of the program itself, and the scripts of the shells.
+
+use crate::program::{program, skin};
+
+#[test]
+fn help_is_one_screen_and_begins_with_examples() {
+    let help = skin(&["--help"]);
+    assert_eq!(help, skin(&["-h"]));
+    let lines: Vec<&str> = help.lines().collect();
+    assert!(lines.len() <= 40, "{} lines", lines.len());
+    let widest = lines.iter().map(|l| l.chars().count()).max();
+    assert!(widest <= Some(80), "{widest:?}");
+    let examples = lines.iter().position(|l| l.starts_with("    skin")).unwrap();
+    let usage = lines.iter().position(|l| l.starts_with("Usage")).unwrap();
+    assert_eq!(
+        lines[examples..usage]
+            .iter()
+            .filter(|l| l.starts_with("    skin"))
+            .count(),
+        3
+    );
+    // Every example is understood: its options are known, whatever becomes of it.
+    for line in &lines[examples..usage - 1] {
+        let command = line.trim().split("  ").next().unwrap();
+        let words: Vec<&str> = command.split_whitespace().skip(1).collect();
+        let mut help = words.clone();
+        help.push("--help");
+        assert!(program(&help).output().unwrap().status.success(), "{command}");
+    }
+}
+
+#[test]
+fn shells_are_told_every_command() {
+    for shell in ["bash", "zsh", "fish"] {
+        let script = skin(&["completions", shell]);
+        for part in ["run", "record", "reconstruct", "completions", "baseline-frames"] {
+            assert!(script.contains(part), "{shell}: {part}");
+        }
+    }
+    assert_eq!(
+        program(&["completions", "cmd"]).output().unwrap().status.code(),
+        Some(2)
+    );
+}
+
+/// A script that bash cannot read would break whoever's shell loads it.
+#[cfg(unix)]
+#[test]
+fn bash_reads_its_script() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("skin.bash");
+    std::fs::write(&file, skin(&["completions", "bash"])).unwrap();
+    match std::process::Command::new("bash").arg("-n").arg(&file).output() {
+        Ok(run) => assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr)),
+        Err(why) => eprintln!("not tried: bash: {why}"),
+    }
+}
+
+/// What the environment names is used, and what it names wrongly is said.
+#[test]
+fn the_configuration_is_used() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("config.toml");
+    std::fs::write(&file, "port = \"/dev/no-such-port\"\n").unwrap();
+    let run = |command: &[&str], name: &str, value: &str| {
+        let run = program(command)
+            .env("SKIN_CONFIG", &file)
+            .env(name, value)
+            .output()
+            .unwrap();
+        (run.status.code(), String::from_utf8_lossy(&run.stderr).into_owned())
+    };
+    let (code, said) = run(&["hello"], "SKIN_LISTEN", "");
+    assert!(
+        code == Some(1) && said.contains("/dev/no-such-port: the port of the configuration"),
+        "{said}"
+    );
+    let (code, said) = run(&["run", "--json"], "SKIN_PORT", "/dev/other-port");
+    assert!(
+        code == Some(1) && said.contains("/dev/other-port") && !said.contains("no-such-port"),
+        "{said}"
+    );
+    // The simulated skin is no board.
+    let (code, said) = run(&["hello", "--simulate"], "SKIN_LISTEN", "");
+    assert!(code == Some(0), "{said}");
+    std::fs::write(&file, "prot = \"x\"\n").unwrap();
+    let (code, said) = run(&["hello"], "SKIN_LISTEN", "");
+    assert!(
+        code == Some(1) && said.contains("config.toml") && said.contains("prot"),
+        "{said}"
+    );
+}

@@ -1,0 +1,411 @@
+//! From presses at known places to what locates others: choices by cross-validation, the covariance of the rest, honest
+//! uncertainties.
+
+use super::choice::{Choice, NO_MEMORY, Setting};
+use super::correction::{Correction, StoredCorrection};
+use super::locator::{Evidence, Locator, Presence};
+use super::maps::{Maps, Presses, StoredMaps, columns, matrix, median};
+use super::orbits::Orbits;
+use super::rest::Residuals;
+use super::search::{PARTS, choose};
+use super::validation::{FOLDS, STEPS, Validation, locators, quantile, second_evidence, validate};
+use forward::Measurement;
+use nalgebra::DMatrix;
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+/// Fewest presses to learn from.
+pub const FEWEST: usize = 5;
+/// A measurement takes part from this share of presses on in which it has a value.
+const MOSTLY: f64 = 0.9;
+/// Measurements below this part of the median of all are dead.
+const DEAD: f64 = 1e-4;
+/// Odds from which evidence for a press is strong (Jeffreys 1961).
+const STRONG: f64 = 10.0;
+/// Measurements of whose change this part is left are hardly explained.
+const HARDLY: f64 = 0.8;
+/// Places beyond, mm, are none of a skin.
+const FARTHEST_MM: f64 = 1e5;
+/// Changes beyond are none of a measurement, in any unit; their squares can still be added.
+const LARGEST_CHANGE: f64 = 1e100;
+/// Presses beyond this many times the median error, and beyond a quarter of the reach, are gross.
+const GROSS: f64 = 6.0;
+
+/// A press at a known place.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Press {
+    /// Its place, mm.
+    pub place_mm: [f64; 2],
+    /// Change of every measurement, pressed less unpressed, in any unit; not a number where a value is missing.
+    pub change: Vec<f64>,
+}
+
+/// Why nothing can be learned.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum LearnError {
+    /// Too few presses.
+    #[error("{0} presses are too few to learn from; give {FEWEST} or more")]
+    TooFew(usize),
+    /// A press without the right number of values, or without a place.
+    #[error("press {press} has {values} values of {wanted}, or no place; give both for every press")]
+    Malformed {
+        /// Number of the press, from 1.
+        press: usize,
+        /// Its values.
+        values: usize,
+        /// How many there should be.
+        wanted: usize,
+    },
+    /// A number that no skin has.
+    #[error("press {0} has a place beyond {FARTHEST_MM:e} mm or a change beyond {LARGEST_CHANGE:e}; look at its lines")]
+    OutOfRange(usize),
+    /// All presses at one place.
+    #[error("all presses are within {0:.1} mm; spread them over the sheet")]
+    OnePlace(f64),
+    /// Nothing changes, or nothing can be solved for.
+    #[error("the presses change nothing that can be measured; are the columns before and after exchanged for copies?")]
+    NoChange,
+    /// Stored numbers that do not belong together.
+    #[error("its numbers do not fit one another; calibrate anew")]
+    Stored,
+}
+
+/// What was found while learning.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Findings {
+    /// Presses that were learned from.
+    pub presses: usize,
+    /// Presses that nothing explains, by their numbers from 0; they are left out.
+    pub gross: Vec<usize>,
+    /// Presses that are not found by what the others taught, by their numbers from 0; they are learned from.
+    pub missed: Vec<usize>,
+    /// Measurements without a value or a change; they are left out.
+    pub dead: Vec<usize>,
+    /// Measurements that presses hardly explain, by their numbers.
+    pub unexplained: Vec<usize>,
+    /// Whether turned measurements share a map.
+    pub shared: bool,
+    /// Whether the electrodes' numbers go round clockwise; of no meaning where nothing is shared.
+    pub clockwise: bool,
+    /// What the sheet is turned around, mm.
+    pub centre_mm: [f64; 2],
+    /// Whether the press before shows.
+    pub memory: bool,
+    /// Whether the places are corrected by a regression on the changes.
+    pub corrected: bool,
+    /// Part of the change that maps learned from other presses explain, 0 to 1.
+    pub explained: f64,
+    /// Distances of presses that were not learned from to where they are located, mm: median and 95th percentile. One that is
+    /// missed counts as the reach of the presses.
+    pub error_mm: [f64; 2],
+    /// The same median with half of the presses; none where these are too few.
+    pub half_error_mm: Option<f64>,
+    /// By how much variances are larger than if all residuals were independent.
+    pub tempering: f64,
+}
+
+impl Findings {
+    /// The median error expected of so many presses more, mm: the power law through the errors of half and of all of them. None
+    /// where it does not fall, or where half of them are too few.
+    pub fn expected_mm(&self, more: usize) -> Option<f64> {
+        let half = self.half_error_mm?;
+        let power = (half / self.error_mm[0]).log2().min(0.5);
+        let ratio = (self.presses + more) as f64 / self.presses as f64;
+        (power > 0.0).then(|| self.error_mm[0] * ratio.powf(-power))
+    }
+}
+
+/// Locates presses by what was learned from others.
+pub struct Learned {
+    locator: Locator,
+    /// Where it surely helps.
+    correction: Option<Correction>,
+    evidence: Evidence,
+    /// Numbers of the measurements that take part.
+    used: Vec<usize>,
+    /// Turn by which measurements share their maps, electrodes.
+    turn: usize,
+    covariance: DMatrix<f64>,
+}
+
+/// [`Learned`] as numbers, for a file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Stored {
+    /// Measurements that are this many electrodes apart share a map; the number of electrodes where none do.
+    pub turn: usize,
+    /// Numbers of the measurements that take part, from 0.
+    pub used: Vec<usize>,
+    /// What squares of residuals are divided by, since they are not independent.
+    pub tempering: f64,
+    /// Rise of the logarithm of the evidence from which a first press counts.
+    pub first_evidence: f64,
+    /// The same for every press more.
+    pub more_evidence: f64,
+    /// Covariance of what the maps leave over, in the unit of the changes squared.
+    pub covariance: Vec<Vec<f64>>,
+    /// Offsets that depend on the changes, where there are enough presses to tell.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub correction: Option<StoredCorrection>,
+    /// The maps.
+    pub maps: StoredMaps,
+}
+
+fn check(presses: &[Press], setting: &Setting<'_>) -> Result<(), LearnError> {
+    if presses.len() < FEWEST {
+        return Err(LearnError::TooFew(presses.len()));
+    }
+    let wanted = setting.measurements.len();
+    for (k, press) in presses.iter().enumerate() {
+        if press.change.len() != wanted || !press.place_mm.iter().all(|v| v.is_finite()) {
+            return Err(LearnError::Malformed {
+                press: k + 1,
+                values: press.change.len(),
+                wanted,
+            });
+        }
+    }
+    let beyond = |press: &Press| {
+        let far = press.place_mm.iter().any(|v| v.abs() > FARTHEST_MM);
+        far || press.change.iter().any(|v| v.abs() > LARGEST_CHANGE)
+    };
+    if let Some(k) = presses.iter().position(beyond) {
+        return Err(LearnError::OutOfRange(k + 1));
+    }
+    let first = presses[0].place_mm;
+    let far = presses
+        .iter()
+        .map(|p| (p.place_mm[0] - first[0]).hypot(p.place_mm[1] - first[1]))
+        .fold(0.0, f64::max);
+    if far < 1.0 {
+        return Err(LearnError::OnePlace(far));
+    }
+    Ok(())
+}
+
+/// Measurements that have values which change.
+fn alive(presses: &[Press], count: usize) -> Vec<usize> {
+    let typical = |c: usize| {
+        let sizes: Vec<f64> = presses.iter().map(|p| p.change[c].abs()).collect();
+        let there = sizes.iter().filter(|v| v.is_finite()).count() as f64;
+        let mean = sizes.iter().filter(|v| v.is_finite()).sum::<f64>() / there.max(1.0);
+        if there >= MOSTLY * presses.len() as f64 {
+            mean
+        } else {
+            0.0
+        }
+    };
+    let sizes: Vec<f64> = (0..count).map(typical).collect();
+    let least = DEAD * median(&sizes);
+    (0..count).filter(|c| sizes[*c] > least).collect()
+}
+
+/// Some presses, in order of time; the one before may be one that is not kept.
+fn gather(presses: &[Press], used: &[usize], kept: &[usize]) -> Presses {
+    Presses {
+        places_mm: kept.iter().map(|k| presses[*k].place_mm).collect(),
+        before_mm: kept
+            .iter()
+            .map(|k| k.checked_sub(1).map(|b| presses[b].place_mm))
+            .collect(),
+        changes: DMatrix::from_fn(kept.len(), used.len(), |k, c| presses[kept[k]].change[used[c]]),
+    }
+}
+
+/// Learns from presses in order of time. `progress` is told how many parts of the work are done, and of how many.
+///
+/// # Errors
+/// [`LearnError`] says what is missing.
+pub fn learn(
+    presses: &[Press],
+    setting: &Setting<'_>,
+    mut progress: impl FnMut(usize, usize),
+) -> Result<(Learned, Findings), LearnError> {
+    check(presses, setting)?;
+    let used = alive(presses, setting.measurements.len());
+    if used.is_empty() {
+        return Err(LearnError::NoChange);
+    }
+    let measurements: Vec<Measurement> = used.iter().map(|k| setting.measurements[*k]).collect();
+    let all = gather(presses, &used, &(0..presses.len()).collect::<Vec<_>>());
+    let choice = choose(&all, setting, &measurements, &mut progress).ok_or(LearnError::NoChange)?;
+    let validated = |presses: &Presses| {
+        let (list, residuals) = locators(&choice, presses, FOLDS, STEPS)?;
+        let (validation, evidence) = validate(&list, presses);
+        Some((list, residuals, validation, evidence))
+    };
+    let mut kept = all;
+    let (mut list, mut residuals, mut validation, mut evidence) = validated(&kept).ok_or(LearnError::NoChange)?;
+    progress(PARTS - 2, PARTS);
+    let gross = gross(&validation, choice.frame.reach_mm);
+    let numbers: Vec<usize> = (0..presses.len()).filter(|k| !gross.contains(k)).collect();
+    if !gross.is_empty() {
+        kept = gather(presses, &used, &numbers);
+        (list, residuals, validation, evidence) = validated(&kept).ok_or(LearnError::NoChange)?;
+    }
+    // With two presses allowed, what a second one gains in frames with one.
+    evidence.more = f64::MAX;
+    evidence.first = STRONG.ln();
+    let mut gains: Vec<f64> = validation
+        .presences
+        .iter()
+        .filter_map(|p| p.gains.get(1).copied())
+        .collect();
+    gains.sort_by(f64::total_cmp);
+    evidence.more = second_evidence(&gains).max(evidence.first);
+    validation = Validation::of(&list, &kept, evidence);
+    progress(PARTS - 1, PARTS);
+    let correction = Correction::learn(&kept, &mut validation);
+    let reach_mm = choice.frame.reach_mm;
+    let mut errors = validation.errors_mm(reach_mm);
+    errors.sort_by(f64::total_cmp);
+    let covariance = residuals.covariance();
+    let maps = choice.maps(&kept).ok_or(LearnError::NoChange)?;
+    let findings = Findings {
+        presses: kept.len(),
+        missed: validation.missed().into_iter().map(|k| numbers[k]).collect(),
+        gross,
+        dead: (0..setting.measurements.len()).filter(|c| !used.contains(c)).collect(),
+        unexplained: (0..used.len())
+            .filter(|c| covariance[(*c, *c)] > HARDLY * mean_square(&kept, *c))
+            .map(|c| used[c])
+            .collect(),
+        shared: choice.orbits.count < measurements.len(),
+        clockwise: choice.frame.clockwise,
+        centre_mm: choice.frame.centre_mm,
+        memory: choice.prior.memory > NO_MEMORY,
+        corrected: correction.is_some(),
+        explained: explained(&kept, &residuals, &maps.scale),
+        error_mm: [quantile(&errors, 0.5), quantile(&errors, 0.95)],
+        half_error_mm: half_error(&choice, &kept, evidence),
+        tempering: evidence.tempering,
+    };
+    let locator = Locator::new(maps, &covariance, STEPS).ok_or(LearnError::NoChange)?;
+    Ok((
+        Learned {
+            locator,
+            correction,
+            evidence,
+            used,
+            turn: choice.turn,
+            covariance,
+        },
+        findings,
+    ))
+}
+
+fn mean_square(presses: &Presses, c: usize) -> f64 {
+    let column = presses.changes.column(c);
+    let sizes: Vec<f64> = column.iter().map(|v| v.abs()).collect();
+    let limit = 4.0 * median(&sizes).max(f64::MIN_POSITIVE);
+    column
+        .iter()
+        .filter(|v| v.is_finite())
+        .map(|v| v.clamp(-limit, limit).powi(2))
+        .sum::<f64>()
+        / column.len() as f64
+}
+
+/// Part of the change that the maps explain, with gross values drawn in.
+fn explained(presses: &Presses, residuals: &Residuals, scale: &[f64]) -> f64 {
+    let (mut whole, mut left) = (0.0, 0.0);
+    for (c, scale) in scale.iter().enumerate() {
+        for k in 0..presses.len() {
+            let (v, r) = (presses.changes[(k, c)] / scale, residuals.values[(k, c)] / scale);
+            if v.is_finite() {
+                whole += v.clamp(-6.0, 6.0).powi(2);
+                left += r.clamp(-6.0, 6.0).powi(2);
+            }
+        }
+    }
+    1.0 - (left / whole.max(f64::MIN_POSITIVE)).min(1.0)
+}
+
+fn gross(validation: &Validation, reach_mm: f64) -> Vec<usize> {
+    let limit = (GROSS * median(&validation.errors_mm(reach_mm))).max(0.25 * reach_mm);
+    let off = |o: &[f64; 2]| o[0].hypot(o[1]) > limit;
+    let few = validation.offsets.len() / 10;
+    let list: Vec<usize> = (0..validation.offsets.len())
+        .filter(|k| off(&validation.offsets[*k]))
+        .collect();
+    // Where many are off, it is the maps that are not good enough.
+    if list.len() <= few { list } else { Vec::new() }
+}
+
+fn half_error(choice: &Choice, presses: &Presses, evidence: Evidence) -> Option<f64> {
+    if presses.len() < 4 * FEWEST {
+        return None;
+    }
+    let half = presses.select(&(0..presses.len()).step_by(2).collect::<Vec<_>>());
+    let (list, _) = locators(choice, &half, FOLDS, STEPS)?;
+    let mut validation = Validation::of(&list, &half, evidence);
+    Correction::learn(&half, &mut validation);
+    Some(median(&validation.errors_mm(choice.frame.reach_mm)))
+}
+
+impl Learned {
+    /// The presses of a frame: its changes in the order and the unit of those that were learned from, and the place of the press
+    /// before where it is known.
+    pub fn locate(&self, change: &[f64], before_mm: Option<[f64; 2]>) -> Presence {
+        let value = |k: &usize| change.get(*k).copied().unwrap_or(f64::NAN);
+        let used: Vec<f64> = self.used.iter().map(value).collect();
+        let mut presence = self.locator.locate(&used, before_mm, self.evidence);
+        if let Some(correction) = &self.correction {
+            correction.correct(&used, &mut presence);
+        }
+        presence
+    }
+
+    /// The numbers that make it.
+    pub fn stored(&self) -> Stored {
+        Stored {
+            turn: self.turn,
+            used: self.used.clone(),
+            tempering: self.evidence.tempering,
+            first_evidence: self.evidence.first,
+            more_evidence: self.evidence.more,
+            covariance: columns(&self.covariance),
+            correction: self.correction.as_ref().map(Correction::stored),
+            maps: self.locator.maps().stored(),
+        }
+    }
+
+    /// What such numbers make, with the measurements that they are of.
+    ///
+    /// # Errors
+    /// [`LearnError::Stored`] where they do not fit one another.
+    pub fn restore(stored: &Stored, measurements: &[Measurement], electrodes: usize) -> Result<Self, LearnError> {
+        let build = || {
+            let sound = stored.used.is_sorted_by(|a, b| a < b)
+                && (1..=electrodes).contains(&stored.turn)
+                && (stored.tempering > 0.0 && stored.tempering.is_finite())
+                && !stored.first_evidence.is_nan()
+                && !stored.more_evidence.is_nan();
+            sound.then_some(())?;
+            let used: Vec<Measurement> = stored
+                .used
+                .iter()
+                .map(|k| measurements.get(*k).copied())
+                .collect::<Option<_>>()?;
+            let orbits = Orbits::new(&used, electrodes, stored.turn);
+            let covariance = matrix(&stored.covariance, used.len(), used.len())?;
+            let maps = Maps::restore(&stored.maps, electrodes, orbits)?;
+            Some(Self {
+                locator: Locator::new(maps, &covariance, STEPS)?,
+                correction: match &stored.correction {
+                    Some(correction) => Some(Correction::restore(correction, stored.used.len())?),
+                    None => None,
+                },
+                evidence: Evidence {
+                    tempering: stored.tempering,
+                    first: stored.first_evidence,
+                    more: stored.more_evidence,
+                },
+                used: stored.used.clone(),
+                turn: stored.turn,
+                covariance,
+            })
+        };
+        build().ok_or(LearnError::Stored)
+    }
+}

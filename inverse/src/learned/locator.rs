@@ -1,0 +1,570 @@
+//! Where the presses of a frame are, by Bayes' rule on a grid over the sheet.
+
+use super::maps::{Maps, symmetric_eigen};
+use crate::linalg::aligned::Aligned;
+use crate::linalg::kernels::{LANES, dots_of, padded};
+use nalgebra::{Cholesky, DMatrix, DVector, Matrix2, Vector2};
+use pulp::Arch;
+use std::collections::BTreeMap;
+
+/// Nodes along a side of a group, one of which is tried first.
+const GROUP: i64 = 2;
+/// Directions of the whitened maps that are kept.
+const DIRECTIONS: usize = 48;
+/// Directions more from which they are found.
+const MORE_DIRECTIONS: usize = 16;
+/// Iterations that find them.
+const SUBSPACE_ITERATIONS: usize = 3;
+/// Residuals beyond this many standard deviations are drawn in before a frame is fitted again.
+const HUBER: f64 = 4.0;
+/// How often a frame is fitted with its outliers drawn in.
+const REPETITIONS: usize = 2;
+/// The same where values are missing, which take the place of what was fitted: as many are needed until nothing changes.
+const REPETITIONS_WITH_MISSING: usize = 20;
+/// Prior standard deviation of a strength over the usual one: a touch may be half or twice as strong.
+const STRENGTH_SD: f64 = 0.5;
+/// Its inverse square.
+const PRIOR: f64 = 1.0 / (STRENGTH_SD * STRENGTH_SD);
+/// Mean square of residuals from which two presses at once are looked for. Presses that were learned from leave 1.
+const SUSPECT: f64 = 2.0;
+/// Nodes from one to the next where pairs of presses are tried.
+const SPREAD: i64 = 4;
+/// Largest change of a measurement by several presses, over that of one.
+const LARGEST_SUM: f64 = 1.5;
+/// Logarithm of the evidence by which a node is out of question.
+const FAR: f64 = 12.0;
+/// Degrees of freedom of the residuals' distribution.
+const FREEDOM: f64 = 8.0;
+/// Sweeps over the presses of a frame in which each is placed anew with the others as they are.
+const SWEEPS: usize = 2;
+/// Most presses of a frame.
+const MOST: usize = 4;
+/// Strengths below this part of the usual one are none: what a press leaves behind is as large.
+const LEAST_STRENGTH: f64 = 0.1;
+
+/// The same over the strongest of several: what the maps leave of a strong press is as large.
+const LEAST_PART: f64 = 0.2;
+
+/// One press that was found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Located {
+    /// Place, mm.
+    pub place_mm: [f64; 2],
+    /// Covariance of the place, mm².
+    pub covariance_mm2: [[f64; 2]; 2],
+    /// Strength over that of the presses that were learned from.
+    pub strength: f64,
+    /// Standard deviation of the strength.
+    pub strength_sd: f64,
+    /// Node of the grid where it is most probable.
+    node: usize,
+}
+
+/// The presses of a frame.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Presence {
+    /// Strongest first.
+    pub presses: Vec<Located>,
+    /// Part of the change that they explain, 0 to 1.
+    pub explained: f64,
+    /// Mean square of what they leave over, in variances; near 1 where they explain the frame.
+    pub misfit: f64,
+    /// By how much the logarithm of the evidence rises with every press more that was tried, the last of which was not
+    /// accepted.
+    pub gains: Vec<f64>,
+}
+
+/// The maps on a grid, whitened by the covariance of what they leave over.
+pub(super) struct Locator {
+    maps: Maps,
+    nodes_mm: Vec<[f64; 2]>,
+    step_mm: f64,
+    /// One node of every group of neighbours, and the others of each.
+    firsts: Vec<usize>,
+    others: Vec<Vec<usize>>,
+    /// Nodes far apart from one another, where pairs are tried, and the products of their maps.
+    spread: Vec<usize>,
+    crossings: DMatrix<f64>,
+    /// Measurements x nodes.
+    table: DMatrix<f64>,
+    /// Variance of the maps at every node, over the noise's.
+    uncertainty: Vec<f64>,
+    /// Logarithm of one more than it.
+    log_variances: Vec<f64>,
+    whitener: Cholesky<f64, nalgebra::Dyn>,
+    /// Directions x measurements of the whitened frame.
+    directions: DMatrix<f64>,
+    /// For every node its whitened map along the directions, one after another.
+    reduced: Aligned,
+    squares: Vec<f64>,
+    deviations: Vec<f64>,
+    /// Largest change that the maps have anywhere, of every measurement.
+    largest: Vec<f64>,
+    arch: Arch,
+}
+
+/// The directions in which columns are largest, as rows: by subspace iteration from some of the columns (Golub and Van Loan
+/// 2013, section 8.2.4). `None` where a number is not finite.
+fn leading(columns: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let square = columns * columns.transpose();
+    let count = (DIRECTIONS + MORE_DIRECTIONS).min(columns.nrows()).min(columns.ncols());
+    let some: Vec<usize> = (0..count).map(|k| k * columns.ncols() / count).collect();
+    let mut basis = columns.select_columns(&some).qr().q();
+    for _ in 0..SUBSPACE_ITERATIONS {
+        basis = (&square * basis).qr().q();
+    }
+    let eigen = symmetric_eigen(basis.transpose() * &square * &basis)?;
+    let mut order: Vec<usize> = (0..eigen.eigenvalues.len()).collect();
+    order.sort_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]));
+    order.truncate(DIRECTIONS);
+    Some((basis * eigen.eigenvectors.select_columns(&order)).transpose())
+}
+
+/// What a frame and the decisions about it need.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Evidence {
+    /// What squares of residuals are divided by, since they are not independent.
+    pub(super) tempering: f64,
+    /// Rise of the logarithm of the evidence from which a first press counts.
+    pub(super) first: f64,
+    /// The same for every press more.
+    pub(super) more: f64,
+}
+
+impl Evidence {
+    /// For frames of which it is known that they hold one press.
+    pub(super) const fn of_one_press(tempering: f64) -> Self {
+        Self {
+            tempering,
+            first: f64::NEG_INFINITY,
+            more: f64::INFINITY,
+        }
+    }
+
+    /// Logarithm of the likelihood of a weighted sum of squares of so many residuals with a common factor of their variances,
+    /// by Student's distribution: in a frame that is worse than most, everything counts less.
+    fn of(self, square: f64, log_variance: f64, channels: f64) -> f64 {
+        let independent = channels / self.tempering;
+        let over = square / (self.tempering * FREEDOM);
+        -0.5 * (independent * log_variance + (FREEDOM + independent) * over.ln_1p())
+    }
+
+    /// The sum of squares of which the likelihood, with the least variance, is this.
+    fn square_of(self, likelihood: f64, channels: f64) -> f64 {
+        let independent = channels / self.tempering;
+        self.tempering * FREEDOM * (-2.0 * likelihood / (FREEDOM + independent)).exp_m1()
+    }
+}
+
+/// A frame along the directions.
+struct Reduced {
+    along: DVector<f64>,
+    /// Square of what lies outside of them.
+    outside: f64,
+}
+
+struct Placed {
+    node: usize,
+    mean_mm: Vector2<f64>,
+    covariance: Matrix2<f64>,
+}
+
+impl Locator {
+    /// Tabulates the maps, with so many steps from the middle to the reach of the presses. `None` where the covariance is not
+    /// positive definite, or the numbers are beyond what can be computed with.
+    pub(super) fn new(maps: Maps, covariance: &DMatrix<f64>, steps: f64) -> Option<Self> {
+        let frame = maps.frame;
+        let step_mm = frame.reach_mm / steps;
+        let reach = steps as i64;
+        let lattice: Vec<[i64; 2]> = (-reach..=reach)
+            .flat_map(|j| (-reach..=reach).map(move |i| [i, j]))
+            .filter(|[i, j]| ((i * i + j * j) as f64).sqrt() <= steps)
+            .collect();
+        let place = |p: &[i64; 2]| [0, 1].map(|k| frame.centre_mm[k] + p[k] as f64 * step_mm);
+        let nodes_mm: Vec<[f64; 2]> = lattice.iter().map(place).collect();
+        let mut groups: BTreeMap<[i64; 2], Vec<usize>> = BTreeMap::new();
+        for (k, p) in lattice.iter().enumerate() {
+            groups.entry(p.map(|v| v.div_euclid(GROUP))).or_default().push(k);
+        }
+        let spread: Vec<usize> = (0..lattice.len())
+            .filter(|k| lattice[*k].iter().all(|v| v % SPREAD == 0))
+            .collect();
+        let groups = groups.into_values().map(|g| (g[0], g[1..].to_vec()));
+        let (firsts, others): (Vec<usize>, Vec<Vec<usize>>) = groups.unzip();
+        let table = maps.at(&nodes_mm);
+        let whitener = Cholesky::new(covariance.clone())?;
+        let mut inverse = DMatrix::identity(table.nrows(), table.nrows());
+        whitener.l_dirty().solve_lower_triangular_mut(&mut inverse);
+        let whitened = inverse * &table;
+        let directions = leading(&whitened)?;
+        let small = &directions * &whitened;
+        let stride = padded(small.nrows(), LANES);
+        let mut reduced = Aligned::zeros(stride * nodes_mm.len());
+        for (column, out) in small.column_iter().zip(reduced.chunks_exact_mut(stride)) {
+            out[..column.len()].copy_from_slice(column.as_slice());
+        }
+        let small_of = |nodes: &[usize]| small.select_columns(nodes);
+        let uncertainty: Vec<f64> = nodes_mm.iter().map(|p| maps.uncertainty(*p)).collect();
+        Some(Self {
+            log_variances: uncertainty.iter().map(|u| u.ln_1p()).collect(),
+            uncertainty,
+            squares: small.column_iter().map(|c| c.norm_squared()).collect(),
+            deviations: covariance.diagonal().iter().map(|v| v.sqrt()).collect(),
+            largest: table.row_iter().map(|r| r.amax()).collect(),
+            directions,
+            reduced,
+            nodes_mm,
+            step_mm,
+            firsts,
+            others,
+            crossings: small_of(&spread).tr_mul(&small_of(&spread)),
+            spread,
+            table,
+            whitener,
+            maps,
+            arch: Arch::new(),
+        })
+    }
+
+    /// The maps that it was made of.
+    pub(super) fn maps(&self) -> &Maps {
+        &self.maps
+    }
+
+    fn stride(&self) -> usize {
+        padded(self.directions.nrows(), LANES)
+    }
+
+    fn map(&self, node: usize) -> &[f64] {
+        &self.reduced[node * self.stride()..][..self.directions.nrows()]
+    }
+
+    fn reduce(&self, change: &DVector<f64>) -> Reduced {
+        let mut white = change.clone();
+        self.whitener.l_dirty().solve_lower_triangular_mut(&mut white);
+        let along = &self.directions * &white;
+        let outside = (white.norm_squared() - along.norm_squared()).max(0.0);
+        Reduced { along, outside }
+    }
+
+    /// Logarithm of the evidence for a press at every node beside others at theirs, all strengths integrated out; minus infinity at
+    /// nodes that are far from the best.
+    fn scores(&self, frame: &Reduced, others: &[usize], evidence: Evidence) -> Option<Vec<f64>> {
+        let channels = self.deviations.len() as f64;
+        let beside = Beside::new(self, frame, others)?;
+        let score = |k: usize, fit: f64| evidence.of(fit, self.log_variances[k], channels);
+        let mut scores = vec![f64::NEG_INFINITY; self.nodes_mm.len()];
+        // One node of every group first, then those of the groups that are not out of question.
+        let fits = beside.fits(self, &self.firsts);
+        let best = (0..fits.len()).min_by(|a, b| fits[*a].total_cmp(&fits[*b]))?;
+        let far = evidence.square_of(score(self.firsts[best], fits[best]) - FAR, channels);
+        let mut list = Vec::new();
+        for ((k, fit), group) in self.firsts.iter().zip(&fits).zip(&self.others) {
+            if *fit < far {
+                scores[*k] = score(*k, *fit);
+                list.extend_from_slice(group);
+            }
+        }
+        for (k, fit) in list.iter().zip(beside.fits(self, &list)) {
+            scores[*k] = score(*k, fit);
+        }
+        Some(scores)
+    }
+
+    /// The two places, of a few spread over the sheet, at which two presses explain a frame best.
+    fn best_pair(&self, frame: &Reduced) -> Option<[usize; 2]> {
+        let beside = Beside::new(self, frame, &[])?;
+        let along: Vec<f64> = self.products(&self.spread, &beside.frame);
+        let mut best = (f64::NEG_INFINITY, None);
+        for (i, a) in self.spread.iter().enumerate() {
+            for (j, b) in self.spread.iter().enumerate().skip(i + 1) {
+                let [first, second] = [along[i] + PRIOR, along[j] + PRIOR];
+                let [one, other, both] = [
+                    self.squares[*a] + PRIOR,
+                    self.squares[*b] + PRIOR,
+                    self.crossings[(i, j)],
+                ];
+                let gain = (other * first * first + one * second * second - 2.0 * both * first * second)
+                    / (one * other - both * both);
+                if gain > best.0 {
+                    best = (gain, Some([*a, *b]));
+                }
+            }
+        }
+        best.1
+    }
+
+    /// Products of the maps at some nodes with a padded vector along the directions.
+    fn products(&self, nodes: &[usize], vector: &Aligned) -> Vec<f64> {
+        let mut out = Vec::new();
+        dots_of(self.arch, &self.reduced, nodes, vector, &mut out);
+        out
+    }
+
+    fn padded(&self, vector: &[f64]) -> Aligned {
+        let mut out = Aligned::zeros(self.stride());
+        out[..vector.len()].copy_from_slice(vector);
+        out
+    }
+
+    /// Mean and covariance of the posterior around its highest node, and the node.
+    fn posterior(&self, scores: &[f64]) -> Placed {
+        let (mut node, mut best) = (0, f64::NEG_INFINITY);
+        for (k, s) in scores.iter().enumerate() {
+            if *s > best {
+                (node, best) = (k, *s);
+            }
+        }
+        let (mut sum, mut mean, mut square) = (0.0, Vector2::zeros(), Matrix2::zeros());
+        for (s, p) in scores.iter().zip(&self.nodes_mm) {
+            if s - best > -FAR {
+                let weight = (s - best).exp();
+                let p = Vector2::from(*p);
+                sum += weight;
+                mean += weight * p;
+                square += weight * p * p.transpose();
+            }
+        }
+        mean /= sum;
+        // A node stands for its square, whose variance is a twelfth of its side's square.
+        let covariance =
+            square / sum - mean * mean.transpose() + Matrix2::identity() * (self.step_mm * self.step_mm / 12.0);
+        Placed {
+            node,
+            mean_mm: mean,
+            covariance,
+        }
+    }
+
+    /// Strengths of presses at nodes with their variances, all at once.
+    fn strengths(&self, frame: &DVector<f64>, nodes: &[usize], variance: f64) -> Option<(DVector<f64>, DVector<f64>)> {
+        let n = nodes.len();
+        let map = |k: usize| DVector::from_column_slice(self.map(nodes[k]));
+        let normal = DMatrix::from_fn(n, n, |i, j| {
+            map(i).dot(&map(j)) / variance + if i == j { PRIOR } else { 0.0 }
+        });
+        let right = DVector::from_fn(n, |i, _| map(i).dot(frame) / variance + PRIOR);
+        let factor = Cholesky::new(normal)?;
+        Some((factor.solve(&right), factor.inverse().diagonal()))
+    }
+
+    /// The presses of a frame: its changes against the sheet just before, and the place of the press before.
+    pub(super) fn locate(&self, change: &[f64], before_mm: Option<[f64; 2]>, evidence: Evidence) -> Presence {
+        let memory = self.maps.memory_of(before_mm);
+        let values = DVector::from_iterator(change.len(), change.iter().zip(&memory).map(|(v, m)| v - m));
+        // Presses far from one another do not add up to much more than the largest that one alone does.
+        let mut drawn_in = DVector::from_fn(values.len(), |c, _| {
+            let limit = LARGEST_SUM * self.largest[c] + HUBER * self.deviations[c];
+            if values[c].is_finite() {
+                values[c].clamp(-limit, limit)
+            } else {
+                0.0
+            }
+        });
+        let mut found = Presence::default();
+        let missing = values.iter().any(|v| !v.is_finite());
+        let most = if missing { REPETITIONS_WITH_MISSING } else { REPETITIONS };
+        for _ in 0..most {
+            found = self.fit(&drawn_in, evidence);
+            let mut mean = DVector::zeros(values.len());
+            let mut variance = 1.0;
+            for press in &found.presses {
+                mean += self.table.column(press.node) * press.strength;
+                variance += press.strength.powi(2) * self.uncertainty[press.node];
+            }
+            let mut changed = false;
+            for c in 0..values.len() {
+                let limit = HUBER * self.deviations[c] * variance.sqrt();
+                let left = if values[c].is_finite() {
+                    values[c] - mean[c]
+                } else {
+                    0.0
+                };
+                let next = mean[c] + left.clamp(-limit, limit);
+                changed |= (next - drawn_in[c]).abs() > 1e-3 * self.deviations[c];
+                drawn_in[c] = next;
+            }
+            if !changed {
+                break;
+            }
+        }
+        found
+    }
+
+    fn fit(&self, change: &DVector<f64>, evidence: Evidence) -> Presence {
+        let frame = self.reduce(change);
+        let square = frame.along.norm_squared() + frame.outside;
+        let mut presence = Presence {
+            misfit: square / change.len() as f64,
+            ..Presence::default()
+        };
+        let mut last = evidence.of(square, 0.0, change.len() as f64);
+        while presence.presses.len() < MOST {
+            let Some(more) = self.with_one_more(&frame, (&presence.presses, presence.misfit), evidence) else {
+                break;
+            };
+            let gain = more.score - last;
+            presence.gains.push(gain);
+            let least = if presence.presses.is_empty() {
+                evidence.first
+            } else {
+                evidence.more
+            };
+            if gain <= least {
+                break;
+            }
+            last = more.score;
+            presence.presses = more.presses;
+            presence.misfit = more.misfit;
+        }
+        presence.explained = 1.0 - (presence.misfit * change.len() as f64 / square.max(f64::MIN_POSITIVE)).min(1.0);
+        presence.presses.sort_by(|a, b| b.strength.total_cmp(&a.strength));
+        presence
+    }
+
+    /// One press more, and all of them placed anew.
+    fn with_one_more(
+        &self,
+        frame: &Reduced,
+        (presses, misfit): (&[Located], f64),
+        evidence: Evidence,
+    ) -> Option<Settled> {
+        let nodes: Vec<usize> = presses.iter().map(|p| p.node).collect();
+        let more = self.settle(frame, nodes, true, evidence);
+        if presses.len() != 1 || misfit < SUSPECT {
+            return more;
+        }
+        // Two presses that one between them explains half are found as two at once.
+        let pair = self
+            .best_pair(frame)
+            .and_then(|pair| self.settle(frame, pair.to_vec(), false, evidence));
+        [more, pair]
+            .into_iter()
+            .flatten()
+            .max_by(|a, b| a.score.total_cmp(&b.score))
+    }
+
+    /// Whether any two are so near that maps cannot tell them from one between them.
+    fn are_near(&self, nodes: &[usize]) -> bool {
+        let least = self.maps.near_mm();
+        let place = |k: usize| self.nodes_mm[nodes[k]];
+        let near = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]) < least;
+        (0..nodes.len()).any(|i| (0..i).any(|j| near(place(i), place(j))))
+    }
+
+    /// Places presses by turns, each beside the others, from some nodes and perhaps `one_more`.
+    fn settle(&self, frame: &Reduced, mut nodes: Vec<usize>, one_more: bool, evidence: Evidence) -> Option<Settled> {
+        let mut placed: Vec<Option<Placed>> = nodes.iter().map(|_| None).collect();
+        if one_more {
+            let there = self.posterior(&self.scores(frame, &nodes, evidence)?);
+            nodes.push(there.node);
+            placed.push(Some(there));
+        }
+        let sweeps = if nodes.len() == 1 { 0 } else { SWEEPS };
+        for _ in 0..sweeps {
+            let before = nodes.clone();
+            for k in 0..nodes.len() {
+                let mut others = nodes.clone();
+                others.remove(k);
+                let there = self.posterior(&self.scores(frame, &others, evidence)?);
+                nodes[k] = there.node;
+                placed[k] = Some(there);
+            }
+            if nodes == before {
+                break;
+            }
+        }
+        let variance = 1.0 + nodes.iter().map(|n| self.uncertainty[*n]).sum::<f64>();
+        let (strengths, variances) = self.strengths(&frame.along, &nodes, variance)?;
+        let least = LEAST_STRENGTH.max(LEAST_PART * strengths.max());
+        if strengths.iter().any(|a| *a < least) || self.are_near(&nodes) {
+            return None;
+        }
+        let mut left = frame.along.clone();
+        // Maps are as uncertain as the press is strong.
+        let mut variance = 1.0;
+        for (n, a) in nodes.iter().zip(&strengths) {
+            left.axpy(-a, &DVector::from_column_slice(self.map(*n)), 1.0);
+            variance += a * a * self.uncertainty[*n];
+        }
+        let channels = self.deviations.len() as f64;
+        let square = left.norm_squared() + frame.outside;
+        let prior: f64 = strengths.iter().map(|a| PRIOR * (a - 1.0).powi(2)).sum();
+        let presses = nodes
+            .iter()
+            .zip(placed)
+            .zip(strengths.iter().zip(&variances))
+            .map(|((node, placed), (strength, variance))| {
+                let placed = placed?;
+                let c = placed.covariance;
+                Some(Located {
+                    place_mm: placed.mean_mm.into(),
+                    covariance_mm2: [[c[(0, 0)], c[(0, 1)]], [c[(1, 0)], c[(1, 1)]]],
+                    strength: *strength,
+                    strength_sd: (variance * evidence.tempering).sqrt(),
+                    node: *node,
+                })
+            })
+            .collect::<Option<Vec<_>>>()?;
+        Some(Settled {
+            presses,
+            score: evidence.of(square / variance + prior, variance.ln(), channels),
+            misfit: square / variance / channels,
+        })
+    }
+}
+
+/// Presses of a frame with the logarithm of their evidence.
+struct Settled {
+    presses: Vec<Located>,
+    score: f64,
+    misfit: f64,
+}
+
+/// A frame, and presses at some nodes beside which one more is looked for.
+struct Beside {
+    frame: Aligned,
+    maps: Vec<Aligned>,
+    /// Inverse of the normal equations of the others' strengths, times their right side; and the inverse.
+    strengths: DVector<f64>,
+    inverse: DMatrix<f64>,
+    /// What is left of the frame by the others alone.
+    square: f64,
+}
+
+impl Beside {
+    fn new(locator: &Locator, frame: &Reduced, others: &[usize]) -> Option<Self> {
+        let n = others.len();
+        let map = |k: usize| DVector::from_column_slice(locator.map(others[k]));
+        let normal = DMatrix::from_fn(n, n, |i, j| map(i).dot(&map(j)) + if i == j { PRIOR } else { 0.0 });
+        let right = DVector::from_fn(n, |i, _| map(i).dot(&frame.along) + PRIOR);
+        let inverse = Cholesky::new(normal)?.inverse();
+        let strengths = &inverse * &right;
+        // With a prior of 1 for every strength, that of the press looked for included.
+        let square = frame.along.norm_squared() + frame.outside + PRIOR * (n + 1) as f64 - strengths.dot(&right);
+        Some(Self {
+            frame: locator.padded(frame.along.as_slice()),
+            maps: others.iter().map(|k| locator.padded(locator.map(*k))).collect(),
+            strengths,
+            inverse,
+            square,
+        })
+    }
+
+    /// The sum of squares that a press at each of some nodes leaves, with the best strengths of all.
+    fn fits(&self, locator: &Locator, nodes: &[usize]) -> Vec<f64> {
+        let mut along = locator.products(nodes, &self.frame);
+        let crossings: Vec<Vec<f64>> = self.maps.iter().map(|m| locator.products(nodes, m)).collect();
+        for (place, (k, product)) in nodes.iter().zip(&mut along).enumerate() {
+            let (mut right, mut whole) = (*product + PRIOR, locator.squares[*k] + PRIOR);
+            for (o, crossing) in crossings.iter().enumerate() {
+                right -= crossing[place] * self.strengths[o];
+                for (p, other) in crossings.iter().enumerate() {
+                    whole -= crossing[place] * self.inverse[(o, p)] * other[place];
+                }
+            }
+            *product = (self.square - right * right / whole.max(PRIOR)) / (1.0 + locator.uncertainty[*k]);
+        }
+        along
+    }
+}

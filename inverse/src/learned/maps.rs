@@ -1,0 +1,509 @@
+//! The response of every measurement to a press, as a map over the sheet, from presses at known places.
+//!
+//! `y_c = f_k(R_c q) + r_c(q) + h_c(q') + noise`. All measurements of an orbit share one map `f_k`, each turned with its
+//! electrodes; `r_c` is what is left of one measurement, `h_c` what the press before at q' left behind. All three are
+//! Gaussian processes, and so is their posterior, in closed form. What lies far outside is drawn in before each of a few
+//! repetitions (Huber's pseudo-values), and each measurement's noise follows from what is left.
+
+use super::harmonics::Harmonics;
+use super::orbits::Orbits;
+use nalgebra::{Cholesky, DMatrix, DVector, DVectorView, Dyn, SymmetricEigen};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::f64::consts::{PI, TAU};
+
+/// Repetitions of the fit.
+const REPETITIONS: usize = 3;
+/// Values beyond this many root mean squares of their orbit are drawn in.
+const LARGEST: f64 = 6.0;
+/// Residuals beyond this many standard deviations are drawn in (Huber 1981).
+const HUBER: f64 = 3.0;
+/// Noise variance of a measurement before anything is known of it, over the mean square of its orbit.
+const FIRST_NOISE: f64 = 0.1;
+/// Least noise variance: what no number of presses makes better.
+const LEAST_NOISE: f64 = 1e-4;
+/// Presses that the noise of all measurements weighs as, in the noise of one.
+const NOISE_WEIGHT: f64 = 8.0;
+/// Highest wave number of the maps, over the inverse of their length.
+const HIGHEST: f64 = 4.2;
+/// Presses nearer than this part of the reach are one: half of the length over which maps change.
+const NEAR: f64 = 0.22;
+/// Half side of the square of the harmonics, over the reach of the presses.
+const SQUARE: f64 = 1.5;
+
+/// What is expected of the maps before any press. Variances are over the mean square of the values of an orbit, lengths
+/// over the reach of the presses.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Prior {
+    /// Length over which the maps change.
+    pub(super) length: f64,
+    /// Length over which the memory of the press before changes.
+    pub(super) memory_length: f64,
+    /// Variance of the maps that an orbit shares.
+    pub(super) shared: f64,
+    /// Variance of what a measurement has of its own.
+    pub(super) own: f64,
+    /// Variance of the memory of the press before.
+    pub(super) memory: f64,
+}
+
+/// Where the presses are, and how the electrodes go round.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Frame {
+    /// Around what the sheet is turned.
+    pub(super) centre_mm: [f64; 2],
+    /// Distance of the farthest press from it.
+    pub(super) reach_mm: f64,
+    /// Electrodes on the rim.
+    pub(super) electrodes: usize,
+    /// Whether their numbers go round clockwise.
+    pub(super) clockwise: bool,
+}
+
+impl Frame {
+    fn harmonics(&self, length: f64) -> Harmonics {
+        let length_mm = length * self.reach_mm;
+        Harmonics::new(self.centre_mm, SQUARE * self.reach_mm, HIGHEST / length_mm)
+    }
+
+    /// Where a place lies for a measurement that is turned by so many electrodes.
+    fn turned_back(&self, place_mm: [f64; 2], turned: usize) -> [f64; 2] {
+        let angle = -TAU * turned as f64 / self.electrodes as f64;
+        let (sin, cos) = if self.clockwise { -angle } else { angle }.sin_cos();
+        let [x, y] = [0, 1].map(|k| place_mm[k] - self.centre_mm[k]);
+        [
+            self.centre_mm[0] + cos * x - sin * y,
+            self.centre_mm[1] + sin * x + cos * y,
+        ]
+    }
+}
+
+/// Presses to learn from: their places, for each the place of the one before, and a row of changes for each.
+#[derive(Clone, Debug)]
+pub(super) struct Presses {
+    pub(super) places_mm: Vec<[f64; 2]>,
+    pub(super) before_mm: Vec<Option<[f64; 2]>>,
+    /// Presses x measurements; not a number where a value is missing.
+    pub(super) changes: DMatrix<f64>,
+}
+
+impl Presses {
+    /// Some of them, by their numbers.
+    pub(super) fn select(&self, rows: &[usize]) -> Self {
+        Self {
+            places_mm: rows.iter().map(|k| self.places_mm[*k]).collect(),
+            before_mm: rows.iter().map(|k| self.before_mm[*k]).collect(),
+            changes: self.changes.select_rows(rows),
+        }
+    }
+
+    /// How many.
+    pub(super) fn len(&self) -> usize {
+        self.places_mm.len()
+    }
+}
+
+/// The maps of all measurements. Weights are in the unit of the changes.
+#[derive(Clone, Debug)]
+pub(super) struct Maps {
+    pub(super) frame: Frame,
+    /// Presses that they were learned from.
+    presses: usize,
+    /// Shortest length of the maps, over the reach.
+    length: f64,
+    pub(super) orbits: Orbits,
+    /// Root mean square of the values of every measurement's orbit.
+    pub(super) scale: Vec<f64>,
+    /// Noise variance of every measurement, over the square of its scale.
+    pub(super) noise: Vec<f64>,
+    harmonics: Harmonics,
+    /// Weights of the maps, harmonics x orbits, over the scale.
+    shared: DMatrix<f64>,
+    /// Harmonics x measurements.
+    own: DMatrix<f64>,
+    memory: DMatrix<f64>,
+    /// Covariance of the weights of a measurement's own map that the presses leave, over its noise's variance.
+    spread: DMatrix<f64>,
+}
+
+/// Maps as numbers, for a file. A matrix is a list of its columns.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StoredMaps {
+    /// Presses that they were learned from.
+    pub presses: usize,
+    /// What the sheet is turned around, mm.
+    pub centre_mm: [f64; 2],
+    /// Farthest place from it, mm.
+    pub reach_mm: f64,
+    /// Whether the electrodes' numbers go round clockwise.
+    pub clockwise: bool,
+    /// Shortest length of the maps, over the reach.
+    pub length: f64,
+    /// Root mean square of the changes of every measurement's orbit.
+    pub scale: Vec<f64>,
+    /// Weights of the maps that orbits share: for every orbit those of the harmonics, over the scale.
+    pub shared: Vec<Vec<f64>>,
+    /// The same for what every measurement has of its own.
+    pub own: Vec<Vec<f64>>,
+    /// The same for the memory of the press before.
+    pub memory: Vec<Vec<f64>>,
+    /// Covariance of the weights that the presses leave, over the noise's variance.
+    pub spread: Vec<Vec<f64>>,
+}
+
+pub(super) fn columns(matrix: &DMatrix<f64>) -> Vec<Vec<f64>> {
+    matrix.column_iter().map(|c| c.iter().copied().collect()).collect()
+}
+
+/// `None` where the columns do not have these lengths, or hold what is no number.
+pub(super) fn matrix(columns: &[Vec<f64>], rows: usize, count: usize) -> Option<DMatrix<f64>> {
+    let fits = columns.len() == count
+        && columns
+            .iter()
+            .all(|c| c.len() == rows && c.iter().all(|v| v.is_finite()));
+    fits.then(|| DMatrix::from_iterator(rows, count, columns.iter().flatten().copied()))
+}
+
+/// `None` where a number is not finite, of which the algorithm would not end.
+pub(super) fn symmetric_eigen(matrix: DMatrix<f64>) -> Option<SymmetricEigen<f64, Dyn>> {
+    matrix.iter().all(|v| v.is_finite()).then(|| matrix.symmetric_eigen())
+}
+
+/// Root mean square of values, those far outside drawn in; what is not a number does not count.
+fn drawn_in_rms(values: &[f64]) -> f64 {
+    let finite = || values.iter().filter(|v| v.is_finite());
+    let count = finite().count().max(1) as f64;
+    let mut rms = (finite().map(|v| v * v).sum::<f64>() / count).sqrt();
+    for _ in 0..5 {
+        let limit = HUBER * rms;
+        rms = (finite().map(|v| v.clamp(-limit, limit).powi(2)).sum::<f64>() / count).sqrt();
+    }
+    rms
+}
+
+fn features(harmonics: &Harmonics, places: impl Iterator<Item = Option<[f64; 2]>>) -> DMatrix<f64> {
+    let columns: Vec<DVector<f64>> = places
+        .map(|place| {
+            let mut column = DVector::zeros(harmonics.len());
+            if let Some(place) = place {
+                harmonics.values_at(place, column.as_mut_slice());
+            }
+            column
+        })
+        .collect();
+    DMatrix::from_columns(&columns).transpose()
+}
+
+/// The presses as the harmonics see them, and what all measurements have in common.
+struct Design {
+    here: DMatrix<f64>,
+    before: DMatrix<f64>,
+    /// For every turn that a measurement has: its number, the features turned back, and two products of them.
+    turns: Vec<(usize, Turn)>,
+    /// Eigenvectors and eigenvalues of the own and memory parts' precision, in units of their prior; those first that the
+    /// presses see.
+    vectors: DMatrix<f64>,
+    values: DVector<f64>,
+    /// How many they see.
+    seen: usize,
+    /// Features times the square root of the prior, own beside memory.
+    scaled: DMatrix<f64>,
+    own_root: DVector<f64>,
+    memory_root: DVector<f64>,
+    shared_precision: DVector<f64>,
+}
+
+struct Turn {
+    features: DMatrix<f64>,
+    square: DMatrix<f64>,
+    /// In the directions of the eigenvectors.
+    seen: DMatrix<f64>,
+}
+
+impl Design {
+    /// `None` where the presses are beyond what can be computed with.
+    fn new(presses: &Presses, frame: Frame, prior: Prior, orbits: &Orbits, harmonics: &Harmonics) -> Option<Self> {
+        let reach = frame.reach_mm;
+        let here = features(harmonics, presses.places_mm.iter().map(|p| Some(*p)));
+        let before = features(harmonics, presses.before_mm.iter().copied());
+        let variances = |length: f64, size: f64| DVector::from_vec(harmonics.matern(length * reach)) * size;
+        let own_root = variances(prior.length, prior.own).map(f64::sqrt);
+        let memory_root = variances(prior.memory_length, prior.memory).map(f64::sqrt);
+        let shared_precision = variances(prior.length, prior.shared).map(f64::recip);
+        let mut scaled = DMatrix::zeros(presses.len(), 2 * harmonics.len());
+        for k in 0..harmonics.len() {
+            scaled.set_column(k, &(here.column(k) * own_root[k]));
+            scaled.set_column(harmonics.len() + k, &(before.column(k) * memory_root[k]));
+        }
+        let eigen = symmetric_eigen(scaled.tr_mul(&scaled))?;
+        let mut order: Vec<usize> = (0..eigen.eigenvalues.len()).collect();
+        order.sort_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]));
+        let values = eigen.eigenvalues.select_rows(&order).map(|v| v.max(0.0));
+        let vectors = eigen.eigenvectors.select_columns(&order);
+        let rank = presses.len().min(values.len());
+        let to_seen = &scaled * vectors.columns(0, rank);
+        let mut numbers: Vec<usize> = orbits.members.iter().map(|m| m.turned).collect();
+        numbers.sort_unstable();
+        numbers.dedup();
+        let turn = |turned: usize| {
+            let back = presses.places_mm.iter().map(|p| Some(frame.turned_back(*p, turned)));
+            let features = features(harmonics, back);
+            Turn {
+                square: features.tr_mul(&features),
+                seen: to_seen.tr_mul(&features),
+                features,
+            }
+        };
+        Some(Self {
+            turns: numbers.into_iter().map(|t| (t, turn(t))).collect(),
+            here,
+            before,
+            values,
+            vectors,
+            seen: rank,
+            scaled,
+            own_root,
+            memory_root,
+            shared_precision,
+        })
+    }
+
+    fn turn(&self, turned: usize) -> &Turn {
+        let place = self.turns.partition_point(|(t, _)| *t < turned);
+        &self.turns[place].1
+    }
+}
+
+impl Maps {
+    /// Learns the maps. `None` where the presses say nothing that could be solved for.
+    pub(super) fn fit(presses: &Presses, frame: Frame, prior: Prior, orbits: &Orbits) -> Option<Self> {
+        let (count, channels) = presses.changes.shape();
+        let harmonics = frame.harmonics(prior.length.min(prior.memory_length));
+        let size = harmonics.len();
+        let mut maps = Self {
+            frame,
+            presses: count,
+            length: prior.length.min(prior.memory_length),
+            scale: scales(&presses.changes, orbits),
+            noise: vec![FIRST_NOISE; channels],
+            shared: DMatrix::zeros(size, orbits.count),
+            own: DMatrix::zeros(size, channels),
+            memory: DMatrix::zeros(size, channels),
+            spread: DMatrix::zeros(size, size),
+            harmonics,
+            orbits: orbits.clone(),
+        };
+        let design = Design::new(presses, frame, prior, orbits, &maps.harmonics)?;
+        let values = maps.over_scale(&presses.changes);
+        let mut drawn_in = values.map(|v| if v.is_finite() { v } else { 0.0 });
+        for _ in 0..REPETITIONS {
+            let freedom = maps.solve(&design, &drawn_in)?;
+            let fitted = maps.fitted(&design);
+            let mut noise = vec![0.0; channels];
+            let middle = median(&maps.noise);
+            for c in 0..channels {
+                let limit = HUBER * maps.noise[c].sqrt();
+                let left = |k: usize| values[(k, c)] - fitted[(k, c)];
+                let sum: f64 = (0..count)
+                    .map(left)
+                    .filter(|r| r.is_finite())
+                    .map(|r| r.clamp(-limit, limit).powi(2))
+                    .sum();
+                noise[c] = ((sum + NOISE_WEIGHT * middle) / (freedom[c] + NOISE_WEIGHT)).max(LEAST_NOISE);
+                let limit = HUBER * noise[c].sqrt();
+                for k in 0..count {
+                    let r = if left(k).is_finite() { left(k) } else { 0.0 };
+                    drawn_in[(k, c)] = fitted[(k, c)] + r.clamp(-limit, limit);
+                }
+            }
+            maps.noise = noise;
+        }
+        let middle = median(&maps.noise);
+        let directions = DMatrix::from_fn(size, design.values.len(), |k, j| {
+            design.own_root[k] * design.vectors[(k, j)] / (design.values[j] + middle).sqrt()
+        });
+        maps.spread = &directions * directions.transpose();
+        Some(maps)
+    }
+
+    fn over_scale(&self, changes: &DMatrix<f64>) -> DMatrix<f64> {
+        DMatrix::from_fn(changes.nrows(), changes.ncols(), |k, c| {
+            let sign = if self.orbits.members[c].negative { -1.0 } else { 1.0 };
+            // A value that is not a number stays one.
+            (sign * changes[(k, c)] / self.scale[c]).clamp(-LARGEST, LARGEST)
+        })
+    }
+
+    /// One solution for the posterior means, with the present noise. Returns the degrees of freedom that are left of every
+    /// measurement.
+    fn solve(&mut self, design: &Design, values: &DMatrix<f64>) -> Option<Vec<f64>> {
+        let count = values.nrows() as f64;
+        let (vectors, seen_values) = (
+            design.vectors.columns(0, design.seen),
+            design.values.rows(0, design.seen),
+        );
+        let seen = vectors.tr_mul(&design.scaled.tr_mul(values));
+        let size = self.harmonics.len();
+        let mut freedom = vec![0.0; values.ncols()];
+        for (orbit, list) in self.orbits.lists().iter().enumerate() {
+            let mut normal = DMatrix::from_diagonal(&design.shared_precision);
+            let mut right = DVector::zeros(size);
+            for &c in list {
+                let (turn, noise) = (design.turn(self.orbits.members[c].turned), self.noise[c]);
+                let inverse = seen_values.map(|v| 1.0 / (v + noise));
+                let mut half = turn.seen.clone();
+                for (mut row, d) in half.row_iter_mut().zip(&inverse) {
+                    row *= d.sqrt();
+                }
+                normal += &turn.square / noise;
+                normal.gemm(-1.0 / noise, &half.transpose(), &half, 1.0);
+                right.gemv_tr(1.0 / noise, &turn.features, &values.column(c), 1.0);
+                right.gemv_tr(-1.0 / noise, &turn.seen, &inverse.component_mul(&seen.column(c)), 1.0);
+            }
+            let shared = Cholesky::new(normal)?.solve(&right);
+            for &c in list {
+                let (turn, noise) = (design.turn(self.orbits.members[c].turned), self.noise[c]);
+                let inverse = seen_values.map(|v| 1.0 / (v + noise));
+                let left = seen.column(c) - &turn.seen * &shared;
+                let weights = vectors * inverse.component_mul(&left);
+                self.own
+                    .set_column(c, &weights.rows(0, size).component_mul(&design.own_root));
+                self.memory
+                    .set_column(c, &weights.rows(size, size).component_mul(&design.memory_root));
+                freedom[c] = (count - seen_values.dot(&inverse)).max(0.15 * count);
+            }
+            self.shared.set_column(orbit, &shared);
+        }
+        Some(freedom)
+    }
+
+    /// What the maps say of the presses that they were learned from, over the scale.
+    fn fitted(&self, design: &Design) -> DMatrix<f64> {
+        let mut fitted = &design.here * &self.own + &design.before * &self.memory;
+        for (c, member) in self.orbits.members.iter().enumerate() {
+            let turn = design.turn(member.turned);
+            let shared = &turn.features * self.shared.column(member.orbit);
+            fitted.column_mut(c).zip_apply(&shared, |f, s| *f += s);
+        }
+        fitted
+    }
+
+    /// The change of every measurement by a press of the usual strength at each of some places: measurements x places.
+    pub(super) fn at(&self, places_mm: &[[f64; 2]]) -> DMatrix<f64> {
+        let places = || places_mm.iter().copied();
+        let mut out = self.own.transpose() * features(&self.harmonics, places().map(Some)).transpose();
+        let mut turns: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+        for (c, member) in self.orbits.members.iter().enumerate() {
+            turns.entry(member.turned).or_default().push(c);
+        }
+        for (turned, list) in turns {
+            let back = places().map(|p| Some(self.frame.turned_back(p, turned)));
+            let orbits: Vec<usize> = list.iter().map(|c| self.orbits.members[*c].orbit).collect();
+            let shared = self.shared.select_columns(&orbits).transpose() * features(&self.harmonics, back).transpose();
+            for (row, c) in shared.row_iter().zip(list) {
+                out.row_mut(c).zip_apply(&row, |o, s| *o += s);
+            }
+        }
+        for mut column in out.column_iter_mut() {
+            self.put_in_units(column.as_mut_slice());
+        }
+        out
+    }
+
+    /// What a press there leaves behind for the next one.
+    pub(super) fn memory_of(&self, place_mm: Option<[f64; 2]>) -> DVector<f64> {
+        let Some(place) = place_mm else {
+            return DVector::zeros(self.scale.len());
+        };
+        let mut there = DVector::zeros(self.harmonics.len());
+        self.harmonics.values_at(place, there.as_mut_slice());
+        let mut left = self.memory.tr_mul(&there);
+        self.put_in_units(left.as_mut_slice());
+        left
+    }
+
+    /// Distance below which maps cannot tell two presses from one between them, mm: half of the length over which they change, or
+    /// the distance from one known press to the next, where that is farther.
+    pub(super) fn near_mm(&self) -> f64 {
+        self.frame.reach_mm * (PI / self.presses as f64).sqrt().max(NEAR)
+    }
+
+    /// Variance of the maps there, over the noise's.
+    pub(super) fn uncertainty(&self, place_mm: [f64; 2]) -> f64 {
+        let mut here = DVector::zeros(self.harmonics.len());
+        self.harmonics.values_at(place_mm, here.as_mut_slice());
+        (&self.spread * &here).dot(&here).max(0.0)
+    }
+
+    /// The numbers that make them.
+    pub(super) fn stored(&self) -> StoredMaps {
+        StoredMaps {
+            presses: self.presses,
+            centre_mm: self.frame.centre_mm,
+            reach_mm: self.frame.reach_mm,
+            clockwise: self.frame.clockwise,
+            length: self.length,
+            scale: self.scale.clone(),
+            shared: columns(&self.shared),
+            own: columns(&self.own),
+            memory: columns(&self.memory),
+            spread: columns(&self.spread),
+        }
+    }
+
+    /// Maps of such numbers. `None` where their lengths do not fit one another.
+    pub(super) fn restore(stored: &StoredMaps, electrodes: usize, orbits: Orbits) -> Option<Self> {
+        let frame = Frame {
+            centre_mm: stored.centre_mm,
+            reach_mm: stored.reach_mm,
+            electrodes,
+            clockwise: stored.clockwise,
+        };
+        let positive = |v: &f64| *v > 0.0 && v.is_finite();
+        let sound = positive(&stored.reach_mm)
+            && stored.length > 0.05
+            && stored.centre_mm.iter().all(|v| v.is_finite())
+            && stored.scale.iter().all(positive);
+        let harmonics = sound.then(|| frame.harmonics(stored.length))?;
+        let (size, channels) = (harmonics.len(), orbits.members.len());
+        (stored.scale.len() == channels).then_some(())?;
+        Some(Self {
+            frame,
+            presses: stored.presses.max(1),
+            length: stored.length,
+            scale: stored.scale.clone(),
+            noise: vec![FIRST_NOISE; channels],
+            shared: matrix(&stored.shared, size, orbits.count)?,
+            own: matrix(&stored.own, size, channels)?,
+            memory: matrix(&stored.memory, size, channels)?,
+            spread: matrix(&stored.spread, size, size)?,
+            harmonics,
+            orbits,
+        })
+    }
+
+    fn put_in_units(&self, values: &mut [f64]) {
+        for ((v, scale), member) in values.iter_mut().zip(&self.scale).zip(&self.orbits.members) {
+            *v *= if member.negative { -scale } else { *scale };
+        }
+    }
+}
+
+/// Root mean square of every orbit, for each of its measurements.
+fn scales(changes: &DMatrix<f64>, orbits: &Orbits) -> Vec<f64> {
+    let mut scale = vec![0.0; changes.ncols()];
+    for list in orbits.lists() {
+        let columns: Vec<DVectorView<'_, f64>> = list.iter().map(|c| changes.column(*c)).collect();
+        let values: Vec<f64> = columns.iter().flat_map(|c| c.iter().copied()).collect();
+        let rms = drawn_in_rms(&values).max(f64::MIN_POSITIVE);
+        list.iter().for_each(|c| scale[*c] = rms);
+    }
+    scale
+}
+
+pub(super) fn median(values: &[f64]) -> f64 {
+    let mut sorted: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
+    sorted.sort_by(f64::total_cmp);
+    sorted.get(sorted.len() / 2).copied().unwrap_or(0.0)
+}

@@ -1,0 +1,28 @@
+//! Touches on a sheet that no model describes, by what presses at known places taught.
+//!
+//! Real skins differ from every model: their layers, their contacts and their electronics change what a press does to the
+//! measurements. What a press does there is learned instead: [`learn()`] makes [`Learned`] of a few presses, which locates
+//! others. docs/real-skins.md tells the method.
+
+mod choice;
+mod correction;
+mod harmonics;
+pub mod kernel_ridge;
+mod learn;
+mod locator;
+mod maps;
+mod orbits;
+mod rest;
+mod search;
+mod symmetry;
+mod validation;
+
+#[cfg(test)]
+mod tests;
+
+pub use choice::Setting;
+pub use correction::StoredCorrection;
+pub use learn::{FEWEST, Findings, LearnError, Learned, Press, Stored, learn};
+pub use locator::{Located, Presence};
+pub use maps::StoredMaps;
+pub use symmetry::turn;

@@ -1,0 +1,362 @@
+//! Presses on made-up skins of which everything is known: maps that turn with the electrodes, and noise that is correlated.
+
+use super::{FEWEST, Findings, LearnError, Learned, Press, Setting, Stored, learn};
+use forward::{Measurement, Pattern};
+use rand::rngs::StdRng;
+use rand::{Rng, SeedableRng};
+use rand_distr::StandardNormal;
+use std::f64::consts::TAU;
+
+const REACH_MM: f64 = 50.0;
+
+/// A skin that answers with bumps, which turn with the electrodes.
+struct Skin {
+    measurements: Vec<Measurement>,
+    /// For every offset of a sense pair: centre, width and height of its bumps.
+    bumps: Vec<[[f64; 4]; 3]>,
+    clockwise: bool,
+    /// What the press before leaves, over what it did itself.
+    memory: f64,
+    noise: f64,
+    random: StdRng,
+}
+
+impl Skin {
+    fn new(clockwise: bool, memory: f64, noise: f64) -> Self {
+        let mut random = StdRng::seed_from_u64(7);
+        let measurements = Pattern::opposite(16).unwrap().measurements().to_vec();
+        let mut bump = || {
+            let (angle, radius) = (random.random_range(0.0..TAU), random.random_range(0.0..REACH_MM));
+            let height = random.random_range(-1.0..1.0);
+            [
+                angle.cos() * radius,
+                angle.sin() * radius,
+                random.random_range(20.0..35.0),
+                height,
+            ]
+        };
+        Self {
+            bumps: (0..16).map(|_| [bump(), bump(), bump()]).collect(),
+            measurements,
+            clockwise,
+            memory,
+            noise,
+            random: StdRng::seed_from_u64(8),
+        }
+    }
+
+    /// The change of every measurement by a press, without noise.
+    fn clean(&self, place: [f64; 2]) -> Vec<f64> {
+        let of = |m: &Measurement| {
+            let turned = m.drive.plus;
+            let angle = TAU * turned as f64 / 16.0 * if self.clockwise { 1.0 } else { -1.0 };
+            let (sin, cos) = angle.sin_cos();
+            let p = [cos * place[0] - sin * place[1], sin * place[0] + cos * place[1]];
+            let offset = (m.sense.minus + 16 - turned) % 16;
+            self.bumps[offset]
+                .iter()
+                .map(|[x, y, width, height]| {
+                    height * (-0.5 * ((p[0] - x).powi(2) + (p[1] - y).powi(2)) / (width * width)).exp()
+                })
+                .sum()
+        };
+        self.measurements.iter().map(of).collect()
+    }
+
+    fn noise(&mut self) -> Vec<f64> {
+        // Half of it is common to neighbours.
+        let white: Vec<f64> = (0..self.measurements.len() + 4)
+            .map(|_| self.random.sample(StandardNormal))
+            .collect();
+        (white.windows(5).take(self.measurements.len()))
+            .map(|w: &[f64]| self.noise * (0.7 * w[0] + 0.7 * w.iter().sum::<f64>() / 5.0_f64.sqrt()))
+            .collect()
+    }
+
+    fn place(&mut self) -> [f64; 2] {
+        let (angle, radius): (f64, f64) = (
+            self.random.random_range(0.0..TAU),
+            self.random.random_range(0.0_f64..1.0).sqrt(),
+        );
+        [angle.cos() * radius * REACH_MM, angle.sin() * radius * REACH_MM]
+    }
+
+    /// Presses one after another.
+    fn presses(&mut self, count: usize) -> Vec<Press> {
+        let mut before: Option<[f64; 2]> = None;
+        (0..count)
+            .map(|_| {
+                let place_mm = self.place();
+                let left = before.map_or(vec![0.0; self.measurements.len()], |p| self.clean(p));
+                let noise = self.noise();
+                let (clean, noise) = (self.clean(place_mm), noise.iter());
+                let change = clean
+                    .iter()
+                    .zip(&left)
+                    .zip(noise)
+                    .map(|((c, l), n)| c - self.memory * l + n);
+                before = Some(place_mm);
+                Press {
+                    place_mm,
+                    change: change.collect(),
+                }
+            })
+            .collect()
+    }
+
+    fn setting(&self) -> Setting<'_> {
+        Setting {
+            measurements: &self.measurements,
+            electrodes: 16,
+            turn: 1,
+        }
+    }
+
+    fn learn(&mut self, count: usize) -> (Learned, Findings) {
+        let presses = self.presses(count);
+        learn(&presses, &self.setting(), |_, _| {}).unwrap()
+    }
+}
+
+/// Distances of the located presses, mm, the part of the coordinates within two standard deviations, and how many touches.
+fn locate(learned: &Learned, presses: &[Press]) -> (Vec<f64>, f64, Vec<usize>) {
+    let (mut before, mut errors, mut inside, mut counts) = (None, Vec::new(), 0, Vec::new());
+    for press in presses {
+        let presence = learned.locate(&press.change, before);
+        counts.push(presence.presses.len());
+        let found = presence.presses.first().expect("a press");
+        before = Some(found.place_mm);
+        let off = [0, 1].map(|a| found.place_mm[a] - press.place_mm[a]);
+        inside += (0..2)
+            .filter(|a| off[*a].abs() < 2.0 * found.covariance_mm2[*a][*a].sqrt())
+            .count();
+        errors.push(off[0].hypot(off[1]));
+    }
+    errors.sort_by(f64::total_cmp);
+    (errors, inside as f64 / (2 * presses.len()) as f64, counts)
+}
+
+#[test]
+fn a_few_presses_teach_a_skin_that_turns_and_its_handedness() {
+    for clockwise in [false, true] {
+        let mut skin = Skin::new(clockwise, 0.0, 0.1);
+        let (learned, found) = skin.learn(20);
+        assert!(found.shared && found.clockwise == clockwise, "{found:?}");
+        let later = skin.presses(150);
+        let (errors, inside, counts) = locate(&learned, &later);
+        assert!(errors[75] < 2.5, "{} mm", errors[75]);
+        assert!((0.85..=1.0).contains(&inside), "{inside}");
+        assert!(counts.iter().filter(|c| **c == 1).count() >= 147);
+        // What was told beforehand is what came.
+        assert!(
+            (0.4..2.0).contains(&(found.error_mm[0] / errors[75])),
+            "{found:?} {}",
+            errors[75]
+        );
+    }
+}
+
+#[test]
+fn more_presses_are_better_and_a_skin_without_symmetry_is_learned_as_well() {
+    let mut skin = Skin::new(false, 0.0, 0.1);
+    let few = skin.learn(10).0;
+    let many = skin.learn(80).0;
+    let later = skin.presses(100);
+    let [few, many] = [few, many].map(|l| locate(&l, &later).0[50]);
+    assert!(many < 0.8 * few, "{many} {few}");
+    // The same values in another order have no symmetry.
+    let mut presses = skin.presses(120);
+    for press in &mut presses {
+        let half = press.change.len() / 2;
+        press.change[half..].reverse();
+    }
+    let (learned, _) = learn(&presses[..80], &skin.setting(), |_, _| {}).unwrap();
+    assert!(locate(&learned, &presses[80..]).0[20] < 3.0);
+}
+
+#[test]
+fn what_the_press_before_left_is_taken_out() {
+    let mut skin = Skin::new(true, 0.4, 0.05);
+    let (learned, found) = skin.learn(60);
+    assert!(found.memory, "{found:?}");
+    let later = skin.presses(100);
+    let with = locate(&learned, &later).0[50];
+    let without: Vec<Press> = later.iter().rev().cloned().collect();
+    // In another order the press before is not the one that left something.
+    let wrong = locate(&learned, &without).0[50];
+    assert!(with < 0.7 * wrong, "{with} {wrong}");
+}
+
+#[test]
+fn what_maps_cannot_tell_is_learned_from_many_presses() {
+    // A strong press responds as a weak one does beside it: no map of places tells.
+    let mut skin = Skin::new(false, 0.0, 0.05);
+    let mut shifted = |count: usize| -> Vec<Press> {
+        (0..count)
+            .map(|_| {
+                let (place_mm, strength) = (skin.place(), skin.random.random_range(0.7..1.3));
+                let clean = skin.clean([place_mm[0] + 25.0 * (strength - 1.0), place_mm[1]]);
+                let noise = skin.noise();
+                let change = clean.iter().zip(&noise).map(|(c, n)| strength * c + n).collect();
+                Press { place_mm, change }
+            })
+            .collect()
+    };
+    let (presses, later) = (shifted(120), shifted(150));
+    let (learned, found) = learn(&presses, &skin.setting(), |_, _| {}).unwrap();
+    assert!(found.corrected, "{found:?}");
+    let mut plain = learned.stored();
+    plain.correction = None;
+    let plain = Learned::restore(&plain, &skin.measurements, 16).unwrap();
+    let [with, without] = [&learned, &plain].map(|l| locate(l, &later));
+    assert!(with.0[75] < 0.85 * without.0[75], "{} {}", with.0[75], without.0[75]);
+    assert!((0.88..=0.995).contains(&with.1), "{}", with.1);
+    let again = Learned::restore(&learned.stored(), &skin.measurements, 16).unwrap();
+    assert_eq!(locate(&again, &later).0, with.0);
+}
+
+#[test]
+fn two_presses_are_told_apart_and_nothing_is_nothing() {
+    let mut skin = Skin::new(false, 0.0, 0.05);
+    let (learned, _) = skin.learn(100);
+    let mut right = 0;
+    let cases: Vec<[[f64; 2]; 2]> = (0..40).map(|_| [skin.place(), skin.place()]).collect();
+    let apart = cases.iter().filter(|[a, b]| (a[0] - b[0]).hypot(a[1] - b[1]) > 35.0);
+    let apart: Vec<_> = apart.collect();
+    for [a, b] in &apart {
+        let (first, second, noise) = (skin.clean(*a), skin.clean(*b), skin.noise());
+        let change: Vec<f64> = first
+            .iter()
+            .zip(&second)
+            .zip(&noise)
+            .map(|((f, s), n)| f + s + n)
+            .collect();
+        let found = learned.locate(&change, None);
+        let near = |p: &[f64; 2]| {
+            let off = |l: &super::Located| (l.place_mm[0] - p[0]).hypot(l.place_mm[1] - p[1]);
+            found.presses.iter().any(|l| off(l) < 6.0)
+        };
+        right += usize::from(found.presses.len() == 2 && near(a) && near(b));
+    }
+    assert!(
+        apart.len() > 10 && right * 10 >= apart.len() * 8,
+        "{right} of {}",
+        apart.len()
+    );
+    for _ in 0..100 {
+        let noise = skin.noise();
+        assert!(learned.locate(&noise, None).presses.is_empty());
+    }
+    assert!(
+        learned
+            .locate(&vec![f64::NAN; noise_len(&skin)], None)
+            .presses
+            .is_empty()
+    );
+}
+
+fn noise_len(skin: &Skin) -> usize {
+    skin.measurements.len()
+}
+
+#[test]
+fn dead_measurements_missing_values_and_gross_presses_cost_little() {
+    let mut skin = Skin::new(false, 0.0, 0.1);
+    let mut presses = skin.presses(40);
+    presses[11].change = skin.clean([-40.0, 10.0]);
+    presses[11].place_mm = [35.0, 5.0];
+    for press in &mut presses {
+        press.change[5] = 0.0;
+        press.change[77] = f64::NAN;
+        press.change[100] *= -30.0;
+    }
+    presses[20].change[3] = f64::NAN;
+    let (learned, found) = learn(&presses, &skin.setting(), |_, _| {}).unwrap();
+    assert_eq!(found.dead, [5, 77]);
+    assert_eq!(found.gross, [11]);
+    let mut later = skin.presses(100);
+    for press in &mut later {
+        press.change[100] *= -30.0;
+        press.change[140] = f64::NAN;
+        press.change[9] = 1e6;
+    }
+    let (errors, ..) = locate(&learned, &later);
+    assert!(errors[50] < 3.0, "{}", errors[50]);
+}
+
+#[test]
+fn a_frame_of_which_a_quarter_is_missing_is_located_nearly_as_well() {
+    let mut skin = Skin::new(false, 0.0, 0.1);
+    let (learned, _) = skin.learn(30);
+    let whole = skin.presses(100);
+    let mut parts = whole.clone();
+    for (k, press) in parts.iter_mut().enumerate() {
+        // Every fourth, others in every frame.
+        (press.change.iter_mut().skip(k % 4).step_by(4)).for_each(|v| *v = f64::NAN);
+    }
+    let [whole, parts] = [whole, parts].map(|list| locate(&learned, &list).0[50]);
+    // A quarter of the information costs a factor of sqrt(4/3).
+    assert!(parts < 1.3 * whole, "{parts} {whole}");
+}
+
+#[test]
+fn a_press_that_did_not_happen_is_named_as_missed_or_gross() {
+    let mut skin = Skin::new(false, 0.0, 0.1);
+    let mut presses = skin.presses(30);
+    presses[17].change = skin.noise();
+    let (_, found) = learn(&presses, &skin.setting(), |_, _| {}).unwrap();
+    assert!(found.missed == [17] || found.gross == [17], "{found:?}");
+}
+
+#[test]
+fn what_is_stored_locates_alike() {
+    let mut skin = Skin::new(false, 0.2, 0.1);
+    let (learned, _) = skin.learn(25);
+    let again = Learned::restore(&learned.stored(), &skin.measurements, 16).unwrap();
+    for press in skin.presses(20) {
+        let [a, b] = [&learned, &again].map(|l| l.locate(&press.change, Some([3.0, 4.0])));
+        assert_eq!(a, b);
+    }
+    let breaks: [fn(&mut Stored); 9] = [
+        |s| s.covariance.truncate(3),
+        |s| s.covariance[0][0] = -1.0,
+        |s| s.maps.shared[0][0] = f64::NAN,
+        |s| s.maps.shared[0][0] = 1e300,
+        |s| s.maps.centre_mm[0] = f64::INFINITY,
+        |s| s.maps.scale[3] = 0.0,
+        |s| s.used[1] = s.used[0],
+        |s| s.turn = 0,
+        |s| s.tempering = f64::INFINITY,
+    ];
+    for (k, change) in breaks.iter().enumerate() {
+        let mut stored = learned.stored();
+        change(&mut stored);
+        let broken = Learned::restore(&stored, &skin.measurements, 16);
+        assert_eq!(broken.err(), Some(LearnError::Stored), "{k}");
+    }
+}
+
+#[test]
+fn what_cannot_be_learned_from_is_said() {
+    let mut skin = Skin::new(false, 0.0, 0.1);
+    let presses = skin.presses(FEWEST);
+    let tried = |presses: &[Press]| learn(presses, &skin.setting(), |_, _| {}).err();
+    assert_eq!(tried(&presses), None);
+    assert_eq!(tried(&presses[1..]), Some(LearnError::TooFew(FEWEST - 1)));
+    let with = |change: &dyn Fn(&mut Press)| {
+        let mut list = presses.clone();
+        list.iter_mut().for_each(change);
+        tried(&list)
+    };
+    assert_eq!(with(&|p| p.place_mm = [1.0, 2.0]), Some(LearnError::OnePlace(0.0)));
+    assert_eq!(with(&|p| p.place_mm[0] *= 1e300), Some(LearnError::OutOfRange(1)));
+    assert_eq!(with(&|p| p.change[7] = -1e200), Some(LearnError::OutOfRange(1)));
+    assert_eq!(with(&|p| p.change.fill(0.0)), Some(LearnError::NoChange));
+    assert_eq!(with(&|p| p.change.fill(f64::NAN)), Some(LearnError::NoChange));
+    let malformed = LearnError::Malformed {
+        press: 1,
+        values: 191,
+        wanted: 192,
+    };
+    assert_eq!(with(&|p| p.change.truncate(191)), Some(malformed));
+}

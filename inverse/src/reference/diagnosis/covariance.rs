@@ -1,0 +1,90 @@
+//! What touches and drift do to frames, as few columns.
+
+use nalgebra::DMatrix;
+
+/// Variance of a value that may be left over, of that of its own noise.
+const LEFT: f64 = 1e-4;
+/// The same over the largest variance of the touches: less is rounding.
+const ROUNDING: f64 = 1e-13;
+
+/// A covariance `U U'`: columns for what touches do, the most important first, and columns for what drifts.
+pub(crate) struct Covariance {
+    rises: DMatrix<f64>,
+    /// Largest variance of a value that is left over by the first columns, so many of them.
+    left: Vec<f64>,
+    drifts: DMatrix<f64>,
+}
+
+impl Covariance {
+    /// `rises`: what every cell changes by one standard deviation, V, a column each; many more than a frame tells apart. Columns of
+    /// their covariance's Cholesky factor are taken by the largest variance that is left (Harbrecht, Peters and Schneider 2012).
+    pub(crate) fn new(rises: &DMatrix<f64>, drifts: DMatrix<f64>) -> Self {
+        let n = rises.nrows();
+        let mut variance: Vec<f64> = rises.row_iter().map(|row| row.norm_squared()).collect();
+        let largest = |variance: &[f64]| (0..n).max_by(|a, b| variance[*a].total_cmp(&variance[*b]));
+        let mut left = vec![largest(&variance).map_or(0.0, |k| variance[k])];
+        let limit = ROUNDING * left[0];
+        let mut columns = DMatrix::zeros(n, n.min(rises.ncols()));
+        let mut count = 0;
+        while let Some(pivot) = largest(&variance).filter(|k| variance[*k] > limit && count < columns.ncols()) {
+            let mut column = rises * rises.row(pivot).transpose();
+            let before = columns.columns(0, count);
+            column -= before * before.row(pivot).transpose();
+            column /= variance[pivot].sqrt();
+            for (variance, c) in variance.iter_mut().zip(&column) {
+                *variance = (*variance - c * c).max(0.0);
+            }
+            variance[pivot] = 0.0;
+            columns.set_column(count, &column);
+            count += 1;
+            left.push(largest(&variance).map_or(0.0, |k| variance[k]));
+        }
+        Self {
+            rises: columns.columns(0, count).into_owned(),
+            left,
+            drifts,
+        }
+    }
+
+    /// The columns, with the rises `scale` times as large, as far as they show beside this standard deviation of a value's own noise.
+    pub(crate) fn columns(&self, scale: f64, own: f64) -> DMatrix<f64> {
+        let limit = LEFT * own * own / (scale * scale);
+        let count = self
+            .left
+            .iter()
+            .position(|left| *left <= limit)
+            .unwrap_or(self.rises.ncols());
+        let mut out = DMatrix::zeros(self.rises.nrows(), count + self.drifts.ncols());
+        out.columns_mut(0, count)
+            .copy_from(&(self.rises.columns(0, count) * scale));
+        out.columns_mut(count, self.drifts.ncols()).copy_from(&self.drifts);
+        out
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Few columns have the covariance of many, up to what own noise hides, and fewer where that hides more.
+    #[test]
+    fn few_columns_have_the_covariance_of_many() {
+        let n = 24;
+        let smooth = |k: usize, c: usize| (-(k as f64 / 4.0 - c as f64 / 10.0).powi(2)).exp();
+        let rises = DMatrix::from_fn(n, 60, smooth);
+        let drifts = DMatrix::from_element(n, 1, 0.3);
+        let whole = |scale: f64| scale * scale * &rises * rises.transpose() + &drifts * drifts.transpose();
+        let covariance = Covariance::new(&rises, drifts.clone());
+        let mut before = usize::MAX;
+        for own in [1e-3, 1e-2, 0.1] {
+            for scale in [1.0, 5.0] {
+                let u = covariance.columns(scale, own);
+                let off = (&u * u.transpose() - whole(scale)).amax();
+                assert!(off <= LEFT * own * own * 1.001 + 1e-12, "{own} {scale}: {off}");
+            }
+            let count = covariance.columns(1.0, own).ncols();
+            assert!(count < before && count <= n, "{count}");
+            before = count;
+        }
+    }
+}

@@ -1,0 +1,197 @@
+use super::*;
+use proptest::prelude::*;
+
+fn tracker() -> Tracker {
+    Tracker::new(TrackerOptions::new(20.0, 0.5))
+}
+
+fn touch(x_mm: f64, y_mm: f64) -> Touch {
+    Touch {
+        x_mm,
+        y_mm,
+        rise: 0.2,
+        area_mm2: 400.0,
+        ..Touch::default()
+    }
+}
+
+fn numbers(tracker: &mut Tracker, time_s: f64, at: &[[f64; 2]]) -> Vec<Option<u32>> {
+    let mut touches: Vec<Touch> = at.iter().map(|[x, y]| touch(*x, *y)).collect();
+    tracker.update(time_s, &mut touches);
+    touches.iter().map(|t| t.id).collect()
+}
+
+fn ids(tracker: &mut Tracker, time_s: f64, at: &[[f64; 2]]) -> Vec<u32> {
+    numbers(tracker, time_s, at).into_iter().map(Option::unwrap).collect()
+}
+
+/// What the frames of the last 0.3 s before 0 showed: touches at rest.
+fn at_rest(tracker: &mut Tracker, at: &[[f64; 2]]) -> Vec<u32> {
+    numbers(tracker, -0.2, at);
+    numbers(tracker, -0.1, at);
+    ids(tracker, 0.0, at)
+}
+
+#[test]
+fn a_number_comes_with_the_third_frame_and_what_flickers_has_none() {
+    let mut tracker = tracker();
+    for k in 0..100 {
+        // Two frames, and gone; elsewhere and elsewhere.
+        let time_s = 0.01 * f64::from(k);
+        let there = [[f64::from(k / 3 % 7) * 30.0, 0.0]];
+        let seen = numbers(&mut tracker, time_s, if k % 3 == 2 { &[] } else { &there });
+        assert!(seen.iter().all(Option::is_none));
+    }
+    assert_eq!(numbers(&mut tracker, 2.00, &[[5.0, 0.0]]), [None]);
+    assert_eq!(numbers(&mut tracker, 2.01, &[[5.0, 0.0]]), [None]);
+    assert_eq!(numbers(&mut tracker, 2.02, &[[5.0, 0.0]]), [Some(1)]);
+}
+
+#[test]
+fn numbers_follow_moving_touches_in_any_order() {
+    let mut tracker = tracker();
+    let first = at_rest(&mut tracker, &[[0.0, 0.0], [50.0, 0.0]]);
+    assert_ne!(first[0], first[1]);
+    let second = ids(&mut tracker, 0.1, &[[47.0, 3.0], [4.0, 1.0]]);
+    assert_eq!((second[0], second[1]), (first[1], first[0]));
+    // One is lifted for longer than the patience, another comes: a new number.
+    for k in 2..9 {
+        ids(&mut tracker, 0.1 * f64::from(k), &[[47.0, 3.0]]);
+    }
+    for time_s in [0.9, 1.0] {
+        let last = numbers(&mut tracker, time_s, &[[4.0, 1.0], [47.0, 3.0]]);
+        assert_eq!(last, [None, Some(first[1])]);
+    }
+    let last = ids(&mut tracker, 1.1, &[[4.0, 1.0], [47.0, 3.0]]);
+    assert_eq!(last[1], first[1]);
+    assert!(!first.contains(&last[0]));
+}
+
+/// Nearest first, the second would be taken for the first and a new one would be seen.
+#[test]
+fn a_row_that_moves_on_by_almost_its_spacing_keeps_its_numbers() {
+    let mut tracker = tracker();
+    let before = at_rest(&mut tracker, &[[0.0, 0.0], [12.0, 0.0], [24.0, 0.0]]);
+    let after = ids(&mut tracker, 0.1, &[[11.0, 0.0], [23.0, 0.0], [35.0, 0.0]]);
+    assert_eq!(before, after);
+}
+
+#[test]
+fn a_number_comes_back_at_its_place_only_and_nobody_takes_one_that_is_there() {
+    let mut tracker = tracker();
+    let [a, b] = at_rest(&mut tracker, &[[0.0, 0.0], [30.0, 0.0]])[..] else {
+        panic!()
+    };
+    assert_eq!(ids(&mut tracker, 0.1, &[[30.0, 0.0]]), [b]);
+    // Not where it vanished.
+    assert_eq!(
+        numbers(&mut tracker, 0.2, &[[30.0, 0.0], [-25.0, 0.0]]),
+        [Some(b), None]
+    );
+    // b moves to where a vanished, and stays b; then a is there again beside it.
+    assert_eq!(ids(&mut tracker, 0.3, &[[15.0, 0.0]]), [b]);
+    assert_eq!(ids(&mut tracker, 0.4, &[[5.0, 0.0], [-3.0, 0.0]]), [b, a]);
+    // A board that was reset: its time begins anew, its touches are the same.
+    assert_eq!(ids(&mut tracker, 0.0, &[[5.0, 0.0], [-3.0, 0.0]]), [b, a]);
+}
+
+#[test]
+fn what_was_there_before_a_gap_keeps_its_number_however_long_it_was() {
+    let mut tracker = tracker();
+    let [a, b] = at_rest(&mut tracker, &[[0.0, 0.0], [50.0, 0.0]])[..] else {
+        panic!()
+    };
+    // Lifted before the gap, for less than the patience.
+    assert_eq!(ids(&mut tracker, 0.1, &[[0.0, 0.0]]), [a]);
+    tracker.gap();
+    let after = numbers(&mut tracker, 100.0, &[[3.0, 1.0], [50.0, 0.0]]);
+    assert_eq!(after, [Some(a), None]);
+    assert_ne!(Some(b), after[1]);
+}
+
+/// Time from frame to frame, s.
+const FRAME_S: f64 = 1.0 / 115.0;
+/// Two touches nearer than this are seen as one in their middle, mm.
+const RESOLVED_MM: f64 = 15.0;
+
+proptest! {
+    /// Two touches that cross at any angle and speed are one for a while, and keep their numbers, where that lasts no longer than
+    /// the patience and they do not go side by side.
+    #[test]
+    fn touches_that_cross_keep_their_numbers(
+        turn in 0.0..6.3f64, between in 1.0..5.2f64, speeds in [60.0..400.0f64, 60.0..400.0f64],
+        noise in prop::collection::vec([-0.5..0.5f64, -0.5..0.5f64, -0.5..0.5f64, -0.5..0.5f64], 400)
+    ) {
+        let way = |angle: f64, speed: f64| [speed * angle.cos(), speed * angle.sin()];
+        let ways = [way(turn, speeds[0]), way(turn + between, speeds[1])];
+        let apart = (ways[0][0] - ways[1][0]).hypot(ways[0][1] - ways[1][1]);
+        prop_assume!(2.0 * RESOLVED_MM / apart < 0.4);
+        let mut tracker = tracker();
+        let mut first = None;
+        // They meet at 0 s.
+        let begin_s = -60.0 / apart.min(400.0);
+        let frames = (2.0 * -begin_s / FRAME_S) as usize;
+        for (k, noise) in (0..frames).zip(noise.iter().cycle()) {
+            let time_s = begin_s + k as f64 * FRAME_S;
+            let at = |way: [f64; 2], noise: &[f64]| [way[0] * time_s + noise[0], way[1] * time_s + noise[1]];
+            let [a, b] = [at(ways[0], &noise[..2]), at(ways[1], &noise[2..])];
+            if time_s.abs() * apart < RESOLVED_MM {
+                numbers(&mut tracker, time_s, &[[0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1])]]);
+                continue;
+            }
+            let seen = numbers(&mut tracker, time_s, &[a, b]);
+            if k >= 2 {
+                let first = first.get_or_insert_with(|| seen.clone());
+                prop_assert_eq!(&seen, first, "at {} s", time_s);
+                prop_assert!(seen.iter().all(Option::is_some));
+            }
+        }
+        prop_assert_eq!(tracker.next, 3);
+    }
+
+    /// What moves on while it is not seen for 0.5 s has its number back at once.
+    #[test]
+    fn a_moving_touch_keeps_its_number_over_a_gap(turn in 0.0..6.3f64, speed in 0.0..300.0f64, gap in 1..57usize) {
+        let mut tracker = tracker();
+        let at = |k: usize| {
+            let way_mm = speed * k as f64 * FRAME_S;
+            [way_mm * turn.cos(), way_mm * turn.sin()]
+        };
+        for k in 0..115 {
+            numbers(&mut tracker, k as f64 * FRAME_S, &[at(k)]);
+        }
+        for k in 115..115 + gap {
+            numbers(&mut tracker, k as f64 * FRAME_S, &[]);
+        }
+        prop_assert_eq!(numbers(&mut tracker, (115 + gap) as f64 * FRAME_S, &[at(115 + gap)]), [Some(1)]);
+    }
+
+    /// However touches flicker and tremble at their places, in any order: one number each, as long as none is gone
+    /// for longer than the patience.
+    #[test]
+    fn flickering_touches_keep_their_numbers(
+        frames in prop::collection::vec((any::<[bool; 5]>(), any::<[[i8; 2]; 5]>(), any::<bool>(), 0.001..0.25f64), 1..100)
+    ) {
+        let places = [[0.0, 0.0], [50.0, 0.0], [-50.0, 0.0], [0.0, 50.0], [0.0, -50.0]];
+        let mut tracker = tracker();
+        let numbers = at_rest(&mut tracker, &places);
+        let mut seen_s = [0.0; 5];
+        let mut time_s = 0.0;
+        for (there, tremble, backwards, wait_s) in frames {
+            time_s += wait_s;
+            let mut now: Vec<usize> = (0..5).filter(|k| there[*k] || time_s - seen_s[*k] > 0.24).collect();
+            if backwards {
+                now.reverse();
+            }
+            let at: Vec<[f64; 2]> = now.iter().map(|k| {
+                // 7 mm at most each way, so 20 mm between any two of them.
+                let [x, y] = tremble[*k].map(|v| 7.0 * f64::from(v) / 128.0);
+                [places[*k][0] + x, places[*k][1] + y]
+            }).collect();
+            for (k, id) in now.iter().zip(ids(&mut tracker, time_s, &at)) {
+                seen_s[*k] = time_s;
+                prop_assert_eq!(numbers[*k], id);
+            }
+        }
+    }
+}

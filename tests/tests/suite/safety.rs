@@ -1,0 +1,63 @@
+//! What the compiler checks for us: no `unsafe` but on boards, where each has its argument, and sums that are checked in every
+//! test.
+
+use std::path::{Path, PathBuf};
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
+}
+
+fn manifest(path: &Path) -> toml::Table {
+    let text = std::fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
+    text.parse().unwrap()
+}
+
+#[test]
+fn no_crate_of_the_workspace_may_be_unsafe() {
+    let workspace = manifest(&root().join("Cargo.toml"));
+    let members = workspace["workspace"]["members"].as_array().unwrap();
+    assert!(members.len() >= 12);
+    for member in members {
+        let folder = root().join(member.as_str().unwrap()).join("src");
+        let files = ["lib.rs", "main.rs"].map(|name| folder.join(name));
+        let whole = files.iter().find(|file| file.exists()).unwrap();
+        let text = std::fs::read_to_string(whole).unwrap();
+        assert!(
+            text.contains("#![forbid(unsafe_code)]"),
+            "{} does not forbid unsafe code",
+            whole.display()
+        );
+    }
+}
+
+#[test]
+fn every_unsafe_block_of_a_board_has_its_argument() {
+    let mut seen = 0;
+    for folder in std::fs::read_dir(root().join("boards")).unwrap() {
+        let path = folder.unwrap().path().join("Cargo.toml");
+        if !path.exists() {
+            continue;
+        }
+        seen += 1;
+        let manifest = manifest(&path);
+        assert_eq!(
+            manifest["lints"]["clippy"]["undocumented_unsafe_blocks"].as_str(),
+            Some("deny"),
+            "{}",
+            path.display()
+        );
+    }
+    assert!(seen >= 4);
+}
+
+/// The tests are an optimised build with what a release leaves out: overflow checks and debug assertions.
+#[test]
+fn tests_run_optimised_with_checked_sums_and_assertions() {
+    let profile = &manifest(&root().join("Cargo.toml"))["profile"]["dev"];
+    assert!(profile["opt-level"].as_integer().unwrap() >= 2);
+    let caught = |f: fn()| std::panic::catch_unwind(f).is_err();
+    assert!(caught(|| debug_assert!(std::hint::black_box(false))));
+    assert!(caught(|| {
+        std::hint::black_box(std::hint::black_box(u32::MAX) + std::hint::black_box(1));
+    }));
+}
