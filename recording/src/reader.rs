@@ -2,7 +2,8 @@
 
 use crate::error::RecordingError;
 use crate::topic::{PROFILE, Topic};
-use mcap::records::Record;
+use mcap::McapError;
+use mcap::records::{MessageHeader, Record, op};
 use mcap::sans_io::LinearReader;
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReaderOptions};
 use std::collections::BTreeMap;
@@ -50,7 +51,10 @@ pub(crate) struct Channel {
 /// A file that is being read.
 pub struct Reader<R> {
     source: R,
-    linear: LinearReader,
+    /// The file, chunk by chunk.
+    records: LinearReader,
+    /// What is in the chunks. Only this has checksums: a message elsewhere is damage.
+    chunks: LinearReader,
     file: String,
     schemas: BTreeMap<u16, (String, String, Vec<u8>)>,
     channels: BTreeMap<u16, Channel>,
@@ -84,11 +88,17 @@ impl<R: Read> Reader<R> {
     /// As [`Reader::open`].
     pub fn new(source: R, file: &str) -> Result<Self, RecordingError> {
         let options = LinearReaderOptions::default()
+            .with_emit_chunks(true)
+            .with_record_length_limit(MOST);
+        let within = LinearReaderOptions::default()
+            .with_skip_start_magic(true)
+            .with_skip_end_magic(true)
             .with_prevalidate_chunk_crcs(true)
             .with_record_length_limit(MOST);
         let mut reader = Self {
             source,
-            linear: LinearReader::new_with_options(options),
+            records: LinearReader::new_with_options(options),
+            chunks: LinearReader::new_with_options(within),
             file: file.to_owned(),
             schemas: BTreeMap::new(),
             channels: BTreeMap::new(),
@@ -168,43 +178,22 @@ impl<R: Read> Reader<R> {
     }
 
     /// Reads on; a message's header where it read one.
-    fn step(&mut self) -> Result<Option<mcap::records::MessageHeader>, RecordingError> {
-        let (opcode, data) = match self.linear.next_event() {
-            None => {
-                self.ended = Some(match self.index {
-                    Some(true) => Ended::Whole,
-                    Some(false) => Ended::Short,
-                    None => Ended::Cut,
-                });
+    fn step(&mut self) -> Result<Option<MessageHeader>, RecordingError> {
+        let record = match self.chunks.next_event() {
+            Some(Ok(LinearReadEvent::Record { opcode, data })) => mcap::parse_record(opcode, data),
+            Some(Ok(LinearReadEvent::ReadRequest(_))) => {
+                self.read_on()?;
                 return Ok(None);
             }
-            Some(Err(why)) => {
-                tracing::debug!("{}: {why}", self.file);
-                self.ended = Some(Ended::Cut);
-                return Ok(None);
-            }
-            Some(Ok(LinearReadEvent::ReadRequest(need))) => {
-                let room = self.linear.insert(need);
-                let read = loop {
-                    match self.source.read(room) {
-                        Err(e) if e.kind() == ErrorKind::Interrupted => {}
-                        other => break other,
-                    }
-                };
-                let read = read.map_err(|e| RecordingError::io(&self.file, e))?;
-                self.bytes += read as u64;
-                self.linear.notify_read(read);
-                return Ok(None);
-            }
-            Some(Ok(LinearReadEvent::Record { opcode, data })) => (opcode, data),
+            Some(Err(why)) => Err(why),
+            None => Err(McapError::UnexpectedEof),
         };
-        match mcap::parse_record(opcode, data) {
+        match record {
             Ok(Record::Message { header, data }) => {
                 self.data.clear();
                 self.data.extend_from_slice(&data);
                 return Ok(Some(header));
             }
-            Ok(Record::Header(header)) => self.profile = Some(header.profile),
             Ok(Record::Schema { header, data }) => {
                 let schema = (header.name, header.encoding, data.into_owned());
                 self.schemas.insert(header.id, schema);
@@ -219,13 +208,66 @@ impl<R: Read> Reader<R> {
                 };
                 self.channels.insert(channel.id, known);
             }
-            Ok(Record::Footer(footer)) => self.index = Some(footer.summary_start > 0),
             Ok(_) => {}
-            Err(why) => {
-                tracing::debug!("{}: {why}", self.file);
-                self.ended = Some(Ended::Cut);
-            }
+            Err(why) => self.damaged(&why),
         }
         Ok(None)
+    }
+
+    /// Reads a part of the file, or takes a record of it: a chunk is handed on.
+    fn read_on(&mut self) -> Result<(), RecordingError> {
+        let record = match self.records.next_event() {
+            None => {
+                self.ended = Some(match self.index {
+                    Some(true) => Ended::Whole,
+                    Some(false) => Ended::Short,
+                    None => Ended::Cut,
+                });
+                return Ok(());
+            }
+            Some(Ok(LinearReadEvent::ReadRequest(need))) => {
+                let room = self.records.insert(need);
+                let read = loop {
+                    match self.source.read(room) {
+                        Err(e) if e.kind() == ErrorKind::Interrupted => {}
+                        other => break other,
+                    }
+                };
+                let read = read.map_err(|e| RecordingError::io(&self.file, e))?;
+                self.bytes += read as u64;
+                self.records.notify_read(read);
+                return Ok(());
+            }
+            Some(Ok(LinearReadEvent::Record {
+                opcode: op::CHUNK,
+                data,
+            })) => {
+                let length = (data.len() as u64).to_le_bytes();
+                let size = 1 + length.len() + data.len();
+                let room = self.chunks.insert(size);
+                room[0] = op::CHUNK;
+                room[1..9].copy_from_slice(&length);
+                room[9..size].copy_from_slice(data);
+                self.chunks.notify_read(size);
+                return Ok(());
+            }
+            Some(Ok(LinearReadEvent::Record { opcode, data })) => mcap::parse_record(opcode, data),
+            Some(Err(why)) => Err(why),
+        };
+        match record {
+            Ok(Record::Header(header)) => self.profile = Some(header.profile),
+            Ok(Record::Footer(footer)) => self.index = Some(footer.summary_start > 0),
+            Ok(Record::Message { header, .. }) => {
+                self.damaged(&McapError::UnknownChannel(header.sequence, header.channel_id));
+            }
+            Ok(_) => {}
+            Err(why) => self.damaged(&why),
+        }
+        Ok(())
+    }
+
+    fn damaged(&mut self, why: &McapError) {
+        tracing::debug!("{}: {why}", self.file);
+        self.ended = Some(Ended::Cut);
     }
 }

@@ -156,17 +156,23 @@ mod tests {
                 }
             }
         }
+    }
 
-        /// Damage in the middle never panics either, and whatever is read is what was written, in its order.
-        #[test]
-        fn damage_invents_nothing(place in 0.0..1.0_f64, bits in 1..=255_u8) {
-            let (bytes, messages) = whole();
+    /// Damage in the middle never panics either, and whatever is read is what was written, in its order: wherever one bit is turned.
+    #[test]
+    fn damage_invents_nothing() {
+        let (bytes, messages) = whole();
+        for at in 0..bytes.len() {
             let mut bytes = bytes.clone();
-            let at = (place * bytes.len() as f64) as usize;
-            bytes[at] ^= bits;
-            if let Ok((read, _)) = read(&bytes) {
-                let mut written = messages.iter();
-                prop_assert!(read.iter().all(|message| written.any(|m| m == message)));
+            for bit in [at % 8, (at / 8 + 3) % 8] {
+                bytes[at] ^= 1 << bit;
+                if let Ok((read, _)) = read(&bytes) {
+                    let mut written = messages.iter();
+                    assert!(
+                        read.iter().all(|message| written.any(|m| m == message)),
+                        "bit {bit} of byte {at}"
+                    );
+                }
             }
         }
     }
