@@ -38,6 +38,9 @@ struct Header<'a> {
     /// From 1.
     wires: &'a [usize],
     calibrated: bool,
+    /// Presses that taught what a touch does, where that takes the place of the sheet's model.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    learned_from: Option<usize>,
     units: Value,
 }
 
@@ -51,14 +54,25 @@ struct PlanLine {
 }
 
 /// The unit of every number, by its name.
-fn units() -> Value {
+fn units(learned: bool) -> Value {
+    let [area, rise] = if learned {
+        [
+            "mm^2, of the spot that is drawn; presses do not teach it",
+            "strength over that of the usual press of the calibration",
+        ]
+    } else {
+        [
+            "mm^2",
+            "relative rise of the resistivity at the touch's centre, 0.2 is 20 %",
+        ]
+    };
     json!({
         "time_s": "s of the board's clock, 0 at its power-up",
         "unix_s": "s since 1970 (UTC), this computer's clock",
         "x_mm": "mm from the sheet's centre, to the right",
         "y_mm": "mm from the sheet's centre, up",
-        "area_mm2": "mm^2",
-        "rise": "relative rise of the resistivity at the touch's centre, 0.2 is 20 %",
+        "area_mm2": area,
+        "rise": rise,
         "total_mm2": "rise integrated over the area, mm^2",
         "force_n": "N; of a typical rubber where uncalibrated is true, with --calibration of this one",
         "residual": "part of the change that the touches do not explain, 0 to 1",
@@ -101,7 +115,8 @@ pub(crate) fn header(session: &Session, record: &SessionRecord) -> Result<()> {
         sheet: &record.sheet,
         wires: &record.wires,
         calibrated: record.calibration.is_some(),
-        units: units(),
+        learned_from: record.learned_from,
+        units: units(record.learned_from.is_some()),
     })
 }
 

@@ -291,11 +291,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         let Some((sheet, median_mm)) = &presses.better else {
             return by_presses(arguments, &table, &presses, baseline.as_deref());
         };
-        eprintln!(
-            "calibration: {}: the sheet's model located its presses better than what they taught ({median_mm:.2} mm median error), and \
-             is used",
-            presses.file
-        );
+        eprintln!("calibration: {}", presses::live::model_text(&presses.file, *median_mm));
         calibrated = Some((presses.file.clone(), sheet.clone()));
     }
     let method = arguments.method;

@@ -2,6 +2,8 @@
 
 use crate::event::Said;
 use crate::files::calibration_file;
+use crate::presses;
+use crate::presses::file::PressCalibration;
 use ::forward::Sheet;
 use ::forward::file::{parse_sheet, sheet_text};
 use anyhow::{Context, Result, bail};
@@ -53,6 +55,12 @@ pub(crate) struct SessionRecord {
     pub(crate) wires: Vec<usize>,
     /// TOML.
     pub(crate) calibration: Option<String>,
+    /// What presses at known places taught, TOML; none where the sheet's model is used.
+    #[serde(default)]
+    pub(crate) presses: Option<String>,
+    /// How many they were.
+    #[serde(default)]
+    pub(crate) learned_from: Option<usize>,
     /// None where it is calibrated, and in recordings of a program that gave no such forces.
     #[serde(default)]
     pub(crate) uncalibrated_n_per_mm2: Option<f64>,
@@ -74,6 +82,8 @@ pub(crate) struct Recorded<'a> {
     pub(crate) values: usize,
     pub(crate) sheet: &'a Sheet,
     pub(crate) wires: &'a [usize],
+    /// Where that takes the place of the model.
+    pub(crate) presses: Option<&'a PressCalibration>,
 }
 
 fn machine() -> String {
@@ -105,6 +115,8 @@ impl SessionRecord {
             sheet: sheet_text(of.sheet)?,
             wires: of.wires.to_vec(),
             calibration: calibration.transpose()?,
+            presses: of.presses.map(|presses| presses.text.clone()),
+            learned_from: of.presses.map(|presses| presses.presses),
             uncalibrated_n_per_mm2: options.uncalibrated_n_per_mm2.filter(|_| options.calibration.is_none()),
             find_electrodes: options.find_electrodes,
             baseline_frames: options.baseline_frames,
@@ -146,6 +158,15 @@ impl SessionRecord {
     fn calibration(&self) -> Result<Option<Calibration>> {
         let read = |text: &String| calibration_file::parse("the calibration of the recording", text);
         Ok(self.calibration.as_ref().map(read).transpose()?)
+    }
+
+    /// What presses taught, where that takes the place of the model.
+    ///
+    /// # Errors
+    /// It is damaged.
+    pub(crate) fn presses(&self) -> Result<Option<PressCalibration>> {
+        let read = |text: &String| presses::file::parse("the calibration of the recording".to_owned(), text.clone());
+        Ok(self.presses.as_ref().map(read).transpose()?)
     }
 
     /// Whether its forces are those of a typical rubber.

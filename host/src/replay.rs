@@ -9,7 +9,7 @@ use crate::live_run::Run;
 use crate::page::page;
 use crate::recorded::SessionRecord;
 use crate::replayed::Replayed;
-use crate::run::imager;
+use crate::run::{imager, shown_source};
 use crate::run_arguments::ShowArguments;
 use crate::say::say;
 use crate::script::{Script, Step};
@@ -107,8 +107,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let session = &board.session;
     let mut script = Script::open(path)?;
     let mut live = Live::new(imager(session, &record.sheet()?, &record.wires)?, record.options()?);
+    let learned = record.presses()?;
+    if let Some(learned) = &learned {
+        live = live.with_learned(learned.taught());
+    }
     let page = (!arguments.show.json).then(|| page(&arguments.show)).transpose()?;
-    let source = format!("recording of {}", record.source);
+    let source = shown_source(&format!("recording of {}", record.source), learned.as_ref());
     let mut run = Run {
         show: &arguments.show,
         seconds: None,

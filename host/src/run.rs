@@ -4,10 +4,12 @@ use crate::baselines::{Baselines, state_folder};
 use crate::commands::Commands;
 use crate::config::Config;
 use crate::files::baseline_file::{Subject, unix_s};
-use crate::files::calibration_file;
 use crate::live_output::Output;
 use crate::live_run::Run;
 use crate::page::page;
+use crate::presses::file::PressCalibration;
+use crate::presses::live::Chosen;
+use crate::presses::locate;
 use crate::recorded::{Notes, Recorded, SessionRecord};
 use crate::recording_file::RecordTo;
 use crate::run_arguments::{ShowArguments, SourceArguments, Start};
@@ -79,15 +81,17 @@ pub(crate) fn live(arguments: &SourceArguments, outputs: &Outputs<'_>) -> Result
     let stop = ending::flag()?;
     let config = Config::load()?;
     let calibration = arguments.calibration.as_deref().or(config.calibration.as_deref());
-    let calibration = calibration.map(calibration_file::read).transpose()?;
+    let calibration = Chosen::read(calibration, arguments)?;
     let scene = arguments.scene.as_deref().map(scene::load).transpose()?.map(|mut s| {
         s.scene.loop_s.get_or_insert(s.duration_s);
         s
     });
-    let sheet = match &scene {
-        Some(scene) => scene.sheet.clone(),
-        None => sheet::load(arguments.sheet.as_deref().or(config.sheet.as_deref()))?.0,
+    let given = match (&scene, arguments.sheet.as_deref().or(config.sheet.as_deref())) {
+        (Some(scene), _) => Some(scene.sheet.clone()),
+        (None, Some(path)) => Some(sheet::load(Some(path))?.0),
+        (None, None) => None,
     };
+    let sheet = calibration.sheet(given)?.unwrap_or_else(Sheet::paper);
     let recording = outputs.record.map(RecordTo::new).transpose()?;
     let Source {
         session,
@@ -108,12 +112,18 @@ pub(crate) fn live(arguments: &SourceArguments, outputs: &Outputs<'_>) -> Result
     // Before anything is computed: it may be refused.
     let stored = (arguments.baseline == Start::Stored).then(|| baselines.start_from_stored());
     let stored = stored.transpose()?;
+    let learned = calibration.learned.as_ref();
+    let pattern = pattern(&session, &arguments.wires)?;
+    if let Some(learned) = learned {
+        locate::order(learned, &source, pattern.measurements())?;
+    }
     let options = LiveOptions {
         baseline_frames: arguments.baseline_frames.unwrap_or_else(|| baseline_frames(&session)),
         polarity: arguments.rise,
         find_electrodes: !arguments.trust_electrodes,
-        calibration,
-        uncalibrated_n_per_mm2: calibration.is_none().then_some(TYPICAL_N_PER_MM2),
+        calibration: calibration.rubber,
+        // Of a learned touch only the strength is known.
+        uncalibrated_n_per_mm2: (calibration.rubber.is_none() && learned.is_none()).then_some(TYPICAL_N_PER_MM2),
         ..LiveOptions::default()
     };
     let started_unix_s = match &recording {
@@ -126,10 +136,14 @@ pub(crate) fn live(arguments: &SourceArguments, outputs: &Outputs<'_>) -> Result
         values: session.plan().value_count(),
         sheet: &sheet,
         wires: &arguments.wires,
+        presses: learned,
     };
     let record = SessionRecord::new(&recorded, &options, started_unix_s)?;
     let recorder = recording.map(|r| r.begin(&record)).transpose()?;
-    let mut live = Live::new(imager(&session, &sheet, &arguments.wires)?, options);
+    let mut live = Live::new(modelled(&sheet, pattern)?, options);
+    if let Some(learned) = learned {
+        live = live.with_learned(learned.taught());
+    }
     if record.is_uncalibrated() {
         say!("forces are those of a typical rubber, uncalibrated; skin calibrate measures this one");
     }
@@ -141,7 +155,7 @@ pub(crate) fn live(arguments: &SourceArguments, outputs: &Outputs<'_>) -> Result
         live: &mut live,
         gestures: Gestures::new(record.gestures()),
         commands: Commands::new(&outputs.show.on)?,
-        output: &mut Output::new(open_page(outputs)?, outputs.show.json, source.clone()),
+        output: &mut Output::new(open_page(outputs)?, outputs.show.json, shown_source(&source, learned)),
         baselines: &mut baselines,
         watch: watch_of(arguments, &session)?,
         held,
@@ -163,8 +177,27 @@ pub(crate) fn live(arguments: &SourceArguments, outputs: &Outputs<'_>) -> Result
 
 /// The model of a session's sheet.
 pub(crate) fn imager(session: &Session, sheet: &Sheet, wires: &[usize]) -> Result<Arc<Imager>> {
+    modelled(sheet, pattern(session, wires)?)
+}
+
+/// The source as it is shown: of a learned sheet a touch is a part of its usual press.
+pub(crate) fn shown_source(source: &str, learned: Option<&PressCalibration>) -> String {
+    match learned {
+        Some(learned) => format!(
+            "{source}, taught by {} presses: 100 % is the usual one",
+            learned.presses
+        ),
+        None => source.to_owned(),
+    }
+}
+
+/// What a session measures on the sheet.
+fn pattern(session: &Session, wires: &[usize]) -> Result<Pattern> {
     let pattern = Pattern::from_pairs(session.electrodes(), session.measurements())?;
-    let pattern = sheet::rewired(pattern, wires)?;
+    sheet::rewired(pattern, wires)
+}
+
+fn modelled(sheet: &Sheet, pattern: Pattern) -> Result<Arc<Imager>> {
     let cell_mm = sheet::cell_mm(sheet)?;
     let modelled = progress::meanwhile("modelling the sheet", false, || {
         Imager::new(sheet, Drive::PAPER, pattern, cell_mm)

@@ -66,7 +66,8 @@ pub(crate) struct SourceArguments {
     /// Folder of the stored baselines [default: $XDG_STATE_HOME/skin or ~/.local/state/skin, and none for a simulated skin].
     #[arg(long, value_name = "DIR")]
     pub(crate) state_dir: Option<PathBuf>,
-    /// Forces in newtons with the creep of the rubber taken out, by what `skin calibrate` wrote.
+    /// What `skin calibrate` wrote: forces in newtons with the creep of the rubber taken out; or, by `skin calibrate presses`, the touches of a
+    /// sheet that no model describes.
     #[arg(long, value_name = "FILE")]
     pub(crate) calibration: Option<PathBuf>,
 }

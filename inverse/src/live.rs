@@ -1,6 +1,7 @@
 //! A stream of frames to pictures: takes the baseline, then reconstructs, follows touches and computes their forces.
 
 use crate::force::meter::{Calibration, ForceMeter};
+use crate::learned::{LearnedSheet, PressFollower};
 use crate::pipeline::{FrameResult, Reconstructor, ReconstructorOptions};
 use crate::quality::doubt::Doubt;
 use crate::reference::Reference;
@@ -79,6 +80,8 @@ pub struct Live {
     tracker: Tracker,
     radius_filter: RadiusFilter,
     meter: Option<ForceMeter>,
+    /// What presses taught, where that takes the place of the model.
+    learned: Option<LearnedSheet>,
     /// When the frame before was measured, s.
     before_s: Option<f64>,
     /// Time from a frame to the next, s, as last seen.
@@ -90,7 +93,24 @@ pub struct Live {
 /// What a baseline makes possible.
 struct Running {
     inspection: Inspection,
-    reconstructor: Reconstructor,
+    way: Way,
+}
+
+/// How touches are found.
+enum Way {
+    /// By the sheet's model.
+    Model(Box<Reconstructor>),
+    /// By what presses at known places taught.
+    Presses(Box<PressFollower>),
+}
+
+impl Way {
+    fn imager(&self) -> &Arc<Imager> {
+        match self {
+            Self::Model(reconstructor) => reconstructor.imager(),
+            Self::Presses(follower) => follower.imager(),
+        }
+    }
 }
 
 impl Live {
@@ -104,6 +124,7 @@ impl Live {
             meter: options.calibration.map(|c| ForceMeter::new(&imager, c)),
             taker: Some(BaselineTaker::new(values, options.baseline_frames)),
             running: None,
+            learned: None,
             before_s: None,
             interval_s: None,
             gone_since_s: None,
@@ -112,11 +133,17 @@ impl Live {
         }
     }
 
+    /// Finds touches by what presses at known places taught instead of by the sheet's model, from the next baseline on. Of a touch
+    /// the rise is then its strength over the usual press, and the area that of the spot that is drawn.
+    #[must_use]
+    pub fn with_learned(mut self, learned: LearnedSheet) -> Self {
+        self.learned = Some(learned);
+        self
+    }
+
     /// The model behind: after the baseline, with the electrodes where that showed them to be.
     pub fn imager(&self) -> &Arc<Imager> {
-        self.running
-            .as_ref()
-            .map_or(&self.nominal, |r| r.reconstructor.imager())
+        self.running.as_ref().map_or(&self.nominal, |r| r.way.imager())
     }
 
     /// Takes the baseline anew, from the next frame on.
@@ -181,11 +208,19 @@ impl Live {
             self.put_in_force(baseline)?;
             return Ok(LiveFrame::Baseline { left: 0 });
         }
-        let Some(Running { reconstructor, .. }) = &mut self.running else {
+        let Some(Running { way, .. }) = &mut self.running else {
             return Ok(LiveFrame::Baseline { left: 0 });
         };
         let interval_s = self.before_s.replace(time_s).map(|before| time_s - before);
         self.interval_s = interval_s.filter(|s| *s > 0.0).or(self.interval_s);
+        let reconstructor = match way {
+            Way::Model(reconstructor) => reconstructor,
+            Way::Presses(follower) => {
+                let result = follower.frame(values_v, interval_s)?;
+                self.tracker.update(time_s, &mut result.touches);
+                return Ok(LiveFrame::Picture(result));
+            }
+        };
         let result = reconstructor.frame_after(values_v, self.interval_s)?;
         let gone = matches!(result.doubt, Some(Doubt::Gone { .. })) && result.touches.is_empty();
         self.gone_since_s = gone.then(|| self.gone_since_s.unwrap_or(time_s));
@@ -212,6 +247,14 @@ impl Live {
             // What is pressed in now belongs to the baseline.
             meter.rest();
         }
+        if let Some(learned) = &self.learned {
+            let follower = PressFollower::new(learned, Arc::clone(&self.nominal), &baseline.values_v);
+            self.running = Some(Running {
+                inspection: Inspection::unlooked(&self.nominal, baseline),
+                way: Way::Presses(Box::new(follower)),
+            });
+            return Ok(());
+        }
         let options = InspectionOptions::default();
         let inspection = inspect(&self.nominal, baseline, self.options.find_electrodes, &options);
         // Electrodes that a baseline does not tell are where the one before showed them to be.
@@ -223,7 +266,7 @@ impl Live {
         };
         let reference = Reference::of(imager, &inspection.baseline)?;
         self.running = Some(Running {
-            reconstructor: Reconstructor::new(reference, options).after(inspection.fault),
+            way: Way::Model(Box::new(Reconstructor::new(reference, options).after(inspection.fault))),
             inspection,
         });
         Ok(())

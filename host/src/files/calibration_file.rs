@@ -93,7 +93,7 @@ pub(crate) fn parse(file: &str, text: &str) -> Result<Calibration, CalibrationFi
     };
     if kind(text).as_deref() == Some(PRESSES) {
         let message =
-            "it is a calibration from presses, which skin reconstruct --calibration uses; the rubber's is needed here";
+            "it is a calibration from presses, which skin run and skin reconstruct use; the rubber's is needed here";
         return Err(malformed(message.to_owned()));
     }
     let keys: Keys = toml::from_str(text).map_err(|e| malformed(e.to_string().trim_end().to_owned()))?;

@@ -132,8 +132,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         write!(out, "{}", words(&line))?;
     }
     eprintln!(
-        "{}: written; skin reconstruct TABLE --calibration {} locates presses with it",
-        arguments.out.display(),
+        "{0}: written; skin run --calibration {0} and skin reconstruct TABLE --calibration {0} locate touches with it",
         arguments.out.display()
     );
     Ok(())

@@ -4,10 +4,11 @@ use crate::files::calibration_file::{CalibrationFileError, PRESSES, kind};
 use crate::files::replace::replace;
 use ::forward::file::{MOST_ELECTRODES, parse_sheet};
 use ::forward::{Measurement, Pair, Sheet};
-use inverse::learned::{Findings, Learned, Stored};
+use inverse::learned::{Findings, Learned, LearnedSheet, Stored};
 use serde::{Deserialize, Serialize};
 use std::io::Write;
 use std::path::Path;
+use std::sync::Arc;
 
 /// The version that is written and read.
 const VERSION: u32 = 1;
@@ -15,7 +16,8 @@ const VERSION: u32 = 1;
 const DIGITS: usize = 7;
 
 const HEAD: &str = "\
-# Calibration of a tactile skin from presses at known places, for `skin reconstruct TABLE --calibration FILE`.
+# Calibration of a tactile skin from presses at known places, for `skin run --calibration FILE` and
+# `skin reconstruct TABLE --calibration FILE`.
 # measurements: drive_a, drive_b, sense_a, sense_b of every value that it was made with; electrodes count from 1.
 # [found] says what was found, [model] how well the sheet's model locates the same presses. [learned] holds the maps
 # (docs/real-skins.md).
@@ -64,8 +66,10 @@ struct Keys {
 pub(crate) struct PressCalibration {
     /// The file it was read from.
     pub file: String,
+    /// Its text.
+    pub text: String,
     /// What locates presses.
-    pub learned: Learned,
+    pub learned: Arc<Learned>,
     /// The measurements that a frame's values are of, in this order.
     pub measurements: Vec<Measurement>,
     /// Whether it was made from columns that hold changes.
@@ -76,6 +80,16 @@ pub(crate) struct PressCalibration {
     pub error_mm: f64,
     /// The sheet of a model that locates the presses better, with the median distance of these, mm.
     pub better: Option<(Sheet, f64)>,
+}
+
+impl PressCalibration {
+    /// What it taught, for frames of a board.
+    pub(crate) fn taught(&self) -> LearnedSheet {
+        LearnedSheet {
+            learned: Arc::clone(&self.learned),
+            measurements: self.measurements.clone(),
+        }
+    }
 }
 
 fn row(m: &Measurement) -> [usize; 4] {
@@ -157,14 +171,21 @@ pub(crate) fn is(path: &Path) -> bool {
 /// [`CalibrationFileError`] says what to do.
 pub(crate) fn read(path: &Path) -> Result<PressCalibration, CalibrationFileError> {
     let file = path.display().to_string();
+    match std::fs::read_to_string(path) {
+        Ok(text) => parse(file, text),
+        Err(cause) => Err(CalibrationFileError::Io { file, cause }),
+    }
+}
+
+/// Reads the text of one; `file` is its name in messages.
+///
+/// # Errors
+/// [`CalibrationFileError`] says what to do.
+pub(crate) fn parse(file: String, text: String) -> Result<PressCalibration, CalibrationFileError> {
     let malformed = |message: String| CalibrationFileError::Malformed {
         file: file.clone(),
         message,
     };
-    let text = std::fs::read_to_string(path).map_err(|cause| CalibrationFileError::Io {
-        file: file.clone(),
-        cause,
-    })?;
     let keys: Keys = toml::from_str(&text).map_err(|e| malformed(e.message().to_owned()))?;
     if keys.version != VERSION {
         let message = format!(
@@ -201,8 +222,9 @@ pub(crate) fn read(path: &Path) -> Result<PressCalibration, CalibrationFileError
         .map_err(|e| malformed(format!("its sheet: {e}")))?;
     Ok(PressCalibration {
         file,
+        text,
         better,
-        learned,
+        learned: Arc::new(learned),
         measurements,
         difference: keys.difference,
         presses: keys.found.presses,

@@ -5,15 +5,12 @@ use super::file::PressCalibration;
 use crate::files::before;
 use crate::files::measurements::MeasurementTable;
 use crate::progress::Progress;
+use ::forward::Measurement;
 use anyhow::{Result, bail};
-use inverse::learned::{Located, Presence};
+use inverse::learned::{Located, Order, Presence};
 use serde::Serialize;
-use std::collections::HashMap;
 use std::io::{BufWriter, Write};
 use std::path::Path;
-
-/// A frame whose residuals are this many times as large as in presses that were learned from, in variances, is doubted.
-const DOUBTED: f64 = 6.0;
 
 /// What the frames are compared with.
 pub(crate) struct Comparison<'a> {
@@ -52,54 +49,26 @@ struct FrameLine<'a> {
     doubt: Option<String>,
 }
 
-/// Brings the rows of a table into the order of a calibration.
-struct Rows {
-    /// For every measurement of the calibration the row of the table and the sign; none where the table has no such row.
-    rows: Vec<Option<(usize, f64)>>,
-}
-
-impl Rows {
-    fn new(table: &MeasurementTable, calibration: &PressCalibration) -> Result<Self> {
-        let file = &calibration.file;
-        let places: HashMap<_, _> = table.measurements.iter().enumerate().map(|(k, m)| (*m, k)).collect();
-        let find = |m: &::forward::Measurement| {
-            let turned = |drive: bool, sense: bool| ::forward::Measurement {
-                drive: if drive { m.drive.reversed() } else { m.drive },
-                sense: if sense { m.sense.reversed() } else { m.sense },
-            };
-            [
-                (false, false, 1.0),
-                (false, true, -1.0),
-                (true, false, -1.0),
-                (true, true, 1.0),
-            ]
-            .iter()
-            .find_map(|(d, s, sign)| places.get(&turned(*d, *s)).map(|k| (*k, *sign)))
-        };
-        let rows: Vec<_> = calibration.measurements.iter().map(find).collect();
-        let missing = rows.iter().filter(|r| r.is_none()).count();
-        if missing * 2 > rows.len() {
-            bail!(
-                "{}: it has {} of the {} measurements that {file} was made with; calibrate with tables of this pattern",
-                table.file,
-                rows.len() - missing,
-                rows.len()
-            );
-        }
-        if missing > 0 {
-            eprintln!(
-                "warning: {}: {missing} of the {} measurements of {file} are not in it and are taken as missing",
-                table.file,
-                rows.len()
-            );
-        }
-        Ok(Self { rows })
+/// Where the measurements of a calibration are among those of a table or a board; `of` names that.
+///
+/// # Errors
+/// Too few of them are there.
+pub(crate) fn order(calibration: &PressCalibration, of: &str, among: &[Measurement]) -> Result<Order> {
+    let file = &calibration.file;
+    let order = Order::new(&calibration.measurements, among);
+    let (missing, all) = (order.missing(), order.len());
+    if missing * 2 > all {
+        bail!(
+            "{of}: it has {} of the {all} measurements that {file} was made with; calibrate with this pattern",
+            all - missing
+        );
     }
-
-    fn ordered(&self, change: &[f64]) -> Vec<f64> {
-        let value = |row: &Option<(usize, f64)>| row.map_or(f64::NAN, |(k, sign)| sign * change[k]);
-        self.rows.iter().map(value).collect()
+    if missing > 0 {
+        eprintln!(
+            "warning: {of}: {missing} of the {all} measurements of {file} are not in it and are taken as missing"
+        );
     }
+    Ok(order)
 }
 
 /// Locates the presses of a table's frames, in order: what a press leaves behind is taken from the next one.
@@ -114,7 +83,7 @@ pub(crate) fn run(
     no_progress: bool,
 ) -> Result<()> {
     let file = &calibration.file;
-    let rows = Rows::new(table, calibration)?;
+    let order = order(calibration, &table.file, &table.measurements)?;
     if calibration.difference != comparison.difference {
         eprintln!(
             "notice: {file} was made from {}, and these columns are {}: both have to be in the same unit",
@@ -131,7 +100,7 @@ pub(crate) fn run(
     let mut before_mm = None;
     let mut out = BufWriter::new(std::io::stdout().lock());
     for (k, frame) in frames.iter().enumerate() {
-        let change = rows.ordered(&frame.change);
+        let change = order.ordered(&frame.change);
         let presence = calibration.learned.locate(&change, before_mm);
         if let Some(press) = presence.presses.first() {
             before_mm = Some(press.place_mm);
@@ -194,13 +163,7 @@ fn doubt(presence: &Presence, used: usize) -> Option<String> {
     if used == 0 {
         return Some("no value that can be used".to_owned());
     }
-    (presence.misfit > DOUBTED).then(|| {
-        format!(
-            "what the touches leave over is {:.1} times as large as in the presses of the calibration; look at the contacts, \
-             or calibrate anew",
-            presence.misfit.sqrt()
-        )
-    })
+    presence.doubt().map(|doubt| doubt.to_string())
 }
 
 /// Four significant digits.

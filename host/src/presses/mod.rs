@@ -4,6 +4,7 @@ pub(crate) mod bench;
 pub(crate) mod calibrate;
 mod changes;
 pub(crate) mod file;
+pub(crate) mod live;
 pub(crate) mod locate;
 mod model;
 mod truth;

@@ -16,6 +16,7 @@ mod help;
 mod json_lines;
 mod paper;
 mod presses;
+mod presses_live;
 mod program;
 mod real_data;
 mod reconnect;

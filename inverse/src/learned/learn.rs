@@ -356,6 +356,11 @@ impl Learned {
         presence
     }
 
+    /// Distance below which two presses cannot be told from one between them, mm.
+    pub fn resolution_mm(&self) -> f64 {
+        self.locator.maps().near_mm()
+    }
+
     /// The numbers that make it.
     pub fn stored(&self) -> Stored {
         Stored {

@@ -3,6 +3,7 @@
 use super::maps::{Maps, symmetric_eigen};
 use crate::linalg::aligned::Aligned;
 use crate::linalg::kernels::{LANES, dots_of, padded};
+use crate::quality::doubt::Doubt;
 use nalgebra::{Cholesky, DMatrix, DVector, Matrix2, Vector2};
 use pulp::Arch;
 use std::collections::BTreeMap;
@@ -72,6 +73,18 @@ pub struct Presence {
     /// By how much the logarithm of the evidence rises with every press more that was tried, the last of which was not
     /// accepted.
     pub gains: Vec<f64>,
+}
+
+/// A frame whose residuals are this many times as large as in presses that were learned from, in variances, is doubted.
+const DOUBTED: f64 = 6.0;
+
+impl Presence {
+    /// What speaks against it: a change that is not like that of the presses that were learned from.
+    pub fn doubt(&self) -> Option<Doubt> {
+        (self.misfit > DOUBTED).then(|| Doubt::UnlikePresses {
+            times: self.misfit.sqrt(),
+        })
+    }
 }
 
 /// The maps on a grid, whitened by the covariance of what they leave over.

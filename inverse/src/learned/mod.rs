@@ -6,12 +6,14 @@
 
 mod choice;
 mod correction;
+mod follower;
 mod harmonics;
 pub mod kernel_ridge;
 mod learn;
 mod locator;
 mod maps;
 mod orbits;
+mod order;
 mod rest;
 mod search;
 mod symmetry;
@@ -22,7 +24,10 @@ mod tests;
 
 pub use choice::Setting;
 pub use correction::StoredCorrection;
+pub use follower::LearnedSheet;
+pub(crate) use follower::PressFollower;
 pub use learn::{FEWEST, Findings, LearnError, Learned, Press, Stored, learn};
 pub use locator::{Located, Presence};
 pub use maps::StoredMaps;
+pub use order::Order;
 pub use symmetry::turn;

@@ -7,6 +7,8 @@ use rand::{Rng, SeedableRng};
 use rand_distr::StandardNormal;
 use std::f64::consts::TAU;
 
+mod live;
+
 const REACH_MM: f64 = 50.0;
 
 /// A skin that answers with bumps, which turn with the electrodes.

@@ -19,6 +19,11 @@ pub enum Doubt {
     NotThisSheet,
     /// Something changed, but no touches explain it.
     NotTouches,
+    /// With a calibration from presses: what touches leave over is larger than in those presses.
+    UnlikePresses {
+        /// By so many times.
+        times: f64,
+    },
     /// Something is broken, and touches are not to be had, or less certain: contacts that changed are taken out.
     Fault(Fault),
     /// Something that lay on the sheet when the baseline was taken has gone.
@@ -96,6 +101,11 @@ impl fmt::Display for Doubt {
                      touches {change} the resistance of this sheet, say --rise {rise}"
                 )
             }
+            Self::UnlikePresses { times } => write!(
+                f,
+                "what the touches leave over is {times:.1} times as large as in the presses of the calibration; look at the \
+                 contacts, or calibrate anew"
+            ),
             Self::NotTouches => write!(
                 f,
                 "no touches of the expected size explain the change: shown are the picture's peaks, of other objects or of \

@@ -44,7 +44,8 @@ export class Trace {
   /** Draws the ten seconds up to `now`, ms of the board's time, if that looks otherwise than what is drawn. */
   draw(now) {
     const { context: c, w, h, anew } = fit(this.canvas);
-    const plot = { x: 34, y: 6, w: w - 34 - 27, h: h - 6 - 18 };
+    // Room for "1000 %" on the left and a number on the right.
+    const plot = { x: 44, y: 6, w: w - 44 - 27, h: h - 6 - 18 };
     // It moves by whole pixels; where there is no line nothing does.
     this.pixelMs = SPAN_MS / Math.max(1, plot.w * (window.devicePixelRatio || 1));
     const key = this.lines.size || this.top > LEAST ? Math.floor(now / this.pixelMs) : "still";
