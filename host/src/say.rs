@@ -2,7 +2,7 @@
 
 use recording::Tap;
 use std::fmt::Arguments;
-use std::io::Write;
+use std::io::{IsTerminal, Write};
 use std::sync::OnceLock;
 
 static RECORDED: OnceLock<Tap> = OnceLock::new();
@@ -28,6 +28,11 @@ macro_rules! say {
     ($($text:tt)*) => { $crate::say::line(format_args!($($text)*)) };
 }
 pub(crate) use say;
+
+/// Whether what goes there may have colours: a terminal, unless NO_COLOR is set.
+pub(crate) fn is_coloured(to: &impl IsTerminal) -> bool {
+    to.is_terminal() && !std::env::var_os("NO_COLOR").is_some_and(|v| !v.is_empty())
+}
 
 /// Writes to stdout, for `println!`. Whoever closed it has read enough: then the program ends well.
 pub(crate) fn out(text: Arguments<'_>) {
