@@ -57,6 +57,7 @@ mod recording_file;
 mod recover;
 mod replay;
 mod replayed;
+mod report;
 mod rise;
 mod run;
 mod run_arguments;
@@ -147,6 +148,8 @@ enum Command {
     Sim(sim::Arguments),
     /// What is wrong with board, wires and computer, and what to do.
     Doctor(doctor::Arguments),
+    /// One file with what whoever is to find a fault needs to know.
+    Report(report::Arguments),
     /// What a board measures, watches and does at power-up.
     ///
     /// Shows, sets, stores and forgets it.
@@ -178,6 +181,7 @@ fn main() -> ExitCode {
         Some(Command::List(arguments)) => list::run(&arguments),
         Some(Command::Hello(arguments)) => hello::run(&arguments),
         Some(Command::Doctor(arguments)) => doctor::run(&arguments),
+        Some(Command::Report(arguments)) => report::run(&arguments),
         Some(Command::Sim(arguments)) => sim::run(&arguments),
         Some(Command::Settings(arguments)) => settings::run(&arguments),
         Some(Command::Run(arguments)) => run::run(&arguments),

@@ -126,11 +126,21 @@ const SILENCE: Duration = Duration::from_secs(3);
 /// How long a board may take to say what it counted or is set to.
 const ANSWER: Duration = Duration::from_secs(1);
 
-/// Examines what the command line names; what passes is recorded by a tap.
+/// Is told of a session, its sheet and its source before the first frame is taken.
+pub(crate) type Begin<'a> = &'a mut dyn FnMut(&Session, &Sheet, &str);
+
+/// Records what passes while a board is examined.
+pub(crate) struct Witness<'a> {
+    /// What passes by the port goes here, too.
+    pub(crate) tap: &'a Tap,
+    pub(crate) begin: Begin<'a>,
+}
+
+/// Examines what the command line names.
 ///
 /// # Errors
 /// What is asked for makes no sense: a file that cannot be read, several boards. A board that is not there or broken is no error.
-pub(crate) fn of(examined: &Examined, tap: Option<&Tap>) -> Result<Facts> {
+pub(crate) fn of(examined: &Examined, witness: Option<Witness<'_>>) -> Result<Facts> {
     if let Some(recording) = &examined.from {
         return of_recording(recording, examined.seconds);
     }
@@ -145,8 +155,13 @@ pub(crate) fn of(examined: &Examined, tap: Option<&Tap>) -> Result<Facts> {
     } else {
         Origin::Port
     };
+    let tap = witness.as_ref().map(|w| w.tap);
     match choice.connect_or(tap, bench) {
-        Ok(connected) => Ok(gather(connected, origin, sheet, &examined.wires, examined.seconds)),
+        Ok(connected) => {
+            let begin = witness.map(|w| w.begin);
+            let (wires, seconds) = (&examined.wires, examined.seconds);
+            Ok(gather(connected, origin, sheet, wires, seconds, begin))
+        }
         Err(why) if why.is::<crate::usage::Usage>() => Err(why),
         Err(why) => {
             let link = why.chain().find_map(|e| e.downcast_ref::<link::LinkError>());
@@ -170,7 +185,14 @@ pub(crate) fn of(examined: &Examined, tap: Option<&Tap>) -> Result<Facts> {
 pub(crate) const NOBODY: &str = "no board answered";
 
 /// Asks a board, lets it test itself, and takes frames for so many seconds of its time.
-pub(crate) fn gather(connected: Connected, origin: Origin, sheet: Sheet, wires: &[usize], seconds: f64) -> Facts {
+pub(crate) fn gather(
+    connected: Connected,
+    origin: Origin,
+    sheet: Sheet,
+    wires: &[usize],
+    seconds: f64,
+    begin: Option<Begin<'_>>,
+) -> Facts {
     let Connected { link, hello, source } = connected;
     // A damaged line may take the answer.
     let self_test = hello::self_test(&link).or_else(|_| hello::self_test(&link));
@@ -181,6 +203,9 @@ pub(crate) fn gather(connected: Connected, origin: Origin, sheet: Sheet, wires: 
     let before = counters(&link);
     let (measured, after) = match Session::start_on(link, live_plan) {
         Ok(session) => {
+            if let Some(begin) = begin {
+                begin(&session, &sheet, &source);
+            }
             let next = || loop {
                 match session.frame(LOOK)? {
                     Some(frame) => return Ok(Some(frame)),

@@ -11,16 +11,16 @@ mod tests;
 mod values;
 mod wire;
 
+pub(crate) use arguments::Examined;
+pub(crate) use facts::{Facts, Origin, Witness};
+
 use crate::files::baseline_file::unix_s;
 use crate::recorded::{BoardRecord, PROGRAM};
 use crate::say::{is_coloured, say};
 use crate::usage::Unfit;
 use anyhow::Result;
-use arguments::Examined;
 use clap::Args;
-use facts::Facts;
 use line::{Light, Line};
-use recording::Tap;
 use serde::Serialize;
 use std::io::Write;
 use std::path::Path;
@@ -117,17 +117,17 @@ impl Examination {
     }
 }
 
-/// Measures what the command line names; what passes between board and program is recorded by a tap.
+/// Measures what the command line names, before a witness.
 ///
 /// # Errors
 /// A file that cannot be read, several boards. A board that is not there is no error, but what is found.
-pub(crate) fn measure(examined: &Examined, tap: Option<&Tap>) -> Result<Facts> {
+pub(crate) fn measure(examined: &Examined, witness: Option<Witness<'_>>) -> Result<Facts> {
     match &examined.from {
         Some(path) => say!("the first {:.1} s of {}", examined.seconds, path.display()),
-        None if examined.simulate => {}
+        None if examined.simulate => say!("measuring a simulated board for {:.1} s", examined.seconds),
         None => say!("measuring for {:.1} s, do not touch the sheet", examined.seconds),
     }
-    facts::of(examined, tap)
+    facts::of(examined, witness)
 }
 
 /// Runs the command.

@@ -25,7 +25,14 @@ fn facts(preset: Preset, excitation_permille: u16) -> Facts {
     })
     .unwrap();
     let source = "simulated".to_owned();
-    gather(Connected { link, hello, source }, Origin::Simulated, sheet, &[], 1.0)
+    gather(
+        Connected { link, hello, source },
+        Origin::Simulated,
+        sheet,
+        &[],
+        1.0,
+        None,
+    )
 }
 
 fn line(facts: &Facts, state: Option<&Path>, name: &str) -> Line {

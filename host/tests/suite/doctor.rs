@@ -174,6 +174,30 @@ fn without_a_board_the_computer_is_examined_all_the_same() {
     assert_eq!(run.status.code(), Some(2));
 }
 
+/// By a port, whose board's time is this computer's. What depends on how fast that is, or on the touch of the scene, is not looked at.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_board_behind_a_port_is_asked_by_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let port = folder.path().join("board");
+    let _board = crate::reconnect::simulated(&port);
+    let state = folder.path().join("state");
+    let (board, _) = doctor(&["--port", text(&port), "--state-dir", text(&state), "--seconds", "0.5"]);
+    for (name, light) in [
+        ("port", "ok"),
+        ("board", "ok"),
+        ("self_test", "ok"),
+        ("latency_timer", "not_known"),
+        ("baseline", "look"),
+    ] {
+        assert_eq!(line(&board, name)["light"], light, "{name}: {board}");
+    }
+    assert!(
+        line(&board, "rate")["figures"]["arrived_per_s"].as_f64() > Some(0.0),
+        "{board}"
+    );
+}
+
 /// A recording has frames and no board: what it cannot say is not known, and never said to be well.
 #[test]
 fn a_recording_says_what_it_can() {
@@ -238,4 +262,136 @@ fn people_read_words_and_no_escape_sequences_in_a_pipe() {
             .code(),
         Some(2)
     );
+}
+
+/// The files of a zip archive that is not compressed, by its local headers: name and bytes.
+fn unzipped(archive: &[u8]) -> Vec<(String, Vec<u8>)> {
+    let number = |at: usize, size: usize| {
+        let bytes = archive[at..at + size].iter().rev();
+        bytes.fold(0usize, |n, b| n << 8 | usize::from(*b))
+    };
+    let (mut at, mut files) = (0, Vec::new());
+    while archive[at..].starts_with(b"PK\x03\x04") {
+        let (size, name, extra) = (number(at + 18, 4), number(at + 26, 2), number(at + 28, 2));
+        let start = at + 30 + name + extra;
+        let name = String::from_utf8(archive[at + 30..at + 30 + name].to_vec()).unwrap();
+        files.push((name, archive[start..start + size].to_vec()));
+        at = start + size;
+    }
+    assert!(archive[at..].starts_with(b"PK\x01\x02"));
+    files
+}
+
+/// The files of a report, and what was said while it was made.
+fn report(
+    folder: &std::path::Path,
+    arguments: &[&str],
+    environment: &[(&str, &str)],
+) -> (Vec<(String, String)>, String) {
+    let file = folder.join("report.zip");
+    let mut command = program(&[&["report", text(&file)], arguments].concat());
+    let run = command.envs(environment.iter().copied()).output().unwrap();
+    assert_eq!(run.status.code(), Some(0), "{}", said(&run));
+    let files = unzipped(&std::fs::read(&file).unwrap());
+    match std::process::Command::new("python3")
+        .args(["-m", "zipfile", "-t", text(&file)])
+        .output()
+    {
+        Ok(python) => assert!(python.status.success(), "{python:?}"),
+        Err(why) => eprintln!("not tried: python3: {why}"),
+    }
+    // Nothing is left beside it.
+    let left: Vec<_> = std::fs::read_dir(folder)
+        .unwrap()
+        .map(|e| e.unwrap().file_name())
+        .collect();
+    assert!(
+        left.iter().all(|name| !name.to_str().unwrap().contains("report.zip.")),
+        "{left:?}"
+    );
+    let recording = files.iter().find(|(name, _)| name == "recording.mcap");
+    if let Some((_, bytes)) = recording {
+        std::fs::write(folder.join("of-report.mcap"), bytes).unwrap();
+    }
+    let texts = files
+        .into_iter()
+        .map(|(name, bytes)| (name, String::from_utf8_lossy(&bytes).into_owned()));
+    (texts.collect(), said(&run))
+}
+
+fn names(files: &[(String, String)]) -> Vec<&str> {
+    files.iter().map(|(name, _)| name.as_str()).collect()
+}
+
+#[test]
+fn a_report_holds_what_it_says_and_its_recording_tells_the_same() {
+    let folder = tempfile::tempdir().unwrap();
+    let config = folder.path().join("config.toml");
+    let home = folder.path().join("a-name");
+    std::fs::create_dir(&home).unwrap();
+    std::fs::write(&config, format!("calibration = {:?}\n", home.join("none.toml"))).unwrap();
+    let environment = [("SKIN_CONFIG", text(&config)), ("HOME", text(&home))];
+    let arguments = ["--simulate", "--preset", "drawn_board", "--fault", "electrode_open:3@0"];
+    let (files, said) = report(folder.path(), &arguments, &environment);
+    let expected = [
+        "README.txt",
+        "doctor.txt",
+        "doctor.json",
+        "versions.json",
+        "settings.txt",
+        "log.txt",
+        "recording.mcap",
+        "config.toml",
+    ];
+    assert_eq!(names(&files), expected, "{said}");
+    let of = |name: &str| &files.iter().find(|(n, _)| n == name).unwrap().1;
+    // All that is inside, and what is not, is said.
+    for name in &expected[1..] {
+        assert!(
+            said.contains(&format!("- {name}: ")) && of("README.txt").contains(name),
+            "{name}: {said}"
+        );
+    }
+    assert!(
+        said.contains("- no calibration.toml (") && said.contains("- no baseline.toml ("),
+        "{said}"
+    );
+    assert!(said.contains("Personal in it"), "{said}");
+    // What was said while it was made.
+    assert!(
+        of("log.txt").contains("measuring a simulated board for 3.0 s") && !said.contains("warning"),
+        "{}: {said}",
+        of("log.txt")
+    );
+    for (name, text) in files.iter().filter(|(name, _)| name != "recording.mcap") {
+        assert!(!text.contains(home.to_str().unwrap()), "{name}: {text}");
+    }
+    assert!(of("config.toml").contains("~/none.toml"), "{}", of("config.toml"));
+    let found: Value = serde_json::from_str(of("doctor.json")).unwrap();
+    assert_eq!(line(&found, "contact")["electrodes"], serde_json::json!([3]));
+    let recording = folder.path().join("of-report.mcap");
+    let (again, _) = doctor(&["--from", text(&recording)]);
+    for name in ["contact", "wiring", "sheet"] {
+        // The recording's baseline is of fewer frames.
+        for part in ["light", "electrodes", "cause"] {
+            assert_eq!(line(&again, name)[part], line(&found, name)[part], "{name}");
+        }
+    }
+    // The recording makes a report, too.
+    let (files, _) = report(folder.path(), &["--from", text(&recording)], &environment);
+    assert!(names(&files).contains(&"recording.mcap"));
+}
+
+#[test]
+fn without_a_board_there_is_a_report_that_says_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let none = [("SKIN_CONFIG", "/dev/null")];
+    let (files, said) = report(folder.path(), &["--port", "/dev/no-such-port"], &none);
+    assert!(!names(&files).contains(&"recording.mcap"));
+    assert!(
+        said.contains("- no recording.mcap (") && said.contains("no-such-port"),
+        "{said}"
+    );
+    let (_, found) = files.iter().find(|(name, _)| name == "doctor.txt").unwrap();
+    assert!(found.contains("unfit: board"), "{found}");
 }
