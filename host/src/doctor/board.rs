@@ -23,10 +23,20 @@ fn port(facts: &Facts) -> Line {
         (Origin::Recording(_), _) => Line::not_known(name, "a recording has no port"),
         (Origin::Simulated, _) => Line::not_known(name, "the simulated board has no port"),
         (Origin::Port, Ok(_)) => Line::ok(name, facts.source.clone()),
-        (Origin::Port, Err(_)) if std::path::Path::new(&facts.source).exists() => {
-            Line::ok(name, format!("{} is there", facts.source))
-        }
-        (Origin::Port, Err(_)) => Line::not_known(name, "no port was opened"),
+        (Origin::Port, Err(no)) if no.opened => Line::ok(name, format!("{} was opened", facts.source)),
+        // What is there and does not open is held by a program, or belongs to another group.
+        (Origin::Port, Err(no)) if std::path::Path::new(&facts.source).exists() => Line::bad(
+            name,
+            &no.why,
+            Cause::Software,
+            "end the program that holds it; contrib/70-skin.rules gives access to it",
+        ),
+        (Origin::Port, Err(no)) => Line::bad(
+            name,
+            &no.why,
+            Cause::Wiring,
+            "plug the board in; skin list shows the ports that there are",
+        ),
     }
 }
 
@@ -40,12 +50,13 @@ fn board(facts: &Facts) -> Line {
                 hello.board, hello.serial, hello.electrodes, hello.limits.channels
             ),
         ),
+        Err(no) if !no.opened => Line::not_known(name, NOBODY),
         Err(no) if no.other_version => Line::bad(name, &no.why, Cause::Software, "skin flash FILE programs the board"),
         Err(no) => Line::bad(
             name,
             &no.why,
             Cause::Wiring,
-            "look at cable and power, and whether another program holds the port; skin list shows what there is",
+            "look at cable and power, and whether it is the right port: skin list shows what there is",
         ),
     }
 }

@@ -6,7 +6,7 @@ use crate::baselines::{age, folder, words};
 use crate::files::baseline_file::{self, BaselineFileError, Subject};
 use anyhow::Result;
 use forward::{DiscTouch, Solver};
-use inverse::live::{Live, LiveOptions};
+use inverse::live::{Live, LiveFrame, LiveOptions};
 use inverse::reference::departure::{Departure, DriftOptions};
 use inverse::reference::imager::Imager;
 use link::ports::BAUD;
@@ -101,7 +101,7 @@ fn processor(facts: &Facts) -> Line {
     };
     let taken_s = match picture_s(imager, measured) {
         Ok(Some(taken_s)) => taken_s,
-        Ok(None) => return Line::not_known(name, "there is no baseline to make a picture with"),
+        Ok(None) => return Line::not_known(name, "the baseline gives no picture"),
         Err(why) => return Line::not_known(name, format!("no picture could be made: {why:#}")),
     };
     let part = taken_s / measured.frame_s;
@@ -135,7 +135,7 @@ fn load() -> String {
     })
 }
 
-/// Median time of a frame with two moving touches through the live chain, s. None where the baseline has no values.
+/// Median time of a frame with two touches that change through the live chain, s. None where the baseline gives no picture of them.
 fn picture_s(imager: &Arc<Imager>, measured: &Measured) -> Result<Option<f64>> {
     let baseline = &measured.baseline;
     if !baseline.values_v.iter().any(|v| v.is_finite() && *v != 0.0) {
@@ -164,8 +164,11 @@ fn picture_s(imager: &Arc<Imager>, measured: &Measured) -> Result<Option<f64>> {
     for (k, ratio) in factors.iter().cycle().take(TIMED).enumerate() {
         let values: Vec<f64> = baseline.values_v.iter().zip(ratio).map(|(b, r)| b * r).collect();
         let began = Instant::now();
-        live.frame(measured.frame_s * (k as f64 + 1.0), &values)?;
-        times.push(began.elapsed().as_secs_f64());
+        let made = live.frame(measured.frame_s * (k as f64 + 1.0), &values)?;
+        let taken_s = began.elapsed().as_secs_f64();
+        if matches!(made, LiveFrame::Picture(result) if result.anew && result.changed) {
+            times.push(taken_s);
+        }
     }
     times.sort_by(f64::total_cmp);
     Ok(times.get(times.len() / 2).copied())

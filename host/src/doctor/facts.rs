@@ -37,6 +37,8 @@ pub(crate) enum Origin {
 #[derive(Clone, Debug)]
 pub(crate) struct NoBoard {
     pub(crate) why: String,
+    /// Its port was opened.
+    pub(crate) opened: bool,
     /// Its firmware does not belong to this program.
     pub(crate) other_version: bool,
 }
@@ -166,6 +168,7 @@ pub(crate) fn of(examined: &Examined, witness: Option<Witness<'_>>) -> Result<Fa
         Err(why) => {
             let link = why.chain().find_map(|e| e.downcast_ref::<link::LinkError>());
             let other_version = matches!(link, Some(link::LinkError::Version { .. }));
+            let opened = link.is_some();
             let why = format!("{why:#}");
             Ok(Facts {
                 origin,
@@ -174,7 +177,11 @@ pub(crate) fn of(examined: &Examined, witness: Option<Witness<'_>>) -> Result<Fa
                 status: Err(NOBODY.to_owned()),
                 counters: Err(NOBODY.to_owned()),
                 measured: Err(NOBODY.to_owned()),
-                hello: Err(NoBoard { why, other_version }),
+                hello: Err(NoBoard {
+                    why,
+                    opened,
+                    other_version,
+                }),
                 sheet,
             })
         }

@@ -166,10 +166,17 @@ fn every_planted_fault_is_told_by_the_right_line() {
 fn without_a_board_the_computer_is_examined_all_the_same() {
     let (none, code) = doctor(&["--port", "/dev/no-such-port"]);
     assert_eq!(code, Some(3));
-    assert_eq!(with(&none, "bad"), ["board"]);
+    assert_eq!(with(&none, "bad"), ["port"]);
     assert_eq!(with(&none, "ok"), [""; 0]);
     assert_eq!(none["board"], Value::Null);
     assert_ne!(line(&none, "disk")["light"], "bad");
+    // What is there and is no serial port, too.
+    let (other, code) = doctor(&["--port", "/dev/null"]);
+    assert_eq!(
+        (code, line(&other, "port")["cause"].as_str()),
+        (Some(3), Some("software")),
+        "{other}"
+    );
     let run = output(&["doctor", "--port", "/dev/no-such-port", "--simulate"]);
     assert_eq!(run.status.code(), Some(2));
 }
@@ -393,5 +400,5 @@ fn without_a_board_there_is_a_report_that_says_so() {
         "{said}"
     );
     let (_, found) = files.iter().find(|(name, _)| name == "doctor.txt").unwrap();
-    assert!(found.contains("unfit: board"), "{found}");
+    assert!(found.contains("unfit: port"), "{found}");
 }
