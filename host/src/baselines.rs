@@ -3,8 +3,10 @@
 use crate::files::baseline_file::{self, BaselineFileError, Stored, Subject, unix_s};
 use crate::say::say;
 use anyhow::{Result, bail};
+use hil_sim::BOARD_NAME;
 use inverse::reference::baseline::Baseline;
 use inverse::reference::departure::{Departure, DriftOptions};
+use protocol::Hello;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 use view::picture::BaselineNote;
@@ -42,7 +44,7 @@ pub(crate) struct Baselines {
 
 /// The folder for what programs keep: on Windows that of local data, else as the XDG base directory specification says; absolute, or
 /// not at all.
-pub(crate) fn state_folder() -> Option<PathBuf> {
+fn state_folder() -> Option<PathBuf> {
     let absolute = |name| std::env::var_os(name).map(PathBuf::from).filter(|p| p.is_absolute());
     if cfg!(windows) {
         return absolute("LOCALAPPDATA").map(|folder| folder.join("skin"));
@@ -51,8 +53,15 @@ pub(crate) fn state_folder() -> Option<PathBuf> {
     state.map(|folder| folder.join("skin"))
 }
 
+/// Where the baselines of a board are stored: in the folder that is named, else in that of the system, if the board is no simulated
+/// one: that has no serial number of its own, and nobody comes back to it.
+pub(crate) fn folder(named: Option<&Path>, hello: &Hello) -> Option<PathBuf> {
+    let own = hello.board != BOARD_NAME;
+    named.map(Path::to_owned).or_else(|| state_folder().filter(|_| own))
+}
+
 /// A time in its largest unit: 50 s, 3 min, 3 h, 2 days.
-fn words(time: Duration) -> String {
+pub(crate) fn words(time: Duration) -> String {
     let s = time.as_secs();
     let units = [(172_800, 86_400, "days"), (7_200, 3_600, "h"), (120, 60, "min")];
     match units.iter().find(|(least, ..)| s >= *least) {
@@ -62,7 +71,7 @@ fn words(time: Duration) -> String {
 }
 
 /// How long ago; 0 for a time to come, after a clock was set back.
-fn age(of: &Stored) -> Duration {
+pub(crate) fn age(of: &Stored) -> Duration {
     SystemTime::now().duration_since(of.taken).unwrap_or_default()
 }
 

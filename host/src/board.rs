@@ -12,6 +12,7 @@ use clap::Args;
 use link::ports::{self, Place};
 use link::{Link, Port, greet};
 use protocol::Hello;
+use recording::Tap;
 use std::path::PathBuf;
 
 /// The board's port, on the command line.
@@ -41,12 +42,22 @@ pub(crate) struct Connected {
 }
 
 impl Choice {
+    /// Of a command with options of its own; `sheet` is that of the simulated skin.
+    pub(crate) fn new(port: Option<String>, serial: Option<String>, simulate: bool, sheet: Option<PathBuf>) -> Self {
+        Self {
+            port,
+            serial,
+            simulate,
+            sheet: sheet.filter(|_| simulate),
+        }
+    }
+
     /// Greets the board.
     ///
     /// # Errors
     /// There is none, or it does not answer.
     pub(crate) fn connect(&self) -> Result<Connected> {
-        self.connect_or(simulated_skin::demo)
+        self.connect_or(None, simulated_skin::demo)
     }
 
     /// Whether it is the simulated skin.
@@ -54,13 +65,20 @@ impl Choice {
         self.simulate
     }
 
-    /// The same, with this port, of the sheet that is asked for, in the place of the simulated skin's.
+    /// The same, with this port, of the sheet that is asked for, in the place of the simulated skin's; what passes is recorded by a tap.
     ///
     /// # Errors
     /// As of [`Choice::connect`].
-    pub(crate) fn connect_or(&self, simulated: impl FnOnce(Sheet) -> Result<Box<dyn Port>>) -> Result<Connected> {
+    pub(crate) fn connect_or(
+        &self,
+        tap: Option<&Tap>,
+        simulated: impl FnOnce(Sheet) -> Result<Box<dyn Port>>,
+    ) -> Result<Connected> {
         let greeted = |port: Box<dyn Port>, source: &str| -> Result<Connected> {
-            let link = Link::open(port)?;
+            let link = Link::open(match tap {
+                Some(tap) => Box::new(tap.port(port)),
+                None => port,
+            })?;
             ending::stops(&link)?;
             let hello = greet(&link)?;
             Ok(Connected {

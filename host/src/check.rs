@@ -158,16 +158,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         (Some(at), Some(frame)) => tell(arguments, &imager, &mut check, values, frame, at)?,
         _ => None,
     };
-    let pattern = wiring::rewire(&imager.pattern, &check.best.order)?;
     let reciprocity = wiring::reciprocity(&imager.pattern, drive, values);
     let twins = wiring::twins(&imager.pattern, values);
-    // The wires as they are: what is still wrong then is not their order.
-    let right = Arc::new(Imager::new(
-        imager.model.sheet(),
-        drive,
-        pattern,
-        imager.grid.cell_mm(),
-    )?);
+    let right = as_wired(&imager, &check.best)?;
     let inspection = inspect(&right, baseline, true, &InspectionOptions::default());
     let line = Line {
         values: imager.pattern.len(),
@@ -192,6 +185,20 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         write!(out, "{}", words(arguments, &line, &check, &inspection))?;
     }
     Ok(())
+}
+
+/// The model with the wires as they are: what is still wrong then is not their order.
+///
+/// # Errors
+/// The sheet's model has no solution, which a sheet that was modelled before has.
+pub(crate) fn as_wired(imager: &Imager, wiring: &Wiring) -> Result<Arc<Imager>> {
+    let pattern = wiring::rewire(&imager.pattern, &wiring.order)?;
+    Ok(Arc::new(Imager::new(
+        imager.model.sheet(),
+        imager.drive,
+        pattern,
+        imager.grid.cell_mm(),
+    )?))
 }
 
 fn from_one(order: &[usize]) -> Vec<usize> {

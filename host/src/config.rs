@@ -26,16 +26,22 @@ pub(crate) struct Config {
 type Variable<'a> = &'a dyn Fn(&str) -> Option<OsString>;
 
 impl Config {
+    /// Where the file is or would be; it need not be there.
+    pub(crate) fn file() -> Option<PathBuf> {
+        let variable = |name: &str| std::env::var_os(name).filter(|v| !v.is_empty());
+        variable("SKIN_CONFIG").map(PathBuf::from).or_else(|| place(&variable))
+    }
+
     /// Of this computer's user.
     ///
     /// # Errors
     /// A file or a variable that cannot be understood; SKIN_CONFIG names a file that is not there.
     pub(crate) fn load() -> Result<Self> {
         let variable = |name: &str| std::env::var_os(name).filter(|v| !v.is_empty());
-        let named = variable("SKIN_CONFIG").map(PathBuf::from);
-        let path = named.clone().or_else(|| place(&variable));
+        let is_named = variable("SKIN_CONFIG").is_some();
+        let path = Self::file();
         let text = match &path {
-            Some(path) if named.is_some() || path.exists() => {
+            Some(path) if is_named || path.exists() => {
                 let text = std::fs::read_to_string(path);
                 text.with_context(|| format!("{}: the configuration cannot be read", path.display()))?
             }

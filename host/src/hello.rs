@@ -37,7 +37,7 @@ pub(crate) struct Arguments {
 const TEST_TIME: Duration = Duration::from_secs(10);
 
 /// The parts of the self-test and what is wrong when one fails.
-const CHECKS: [(Check, &str, &str); 8] = [
+pub(crate) const CHECKS: [(Check, &str, &str); 8] = [
     (
         Check::Source,
         "source",
@@ -82,7 +82,7 @@ const HALF_PERMILLE: std::ops::Range<u16> = 400..600;
 const HALF_RANGE: f64 = 0.3;
 
 /// What a lost reference is recognised by, in words.
-fn lost_reference(test: &SelfTest, hello: &Hello) -> Option<&'static str> {
+pub(crate) fn lost_reference(test: &SelfTest, hello: &Hello) -> Option<&'static str> {
     let range = f64::from((1u32 << hello.adc_bits.min(31)) - 1);
     if test.offset.codes() < -HALF_RANGE * range {
         return Some("the reference of 1.65 V is lost: look at U1D, R3, R4 and TP5");
@@ -157,12 +157,13 @@ fn connected(arguments: &Arguments) -> Result<Connected> {
         return arguments.board.connect();
     }
     let preset = arguments.preset.unwrap_or_default();
-    arguments
-        .board
-        .connect_or(|sheet| simulated_skin::bench(&sheet, preset, &arguments.fault, arguments.phantom))
+    arguments.board.connect_or(None, |sheet| {
+        simulated_skin::bench(&sheet, preset, &arguments.fault, arguments.phantom)
+    })
 }
 
-fn suspects(name: &str, bits: u32, electrodes: u8) -> String {
+/// Where electrodes are open or shorted, in words; nothing for other parts of the test.
+pub(crate) fn suspects(name: &str, bits: u32, electrodes: u8) -> String {
     if name != "electrodes" {
         return String::new();
     }
@@ -174,7 +175,11 @@ fn suspects(name: &str, bits: u32, electrodes: u8) -> String {
     format!(" (between {})", pairs.join(", "))
 }
 
-fn self_test(link: &Link) -> Result<SelfTest> {
+/// Lets the board test itself.
+///
+/// # Errors
+/// No answer, a refusal, a lost port.
+pub(crate) fn self_test(link: &Link) -> Result<SelfTest> {
     let answer = link.ask("a self-test", ToBoard::SelfTest, TEST_TIME, |m| match m {
         FromBoard::SelfTest(test) => Some(test),
         _ => None,

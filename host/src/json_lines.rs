@@ -3,7 +3,7 @@
 
 use crate::event::Said;
 use crate::recorded::{BoardRecord, SessionRecord, pressed};
-use ::protocol::{Plan, QUARTERS, Version};
+use ::protocol::{Plan, Version};
 use anyhow::Result;
 use inverse::pipeline::FrameResult;
 use inverse::quality::doubt::Doubt;
@@ -84,11 +84,10 @@ fn units(learned: bool) -> Value {
 impl PlanLine {
     fn of(session: &Session) -> Self {
         let plan: &Plan = session.plan();
-        let frame_s = f64::from(plan.quarters()) / f64::from(QUARTERS) / session.hello().excitation_hz().max(1.0);
         Self {
             id: plan.id,
             values: plan.value_count(),
-            frames_per_s: frame_s.recip(),
+            frames_per_s: session.frame_s().recip(),
             measurements: session
                 .measurements()
                 .map(|[[a, b], [c, d]]| [a, b, c, d].map(|e| e + 1))

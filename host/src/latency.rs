@@ -16,7 +16,6 @@ use inverse::touches::gestures::{Gesture, GestureOptions, Gestures};
 use link::plans::live_plan;
 use link::ports::BAUD;
 use link::{Port, Session};
-use protocol::QUARTERS;
 use serde::Serialize;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
@@ -142,7 +141,7 @@ pub(crate) fn measure(seed: u64) -> Result<Measured> {
         Box::new(Clocked(Box::new(port.clone()), Arc::clone(&last_read))),
         live_plan,
     )?;
-    let frame_s = f64::from(session.plan().quarters()) / f64::from(QUARTERS) / session.hello().excitation_hz();
+    let frame_s = session.frame_s();
     let mut live = Live::new(imager(&session, &scene.sheet, &[])?, LiveOptions::default());
     let mut gestures = Gestures::new(GestureOptions::default());
     let page = LiveView::start(PageOptions {

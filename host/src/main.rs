@@ -24,6 +24,7 @@ mod check;
 mod commands;
 mod completions;
 mod config;
+mod doctor;
 mod drive;
 mod ending;
 mod event;
@@ -56,6 +57,7 @@ mod recording_file;
 mod recover;
 mod replay;
 mod replayed;
+mod report;
 mod rise;
 mod run;
 mod run_arguments;
@@ -74,7 +76,6 @@ mod table_sheet;
 mod usage;
 
 use clap::{CommandFactory, Parser, Subcommand};
-use std::io::IsTerminal;
 use std::process::ExitCode;
 use tracing_subscriber::filter::{LevelFilter, Targets};
 use tracing_subscriber::prelude::*;
@@ -103,7 +104,8 @@ Usage: skin [COMMAND] [OPTIONS]
 
 skin COMMAND --help lists the options, skin run --help those of skin alone.
 What is the same on every call goes into a file: docs/configuration.md.
-Exit codes: 0 all went well, 1 an error (said on stderr), 2 wrong usage.
+Exit codes: 0 all went well, 1 an error (said on stderr), 2 wrong usage,
+3 unfit (skin doctor).
 ";
 
 #[derive(Debug, Subcommand)]
@@ -144,6 +146,10 @@ enum Command {
     ///
     /// A scene on its sheet says what touches it.
     Sim(sim::Arguments),
+    /// What is wrong with board, wires and computer, and what to do.
+    Doctor(doctor::Arguments),
+    /// One file with what whoever is to find a fault needs to know.
+    Report(report::Arguments),
     /// What a board measures, watches and does at power-up.
     ///
     /// Shows, sets, stores and forgets it.
@@ -157,12 +163,11 @@ fn main() -> ExitCode {
     // What the library has to say beside its results; RUST_LOG asks for more.
     let asked = std::env::var("RUST_LOG").ok().and_then(|levels| levels.parse().ok());
     let levels = asked.unwrap_or_else(|| Targets::new().with_default(LevelFilter::WARN));
-    let no_colour = std::env::var_os("NO_COLOR").is_some_and(|v| !v.is_empty());
     let log = tracing_subscriber::fmt::layer()
         .with_writer(std::io::stderr)
         // A log that cannot be written is no reason to end.
         .log_internal_errors(false)
-        .with_ansi(std::io::stderr().is_terminal() && !no_colour);
+        .with_ansi(say::is_coloured(&std::io::stderr()));
     // Fails only where there is a subscriber already.
     let _ = tracing_subscriber::registry().with(log).with(levels).try_init();
     let outcome = match cli.command {
@@ -175,6 +180,8 @@ fn main() -> ExitCode {
         Some(Command::Flash(arguments)) => flash::run(&arguments),
         Some(Command::List(arguments)) => list::run(&arguments),
         Some(Command::Hello(arguments)) => hello::run(&arguments),
+        Some(Command::Doctor(arguments)) => doctor::run(&arguments),
+        Some(Command::Report(arguments)) => report::run(&arguments),
         Some(Command::Sim(arguments)) => sim::run(&arguments),
         Some(Command::Settings(arguments)) => settings::run(&arguments),
         Some(Command::Run(arguments)) => run::run(&arguments),
@@ -192,8 +199,11 @@ fn main() -> ExitCode {
         Err(error) if broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("skin: {error:#}");
-            let usage = error.downcast_ref::<usage::Usage>().is_some();
-            ExitCode::from(if usage { 2 } else { 1 })
+            ExitCode::from(match () {
+                () if error.is::<usage::Usage>() => 2,
+                () if error.is::<usage::Unfit>() => 3,
+                () => 1,
+            })
         }
     }
 }

@@ -40,6 +40,19 @@ pub(crate) struct BoardRecord {
     pub(crate) excitation_hz: f64,
 }
 
+impl From<&Hello> for BoardRecord {
+    fn from(hello: &Hello) -> Self {
+        Self {
+            name: hello.board.to_string(),
+            serial: hello.serial.to_string(),
+            firmware: hello.firmware.to_string(),
+            git: hello.git.to_string(),
+            electrodes: hello.electrodes.into(),
+            excitation_hz: hello.excitation_hz(),
+        }
+    }
+}
+
 /// What was recorded, and how: the first message of a file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct SessionRecord {
@@ -103,14 +116,7 @@ impl SessionRecord {
             program: PROGRAM.to_owned(),
             started_unix_s,
             source: of.source.to_owned(),
-            board: BoardRecord {
-                name: hello.board.to_string(),
-                serial: hello.serial.to_string(),
-                firmware: hello.firmware.to_string(),
-                git: hello.git.to_string(),
-                electrodes: hello.electrodes.into(),
-                excitation_hz: hello.excitation_hz(),
-            },
+            board: BoardRecord::from(hello),
             values: of.values,
             sheet: sheet_text(of.sheet)?,
             wires: of.wires.to_vec(),

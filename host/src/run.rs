@@ -1,6 +1,6 @@
 //! `skin run`, and `skin` alone: live pictures of the board, or of the simulated skin when there is no board.
 
-use crate::baselines::{Baselines, state_folder};
+use crate::baselines::{self, Baselines};
 use crate::commands::Commands;
 use crate::config::Config;
 use crate::files::baseline_file::{Subject, unix_s};
@@ -26,7 +26,7 @@ use inverse::live::{Live, LiveOptions};
 use inverse::reference::imager::Imager;
 use inverse::touches::gestures::Gestures;
 use link::Session;
-use protocol::{QUARTERS, Watch};
+use protocol::Watch;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::SystemTime;
@@ -213,8 +213,7 @@ fn open_page(outputs: &Outputs<'_>) -> Result<Option<LiveView>> {
 const BASELINE_S: f64 = 0.7;
 
 fn baseline_frames(session: &Session) -> usize {
-    let frame_s = f64::from(session.plan().quarters()) / f64::from(QUARTERS) / session.hello().excitation_hz().max(1.0);
-    let frames = (BASELINE_S / frame_s.max(1e-3)).round() as usize;
+    let frames = (BASELINE_S / session.frame_s().max(1e-3)).round() as usize;
     frames.max(LiveOptions::default().baseline_frames)
 }
 
@@ -231,9 +230,7 @@ fn watch_of(arguments: &SourceArguments, session: &Session) -> Result<Option<Wat
 /// The baselines of this board, and where they are stored.
 fn baselines(arguments: &SourceArguments, session: &Session, sheet: &Sheet) -> Result<Baselines> {
     let hello = session.hello();
-    // A simulated board has no serial of its own, and nobody comes back to it.
-    let own = hello.board != BOARD_NAME;
-    let folder = arguments.state_dir.clone().or_else(|| state_folder().filter(|_| own));
+    let folder = baselines::folder(arguments.state_dir.as_deref(), hello);
     if folder.is_none() {
         if arguments.baseline != Start::New {
             let name = if arguments.baseline == Start::Stored {
@@ -243,7 +240,7 @@ fn baselines(arguments: &SourceArguments, session: &Session, sheet: &Sheet) -> R
             };
             bail!("--baseline {name}: there is no folder for it, a simulated skin has none; name one with --state-dir");
         }
-        if own {
+        if hello.board != BOARD_NAME {
             say!("the baseline is not stored: neither XDG_STATE_HOME nor HOME is set; name a folder with --state-dir");
         }
     }

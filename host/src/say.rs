@@ -1,11 +1,22 @@
 //! What the program says to people: on stderr, and into the recording where there is one.
 
 use recording::Tap;
+use std::collections::VecDeque;
 use std::fmt::Arguments;
-use std::io::Write;
-use std::sync::OnceLock;
+use std::io::{IsTerminal, Write};
+use std::sync::{Mutex, OnceLock, PoisonError};
 
 static RECORDED: OnceLock<Tap> = OnceLock::new();
+/// The last lines that were said.
+static SAID: Mutex<VecDeque<String>> = Mutex::new(VecDeque::new());
+/// So many are kept.
+const KEPT: usize = 200;
+
+/// The last lines that this program said, the newest last.
+pub(crate) fn last_lines() -> Vec<String> {
+    let said = SAID.lock().unwrap_or_else(PoisonError::into_inner);
+    said.iter().cloned().collect()
+}
 
 /// From now on what is said is recorded too.
 pub(crate) fn record_to(tap: &Tap) {
@@ -21,6 +32,11 @@ pub(crate) fn line(text: Arguments<'_>) {
     if let Some(tap) = RECORDED.get() {
         tap.said(&text);
     }
+    let mut said = SAID.lock().unwrap_or_else(PoisonError::into_inner);
+    said.push_back(text);
+    if said.len() > KEPT {
+        said.pop_front();
+    }
 }
 
 /// Says a line on stderr, formatted as by `format!`, and records it.
@@ -28,6 +44,11 @@ macro_rules! say {
     ($($text:tt)*) => { $crate::say::line(format_args!($($text)*)) };
 }
 pub(crate) use say;
+
+/// Whether what goes there may have colours: a terminal, unless NO_COLOR is set.
+pub(crate) fn is_coloured(to: &impl IsTerminal) -> bool {
+    to.is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|v| v.is_empty())
+}
 
 /// Writes to stdout, for `println!`. Whoever closed it has read enough: then the program ends well.
 pub(crate) fn out(text: Arguments<'_>) {

@@ -5,7 +5,7 @@ use crate::connection::{Connection, ConnectionEvent, Identity};
 use crate::error::LinkError;
 use crate::link::Link;
 use crate::port::Port;
-use protocol::{BoardError, Command, Frame, FromBoard, Hello, Plan, PlanError, ToBoard, Watch, Watching};
+use protocol::{BoardError, Command, Frame, FromBoard, Hello, Plan, PlanError, QUARTERS, ToBoard, Watch, Watching};
 use std::cell::{Cell, RefCell};
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
@@ -208,6 +208,11 @@ impl Session {
     /// How often the connection was restored: frames of the same count came by one connection.
     pub fn restored(&self) -> u32 {
         self.restored.get()
+    }
+
+    /// How long a frame of the plan takes, s: what the plan promises.
+    pub fn frame_s(&self) -> f64 {
+        f64::from(self.plan.quarters()) / f64::from(QUARTERS) / self.hello.excitation_hz().max(1.0)
     }
 
     /// Electrodes of the board.

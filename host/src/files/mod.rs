@@ -11,5 +11,6 @@ pub(crate) mod order;
 pub(crate) mod ordered;
 pub(crate) mod press_table;
 pub(crate) mod sheet_line;
+pub(crate) mod zip;
 
 pub(crate) use view::replace;

@@ -5,7 +5,7 @@ use serde_json::Value;
 use std::process::Stdio;
 
 /// Why a value is not as a schema has it; none where it is. Knows what the schema uses, and refuses what it does not know.
-fn wrong(root: &Value, schema: &Value, value: &Value) -> Option<String> {
+pub(crate) fn wrong(root: &Value, schema: &Value, value: &Value) -> Option<String> {
     let fail = |what: &str| Some(format!("{value} is not {what} {schema}"));
     for (key, rule) in schema.as_object().unwrap() {
         let is_wrong = match key.as_str() {

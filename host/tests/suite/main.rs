@@ -8,6 +8,7 @@
 
 mod baseline;
 mod calibrate;
+mod doctor;
 #[cfg(target_os = "linux")]
 mod ending;
 mod events;

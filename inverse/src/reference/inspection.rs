@@ -49,7 +49,7 @@ pub struct Inspection {
 /// Relative error of the model's values on its mesh, root mean square (docs/verification.md).
 const MODEL_ERROR: f64 = 1e-3;
 /// The misfit is said where it is so many times what is expected.
-const SAID_FROM: f64 = 3.0;
+pub const SAID_FROM: f64 = 3.0;
 
 /// Looks at a baseline: leaves out what is wrong, then looks for the electrodes in the rest if `find_electrodes`.
 ///

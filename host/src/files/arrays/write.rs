@@ -1,7 +1,7 @@
 //! Arrays of numbers for numpy (.npz) and MATLAB (.mat, level 5), written number by number: no array is in memory as a whole.
 
-use flate2::Crc;
-use std::io::{self, ErrorKind, Seek, SeekFrom, Write};
+use crate::files::zip::Zip;
+use std::io::{self, ErrorKind, Seek, Write};
 
 /// Numbers of an array, in a file that holds several.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -60,37 +60,12 @@ pub(crate) trait ArrayFile {
 }
 
 /// Arrays of numpy in a zip archive, not compressed.
-pub(crate) struct Npz<W: Write + Seek> {
-    out: W,
-    /// Name, sum, size and place of every array.
-    entries: Vec<(String, u32, u32, u32)>,
-    open: Option<(String, u32, Crc)>,
-}
-
-/// Version of zip that is needed, no flags, not compressed, 1980-01-01.
-const ZIP: [u8; 10] = [20, 0, 0, 0, 0, 0, 0, 0, 0x21, 0];
-/// Where the sum stands in a local header.
-const SUM_AT: u64 = 14;
+pub(crate) struct Npz<W: Write + Seek>(Zip<W>);
 
 impl<W: Write + Seek> Npz<W> {
     pub(crate) fn new(out: W) -> Self {
-        Self {
-            out,
-            entries: Vec::new(),
-            open: None,
-        }
+        Self(Zip::new(out))
     }
-
-    fn put(&mut self, bytes: &[u8]) -> io::Result<()> {
-        if let Some((.., sum)) = &mut self.open {
-            sum.update(bytes);
-        }
-        self.out.write_all(bytes)
-    }
-}
-
-fn short(n: u64) -> io::Result<u32> {
-    u32::try_from(n).map_err(|_| too_large("the archive"))
 }
 
 impl<W: Write + Seek> ArrayFile for Npz<W> {
@@ -113,62 +88,34 @@ impl<W: Write + Seek> ArrayFile for Npz<W> {
             header.push(' ');
         }
         header.push('\n');
-        let place = short(self.out.stream_position()?)?;
-        let file = format!("{name}.npy");
-        self.out.write_all(b"PK\x03\x04")?;
-        self.out.write_all(&ZIP)?;
-        self.out.write_all(&[0; 12])?;
-        self.out.write_all(&(file.len() as u16).to_le_bytes())?;
-        self.out.write_all(&[0; 2])?;
-        self.out.write_all(file.as_bytes())?;
-        self.open = Some((file, place, Crc::new()));
-        self.put(b"\x93NUMPY\x01\x00")?;
-        self.put(&(header.len() as u16).to_le_bytes())?;
-        self.put(header.as_bytes())
+        self.0.begin(&format!("{name}.npy")).map_err(advised)?;
+        self.0.put(b"\x93NUMPY\x01\x00")?;
+        self.0.put(&(header.len() as u16).to_le_bytes())?;
+        self.0.put(header.as_bytes())
     }
 
     fn floats(&mut self, numbers: &[f64]) -> io::Result<()> {
-        numbers.iter().try_for_each(|v| self.put(&v.to_le_bytes()))
+        numbers.iter().try_for_each(|v| self.0.put(&v.to_le_bytes()))
     }
 
     fn unsigned(&mut self, numbers: &[u32]) -> io::Result<()> {
-        numbers.iter().try_for_each(|v| self.put(&v.to_le_bytes()))
+        numbers.iter().try_for_each(|v| self.0.put(&v.to_le_bytes()))
     }
 
     fn end(&mut self) -> io::Result<()> {
-        let Some((name, place, sum)) = self.open.take() else {
-            return Ok(());
-        };
-        let end = self.out.stream_position()?;
-        let size = short(end - u64::from(place) - 30 - name.len() as u64)?;
-        self.out.seek(SeekFrom::Start(u64::from(place) + SUM_AT))?;
-        self.out.write_all(&sum.sum().to_le_bytes())?;
-        self.out.write_all(&[size.to_le_bytes(), size.to_le_bytes()].concat())?;
-        self.out.seek(SeekFrom::Start(end))?;
-        self.entries.push((name, sum.sum(), size, place));
-        Ok(())
+        self.0.end().map_err(advised)
     }
 
     fn finish(&mut self) -> io::Result<()> {
-        let start = short(self.out.stream_position()?)?;
-        for (name, sum, size, place) in &self.entries {
-            self.out.write_all(b"PK\x01\x02\x14\x00")?;
-            self.out.write_all(&ZIP)?;
-            for word in [*sum, *size, *size] {
-                self.out.write_all(&word.to_le_bytes())?;
-            }
-            self.out.write_all(&(name.len() as u16).to_le_bytes())?;
-            self.out.write_all(&[0; 12])?;
-            self.out.write_all(&place.to_le_bytes())?;
-            self.out.write_all(name.as_bytes())?;
-        }
-        let size = short(self.out.stream_position()?)? - start;
-        let count = (self.entries.len() as u16).to_le_bytes();
-        self.out.write_all(b"PK\x05\x06\0\0\0\0")?;
-        self.out.write_all(&[count, count].concat())?;
-        self.out
-            .write_all(&[size.to_le_bytes(), start.to_le_bytes(), [0; 4]].concat()[..10])?;
-        self.out.flush()
+        self.0.finish().map_err(advised)
+    }
+}
+
+/// What to do where an archive is too large.
+fn advised(error: io::Error) -> io::Error {
+    match error.kind() {
+        ErrorKind::FileTooLarge => too_large("the archive"),
+        _ => error,
     }
 }
 
@@ -263,7 +210,7 @@ mod tests {
     fn what_is_written_is_read() {
         let mut npz = Npz::new(Cursor::new(Vec::new()));
         fill(&mut npz);
-        let (kind, arrays) = parse("npz", npz.out.get_ref()).unwrap();
+        let (kind, arrays) = parse("npz", npz.0.out().get_ref()).unwrap();
         assert_eq!(kind, Kind::Npz);
         assert_eq!(
             (arrays[0].name.as_str(), arrays[0].rows, arrays[0].columns),
@@ -289,6 +236,6 @@ mod tests {
         let mut npz = Npz::new(Cursor::new(Vec::new()));
         let error = npz.begin("v", 10_000_000, 208, Of::Float).unwrap_err();
         assert!(error.to_string().contains("--every"), "{error}");
-        assert!(npz.out.get_ref().is_empty());
+        assert!(npz.0.out().get_ref().is_empty());
     }
 }
