@@ -158,6 +158,7 @@ fn begun(
         values: session.plan().value_count(),
         sheet,
         wires,
+        presses: None,
     };
     let started_unix_s = waiting.tap().clock().started_unix_s();
     let record = SessionRecord::new(&of, &LiveOptions::default(), started_unix_s)?;

@@ -84,7 +84,13 @@ pub fn inspect(
     let screening = screen(&imager.model_v, pattern, &known, &options.screening);
     let suspicious = wiring.is_none() && !(screening.conclusive && screening.findings.is_empty());
     let fault = suspicious
-        .then(|| Diagnosis::new(imager)?.explain_baseline(&baseline.values_v))
+        .then(|| {
+            // With all signs turned every fault would look like another one.
+            let turned = screening.fitted.iter().sum::<f64>() < 0.0;
+            let sign = if turned { -1.0 } else { 1.0 };
+            let values: Vec<f64> = baseline.values_v.iter().map(|v| sign * v).collect();
+            Diagnosis::new(imager)?.explain_baseline(&values)
+        })
         .flatten();
     let mut findings = screening.findings;
     for f in findings.iter_mut().filter(|f| f.kind == FindingKind::Electrode) {

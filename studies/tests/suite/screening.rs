@@ -147,9 +147,17 @@ fn turned_signs_are_named_and_nothing_is_left_out() {
         faults.push((BaselineFault::SenseSign(l), FindingKind::SenseSign, pair));
     }
     for (fault, kind, pair) in faults {
-        let found = screened(&with(&fault, &baseline, &mut rng));
+        let turned = with(&fault, &baseline, &mut rng);
+        let found = screened(&turned);
         assert_eq!(found.len(), 1, "{fault:?}: {found:?}");
         assert_eq!((found[0].kind, found[0].left_out), (kind, false), "{fault:?}");
+        let looked = inspect(
+            nominal(),
+            Baseline::of_frames(208, &[&turned]),
+            false,
+            &InspectionOptions::default(),
+        );
+        assert_eq!(looked.fault, None, "{fault:?}");
         assert_eq!(found[0].electrodes, pair, "{fault:?}");
     }
     // The electrodes are found as with the right signs.
