@@ -38,7 +38,8 @@ fn read_until(port: &mut SimPort, mut enough: impl FnMut(&[u8]) -> bool) -> Vec<
         assert!(start.elapsed() < HANGS, "the port hangs after {} bytes", out.len());
         match port.read(&mut buffer) {
             Ok(n) => out.extend(&buffer[..n]),
-            Err(e) => assert_eq!(e.kind(), ErrorKind::TimedOut),
+            // On a busy machine the board's time goes on more slowly than the wait.
+            Err(e) => assert!(matches!(e.kind(), ErrorKind::TimedOut | ErrorKind::Interrupted), "{e}"),
         }
     }
     out
