@@ -65,6 +65,12 @@ impl BoardInfo<'_> {
         self.timer_hz as u64 * 1000 / ticks
     }
 
+    /// Samples in a second, at least one.
+    pub(crate) fn samples_per_second(&self) -> u64 {
+        let samples = self.timer_hz.checked_div(self.ticks_per_sample);
+        samples.unwrap_or(1).max(1).into()
+    }
+
     /// How many gains there are.
     pub const fn gains(&self) -> u8 {
         match self.gains_milli {

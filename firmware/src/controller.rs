@@ -1,17 +1,18 @@
 //! The board's one loop: commands in, frames out.
 
+use crate::answers::Answers;
 use crate::board_info::BoardInfo;
 use crate::front_end::FrontEnd;
 use crate::measuring::Measuring;
 use crate::memory::Memory;
-use crate::settings::{self, Settings};
+use crate::settings::{self, Settings, StoreFault};
 use crate::support::Support;
 use crate::task::Probe;
 use core::ops::DerefMut;
 use embedded_hal_nb::serial::{Read, Write};
 use protocol::{
-    BoardError, Command, Counters, FrameError, Hello, Limits, Outgoing, PeriodRequest, Plan, PlanError, Refusal,
-    Status, Stored, ToBoard, Watch, WatchNumber, Watching,
+    BoardError, Command, Counters, FrameError, Hello, Limits, Notice, Outgoing, PeriodRequest, Plan, PlanError,
+    Refusal, Status, Stored, ToBoard, Watch, WatchNumber, Watching,
 };
 
 /// Most bytes of commands taken in one poll: a flood of commands cannot starve the scan. At 1 Mbit/s 64 bytes arrive in 640 us;
@@ -35,6 +36,7 @@ pub struct Controller<'a, F, L, S, M> {
     link: L,
     /// How the store goes together with the settings.
     stored: Stored,
+    answers: Answers,
 }
 
 impl<'a, F, L, S, M> Controller<'a, F, L, S, M>
@@ -73,18 +75,40 @@ where
             measuring: Measuring::new(info, front, support, memory),
             link,
             stored: Stored::Nothing,
+            answers: Answers::NONE,
         };
         this.measuring.memory_mut().settings.plan = plan;
         Ok(this)
     }
 
     /// Takes up the stored settings, and introduces the board. Once, before the first poll.
+    ///
+    /// After a panic or the watchdog's reset it does not start by itself; after three of them in a row it does not look at
+    /// the stored settings either. It says so. Half a minute of measuring, or any other reset, and they count no more.
     pub fn start_up(&mut self) {
-        self.remember();
+        self.measuring.begin_life();
+        let lives = self.measuring.lives();
+        if lives.takes_settings() {
+            self.remember();
+        } else {
+            self.stored = Stored::Unread;
+        }
         self.measuring.forget_baseline();
         self.introduce();
-        if self.measuring.memory().settings.autostart {
+        self.tell_careful();
+        log!(info, "resets by faults of its own, in a row: {=u8}", lives.resets());
+        if self.measuring.memory().settings.autostart && lives.resets() == 0 {
             self.measuring.start();
+        }
+    }
+
+    /// Says that the board does less than it was told to keep, if so.
+    fn tell_careful(&mut self) {
+        let lives = self.measuring.lives();
+        let (resets, settings) = (lives.resets(), lives.takes_settings());
+        if resets > 0 {
+            self.measuring
+                .send(Outgoing::Notice(Notice::Careful { resets, settings }));
         }
     }
 
@@ -115,6 +139,9 @@ where
     pub fn poll(&mut self) -> Activity {
         self.measuring.support_mut().feed();
         let received = self.receive();
+        if self.answers.is_owing() {
+            self.tell_passed_over();
+        }
         let measured = self.measuring.measure();
         let sent = match self.measuring.memory_mut().outbox.pump(&mut self.link) {
             Ok(bytes) => bytes > 0,
@@ -207,7 +234,14 @@ where
                     self.refuse(&e);
                 }
             }
-            Some(Err(e)) => self.refuse(&BoardError::Command(*e)),
+            Some(Err(e)) => {
+                let (now, second) = (self.now(), self.measuring.info().samples_per_second());
+                if self.answers.answers(now, second) {
+                    self.refuse(&BoardError::Command(*e));
+                } else {
+                    Counters::add(&mut self.measuring.counters_mut().refused, 1);
+                }
+            }
         }
     }
 
@@ -215,6 +249,20 @@ where
     #[inline(never)]
     fn decoded(&mut self, byte: u8) -> Option<Result<ToBoard, FrameError>> {
         self.measuring.memory_mut().decoder.push_byte(byte)
+    }
+
+    fn now(&mut self) -> u64 {
+        self.measuring.support_mut().now()
+    }
+
+    /// Says what was passed over, once it may.
+    #[inline(never)]
+    fn tell_passed_over(&mut self) {
+        let now = self.now();
+        if let Some(count) = self.answers.take(now) {
+            log!(warn, "passed over: {=u32} messages that cannot be read", count);
+            self.measuring.send(Outgoing::Notice(Notice::PassedOver { count }));
+        }
     }
 
     fn refuse(&mut self, error: &BoardError) {
@@ -286,6 +334,8 @@ where
     }
 
     fn send_status(&mut self) {
+        // Before the answer: whoever waits for that has both.
+        self.tell_careful();
         let status = self.status();
         self.measuring.send(Outgoing::Status(status));
     }
@@ -407,7 +457,7 @@ where
     fn save_settings(&mut self) -> Result<(), BoardError> {
         self.only_at_rest()?;
         let (_, memory, support) = self.measuring.parts();
-        settings::save(support, &memory.settings).map_err(|_| BoardError::Refused(Refusal::Store))?;
+        settings::save(support, &memory.settings).map_err(refused)?;
         self.stored = Stored::InForce;
         self.acknowledge(Command::SaveSettings);
         Ok(())
@@ -415,7 +465,7 @@ where
 
     fn forget_settings(&mut self) -> Result<(), BoardError> {
         self.only_at_rest()?;
-        settings::forget(self.measuring.support_mut()).map_err(|_| BoardError::Refused(Refusal::Store))?;
+        settings::forget(self.measuring.support_mut()).map_err(refused)?;
         self.stored = Stored::Nothing;
         self.acknowledge(Command::ForgetSettings);
         Ok(())
@@ -449,6 +499,13 @@ fn refuse_if(busy: bool) -> Result<(), BoardError> {
     } else {
         Ok(())
     }
+}
+
+fn refused(fault: StoreFault) -> BoardError {
+    BoardError::Refused(match fault {
+        StoreFault::Failed => Refusal::Store,
+        StoreFault::ReadBack => Refusal::ReadBack,
+    })
 }
 
 /// Whether stored settings are ones that this board can carry out.

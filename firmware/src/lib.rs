@@ -3,7 +3,7 @@
 //! Nothing here blocks, allocates, uses floating point or can panic. The crate knows `protocol` only: docs/architecture.md
 //! shows its place, docs/firmware.md explains how it works.
 //!
-//! A board (or a simulator) implements three small traits, together a [`FrontEnd`], and three more, together a [`Support`].
+//! A board (or a simulator) implements three small traits, together a [`FrontEnd`], and four more, together a [`Support`].
 //! It hands them with a serial port to a [`Controller`] and calls [`poll`](Controller::poll) over and over.
 //!
 //! ```
@@ -35,6 +35,7 @@ extern crate std;
 #[macro_use]
 mod log;
 
+mod answers;
 mod board_info;
 mod capture;
 mod change;
@@ -44,6 +45,7 @@ mod excitation;
 mod fold;
 mod front_end;
 pub mod laws;
+mod lives;
 mod measuring;
 mod memory;
 mod outbox;
@@ -71,7 +73,7 @@ pub use phasor::{Phasor, Rotation};
 pub use reference::{COSINE, FRACTION, HALF, SAMPLES_PER_PERIOD, SINE};
 pub use route::{Route, Router, Sense};
 pub use scan::{MAX_AMPLITUDES, Pace, Progress, Scan, ScanError};
-pub use support::{Clock, Sector, Store, Support, Watchdog};
+pub use support::{Clock, Scratch, Sector, Store, Support, Watchdog};
 
 /// Highest code of the converter: 12 bits. A sample of 0 or of this touches a rail.
 pub const FULL_SCALE: u16 = 4095;

@@ -3,6 +3,7 @@
 use crate::board_info::BoardInfo;
 use crate::error::{Error, ErrorKind};
 use crate::front_end::FrontEnd;
+use crate::lives::Lives;
 use crate::memory::Memory;
 use crate::reference::SAMPLES_PER_PERIOD;
 use crate::scan::{Pace, Progress, ScanError};
@@ -13,7 +14,7 @@ use crate::task::{Probe, Task, recipe};
 use crate::watch_state::{AfterScan, WatchState};
 use core::ops::DerefMut;
 use protocol::{
-    BoardError, Counters, FoldedPeriod, FrontEndFault, Heartbeat, Outgoing, PeriodRequest, QUARTERS, Watching,
+    BoardError, Counters, FoldedPeriod, FrontEndFault, Heartbeat, Notice, Outgoing, PeriodRequest, QUARTERS, Watching,
 };
 
 /// Largest error of the source's amplitude: one part in this many of what was set. A source that is further off has failed:
@@ -23,6 +24,15 @@ const SOURCE_TOLERANCE: u32 = 10;
 /// Further error allowed to the source's amplitude, in thousandths of full scale: the converter's codes and whole thousandths
 /// round that much. It is the larger of the two allowances below 20 thousandths.
 const ROUNDING_PERMILLE: u32 = 2;
+
+/// Largest change of the source's amplitude while the board measures: one part in this many of what it was at the start. All
+/// values change by as much, and a touch of 25 N changes a value by some hundredths. A smaller share tells the noise of two
+/// periods.
+const SOURCE_CHANGE: u32 = 50;
+
+/// Quarter periods that the sheet rests after the source was measured between two frames: also the first value of a plan
+/// without settling is then as in other frames.
+const REST_QUARTERS: u16 = QUARTERS as u16;
 
 /// Periods beyond a window's own that a front end may take to lend it. Fewer stop a board whose front end lends late; more
 /// only delay the report of a front end that hangs.
@@ -47,6 +57,13 @@ pub(crate) struct Measuring<'a, F, S, M> {
     /// When the scan last went on, in samples since power-up.
     went_on: u64,
     watch: WatchState,
+    lives: Lives,
+    /// When the source is measured next between two frames, in samples since power-up.
+    check_at: u64,
+    /// Its amplitude when measuring began, in thousandths of full scale; 0 until that is known.
+    began_permille: u16,
+    /// Whether it was wrong when it was measured last.
+    source_is_off: bool,
 }
 
 impl<'a, F, S, M> Measuring<'a, F, S, M>
@@ -72,7 +89,22 @@ where
             probe: Probe::default(),
             went_on: 0,
             watch: WatchState::OFF,
+            lives: Lives::NONE,
+            check_at: 0,
+            began_permille: 0,
+            source_is_off: false,
         }
+    }
+
+    /// Counts this life, before anything that could end it.
+    pub(crate) fn begin_life(&mut self) {
+        self.lives = Lives::begun(self.info.reset, self.support.recall());
+        self.support.keep(self.lives.word());
+    }
+
+    /// The lives before this one that ended badly.
+    pub(crate) fn lives(&self) -> Lives {
+        self.lives
     }
 
     /// The board's constants.
@@ -147,7 +179,7 @@ where
     /// Measures from here on, or once a test under way is over. False if it failed, which was then reported.
     pub(crate) fn run(&mut self) -> bool {
         if self.is_testing() {
-            self.running = true;
+            self.begin_running();
             true
         } else {
             self.running || self.start()
@@ -199,12 +231,20 @@ where
 
     /// Begins to measure by the settings, the source first. False if it failed, which was then reported.
     pub(crate) fn start(&mut self) -> bool {
-        self.running = true;
+        self.begin_running();
         self.watch.switch_off();
         self.excite() && {
             self.probe = Probe::drive_pair(0, self.info.electrodes, 0);
             self.begin(Task::Source)
         }
+    }
+
+    /// The board measures from here on; its source is not known yet.
+    fn begin_running(&mut self) {
+        self.running = true;
+        let now = self.support.now();
+        self.lives.measures_from(now);
+        (self.began_permille, self.source_is_off) = (0, false);
     }
 
     /// Switches the source on at the amplitude that is set.
@@ -261,7 +301,7 @@ where
         let recipe = recipe(task, &memory.settings, &self.probe);
         let started = match task {
             Task::Off => Ok(()),
-            Task::Source | Task::TestSource => memory.scan.start_source(recipe, &mut self.front),
+            Task::Source | Task::Check | Task::TestSource => memory.scan.start_source(recipe, &mut self.front),
             Task::Watch => memory.scan.start(recipe, Pace::ByOne, rest, &mut self.front),
             Task::Frames | Task::TestPair | Task::TestSense | Task::Period => {
                 memory.scan.start(recipe, Pace::Ahead, rest, &mut self.front)
@@ -290,6 +330,7 @@ where
                     (Progress::Complete, Task::Frames) => self.frame(),
                     (Progress::Complete, Task::Watch) => self.watch_scan(),
                     (Progress::Complete, Task::Source) => self.source(),
+                    (Progress::Complete, Task::Check) => self.checked(),
                     (Progress::Complete, Task::TestSource) => self.tested_source(),
                     (Progress::Complete, Task::TestPair) => self.tested_pair(),
                     (Progress::Complete, Task::TestSense) => self.tested_sense(),
@@ -334,7 +375,7 @@ where
         let memory = &mut *self.memory;
         let recipe = recipe(self.task, &memory.settings, &self.probe);
         let again = match self.task {
-            Task::Source | Task::TestSource => memory.scan.start_source(recipe, &mut self.front),
+            Task::Source | Task::Check | Task::TestSource => memory.scan.start_source(recipe, &mut self.front),
             Task::Watch => memory.scan.start(recipe, Pace::ByOne, 0, &mut self.front),
             _ => memory.scan.start(recipe, Pace::Ahead, 0, &mut self.front),
         };
@@ -374,7 +415,12 @@ where
 
     /// A frame is complete: the next drive first, then the frame on its way.
     fn frame(&mut self) {
-        let next = self.watch.after_frame(self.memory.settings.watch.as_ref());
+        let next = if self.went_on >= self.check_at {
+            self.probe = Probe::source(self.info.electrodes);
+            Task::Check
+        } else {
+            self.watch.after_frame(self.memory.settings.watch.as_ref())
+        };
         let sequence = self.sequence;
         self.sequence = sequence.wrapping_add(1);
         Counters::add(&mut self.counters.frames, 1);
@@ -483,14 +529,54 @@ where
 
     /// The source was measured: go on if its amplitude is what was set.
     fn source(&mut self) {
-        let set = u32::from(self.memory.settings.excitation_permille);
-        let measured = u32::from(self.source_permille());
-        let off = measured.abs_diff(set) > set / SOURCE_TOLERANCE + ROUNDING_PERMILLE;
-        if off || !self_test::in_phase(&self.memory.scan) {
+        if !self.source_is(self.memory.settings.excitation_permille, SOURCE_TOLERANCE) {
             Counters::add(&mut self.counters.front_end_faults, 1);
             return self.halt(FrontEndFault::Source);
         }
+        if self.began_permille == 0 {
+            self.began_permille = self.source_permille();
+        }
+        self.measured_on();
         self.resume();
+    }
+
+    /// The source was measured between two frames: tell if it is not what it was, and on with the next frame.
+    fn checked(&mut self) {
+        // A start in the middle of a test has not measured it.
+        let (began_permille, part) = match self.began_permille {
+            0 => (self.memory.settings.excitation_permille, SOURCE_TOLERANCE),
+            began => (began, SOURCE_CHANGE),
+        };
+        let (permille, right) = (self.source_permille(), self.source_is(began_permille, part));
+        if self.began_permille == 0 && right {
+            self.began_permille = permille;
+        }
+        let tell = !right || self.source_is_off;
+        self.source_is_off = !right;
+        self.measured_on();
+        if self.begin_after(Task::Frames, REST_QUARTERS) && tell {
+            self.send(Outgoing::Notice(Notice::Source {
+                permille,
+                began_permille,
+                right,
+            }));
+        }
+    }
+
+    /// The source was measured: again in a second, if frames are. Long enough without a fault, and the life is a good one.
+    fn measured_on(&mut self) {
+        let second = self.info.samples_per_second();
+        self.check_at = self.went_on.saturating_add(second);
+        if self.lives.still_measures(self.went_on, second) {
+            self.support.keep(self.lives.word());
+        }
+    }
+
+    /// Whether the source as it was just measured has this amplitude, to one part in so many, and is in phase.
+    fn source_is(&self, permille: u16, part: u32) -> bool {
+        let measured = self.source_permille();
+        let most = u32::from(permille).checked_div(part).unwrap_or(0) + ROUNDING_PERMILLE;
+        u32::from(measured.abs_diff(permille)) <= most && self_test::in_phase(&self.memory.scan)
     }
 
     /// The source's amplitude as it was just measured, in thousandths of full scale.

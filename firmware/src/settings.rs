@@ -3,13 +3,15 @@
 //! Each of the two sectors of the [`Store`] is a log of records. A record is written behind the last one; when the sector is
 //! full the other one is erased and the log goes on there. Whichever valid record has the highest number counts. So what
 //! counts is never touched while its successor is being written: a cut leaves a record without its check sum behind, or an
-//! other sector half erased, and both are passed over.
+//! other sector half erased, and both are passed over. What was written is read back and compared.
+//!
+//! Whatever a memory holds, the search for records feeds the watchdog before every place that it looks at.
 //!
 //! ```text
 //! record: 0xA5, format, length u16, number u32, postcard(settings), CRC-32C of all that; little-endian
 //! ```
 
-use crate::support::{Sector, Store};
+use crate::support::{Sector, Store, Watchdog};
 use postcard::de_flavors::Flavor as Source;
 use postcard::ser_flavors::Flavor as Sink;
 use protocol::{Plan, Watch};
@@ -80,7 +82,12 @@ const LONGEST: u32 = 512;
 /// The store does not do what it should.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct StoreFault;
+pub enum StoreFault {
+    /// It cannot be read, written or erased, or is too small.
+    Failed,
+    /// What was written is read as something else.
+    ReadBack,
+}
 
 /// A record that was found.
 #[derive(Clone, Copy, Debug)]
@@ -105,7 +112,7 @@ struct Log {
 ///
 /// # Errors
 /// The store cannot be read.
-pub fn load<S: Store>(store: &mut S) -> Result<Option<Settings>, StoreFault> {
+pub fn load<S: Store + Watchdog>(store: &mut S) -> Result<Option<Settings>, StoreFault> {
     let mut out = None;
     load_with(store, |settings| out = Some(settings.clone()))?;
     Ok(out)
@@ -116,7 +123,7 @@ pub fn load<S: Store>(store: &mut S) -> Result<Option<Settings>, StoreFault> {
 ///
 /// # Errors
 /// As [`load`].
-pub fn load_with<S: Store>(store: &mut S, take: impl FnOnce(&Settings)) -> Result<bool, StoreFault> {
+pub fn load_with<S: Store + Watchdog>(store: &mut S, take: impl FnOnce(&Settings)) -> Result<bool, StoreFault> {
     let Some(record) = newest(store)? else {
         return Ok(false);
     };
@@ -134,11 +141,12 @@ pub fn load_with<S: Store>(store: &mut S, take: impl FnOnce(&Settings)) -> Resul
     Ok(true)
 }
 
-/// Writes settings. After an error, or a power cut before this returns, either these count or those before.
+/// Writes settings and reads them back. After an error, or a power cut before this returns, either these count or those
+/// before; after [`StoreFault::ReadBack`] those before.
 ///
 /// # Errors
-/// The store cannot be written, or is too small.
-pub fn save<S: Store>(store: &mut S, settings: &Settings) -> Result<(), StoreFault> {
+/// The store cannot be written, is too small, or does not keep what is written.
+pub fn save<S: Store + Watchdog>(store: &mut S, settings: &Settings) -> Result<(), StoreFault> {
     append(store, Some(settings))
 }
 
@@ -146,7 +154,7 @@ pub fn save<S: Store>(store: &mut S, settings: &Settings) -> Result<(), StoreFau
 ///
 /// # Errors
 /// As [`save`].
-pub fn forget<S: Store>(store: &mut S) -> Result<(), StoreFault> {
+pub fn forget<S: Store + Watchdog>(store: &mut S) -> Result<(), StoreFault> {
     match newest(store)? {
         Some(_) => append(store, None),
         None => Ok(()),
@@ -154,17 +162,16 @@ pub fn forget<S: Store>(store: &mut S) -> Result<(), StoreFault> {
 }
 
 /// Appends a record; one without settings means that there are none.
-fn append<S: Store>(store: &mut S, settings: Option<&Settings>) -> Result<(), StoreFault> {
+fn append<S: Store + Watchdog>(store: &mut S, settings: Option<&Settings>) -> Result<(), StoreFault> {
     let size = match settings {
-        Some(s) => {
-            postcard::serialize_with_flavor(s, postcard::ser_flavors::Size::default()).map_err(|_| StoreFault)?
-        }
+        Some(s) => postcard::serialize_with_flavor(s, postcard::ser_flavors::Size::default())
+            .map_err(|_| StoreFault::Failed)?,
         None => 0,
     };
-    let len = u32::try_from(size).map_err(|_| StoreFault)?;
+    let len = u32::try_from(size).map_err(|_| StoreFault::Failed)?;
     let unit = store.write_len();
     if !(1..=MOST_WRITE_LEN).contains(&unit) {
-        return Err(StoreFault);
+        return Err(StoreFault::Failed);
     }
     let total = (HEADER + len + CRC_LEN).next_multiple_of(unit);
     let (a, b) = (scan(store, Sector::A)?, scan(store, Sector::B)?);
@@ -176,35 +183,56 @@ fn append<S: Store>(store: &mut S, settings: Option<&Settings>) -> Result<(), St
         Sector::B => (b, Sector::A),
     };
     if total > store.sector_len() || len > LONGEST {
-        return Err(StoreFault);
+        return Err(StoreFault::Failed);
     }
     let (sector, offset) = if log.free + total <= store.sector_len() {
         (here, log.free)
     } else {
-        store.erase(other).map_err(|_| StoreFault)?;
+        store.erase(other).map_err(|_| StoreFault::Failed)?;
         (other, 0)
     };
-    let mut writer = Writer {
-        store,
-        sector,
-        next: offset,
-        unit,
-        chunk: heapless::Vec::new(),
-        digest: CRC.digest(),
-    };
+    for written in [false, true] {
+        let writer = Writer {
+            store: &mut *store,
+            sector,
+            next: offset,
+            unit,
+            chunk: heapless::Vec::new(),
+            digest: CRC.digest(),
+            written,
+        };
+        put_record(writer, settings, len, number)?;
+    }
+    Ok(())
+}
+
+/// Writes a record, or compares it with what is there.
+fn put_record<S: Store>(
+    mut writer: Writer<'_, S>,
+    settings: Option<&Settings>,
+    len: u32,
+    number: u32,
+) -> Result<(), StoreFault> {
     let [l0, l1, ..] = len.to_le_bytes();
     let [n0, n1, n2, n3] = number.to_le_bytes();
     for byte in [MARK, FORMAT, l0, l1, n0, n1, n2, n3] {
         writer.put(byte)?;
     }
-    match settings {
-        Some(s) => postcard::serialize_with_flavor(s, writer).map_err(|_| StoreFault),
-        None => writer.finish(),
-    }
+    let Some(settings) = settings else {
+        return writer.finish();
+    };
+    let written = writer.written;
+    postcard::serialize_with_flavor(settings, writer).map_err(|_| {
+        if written {
+            StoreFault::ReadBack
+        } else {
+            StoreFault::Failed
+        }
+    })
 }
 
 /// The record that counts; `None` as well where it says that there are no settings.
-fn newest<S: Store>(store: &mut S) -> Result<Option<Record>, StoreFault> {
+fn newest<S: Store + Watchdog>(store: &mut S) -> Result<Option<Record>, StoreFault> {
     let record = newer(scan(store, Sector::A)?.last, scan(store, Sector::B)?.last);
     Ok(record.filter(|r| r.len > 0))
 }
@@ -219,7 +247,7 @@ fn newer(a: Option<Record>, b: Option<Record>) -> Option<Record> {
 }
 
 /// Reads through a sector's log.
-fn scan<S: Store>(store: &mut S, sector: Sector) -> Result<Log, StoreFault> {
+fn scan<S: Store + Watchdog>(store: &mut S, sector: Sector) -> Result<Log, StoreFault> {
     let end = store.sector_len();
     let mut log = Log { last: None, free: 0 };
     // Everything behind the last byte that is not erased is free, whatever a cut left before it.
@@ -228,7 +256,8 @@ fn scan<S: Store>(store: &mut S, sector: Sector) -> Result<Log, StoreFault> {
     while at < end {
         let size = (end - at).min(chunk.len() as u32);
         let part = chunk.get_mut(..size as usize).unwrap_or_default();
-        store.read(sector, at, part).map_err(|_| StoreFault)?;
+        store.feed();
+        store.read(sector, at, part).map_err(|_| StoreFault::Failed)?;
         if let Some(last) = part.iter().rposition(|b| *b != 0xFF) {
             let unit = store.write_len().max(1);
             log.free = (at + last as u32 + 1).next_multiple_of(unit) + GAP.max(unit);
@@ -250,9 +279,11 @@ fn scan<S: Store>(store: &mut S, sector: Sector) -> Result<Log, StoreFault> {
 }
 
 /// The record that begins here, if it is whole.
-fn record<S: Store>(store: &mut S, sector: Sector, at: u32) -> Result<Option<Record>, StoreFault> {
+fn record<S: Store + Watchdog>(store: &mut S, sector: Sector, at: u32) -> Result<Option<Record>, StoreFault> {
+    // A hostile memory has what looks like a record at every second byte: its sums take longer than the watchdog waits.
+    store.feed();
     let mut header = [0; HEADER as usize];
-    store.read(sector, at, &mut header).map_err(|_| StoreFault)?;
+    store.read(sector, at, &mut header).map_err(|_| StoreFault::Failed)?;
     let [mark, format, l0, l1, n0, n1, n2, n3] = header;
     let len = u32::from(u16::from_le_bytes([l0, l1]));
     let fits = at + HEADER + len + CRC_LEN <= store.sector_len();
@@ -266,12 +297,12 @@ fn record<S: Store>(store: &mut S, sector: Sector, at: u32) -> Result<Option<Rec
     while next < end {
         let size = (end - next).min(chunk.len() as u32);
         let part = chunk.get_mut(..size as usize).unwrap_or_default();
-        store.read(sector, next, part).map_err(|_| StoreFault)?;
+        store.read(sector, next, part).map_err(|_| StoreFault::Failed)?;
         digest.update(part);
         next += size;
     }
     let mut sum = [0; CRC_LEN as usize];
-    store.read(sector, end, &mut sum).map_err(|_| StoreFault)?;
+    store.read(sector, end, &mut sum).map_err(|_| StoreFault::Failed)?;
     Ok((digest.finalize() == u32::from_le_bytes(sum)).then_some(Record {
         sector,
         offset: at + HEADER,
@@ -280,7 +311,7 @@ fn record<S: Store>(store: &mut S, sector: Sector, at: u32) -> Result<Option<Rec
     }))
 }
 
-/// Writes a record's bytes on, a few at a time.
+/// Writes a record's bytes, a few at a time, or compares them with those that were written.
 struct Writer<'a, S> {
     store: &'a mut S,
     sector: Sector,
@@ -289,6 +320,8 @@ struct Writer<'a, S> {
     unit: u32,
     chunk: heapless::Vec<u8, { MOST_WRITE_LEN as usize }>,
     digest: crc::Digest<'static, u32>,
+    /// Whether the record is there, and is compared.
+    written: bool,
 }
 
 impl<S: Store> Writer<'_, S> {
@@ -307,9 +340,17 @@ impl<S: Store> Writer<'_, S> {
     }
 
     fn flush(&mut self) -> Result<(), StoreFault> {
-        self.store
-            .write(self.sector, self.next, &self.chunk)
-            .map_err(|_| StoreFault)?;
+        if self.written {
+            let mut found = [0; MOST_WRITE_LEN as usize];
+            let found = found.get_mut(..self.chunk.len()).unwrap_or_default();
+            let read = self.store.read(self.sector, self.next, found);
+            if read.is_err() || *found != *self.chunk {
+                return Err(StoreFault::ReadBack);
+            }
+        } else {
+            let done = self.store.write(self.sector, self.next, &self.chunk);
+            done.map_err(|_| StoreFault::Failed)?;
+        }
         self.next += self.chunk.len() as u32;
         self.chunk.clear();
         Ok(())

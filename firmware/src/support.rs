@@ -1,4 +1,5 @@
-//! What the firmware needs of a chip besides its front end and its serial port: time, a watchdog, a place for settings.
+//! What the firmware needs of a chip besides its front end and its serial port: time, a watchdog, a place for settings, and
+//! a word that outlives a reset.
 
 use core::fmt::Debug;
 
@@ -12,8 +13,8 @@ pub trait Clock {
 /// Restarts a board that hangs. Law: it stays quiet while it is fed more often than its time-out, and bites once it is
 /// not. The time-out is the board's; it has to be longer than [`Store::erase`] takes.
 ///
-/// The controller feeds it in every poll, and in no other place: a poll always comes back at once, and a scan that does not
-/// go on is found by the clock and stopped.
+/// The controller feeds it in every poll, and while it looks through the store: a poll comes back at once otherwise, and a
+/// scan that does not go on is found by the clock and stopped.
 pub trait Watchdog {
     /// Not yet.
     fn feed(&mut self);
@@ -69,10 +70,20 @@ pub trait Store {
     fn erase(&mut self, sector: Sector) -> Result<(), Self::Error>;
 }
 
-/// All three, as the controller takes them. Implemented by whatever implements its parts.
-pub trait Support: Clock + Watchdog + Store {}
+/// A word that outlives a reset: memory that no start clears, or a backup register. Law: what was kept is recalled, also
+/// after a panic's or the watchdog's reset. After power came it may be anything; the firmware knows its own words.
+pub trait Scratch {
+    /// What was kept last.
+    fn recall(&mut self) -> u32;
 
-impl<T: Clock + Watchdog + Store> Support for T {}
+    /// Keeps a word in place of the one before.
+    fn keep(&mut self, word: u32);
+}
+
+/// All four, as the controller takes them. Implemented by whatever implements its parts.
+pub trait Support: Clock + Watchdog + Store + Scratch {}
+
+impl<T: Clock + Watchdog + Store + Scratch> Support for T {}
 
 impl<T: Clock + ?Sized> Clock for &mut T {
     fn now(&mut self) -> u64 {
@@ -83,6 +94,16 @@ impl<T: Clock + ?Sized> Clock for &mut T {
 impl<T: Watchdog + ?Sized> Watchdog for &mut T {
     fn feed(&mut self) {
         T::feed(self);
+    }
+}
+
+impl<T: Scratch + ?Sized> Scratch for &mut T {
+    fn recall(&mut self) -> u32 {
+        T::recall(self)
+    }
+
+    fn keep(&mut self, word: u32) {
+        T::keep(self, word);
     }
 }
 

@@ -13,8 +13,10 @@ pub(crate) enum Task {
     Frames,
     /// The watch's values.
     Watch,
-    /// The source's amplitude, before and while the board measures.
+    /// The source's amplitude, before the board measures and with every heartbeat.
     Source,
+    /// The same between two frames, every second.
+    Check,
     /// The source's amplitude, first part of the self-test.
     TestSource,
     /// The voltage of one drive pair after the other, second part of the self-test.
@@ -73,6 +75,17 @@ impl Probe {
             second,
             ..Self::tested(m, sense, electrodes, 0)
         }
+    }
+
+    /// The source, between two frames: as short as its tolerance bears.
+    pub(crate) fn source(electrodes: u8) -> Self {
+        let Self { request, .. } = Self::drive_pair(0, electrodes, 0);
+        let request = PeriodRequest {
+            settle_quarters: QUARTERS as u16,
+            periods: 2,
+            ..request
+        };
+        Self::period(request, electrodes)
     }
 
     fn tested(m: u8, sense: Pair, electrodes: u8, gain: u8) -> Self {

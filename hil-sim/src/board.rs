@@ -5,7 +5,7 @@ use crate::chip::Chip;
 use crate::clock::{Clock, PERIOD_SAMPLES, QUARTER_SAMPLES, TICKS_PER_SAMPLE, TIMER_HZ, samples};
 use crate::electronics::Electronics;
 use crate::electronics_error::ElectronicsError;
-use crate::fault::{Fault, FaultError};
+use crate::fault::{Fault, FaultError, FaultKind};
 use crate::flash::Flash;
 use crate::front_end::{SimFrontEnd, SimFrontEndError};
 use crate::line::{Direction, Line};
@@ -63,6 +63,8 @@ pub struct SimConfig {
     pub flash: Option<Flash>,
     /// Why it starts.
     pub reset: ResetCause,
+    /// The word that outlives a reset, as the life before left it.
+    pub scratch: u32,
     /// How often the sheet is looked at, in samples; `None`: every 20 ms.
     pub look_samples: Option<u64>,
 }
@@ -100,7 +102,7 @@ struct Machine<S> {
 impl<S: SheetModel> Machine<S> {
     fn power_up(
         config: &SimConfig,
-        flash: Flash,
+        (flash, scratch): (Flash, u32),
         sheet: Shared<S>,
         faults: Timeline,
         time: SceneTime,
@@ -159,7 +161,8 @@ impl<S: SheetModel> Machine<S> {
             },
         };
         let uart = Uart::new(clock.clone());
-        let chip = Chip::new(clock.clone(), flash);
+        let mut chip = Chip::new(clock.clone(), flash);
+        chip.scratch = scratch;
         let controller = Controller::new(info, plan, front, uart, chip, Box::default()).map_err(BoardError::Plan)?;
         Ok(Self {
             origin,
@@ -179,7 +182,8 @@ impl<S: SheetModel> SimBoard<S> {
         let sheet = Shared::new(sheet);
         let faults = Timeline::new(config.faults.clone());
         let time = SceneTime::default();
-        let machine = Machine::power_up(&config, flash, sheet.clone(), faults.clone(), time.clone(), 0)?;
+        let kept = (flash, config.scratch);
+        let machine = Machine::power_up(&config, kept, sheet.clone(), faults.clone(), time.clone(), 0)?;
         Ok(Self {
             line: Line::new(faults.clone(), config.electronics.seed),
             config,
@@ -276,6 +280,11 @@ impl<S: SheetModel> SimBoard<S> {
         &mut self.machine.controller.support_mut().flash
     }
 
+    /// The word that outlives a reset.
+    pub fn scratch(&mut self) -> u32 {
+        self.machine.controller.support_mut().scratch
+    }
+
     /// Whether its watchdog has bitten, which never happens while it is stepped.
     pub fn bitten(&mut self) -> bool {
         self.machine.controller.support_mut().bitten()
@@ -360,16 +369,20 @@ impl<S: SheetModel> SimBoard<S> {
         }
         self.held_until_s = fault.for_s.map(|length| self.now_s() + length);
         self.resets += 1;
-        self.config.reset = ResetCause::Pin;
+        self.config.reset = match fault.kind {
+            FaultKind::BoardHangs => ResetCause::Watchdog,
+            _ => ResetCause::Pin,
+        };
         self.restart()
     }
 
-    /// All but the flash memory is new.
+    /// All but the flash memory and the word beside it is new.
     fn restart(&mut self) -> Result<(), BoardError> {
-        let flash = self.flash().clone();
+        let chip = self.machine.controller.support_mut();
+        let kept = (chip.flash.clone(), chip.scratch);
         let origin = self.now();
         let (sheet, faults, time) = (self.sheet.clone(), self.faults.clone(), self.time.clone());
-        self.machine = Machine::power_up(&self.config, flash, sheet, faults, time, origin)?;
+        self.machine = Machine::power_up(&self.config, kept, sheet, faults, time, origin)?;
         self.last_byte = 0;
         Ok(())
     }

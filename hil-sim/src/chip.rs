@@ -1,8 +1,8 @@
-//! What a chip has besides its front end and its serial port: a clock, a watchdog and a store.
+//! What a chip has besides its front end and its serial port: a clock, a watchdog, a store and a word that outlives a reset.
 
 use crate::clock::{Clock, samples};
 use crate::flash::{Flash, FlashError};
-use firmware::{Sector, Store, Watchdog};
+use firmware::{Scratch, Sector, Store, Watchdog};
 
 /// Time-out of the watchdog, s: longer than erasing a sector takes, as [`firmware::Watchdog`] asks.
 const WATCHDOG_S: f64 = 2.0;
@@ -14,13 +14,20 @@ pub struct Chip {
     fed_at: u64,
     /// What keeps the settings; it outlives a reset.
     pub flash: Flash,
+    /// The word that outlives a reset.
+    pub scratch: u32,
 }
 
 impl Chip {
     /// A chip at power-up, with what its flash memory holds.
     pub fn new(clock: Clock, flash: Flash) -> Self {
         let fed_at = clock.now();
-        Self { clock, fed_at, flash }
+        Self {
+            clock,
+            fed_at,
+            flash,
+            scratch: 0,
+        }
     }
 
     /// Whether the watchdog was not fed for its time-out: the board is reset.
@@ -42,10 +49,21 @@ impl firmware::Clock for Chip {
 
 impl Watchdog for Chip {
     fn feed(&mut self) {
+        self.flash.feed();
         // Once it has bitten, the board is gone: it cannot be fed back to life.
         if !self.bitten() {
             self.fed_at = self.clock.now();
         }
+    }
+}
+
+impl Scratch for Chip {
+    fn recall(&mut self) -> u32 {
+        self.scratch
+    }
+
+    fn keep(&mut self, word: u32) {
+        self.scratch = word;
     }
 }
 

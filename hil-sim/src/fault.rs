@@ -71,6 +71,8 @@ pub enum FaultKind {
     CablePulled,
     /// The board's reset line is pulled, as soon as a frame is half out. It then starts anew.
     BoardReset,
+    /// The board's program hangs: its watchdog resets it, as soon as a frame is half out.
+    BoardHangs,
     /// A wire is off an electrode. The amplifier's input then rests at the middle of its supply.
     ElectrodeOpen {
         /// Which one, from 0.
@@ -96,6 +98,11 @@ pub enum FaultKind {
     },
     /// The source gives nothing.
     SourceLost,
+    /// The source gives less than it is set to.
+    SourceSags {
+        /// Part of its amplitude that is left, 0 to 1.
+        part: f64,
+    },
     /// The converter gives the same code whatever it measures.
     AdcStuck {
         /// Which one, 0 to 4095.
@@ -243,7 +250,7 @@ impl Fault {
     /// When it is over, s.
     pub fn end_s(&self) -> f64 {
         let natural_s = match self.kind {
-            FaultKind::BoardReset => 0.0,
+            FaultKind::BoardReset | FaultKind::BoardHangs => 0.0,
             _ => f64::INFINITY,
         };
         self.at_s + self.for_s.unwrap_or(natural_s)
@@ -305,6 +312,7 @@ impl Fault {
                 }
                 Ok(())
             }
+            FaultKind::SourceSags { part } => number("part", part, 1.0, "between 0 and 1"),
             FaultKind::AmplifierSaturating { volt } => number("volt", volt, 1000.0, "between 0 and 1000"),
             FaultKind::AdcStuck { code } => number("code", code.into(), 4095.0, "between 0 and 4095"),
             FaultKind::Saturation { channel } => {
@@ -315,6 +323,7 @@ impl Fault {
             | FaultKind::BreakToBoard
             | FaultKind::CablePulled
             | FaultKind::BoardReset
+            | FaultKind::BoardHangs
             | FaultKind::AmplifierDead
             | FaultKind::ReferenceLost { .. }
             | FaultKind::SourceLost => Ok(()),
@@ -378,6 +387,7 @@ fn parsed(text: &str) -> Option<Fault> {
         "break_to_board" => FaultKind::BreakToBoard,
         "cable_pulled" => FaultKind::CablePulled,
         "board_reset" => FaultKind::BoardReset,
+        "board_hangs" => FaultKind::BoardHangs,
         "electrode_open" => FaultKind::ElectrodeOpen {
             electrode: electrode(given.next()?)?,
         },
@@ -390,6 +400,9 @@ fn parsed(text: &str) -> Option<Fault> {
             ohm: given.next().map_or(Ok(0.0), str::parse).ok()?,
         },
         "source_lost" => FaultKind::SourceLost,
+        "source_sags" => FaultKind::SourceSags {
+            part: given.next()?.parse().ok()?,
+        },
         "adc_stuck" => FaultKind::AdcStuck {
             code: given.next()?.parse().ok()?,
         },

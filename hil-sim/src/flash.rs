@@ -1,6 +1,6 @@
 //! Flash memory of two sectors, whose power can be cut at any byte.
 
-use firmware::{Sector, Store};
+use firmware::{Sector, Store, Watchdog};
 use thiserror::Error;
 
 /// Why the memory did not do what it was told.
@@ -36,10 +36,16 @@ pub struct Flash {
     /// Bytes that can still be written or erased before power is cut; `None`: it stays.
     left: Option<u64>,
     torn: Torn,
+    /// Bits of a byte that stay 1 whatever is written.
+    pub stuck: Option<(Sector, u32, u8)>,
     /// Power was cut.
     dead: bool,
     /// Bytes written or erased so far.
     worked: u64,
+    /// Bytes read since its watchdog was fed, the most of them ever, and all.
+    unfed: u64,
+    longest_unfed: u64,
+    read: u64,
 }
 
 impl Flash {
@@ -50,8 +56,12 @@ impl Flash {
             sectors: [sector.clone(), sector],
             left: None,
             torn: Torn::Before,
+            stuck: None,
             dead: false,
             worked: 0,
+            unfed: 0,
+            longest_unfed: 0,
+            read: 0,
         }
     }
 
@@ -70,6 +80,11 @@ impl Flash {
     /// Bytes written or erased so far.
     pub fn worked(&self) -> u64 {
         self.worked
+    }
+
+    /// Bytes read so far, and the most of them between two feeds of the watchdog.
+    pub fn read_unfed(&self) -> (u64, u64) {
+        (self.read, self.longest_unfed)
     }
 
     /// Whether there is power for another byte.
@@ -95,6 +110,13 @@ impl Flash {
     }
 }
 
+/// A memory by itself has no watchdog: this one counts what is read between two feeds.
+impl Watchdog for Flash {
+    fn feed(&mut self) {
+        self.unfed = 0;
+    }
+}
+
 impl Store for Flash {
     type Error = FlashError;
 
@@ -103,6 +125,9 @@ impl Store for Flash {
     }
 
     fn read(&mut self, sector: Sector, offset: u32, out: &mut [u8]) -> Result<(), FlashError> {
+        self.read += out.len() as u64;
+        self.unfed += out.len() as u64;
+        self.longest_unfed = self.longest_unfed.max(self.unfed);
         let part = self.part(sector, offset, out.len())?;
         for (place, (byte, _)) in out.iter_mut().zip(part) {
             *place = *byte;
@@ -118,12 +143,14 @@ impl Store for Flash {
         for (at, byte) in (offset..).zip(bytes) {
             let powered = self.power();
             let torn = self.torn;
+            let stuck = self.stuck.filter(|(s, offset, _)| (*s, *offset) == (sector, at));
+            let byte = byte | stuck.map_or(0, |(.., bits)| bits);
             let place = &mut self.sectors[sector as usize][at as usize];
             *place = match (powered, torn) {
-                (true, _) | (false, Torn::After) => (*byte, true),
+                (true, _) | (false, Torn::After) => (byte, true),
                 (false, Torn::Before) => (0xFF, false),
                 // Half of the bits that were to become 0 did so.
-                (false, Torn::Mixed) => (*byte | 0xAA, true),
+                (false, Torn::Mixed) => (byte | 0xAA, true),
             };
             if !powered {
                 return Err(FlashError::Cut);

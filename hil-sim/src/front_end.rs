@@ -164,9 +164,10 @@ impl<S: SheetModel> SimFrontEnd<S> {
     /// Amplitudes of the present route, with the excitation as it is.
     fn amplitudes_v(&self) -> Result<[f64; MAX_CHANNELS], SimFrontEndError> {
         match &self.route {
-            Some(route) if self.excited && !self.wiring.source_lost => self
+            Some(route) if self.excited => self
                 .analog
                 .amplitudes_v(&self.seen, &self.wiring.routed(route), &self.wiring.broken(route))
+                .map(|amplitudes| amplitudes.map(|v| v * self.wiring.source_part()))
                 .ok_or(SimFrontEndError::Route(*route)),
             _ => Ok([0.0; MAX_CHANNELS]),
         }
@@ -206,11 +207,7 @@ impl<S: SheetModel> SimFrontEnd<S> {
     /// What the present route has besides its amplitudes.
     fn wire(&mut self) {
         let Some(route) = &self.route else { return };
-        let scale = if self.excited && !self.wiring.source_lost {
-            1.0
-        } else {
-            0.0
-        };
+        let scale = if self.excited { self.wiring.source_part() } else { 0.0 };
         let broken = self.wiring.broken(route);
         self.analog.route(
             &mut self.routing,

@@ -54,7 +54,7 @@ impl Timeline {
     pub(crate) fn reset(&self, time_s: f64, done: usize) -> Option<&Fault> {
         self.faults
             .iter()
-            .filter(|f| f.kind == FaultKind::BoardReset)
+            .filter(|f| matches!(f.kind, FaultKind::BoardReset | FaultKind::BoardHangs))
             .nth(done)
             .filter(|f| f.at_s <= time_s)
     }

@@ -22,7 +22,8 @@ pub(crate) struct Wiring {
     switches: Vec<(Multiplexer, u8, f64)>,
     /// What does not depend on the route.
     broken: Broken,
-    pub(crate) source_lost: bool,
+    /// Part of the source's amplitude that is missing.
+    source_missing: f64,
     adc: Option<u16>,
     saturated: u32,
     /// Chance that a period of samples is overrun.
@@ -37,7 +38,8 @@ impl Wiring {
                 FaultKind::ElectrodeOpen { electrode } => out.open |= 1 << electrode,
                 FaultKind::ContactRaised { electrode, ohm } => out.raised.push((electrode.into(), ohm)),
                 FaultKind::ElectrodesShort { electrodes, ohm } => out.shorts.push((electrodes.map(usize::from), ohm)),
-                FaultKind::SourceLost => out.source_lost = true,
+                FaultKind::SourceLost => out.source_missing = 1.0,
+                FaultKind::SourceSags { part } => out.source_missing = out.source_missing.max(1.0 - part),
                 FaultKind::AdcStuck { code } => out.adc = Some(code),
                 FaultKind::AmplifierDead => out.broken.amplifier_dead = true,
                 FaultKind::AmplifierSaturating { volt } => out.broken.reach_lost_v += volt,
@@ -62,10 +64,16 @@ impl Wiring {
                 | FaultKind::LineBreak
                 | FaultKind::BreakToBoard
                 | FaultKind::CablePulled
-                | FaultKind::BoardReset => {}
+                | FaultKind::BoardReset
+                | FaultKind::BoardHangs => {}
             }
         }
         out
+    }
+
+    /// What is left of the source's amplitude, 0 to 1.
+    pub(crate) fn source_part(&self) -> f64 {
+        1.0 - self.source_missing
     }
 
     /// The sheet as the board's wires see it.

@@ -1,6 +1,7 @@
 //! What happens beside the pictures: on the line to the board, and with the baseline.
 
 use link::{ConnectionEvent, LinkNotice};
+use protocol::Notice;
 use serde::{Deserialize, Serialize};
 
 /// Something that happened.
@@ -24,6 +25,16 @@ pub(crate) enum Event {
     FramesLost { lost: u64, of: u64, damaged: u64 },
     /// Nothing comes.
     Silence { silent_s: f64 },
+    /// The board was restarted by faults of its own, and does less than it was told to keep.
+    BoardCareful { resets: u8, settings: bool },
+    /// The board got what it could not read, and passed over so much of it.
+    CommandsUnread { count: u32 },
+    /// The source is not what it was when measuring began, or is again; in thousandths of full scale.
+    SourceChanged {
+        permille: u16,
+        began_permille: u16,
+        right: bool,
+    },
     /// A baseline is taken from now on.
     BaselineBegun,
     /// A baseline is in force.
@@ -68,6 +79,28 @@ impl From<&LinkNotice> for Said {
     }
 }
 
+impl From<&Notice> for Said {
+    fn from(of: &Notice) -> Self {
+        let event = match *of {
+            Notice::PassedOver { count } => Event::CommandsUnread { count },
+            Notice::Careful { resets, settings } => Event::BoardCareful { resets, settings },
+            Notice::Source {
+                permille,
+                began_permille,
+                right,
+            } => Event::SourceChanged {
+                permille,
+                began_permille,
+                right,
+            },
+        };
+        Self {
+            event,
+            text: of.to_string(),
+        }
+    }
+}
+
 impl Said {
     /// A baseline is taken from now on.
     pub(crate) fn baseline_begun() -> Self {
@@ -99,7 +132,10 @@ impl Said {
     pub(crate) fn is_good(&self) -> bool {
         matches!(
             self.event,
-            Event::BoardBack { .. } | Event::BaselineBegun | Event::BaselineInForce { .. }
+            Event::BoardBack { .. }
+                | Event::BaselineBegun
+                | Event::BaselineInForce { .. }
+                | Event::SourceChanged { right: true, .. }
         )
     }
 }

@@ -1,11 +1,12 @@
 //! `skin hello`: who the board is, and how it is.
 
 use crate::board::{Choice, Connected};
+use crate::event::Said;
 use crate::{number, phantom, simulated_skin};
 use anyhow::{Result, bail};
 use clap::Args;
 use hil_sim::{Fault, Preset};
-use link::Link;
+use link::{Link, settings};
 use protocol::{Check, FromBoard, Hello, SelfTest, ToBoard};
 use serde_json::json;
 use std::time::Duration;
@@ -98,6 +99,8 @@ pub(crate) fn lost_reference(test: &SelfTest, hello: &Hello) -> Option<&'static 
 /// No board, or a failed self-test.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let Connected { link, hello, source } = connected(arguments)?;
+    // Before the self-test: what restarted it may come again.
+    let (_, careful) = settings::status(&link)?;
     let test = if arguments.no_test {
         None
     } else {
@@ -114,11 +117,15 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     };
     if arguments.json {
         let mut json = as_json(&hello, test.as_ref(), &source);
+        json["careful"] = json!(careful.map(|notice| Said::from(&notice)));
         json["lost_reference"] = json!(reference);
         json["phantom"] = json!(tried.as_ref().map(phantom::as_json));
         println!("{json}");
     } else {
         describe(&hello, &source);
+        if let Some(careful) = careful {
+            println!("careful     {careful}");
+        }
         if let Some(test) = &test {
             println!(
                 "self-test   source at {:.1} % of full scale, noise {:.2} codes rms, offset {:.1} codes",

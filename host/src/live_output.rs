@@ -64,6 +64,8 @@ pub(crate) struct Output {
     line: Option<(String, Option<f64>)>,
     /// When a drift was said last.
     drifted: Option<Instant>,
+    /// When a source that is not what it was was said last.
+    source_said: Option<Instant>,
 }
 
 /// A picture that does not change is drawn again after so long.
@@ -91,6 +93,7 @@ impl Output {
             faults_said: Instant::now(),
             line: None,
             drifted: None,
+            source_said: None,
         }
     }
 
@@ -237,6 +240,25 @@ impl Output {
             json_lines::event(said, last_s, self.unix_s())?;
         }
         if !said.is_of_line() {
+            return Ok(());
+        }
+        // The board tells it every second.
+        let again = match said.event {
+            Event::SourceChanged { right: false, .. } => {
+                let again = self.source_said.is_none_or(|at| at.elapsed() > SAID_AGAIN);
+                if again {
+                    self.source_said = Some(Instant::now());
+                }
+                again
+            }
+            Event::SourceChanged { right: true, .. } => {
+                self.source_said = None;
+                true
+            }
+            _ => true,
+        };
+        if !again {
+            self.line = Some((said.text.clone(), None));
             return Ok(());
         }
         self.end_status();

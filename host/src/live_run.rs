@@ -106,6 +106,9 @@ impl Run<'_> {
                     }
                 }
             }
+            while let Some(notice) = self.session.notice() {
+                self.happened(&Said::from(&notice))?;
+            }
             if self.session.is_away() {
                 self.session.check_silence(SILENCE)?;
                 continue;

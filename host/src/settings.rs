@@ -243,6 +243,9 @@ fn describe(settings: &Settings, hello: &Hello, source: &str) {
             Stored::Nothing => "nothing: it starts as it was made",
             Stored::InForce => "all of this",
             Stored::Others => "other settings than these; `skin settings store` stores these",
+            Stored::Unread => {
+                "not looked at, since the board was restarted by its own faults; `skin settings store` stores these"
+            }
             Stored::Unusable => "something that this firmware cannot use; `skin settings store` stores these",
         }
     );

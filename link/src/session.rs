@@ -5,7 +5,9 @@ use crate::connection::{Connection, ConnectionEvent, Identity};
 use crate::error::LinkError;
 use crate::link::Link;
 use crate::port::Port;
-use protocol::{BoardError, Command, Frame, FromBoard, Hello, Plan, PlanError, QUARTERS, ToBoard, Watch, Watching};
+use protocol::{
+    BoardError, Command, Frame, FromBoard, Hello, Notice, Plan, PlanError, QUARTERS, ToBoard, Watch, Watching,
+};
 use std::cell::{Cell, RefCell};
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
@@ -25,6 +27,7 @@ pub struct Session {
     excitation: Cell<Option<u16>>,
     connection: RefCell<Connection>,
     events: RefCell<VecDeque<ConnectionEvent>>,
+    notices: RefCell<VecDeque<Notice>>,
     /// How often the connection was restored.
     restored: Cell<u32>,
 }
@@ -118,6 +121,7 @@ impl Session {
             excitation: Cell::new(None),
             connection: RefCell::new(Connection::Up),
             events: RefCell::default(),
+            notices: RefCell::default(),
             restored: Cell::new(0),
         })
     }
@@ -198,6 +202,11 @@ impl Session {
     /// What became of the connection, oldest first; each is told once. What [`Session::frame`] gave before belongs before it.
     pub fn event(&self) -> Option<ConnectionEvent> {
         self.events.borrow_mut().pop_front()
+    }
+
+    /// What the board said unasked, oldest first; each is told once.
+    pub fn notice(&self) -> Option<Notice> {
+        self.notices.borrow_mut().pop_front()
     }
 
     /// Whether the board is missed now.
@@ -297,6 +306,7 @@ impl Session {
                         self.excitation.set(Some(status.excitation_permille));
                     }
                 }
+                Some(FromBoard::Notice(notice)) => self.notices.borrow_mut().push_back(notice),
                 Some(FromBoard::Error(BoardError::Command(e))) => {
                     tracing::debug!("the board could not read a command: {e}");
                 }

@@ -3,7 +3,7 @@
 use crate::ask::{PATIENCE, insist};
 use crate::error::LinkError;
 use crate::link::Link;
-use protocol::{Baseline, Command, FromBoard, Plan, Status, ToBoard, Watch};
+use protocol::{Baseline, Command, FromBoard, Notice, Plan, Status, ToBoard, Watch};
 use std::time::{Duration, Instant};
 
 /// What is in force on a board.
@@ -30,15 +30,29 @@ pub struct Change {
     pub autostart: Option<bool>,
 }
 
+/// Asks for the status, and for what the board says before it: that it is careful, if so.
+///
+/// # Errors
+/// [`LinkError`]: no answer, a lost port.
+pub fn status(link: &Link) -> Result<(Status, Option<Notice>), LinkError> {
+    let mut careful = None;
+    let status = insist(link, "its status", &ToBoard::GetStatus, PATIENCE, |m| match m {
+        FromBoard::Status(status) => Some(status),
+        FromBoard::Notice(notice @ Notice::Careful { .. }) => {
+            careful = Some(notice);
+            None
+        }
+        _ => None,
+    })?;
+    Ok((status, careful))
+}
+
 /// Asks for everything.
 ///
 /// # Errors
 /// [`LinkError`]: no answer, a lost port.
 pub fn read(link: &Link) -> Result<Settings, LinkError> {
-    let status = insist(link, "its status", &ToBoard::GetStatus, PATIENCE, |m| match m {
-        FromBoard::Status(status) => Some(status),
-        _ => None,
-    })?;
+    let (status, _) = status(link)?;
     let plan = insist(link, "its plan", &ToBoard::GetPlan, PATIENCE, |m| match m {
         FromBoard::Plan(plan) => Some(plan),
         _ => None,

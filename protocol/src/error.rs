@@ -71,6 +71,8 @@ pub enum Refusal {
     NoWatch,
     /// The settings could not be written or read.
     Store,
+    /// What was written to the store is read as something else.
+    ReadBack,
 }
 
 /// Numbers of a [`crate::Watch`].
@@ -109,6 +111,9 @@ impl fmt::Display for Refusal {
             ),
             Self::NoWatch => f.write_str("it has no watch; set one first"),
             Self::Store => f.write_str("its store does not work; the settings hold until it is switched off"),
+            Self::ReadBack => f.write_str(
+                "its store does not keep what is written; what was stored before stays, and the settings hold until it is switched off",
+            ),
         }
     }
 }

@@ -32,7 +32,7 @@ pub struct Version {
 
 impl Version {
     /// The version that this crate speaks.
-    pub const CURRENT: Self = Self { major: 2, minor: 0 };
+    pub const CURRENT: Self = Self { major: 2, minor: 1 };
 }
 
 /// The largest plan that the board can carry out.

@@ -1,8 +1,8 @@
 //! The two directions of the wire.
 
 use crate::{
-    Baseline, BoardError, Counters, FoldedPeriod, Frame, FrameRef, Heartbeat, Hello, PeriodRequest, Plan, SelfTest,
-    Status, Watch,
+    Baseline, BoardError, Counters, FoldedPeriod, Frame, FrameRef, Heartbeat, Hello, Notice, PeriodRequest, Plan,
+    SelfTest, Status, Watch,
 };
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
@@ -102,6 +102,8 @@ pub enum FromBoard {
     Period(FoldedPeriod),
     /// What it is set to and does.
     Status(Status),
+    /// What it says unasked, from version 2.1 on.
+    Notice(Notice),
 }
 
 /// A [`FromBoard`] to send, borrowed from where it is: the same bytes on the wire without a copy in memory. Variants as in
@@ -121,6 +123,7 @@ pub enum Outgoing<'a> {
     SelfTest(&'a SelfTest),
     Period(&'a FoldedPeriod),
     Status(Status),
+    Notice(Notice),
 }
 
 impl<'a> From<&'a FromBoard> for Outgoing<'a> {
@@ -138,6 +141,7 @@ impl<'a> From<&'a FromBoard> for Outgoing<'a> {
             FromBoard::SelfTest(m) => Self::SelfTest(m),
             FromBoard::Period(m) => Self::Period(m),
             FromBoard::Status(m) => Self::Status(*m),
+            FromBoard::Notice(m) => Self::Notice(*m),
         }
     }
 }

@@ -17,6 +17,8 @@ pub enum Stored {
     Others,
     /// Something is stored that this firmware cannot carry out, or the store does not work.
     Unusable,
+    /// What is stored was not looked at, since the board was restarted by its own faults too often.
+    Unread,
 }
 
 /// What the board is set to, beside its plan and its watch, and what it does.

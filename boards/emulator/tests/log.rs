@@ -93,11 +93,12 @@ fn the_log_tells_the_start_what_was_refused_and_what_was_lost() {
         "clock: {}; supply good: {=bool}",
         "reset: {}; {=str}",
         "settings: {}",
+        "resets by faults of its own, in a row: {=u8}",
         "refused: {}",
         "overruns: {=u32}",
     ];
     assert_eq!(said, expected);
-    assert_eq!(log[5].1.first_chunk(), Some(&1u32.to_le_bytes()), "{log:?}");
+    assert_eq!(log[6].1.first_chunk(), Some(&1u32.to_le_bytes()), "{log:?}");
     // The log costs no frame but the one that was lost.
     assert_eq!(
         (outcome.damaged, outcome.resets, common::frames(&outcome).len()),

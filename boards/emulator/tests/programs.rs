@@ -283,17 +283,3 @@ fn a_panic_is_told_after_the_restart() {
         hello.last_panic
     );
 }
-
-#[test]
-fn a_program_that_hangs_is_restarted_by_the_watchdog() {
-    let outcome = run(
-        &program("fault-hang"),
-        Electronics::drawn_board(),
-        sheet(),
-        Vec::new(),
-        1,
-        4_600_000_000,
-    )
-    .unwrap();
-    assert_eq!(outcome.resets, 2, "{:?}", outcome.messages);
-}

@@ -7,11 +7,9 @@ mod common;
 use common::{AWAKE_NS, frames, hellos, program, sheet};
 use emulator::run::{Outcome, Setup, run_in};
 use emulator::world::World;
-use firmware::Sector;
-use firmware::settings::{self, Settings};
+use firmware::settings::Settings;
 use forward::ElectrodeMatrix;
 use hil_sim::Electronics;
-use hil_sim::Flash;
 use protocol::{FromBoard, Plan, ResetCause, Status, Stored, ToBoard, Watch, Watching};
 
 /// One period of the excitation, ns.
@@ -97,8 +95,6 @@ fn with_one_channel_it_learns_sleeps_and_wakes_with_the_next_value() {
 
 #[test]
 fn it_starts_from_stored_settings() {
-    // Written by the same library to the simulator's flash memory of the same size.
-    let mut flash = Flash::new(16 * 1024);
     let stored = Settings {
         autostart: true,
         excitation_permille: 700,
@@ -110,15 +106,9 @@ fn it_starts_from_stored_settings() {
         autostart: false,
         ..stored.clone()
     };
-    settings::save(&mut flash, &older).unwrap();
-    settings::save(&mut flash, &stored).unwrap();
-    let mut bytes = vec![0; 32 * 1024];
-    let (a, b) = bytes.split_at_mut(16 * 1024);
-    firmware::Store::read(&mut flash, Sector::A, 0, a).unwrap();
-    firmware::Store::read(&mut flash, Sector::B, 0, b).unwrap();
     let setup = Setup {
         commands: vec![(AWAKE_NS, ToBoard::GetStatus)],
-        flash: Some((0x0800_8000, bytes)),
+        flash: Some((0x0800_8000, common::stored(&[older, stored]))),
         ..Setup::default()
     };
     let outcome = run_in(

@@ -1,8 +1,14 @@
-//! What the emulated machine has of a chip's support: a clock that counts polls. It has no watchdog and keeps no
-//! settings.
+//! What the emulated machine has of a chip's support: a clock that counts polls, and a word that no start clears. It has no
+//! watchdog and keeps no settings.
 
 use core::convert::Infallible;
-use firmware::{Clock, Sector, Store, Watchdog};
+use core::sync::atomic::{AtomicU32, Ordering};
+use firmware::{Clock, Scratch, Sector, Store, Watchdog};
+
+/// In memory that no start clears.
+// SAFETY: the section holds variables that are not given a first value, which any word is good for.
+#[unsafe(link_section = ".uninit.scratch")]
+static SCRATCH: AtomicU32 = AtomicU32::new(0);
 
 /// Clock, watchdog and store.
 #[derive(Debug, Default)]
@@ -20,6 +26,16 @@ impl Clock for Chip {
 
 impl Watchdog for Chip {
     fn feed(&mut self) {}
+}
+
+impl Scratch for Chip {
+    fn recall(&mut self) -> u32 {
+        SCRATCH.load(Ordering::Relaxed)
+    }
+
+    fn keep(&mut self, word: u32) {
+        SCRATCH.store(word, Ordering::Relaxed);
+    }
 }
 
 impl Store for Chip {

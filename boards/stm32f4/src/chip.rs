@@ -1,4 +1,5 @@
-//! The chip's start (watchdog, clocks, analogue pins), and `firmware`'s clock, watchdog and store.
+//! The chip's start (watchdog, clocks, analogue pins), and `firmware`'s clock, watchdog, store and word that outlives a
+//! reset.
 
 use crate::clocks;
 use crate::flash;
@@ -6,7 +7,8 @@ use crate::multiplexer;
 use crate::panic_record;
 use crate::sampler;
 use crate::supply::{self, supply_is_good, wait_for_supply};
-use firmware::{Clock, Sector, Store, Watchdog};
+use core::sync::atomic::{AtomicU32, Ordering};
+use firmware::{Clock, Scratch, Sector, Store, Watchdog};
 use protocol::ResetCause;
 use stm32f4xx_hal::pac;
 use stm32f4xx_hal::rcc::RccExt;
@@ -151,7 +153,12 @@ unsafe fn NonMaskableInt() {
     panic!("the clock stopped");
 }
 
-/// Clock, watchdog and store.
+/// The word that outlives a reset, in memory that no start clears.
+// SAFETY: the section holds variables that are not given a first value, which any word is good for.
+#[unsafe(link_section = ".uninit.scratch")]
+static SCRATCH: AtomicU32 = AtomicU32::new(0);
+
+/// Clock, watchdog, store and that word.
 pub struct Chip;
 
 impl Clock for Chip {
@@ -175,6 +182,16 @@ impl Watchdog for Chip {
             }
             panic_record::restart_after_a_sag();
         }
+    }
+}
+
+impl Scratch for Chip {
+    fn recall(&mut self) -> u32 {
+        SCRATCH.load(Ordering::Relaxed)
+    }
+
+    fn keep(&mut self, word: u32) {
+        SCRATCH.store(word, Ordering::Relaxed);
     }
 }
 

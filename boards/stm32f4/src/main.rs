@@ -93,6 +93,8 @@ fn main() -> ! {
     loop {
         #[cfg(feature = "defmt")]
         log::tell(board.counters());
+        #[cfg(feature = "fault-hang")]
+        panic_record::hang_later(firmware::Clock::now(board.support_mut()));
         if board.poll() == Activity::Idle {
             multiplexer::rest(light::is_on(state(board)));
         }

@@ -1,11 +1,18 @@
-//! Time, watchdog and settings. Yours: a count of samples, the chip's watchdog, its flash memory.
+//! Time, watchdog, settings and a word that outlives a reset. Yours: a count of samples, the chip's watchdog, its flash
+//! memory, memory that no start clears.
 
 use core::cell::Cell;
+use core::sync::atomic::{AtomicU32, Ordering};
 use embedded_storage::nor_flash::{
     ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash, check_erase, check_read, check_write,
 };
-use firmware::{Clock, Sector, Store, Watchdog};
+use firmware::{Clock, Scratch, Sector, Store, Watchdog};
 use parts::{NorStore, NorStoreError};
+
+/// In memory that no start clears; `cortex-m-rt` has such a section. A backup register does as well.
+// SAFETY: the section holds variables that are not given a first value, which any word is good for.
+#[unsafe(link_section = ".uninit.scratch")]
+static SCRATCH: AtomicU32 = AtomicU32::new(0);
 
 /// Bytes of a sector.
 const SECTOR: usize = 1024;
@@ -97,6 +104,16 @@ impl Clock for Chip<'_> {
 impl Watchdog for Chip<'_> {
     /// The emulated machine's watchdog is not used. Yours is fed here.
     fn feed(&mut self) {}
+}
+
+impl Scratch for Chip<'_> {
+    fn recall(&mut self) -> u32 {
+        SCRATCH.load(Ordering::Relaxed)
+    }
+
+    fn keep(&mut self, word: u32) {
+        SCRATCH.store(word, Ordering::Relaxed);
+    }
 }
 
 impl Store for Chip<'_> {

@@ -4,4 +4,4 @@ mod front_end;
 mod support;
 
 pub use front_end::{Violation, check};
-pub use support::{SupportViolation, clock, store, watchdog};
+pub use support::{SupportViolation, clock, scratch, store, watchdog};

@@ -1,8 +1,8 @@
-//! The duties of clock, watchdog and store.
+//! The duties of clock, watchdog, store and the word that outlives a reset.
 
 use crate::capture::{Block, Window};
 use crate::front_end::FrontEnd;
-use crate::support::{Clock, Sector, Store, Watchdog};
+use crate::support::{Clock, Scratch, Sector, Store, Watchdog};
 
 /// A duty that is not kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -26,6 +26,13 @@ pub enum SupportViolation {
     },
     /// The front end reported an error.
     FrontEnd,
+    /// The word that outlives a reset is not what was kept.
+    Forgot {
+        /// What was kept.
+        expected: u32,
+        /// What was recalled.
+        found: u32,
+    },
     /// The watchdog bit though it was fed.
     Bit,
     /// The watchdog did not bite though it was not fed.
@@ -112,6 +119,23 @@ pub fn watchdog<W: Watchdog>(
         wait(dog);
     }
     if bit(dog) { Ok(()) } else { Err(SupportViolation::Slept) }
+}
+
+/// The word is what was kept last, bit for bit. That it outlives a reset only a reset shows.
+///
+/// # Errors
+/// The first duty found broken.
+pub fn scratch<W: Scratch>(word: &mut W) -> Result<(), SupportViolation> {
+    let before = word.recall();
+    let patterns = [0, u32::MAX, 0x5555_AAAA, 0x1234_5678, before];
+    for expected in patterns {
+        word.keep(expected);
+        let found = word.recall();
+        if found != expected {
+            return Err(SupportViolation::Forgot { expected, found });
+        }
+    }
+    Ok(())
 }
 
 /// The store keeps what is written, erases one sector without the other, and refuses what is beyond its end. It is empty

@@ -133,6 +133,11 @@ fn faults_are_written_as_words() {
     for (text, fault) in [
         ("cable_pulled@5+2", Fault::lasting(5.0, 2.0, FaultKind::CablePulled)),
         ("board_reset@0.5", Fault::new(0.5, FaultKind::BoardReset)),
+        ("board_hangs@0.5", Fault::new(0.5, FaultKind::BoardHangs)),
+        (
+            "source_sags:0.7@1",
+            Fault::new(1.0, FaultKind::SourceSags { part: 0.7 }),
+        ),
         (
             "bytes_flipped:1e-3@0",
             Fault::new(0.0, FaultKind::BytesFlipped { rate: 1e-3 }),

@@ -1,8 +1,8 @@
 //! Settings and power cuts: at whatever byte the power goes, the old settings are there or the new.
 
 use crate::common::{Bench, disc};
-use firmware::settings::{self, Settings};
-use firmware::{Store, laws};
+use firmware::settings::{self, Settings, StoreFault};
+use firmware::{Sector, Store, laws};
 use hil_sim::{Chip, Clock, FixedSheet, Flash, SimConfig, Torn};
 use protocol::{BoardError, Command, FromBoard, Plan, Refusal, ResetCause, Status, Stored, ToBoard, Watch, Watching};
 
@@ -257,4 +257,97 @@ fn the_status_says_what_is_set_and_whether_it_is_stored() {
             ..fresh
         }
     );
+}
+
+#[test]
+fn a_memory_that_does_not_keep_what_is_written_is_told_and_the_older_settings_stay() {
+    let new = settings(999);
+    let mut refused = 0;
+    // Histories that end in all places of the log; every byte of the new record in turn has a bit that cannot become 0.
+    for savings in 0..24 {
+        let (before, old) = worn(1024, savings);
+        let mut whole = before.clone();
+        settings::save(&mut whole, &new).unwrap();
+        for (sector, offset) in written_bytes(&before, &whole) {
+            for bit in 0..8 {
+                let mut flash = before.clone();
+                flash.stuck = Some((sector, offset, 1 << bit));
+                let saved = settings::save(&mut flash, &new);
+                let found = settings::load(&mut flash).unwrap();
+                let mut byte = [0];
+                whole.read(sector, offset, &mut byte).unwrap();
+                let harmless = byte[0] >> bit & 1 == 1;
+                let expected = if harmless { Ok(()) } else { Err(StoreFault::ReadBack) };
+                assert_eq!(saved, expected, "{savings} {sector:?} {offset} {bit}");
+                let in_force = if harmless { Some(new.clone()) } else { old.clone() };
+                assert_eq!(found, in_force, "{savings} {sector:?} {offset} {bit}");
+                refused += u32::from(!harmless);
+            }
+        }
+    }
+    println!("{refused} savings with one bit that does not hold, every one refused, the older settings in force");
+    assert!(refused > 1000, "{refused}");
+}
+
+/// Where two memories differ in what was written: the bytes of one saving.
+fn written_bytes(before: &Flash, after: &Flash) -> Vec<(Sector, u32)> {
+    let (mut before, mut after, mut out) = (before.clone(), after.clone(), Vec::new());
+    for sector in [Sector::A, Sector::B] {
+        for offset in 0..after.sector_len() {
+            let [mut a, mut b] = [[0], [0]];
+            before.read(sector, offset, &mut a).unwrap();
+            after.read(sector, offset, &mut b).unwrap();
+            if a != b && b != [0xFF] {
+                out.push((sector, offset));
+            }
+        }
+    }
+    out
+}
+
+#[test]
+fn a_board_says_that_its_memory_does_not_keep_what_is_written() {
+    let mut bench = Bench::new(SimConfig::default(), FixedSheet(disc(16)));
+    bench.run(0.01);
+    bench.send(&ToBoard::SaveSettings);
+    assert_eq!(status(&mut bench).stored, Stored::InForce);
+    // The first byte behind the record, and behind what a cut may have left there.
+    let last = written_bytes(&Flash::new(2048), bench.board.flash()).pop().unwrap().1;
+    bench.board.flash().stuck = Some((Sector::A, last + 17, 0xFF));
+    bench.send(&ToBoard::SetExcitation(700));
+    bench.send(&ToBoard::SaveSettings);
+    let said = bench.run(0.05);
+    let refused = FromBoard::Error(BoardError::Refused(Refusal::ReadBack));
+    assert_eq!(said, [FromBoard::Ack(Command::SetExcitation), refused]);
+    assert_eq!(status(&mut bench).stored, Stored::Others);
+    let found = settings::load(bench.board.flash()).unwrap().unwrap();
+    assert_eq!(found.excitation_permille, 1000);
+    // Behind it is room that holds.
+    bench.send(&ToBoard::SaveSettings);
+    assert_eq!(status(&mut bench).stored, Stored::InForce);
+}
+
+#[test]
+fn a_hostile_memory_is_looked_through_without_keeping_the_watchdog_waiting() {
+    // What looks like the beginning of a record of 421 bytes at every second byte, at every fourth, and noise.
+    let fills: [fn(usize) -> u8; 3] = [
+        |k| [0xA5, 0x01][k % 2],
+        |k| [0xA5, 0x01, 0x00, 0x02][k % 4],
+        |k| (k as u32).wrapping_mul(2_654_435_761).to_be_bytes()[0],
+    ];
+    for fill in fills {
+        let mut flash = Flash::new(16 * 1024);
+        for sector in [Sector::A, Sector::B] {
+            let bytes: Vec<u8> = (0..16 * 1024).map(fill).collect();
+            flash.write(sector, 0, &bytes).unwrap();
+        }
+        assert_eq!(settings::load(&mut flash), Ok(None));
+        let (read, unfed) = flash.read_unfed();
+        println!("{read} bytes read, {unfed} at most between two feeds");
+        // A record, and what is read of it once it counts.
+        assert!(unfed <= 1100, "{unfed}");
+        // And it is a memory like any other afterwards.
+        settings::save(&mut flash, &settings(3)).unwrap();
+        assert_eq!(settings::load(&mut flash), Ok(Some(settings(3))));
+    }
 }

@@ -6,8 +6,8 @@ use forward::ElectrodeMatrix;
 use hil_sim::{Chip, Clock, Electronics, FixedSheet, Flash, SimConfig, SimFrontEnd, seconds};
 use nalgebra::DMatrix;
 use protocol::{
-    BoardError, Check, Command, FoldedPeriod, FromBoard, FrontEndFault, Pair, PeriodRequest, PlanError, ResetCause,
-    SelfTest, ToBoard,
+    BoardError, Check, Command, FoldedPeriod, FromBoard, FrontEndFault, Notice, Pair, PeriodRequest, PlanError,
+    ResetCause, SelfTest, ToBoard,
 };
 
 #[test]
@@ -56,7 +56,14 @@ fn a_board_that_hangs_is_bitten_and_one_that_runs_is_not() {
         ..SimConfig::default()
     };
     let said = Bench::new(config, FixedSheet(disc(16))).run(0.02);
-    assert!(matches!(&said[..], [FromBoard::Hello(h)] if h.reset == ResetCause::Watchdog));
+    let careful = Notice::Careful {
+        resets: 1,
+        settings: true,
+    };
+    let [FromBoard::Hello(hello), FromBoard::Notice(notice)] = &said[..] else {
+        panic!("{said:?}")
+    };
+    assert_eq!((hello.reset, *notice), (ResetCause::Watchdog, careful));
 }
 
 fn tested(config: SimConfig, matrix: ElectrodeMatrix) -> SelfTest {

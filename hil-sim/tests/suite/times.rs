@@ -1,6 +1,6 @@
 //! The times that physics allows, reached to the sample.
 
-use crate::common::{Bench, disc};
+use crate::common::{Bench, are_apart, disc};
 use hil_sim::{Electronics, FixedSheet, SimConfig, TICKS_PER_SAMPLE, TIMER_HZ};
 use protocol::{FromBoard, Plan, ToBoard, Value};
 
@@ -30,15 +30,8 @@ fn every_plan_takes_its_time_to_the_timers_tick() {
         assert!(list.len() >= 4, "{}", list.len());
         // 84 MHz / 1425 a sample, 16 samples a period: 22,800 ticks a period.
         let ticks = (periods * 22_800.0) as u64;
-        for pair in list.windows(2) {
-            assert_eq!(
-                (pair[1].time - pair[0].time) * u64::from(TICKS_PER_SAMPLE),
-                ticks,
-                "{}",
-                plan.id
-            );
-            assert_eq!(pair[1].sequence, pair[0].sequence + 1);
-        }
+        are_apart(list.iter().map(|f| f.time), ticks / u64::from(TICKS_PER_SAMPLE));
+        assert!(list.windows(2).all(|w| w[1].sequence == w[0].sequence + 1));
         let time_ms = 1e3 * ticks as f64 / f64::from(TIMER_HZ);
         assert!((time_ms / ms - 1.0).abs() < 0.012, "{time_ms} {ms}");
         assert_eq!(list[0].values.len(), plan.value_count());

@@ -116,6 +116,25 @@ fn every_line_is_as_the_schema_has_it() {
     are_by_the_schema(&reset);
     assert!(reset.iter().any(|l| l["event"] == "board_reset"));
     assert!(reset.iter().any(|l| l["line"].is_string()));
+    // What the board says of itself: that it was restarted by its own fault, and that its source is not what it was.
+    let own = format!(
+        "{}[[fault]]\nat_s = 1.2\nkind = {{ source_sags = {{ part = 0.8 }} }}\n",
+        fault("kind = \"board_hangs\"")
+    );
+    let own = run(&own, &["--frames", "300"]);
+    are_by_the_schema(&own);
+    let event = |name: &str| {
+        own.iter()
+            .find(|l| l["event"] == name)
+            .unwrap_or_else(|| panic!("no {name}"))
+    };
+    assert_eq!(
+        (&event("board_careful")["resets"], &event("board_careful")["settings"]),
+        (&Value::from(1), &Value::from(true))
+    );
+    let sag = event("source_changed");
+    assert!(sag["right"] == false && sag["permille"].as_f64() < Some(850.0), "{sag}");
+    assert!(own.iter().any(|l| l["line"] == sag["text"]));
     let header = &open[0];
     assert_eq!(header["plan"]["measurements"].as_array().unwrap().len(), 208);
     // The board's clock and this computer's go alike.

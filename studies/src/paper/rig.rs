@@ -71,7 +71,7 @@ pub struct Recording {
     pub pattern: Pattern,
     /// The frames; `time_s` is when their first sample was taken.
     pub frames: Vec<MeasuredFrame>,
-    /// Time from one frame to the next, s.
+    /// Time from one frame to the next, s. Once a second the board measures its source in between, which is no part of it.
     pub interval_s: f64,
     /// Bytes of a frame on the wire, with all that comes between frames.
     pub bytes_per_frame: f64,
@@ -100,10 +100,13 @@ impl Recording {
             }
         }
         let counters = session.link().counters();
-        let (first, last) = (&frames[0], &frames[frames.len() - 1]);
-        let intervals = last.sequence.wrapping_sub(first.sequence).max(1);
+        let intervals = frames.windows(2).map(|pair| {
+            let count = pair[1].sequence.wrapping_sub(pair[0].sequence).max(1);
+            (pair[1].time_s - pair[0].time_s) / f64::from(count)
+        });
+        let shortest_s = intervals.fold(f64::INFINITY, f64::min);
         Ok(Self {
-            interval_s: (last.time_s - first.time_s) / f64::from(intervals),
+            interval_s: if shortest_s.is_finite() { shortest_s } else { 0.0 },
             bytes_per_frame: counters.bytes as f64 / counters.frames.max(1) as f64,
             lost: counters.lost_frames,
             pattern: Pattern::from_pairs(session.electrodes(), session.measurements())?,

@@ -2,9 +2,10 @@
 #![allow(dead_code, reason = "each test its own part")]
 
 use emulator::run::Outcome;
-use firmware::{Excitation, Pace, Progress, Scan};
+use firmware::settings::{self, Settings};
+use firmware::{Excitation, Pace, Progress, Scan, Sector, Store};
 use forward::ElectrodeMatrix;
-use hil_sim::{Clock, Electronics, FixedSheet, SimFrontEnd};
+use hil_sim::{Clock, Electronics, FixedSheet, Flash, SimFrontEnd};
 use nalgebra::DMatrix;
 use protocol::{Frame, FromBoard, Hello, Plan};
 use std::f64::consts::PI;
@@ -47,6 +48,20 @@ pub(crate) fn hellos(outcome: &Outcome) -> Vec<Hello> {
         _ => None,
     };
     outcome.messages.iter().filter_map(hello).collect()
+}
+
+/// What the chip's two sectors hold after these savings: written by the same library to the simulator's flash memory of the
+/// same size.
+pub(crate) fn stored(savings: &[Settings]) -> Vec<u8> {
+    let mut flash = Flash::new(16 * 1024);
+    for saving in savings {
+        settings::save(&mut flash, saving).unwrap();
+    }
+    let mut bytes = vec![0; 32 * 1024];
+    for (sector, part) in [Sector::A, Sector::B].into_iter().zip(bytes.chunks_mut(16 * 1024)) {
+        flash.read(sector, 0, part).unwrap();
+    }
+    bytes
 }
 
 /// What the same firmware measures in process, the first sample of the first frame at a time.

@@ -31,6 +31,9 @@ fn main() -> ! {
     if let Err(e) = laws::store(&mut chip) {
         panic!("store: {e:?}");
     }
+    if let Err(e) = laws::scratch(&mut chip) {
+        panic!("scratch: {e:?}");
+    }
     hprintln!("every duty kept");
     loop {
         debug::exit(debug::EXIT_SUCCESS);

@@ -2,7 +2,7 @@
 
 use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
 use firmware::settings::{self, Settings};
-use firmware::{Sector, Store, laws};
+use firmware::{Sector, Store, Watchdog, laws};
 use parts::{NorStore, WRONG_PLACE};
 use protocol::{Plan, Watch};
 
@@ -88,8 +88,39 @@ impl<const UNIT: usize> NorFlash for Flash<UNIT> {
     }
 }
 
-fn store<F: NorFlash>(flash: F) -> NorStore<F> {
-    store_of(flash).unwrap()
+/// A store that no watchdog waits for.
+struct Unwatched<F>(NorStore<F>);
+
+impl<F> Watchdog for Unwatched<F> {
+    fn feed(&mut self) {}
+}
+
+impl<F: NorFlash> Store for Unwatched<F> {
+    type Error = <NorStore<F> as Store>::Error;
+
+    fn sector_len(&self) -> u32 {
+        self.0.sector_len()
+    }
+
+    fn write_len(&self) -> u32 {
+        self.0.write_len()
+    }
+
+    fn read(&mut self, sector: Sector, offset: u32, out: &mut [u8]) -> Result<(), Self::Error> {
+        self.0.read(sector, offset, out)
+    }
+
+    fn write(&mut self, sector: Sector, offset: u32, bytes: &[u8]) -> Result<(), Self::Error> {
+        self.0.write(sector, offset, bytes)
+    }
+
+    fn erase(&mut self, sector: Sector) -> Result<(), Self::Error> {
+        self.0.erase(sector)
+    }
+}
+
+fn store<F: NorFlash>(flash: F) -> Unwatched<F> {
+    Unwatched(store_of(flash).unwrap())
 }
 
 fn settings(k: u16) -> Settings {

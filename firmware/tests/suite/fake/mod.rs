@@ -6,7 +6,7 @@ use core::convert::Infallible;
 use embedded_hal_nb::serial;
 use firmware::{
     Block, Capture, Clock, ErrorKind, ErrorType, Excitation, QUARTER_SAMPLES, Rails, Route, Router, SAMPLES_PER_PERIOD,
-    Sector, Sense, Store, Watchdog, Window,
+    Scratch, Sector, Sense, Store, Watchdog, Window,
 };
 use protocol::Pair;
 use std::collections::VecDeque;
@@ -262,6 +262,8 @@ pub(crate) struct Chip {
     pub store: [Vec<u8>; 2],
     /// Whether the store fails.
     pub broken: bool,
+    /// The word that outlives a reset.
+    pub scratch: u32,
 }
 
 impl Chip {
@@ -271,6 +273,7 @@ impl Chip {
             fed: 0,
             store: [vec![0xFF; 2048], vec![0xFF; 2048]],
             broken: false,
+            scratch: 0,
         }
     }
 
@@ -294,6 +297,16 @@ impl Clock for Chip {
 impl Watchdog for Chip {
     fn feed(&mut self) {
         self.fed += 1;
+    }
+}
+
+impl Scratch for Chip {
+    fn recall(&mut self) -> u32 {
+        self.scratch
+    }
+
+    fn keep(&mut self, word: u32) {
+        self.scratch = word;
     }
 }
 

@@ -4,7 +4,7 @@
 pub(crate) mod visibility;
 
 use forward::ElectrodeMatrix;
-use hil_sim::{SheetModel, SimBoard, SimConfig};
+use hil_sim::{PERIOD_SAMPLES, SheetModel, SimBoard, SimConfig, samples};
 use nalgebra::DMatrix;
 use protocol::{Decoder, Frame, FromBoard, MAX_FROM_BOARD_LEN, MAX_TO_BOARD_LEN, ToBoard, encode};
 use std::f64::consts::PI;
@@ -43,6 +43,23 @@ pub(crate) fn frames(messages: Vec<FromBoard>) -> Vec<Frame> {
         _ => None,
     };
     messages.into_iter().filter_map(frame).collect()
+}
+
+/// The times of frames that follow one another are so many samples apart; but for the source, which is measured between two
+/// of them once a second: a period to settle, two to measure, one to rest. Returns how often.
+pub(crate) fn are_apart(times: impl IntoIterator<Item = u64>, each: u64) -> usize {
+    let times: Vec<u64> = times.into_iter().collect();
+    let mut measured = Vec::new();
+    for pair in times.windows(2) {
+        let step = pair[1] - pair[0];
+        assert!(step == each || step == each + 4 * PERIOD_SAMPLES, "{step} for {each}");
+        if step != each {
+            measured.push(pair[1]);
+        }
+    }
+    let second = samples(1.0);
+    assert!(measured.windows(2).all(|w| w[1] - w[0] >= second), "{measured:?}");
+    measured.len()
 }
 
 /// A simulated board and one who listens to all it says.
