@@ -3,6 +3,7 @@
 
 use crate::event::Said;
 use crate::recorded::{BoardRecord, SessionRecord, pressed};
+use ::forward::CellGrid;
 use ::protocol::{Plan, Version};
 use anyhow::Result;
 use inverse::pipeline::FrameResult;
@@ -41,7 +42,27 @@ struct Header<'a> {
     /// Presses that taught what a touch does, where that takes the place of the sheet's model.
     #[serde(skip_serializing_if = "Option::is_none")]
     learned_from: Option<usize>,
+    /// Where the cells of a picture are.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    cells: Option<CellsLine>,
     units: Value,
+}
+
+#[derive(Serialize)]
+struct CellsLine {
+    /// Side of a cell.
+    side_mm: f64,
+    /// Centre of every cell, mm.
+    centres_mm: Vec<[f64; 2]>,
+}
+
+impl CellsLine {
+    fn of(grid: &CellGrid) -> Self {
+        Self {
+            side_mm: grid.cell_mm(),
+            centres_mm: (0..grid.len()).map(|cell| grid.centre(cell)).collect(),
+        }
+    }
 }
 
 #[derive(Serialize)]
@@ -96,11 +117,11 @@ impl PlanLine {
     }
 }
 
-/// Prints the first line.
+/// Prints the first line, with the cells where pictures have them.
 ///
 /// # Errors
 /// Nobody reads it.
-pub(crate) fn header(session: &Session, record: &SessionRecord) -> Result<()> {
+pub(crate) fn header(session: &Session, record: &SessionRecord, cells: Option<&CellGrid>) -> Result<()> {
     let Version { major, minor } = session.hello().version;
     print(&Header {
         kind: "header",
@@ -115,6 +136,7 @@ pub(crate) fn header(session: &Session, record: &SessionRecord) -> Result<()> {
         wires: &record.wires,
         calibrated: record.calibration.is_some(),
         learned_from: record.learned_from,
+        cells: cells.map(CellsLine::of),
         units: units(record.learned_from.is_some()),
     })
 }
@@ -149,6 +171,9 @@ struct Line<'a> {
     time_s: f64,
     unix_s: f64,
     touches: Vec<&'a Touch>,
+    /// Relative rise of every cell.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    cells: Option<&'a [f64]>,
     /// What touches did, as this frame shows.
     #[serde(skip_serializing_if = "<[_]>::is_empty")]
     events: &'a [TouchEvent],
@@ -202,6 +227,8 @@ impl<'a> BaselineLine<'a> {
 
 /// What is said with a picture beside its touches.
 pub(crate) struct Beside<'a> {
+    /// Whether every cell is said.
+    pub(crate) cells: bool,
     pub(crate) events: &'a [TouchEvent],
     pub(crate) unix_s: f64,
     pub(crate) baseline: Option<&'a BaselineNote>,
@@ -225,6 +252,7 @@ pub(crate) fn picture(
         time_s: frame.time_s,
         unix_s: beside.unix_s,
         touches: pressed(result),
+        cells: beside.cells.then_some(result.x.as_slice()),
         events: beside.events,
         residual: result.residual,
         gap: result.gap,

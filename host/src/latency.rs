@@ -179,6 +179,7 @@ pub(crate) fn measure(seed: u64) -> Result<Measured> {
         offsets.push(read.duration_since(began).as_secs_f64() - frame.time_s);
         let events = gestures.update(frame.time_s, &result.touches).to_vec();
         let beside = Beside {
+            cells: false,
             events: &events,
             unix_s: 0.0,
             baseline: None,

@@ -4,7 +4,9 @@ use crate::event::{Event, Said};
 use crate::files::baseline_file::unix_s;
 use crate::json_lines::{self, Beside};
 use crate::recorded::SessionRecord;
+use crate::run_arguments::ShowArguments;
 use crate::say::say;
+use ::forward::CellGrid;
 use anyhow::{Context, Result};
 use inverse::pipeline::FrameResult;
 use inverse::quality::doubt::Doubt;
@@ -36,8 +38,9 @@ const LINE_SHOWN_S: f64 = 1.0;
 /// Where pictures go, with what was shown before.
 pub(crate) struct Output {
     page: Option<LiveView>,
-    /// Whether a JSON line is printed for every picture.
+    /// Whether a JSON line is printed for every picture, and every cell in it.
     json: bool,
+    cells: bool,
     /// What time it is, s since 1970, in a recording that is played.
     now_unix_s: Option<f64>,
     /// Whether forces are those of a typical rubber.
@@ -73,10 +76,11 @@ const REDRAW_S: f64 = 0.25;
 
 impl Output {
     /// To a page, as JSON lines, or to the terminal alone; `source` names the board.
-    pub(crate) fn new(page: Option<LiveView>, json: bool, source: String) -> Self {
+    pub(crate) fn new(page: Option<LiveView>, show: &ShowArguments, source: String) -> Self {
         Self {
             page,
-            json,
+            json: show.json,
+            cells: show.cells,
             now_unix_s: None,
             uncalibrated: false,
             source,
@@ -183,6 +187,7 @@ impl Output {
         self.show(imager, result, frame, counters, status)?;
         if self.json {
             let beside = Beside {
+                cells: self.cells,
                 events,
                 unix_s: self.unix_s(),
                 baseline: self.baseline.as_ref(),
@@ -222,10 +227,10 @@ impl Output {
     ///
     /// # Errors
     /// Nobody reads them.
-    pub(crate) fn header(&mut self, session: &Session, record: &SessionRecord) -> Result<()> {
+    pub(crate) fn header(&mut self, session: &Session, record: &SessionRecord, grid: &CellGrid) -> Result<()> {
         self.uncalibrated = record.is_uncalibrated();
         if self.json {
-            json_lines::header(session, record)?;
+            json_lines::header(session, record, self.cells.then_some(grid))?;
         }
         Ok(())
     }

@@ -346,7 +346,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let by_residual = |done: &Done| matches!(done.result.noise.map(|n| n.source), Some(NoiseSource::Residual { .. }));
     if results.iter().any(by_residual) {
         eprintln!(
-            "notice: no pairs of this pattern are reciprocal, so that the noise is estimated from the part of a frame that touches \
+            "notice: few or no pairs of this pattern are reciprocal, so that the noise is estimated from the part of a frame that touches \
              hardly reach. {} or more frames of the unpressed sheet (--baseline) measure it, and make weak touches surer",
             BatchOptions::of(method).noise_frames
         );

@@ -121,7 +121,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         live: &mut live,
         gestures: Gestures::new(record.gestures()),
         commands: Commands::new(&arguments.show.on)?,
-        output: &mut Output::new(page, arguments.show.json, source),
+        output: &mut Output::new(page, &arguments.show, source),
         baselines: &mut Baselines::default(),
         watch: None,
         held: None,
@@ -130,7 +130,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         recorder: None,
         replayed: Some(Replayed::default()),
     };
-    run.output.header(session, &record)?;
+    run.output.header(session, &record, &run.live.imager().grid)?;
     let outcome = play(&mut run, &mut script, &board, &stop);
     if let (Ok(ended), Some(replayed)) = (&outcome, &run.replayed) {
         replayed.say(&path.display().to_string(), *ended);

@@ -155,7 +155,7 @@ pub(crate) fn live(arguments: &SourceArguments, outputs: &Outputs<'_>) -> Result
         live: &mut live,
         gestures: Gestures::new(record.gestures()),
         commands: Commands::new(&outputs.show.on)?,
-        output: &mut Output::new(open_page(outputs)?, outputs.show.json, shown_source(&source, learned)),
+        output: &mut Output::new(open_page(outputs)?, outputs.show, shown_source(&source, learned)),
         baselines: &mut baselines,
         watch: watch_of(arguments, &session)?,
         held,
@@ -164,7 +164,7 @@ pub(crate) fn live(arguments: &SourceArguments, outputs: &Outputs<'_>) -> Result
         recorder,
         replayed: None,
     };
-    run.output.header(&session, &record)?;
+    run.output.header(&session, &record, &run.live.imager().grid)?;
     if let Some(baseline) = stored {
         if let Some(notes) = &run.notes {
             notes.resume(&baseline);

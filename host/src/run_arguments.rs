@@ -81,6 +81,9 @@ pub(crate) struct ShowArguments {
     /// No page: one JSON object a line on stdout: a header, pictures and events (docs/live.schema.json).
     #[arg(long)]
     pub(crate) json: bool,
+    /// With --json: the rise of every cell of the picture, too, in the order of the header's list.
+    #[arg(long, requires = "json")]
+    pub(crate) cells: bool,
     /// Runs a command of the shell whenever a touch does this: contact, lift, tap, double_tap, stroke, hold, slip or palm. What it did
     /// is in the environment (SKIN_X_MM, ...: docs/events.md). Can be given several times.
     #[arg(long, num_args = 2, value_names = ["EVENT", "CMD"])]

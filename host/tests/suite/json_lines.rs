@@ -95,6 +95,44 @@ pub(crate) fn are_by_the_schema(lines: &[Value]) {
     assert_eq!((headers, &lines[0]["kind"]), (1, &Value::from("header")));
 }
 
+/// Every picture has a rise for each of the header's cells: none at rest, and the greatest is where the touch is.
+#[test]
+fn cells_are_told_where_they_are_asked_for() {
+    let lines = lines(&output(&[
+        "run",
+        "--json",
+        "--cells",
+        "--scene",
+        "one-touch",
+        "--frames",
+        "420",
+        "--every-frame",
+    ]));
+    are_by_the_schema(&lines);
+    let cells = &lines[0]["cells"];
+    let side_mm = cells["side_mm"].as_f64().unwrap();
+    let centres = cells["centres_mm"].as_array().unwrap();
+    let number = |v: &Value| v.as_f64().unwrap();
+    let (mut rest, mut touched) = (0, 0);
+    for picture in lines.iter().filter(|l| l["kind"] == "picture") {
+        let rises: Vec<f64> = picture["cells"].as_array().unwrap().iter().map(number).collect();
+        assert_eq!(rises.len(), centres.len());
+        let Some(touch) = picture["touches"].get(0) else {
+            rest += usize::from(rises.iter().all(|rise| *rise == 0.0));
+            continue;
+        };
+        // Not while it comes down.
+        if number(&touch["rise"]) < 0.1 {
+            continue;
+        }
+        let greatest = (0..rises.len()).max_by(|a, b| rises[*a].total_cmp(&rises[*b])).unwrap();
+        let off = [(0, "x_mm"), (1, "y_mm")].map(|(k, key)| number(&centres[greatest][k]) - number(&touch[key]));
+        assert!(off[0].hypot(off[1]) < 2.0 * side_mm, "{off:?}");
+        touched += 1;
+    }
+    assert!(rest > 100 && touched > 100, "{rest} {touched}");
+}
+
 #[test]
 fn every_line_is_as_the_schema_has_it() {
     let folder = tempfile::tempdir().unwrap();

@@ -407,6 +407,14 @@ fn a_simulated_board_of_thirty_two_electrodes_feels_the_finger() {
         "{said}"
     );
     assert!(lines[0].get("missing").is_none());
+    // It is found in every frame in which it stands still, though few pairs of these values are reciprocal.
+    let force_n = |t: &Value| t["touches"][0]["force_n"].as_f64().unwrap_or(0.0);
+    let (frames, held) = (&truth[rest - 1..], force_n(&truth[truth.len() - 1]));
+    assert_eq!(lines.len(), frames.len());
+    for (line, _) in lines.iter().zip(frames).filter(|(_, t)| force_n(t) == held) {
+        let [[a, b]] = places(line)[..] else { panic!("{line}") };
+        assert!((a + 30.0).hypot(b - 20.0) < 4.0, "{line}");
+    }
     // The finger is down in the last frame, and stood still for all of it.
     let (last, now) = (&lines[lines.len() - 1], &truth[truth.len() - 1]["touches"]);
     let [x, y] = ["x_mm", "y_mm"].map(|k| now[0][k].as_f64().unwrap());

@@ -14,8 +14,6 @@ pub(super) const STEPS: f64 = 20.0;
 const WITHIN_TWO: f64 = 0.9545;
 /// Tempering before anything is known of it.
 pub(super) const FIRST_TEMPERING: f64 = 3.0;
-/// Presses that the tempering expected beforehand weighs as.
-const EXPECTED_WEIGHT: f64 = 20.0;
 /// Chance of a second press in a frame with one.
 const FALSE_SECOND: f64 = 0.01;
 
@@ -159,21 +157,14 @@ pub(super) fn quantile(sorted: &[f64], part: f64) -> f64 {
     low + (high - low) * at.fract()
 }
 
-/// Locates all presses by the maps of the others, with the tempering that makes their uncertainties right. Of few presses it is told
-/// poorly: beforehand a frame is expected to hold as many independent values as there are electrodes.
+/// Locates all presses by the maps of the others, with the tempering that makes their uncertainties right.
 pub(super) fn validate(locators: &[Fold<Locator>], presses: &Presses) -> (Validation, Evidence) {
     let mut evidence = Evidence::of_one_press(FIRST_TEMPERING);
     let mut validation = Validation::of(locators, presses, evidence);
-    let electrodes = locators
-        .first()
-        .map_or(1, |fold| fold.of_others.maps().frame.electrodes);
-    let expected = presses.changes.ncols() as f64 / electrodes as f64;
-    let known = presses.len() as f64 / (presses.len() as f64 + EXPECTED_WEIGHT);
     for _ in 0..3 {
         let growth = validation.growth();
         if growth.is_finite() {
-            let told = (evidence.tempering * growth * growth).clamp(0.5, 300.0);
-            evidence.tempering = told.powf(known) * expected.powf(1.0 - known);
+            evidence.tempering = (evidence.tempering * growth * growth).clamp(0.5, 300.0);
         }
         validation = Validation::of(locators, presses, evidence);
     }

@@ -483,10 +483,13 @@ impl FrameSolver {
         })
     }
 
-    /// Begins a frame: nothing is known of its contacts. The noise is estimated where nothing else tells it.
+    /// Begins a frame: nothing is known of its contacts. The noise is estimated where nothing else tells it as well: a few pairs that
+    /// happen to be reciprocal do not.
     pub(crate) fn begin<'a>(&mut self, task: Task<'a>) -> Task<'a> {
         self.alone = None;
-        if task.noise.is_some() {
+        let used = task.difference.used.iter().filter(|used| **used).count();
+        let least = (used / LEAST_REACHED) as f64;
+        if task.noise.is_some_and(|noise| noise.source.freedom() >= least) {
             return task;
         }
         self.weigh(task.difference, (Drifting::Common, task.changed));

@@ -13,7 +13,7 @@ pub enum NoiseSource {
         /// Degrees of freedom of the estimate.
         freedom: usize,
     },
-    /// Estimated from the part of the frame that touches hardly reach: no pairs of the pattern are reciprocal.
+    /// Estimated from the part of the frame that touches hardly reach: few or no pairs of the pattern are reciprocal.
     Residual {
         /// Degrees of freedom of the estimate.
         freedom: usize,
