@@ -157,6 +157,8 @@ struct Followed {
     /// Where it has been since it moved last, and since when.
     rests_mm: [f64; 2],
     rests_s: f64,
+    /// Since when it has been elsewhere. One frame alone does not tell: what is pressed or let go while it is measured seems elsewhere.
+    away_s: Option<f64>,
     /// Where it rested before that.
     left_mm: [f64; 2],
     moved: bool,
@@ -258,9 +260,11 @@ impl Gestures {
             self.taps.iter_mut().for_each(|t| t.lifted_s += shift_s);
             self.dents.iter_mut().for_each(|d| d.lifted_s += shift_s);
             for followed in &mut self.followed {
-                for t in [&mut followed.began_s, &mut followed.rests_s, &mut followed.seen_s] {
-                    *t += shift_s;
-                }
+                let times = [&mut followed.began_s, &mut followed.rests_s, &mut followed.seen_s];
+                times
+                    .into_iter()
+                    .chain(&mut followed.away_s)
+                    .for_each(|t| *t += shift_s);
             }
         }
         self.times.push(time_s);
@@ -365,6 +369,7 @@ impl Followed {
             began_s,
             rests_mm: at_mm,
             rests_s: began_s,
+            away_s: None,
             left_mm: at_mm,
             moved: false,
             is_palm: false,
@@ -456,13 +461,15 @@ impl Followed {
         if time_s - self.began_s < options.settle_s {
             (self.began_mm, self.rests_mm) = (at_mm, at_mm);
         }
-        if apart_mm(at_mm, self.rests_mm) > options.move_mm.max(options.move_sd * sd_mm) {
+        let is_away = apart_mm(at_mm, self.rests_mm) > options.move_mm.max(options.move_sd * sd_mm);
+        let before_s = std::mem::replace(&mut self.away_s, is_away.then_some(time_s));
+        if let (true, Some(first_s)) = (is_away, before_s) {
             let event = match self.state {
                 State::Down => Some(Gesture::Stroke),
                 State::Resting => Some(Gesture::Slip),
                 State::Moving | State::Lifted(_) => None,
             };
-            events.extend(event.map(|event| self.event(event, time_s, time_s)));
+            events.extend(event.map(|event| self.event(event, first_s, time_s)));
             (self.state, self.moved) = (State::Moving, true);
             self.left_mm = self.rests_mm;
             (self.rests_mm, self.rests_s) = (at_mm, time_s);

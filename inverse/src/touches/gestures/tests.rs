@@ -93,12 +93,28 @@ fn a_touch_that_moves_at_once_strokes_and_one_that_rested_slips() {
     // After 6 mm at 60 mm/s.
     assert!((stroke[1].time_s - 0.2).abs() < 2.0 * FRAME_S, "{stroke:?}");
     assert!((stroke[2].distance_mm - 60.0 * 1.4).abs() < 1.0, "{stroke:?}");
+    assert!((stroke[1].latency_s - FRAME_S).abs() < 1e-9, "{stroke:?}");
     let slip = moving(0.8);
     assert_eq!(names(&slip), [Contact, Hold, Slip, Lift]);
     assert!(
         (slip[1].time_s - 0.5).abs() < 1e-9 && slip[1].latency_s < FRAME_S,
         "{slip:?}"
     );
+}
+
+/// A finger that lets go while a frame is measured seems to be elsewhere in that one.
+#[test]
+fn one_frame_elsewhere_is_no_move() {
+    use Gesture::{Contact, Lift, Tap};
+    let tap = events(1.0, |t| {
+        let mut touch = finger(t, 0.0, 0.1, 0.0)?;
+        if t > 0.1 - 1.5 * FRAME_S {
+            (touch.x_mm, touch.total_mm2) = (12.0, 0.5 * touch.total_mm2);
+        }
+        Some(touch)
+    });
+    assert_eq!(names(&tap), [Contact, Lift, Tap]);
+    assert_eq!((tap[2].x_mm, tap[2].distance_mm), (0.0, 0.0));
 }
 
 /// 4 mm of standard uncertainty to a side and a noise of as much: it stands still.
