@@ -309,7 +309,7 @@ impl Reconstructor {
         let unexplained = blind
             || matches!(
                 result.doubt,
-                Some(Doubt::NotThisSheet | Doubt::NotTouches | Doubt::FewValues { .. })
+                Some(Doubt::NotThisSheet | Doubt::NotTouches | Doubt::FewValues { .. } | Doubt::Gone { .. })
             )
             || (self.solver.fits() && result.misfit.is_none() && result.changed)
             || self.faults.is_open()
