@@ -661,6 +661,11 @@ impl Geometry {
         self.contains(centre) || self.rings.iter().any(|r| r.nearest(centre).1 < radius_mm)
     }
 
+    /// Whether a circle lies on the sheet and reaches no rim.
+    pub fn is_clear(&self, centre: Point, radius_mm: f64) -> bool {
+        self.contains(centre) && self.rings.iter().all(|r| r.nearest(centre).1 > radius_mm)
+    }
+
     /// The outer rim.
     pub fn outline(&self) -> &Curve {
         &self.rings[0]

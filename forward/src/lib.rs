@@ -42,6 +42,7 @@ mod model;
 mod options;
 pub mod pattern;
 mod precision;
+pub mod scattering;
 pub mod sensitivity;
 mod solver;
 mod system;

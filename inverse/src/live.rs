@@ -30,6 +30,9 @@ pub struct LiveOptions {
     /// Without a calibration: the force of each mm² of a touch's integrated rise, N/mm², which marks the force as uncalibrated
     /// ([`TYPICAL_N_PER_MM2`](crate::force::TYPICAL_N_PER_MM2)); none: no forces.
     pub uncalibrated_n_per_mm2: Option<f64>,
+    /// Longest time between the pictures of touches that are followed, s; 0 for one with every frame. The touches are those of every
+    /// frame in any case. A thirtieth of a second is what an eye follows.
+    pub picture_s: f64,
     /// How far a touch may move from one frame to the next and keep its number, as a part of the sheet's width; and how far
     /// from where it vanished it may be seen again. Touches nearer to each other are seldom resolved. Chosen by hand.
     pub reach: f64,
@@ -50,6 +53,7 @@ impl Default for LiveOptions {
             find_electrodes: true,
             calibration: None,
             uncalibrated_n_per_mm2: None,
+            picture_s: 1.0 / 30.0,
             reach: 0.1,
             gone_s: 0.5,
             patience_s: 0.5,
@@ -262,6 +266,7 @@ impl Live {
         let imager = Arc::clone(if found { &inspection.imager } else { self.imager() });
         let options = ReconstructorOptions {
             polarity: self.options.polarity,
+            picture_s: self.options.picture_s,
             ..ReconstructorOptions::for_imager(&imager, self.options.method).of_sequence()
         };
         let reference = Reference::of(imager, &inspection.baseline)?;

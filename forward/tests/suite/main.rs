@@ -13,6 +13,7 @@ mod extremes;
 mod laws;
 mod low_rank;
 mod polar_grid;
+mod scattering;
 mod sensitivity;
 mod theory;
 mod touches;

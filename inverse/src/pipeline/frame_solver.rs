@@ -4,14 +4,15 @@ use crate::change::detector::ChangeDetector;
 use crate::pipeline::image::ImageSolver;
 use crate::pipeline::options::ReconstructorOptions;
 use crate::pipeline::result::FrameResult;
-use crate::pipeline::weighted::Weightings;
+use crate::pipeline::weighted::{Pictures, Weightings};
 use crate::quality::contact::{Contacts, Evidence};
 use crate::reference::Difference;
 use crate::reference::drift::{ContactChange, DriftShapes, Drifting};
 use crate::reference::imager::Imager;
 use crate::reference::noise::{NoiseEstimate, NoiseSource};
 use crate::stats::fisher_quantile;
-use crate::touches::fit::fitter::{Beside, Data, Fitter};
+use crate::touches::fit::disc::MOST_TOUCHES;
+use crate::touches::fit::fitter::{Beside, Data, Fitter, Places};
 use crate::touches::fit::reduction::WeightedProjection;
 use crate::touches::polarity::Polarity;
 use crate::touches::touch::Touch;
@@ -87,6 +88,46 @@ pub(crate) struct Task<'a> {
     pub(crate) corrected: bool,
 }
 
+/// A frame's picture, made when it is asked for.
+struct Picture<'a> {
+    image: &'a mut ImageSolver,
+    pictures: &'a mut Pictures,
+    options: &'a ReconstructorOptions,
+    values: &'a [f64],
+    sigma: f64,
+    polarity: Polarity,
+    result: &'a mut FrameResult,
+    made: bool,
+    ridge: Option<f64>,
+}
+
+impl Picture<'_> {
+    /// Solves for it, once. Its peaks are then the result's touches.
+    fn make(&mut self) {
+        if std::mem::replace(&mut self.made, true) {
+            return;
+        }
+        let start = Instant::now();
+        let Self { options, values, .. } = *self;
+        let (sigma, polarity) = (self.sigma, self.polarity);
+        self.ridge = self
+            .image
+            .solve(options, self.pictures, values, (sigma, polarity), self.result);
+        if let (Polarity::Either, Some(ridge)) = (polarity, self.ridge) {
+            self.image
+                .solve_with_falls(options, self.pictures, values, (ridge, polarity), self.result);
+        }
+        self.result.solve_us += start.elapsed().as_secs_f64() * 1e6;
+    }
+
+    /// Where its peaks are, mm.
+    fn places(&mut self) -> Places {
+        self.make();
+        let touches = self.result.touches.iter().take(MOST_TOUCHES);
+        touches.map(|t| [t.x_mm, t.y_mm]).collect()
+    }
+}
+
 /// A contact that may have changed.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Candidate {
@@ -118,6 +159,12 @@ pub(crate) struct FrameSolver {
     alone: Option<usize>,
     /// Ridges of the pictures solved last, by what drifts.
     ridges: [Option<f64>; 3],
+    /// What drifted in this frame's picture, as far as one was made.
+    pictured: Option<Drifting>,
+    /// Whether the frame needs a picture even if its touches are followed.
+    picture_due: bool,
+    /// Room for touches.
+    spare: Vec<Touch>,
     /// What this frame has taken.
     work: Work,
 }
@@ -125,10 +172,14 @@ pub(crate) struct FrameSolver {
 impl FrameSolver {
     pub(crate) fn new(imager: &Arc<Imager>, options: ReconstructorOptions) -> Self {
         let drift = DriftShapes::new(imager);
+        let mut fitter = options.fit.and_then(|f| Fitter::new(imager, f));
+        if options.sequence {
+            fitter.iter_mut().for_each(Fitter::prepare_motion);
+        }
         Self {
             weightings: Weightings::default(),
             image: ImageSolver::new(imager, &options),
-            fitter: options.fit.and_then(|f| Fitter::new(imager, f)),
+            fitter,
             contacts: options.fit.and(drift.as_ref()).map(|d| Contacts::new(imager, d)),
             drift,
             fitting: Drifting::Common,
@@ -138,21 +189,31 @@ impl FrameSolver {
             sizes: Vec::new(),
             alone: None,
             ridges: [None; 3],
+            pictured: None,
+            picture_due: true,
+            spare: Vec::new(),
             work: Work::default(),
             imager: Arc::clone(imager),
             options,
         }
     }
 
-    /// Begins a frame: nothing was done for it.
-    pub(crate) fn begin_frame(&mut self) {
+    /// Begins a frame: nothing was done for it. `picture_due`: its picture is to be made in any case.
+    pub(crate) fn begin_frame(&mut self, picture_due: bool) {
         self.work = Work::default();
+        self.pictured = None;
+        self.picture_due = picture_due;
         let most = if self.options.sequence {
             MOST_SOLUTIONS
         } else {
             usize::MAX
         };
         self.fitter.iter_mut().for_each(|fitter| fitter.begin_frame(most));
+    }
+
+    /// Whether a picture was made in this frame.
+    pub(crate) fn has_pictured(&self) -> bool {
+        self.pictured.is_some()
     }
 
     /// What the frame has taken so far.
@@ -165,7 +226,7 @@ impl FrameSolver {
 
     /// Rank of the problem in use; none before the first.
     pub(crate) fn rank(&self) -> Option<usize> {
-        self.weightings.current().map(|w| w.problem.rank())
+        self.weightings.current().map(|w| w.pictures.problem.rank())
     }
 
     /// Whether the search of the frame solved last came to its end. What is found beside its touches is then not theirs.
@@ -212,7 +273,11 @@ impl FrameSolver {
     ) -> Option<ChangeDetector> {
         self.weigh(unchanged, (drifting, &[]));
         self.tabulate(at_once);
-        let weighted = self.weightings.current()?;
+        let weighted = self.weightings.current_mut()?;
+        if at_once {
+            let ridge = sigma / self.options.expected_rise;
+            weighted.pictures.prepare(ridge, self.options.drop_below_ridge);
+        }
         let offset: Vec<f64> = self
             .imager
             .model_v
@@ -226,7 +291,7 @@ impl FrameSolver {
             .map(|(b, o)| if *o == 0.0 { 0.0 } else { o / b })
             .collect();
         ChangeDetector::new(
-            &weighted.problem,
+            &weighted.pictures.problem,
             (gain, offset),
             sigma,
             baseline_share,
@@ -251,37 +316,24 @@ impl FrameSolver {
             (result.anew, result.frames, result.grown) = (true, task.averaged.frames, task.averaged.grown);
             return;
         }
-        let power = self.power();
         let Some(noise) = task.noise else { return };
         self.work.fits += 1;
         (result.noise, result.used, result.changed, result.anew) = (Some(noise), used, true, true);
         (result.frames, result.grown, result.misfit) = (task.averaged.frames, task.averaged.grown, None);
-        let start = Instant::now();
-        // The picture of a mean is as sharp as that of a frame, and quieter.
-        let of_frame = task.averaged.frame_sigma.unwrap_or(noise.sigma);
-        let sigma = of_frame.hypot(self.options.model_error * power.sqrt());
-        let Some(weighted) = self.weightings.current_mut() else {
-            return;
-        };
-        let (values, options) = (&self.values, &self.options);
-        let ridge = self
-            .image
-            .solve(options, weighted, values, (sigma, task.polarity), result);
-        if let (Polarity::Either, Some(ridge)) = (task.polarity, ridge) {
-            self.image
-                .solve_with_falls(options, weighted, values, (ridge, task.polarity), result);
-        }
-        result.solve_us = start.elapsed().as_secs_f64() * 1e6;
-        self.ridges[task.drifting as usize] = ridge;
+        result.solve_us = 0.0;
         self.fit(task, noise, detector, result);
         if task.drifting == Drifting::Contacts {
             self.alone = self.alone(noise);
         }
     }
 
-    /// Finishes the picture of a frame that touches do not explain: nothing says that it only rises. `task` is that of the solve
-    /// whose result it is.
+    /// Finishes a frame. `task` is that of the solve whose result it is. Where touches explain it, its picture is made if it is due;
+    /// where they do not, nothing says that the picture only rises.
     pub(crate) fn finish(&mut self, task: Task, result: &mut FrameResult) {
+        if result.misfit.is_some() && self.pictured != Some(task.drifting) && self.picture_due {
+            self.picture_again(task, result);
+        }
+        self.picture_due &= self.pictured.is_none();
         let unexplained = result.changed && result.misfit.is_none() && self.fits();
         let Some(ridge) = self.ridges[task.drifting as usize].filter(|_| unexplained) else {
             return;
@@ -291,9 +343,46 @@ impl FrameSolver {
         self.weigh(task.difference, (Drifting::Nothing, task.changed));
         self.reduce(task.difference);
         if let Some(weighted) = self.weightings.current_mut() {
-            self.image
-                .solve_with_falls(&self.options, weighted, &self.values, (ridge, said), result);
+            self.image.solve_with_falls(
+                &self.options,
+                &mut weighted.pictures,
+                &self.values,
+                (ridge, said),
+                result,
+            );
         }
+    }
+
+    /// Makes the picture of a frame whose touches are known.
+    fn picture_again(&mut self, task: Task, result: &mut FrameResult) {
+        let Some(noise) = result.noise else { return };
+        self.weigh(task.difference, (task.drifting, task.changed));
+        self.reduce(task.difference);
+        let sigma = self.sigma(task, noise);
+        let Some(weighted) = self.weightings.current_mut() else {
+            return;
+        };
+        std::mem::swap(&mut result.touches, &mut self.spare);
+        let mut picture = Picture {
+            image: &mut self.image,
+            pictures: &mut weighted.pictures,
+            options: &self.options,
+            values: &self.values,
+            sigma,
+            polarity: task.polarity,
+            result,
+            made: false,
+            ridge: None,
+        };
+        picture.make();
+        std::mem::swap(&mut result.touches, &mut self.spare);
+        self.pictured = Some(task.drifting);
+    }
+
+    /// Noise of a value for pictures. That of a mean is as sharp as that of a frame, and quieter.
+    fn sigma(&self, task: Task, noise: NoiseEstimate) -> f64 {
+        let of_frame = task.averaged.frame_sigma.unwrap_or(noise.sigma);
+        of_frame.hypot(self.options.model_error * self.power().sqrt())
     }
 
     fn weigh(&mut self, difference: &Difference, left_out: (Drifting, &[usize])) {
@@ -392,7 +481,8 @@ impl FrameSolver {
         }
     }
 
-    /// Fits touches from the picture's. The result has no misfit where discs do not explain the frame.
+    /// Fits touches: those of the frame before, or the picture's peaks. The result has no misfit where discs do not explain the frame,
+    /// and the picture's peaks for touches.
     fn fit(
         &mut self,
         task: Task,
@@ -401,10 +491,25 @@ impl FrameSolver {
         result: &mut FrameResult,
     ) {
         self.tabulate(false);
-        let (Some(fitter), Some(weighted)) = (&mut self.fitter, self.weightings.current_mut()) else {
+        let sigma = self.sigma(task, noise);
+        let Some(weighted) = self.weightings.current_mut() else {
             return;
         };
-        let Some(tables) = &weighted.tables else { return };
+        let mut picture = Picture {
+            image: &mut self.image,
+            pictures: &mut weighted.pictures,
+            options: &self.options,
+            values: &self.values,
+            sigma,
+            polarity: task.polarity,
+            result,
+            made: false,
+            ridge: None,
+        };
+        let (Some(fitter), Some(tables)) = (&mut self.fitter, &weighted.tables) else {
+            picture.make();
+            return;
+        };
         let mut reduction = WeightedProjection {
             used: &task.difference.used,
             spread: &task.difference.spread,
@@ -430,8 +535,14 @@ impl FrameSolver {
             corrected: task.corrected,
             unhurried: !self.options.sequence,
         };
-        let seeds = result.touches.iter().map(|t| [t.x_mm, t.y_mm]);
-        let explained = fitter.fit(data, seeds).is_some();
+        let explained = fitter.fit(data, &mut || picture.places()).is_some();
+        if !explained {
+            picture.make();
+        }
+        if picture.made {
+            self.ridges[task.drifting as usize] = picture.ridge;
+            self.pictured = Some(task.drifting);
+        }
         result.drift.copy_from(fitter.drift());
         if !explained {
             return;

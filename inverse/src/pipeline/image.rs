@@ -2,7 +2,7 @@
 
 use crate::pipeline::options::ReconstructorOptions;
 use crate::pipeline::result::FrameResult;
-use crate::pipeline::weighted::Weighted;
+use crate::pipeline::weighted::Pictures;
 use crate::reference::imager::Imager;
 use crate::solvers::{Method, Nnls, discrepancy_ridge, lawson_hanson, pseudo_inverse, tikhonov};
 use crate::touches::peaks::TouchFinder;
@@ -37,7 +37,7 @@ impl ImageSolver {
     pub(crate) fn solve(
         &mut self,
         options: &ReconstructorOptions,
-        weighted: &mut Weighted,
+        pictures: &mut Pictures,
         values: &[f64],
         (sigma, polarity): (f64, Polarity),
         result: &mut FrameResult,
@@ -49,17 +49,17 @@ impl ImageSolver {
                     self.turned.clear();
                     self.turned.extend(values.iter().map(|v| -v));
                     let turned = std::mem::take(&mut self.turned);
-                    let ridge = Self::solve_nnls(options, weighted, &turned, sigma, result);
+                    let ridge = Self::solve_nnls(options, pictures, &turned, sigma, result);
                     self.turned = turned;
                     result.x.iter_mut().for_each(|x| *x = -*x);
                     ridge
                 }
-                _ => Self::solve_nnls(options, weighted, values, sigma, result),
+                _ => Self::solve_nnls(options, pictures, values, sigma, result),
             };
             self.find(polarity, result);
             return Some(ridge);
         }
-        let problem = &weighted.problem;
+        let problem = &pictures.problem;
         let b = DVector::from_column_slice(values);
         let solution = match options.method {
             Method::LawsonHanson => lawson_hanson(problem, &b),
@@ -68,7 +68,7 @@ impl ImageSolver {
                 // What the model gets wrong cannot be explained by any ridge: then that of the expected rise.
                 let ridge = discrepancy_ridge(problem, &b, sigma).max(sigma / options.expected_rise);
                 let mut solution = tikhonov(problem, &b, ridge);
-                weighted.scale(solution.x.as_mut_slice());
+                pictures.scale(solution.x.as_mut_slice());
                 solution
             }
         };
@@ -80,26 +80,21 @@ impl ImageSolver {
 
     fn solve_nnls(
         options: &ReconstructorOptions,
-        weighted: &mut Weighted,
+        pictures: &mut Pictures,
         values: &[f64],
         sigma: f64,
         result: &mut FrameResult,
     ) -> f64 {
         let mut expected = options.expected_rise;
         let ridge = sigma / expected;
-        let known = weighted.solving.as_ref().map_or(0.0, |(made_for, _)| ridge / made_for);
-        // A ridge estimated from frame after frame scatters; a larger one loses less by what is left out, not more.
-        if !(0.5..8.0).contains(&known) {
-            let fraction = options.drop_below_ridge * ridge / weighted.problem.singular().max();
-            weighted.solving = Some((ridge, weighted.problem.without(fraction)));
-        }
-        let problem = weighted.solving.as_ref().map_or(&weighted.problem, |(_, p)| p);
-        let nnls = &mut weighted.nnls;
+        pictures.prepare(ridge, options.drop_below_ridge);
+        let problem = pictures.solving.as_ref().map_or(&pictures.problem, |(_, p)| p);
+        let nnls = &mut pictures.nnls;
         nnls.set_ridge(ridge);
         let mut outcome = nnls.solve_into(problem, values, &mut result.x);
         // A picture far beyond what was expected was held down by the ridge: expect more and solve again.
         for _ in 0..options.most_rescalings {
-            let rises = result.x.iter().zip(&weighted.prior).map(|(x, prior)| x * prior);
+            let rises = result.x.iter().zip(&pictures.prior).map(|(x, prior)| x * prior);
             let largest = rises.fold(0.0, f64::max);
             if largest <= options.largest_over_expected * expected {
                 break;
@@ -108,7 +103,7 @@ impl ImageSolver {
             nnls.set_ridge(sigma / expected);
             outcome = nnls.solve_into(problem, values, &mut result.x);
         }
-        weighted.scale(&mut result.x);
+        pictures.scale(&mut result.x);
         (result.residual, result.gap, result.status) = (outcome.residual, outcome.gap, outcome.status);
         sigma / expected
     }
@@ -138,13 +133,13 @@ impl ImageSolver {
     pub(crate) fn solve_with_falls(
         &mut self,
         options: &ReconstructorOptions,
-        weighted: &mut Weighted,
+        pictures: &mut Pictures,
         values: &[f64],
         (ridge, polarity): (f64, Polarity),
         result: &mut FrameResult,
     ) {
-        let (problem, options_of) = (&weighted.problem, weighted.nnls.options());
-        let (both, nnls) = weighted.with_falls.get_or_insert_with(|| {
+        let (problem, options_of) = (&pictures.problem, pictures.nnls.options());
+        let (both, nnls) = pictures.with_falls.get_or_insert_with(|| {
             (
                 problem.with_falls(1.0),
                 Nnls::new(options_of).with_rounding(options.sequence),
@@ -153,7 +148,7 @@ impl ImageSolver {
         nnls.set_ridge(ridge);
         self.both.resize(both.cells(), 0.0);
         let solution = nnls.solve_into(both, values, &mut self.both);
-        weighted.scale(&mut self.both);
+        pictures.scale(&mut self.both);
         let (rises, falls) = self.both.split_at(self.cells);
         for ((x, rise), fall) in result.x.iter_mut().zip(rises).zip(falls) {
             *x = rise - fall;

@@ -46,6 +46,9 @@ pub struct ReconstructorOptions {
     pub sequence: bool,
     /// Longest time over which frames of a scene at rest are averaged, s. More is quieter; a press creeps meanwhile.
     pub averaged_s: f64,
+    /// Longest time between the pictures of a sequence whose touches are followed, s; 0 for one with every frame. The fit of touches
+    /// that are followed needs no picture, which takes half of the frame's time.
+    pub picture_s: f64,
     /// How fast the baseline follows what drifts while nothing touches, s. More is quieter and lags further behind: by this time
     /// the rate of the drift. A touch that comes down more slowly than this is taken for drift.
     pub follow_s: f64,
@@ -109,6 +112,7 @@ impl ReconstructorOptions {
             polarity: None,
             sequence: false,
             averaged_s: 0.25,
+            picture_s: 0.0,
             follow_s: 10.0,
             unexplained_frames: 4,
             tolerance: 1e-9,

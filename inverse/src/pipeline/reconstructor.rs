@@ -44,6 +44,8 @@ pub struct Reconstructor {
     following: Following,
     /// Frames one after another that no touches explained.
     unexplained: usize,
+    /// Time since the last picture, s.
+    since_picture_s: f64,
     /// Searches for what is broken before this frame.
     searches: usize,
     /// Room for a frame, and for the mean of several.
@@ -77,6 +79,7 @@ impl Reconstructor {
             gain: 1.0,
             following: Following::new(reference.baseline().len(), options.follow_s),
             unexplained: 0,
+            since_picture_s: f64::INFINITY,
             searches: 0,
             divided: Vec::new(),
             difference: reference.unchanged().clone(),
@@ -134,7 +137,9 @@ impl Reconstructor {
     /// # Errors
     /// As for [`Reconstructor::frame`].
     pub fn frame_after(&mut self, values: &[f64], interval_s: Option<f64>) -> Result<&mut FrameResult, ImagerError> {
-        self.solver.begin_frame();
+        self.since_picture_s += interval_s.unwrap_or(f64::INFINITY);
+        let picture_due = !self.options.sequence || self.since_picture_s >= self.options.picture_s;
+        self.solver.begin_frame(picture_due);
         self.searches = self.broken.searches();
         if !self.options.sequence {
             self.gain = 1.0;
@@ -168,6 +173,9 @@ impl Reconstructor {
             }
             self.gain = gain;
             self.detectors.iter_mut().flatten().for_each(ChangeDetector::forget);
+        }
+        if self.solver.has_pictured() {
+            self.since_picture_s = 0.0;
         }
         let result = &self.result;
         let sound = result.faults.is_empty() && !self.broken.is_open();

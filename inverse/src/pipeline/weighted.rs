@@ -25,20 +25,26 @@ pub(crate) struct Weighted {
     drifting: Drifting,
     /// The shapes of the contacts, weighted.
     shapes: Vec<f64>,
+    /// For pictures.
+    pub(crate) pictures: Pictures,
+    /// Onto the problem's rows.
+    pub(crate) projector: Projector,
+    /// Reduced responses to touches; made when a frame first needs them.
+    pub(crate) tables: Option<Tables>,
+}
+
+/// What pictures are solved with.
+pub(crate) struct Pictures {
     /// The problem, with columns scaled by `prior`.
     pub(crate) problem: Problem,
     /// Expected rise of every cell over [`ReconstructorOptions::expected_rise`].
     pub(crate) prior: DVector<f64>,
-    /// Onto the problem's rows.
-    pub(crate) projector: Projector,
     /// The part of the problem that the solve uses, and the ridge that it was made for.
     pub(crate) solving: Option<(f64, Problem)>,
     /// Solves for pictures, each from the one before.
     pub(crate) nnls: Nnls,
     /// The problem with cells that fall; made when a frame first needs it.
     pub(crate) with_falls: Option<(Problem, Nnls)>,
-    /// Reduced responses to touches; made when a frame first needs them.
-    pub(crate) tables: Option<Tables>,
 }
 
 /// Reduced responses.
@@ -105,17 +111,19 @@ impl Weighted {
             drifting,
             shapes: own,
             projector: Projector::new(&problem, problem.rank()),
-            problem,
-            solving: None,
-            nnls: Nnls::new(NnlsOptions {
-                ridge: 1.0,
-                tolerance: options.tolerance,
-                most_steps: options.most_steps,
-            })
-            // What follows in a moment need not be exact.
-            .with_rounding(options.sequence),
-            prior,
-            with_falls: None,
+            pictures: Pictures {
+                problem,
+                prior,
+                solving: None,
+                nnls: Nnls::new(NnlsOptions {
+                    ridge: 1.0,
+                    tolerance: options.tolerance,
+                    most_steps: options.most_steps,
+                })
+                // What follows in a moment need not be exact.
+                .with_rounding(options.sequence),
+                with_falls: None,
+            },
             tables: None,
         }
     }
@@ -157,9 +165,24 @@ impl Weighted {
                 )
             };
             self.tables = Some(Tables {
-                touches: fitter.volts().reduced(&self.problem.reduction(&weights), at_once),
+                touches: fitter
+                    .volts()
+                    .reduced(&self.pictures.problem.reduction(&weights), at_once),
                 nuisances: drift.filter(|_| !directions.is_empty()).map(nuisances),
             });
+        }
+    }
+}
+
+impl Pictures {
+    /// Makes the part of the problem ready that a solve with this ridge uses: without directions below a part of it. One that was made
+    /// for a ridge about as large serves as well.
+    pub(crate) fn prepare(&mut self, ridge: f64, drop_below_ridge: f64) {
+        let known = self.solving.as_ref().map_or(0.0, |(made_for, _)| ridge / made_for);
+        // A ridge estimated from frame after frame scatters; a larger one loses less by what is left out, not more.
+        if !(0.5..8.0).contains(&known) {
+            let fraction = drop_below_ridge * ridge / self.problem.singular().max();
+            self.solving = Some((ridge, self.problem.without(fraction)));
         }
     }
 
@@ -209,8 +232,9 @@ impl Weightings {
     /// Starts the next picture of every problem without the last one.
     pub(crate) fn forget(&mut self) {
         for weighted in &mut self.kept {
-            weighted.nnls.reset();
-            weighted.with_falls.iter_mut().for_each(|(_, nnls)| nnls.reset());
+            let Pictures { nnls, with_falls, .. } = &mut weighted.pictures;
+            nnls.reset();
+            with_falls.iter_mut().for_each(|(_, nnls)| nnls.reset());
         }
     }
 

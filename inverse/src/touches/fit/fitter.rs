@@ -6,15 +6,16 @@ use crate::reference::noise::{NoiseEstimate, NoiseSource};
 use crate::touches::fit::disc::{Disc, Discs, MOST_TOUCHES};
 use crate::touches::fit::electrode_uncertainty::ElectrodeUncertainty;
 use crate::touches::fit::fitter_options::FitterOptions;
-use crate::touches::fit::frame_fit::{Fitted, Frame, Start, fit};
+use crate::touches::fit::frame_fit::{Fitted, Frame, Seeds, Start, fit};
 use crate::touches::fit::linearisation_error::LinearisationError;
 use crate::touches::fit::model_order::{self, Before, DiscModel, Scratch};
-use crate::touches::fit::nonlinear::{self, NonlinearModel};
+use crate::touches::fit::nonlinear::{self, NonlinearModel, ScatteringModel};
 use crate::touches::fit::nuisance::{NuisanceScratch, Nuisances};
 use crate::touches::fit::prior::FitOptions;
 use crate::touches::fit::reduction::Reduce;
 use crate::touches::fit::responses::ResponseTable;
 use crate::touches::polarity::Polarity;
+use arrayvec::ArrayVec;
 use std::sync::Arc;
 
 /// A frame to fit, reduced and weighted.
@@ -48,6 +49,9 @@ impl Data<'_> {
         (misfit - 1.0) / self.gain
     }
 }
+
+/// Places to begin at, mm.
+pub type Places = ArrayVec<[f64; 2], MOST_TOUCHES>;
 
 /// What changes frames beside touches.
 #[derive(Clone, Copy)]
@@ -176,7 +180,7 @@ impl Fits {
         &mut self,
         model: DiscModel,
         frame: Frame,
-        seeds: Option<&[Disc]>,
+        seeds: Option<Seeds>,
         least_misfit: Option<f64>,
         turn: usize,
         scratch: &mut Scratch,
@@ -189,8 +193,12 @@ impl Fits {
             finished: from.finished,
             turn,
         };
+        let mut those = || from.discs.clone();
         let start = Start {
-            seeds: seeds.unwrap_or(&from.discs),
+            seeds: match seeds {
+                Some(seeds) => seeds,
+                None => &mut those,
+            },
             before: least_misfit.map(follow),
         };
         fit(model, frame, start, scratch, &mut self.now)
@@ -217,6 +225,8 @@ pub struct Fitter {
     electrodes: Option<ElectrodeUncertainty>,
     /// Made when a frame first needs it.
     nonlinear: Option<NonlinearModel>,
+    /// What takes its place while touches move.
+    scattering: Option<ScatteringModel>,
     /// How the noise is known, and the chi-square threshold for that.
     chi_square_threshold: Option<(NoiseSource, f64)>,
     carried: Carried,
@@ -262,6 +272,7 @@ impl Fitter {
             prior,
             options,
             nonlinear: None,
+            scattering: None,
             chi_square_threshold: None,
             carried: Carried::default(),
             followed: Followed::default(),
@@ -285,6 +296,12 @@ impl Fitter {
     /// The last fit, also where it does not explain its frame.
     pub fn last(&self) -> &Fitted {
         &self.fits.now
+    }
+
+    /// Makes ready for touches that move, which takes some 20 ms.
+    pub(crate) fn prepare_motion(&mut self) {
+        let imager = &self.imager;
+        self.scattering = ScatteringModel::new(&imager.model, imager.drive, &imager.pattern);
     }
 
     /// Begins a frame, which may take so many solutions of the sheet, however often it is fitted.
@@ -353,8 +370,9 @@ impl Fitter {
         &self.volts
     }
 
-    /// Touches fitted from the places of a picture's peaks, mm; `None` when discs do not explain the frame.
-    pub fn fit(&mut self, data: Data, seeds: impl Iterator<Item = [f64; 2]>) -> Option<&Fitted> {
+    /// Touches fitted from those of the frame before, or from the places of a picture's peaks, mm, which are asked for only where
+    /// those do not explain the frame. `None` when discs do not.
+    pub fn fit(&mut self, data: Data, peaks: &mut dyn FnMut() -> Places) -> Option<&Fitted> {
         let source = data.noise.source;
         self.drift.clear();
         self.followed.turn = self.followed.turn.wrapping_add(1);
@@ -366,8 +384,8 @@ impl Fitter {
             turn: self.followed.turn,
             data,
         };
-        let seeds: Discs = seeds.take(MOST_TOUCHES).map(|at| self.prior.seed(at)).collect();
-        self.find(&mut job, &seeds)?;
+        let prior = self.prior;
+        self.find(&mut job, &mut || peaks().iter().map(|at| prior.seed(*at)).collect())?;
         let fitted = &mut self.fits.now;
         if let Some(Beside { nuisances, sizes }) = job.data.beside {
             self.sizes.clear();
@@ -394,7 +412,7 @@ impl Fitter {
     }
 
     /// Fits the linear model, corrected by what the frame before left or where a nonlinear solution is worth it.
-    fn find(&mut self, job: &mut Job, seeds: &[Disc]) -> Option<()> {
+    fn find(&mut self, job: &mut Job, seeds: Seeds) -> Option<()> {
         let follows = std::mem::replace(&mut self.followed.holds, false);
         if job.data.gain <= 1.0 {
             self.carried.failed = None;
@@ -523,8 +541,15 @@ impl Fitter {
         Some(())
     }
 
-    /// The linearisation error of the touches fitted last; `None` when the sheet cannot be solved with them.
+    /// The linearisation error of the touches fitted last; `None` when the sheet cannot be solved with them. What is exact enough for a
+    /// frame may show in the mean of several.
     fn solve(&mut self, job: &Job) -> Option<LinearisationError> {
+        let scattering = self.scattering.as_ref().filter(|_| !job.data.unhurried);
+        let (discs, mean) = (&self.fits.now.discs, job.data.gain > 1.0);
+        let scattered = scattering.and_then(|s| LinearisationError::scattered(s, &self.volts, discs, mean));
+        if scattered.is_some() {
+            return scattered;
+        }
         if self.nonlinear.is_none() {
             self.nonlinear = NonlinearModel::new(&self.imager.model, self.imager.drive, &self.imager.pattern);
         }
@@ -547,7 +572,7 @@ impl Fitter {
 
     /// Fits from these places, or from the touches fitted last. `error` is the part of the data that the model may get
     /// wrong; with `follows` the touches fitted last are followed.
-    fn fit_from(&mut self, job: &Job, values: Values, error: f64, seeds: Option<&[Disc]>, follows: bool) -> Option<()> {
+    fn fit_from(&mut self, job: &Job, values: Values, error: f64, seeds: Option<Seeds>, follows: bool) -> Option<()> {
         let model = DiscModel {
             table: job.data.table,
             prior: &self.prior,

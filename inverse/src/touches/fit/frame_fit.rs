@@ -87,11 +87,13 @@ pub struct Frame<'a> {
     pub most_work: usize,
 }
 
+/// Touches to start with, asked for only where they are needed. Those without a strength get one.
+pub type Seeds<'a> = &'a mut dyn FnMut() -> Discs;
+
 /// Where a fit begins.
-#[derive(Clone, Copy, Debug)]
 pub struct Start<'a> {
-    /// Touches to start with. Those without a strength get one.
-    pub seeds: &'a [Disc],
+    /// Touches to start with where there is no frame before, or it is not followed.
+    pub seeds: Seeds<'a>,
     /// The frame before, to be followed from.
     pub before: Option<Before<'a>>,
 }
@@ -141,7 +143,8 @@ fn fit_whitened(
     let search = Search::new(model, whitened, chi_square_threshold, scratch)?
         .within(frame.most_work)
         .of(frame.polarity);
-    let found = search.run(&in_noise(start.seeds), before)?;
+    let seeds = start.seeds;
+    let found = search.run(&mut || in_noise(&seeds()), before)?;
     let best = found.fit;
     let freedom = (table.length() as f64 - 3.0 * best.discs.len() as f64).max(1.0);
     let misfit = best.square / freedom;

@@ -39,5 +39,5 @@ pub mod reduction;
 pub mod responses;
 
 pub use disc::{Disc, Discs, MOST_TOUCHES};
-pub use frame_fit::{Fitted, Frame, Start, fit};
+pub use frame_fit::{Fitted, Frame, Seeds, Start, fit};
 pub use prior::FitOptions;

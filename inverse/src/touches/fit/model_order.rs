@@ -250,8 +250,8 @@ impl<'a> Search<'a> {
         Self { polarity, ..self }
     }
 
-    /// Finds the touches, from a picture's peaks and the touches of the frame before.
-    pub fn run(mut self, seeds: &[Disc], before: Option<Before>) -> Option<Found> {
+    /// Finds the touches: those of the frame before, or else from a picture's peaks.
+    pub fn run(mut self, seeds: &mut dyn FnMut() -> Discs, before: Option<Before>) -> Option<Found> {
         let mut rival = None;
         if let Some(before) = before.filter(|b| !b.discs.is_empty()) {
             let fit = self.fit_in(before.discs, self.model.order.steps.few_steps)?;
@@ -262,7 +262,8 @@ impl<'a> Search<'a> {
             rival = Some(fit);
         }
         let most = self.model.prior.most_touches.min(Discs::new_const().capacity());
-        let mut start: Discs = seeds.iter().copied().take(most).collect();
+        let mut start = seeds();
+        start.truncate(most);
         self.strengthen(&mut start);
         let mut best = self.fit_in(&start, self.model.order.steps.most_steps)?;
         // Whatever has changed, most of it may have stayed.

@@ -68,7 +68,10 @@ fn fitted(f: &Fitter, values: &DVector<f64>, sigma: f64, threshold: f64, seeds: 
         most_work: usize::MAX,
     };
     let mut found = Fitted::default();
-    let start = Start { seeds, before: None };
+    let start = Start {
+        seeds: &mut || seeds.iter().copied().collect(),
+        before: None,
+    };
     let model = DiscModel {
         table: f.volts(),
         prior: &f.prior,
@@ -175,7 +178,10 @@ fn the_linearisation_error_is_carried_from_frame_to_frame() {
                 unhurried: true,
                 polarity: Polarity::Up,
             };
-            fitter.fit(data, truth.iter().map(|d| d.at)).unwrap().clone()
+            fitter
+                .fit(data, &mut || truth.iter().map(|d| d.at).collect())
+                .unwrap()
+                .clone()
         };
         let found = fit(&mut f, false);
         if frame == 1 {
