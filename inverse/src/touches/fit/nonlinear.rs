@@ -101,9 +101,10 @@ impl ScatteringModel {
         let response = response_v(table, &discs);
         let square = |v: &mut dyn Iterator<Item = f64>| v.map(|v| v * v).sum::<f64>();
         let apart = square(&mut first_order.iter().zip(&response).map(|(f, r)| f - r));
-        let exact = apart < TABLE_ERROR * TABLE_ERROR * square(&mut response.iter().copied());
-        let linear = if exact {
+        let linear = if apart < TABLE_ERROR * TABLE_ERROR * square(&mut response.iter().copied()) {
             response.as_slice()
+        } else if exact {
+            return None;
         } else {
             first_order.as_slice()
         };
