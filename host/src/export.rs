@@ -1,5 +1,8 @@
 //! `skin export`: a recording for other programs.
 
+mod bag;
+mod tables;
+
 use crate::files::arrays::write::{ArrayFile, Mat, Npz, Of};
 use crate::files::order::Order;
 use crate::files::replace::beside;
@@ -28,6 +31,10 @@ enum Format {
     Npz,
     /// Variables for MATLAB and Octave, in EIDORS' order and sign.
     Mat,
+    /// Tables of touches and of frames for DuckDB, Polars and Spark, in a folder that takes many recordings.
+    Parquet,
+    /// A bag for ROS 2: frames, touches and pictures.
+    Rosbag2,
 }
 
 impl Format {
@@ -38,6 +45,8 @@ impl Format {
             Self::TouchesCsv => "touches.csv",
             Self::Npz => "npz",
             Self::Mat => "mat",
+            Self::Parquet => "parquet",
+            Self::Rosbag2 => "rosbag2",
         }
     }
 }
@@ -51,7 +60,8 @@ pub(crate) struct Arguments {
     /// What to write.
     #[arg(long, value_enum, value_name = "FORMAT")]
     to: Format,
-    /// The new file [default: the recording's name with the format's ending].
+    /// The new file [default: the recording's name with the format's ending]; of parquet the folder of all recordings [default: parquet,
+    /// beside the recording].
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     /// Order and sign of a frame's values, of npz, mat and frames-csv (docs/tables.md) [default: npz pyeit, mat eidors, frames-csv as
@@ -73,9 +83,19 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         let why = "--order is for npz, mat and frames-csv: every other row says what it is";
         return Err(Usage(why.to_owned()).into());
     }
-    if arguments.part.is_asked() && arguments.to == Format::TouchesCsv {
-        let why = "touches-csv takes the whole recording; leave --from-s, --to-s and --every out";
+    let whole = matches!(arguments.to, Format::TouchesCsv | Format::Parquet | Format::Rosbag2);
+    if arguments.part.is_asked() && whole {
+        let why = "touches-csv, parquet and rosbag2 take the whole recording; leave --from-s, --to-s and --every out";
         return Err(Usage(why.to_owned()).into());
+    }
+    let folder = match arguments.to {
+        Format::Parquet => Some(tables::export(from, arguments.out.as_deref())?),
+        Format::Rosbag2 => Some(bag::export(from, arguments.out.as_deref())?),
+        _ => None,
+    };
+    if let Some(what) = folder {
+        eprintln!("{what}");
+        return Ok(());
     }
     let out = arguments
         .out
@@ -100,6 +120,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         Format::Mat => arrays(arguments, &mut open, Order::Eidors, |file| {
             Mat::new(file, "frames recorded by skin")
         }),
+        // They have been written.
+        Format::Parquet | Format::Rosbag2 => return Ok(()),
     };
     // No part passes for the whole: it gets its name at the end.
     let written = written.and_then(|what| {
@@ -259,7 +281,7 @@ fn arrays<F: ArrayFile>(
     let (mut times, mut unix, mut sequences) = (Vec::new(), Vec::new(), Vec::new());
     while let Some(frame) = frames.next()? {
         times.push(frame.measured.time_s);
-        unix.push(frame.unix_s);
+        unix.push(1e-9 * frame.unix_ns as f64);
         sequences.push(frame.measured.sequence);
     }
     let count = times.len();

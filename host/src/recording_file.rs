@@ -27,6 +27,11 @@ pub(crate) fn compact(unix_s: f64) -> String {
     format!("{year:04}{month:02}{day:02}T{h:02}{m:02}{s:02}Z")
 }
 
+/// The day of a time since 1970 (UTC) as `2026-11-22`.
+pub(crate) fn day(unix_s: f64) -> String {
+    in_words(unix_s).chars().take(10).collect()
+}
+
 /// A time since 1970 as `2026-11-22 12:37:14 UTC`.
 pub(crate) fn in_words(unix_s: f64) -> String {
     let t = compact(unix_s);

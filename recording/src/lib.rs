@@ -25,7 +25,7 @@ pub use reader::{Ended, Message, Reader};
 pub use recorder::{Counts, Recorder, WaitingRecorder};
 pub use recover::{Recovered, recover};
 pub use sink::Target;
-pub use tap::{Later, Tap, Tapped};
+pub use tap::{Later, Tap, Tapped, from_base64};
 pub use topic::{FORMAT, PROFILE, Topic};
 pub use wire::Splitter;
 pub use writer::Writer;

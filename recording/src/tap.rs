@@ -81,6 +81,11 @@ enum Level {
     Warning = 3,
 }
 
+/// The bytes of a picture in a message of [`Topic::Picture`]; none where the text is none of base64.
+pub fn from_base64(text: &str) -> Option<Vec<u8>> {
+    BASE64_STANDARD.decode(text).ok()
+}
+
 impl Tap {
     pub(crate) fn new() -> (Self, Queue) {
         Self::holding(WAITING)

@@ -30,25 +30,43 @@ impl Writer<File> {
     /// # Errors
     /// [`RecordingError::Exists`] where there is one; what the system said.
     pub fn create(path: &Path) -> Result<Self, RecordingError> {
+        Self::create_of(path, PROFILE)
+    }
+
+    /// Makes a new file of ROS 2's profile, for channels of its messages.
+    ///
+    /// # Errors
+    /// As [`Writer::create`].
+    pub fn create_ros2(path: &Path) -> Result<Self, RecordingError> {
+        Self::create_of(path, "ros2")
+    }
+
+    fn create_of(path: &Path, profile: &str) -> Result<Self, RecordingError> {
         let file = path.display().to_string();
         let target = OpenOptions::new()
             .write(true)
             .create_new(true)
             .open(path)
             .map_err(|e| RecordingError::io(&file, e))?;
-        Self::of(target, file)
+        Self::of_profile(target, file, profile)
     }
 }
 
 impl<T: Target> Writer<T> {
-    /// Begins a file; `file` is its name in messages.
+    /// A recording of skin.
     ///
     /// # Errors
     /// What the system said.
+    #[cfg(test)]
     pub(crate) fn of(target: T, file: String) -> Result<Self, RecordingError> {
+        Self::of_profile(target, file, PROFILE)
+    }
+
+    /// Begins a file; `file` is its name in messages.
+    fn of_profile(target: T, file: String, profile: &str) -> Result<Self, RecordingError> {
         let options = WriteOptions::new()
             .compression(Some(Compression::Lz4))
-            .profile(PROFILE)
+            .profile(profile)
             .library(concat!("skin ", env!("CARGO_PKG_VERSION")))
             .chunk_size(Some(CHUNK))
             // Chunks are written at once: what is cut off is one that was not written whole.
