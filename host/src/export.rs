@@ -8,6 +8,7 @@ use crate::files::order::Order;
 use crate::files::replace::beside;
 use crate::recorded::SessionRecord;
 use crate::recorded_frames::{self, Part, RecordedFrames, RecordedTable};
+use crate::skin_file;
 use crate::usage::Usage;
 use ::forward::Pattern;
 use anyhow::{Context, Result, anyhow, bail};
@@ -88,19 +89,23 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         let why = "touches-csv, parquet and rosbag2 take the whole recording; leave --from-s, --to-s and --every out";
         return Err(Usage(why.to_owned()).into());
     }
-    let folder = match arguments.to {
-        Format::Parquet => Some(tables::export(from, arguments.out.as_deref())?),
-        Format::Rosbag2 => Some(bag::export(from, arguments.out.as_deref())?),
-        _ => None,
+    let out = arguments.out.as_deref();
+    let written = match arguments.to {
+        Format::Parquet => tables::export(from, out)?,
+        Format::Rosbag2 => bag::export(from, out)?,
+        _ => file(arguments)?,
     };
-    if let Some(what) = folder {
-        eprintln!("{what}");
-        return Ok(());
-    }
+    eprintln!("{written}");
+    Ok(())
+}
+
+/// Writes what is one file; what was written.
+fn file(arguments: &Arguments) -> Result<String> {
+    let from = &arguments.file;
     let out = arguments
         .out
         .clone()
-        .unwrap_or_else(|| from.with_extension(arguments.to.ending()));
+        .unwrap_or_else(|| skin_file::beside(from, arguments.to.ending()));
     let beside = beside(&out);
     let mut made = false;
     let mut open = || -> Result<BufWriter<File>> {
@@ -120,8 +125,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         Format::Mat => arrays(arguments, &mut open, Order::Eidors, |file| {
             Mat::new(file, "frames recorded by skin")
         }),
-        // They have been written.
-        Format::Parquet | Format::Rosbag2 => return Ok(()),
+        Format::Parquet | Format::Rosbag2 => bail!("these are no single file"),
     };
     // No part passes for the whole: it gets its name at the end.
     let written = written.and_then(|what| {
@@ -134,9 +138,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     if written.is_err() && made {
         let _ = std::fs::remove_file(&beside);
     }
-    let what = written?;
-    eprintln!("{}: {what}", out.display());
-    Ok(())
+    Ok(format!("{}: {}", out.display(), written?))
 }
 
 type Open<'a> = &'a mut dyn FnMut() -> Result<BufWriter<File>>;

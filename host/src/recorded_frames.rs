@@ -88,7 +88,7 @@ impl RecordedFrames {
             count: 0,
             part: part.clone(),
             progress: Progress::new("reading the recording", silent),
-            bytes: std::fs::metadata(path)
+            bytes: std::fs::metadata(recording::split(path).0)
                 .with_context(|| path.display().to_string())?
                 .len(),
             baseline: Vec::new(),

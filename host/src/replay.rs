@@ -9,9 +9,9 @@ use crate::live_run::Run;
 use crate::page::page;
 use crate::recorded::SessionRecord;
 use crate::replayed::Replayed;
-use crate::run::{imager, shown_source};
 use crate::run_arguments::ShowArguments;
-use crate::say::say;
+use crate::run_session::{imager, shown_source};
+use crate::say::{self, say};
 use crate::script::{Script, Step};
 use anyhow::{Context, Result};
 use clap::Args;
@@ -100,6 +100,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let path = &arguments.file;
     let stop = ending::flag()?;
     let record = SessionRecord::read(path)?;
+    // Lines are of the skin, as they were then.
+    say::set_skin(record.skin.as_deref().map(Arc::from));
     if let Some(differs) = record.differs() {
         say!("warning: {}: {differs}", path.display());
     }
@@ -111,7 +113,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     if let Some(learned) = &learned {
         live = live.with_learned(learned.taught());
     }
-    let page = (!arguments.show.json).then(|| page(&arguments.show)).transpose()?;
+    let page = (!arguments.show.json || arguments.show.listen.is_some())
+        .then(|| page(&arguments.show))
+        .transpose()?;
     let source = shown_source(&format!("recording of {}", record.source), learned.as_ref());
     let mut run = Run {
         show: &arguments.show,

@@ -21,7 +21,7 @@ mod writer;
 pub use clock::{BoardClock, ClockFit, HostClock};
 pub use error::RecordingError;
 pub use playback::{Playback, Speed};
-pub use reader::{Ended, Message, Reader};
+pub use reader::{Ended, Message, Reader, split};
 pub use recorder::{Counts, Recorder, WaitingRecorder};
 pub use recover::{Recovered, recover};
 pub use sink::Target;

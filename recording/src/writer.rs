@@ -16,7 +16,7 @@ pub struct Writer<T: Target> {
     sink: Sink<T>,
     file: String,
     /// Number of the topic's channel, and of its next message.
-    topics: BTreeMap<Topic, (u16, u32)>,
+    topics: BTreeMap<(Option<String>, Topic), (u16, u32)>,
     /// Bytes of messages since the last flush.
     unflushed: usize,
 }
@@ -114,14 +114,30 @@ impl<T: Target> Writer<T> {
     /// # Errors
     /// What the system said.
     pub fn message(&mut self, topic: Topic, log_ns: u64, publish_ns: u64, data: &[u8]) -> Result<(), RecordingError> {
-        let (channel, sequence) = match self.topics.get(&topic) {
+        self.message_of(None, topic, log_ns, publish_ns, data)
+    }
+
+    /// Writes a message of a topic of one skin of several.
+    ///
+    /// # Errors
+    /// What the system said.
+    pub fn message_of(
+        &mut self,
+        skin: Option<&str>,
+        topic: Topic,
+        log_ns: u64,
+        publish_ns: u64,
+        data: &[u8],
+    ) -> Result<(), RecordingError> {
+        let key = (skin.map(str::to_owned), topic);
+        let (channel, sequence) = match self.topics.get(&key) {
             Some(known) => *known,
             None => {
                 let schema = topic.schema().map(|(name, text)| (name, "jsonschema", text.as_bytes()));
-                (self.channel(topic.name(), topic.encoding(), schema)?, 0)
+                (self.channel(&topic.name_of(skin), topic.encoding(), schema)?, 0)
             }
         };
-        self.topics.insert(topic, (channel, sequence.wrapping_add(1)));
+        self.topics.insert(key, (channel, sequence.wrapping_add(1)));
         self.write(channel, sequence, log_ns, publish_ns, data)
     }
 

@@ -4,6 +4,7 @@ use crate::files::cdr::Cdr;
 use crate::files::replace::beside;
 use crate::recorded::SessionRecord;
 use crate::recorded_frames::{Part, RecordedFrame, RecordedFrames};
+use crate::skin_file;
 use anyhow::{Context, Result, bail};
 use recording::{Reader, Topic, Writer};
 use serde_json::Value;
@@ -13,6 +14,7 @@ use std::path::Path;
 
 /// Name, type and definition of a topic.
 struct BagTopic {
+    /// Behind the skin's name.
     name: &'static str,
     kind: &'static str,
     definition: &'static str,
@@ -20,17 +22,17 @@ struct BagTopic {
 
 const TOPICS: [BagTopic; 3] = [
     BagTopic {
-        name: "/skin/frames",
+        name: "frames",
         kind: "skin_msgs/msg/Frame",
         definition: include_str!("ros/Frame.msg"),
     },
     BagTopic {
-        name: "/skin/touches",
+        name: "touches",
         kind: "skin_msgs/msg/Touches",
         definition: include_str!("ros/Touches.msg"),
     },
     BagTopic {
-        name: "/skin/picture",
+        name: "picture",
         kind: "sensor_msgs/msg/CompressedImage",
         definition: include_str!("ros/CompressedImage.msg"),
     },
@@ -41,20 +43,56 @@ const PICTURES: usize = 2;
 /// Where places are given in.
 const FRAME_ID: &str = "sheet";
 
+/// A topic of a bag that is written.
+struct Channel {
+    name: String,
+    kind: &'static str,
+    id: u16,
+    count: u32,
+}
+
 /// A bag that is written.
 struct Bag {
     file: Writer<File>,
-    channels: Vec<u16>,
-    counts: [u32; TOPICS.len()],
+    /// Of the skins one after the other, as in [`TOPICS`].
+    channels: Vec<Channel>,
     from_to_ns: Option<(u64, u64)>,
 }
 
 impl Bag {
+    /// Adds the topics of a skin.
+    fn add_skin(&mut self, name: &str) -> Result<()> {
+        for topic in &TOPICS {
+            let name = format!("/{name}/{}", topic.name);
+            let schema = (topic.kind, "ros2msg", topic.definition.as_bytes());
+            let id = self.file.channel(&name, "cdr", Some(schema))?;
+            self.channels.push(Channel {
+                name,
+                kind: topic.kind,
+                id,
+                count: 0,
+            });
+        }
+        Ok(())
+    }
+
+    /// Messages of a topic, of all skins.
+    fn count(&self, topic: usize) -> u32 {
+        self.channels
+            .iter()
+            .skip(topic)
+            .step_by(TOPICS.len())
+            .map(|c| c.count)
+            .sum()
+    }
+
     fn put(&mut self, topic: usize, unix_ns: u64, message: Cdr) -> Result<()> {
-        let count = &mut self.counts[topic];
+        // Of the skin that was added last.
+        let first = self.channels.len().saturating_sub(TOPICS.len());
+        let channel = &mut self.channels[first + topic];
         self.file
-            .write(self.channels[topic], *count, unix_ns, unix_ns, &message.into_bytes())?;
-        *count += 1;
+            .write(channel.id, channel.count, unix_ns, unix_ns, &message.into_bytes())?;
+        channel.count += 1;
         let (from, to) = self.from_to_ns.unwrap_or((unix_ns, unix_ns));
         self.from_to_ns = Some((from.min(unix_ns), to.max(unix_ns)));
         Ok(())
@@ -106,9 +144,8 @@ impl Bag {
 /// # Errors
 /// The recording cannot be read, there is such a folder, or it cannot be written.
 pub(super) fn export(from: &Path, out: Option<&Path>) -> Result<String> {
-    let out = out.map_or_else(|| from.with_extension("rosbag2"), Path::to_owned);
+    let out = out.map_or_else(|| skin_file::beside(from, "rosbag2"), Path::to_owned);
     let name = out.display();
-    SessionRecord::read(from)?;
     if out.exists() {
         bail!("{name}: there is a file of this name; name a new folder with --out");
     }
@@ -130,20 +167,26 @@ pub(super) fn export(from: &Path, out: Option<&Path>) -> Result<String> {
     ))
 }
 
-/// The messages in the order of their times, as far as the recording has it.
+/// Of every skin the messages in the order of their times, one skin after the other: readers go by the index.
 fn write(from: &Path, folder: &Path) -> Result<[u32; TOPICS.len()]> {
-    let mut file = Writer::create_ros2(&folder.join(STORAGE))?;
-    let mut channels = Vec::new();
-    for topic in &TOPICS {
-        let schema = (topic.kind, "ros2msg", topic.definition.as_bytes());
-        channels.push(file.channel(topic.name, "cdr", Some(schema))?);
-    }
     let mut bag = Bag {
-        file,
-        channels,
-        counts: [0; TOPICS.len()],
+        file: Writer::create_ros2(&folder.join(STORAGE))?,
+        channels: Vec::new(),
         from_to_ns: None,
     };
+    for (name, skin) in skin_file::asked(from)? {
+        SessionRecord::read(&skin)?;
+        bag.add_skin(name.as_deref().unwrap_or("skin"))?;
+        write_skin(&mut bag, &skin)?;
+    }
+    let counts = [FRAMES, TOUCHES, PICTURES].map(|topic| bag.count(topic));
+    let metadata = metadata(&bag.channels, bag.from_to_ns)?;
+    bag.file.finish()?;
+    std::fs::write(folder.join("metadata.yaml"), metadata)?;
+    Ok(counts)
+}
+
+fn write_skin(bag: &mut Bag, from: &Path) -> Result<()> {
     let mut frames = RecordedFrames::open(from, &Part::default(), false)?;
     let mut frame = frames.next()?;
     let mut others = Reader::open(from)?;
@@ -166,31 +209,26 @@ fn write(from: &Path, folder: &Path) -> Result<[u32; TOPICS.len()]> {
         bag.frame(&rest)?;
         frame = frames.next()?;
     }
-    let counts = bag.counts;
-    let metadata = metadata(&counts, bag.from_to_ns)?;
-    bag.file.finish()?;
-    std::fs::write(folder.join("metadata.yaml"), metadata)?;
-    Ok(counts)
+    Ok(())
 }
 
 /// Name of the file with the messages.
 const STORAGE: &str = "skin_0.mcap";
 
 /// What ROS 2 reads first; version 5 is that of Humble, which later ones read too.
-fn metadata(counts: &[u32], from_to_ns: Option<(u64, u64)>) -> Result<String> {
+fn metadata(channels: &[Channel], from_to_ns: Option<(u64, u64)>) -> Result<String> {
     let (from, to) = from_to_ns.unwrap_or_default();
-    let all: u32 = counts.iter().sum();
+    let all: u32 = channels.iter().map(|c| c.count).sum();
     let lasts = to - from;
     let mut out = format!(
         "rosbag2_bagfile_information:\n  version: 5\n  storage_identifier: mcap\n  duration:\n    nanoseconds: {lasts}\n  \
          starting_time:\n    nanoseconds_since_epoch: {from}\n  message_count: {all}\n  topics_with_message_count:\n"
     );
-    for (topic, count) in TOPICS.iter().zip(counts) {
+    for Channel { name, kind, count, .. } in channels {
         writeln!(
             out,
-            "    - topic_metadata:\n        name: {}\n        type: {}\n        serialization_format: cdr\n        \
-             offered_qos_profiles: \"\"\n      message_count: {count}",
-            topic.name, topic.kind
+            "    - topic_metadata:\n        name: {name}\n        type: {kind}\n        serialization_format: cdr\n        \
+             offered_qos_profiles: \"\"\n      message_count: {count}"
         )?;
     }
     writeln!(

@@ -5,6 +5,7 @@ use crate::files::replace::beside;
 use crate::recorded::SessionRecord;
 use crate::recorded_frames::{Part, RecordedFrames};
 use crate::recording_file::day;
+use crate::skin_file;
 use anyhow::{Context, Result, bail};
 use recording::{Reader, Topic};
 use serde_json::Value;
@@ -34,19 +35,28 @@ const FRAMES: &[Column] = &[
     Column::of("values_v", Kind::Doubles),
 ];
 
-/// Writes both tables of a recording below a folder; what was written.
+/// Writes both tables of a recording below a folder, of each of its skins; what was written.
 ///
 /// # Errors
 /// The recording cannot be read, it was exported there before, or the files cannot be written.
 pub(super) fn export(from: &Path, out: Option<&Path>) -> Result<String> {
-    let out = out.map_or_else(|| from.with_file_name("parquet"), Path::to_owned);
+    let (of_file, _) = recording::split(from);
+    let out = out.map_or_else(|| of_file.with_file_name("parquet"), Path::to_owned);
+    let mut said = Vec::new();
+    for (_, skin) in skin_file::asked(from)? {
+        said.push(of_skin(&skin, &of_file, &out)?);
+    }
+    Ok(said.join("\n"))
+}
+
+fn of_skin(from: &Path, of_file: &Path, out: &Path) -> Result<String> {
     let session = SessionRecord::read(from)?;
     let said = serde_json::to_string(&session)?;
     let place = |table: &str| -> Result<PathBuf> {
-        let recording = from.file_stem().unwrap_or_default().to_string_lossy();
+        let recording = of_file.file_stem().unwrap_or_default().to_string_lossy();
         let path = out
             .join(table)
-            .join(format!("skin={}", encoded(&session.board.serial)))
+            .join(format!("skin={}", encoded(session.name())))
             .join(format!("date={}", day(session.started_unix_s)))
             .join(format!("recording={}", encoded(&recording)))
             .join(format!("{table}.parquet"));
