@@ -75,9 +75,9 @@ mod tests {
     fn numbers_stand_where_their_size_divides_the_place() {
         let mut cdr = Cdr::new();
         cdr.bool(true).u32(2).text("a").f64(0.5).f64s(&[]).bytes(&[7]);
-        let mut expected = vec![
-            0, 1, 0, 0, 1, 0, 0, 0, 2, 0, 0, 0, 2, 0, 0, 0, b'a', 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0,
-        ];
+        let mut expected = vec![0, 1, 0, 0];
+        // A byte, the next number at 4, the text with its length at 8, and the double at 16.
+        expected.extend([1, 0, 0, 0, 2, 0, 0, 0, 2, 0, 0, 0, b'a', 0, 0, 0]);
         expected.extend(0.5_f64.to_le_bytes());
         expected.extend([0, 0, 0, 0, 1, 0, 0, 0, 7]);
         assert_eq!(cdr.into_bytes(), expected);
