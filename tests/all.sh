@@ -96,7 +96,7 @@ if have python3; then
     python3 tests/recordings.py target/debug/skin
     case $? in
         0) ;;
-        77) skip "recordings in Python: no packages mcap and numpy (pip install mcap numpy scipy)" ;;
+        77) skip "recordings in Python: no packages mcap and numpy (pip install mcap numpy scipy duckdb rosbags)" ;;
         *) failed+=("tests/recordings.py") ;;
     esac
     took "recordings in Python" "$start"

@@ -1,27 +1,31 @@
 #!/usr/bin/env python3
 """Recordings and their exports, read by other people's programs.
 
-    tests/recordings.py [SKIN]
+    tests/recordings.py [SKIN [RECORDINGS]]
 
-SKIN is the program, target/debug/skin unless said. Needs the packages mcap and numpy; scipy and pyeit where they are there.
+SKIN is the program, target/debug/skin unless said; RECORDINGS how many make the fleet that DuckDB is asked about, 10 unless said.
+Needs the packages mcap and numpy; scipy, pyeit, duckdb and rosbags where they are there.
 Exit code 77: skipped, with the reason.
 """
 
+import base64
 import json
 import pathlib
 import subprocess
 import sys
 import tempfile
+import time
 
 try:
     import numpy
     from mcap.exceptions import McapError
     from mcap.reader import make_reader
 except ImportError as missing:
-    print(f"skipped: {missing} (pip install mcap numpy scipy)")
+    print(f"skipped: {missing} (pip install mcap numpy scipy duckdb rosbags)")
     sys.exit(77)
 
 SKIN = sys.argv[1] if len(sys.argv) > 1 else pathlib.Path(__file__).parent / "../target/debug/skin"
+RECORDINGS = int(sys.argv[2]) if len(sys.argv) > 2 else 10
 
 
 # Far from every line in which a disc is its own mirror.
@@ -167,6 +171,21 @@ def main(folder):
         assert numpy.array_equal(arrays["meas_mat"].reshape(theirs.meas_mat.shape), theirs.meas_mat)
         mirrored(arrays, touches)
 
+    try:
+        import duckdb
+    except ImportError as missing:
+        print(f"not held: {missing}")
+    else:
+        tables(folder, whole, arrays, touches)
+        fleet(folder)
+
+    try:
+        import rosbags
+    except ImportError as missing:
+        print(f"not held: {missing}")
+    else:
+        bag(folder, whole, arrays, touches)
+
     # What was cut off is no file for others, until it is recovered.
     cut = folder / "cut.mcap"
     cut.write_bytes(whole.read_bytes()[: whole.stat().st_size * 2 // 3])
@@ -182,6 +201,88 @@ def main(folder):
     again = [f for f in again if f]
     assert 0 < len(again) < len(frames) and again == frames[: len(again)]
     print(f"recovered: {len(again)} of {len(frames)} frames")
+
+
+TOUCH = ["id", "x_mm", "y_mm", "rise", "area_mm2", "total_mm2", "force_n", "uncalibrated"]
+
+
+def rows_of(touches):
+    """Frame, time and the touch's own values, as the recording has them."""
+    return [(t["frame"], t["time_s"], *(x.get(key) for key in TOUCH)) for t in touches for x in t["touches"]]
+
+
+def tables(folder, whole, arrays, touches):
+    """Parquet holds the recording's values to the last bit."""
+    import duckdb
+
+    skin("export", whole, "--to", "parquet", "--out", folder / "tables")
+    frames = duckdb.sql(f"select frame, time_s, epoch_us(time), values_v from '{folder}/tables/frames/**/*.parquet' order by time_s").fetchall()
+    assert [f[0] for f in frames] == arrays["sequence"].tolist()
+    assert [f[1] for f in frames] == arrays["time_s"].tolist()
+    assert numpy.allclose([f[2] for f in frames], 1e6 * arrays["unix_s"], rtol=0, atol=1.5)
+    assert numpy.array_equal([f[3] for f in frames], arrays["v"], equal_nan=True)
+    read = f"select frame, time_s, {', '.join(TOUCH)} from '{folder}/tables/touches/**/*.parquet' order by time_s"
+    assert duckdb.sql(read).fetchall() == rows_of(touches) and touches
+    said = duckdb.sql(f"select decode(value) from parquet_kv_metadata('{folder}/tables/touches/**/*.parquet') where decode(key) = 'skin.session'")
+    assert json.loads(said.fetchall()[0][0])["values"] == 208
+    again = subprocess.run([SKIN, "export", whole, "--to", "parquet", "--out", folder / "tables"], capture_output=True, text=True)
+    assert again.returncode == 1 and "exported there before" in again.stderr, again
+    print(f"DuckDB: {len(frames)} frames and {len(rows_of(touches))} touches, the same values")
+
+
+def fleet(folder):
+    """Many recordings are one table."""
+    import duckdb
+    from concurrent.futures import ThreadPoolExecutor
+
+    def recording(k):
+        file = folder / f"fleet-{k:03}.mcap"
+        printed = skin("run", "--scene", folder / "press.toml", "--json", "--frames", "90", "--baseline-frames", "8", "--record", file)
+        skin("export", file, "--to", "parquet", "--out", folder / "fleet")
+        shown = [line for line in map(json.loads, printed.splitlines()) if line["kind"] == "picture"]
+        return file.stem, sum(len(line["touches"]) for line in shown)
+
+    with ThreadPoolExecutor(6) as pool:
+        expected = dict(pool.map(recording, range(RECORDINGS)))
+    query = f"""select recording, count(*), max(force_n) from read_parquet('{folder}/fleet/touches/**/*.parquet', hive_partitioning = true)
+                where skin = 'sim' group by recording"""
+    start = time.perf_counter()
+    found = duckdb.sql(query).fetchall()
+    took_ms = 1000 * (time.perf_counter() - start)
+    assert {name: count for name, count, _ in found} == {name: count for name, count in expected.items() if count}
+    assert len(expected) == RECORDINGS and sum(expected.values()) > 0
+    frames = duckdb.sql(f"select count(*), count(distinct recording) from read_parquet('{folder}/fleet/frames/**/*.parquet', hive_partitioning = true)")
+    frames, recordings = frames.fetchall()[0]
+    assert recordings == RECORDINGS
+    print(f"DuckDB: {recordings} recordings, {frames} frames, {sum(expected.values())} touches; one query over all takes {took_ms:.0f} ms")
+
+
+def bag(folder, whole, arrays, touches):
+    """ROS 2's own types are read by the definitions in the file."""
+    from rosbags.highlevel import AnyReader
+
+    skin("export", whole, "--to", "rosbag2", "--out", folder / "bag")
+    read = {}
+    with AnyReader([folder / "bag"]) as reader:
+        counts = {c.topic: c.msgcount for c in reader.connections}
+        times = []
+        for connection, unix_ns, raw in reader.messages():
+            message = reader.deserialize(raw, connection.msgtype)
+            assert message.header.stamp.sec * 10**9 + message.header.stamp.nanosec == unix_ns
+            times.append(unix_ns)
+            read.setdefault(connection.topic, []).append(message)
+    assert counts == {topic: len(messages) for topic, messages in read.items()} and times == sorted(times)
+    frames = read["/skin/frames"]
+    assert [f.frame for f in frames] == arrays["sequence"].tolist()
+    assert [f.time_s for f in frames] == arrays["time_s"].tolist()
+    assert numpy.array_equal([f.values_v for f in frames], arrays["v"], equal_nan=True)
+    assert [m.frame for m in read["/skin/touches"]] == [t["frame"] for t in touches]
+    held = [(m.frame, m.time_s, x.id or None, *(getattr(x, key) for key in TOUCH[1:])) for m in read["/skin/touches"] for x in m.touches]
+    assert held == rows_of(touches)
+    with open(whole, "rb") as file:
+        pictures = [json.loads(m.data)["data"] for _, _, m in make_reader(file).iter_messages(topics=["/picture"])]
+    assert [base64.b64decode(p) for p in pictures] == [m.data.tobytes() for m in read["/skin/picture"]] and pictures
+    print(f"rosbags: {len(frames)} frames, {len(held)} touches, {len(pictures)} pictures, the same values")
 
 
 def mirrored(arrays, touches):

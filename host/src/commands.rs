@@ -4,7 +4,7 @@
 //! value can be taken for a part of the command. Each has a thread of its own that starts it and waits for it; while it runs, further
 //! events of its kind are counted and nothing is started. The pictures never wait.
 
-use crate::say::say;
+use crate::say::{self, say};
 use crate::usage::Usage;
 use anyhow::{Context, Result};
 use inverse::touches::gestures::{Gesture, TouchEvent};
@@ -89,10 +89,13 @@ impl On {
         let gesture = gesture.ok_or_else(|| Usage(format!("--on {name}: no such event; there are {}", names())))?;
         let progress = Arc::new(Progress::default());
         let (events, to_run) = channel();
-        let (shared, command) = (Arc::clone(&progress), text.to_owned());
+        let (shared, command, skin) = (Arc::clone(&progress), text.to_owned(), say::skin());
         std::thread::Builder::new()
             .name(format!("on-{name}"))
-            .spawn(move || work(&to_run, &command, &shared))
+            .spawn(move || {
+                say::set_skin(skin);
+                work(&to_run, &command, &shared);
+            })
             .context("no thread for a command")?;
         Ok(Self {
             gesture,
@@ -166,6 +169,9 @@ fn environment(event: &TouchEvent) -> Vec<(&'static str, String)> {
         ("SKIN_DISTANCE_MM", event.distance_mm, 2),
     ] {
         out.push((name, format!("{value:.digits$}")));
+    }
+    if let Some(skin) = say::skin() {
+        out.push(("SKIN_NAME", skin.to_string()));
     }
     if let Some(force_n) = event.force_n {
         out.push(("SKIN_FORCE_N", format!("{force_n:.2}")));

@@ -20,13 +20,13 @@ struct State {
     caught: bool,
     /// Is looked at by what ends in order.
     flag: Option<Arc<AtomicBool>>,
-    board: Option<Stopper>,
+    boards: Vec<Stopper>,
 }
 
 static STATE: Mutex<State> = Mutex::new(State {
     caught: false,
     flag: None,
-    board: None,
+    boards: Vec::new(),
 });
 
 fn state() -> MutexGuard<'static, State> {
@@ -49,7 +49,7 @@ pub(crate) fn flag() -> Result<Arc<AtomicBool>> {
 /// # Errors
 /// Signals cannot be caught.
 pub(crate) fn stops(link: &Link) -> Result<()> {
-    state().board = Some(link.stopper());
+    state().boards.push(link.stopper());
     catch()
 }
 
@@ -60,6 +60,17 @@ fn catch() -> Result<()> {
     ctrlc::set_handler(end).context("Ctrl-C cannot be caught")
 }
 
+/// Whether every board was told to stop; all at once.
+fn all_stopped(boards: &[Stopper]) -> bool {
+    std::thread::scope(|scope| {
+        let told: Vec<_> = boards
+            .iter()
+            .map(|board| scope.spawn(|| board.stop(FOR_THE_BOARD)))
+            .collect();
+        told.into_iter().all(|told| told.join().unwrap_or(false))
+    })
+}
+
 /// Runs on a thread of its own, once there is a signal.
 fn end() {
     let flag = state().flag.clone();
@@ -67,7 +78,8 @@ fn end() {
         flag.store(true, Ordering::Relaxed);
         std::thread::sleep(IN_ORDER);
     }
-    let told = state().board.as_ref().is_none_or(|board| board.stop(FOR_THE_BOARD));
+    let boards = std::mem::take(&mut state().boards);
+    let told = all_stopped(&boards);
     if flag.is_none() {
         // As shells say it of a program that Ctrl-C has ended.
         exit(130);

@@ -1,10 +1,14 @@
 //! `skin export`: a recording for other programs.
 
+mod bag;
+mod tables;
+
 use crate::files::arrays::write::{ArrayFile, Mat, Npz, Of};
 use crate::files::order::Order;
 use crate::files::replace::beside;
 use crate::recorded::SessionRecord;
 use crate::recorded_frames::{self, Part, RecordedFrames, RecordedTable};
+use crate::skin_file;
 use crate::usage::Usage;
 use ::forward::Pattern;
 use anyhow::{Context, Result, anyhow, bail};
@@ -28,6 +32,10 @@ enum Format {
     Npz,
     /// Variables for MATLAB and Octave, in EIDORS' order and sign.
     Mat,
+    /// Tables of touches and of frames for DuckDB, Polars and Spark, in a folder that takes many recordings.
+    Parquet,
+    /// A bag for ROS 2: frames, touches and pictures.
+    Rosbag2,
 }
 
 impl Format {
@@ -38,6 +46,8 @@ impl Format {
             Self::TouchesCsv => "touches.csv",
             Self::Npz => "npz",
             Self::Mat => "mat",
+            Self::Parquet => "parquet",
+            Self::Rosbag2 => "rosbag2",
         }
     }
 }
@@ -51,7 +61,8 @@ pub(crate) struct Arguments {
     /// What to write.
     #[arg(long, value_enum, value_name = "FORMAT")]
     to: Format,
-    /// The new file [default: the recording's name with the format's ending].
+    /// The new file [default: the recording's name with the format's ending]; of parquet the folder of all recordings [default: parquet,
+    /// beside the recording].
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     /// Order and sign of a frame's values, of npz, mat and frames-csv (docs/tables.md) [default: npz pyeit, mat eidors, frames-csv as
@@ -73,14 +84,28 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         let why = "--order is for npz, mat and frames-csv: every other row says what it is";
         return Err(Usage(why.to_owned()).into());
     }
-    if arguments.part.is_asked() && arguments.to == Format::TouchesCsv {
-        let why = "touches-csv takes the whole recording; leave --from-s, --to-s and --every out";
+    let whole = matches!(arguments.to, Format::TouchesCsv | Format::Parquet | Format::Rosbag2);
+    if arguments.part.is_asked() && whole {
+        let why = "touches-csv, parquet and rosbag2 take the whole recording; leave --from-s, --to-s and --every out";
         return Err(Usage(why.to_owned()).into());
     }
+    let out = arguments.out.as_deref();
+    let written = match arguments.to {
+        Format::Parquet => tables::export(from, out)?,
+        Format::Rosbag2 => bag::export(from, out)?,
+        _ => file(arguments)?,
+    };
+    eprintln!("{written}");
+    Ok(())
+}
+
+/// Writes what is one file; what was written.
+fn file(arguments: &Arguments) -> Result<String> {
+    let from = &arguments.file;
     let out = arguments
         .out
         .clone()
-        .unwrap_or_else(|| from.with_extension(arguments.to.ending()));
+        .unwrap_or_else(|| skin_file::beside(from, arguments.to.ending()));
     let beside = beside(&out);
     let mut made = false;
     let mut open = || -> Result<BufWriter<File>> {
@@ -100,6 +125,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         Format::Mat => arrays(arguments, &mut open, Order::Eidors, |file| {
             Mat::new(file, "frames recorded by skin")
         }),
+        Format::Parquet | Format::Rosbag2 => bail!("these are no single file"),
     };
     // No part passes for the whole: it gets its name at the end.
     let written = written.and_then(|what| {
@@ -112,9 +138,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     if written.is_err() && made {
         let _ = std::fs::remove_file(&beside);
     }
-    let what = written?;
-    eprintln!("{}: {what}", out.display());
-    Ok(())
+    Ok(format!("{}: {}", out.display(), written?))
 }
 
 type Open<'a> = &'a mut dyn FnMut() -> Result<BufWriter<File>>;
@@ -259,7 +283,7 @@ fn arrays<F: ArrayFile>(
     let (mut times, mut unix, mut sequences) = (Vec::new(), Vec::new(), Vec::new());
     while let Some(frame) = frames.next()? {
         times.push(frame.measured.time_s);
-        unix.push(frame.unix_s);
+        unix.push(1e-9 * frame.unix_ns as f64);
         sequences.push(frame.measured.sequence);
     }
     let count = times.len();

@@ -5,6 +5,7 @@ use crate::progress::Progress;
 use crate::recorded::SessionRecord;
 use crate::recording_file::in_words;
 use crate::recover::ended;
+use crate::skin_file;
 use anyhow::{Context, Result};
 use clap::Args;
 use protocol::{Decoder, FromBoard, Hello, MAX_FROM_BOARD_LEN};
@@ -198,7 +199,7 @@ impl Counts {
 /// It cannot be read.
 pub(crate) fn of(path: &Path, silent: bool) -> Result<Info> {
     let session = SessionRecord::read(path)?;
-    let bytes = std::fs::metadata(path)
+    let bytes = std::fs::metadata(recording::split(path).0)
         .with_context(|| path.display().to_string())?
         .len();
     let mut progress = Progress::new("reading", silent);
@@ -207,7 +208,12 @@ pub(crate) fn of(path: &Path, silent: bool) -> Result<Info> {
     let mut hello = None;
     let mut counts = Counts::default();
     let mut read = 0;
+    let named = recording::split(path).1.is_some();
     while let Some(message) = reader.next()? {
+        // What is another skin's is in the account of that.
+        if named && message.topic.is_none() {
+            continue;
+        }
         counts.first_ns = Some(
             counts
                 .first_ns
@@ -276,13 +282,22 @@ pub(crate) fn of(path: &Path, silent: bool) -> Result<Info> {
 /// # Errors
 /// The file cannot be read.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
-    let info = of(&arguments.file, arguments.json)?;
+    let skins = skin_file::asked(&arguments.file)?;
+    let infos: Vec<Info> = skins
+        .iter()
+        .map(|(_, file)| of(file, arguments.json))
+        .collect::<Result<_>>()?;
     let mut out = std::io::stdout().lock();
-    if arguments.json {
-        serde_json::to_writer(&mut out, &info)?;
-        writeln!(out)?;
-    } else {
-        write!(out, "{}", words(&info)?)?;
+    for ((skin, _), info) in skins.iter().zip(&infos) {
+        match (arguments.json, skin) {
+            // A line for every skin; each says its name in its session.
+            (true, _) => {
+                serde_json::to_writer(&mut out, info)?;
+                writeln!(out)?;
+            }
+            (false, None) => write!(out, "{}", words(info)?)?,
+            (false, Some(skin)) => writeln!(out, "skin        {skin}\n{}", words(info)?)?,
+        }
     }
     Ok(())
 }

@@ -3,6 +3,8 @@
 
 use crate::event::Said;
 use crate::recorded::{BoardRecord, SessionRecord, pressed};
+use crate::say;
+use crate::skin_file::Place;
 use ::forward::CellGrid;
 use ::protocol::{Plan, Version};
 use anyhow::Result;
@@ -39,6 +41,9 @@ struct Header<'a> {
     /// From 1.
     wires: &'a [usize],
     calibrated: bool,
+    /// Where the sheet is on the robot.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    place: Option<&'a Place>,
     /// Presses that taught what a touch does, where that takes the place of the sheet's model.
     #[serde(skip_serializing_if = "Option::is_none")]
     learned_from: Option<usize>,
@@ -135,6 +140,7 @@ pub(crate) fn header(session: &Session, record: &SessionRecord, cells: Option<&C
         sheet: &record.sheet,
         wires: &record.wires,
         calibrated: record.calibration.is_some(),
+        place: record.place.as_ref(),
         learned_from: record.learned_from,
         cells: cells.map(CellsLine::of),
         units: units(record.learned_from.is_some()),
@@ -284,10 +290,19 @@ fn text(line: &impl Serialize) -> Result<Vec<u8>> {
 /// # Errors
 /// Nobody reads it.
 pub(crate) fn write(line: &[u8]) -> Result<()> {
+    let named = say::skin().and_then(|skin| of_skin(&skin, line));
     let mut out = io::stdout().lock();
-    out.write_all(line)?;
+    out.write_all(named.as_deref().unwrap_or(line))?;
     out.flush()?;
     Ok(())
+}
+
+/// A line with the skin's name in front; names need no escape.
+fn of_skin(skin: &str, line: &[u8]) -> Option<Vec<u8>> {
+    let rest = line.strip_prefix(b"{")?;
+    let mut out = format!("{{\"skin\":\"{skin}\",").into_bytes();
+    out.extend_from_slice(rest);
+    Some(out)
 }
 
 fn print(line: &impl Serialize) -> Result<()> {

@@ -6,7 +6,7 @@
 
 use crate::json_lines::{self, Beside};
 use crate::progress::Progress;
-use crate::run::imager;
+use crate::run_session::imager;
 use crate::simulated_skin::start_held;
 use anyhow::{Context, Result, bail};
 use hil_sim::{Key, SceneFile, Shape, Touch};
@@ -344,8 +344,10 @@ fn watch_json() -> Result<(std::io::PipeWriter, Arrivals)> {
 /// A page that takes every message at once: a WebSocket's client (RFC 6455), as far as the page's messages need one.
 fn watch_page(page: &LiveView) -> Result<Arrivals> {
     let url = page.url();
-    let address = url.trim_start_matches("http://").trim_end_matches('/').to_owned();
-    let mut stream = TcpStream::connect(&address)?;
+    // Without the token: who watches needs none.
+    let after = url.trim_start_matches("http://");
+    let address = after.split_once('/').map_or(after, |(address, _)| address);
+    let mut stream = TcpStream::connect(address)?;
     stream.set_nodelay(true)?;
     write!(
         stream,
@@ -397,4 +399,25 @@ fn message(reader: &mut impl Read) -> std::io::Result<(bool, Vec<u8>)> {
     let mut message = Vec::new();
     reader.take(length).read_to_end(&mut message)?;
     Ok((head[0] & 0x0f == 2, message))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_page_is_watched_at_the_address_that_it_prints() {
+        let options = PageOptions {
+            listen: ([127, 0, 0, 1], 0).into(),
+            ..PageOptions::default()
+        };
+        let page = LiveView::start(options).unwrap();
+        let _arrivals = watch_page(&page).unwrap();
+        // The answer came, and the page is counted soon.
+        let begin = Instant::now();
+        while page.clients() == 0 {
+            assert!(begin.elapsed() < Duration::from_secs(30));
+            std::thread::sleep(Duration::from_millis(2));
+        }
+    }
 }

@@ -5,7 +5,7 @@ use crate::files::baseline_file::unix_s;
 use crate::json_lines::{self, Beside};
 use crate::recorded::SessionRecord;
 use crate::run_arguments::ShowArguments;
-use crate::say::say;
+use crate::say::{self, say};
 use ::forward::CellGrid;
 use anyhow::{Context, Result};
 use inverse::pipeline::FrameResult;
@@ -393,7 +393,11 @@ impl Output {
 
     /// A line on the terminal, written anew at most twice a second, when it says something else.
     fn status(&mut self, result: &FrameResult) {
-        if !std::io::stderr().is_terminal() || self.said_at.elapsed() < Duration::from_millis(500) {
+        // The lines of several skins would overwrite one another.
+        if say::skin().is_some()
+            || !std::io::stderr().is_terminal()
+            || self.said_at.elapsed() < Duration::from_millis(500)
+        {
             return;
         }
         self.said_at = Instant::now();

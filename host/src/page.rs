@@ -12,16 +12,33 @@ use view::web::{DEFAULT_PORT, LiveOptions as PageOptions, LiveView};
 /// # Errors
 /// It cannot be served.
 pub(crate) fn page(arguments: &ShowArguments) -> Result<LiveView> {
+    let mut pages = serve(arguments, |options| Ok(vec![LiveView::start(options)?]))?;
+    pages.pop().context("the page cannot be served")
+}
+
+/// The pages of several skins, in their order.
+///
+/// # Errors
+/// They cannot be served.
+pub(crate) fn pages(arguments: &ShowArguments, names: &[&str]) -> Result<Vec<LiveView>> {
+    serve(arguments, |options| LiveView::start_named(options, names))
+}
+
+fn serve(
+    arguments: &ShowArguments,
+    start: impl Fn(PageOptions) -> std::io::Result<Vec<LiveView>>,
+) -> Result<Vec<LiveView>> {
     let options = |port| PageOptions {
         listen: SocketAddr::from((Ipv4Addr::LOCALHOST, port)),
         ..PageOptions::default()
     };
     let config = Config::load()?;
-    let page = match arguments.listen.or(config.listen) {
-        Some(port) => LiveView::start(options(port)),
-        None => LiveView::start(options(DEFAULT_PORT)).or_else(|_| LiveView::start(options(0))),
+    let pages = match arguments.listen.or(config.listen) {
+        Some(port) => start(options(port)),
+        None => start(options(DEFAULT_PORT)).or_else(|_| start(options(0))),
     }
     .context("the page cannot be served")?;
+    let Some(page) = pages.first() else { return Ok(pages) };
     // Not with `say!`: the token in it has no place in a recording, which others may read.
     eprintln!("live picture: {}   (Ctrl-C ends)", page.url());
     let shown = |name: &&str| std::env::var_os(name).is_some();
@@ -42,5 +59,5 @@ pub(crate) fn page(arguments: &ShowArguments) -> Result<LiveView> {
             .stderr(std::process::Stdio::null())
             .spawn();
     }
-    Ok(page)
+    Ok(pages)
 }

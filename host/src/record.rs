@@ -1,8 +1,9 @@
 //! `skin record`: everything that a board sends and what is made of it, into a file, without a page.
 
 use crate::number;
-use crate::run::{Outputs, live};
+use crate::run::live;
 use crate::run_arguments::{ShowArguments, SourceArguments};
+use crate::run_session::Outputs;
 use anyhow::Result;
 use clap::Args;
 use std::path::PathBuf;

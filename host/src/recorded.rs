@@ -4,6 +4,7 @@ use crate::event::Said;
 use crate::files::calibration_file;
 use crate::presses;
 use crate::presses::file::PressCalibration;
+use crate::skin_file::{self, Place};
 use ::forward::Sheet;
 use ::forward::file::{parse_sheet, sheet_text};
 use anyhow::{Context, Result, bail};
@@ -59,6 +60,12 @@ pub(crate) struct SessionRecord {
     pub(crate) format: u32,
     pub(crate) program: String,
     pub(crate) started_unix_s: f64,
+    /// Its name, of several skins.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) skin: Option<String>,
+    /// Where the sheet is on the robot.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) place: Option<Place>,
     pub(crate) source: String,
     pub(crate) board: BoardRecord,
     pub(crate) values: usize,
@@ -115,6 +122,8 @@ impl SessionRecord {
             format: FORMAT,
             program: PROGRAM.to_owned(),
             started_unix_s,
+            skin: None,
+            place: None,
             source: of.source.to_owned(),
             board: BoardRecord::from(hello),
             values: of.values,
@@ -140,8 +149,7 @@ impl SessionRecord {
     /// It is no recording, or a later program's, or too little is left of it.
     pub(crate) fn read(path: &Path) -> Result<Self> {
         let file = path.display();
-        let text = Reader::open(path)?.find(Topic::Session)?;
-        let text = text.with_context(|| format!("{file}: the recording ends before its first message"))?;
+        let text = first(path)?;
         let value: Value = serde_json::from_slice(&text).with_context(|| format!("{file}: its first message"))?;
         match value["format"].as_u64() {
             Some(format) if format <= u64::from(FORMAT) => {}
@@ -151,6 +159,11 @@ impl SessionRecord {
             ),
         }
         serde_json::from_value(value).with_context(|| format!("{file}: its first message"))
+    }
+
+    /// The skin's name; where there is one skin, the board's serial number.
+    pub(crate) fn name(&self) -> &str {
+        self.skin.as_deref().unwrap_or(&self.board.serial)
     }
 
     /// The sheet.
@@ -217,6 +230,29 @@ impl SessionRecord {
             )
         })
     }
+}
+
+/// The session's message.
+fn first(path: &Path) -> Result<Vec<u8>> {
+    let file = path.display();
+    let names = skin_file::recorded(path)?;
+    if names.is_empty() {
+        let text = Reader::open(path)?.find(Topic::Session)?;
+        return text.with_context(|| format!("{file}: the recording ends before its first message"));
+    }
+    let (of_file, asked) = recording::split(path);
+    let asked = match asked {
+        Some(asked) if names.contains(&asked) => asked,
+        _ => bail!(
+            "{}: a recording of several skins, {}; name one, such as {}#{}",
+            of_file.display(),
+            names.join(", "),
+            of_file.display(),
+            names[0]
+        ),
+    };
+    let text = Reader::open(path)?.find(Topic::Session)?;
+    text.with_context(|| format!("{}: nothing was recorded of {asked}", of_file.display()))
 }
 
 /// A baseline to the last bit; not a number is null.

@@ -46,8 +46,8 @@ impl Part {
 /// A frame of a recording.
 pub(crate) struct RecordedFrame {
     pub(crate) measured: MeasuredFrame,
-    /// When it was measured, s since 1970 (UTC).
-    pub(crate) unix_s: f64,
+    /// When it was measured, ns since 1970 (UTC).
+    pub(crate) unix_ns: u64,
     /// Time since the recording's first frame, s: the board's, and over a reset the host's.
     pub(crate) at_s: f64,
 }
@@ -88,7 +88,7 @@ impl RecordedFrames {
             count: 0,
             part: part.clone(),
             progress: Progress::new("reading the recording", silent),
-            bytes: std::fs::metadata(path)
+            bytes: std::fs::metadata(recording::split(path).0)
                 .with_context(|| path.display().to_string())?
                 .len(),
             baseline: Vec::new(),
@@ -161,7 +161,7 @@ impl RecordedFrames {
             if self.part.takes(number, at_s) {
                 return Ok(Some(RecordedFrame {
                     measured,
-                    unix_s: 1e-9 * publish_ns as f64,
+                    unix_ns: publish_ns,
                     at_s,
                 }));
             }

@@ -2,8 +2,9 @@
 
 use crate::recorded::SessionRecord;
 use crate::say::{self, say};
-use anyhow::{Context, Result};
-use recording::{Recorder, Tap, WaitingRecorder};
+use anyhow::{Context, Result, bail};
+use recording::{Recorder, Tap, Topic, WaitingRecorder};
+use serde::Serialize;
 use std::path::Path;
 
 /// Year, month, day of a day after 1970-01-01 (UTC); Hinnant's algorithm, with years that begin in March.
@@ -25,6 +26,11 @@ pub(crate) fn compact(unix_s: f64) -> String {
     let (year, month, day) = date(s / 86_400);
     let (h, m, s) = (s / 3600 % 24, s / 60 % 60, s % 60);
     format!("{year:04}{month:02}{day:02}T{h:02}{m:02}{s:02}Z")
+}
+
+/// The day of a time since 1970 (UTC) as `2026-11-22`.
+pub(crate) fn day(unix_s: f64) -> String {
+    in_words(unix_s).chars().take(10).collect()
 }
 
 /// A time since 1970 as `2026-11-22 12:37:14 UTC`.
@@ -58,6 +64,8 @@ pub(crate) enum RecordTo {
     File(Recorder),
     /// Its name is that of the board.
     Named(WaitingRecorder),
+    /// One of several skins: somebody else writes the file.
+    Skin(Tap),
 }
 
 impl RecordTo {
@@ -77,26 +85,48 @@ impl RecordTo {
         match self {
             Self::File(recorder) => recorder.tap(),
             Self::Named(waiting) => waiting.tap(),
+            Self::Skin(tap) => tap,
         }
     }
 
-    /// Begins to write the recording of a session.
+    /// Begins to write the recording of a session; none where somebody else writes the file.
     ///
     /// # Errors
     /// The file cannot be made.
-    pub(crate) fn begin(self, session: &SessionRecord) -> Result<Recorder> {
-        let (mut recorder, file) = match self {
+    pub(crate) fn begin(self, session: &SessionRecord) -> Result<Option<Recorder>> {
+        if let Self::Skin(tap) = self {
+            tap.put(Topic::Session, None, session);
+            return Ok(None);
+        }
+        let mut recorder = self.into_recorder(session.started_unix_s, &session.board.serial)?;
+        recorder.begin(session)?;
+        Ok(Some(recorder))
+    }
+
+    /// Begins to write the recording of several skins.
+    ///
+    /// # Errors
+    /// The file cannot be made.
+    pub(crate) fn begin_several(self, skins: &impl Serialize) -> Result<Recorder> {
+        let started_unix_s = self.tap().clock().started_unix_s();
+        let mut recorder = self.into_recorder(started_unix_s, "skins")?;
+        recorder.begin_several(skins)?;
+        Ok(recorder)
+    }
+
+    fn into_recorder(self, started_unix_s: f64, whose: &str) -> Result<Recorder> {
+        let (recorder, file) = match self {
             Self::File(recorder) => (recorder, None),
             Self::Named(waiting) => {
-                let file = file_name(session.started_unix_s, &session.board.serial);
+                let file = file_name(started_unix_s, whose);
                 (waiting.into_file(Path::new(&file))?, Some(file))
             }
+            Self::Skin(_) => bail!("the recording is another skin's"),
         };
         say::record_to(recorder.tap());
         if let Some(file) = file {
             say!("recording into {file}");
         }
-        recorder.begin(session)?;
         Ok(recorder)
     }
 }

@@ -9,9 +9,9 @@ use crate::live_run::Run;
 use crate::page::page;
 use crate::recorded::SessionRecord;
 use crate::replayed::Replayed;
-use crate::run::{imager, shown_source};
 use crate::run_arguments::ShowArguments;
-use crate::say::say;
+use crate::run_session::{imager, shown_source};
+use crate::say::{self, say};
 use crate::script::{Script, Step};
 use anyhow::{Context, Result};
 use clap::Args;
@@ -23,7 +23,7 @@ use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Arguments of `skin replay`.
 #[derive(Debug, Args)]
@@ -77,17 +77,27 @@ impl PlayedBoard {
     /// # Errors
     /// The board stopped with an error then.
     pub(crate) fn frame(&self) -> Result<Option<MeasuredFrame>> {
+        // The file may be read to its end while what came before still waits, and a port that is lost is told at once: only
+        // waits in vain tell that nothing is left.
+        let mut in_vain = 0;
         loop {
-            match self.session.frame(Duration::from_millis(100)) {
+            let ended = self.ended.load(Ordering::Acquire);
+            let begin = Instant::now();
+            match self.session.frame(WAIT) {
                 Ok(Some(frame)) => return Ok(Some(frame)),
-                // All that came before the end has been taken.
-                Ok(None) if self.session.is_away() && self.ended.load(Ordering::Acquire) => return Ok(None),
-                Ok(None) => {}
+                Ok(None) if ended && self.session.is_away() && begin.elapsed() >= WAIT => in_vain += 1,
+                Ok(None) => in_vain = 0,
                 Err(why) => return Err(why.into()),
+            }
+            if in_vain == 2 {
+                return Ok(None);
             }
         }
     }
 }
+
+/// A frame of a recording is waited for so long at a time.
+const WAIT: Duration = Duration::from_millis(100);
 
 /// Frames that are looked through for one that was taken: as many as can wait between the port and the picture, twice.
 const AHEAD: usize = 512;
@@ -100,6 +110,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let path = &arguments.file;
     let stop = ending::flag()?;
     let record = SessionRecord::read(path)?;
+    // Lines are of the skin, as they were then.
+    say::set_skin(record.skin.as_deref().map(Arc::from));
     if let Some(differs) = record.differs() {
         say!("warning: {}: {differs}", path.display());
     }
@@ -111,7 +123,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     if let Some(learned) = &learned {
         live = live.with_learned(learned.taught());
     }
-    let page = (!arguments.show.json).then(|| page(&arguments.show)).transpose()?;
+    let page = (!arguments.show.json || arguments.show.listen.is_some())
+        .then(|| page(&arguments.show))
+        .transpose()?;
     let source = shown_source(&format!("recording of {}", record.source), learned.as_ref());
     let mut run = Run {
         show: &arguments.show,

@@ -19,8 +19,12 @@ pub(crate) enum Start {
 }
 
 /// Where frames come from and how they are reconstructed.
-#[derive(Debug, Args)]
+#[derive(Clone, Debug, Args)]
 pub(crate) struct SourceArguments {
+    /// Several skins at once, each with its name: a TOML file with board, sheet, calibration and place on the robot of each
+    /// (docs/skins.md).
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["port", "serial", "simulate", "scene", "sheet", "wires", "calibration"])]
+    pub(crate) skins: Option<PathBuf>,
     /// Serial port of the board, such as /dev/ttyUSB0, or tcp://HOST:PORT of a bridge to it [default: the only board on USB that
     /// answers, else the simulated skin].
     #[arg(long, value_name = "PORT")]
@@ -78,7 +82,7 @@ pub(crate) struct ShowArguments {
     /// End after so many pictures.
     #[arg(long, value_name = "N", value_parser = RangedU64ValueParser::<u64>::new().range(1..))]
     pub(crate) frames: Option<u64>,
-    /// No page: one JSON object a line on stdout: a header, pictures and events (docs/live.schema.json).
+    /// No page unless --listen asks for one: one JSON object a line on stdout: a header, pictures and events (docs/live.schema.json).
     #[arg(long)]
     pub(crate) json: bool,
     /// With --json: the rise of every cell of the picture, too, in the order of the header's list.
@@ -91,8 +95,8 @@ pub(crate) struct ShowArguments {
     /// Writes the last picture to this file at the end.
     #[arg(long, value_name = "FILE")]
     pub(crate) png: Option<PathBuf>,
-    /// Port of the page on 127.0.0.1 [default: 8477, or a free one when that is taken].
-    #[arg(long, value_name = "PORT", conflicts_with = "json")]
+    /// Port of the page on 127.0.0.1 [default: 8477, or a free one when that is taken]; with --json there is a page only with this.
+    #[arg(long, value_name = "PORT")]
     pub(crate) listen: Option<u16>,
     /// Do not open the page in the browser.
     #[arg(long, conflicts_with = "json")]

@@ -1,10 +1,26 @@
 //! What the program says to people: on stderr, and into the recording where there is one.
 
 use recording::Tap;
+use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::fmt::Arguments;
 use std::io::{IsTerminal, Write};
-use std::sync::{Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+
+thread_local! {
+    /// The skin, of several, that this thread is for.
+    static SKIN: RefCell<Option<Arc<str>>> = const { RefCell::new(None) };
+}
+
+/// From now on what this thread says is of this skin.
+pub(crate) fn set_skin(name: Option<Arc<str>>) {
+    SKIN.with_borrow_mut(|skin| *skin = name);
+}
+
+/// The skin, of several, that this thread is for.
+pub(crate) fn skin() -> Option<Arc<str>> {
+    SKIN.with_borrow(Clone::clone)
+}
 
 static RECORDED: OnceLock<Tap> = OnceLock::new();
 /// The last lines that were said.
@@ -26,7 +42,10 @@ pub(crate) fn record_to(tap: &Tap) {
 
 /// Says a line; `say!` formats it.
 pub(crate) fn line(text: Arguments<'_>) {
-    let text = text.to_string();
+    let text = match skin() {
+        Some(skin) => format!("{skin}: {text}"),
+        None => text.to_string(),
+    };
     // Whoever closed stderr does not want to know.
     let _ = writeln!(std::io::stderr(), "{text}");
     if let Some(tap) = RECORDED.get() {

@@ -9,7 +9,7 @@ use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReaderOptions};
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{BufReader, ErrorKind, Read};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// How a file ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -61,9 +61,23 @@ pub struct Reader<R> {
     data: Vec<u8>,
     bytes: u64,
     profile: Option<String>,
+    /// The skin of several that is asked for.
+    skin: Option<String>,
     /// Whether there is an index, once the end was read.
     index: Option<bool>,
     ended: Option<Ended>,
+}
+
+/// The file and the skin's name of `FILE#NAME`; a file that has such a name itself is one.
+pub fn split(path: &Path) -> (PathBuf, Option<String>) {
+    let whole = || (path.to_owned(), None);
+    let Some(text) = path.to_str().filter(|_| !path.exists()) else {
+        return whole();
+    };
+    match text.rsplit_once('#') {
+        Some((file, skin)) if !skin.is_empty() => (PathBuf::from(file), Some(skin.to_owned())),
+        _ => whole(),
+    }
 }
 
 /// Longest record that is believed, bytes. The writer's chunks are 1 MB.
@@ -72,12 +86,17 @@ const MOST: usize = 256 << 20;
 impl Reader<BufReader<File>> {
     /// Opens a file.
     ///
+    /// `FILE#NAME` is the skin of this name in a recording of several: all topics of the others have no topic.
+    ///
     /// # Errors
     /// What the system said, or it is no recording of skin.
     pub fn open(path: &Path) -> Result<Self, RecordingError> {
+        let (of_file, skin) = split(path);
         let file = path.display().to_string();
-        let source = File::open(path).map_err(|e| RecordingError::io(&file, e))?;
-        Self::new(BufReader::with_capacity(1 << 16, source), &file)
+        let source = File::open(of_file).map_err(|e| RecordingError::io(&file, e))?;
+        let mut reader = Self::new(BufReader::with_capacity(1 << 16, source), &file)?;
+        reader.skin = skin;
+        Ok(reader)
     }
 }
 
@@ -105,6 +124,7 @@ impl<R: Read> Reader<R> {
             data: Vec::new(),
             bytes: 0,
             profile: None,
+            skin: None,
             index: None,
             ended: None,
         };
@@ -199,7 +219,10 @@ impl<R: Read> Reader<R> {
                 self.schemas.insert(header.id, schema);
             }
             Ok(Record::Channel(channel)) => {
-                let topic = Topic::of(&channel.topic);
+                // What is of no skin is of the whole recording.
+                let topic = Topic::skin_of(&channel.topic)
+                    .filter(|(skin, _)| skin.is_none_or(|skin| self.skin.as_deref() == Some(skin)))
+                    .map(|(_, topic)| topic);
                 let known = Channel {
                     topic,
                     schema: self.schemas.get(&channel.schema_id).cloned(),

@@ -3,13 +3,14 @@
 use crate::clock::{BoardClock, ClockFit};
 use crate::error::RecordingError;
 use crate::sink::Target;
-use crate::tap::{Data, Item, Queue, Shared, Tap};
+use crate::tap::{Data, Item, Queue, Shared, Skin, Tap};
 use crate::topic::{PORT_STEP, Topic};
 use crate::wire::Splitter;
 use crate::writer::Writer;
 use protocol::{Decoder, FromBoard, MAX_FROM_BOARD_LEN};
 use serde::Serialize;
 use serde_json::json;
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::path::Path;
 use std::sync::atomic::Ordering;
@@ -81,15 +82,28 @@ impl Recorder {
     /// # Errors
     /// The thread cannot be started.
     pub fn begin(&mut self, session: &impl Serialize) -> Result<(), RecordingError> {
+        self.begin_with(Topic::Session, session)
+    }
+
+    /// Begins a recording of several skins, with who they are as the first message. Each records by a [named](Tap::named) tap, its
+    /// session first.
+    ///
+    /// # Errors
+    /// As [`Recorder::begin`].
+    pub fn begin_several(&mut self, skins: &impl Serialize) -> Result<(), RecordingError> {
+        self.begin_with(Topic::Skins, skins)
+    }
+
+    fn begin_with(&mut self, topic: Topic, first: &impl Serialize) -> Result<(), RecordingError> {
         let Some(waiting) = self.waiting.take() else {
             return Ok(());
         };
         let (writer, queue) = *waiting;
         let file = writer.file().to_owned();
-        let session = serde_json::to_vec(session).map_err(|e| RecordingError::io(&file, e.into()))?;
+        let first = serde_json::to_vec(first).map_err(|e| RecordingError::io(&file, e.into()))?;
         let thread = std::thread::Builder::new()
             .name("recorder".to_owned())
-            .spawn(move || record(writer, &queue, &session));
+            .spawn(move || record(writer, &queue, topic, &first));
         self.thread = Some(thread.map_err(|e| RecordingError::io(&file, e))?);
         Ok(())
     }
@@ -186,30 +200,30 @@ fn counts(shared: &Shared) -> Counts {
 }
 
 /// The thread: until the end is asked for, or nobody is left who could. Once the disk is full it only empties the queue.
-pub(crate) fn record<T: Target>(writer: Writer<T>, queue: &Queue, session: &[u8]) -> Result<u64, RecordingError> {
+pub(crate) fn record<T: Target>(
+    writer: Writer<T>,
+    queue: &Queue,
+    topic: Topic,
+    first: &[u8],
+) -> Result<u64, RecordingError> {
     let shared = Arc::clone(&queue.tap.shared);
     // What came by ports that turned out to be no board's is not recorded.
-    let mut early: Vec<Item> = queue.items.try_iter().collect();
+    let mut early: Vec<(Skin, Item)> = queue.items.try_iter().collect();
     let port = early
         .iter()
-        .rposition(|item| matches!(item, Item::Port { .. }))
+        .rposition(|(_, item)| matches!(item, Item::Port { .. }))
         .unwrap_or(0);
     let mut place = 0;
-    early.retain(|item| {
+    early.retain(|(_, item)| {
         place += 1;
         place > port || !matches!(item, Item::Bytes { .. } | Item::Port { .. })
     });
     let mut state = State {
         writer,
         shared: &shared,
-        splitters: Default::default(),
-        decoder: Decoder::new(),
-        rate: None,
-        board: BoardClock::default(),
-        fit: None,
-        has_port: false,
+        boards: BTreeMap::new(),
     };
-    let mut outcome = state.session(session);
+    let mut outcome = state.first(topic, first);
     let mut early = early.into_iter();
     let start = Instant::now();
     let (mut flush, mut clock, mut settle) = (start, start, start);
@@ -217,8 +231,8 @@ pub(crate) fn record<T: Target>(writer: Writer<T>, queue: &Queue, session: &[u8]
         let wait = (flush + FLUSH).saturating_duration_since(Instant::now());
         let next = early.next().map_or_else(|| queue.items.recv_timeout(wait), Ok);
         match next {
-            Ok(Item::End) | Err(RecvTimeoutError::Disconnected) => break,
-            Ok(item) => outcome = state.take(item),
+            Ok((_, Item::End)) | Err(RecvTimeoutError::Disconnected) => break,
+            Ok((skin, item)) => outcome = state.take(&skin, item),
             Err(RecvTimeoutError::Timeout) => {}
         }
         let now = Instant::now();
@@ -254,7 +268,7 @@ pub(crate) fn record<T: Target>(writer: Writer<T>, queue: &Queue, session: &[u8]
                 }
             });
             // Nobody is to find the queue full.
-            while !matches!(queue.items.recv(), Ok(Item::End) | Err(_)) {}
+            while !matches!(queue.items.recv(), Ok((_, Item::End)) | Err(_)) {}
             Err(why)
         }
     }
@@ -263,6 +277,13 @@ pub(crate) fn record<T: Target>(writer: Writer<T>, queue: &Queue, session: &[u8]
 struct State<'a, T: Target> {
     writer: Writer<T>,
     shared: &'a Shared,
+    /// By the skin's name.
+    boards: BTreeMap<Skin, BoardState>,
+}
+
+/// What is known of a board.
+#[derive(Default)]
+struct BoardState {
     /// Of the host's bytes and of the board's.
     splitters: [Splitter; 2],
     decoder: Decoder<MAX_FROM_BOARD_LEN>,
@@ -275,15 +296,16 @@ struct State<'a, T: Target> {
 }
 
 impl<T: Target> State<'_, T> {
-    fn session(&mut self, session: &[u8]) -> Result<(), RecordingError> {
+    fn first(&mut self, topic: Topic, message: &[u8]) -> Result<(), RecordingError> {
         let now = self.shared.clock.unix_ns(Instant::now());
-        self.write(Topic::Session, now, now, session)?;
+        self.write(&None, topic, [now, now], message)?;
         self.flush(false)
     }
 
-    fn write(&mut self, topic: Topic, log_ns: u64, publish_ns: u64, data: &[u8]) -> Result<(), RecordingError> {
+    /// Times: when it arrived or was made, and when what it is of was measured.
+    fn write(&mut self, skin: &Skin, topic: Topic, ns: [u64; 2], data: &[u8]) -> Result<(), RecordingError> {
         self.shared.messages.fetch_add(1, Ordering::Relaxed);
-        self.writer.message(topic, log_ns, publish_ns, data)
+        self.writer.message_of(skin.as_deref(), topic, ns[0], ns[1], data)
     }
 
     fn flush(&mut self, settle: bool) -> Result<(), RecordingError> {
@@ -295,14 +317,15 @@ impl<T: Target> State<'_, T> {
         Ok(())
     }
 
-    fn take(&mut self, item: Item) -> Result<(), RecordingError> {
+    fn take(&mut self, skin: &Skin, item: Item) -> Result<(), RecordingError> {
         match item {
             Item::Port { at } => {
-                self.splitters = Default::default();
-                if std::mem::replace(&mut self.has_port, true) {
+                let board = self.boards.entry(skin.clone()).or_default();
+                board.splitters = Default::default();
+                if std::mem::replace(&mut board.has_port, true) {
                     let log_ns = self.shared.clock.unix_ns(at);
-                    let step = json!({"step": PORT_STEP});
-                    return self.write(Topic::Live, log_ns, log_ns, step.to_string().as_bytes());
+                    let step = json!({"step": PORT_STEP}).to_string();
+                    return self.write(skin, Topic::Live, [log_ns, log_ns], step.as_bytes());
                 }
             }
             Item::Bytes {
@@ -310,7 +333,7 @@ impl<T: Target> State<'_, T> {
                 from_board,
                 bytes,
                 torn,
-            } => return self.bytes(at, from_board, &bytes, torn),
+            } => return self.bytes(skin, at, from_board, &bytes, torn),
             Item::Message {
                 at,
                 topic,
@@ -323,7 +346,13 @@ impl<T: Target> State<'_, T> {
                 };
                 if let Some(data) = data {
                     let log_ns = self.shared.clock.unix_ns(at);
-                    self.write(topic, log_ns, self.measured_ns(frame_s, log_ns), &data)?;
+                    let fit = self.boards.get(skin).and_then(|b| b.fit);
+                    self.write(
+                        skin,
+                        topic,
+                        [log_ns, measured_ns(self.shared, fit, frame_s, log_ns)],
+                        &data,
+                    )?;
                 }
             }
             Item::End => {}
@@ -331,36 +360,77 @@ impl<T: Target> State<'_, T> {
         Ok(())
     }
 
-    /// When a frame was measured, by the fit of the clocks; when it arrived where there is none yet. A frame that took less time than
-    /// the fit takes for the least was still measured before it arrived.
-    fn measured_ns(&self, frame_s: Option<f64>, log_ns: u64) -> u64 {
-        match (frame_s, &self.fit) {
-            (Some(frame_s), Some(fit)) => self.shared.clock.unix_ns_of(fit.host_s(frame_s)).min(log_ns),
-            _ => log_ns,
-        }
-    }
-
-    fn bytes(&mut self, at: Instant, from_board: bool, bytes: &[u8], torn: bool) -> Result<(), RecordingError> {
-        let splitter = &mut self.splitters[usize::from(from_board)];
+    fn bytes(
+        &mut self,
+        skin: &Skin,
+        at: Instant,
+        from_board: bool,
+        bytes: &[u8],
+        torn: bool,
+    ) -> Result<(), RecordingError> {
+        let board = self.boards.entry(skin.clone()).or_default();
+        let splitter = &mut board.splitters[usize::from(from_board)];
         if torn {
             splitter.tear();
         }
         let mut whole = Vec::new();
         splitter.push(bytes, |message| whole.push(message.to_vec()));
         let log_ns = self.shared.clock.unix_ns(at);
+        let topic = if from_board { Topic::Board } else { Topic::Host };
         for message in whole {
-            let frame_s = if from_board { self.look(&message, at) } else { None };
-            let topic = if from_board { Topic::Board } else { Topic::Host };
-            let publish_ns = self.measured_ns(frame_s, log_ns);
-            self.write(topic, log_ns, publish_ns, &message)?;
+            let board = self.boards.entry(skin.clone()).or_default();
+            let frame_s = if from_board {
+                board.look(self.shared, &message, at)
+            } else {
+                None
+            };
+            let publish_ns = measured_ns(self.shared, board.fit, frame_s, log_ns);
+            self.write(skin, topic, [log_ns, publish_ns], &message)?;
         }
         Ok(())
     }
 
+    fn clock(&mut self, now: Instant) -> Result<(), RecordingError> {
+        let counts = counts(self.shared);
+        let wall = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        let log_ns = self.shared.clock.unix_ns(now);
+        let mut messages = Vec::new();
+        for (skin, board) in &mut self.boards {
+            board.fit = board.board.fit();
+            let message = json!({
+                "host_s": self.shared.clock.seconds(now),
+                "wall_unix_s": wall.as_secs_f64(),
+                "board_s": board.board.newest_s(),
+                "offset_s": board.fit.map(|f| f.offset_s),
+                "drift_ppm": board.fit.and_then(|f| f.drift_ppm),
+                "residual_ms": board.fit.map(|f| 1e3 * f.residual_s),
+                "messages": counts.messages,
+                "lost_messages": counts.lost_messages,
+                "lost_bytes": counts.lost_bytes,
+            });
+            messages.push((skin.clone(), message.to_string()));
+        }
+        for (skin, message) in messages {
+            self.write(&skin, Topic::Clock, [log_ns, log_ns], message.as_bytes())?;
+        }
+        Ok(())
+    }
+}
+
+/// When a frame was measured, by the fit of the clocks; when it arrived where there is none yet. A frame that took less time than
+/// the fit takes for the least was still measured before it arrived.
+fn measured_ns(shared: &Shared, fit: Option<ClockFit>, frame_s: Option<f64>, log_ns: u64) -> u64 {
+    match (frame_s, fit) {
+        (Some(frame_s), Some(fit)) => shared.clock.unix_ns_of(fit.host_s(frame_s)).min(log_ns),
+        _ => log_ns,
+    }
+}
+
+impl BoardState {
     /// The board's time of a frame, s.
-    fn look(&mut self, message: &[u8], at: Instant) -> Option<f64> {
+    fn look(&mut self, shared: &Shared, message: &[u8], at: Instant) -> Option<f64> {
         let mut frame_s = None;
-        let (rate, board) = (&mut self.rate, &mut self.board);
+        let rate = &mut self.rate;
         let mut seen = 0;
         self.decoder
             .push(message, |decoded: Result<FromBoard, _>| match decoded {
@@ -371,33 +441,14 @@ impl<T: Target> State<'_, T> {
                 }
                 _ => {}
             });
-        self.shared.frames.fetch_add(seen, Ordering::Relaxed);
+        shared.frames.fetch_add(seen, Ordering::Relaxed);
         if let Some(frame_s) = frame_s {
-            board.arrived(frame_s, self.shared.clock.seconds(at));
+            self.board.arrived(frame_s, shared.clock.seconds(at));
             if self.fit.is_none() {
-                self.fit = board.fit();
+                self.fit = self.board.fit();
             }
         }
         frame_s
-    }
-
-    fn clock(&mut self, now: Instant) -> Result<(), RecordingError> {
-        self.fit = self.board.fit();
-        let counts = counts(self.shared);
-        let wall = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-        let message = json!({
-            "host_s": self.shared.clock.seconds(now),
-            "wall_unix_s": wall.as_secs_f64(),
-            "board_s": self.board.newest_s(),
-            "offset_s": self.fit.map(|f| f.offset_s),
-            "drift_ppm": self.fit.and_then(|f| f.drift_ppm),
-            "residual_ms": self.fit.map(|f| 1e3 * f.residual_s),
-            "messages": counts.messages,
-            "lost_messages": counts.lost_messages,
-            "lost_bytes": counts.lost_bytes,
-        });
-        let log_ns = self.shared.clock.unix_ns(now);
-        self.write(Topic::Clock, log_ns, log_ns, message.to_string().as_bytes())
     }
 }
 
@@ -490,7 +541,7 @@ mod tests {
         let writer = Writer::of(slow, "disk".to_owned()).unwrap();
         let held = answers.lock().unwrap();
         asked.store(false, Ordering::Release);
-        let thread = std::thread::spawn(move || record(writer, &queue, b"{}"));
+        let thread = std::thread::spawn(move || record(writer, &queue, Topic::Session, b"{}"));
         // From now on nothing is taken from the queue.
         while !asked.load(Ordering::Acquire) {
             std::thread::yield_now();

@@ -51,8 +51,6 @@ pub(crate) struct Shared {
     pub(crate) clock: HostClock,
     pub(crate) lost_messages: AtomicU64,
     pub(crate) lost_bytes: AtomicU64,
-    /// Bytes of the board and of the host were lost since the last that were queued.
-    torn: [AtomicBool; 2],
     pub(crate) messages: AtomicU64,
     pub(crate) frames: AtomicU64,
     pub(crate) file_bytes: AtomicU64,
@@ -64,13 +62,19 @@ pub(crate) struct Shared {
 /// counted.
 #[derive(Clone)]
 pub struct Tap {
-    queue: SyncSender<Item>,
+    queue: SyncSender<(Skin, Item)>,
     pub(crate) shared: Arc<Shared>,
+    /// Bytes of the board and of the host were lost since the last that were queued.
+    torn: Arc<[AtomicBool; 2]>,
+    skin: Skin,
 }
+
+/// The name of a skin, of several; none where there is one.
+pub(crate) type Skin = Option<Arc<str>>;
 
 /// The recorder's end of the queue.
 pub(crate) struct Queue {
-    pub(crate) items: Receiver<Item>,
+    pub(crate) items: Receiver<(Skin, Item)>,
     pub(crate) tap: Tap,
 }
 
@@ -79,6 +83,11 @@ pub(crate) struct Queue {
 enum Level {
     Info = 2,
     Warning = 3,
+}
+
+/// The bytes of a picture in a message of [`Topic::Picture`]; none where the text is none of base64.
+pub fn from_base64(text: &str) -> Option<Vec<u8>> {
+    BASE64_STANDARD.decode(text).ok()
 }
 
 impl Tap {
@@ -92,8 +101,19 @@ impl Tap {
         let tap = Self {
             queue,
             shared: Arc::default(),
+            torn: Arc::default(),
+            skin: None,
         };
         (tap.clone(), Queue { items, tap })
+    }
+
+    /// A tap into the same recording for one skin of several. Its topics begin with the skin's name.
+    pub fn named(&self, skin: &str) -> Self {
+        Self {
+            torn: Arc::default(),
+            skin: Some(skin.into()),
+            ..self.clone()
+        }
     }
 
     /// A port whose bytes are recorded, both ways. What came by the ports before is forgotten where the recording has not begun.
@@ -193,7 +213,7 @@ impl Tap {
     }
 
     fn bytes(&self, from_board: bool, bytes: &[u8]) {
-        let before = &self.shared.torn[usize::from(from_board)];
+        let before = &self.torn[usize::from(from_board)];
         let torn = before.swap(false, Ordering::Relaxed);
         let item = Item::Bytes {
             at: Instant::now(),
@@ -209,13 +229,16 @@ impl Tap {
 
     /// Whether it was queued. A recorder that has ended takes nothing, and nothing is lost by that.
     fn give(&self, item: Item) -> bool {
-        !matches!(self.queue.try_send(item), Err(TrySendError::Full(_)))
+        !matches!(
+            self.queue.try_send((self.skin.clone(), item)),
+            Err(TrySendError::Full(_))
+        )
     }
 
     /// Waits for its place in the queue.
     pub(crate) fn end(&self) {
         // The thread may have ended by itself.
-        let _ = self.queue.send(Item::End);
+        let _ = self.queue.send((None, Item::End));
     }
 }
 

@@ -31,11 +31,13 @@ pub enum Topic {
     Picture,
     /// Host's and board's clock, and what was lost.
     Clock,
+    /// The skins of a recording of several, by name. The first message of such a file.
+    Skins,
 }
 
 impl Topic {
     /// All of them.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 11] = [
         Self::Board,
         Self::Host,
         Self::Session,
@@ -46,6 +48,7 @@ impl Topic {
         Self::Log,
         Self::Picture,
         Self::Clock,
+        Self::Skins,
     ];
 
     /// Its name in the file.
@@ -61,12 +64,31 @@ impl Topic {
             Self::Log => "/log",
             Self::Picture => "/picture",
             Self::Clock => "/clock",
+            Self::Skins => "/skins",
         }
     }
 
     /// The topic of a name.
     pub fn of(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|t| t.name() == name)
+    }
+
+    /// Its name in the file where it is one skin's of several: `/left/touches`.
+    pub fn name_of(self, skin: Option<&str>) -> String {
+        match skin {
+            Some(skin) => format!("/{skin}{}", self.name()),
+            None => self.name().to_owned(),
+        }
+    }
+
+    /// The skin and the topic of a name in the file; no skin where the topic is of the whole recording.
+    pub fn skin_of(name: &str) -> Option<(Option<&str>, Self)> {
+        if let Some(topic) = Self::of(name) {
+            return Some((None, topic));
+        }
+        let after = name.strip_prefix('/')?;
+        let (skin, _) = after.split_once('/')?;
+        Some((Some(skin), Self::of(&after[skin.len()..])?))
     }
 
     /// How its messages are encoded, as the file says it.
@@ -93,6 +115,7 @@ impl Topic {
                 include_str!("schemas/compressed_image.json"),
             )),
             Self::Clock => Some(("skin.Clock", include_str!("schemas/clock.json"))),
+            Self::Skins => Some(("skin.Skins", include_str!("schemas/skins.json"))),
         }
     }
 }
@@ -112,5 +135,13 @@ mod tests {
             }
         }
         assert_eq!(Topic::of("/other"), None);
+        for topic in Topic::ALL {
+            for skin in [None, Some("left"), Some("touches"), Some("a-b_1")] {
+                assert_eq!(Topic::skin_of(&topic.name_of(skin)), Some((skin, topic)));
+            }
+        }
+        for other in ["/left/other", "left/board", "//", ""] {
+            assert_eq!(Topic::skin_of(other), None, "{other}");
+        }
     }
 }

@@ -16,7 +16,7 @@ pub struct Writer<T: Target> {
     sink: Sink<T>,
     file: String,
     /// Number of the topic's channel, and of its next message.
-    topics: BTreeMap<Topic, (u16, u32)>,
+    topics: BTreeMap<(Option<String>, Topic), (u16, u32)>,
     /// Bytes of messages since the last flush.
     unflushed: usize,
 }
@@ -30,25 +30,43 @@ impl Writer<File> {
     /// # Errors
     /// [`RecordingError::Exists`] where there is one; what the system said.
     pub fn create(path: &Path) -> Result<Self, RecordingError> {
+        Self::create_of(path, PROFILE)
+    }
+
+    /// Makes a new file of ROS 2's profile, for channels of its messages.
+    ///
+    /// # Errors
+    /// As [`Writer::create`].
+    pub fn create_ros2(path: &Path) -> Result<Self, RecordingError> {
+        Self::create_of(path, "ros2")
+    }
+
+    fn create_of(path: &Path, profile: &str) -> Result<Self, RecordingError> {
         let file = path.display().to_string();
         let target = OpenOptions::new()
             .write(true)
             .create_new(true)
             .open(path)
             .map_err(|e| RecordingError::io(&file, e))?;
-        Self::of(target, file)
+        Self::of_profile(target, file, profile)
     }
 }
 
 impl<T: Target> Writer<T> {
-    /// Begins a file; `file` is its name in messages.
+    /// A recording of skin.
     ///
     /// # Errors
     /// What the system said.
+    #[cfg(test)]
     pub(crate) fn of(target: T, file: String) -> Result<Self, RecordingError> {
+        Self::of_profile(target, file, PROFILE)
+    }
+
+    /// Begins a file; `file` is its name in messages.
+    fn of_profile(target: T, file: String, profile: &str) -> Result<Self, RecordingError> {
         let options = WriteOptions::new()
             .compression(Some(Compression::Lz4))
-            .profile(PROFILE)
+            .profile(profile)
             .library(concat!("skin ", env!("CARGO_PKG_VERSION")))
             .chunk_size(Some(CHUNK))
             // Chunks are written at once: what is cut off is one that was not written whole.
@@ -96,14 +114,30 @@ impl<T: Target> Writer<T> {
     /// # Errors
     /// What the system said.
     pub fn message(&mut self, topic: Topic, log_ns: u64, publish_ns: u64, data: &[u8]) -> Result<(), RecordingError> {
-        let (channel, sequence) = match self.topics.get(&topic) {
+        self.message_of(None, topic, log_ns, publish_ns, data)
+    }
+
+    /// Writes a message of a topic of one skin of several.
+    ///
+    /// # Errors
+    /// What the system said.
+    pub fn message_of(
+        &mut self,
+        skin: Option<&str>,
+        topic: Topic,
+        log_ns: u64,
+        publish_ns: u64,
+        data: &[u8],
+    ) -> Result<(), RecordingError> {
+        let key = (skin.map(str::to_owned), topic);
+        let (channel, sequence) = match self.topics.get(&key) {
             Some(known) => *known,
             None => {
                 let schema = topic.schema().map(|(name, text)| (name, "jsonschema", text.as_bytes()));
-                (self.channel(topic.name(), topic.encoding(), schema)?, 0)
+                (self.channel(&topic.name_of(skin), topic.encoding(), schema)?, 0)
             }
         };
-        self.topics.insert(topic, (channel, sequence.wrapping_add(1)));
+        self.topics.insert(key, (channel, sequence.wrapping_add(1)));
         self.write(channel, sequence, log_ns, publish_ns, data)
     }
 

@@ -71,22 +71,29 @@ pub enum Command {
 
 /// A running server. Dropping it closes the pages' connections and ends its thread, within a second.
 pub struct LiveView {
-    address: SocketAddr,
     shared: Arc<Shared>,
     commands: Mutex<Receiver<Command>>,
+    server: Arc<Server>,
+}
+
+/// The thread that serves, for all pages that share it.
+struct Server {
+    address: SocketAddr,
     stop: watch::Sender<bool>,
     thread: Option<JoinHandle<()>>,
 }
 
 /// What the publisher and the connections share.
 struct Shared {
+    /// The skin's, where there are several.
+    name: Option<String>,
     started: Instant,
     floor: f32,
     latest: watch::Sender<Option<Published>>,
     clients: AtomicUsize,
     encoded: AtomicUsize,
     commands: SyncSender<Command>,
-    keys: Keys,
+    keys: Arc<Keys>,
     refused: Arc<Refusals>,
     drawn: Drawn,
 }
@@ -154,6 +161,29 @@ impl LiveView {
     /// `InvalidInput` if the address can be reached from other computers, `AddrInUse` if the port is taken, and whatever
     /// the system says to a new thread. The message says what to do.
     pub fn start(options: LiveOptions) -> io::Result<Self> {
+        let mut pages = Self::start_pages(options, &[None])?;
+        pages.pop().ok_or_else(|| io::Error::other("no page"))
+    }
+
+    /// Starts to serve the pages of several skins, by name, at one address: a row of names switches between them. One token is for all.
+    /// The server ends with the last of them.
+    ///
+    /// # Errors
+    /// As [`LiveView::start`]; `InvalidInput` if a name is none ([`is_name`]) or comes twice.
+    pub fn start_named(options: LiveOptions, names: &[&str]) -> io::Result<Vec<Self>> {
+        let wrong = names
+            .iter()
+            .enumerate()
+            .find(|(k, name)| !is_name(name) || names[..*k].contains(name));
+        if let Some((_, name)) = wrong {
+            let text = format!("{name:?}: skins are told apart by names of letters, digits, - and _");
+            return Err(io::Error::new(io::ErrorKind::InvalidInput, text));
+        }
+        let names: Vec<Option<String>> = names.iter().map(|name| Some((*name).to_owned())).collect();
+        Self::start_pages(options, &names)
+    }
+
+    fn start_pages(options: LiveOptions, names: &[Option<String>]) -> io::Result<Vec<Self>> {
         let listen = options.listen;
         if !listen.ip().is_loopback() {
             let text = format!(
@@ -172,41 +202,56 @@ impl LiveView {
             // One drawing at a time.
             .max_blocking_threads(1)
             .build()?;
-        let (sender, receiver) = sync_channel(WAITING_COMMANDS);
-        let shared = Arc::new(Shared {
-            started: Instant::now(),
-            floor: options.floor,
-            latest: watch::Sender::new(None),
-            clients: AtomicUsize::new(0),
-            encoded: AtomicUsize::new(0),
-            commands: sender,
-            keys: Keys::new()?,
-            refused: Arc::default(),
-            drawn: Drawn::default(),
-        });
+        let keys = Arc::new(Keys::new()?);
+        let refused = Arc::default();
+        let started = Instant::now();
+        let mut receivers = Vec::new();
+        let pages: Arc<[Arc<Shared>]> = names
+            .iter()
+            .map(|name| {
+                let (commands, receiver) = sync_channel(WAITING_COMMANDS);
+                receivers.push(Mutex::new(receiver));
+                Arc::new(Shared {
+                    name: name.clone(),
+                    started,
+                    floor: options.floor,
+                    latest: watch::Sender::new(None),
+                    clients: AtomicUsize::new(0),
+                    encoded: AtomicUsize::new(0),
+                    commands,
+                    keys: Arc::clone(&keys),
+                    refused: Arc::clone(&refused),
+                    drawn: Drawn::default(),
+                })
+            })
+            .collect();
         let (stop, stopped) = watch::channel(false);
         let serve = {
-            let shared = Arc::clone(&shared);
+            let pages = Arc::clone(&pages);
             move || {
-                if let Err(error) = runtime.block_on(server::serve(listener, shared, stopped)) {
+                if let Err(error) = runtime.block_on(server::serve(listener, pages, stopped)) {
                     tracing::error!("the live page has stopped: {error}");
                 }
                 runtime.shutdown_timeout(FAREWELL);
             }
         };
         let thread = std::thread::Builder::new().name("live page".into()).spawn(serve)?;
-        Ok(Self {
+        let server = Arc::new(Server {
             address,
-            shared,
-            commands: Mutex::new(receiver),
             stop,
             thread: Some(thread),
-        })
+        });
+        let views = pages.iter().zip(receivers).map(|(shared, commands)| Self {
+            shared: Arc::clone(shared),
+            commands,
+            server: Arc::clone(&server),
+        });
+        Ok(views.collect())
     }
 
     /// Where the page is, with the token that lets it command: `http://127.0.0.1:8477/#4f1c...`. For the user's eyes.
     pub fn url(&self) -> String {
-        format!("http://{}/#{}", self.address, self.shared.keys.token())
+        format!("http://{}/#{}", self.server.address, self.shared.keys.token())
     }
 
     /// The same with a ticket in place of the token: only the first page that opens it may command. For what opens a browser, since all
@@ -215,7 +260,11 @@ impl LiveView {
     /// # Errors
     /// The system has no random numbers.
     pub fn url_once(&self) -> io::Result<String> {
-        Ok(format!("http://{}/#{}", self.address, self.shared.keys.new_ticket()?))
+        Ok(format!(
+            "http://{}/#{}",
+            self.server.address,
+            self.shared.keys.new_ticket()?
+        ))
     }
 
     /// Shows a picture. Never waits for a page; a picture that no page has taken yet is replaced.
@@ -251,7 +300,7 @@ impl LiveView {
     }
 }
 
-impl Drop for LiveView {
+impl Drop for Server {
     fn drop(&mut self) {
         self.stop.send_replace(true);
         if let Some(thread) = self.thread.take()
@@ -260,6 +309,12 @@ impl Drop for LiveView {
             tracing::error!("the thread of the live page ended badly");
         }
     }
+}
+
+/// Whether a text can be a skin's name: 1 to 32 letters, digits, - and _ of ASCII.
+pub fn is_name(name: &str) -> bool {
+    let plain = |b: u8| b.is_ascii_alphanumeric() || b == b'-' || b == b'_';
+    (1..=32).contains(&name.len()) && name.bytes().all(plain)
 }
 
 /// Whether two pictures differ only in what a frame carries. The shared parts are compared by address first.

@@ -5,7 +5,7 @@ use crate::board::{Choice, Connected};
 use crate::config::Config;
 use crate::recorded::SessionRecord;
 use crate::replay::PlayedBoard;
-use crate::{hello, run, sheet, simulated_skin};
+use crate::{hello, run_session, sheet, simulated_skin};
 use ::forward::{Pattern, Sheet};
 use anyhow::{Context, Result, anyhow};
 use inverse::live::LiveOptions;
@@ -308,7 +308,7 @@ fn measure(
     let unpressed: Vec<&[f64]> = unpressed.map(|f| f.values_v.as_slice()).collect();
     let (wired, described) = (session.electrodes(), sheet.electrodes.len());
     let imager = if wired == described {
-        run::imager(session, sheet, wires).map_err(|e| format!("{e:#}"))
+        run_session::imager(session, sheet, wires).map_err(|e| format!("{e:#}"))
     } else {
         Err(format!("the board has {wired} electrodes, the sheet {described}"))
     };

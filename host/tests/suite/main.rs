@@ -22,6 +22,7 @@ mod program;
 mod real_data;
 mod reconnect;
 mod recordings;
+mod skins;
 mod tables;
 mod transcripts;
 #[cfg(target_os = "linux")]

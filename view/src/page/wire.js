@@ -101,6 +101,10 @@ export class Connection {
     setInterval(() => this.askTime(), 2000);
     // The address that was printed, put into a page that is open already.
     addEventListener("hashchange", () => this.enter());
+    // Who may command one skin may command all.
+    for (const link of document.querySelectorAll("#skins a")) {
+      link.addEventListener("click", () => { link.hash = location.hash; });
+    }
     this.open();
   }
 

@@ -41,9 +41,10 @@ const FULL: &[u8] =
 pub(super) async fn serve(
     listener: TcpListener,
     router: Router<App>,
-    shared: Arc<Shared>,
+    pages: Arc<[Arc<Shared>]>,
     stopped: watch::Receiver<bool>,
 ) {
+    let Some(first) = pages.first() else { return };
     let places = Arc::new(Semaphore::new(MOST));
     let mut stop = pin!(ended(stopped.clone()));
     loop {
@@ -61,12 +62,13 @@ pub(super) async fn serve(
             },
         };
         let Ok(Ok(place)) = timeout(PLACE_WAIT, Arc::clone(&places).acquire_owned()).await else {
-            shared.refused.count(Refused::Connection);
+            first.refused.count(Refused::Connection);
             refuse(stream);
             continue;
         };
         let app = App {
-            shared: Arc::clone(&shared),
+            shared: Arc::clone(first),
+            pages: Arc::clone(&pages),
             stopped: stopped.clone(),
             place: Arc::new(place),
         };

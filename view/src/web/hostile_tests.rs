@@ -43,7 +43,7 @@ fn status(head: &str) -> &str {
 fn no_host_but_this_computer_and_no_origin_but_the_own_page() {
     let view = view();
     view.publish(picture(1)).unwrap();
-    let port = view.address.port();
+    let port = view.server.address.port();
     let hosts = [
         "evil.com",
         "evil.com:8477",
@@ -73,14 +73,14 @@ fn no_host_but_this_computer_and_no_origin_but_the_own_page() {
             format!("Host: evil.com:{port}\r\nOrigin: http://evil.com:{port}\r\nSec-Fetch-Site: same-origin\r\n"),
         ]) {
             let head = answer(
-                view.address,
+                view.server.address,
                 format!("GET {path} HTTP/1.1\r\nConnection: close\r\n{host}{UPGRADE}\r\n").as_bytes(),
             );
             assert!(matches!(status(&head), "403" | "400"), "{path} {host:?}: {head}");
         }
     }
     let own = format!("Host: 127.0.0.1:{port}\r\n");
-    let old = answer(view.address, b"GET / HTTP/1.0\r\n\r\n");
+    let old = answer(view.server.address, b"GET / HTTP/1.0\r\n\r\n");
     assert_eq!(status(&old), "403", "{old}");
     let origins = [
         "null",
@@ -108,7 +108,7 @@ fn no_host_but_this_computer_and_no_origin_but_the_own_page() {
     ]);
     for headers in foreign {
         for path in PATHS {
-            let (head, _) = request(view.address, path, &format!("{own}{headers}{UPGRADE}"));
+            let (head, _) = request(view.server.address, path, &format!("{own}{headers}{UPGRADE}"));
             assert_eq!(status(&head), "403", "{path} {headers:?}: {head}");
         }
     }
@@ -123,14 +123,14 @@ fn no_host_but_this_computer_and_no_origin_but_the_own_page() {
 fn every_answer_is_for_the_own_origin_alone() {
     let view = view();
     view.publish(picture(1)).unwrap();
-    let own = format!("Host: {}\r\n", view.address);
+    let own = format!("Host: {}\r\n", view.server.address);
     for path in PATHS {
         for headers in [
             own.clone(),
             format!("{own}Sec-Fetch-Site: same-origin\r\n"),
             format!("{own}Sec-Fetch-Site: cross-site\r\n"),
         ] {
-            let (head, _) = request(view.address, path, &headers);
+            let (head, _) = request(view.server.address, path, &headers);
             for line in [
                 "cross-origin-resource-policy: same-origin",
                 "x-content-type-options: nosniff",
@@ -148,7 +148,7 @@ fn every_answer_is_for_the_own_origin_alone() {
 fn what_is_no_request_for_the_page_changes_nothing() {
     let view = view();
     view.publish(picture(1)).unwrap();
-    let own = format!("Host: {}\r\nConnection: close\r\n", view.address);
+    let own = format!("Host: {}\r\nConnection: close\r\n", view.server.address);
     for path in [
         "/../../etc/passwd",
         "/..%2f..%2fetc/passwd",
@@ -161,20 +161,23 @@ fn what_is_no_request_for_the_page_changes_nothing() {
         "/%",
         "/style.css/../../x",
     ] {
-        let head = answer(view.address, format!("GET {path} HTTP/1.1\r\n{own}\r\n").as_bytes());
+        let head = answer(
+            view.server.address,
+            format!("GET {path} HTTP/1.1\r\n{own}\r\n").as_bytes(),
+        );
         assert!(matches!(status(&head), "404" | "400"), "{path}: {head}");
     }
     for method in ["POST", "PUT", "DELETE", "OPTIONS", "TRACE", "PATCH"] {
         for path in ["/", "/picture.png", "/live"] {
             let head = answer(
-                view.address,
+                view.server.address,
                 format!("{method} {path} HTTP/1.1\r\n{own}\r\n").as_bytes(),
             );
             assert_eq!(status(&head), "405", "{method} {path}: {head}");
         }
     }
     let head = answer(
-        view.address,
+        view.server.address,
         format!("CONNECT evil.com:80 HTTP/1.1\r\n{own}\r\n").as_bytes(),
     );
     assert!(head.is_empty() || status(&head).starts_with('4'), "{head}");
@@ -191,15 +194,15 @@ fn what_is_no_request_for_the_page_changes_nothing() {
         "GET / HTTP/9.9\r\n\r\n".to_owned(),
         "\0\0\0\0".to_owned(),
     ] {
-        let head = answer(view.address, bytes.as_bytes());
+        let head = answer(view.server.address, bytes.as_bytes());
         assert!(head.is_empty() || status(&head).starts_with(['4', '5']), "{head}");
     }
-    let head = answer(view.address, b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03");
+    let head = answer(view.server.address, b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03");
     assert!(head.is_empty() || status(&head) == "400", "{head}");
     // A body that nobody reads.
     let mut huge = format!("POST / HTTP/1.1\r\n{own}Content-Length: 100000000\r\n\r\n").into_bytes();
     huge.resize(huge.len() + 5_000_000, b'x');
-    assert_eq!(status(&answer(view.address, &huge)), "405");
+    assert_eq!(status(&answer(view.server.address, &huge)), "405");
     assert_eq!(
         (
             view.command(),
@@ -208,13 +211,13 @@ fn what_is_no_request_for_the_page_changes_nothing() {
         ),
         (None, 0, 0)
     );
-    assert!(request(view.address, "/", &own).0.starts_with("HTTP/1.1 200"));
+    assert!(request(view.server.address, "/", &own).0.starts_with("HTTP/1.1 200"));
 }
 
 #[test]
 fn messages_that_are_no_pages_end_at_most_their_own_connection() {
     let view = view();
-    let mut good = connect(view.address);
+    let mut good = connect(view.server.address);
     let texts = [
         "",
         "{}",
@@ -232,14 +235,14 @@ fn messages_that_are_no_pages_end_at_most_their_own_connection() {
         r#"{"kind":"tare","x":1}"#,
     ];
     for text in texts {
-        let mut page = connect(view.address);
+        let mut page = connect(view.server.address);
         page.send(Message::Text(text.into())).unwrap();
         // It is still served.
         let rights = enter(&mut page, "guessed");
         assert_eq!(rights["token"], serde_json::Value::Null, "{text}");
     }
     let closes = |what: &str, message: Message| {
-        let mut page = connect(view.address);
+        let mut page = connect(view.server.address);
         let _ = page.send(message);
         let end = loop {
             match page.read() {
@@ -251,7 +254,7 @@ fn messages_that_are_no_pages_end_at_most_their_own_connection() {
     };
     closes("a long message", Message::Text("x".repeat(2000).into()));
     closes("an acknowledgement of nothing", Message::Binary(vec![1].into()));
-    let mut page = connect(view.address);
+    let mut page = connect(view.server.address);
     // Not UTF-8, in a text frame, masked with zeros.
     page.get_mut().write_all(&[0x81, 0x82, 0, 0, 0, 0, 0xff, 0xfe]).unwrap();
     while !matches!(page.read(), Ok(Message::Close(_)) | Err(_)) {}
@@ -265,7 +268,7 @@ fn messages_that_are_no_pages_end_at_most_their_own_connection() {
 fn another_user_may_watch_but_never_command() {
     let view = view();
     view.publish(picture(1)).unwrap();
-    let mut page = connect(view.address);
+    let mut page = connect(view.server.address);
     next_frame(&mut page);
     for _ in 0..20 {
         page.send(Message::Text(r#"{"kind":"tare"}"#.into())).unwrap();
@@ -277,9 +280,9 @@ fn another_user_may_watch_but_never_command() {
     assert_eq!(view.command(), None);
     // No page, picture or scene tells the token.
     let token = view.shared.keys.token();
-    let host = format!("Host: {}\r\n", view.address);
+    let host = format!("Host: {}\r\n", view.server.address);
     for path in PATHS {
-        let (head, body) = request(view.address, path, &host);
+        let (head, body) = request(view.server.address, path, &host);
         assert!(
             !format!("{head}{}", String::from_utf8_lossy(&body)).contains(token),
             "{path}"
@@ -290,7 +293,7 @@ fn another_user_may_watch_but_never_command() {
 #[test]
 fn a_flood_is_cut_off_and_counted_once() {
     let view = view();
-    let mut page = connect(view.address);
+    let mut page = connect(view.server.address);
     assert_eq!(enter(&mut page, key_of(&view.url()))["token"], view.shared.keys.token());
     for _ in 0..2000 {
         if page.send(Message::Text(r#"{"kind":"tare"}"#.into())).is_err() {
@@ -311,13 +314,13 @@ fn a_flood_is_cut_off_and_counted_once() {
 fn a_picture_is_drawn_once_for_all_who_ask() {
     let view = view();
     view.publish(picture(1)).unwrap();
-    let host = format!("Host: {}\r\n", view.address);
+    let host = format!("Host: {}\r\n", view.server.address);
     let asked = |count: usize| {
         let gate = std::sync::Barrier::new(count);
         let bodies: Vec<Vec<u8>> = std::thread::scope(|scope| {
             let ask = || {
                 gate.wait();
-                let (head, body) = request(view.address, "/picture.png", &host);
+                let (head, body) = request(view.server.address, "/picture.png", &host);
                 assert!(head.starts_with("HTTP/1.1 200"), "{head}");
                 body
             };
@@ -339,7 +342,7 @@ fn a_picture_is_drawn_once_for_all_who_ask() {
     // Askers that go away leave no drawing behind that nobody uses.
     view.publish(picture(3)).unwrap();
     for _ in 0..50 {
-        let mut stream = TcpStream::connect(view.address).unwrap();
+        let mut stream = TcpStream::connect(view.server.address).unwrap();
         write!(stream, "GET /picture.png HTTP/1.1\r\n{host}\r\n").unwrap();
     }
     asked(1);
@@ -352,16 +355,16 @@ fn no_more_connections_than_there_are_places_and_half_requests_give_theirs_back(
     let start = Instant::now();
     let mut half: Vec<TcpStream> = (0..MOST)
         .map(|_| {
-            let mut stream = TcpStream::connect(view.address).unwrap();
+            let mut stream = TcpStream::connect(view.server.address).unwrap();
             stream.write_all(b"GET / HTTP/1.1\r\nHost: loc").unwrap();
             stream
         })
         .collect();
-    let host = format!("Host: {}\r\n", view.address);
+    let host = format!("Host: {}\r\n", view.server.address);
     let mut refused = 0;
     // Until their time is over nobody else is served, and that is said at once.
     loop {
-        let (head, body) = request(view.address, "/", &host);
+        let (head, body) = request(view.server.address, "/", &host);
         if head.starts_with("HTTP/1.1 200") {
             break;
         }
@@ -379,10 +382,10 @@ fn no_more_connections_than_there_are_places_and_half_requests_give_theirs_back(
         let _ = stream.read_to_end(&mut Vec::new());
     }
     // Pages that are shown keep theirs, and give them back when they go.
-    let pages: Vec<Page> = (0..MOST).map(|_| connect(view.address)).collect();
+    let pages: Vec<Page> = (0..MOST).map(|_| connect(view.server.address)).collect();
     eventually("all are counted", || view.clients() == MOST);
-    assert!(request(view.address, "/", &host).0.starts_with("HTTP/1.1 503"));
+    assert!(request(view.server.address, "/", &host).0.starts_with("HTTP/1.1 503"));
     drop(pages);
     eventually("all have gone", || view.clients() == 0);
-    assert!(request(view.address, "/", &host).0.starts_with("HTTP/1.1 200"));
+    assert!(request(view.server.address, "/", &host).0.starts_with("HTTP/1.1 200"));
 }

@@ -89,8 +89,8 @@ fn request(address: SocketAddr, path: &str, headers: &str) -> (String, Vec<u8>) 
 #[test]
 fn the_page_and_its_parts_are_served() {
     let view = view();
-    let host = format!("Host: {}\r\n", view.address);
-    let (head, body) = request(view.address, "/", &host);
+    let host = format!("Host: {}\r\n", view.server.address);
+    let (head, body) = request(view.server.address, "/", &host);
     assert!(
         head.starts_with("HTTP/1.1 200") && head.contains("frame-ancestors 'none'"),
         "{head}"
@@ -110,27 +110,84 @@ fn the_page_and_its_parts_are_served() {
         "labels.js",
         "trace.js",
     ]) {
-        let (head, body) = request(view.address, &format!("/{}", part.trim_start_matches("./")), &host);
+        let (head, body) = request(
+            view.server.address,
+            &format!("/{}", part.trim_start_matches("./")),
+            &host,
+        );
         assert!(head.starts_with("HTTP/1.1 200") && !body.is_empty(), "{part}: {head}");
         assert!(!String::from_utf8_lossy(&body).contains("//cdn"));
     }
     // The one address in it names the language of the icon.
     assert!(!page.replace("http://www.w3.org/2000/svg", "").contains("://"));
     assert!(
-        request(view.address, "/picture.png", &host)
+        request(view.server.address, "/picture.png", &host)
             .0
             .starts_with("HTTP/1.1 404")
     );
     view.publish(picture(1)).unwrap();
-    let (head, body) = request(view.address, "/picture.png", &host);
+    let (head, body) = request(view.server.address, "/picture.png", &host);
     assert!(head.contains("image/png") && body.starts_with(b"\x89PNG"), "{head}");
+}
+
+#[test]
+fn several_skins_have_a_page_each_and_a_row_of_their_names() {
+    let options = LiveOptions {
+        listen: SocketAddr::from(([127, 0, 0, 1], 0)),
+        ..LiveOptions::default()
+    };
+    let views = LiveView::start_named(options, &["left", "right_2"]).unwrap();
+    let address = views[0].server.address;
+    let host = format!("Host: {address}\r\n");
+    let (head, _) = request(address, "/", &host);
+    assert!(
+        head.starts_with("HTTP/1.1 307") && head.contains("location: /left/\r\n"),
+        "{head}"
+    );
+    for (shown, other) in [("left", "right_2"), ("right_2", "left")] {
+        let (head, body) = request(address, &format!("/{shown}/"), &host);
+        let page = String::from_utf8(body).unwrap();
+        assert!(head.starts_with("HTTP/1.1 200"), "{head}");
+        assert!(page.contains(&format!("<a href=\"../{shown}/\" aria-current=\"page\">{shown}</a>")));
+        assert!(page.contains(&format!("<a href=\"../{other}/\">{other}</a>")));
+        for part in ["main.js", "wire.js", "style.css", "palettes.js"] {
+            let (head, _) = request(address, &format!("/{shown}/{part}"), &host);
+            assert!(head.starts_with("HTTP/1.1 200"), "{part}: {head}");
+        }
+        let (head, _) = request(address, &format!("/{shown}/"), "Host: elsewhere.example\r\n");
+        assert!(head.starts_with("HTTP/1.1 403"), "{head}");
+    }
+    // A picture is one skin's.
+    views[1].publish(picture(1)).unwrap();
+    let status = |path: &str| request(address, path, &host).0[9..12].to_owned();
+    assert_eq!(status("/right_2/picture.png"), "200");
+    assert_eq!(status("/left/picture.png"), "404");
+    assert_eq!(status("/middle/"), "404");
+    // The other page is served on where one has gone.
+    let mut views = views;
+    views.pop();
+    assert_eq!(status("/left/"), "200");
+    drop(views);
+    assert!(TcpStream::connect(address).is_err());
+    for names in [&["a", "a"][..], &["a b"], &[""], &["<b>"]] {
+        let refused = LiveView::start_named(options, names).err().unwrap();
+        assert_eq!(refused.kind(), io::ErrorKind::InvalidInput, "{names:?}");
+    }
+    // A page of one skin has no row.
+    let alone = view();
+    let (_, body) = request(
+        alone.server.address,
+        "/",
+        &format!("Host: {}\r\n", alone.server.address),
+    );
+    assert!(!String::from_utf8(body).unwrap().contains("id=\"skins\""));
 }
 
 #[test]
 fn strangers_are_refused() {
     let view = view();
     let upgrade = "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n";
-    let own = view.address;
+    let own = view.server.address;
     let cases = [
         ("/", "Host: rebound.example.org\r\n".to_owned()),
         ("/picture.png", format!("Host: rebound.example.org:{}\r\n", own.port())),
@@ -167,7 +224,7 @@ fn strangers_are_refused() {
 fn a_page_gets_the_scene_once_and_then_frames() {
     let view = view();
     view.publish(picture(10)).unwrap();
-    let mut page = connect(view.address);
+    let mut page = connect(view.server.address);
     let (frame, texts) = next_frame(&mut page);
     assert_eq!((frame.sequence, frame.scene, texts.len()), (10, 1, 1));
     assert_eq!(
@@ -198,7 +255,7 @@ fn a_page_gets_the_scene_once_and_then_frames() {
 #[test]
 fn a_page_without_credit_skips_to_the_newest() {
     let view = view();
-    let (mut slow, mut quick) = (connect(view.address), connect(view.address));
+    let (mut slow, mut quick) = (connect(view.server.address), connect(view.server.address));
     for sequence in 0..100 {
         view.publish(picture(sequence)).unwrap();
         assert_eq!(next_frame(&mut quick).0.sequence, sequence);
@@ -221,7 +278,7 @@ fn quick_slow_and_late_pages_put_the_same_picture_together() {
     let mut at = picture(0);
     let mut pages: Vec<(Page, wire::Cells)> = Vec::new();
     for round in 0..6 {
-        pages.push((connect(view.address), wire::Cells::new(at.values.len())));
+        pages.push((connect(view.server.address), wire::Cells::new(at.values.len())));
         for step in 0..20 {
             at.sequence += 1;
             // Something moves about on the sheet.
@@ -263,7 +320,7 @@ fn publishing_to_nobody_encodes_nothing() {
 #[test]
 fn a_page_that_never_reads_blocks_nobody() {
     let view = view();
-    let _deaf = connect(view.address);
+    let _deaf = connect(view.server.address);
     eventually("the page is counted", || view.clients() == 1);
     for sequence in 0..2_000 {
         view.publish(picture(sequence)).unwrap();
@@ -274,7 +331,7 @@ fn a_page_that_never_reads_blocks_nobody() {
 #[test]
 fn pages_come_back_after_a_restart_and_commands_arrive() {
     let first = view();
-    let address = first.address;
+    let address = first.server.address;
     let first_url = first.url();
     let first_token = key_of(&first_url);
     let mut page = connect(address);
@@ -327,10 +384,10 @@ fn pages_come_back_after_a_restart_and_commands_arrive() {
 #[test]
 fn stopping_does_not_wait_for_a_stuck_page_or_a_half_request() {
     let view = view();
-    let mut stuck = connect(view.address);
+    let mut stuck = connect(view.server.address);
     view.publish(picture(1)).unwrap();
     next_frame(&mut stuck);
-    let mut half = TcpStream::connect(view.address).unwrap();
+    let mut half = TcpStream::connect(view.server.address).unwrap();
     half.write_all(b"GET / HTTP/1.1\r\nHost: loc").unwrap();
     let start = Instant::now();
     drop(view);
@@ -348,7 +405,7 @@ fn errors_say_what_to_do() {
         .map(|v| v.url())
         .unwrap_err()
     };
-    let taken = error(view.address);
+    let taken = error(view.server.address);
     assert_eq!(taken.kind(), io::ErrorKind::AddrInUse);
     assert!(taken.to_string().contains("another port"), "{taken}");
     let open = error("0.0.0.0:0".parse().unwrap());
