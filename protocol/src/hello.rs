@@ -144,7 +144,7 @@ impl Hello {
 
     /// The converter's own codes in one code of 12 bits: 1 for 12 bits, 16 for 16.
     pub fn codes_in_one(&self) -> f64 {
-        f64::from(1u32 << self.adc_bits.clamp(12, 31) >> 12)
+        f64::from(1u32 << (self.adc_bits.clamp(12, 31) - 12))
     }
 
     /// The converter's range in codes of 12 bits.

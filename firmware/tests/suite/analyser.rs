@@ -217,7 +217,7 @@ proptest! {
             (phasor.quadrature_value(periods), quadrature),
         ] {
             // 2^16 units are a sixteenth; halves go away from zero.
-            let nearest = (i64::from(given).abs() + (1 << 15) >> 16) * i64::from(given.signum());
+            let nearest = ((i64::from(given).abs() + (1 << 15)) >> 16) * i64::from(given.signum());
             prop_assert_eq!(i64::from(value.sixteenths()), nearest.clamp(-32_768, 32_767));
             prop_assert_eq!(fitted, i16::try_from(nearest).is_ok());
         }
