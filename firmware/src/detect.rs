@@ -3,7 +3,7 @@
 use crate::capture::{Capture, Window};
 use crate::error::ErrorType;
 use crate::fold::Folded;
-use crate::scan::ScanError;
+use crate::scan_error::ScanError;
 
 /// Measures amplitude and phase of every channel over a window. Whoever lends samples ([`Capture`]) is one: the digital lock-in
 /// folds and correlates them. A chip that correlates by itself (an impedance analyser, an FPGA, a bench instrument) implements

@@ -1,10 +1,11 @@
 //! From a recipe to amplitudes: routes in order, blocks folded, values written down.
 
 use crate::capture::{QUARTER_SAMPLES, Window};
-use crate::fold::{FoldError, Folded, MAX_CHANNELS};
+use crate::fold::{Folded, MAX_CHANNELS};
 use crate::front_end::FrontEnd;
 use crate::phasor::{Phasor, Rotation};
 use crate::route::{Route, Sense};
+use crate::scan_error::ScanError;
 use crate::scatter::Scatter;
 use crate::wiring::Wiring;
 use heapless::Vec;
@@ -38,16 +39,6 @@ pub enum Pace {
     Through,
     /// In [`Scan::go_on`], so that what a slot showed can decide what is measured next.
     ByOne,
-}
-
-/// Why a frame cannot be finished.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum ScanError<E> {
-    /// The front end reported an error.
-    FrontEnd(E),
-    /// The front end lent a block that breaks its promises.
-    Block(FoldError),
 }
 
 /// What a window showed and is not written down yet.

@@ -7,7 +7,7 @@ use crate::fold::Folded;
 use crate::front_end::FrontEnd;
 use crate::reference::SAMPLES_PER_PERIOD;
 use crate::route::{Route, Sense};
-use crate::scan::ScanError;
+use crate::scan_error::ScanError;
 
 /// A duty that a front end which gives phasors does not keep.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
