@@ -89,8 +89,8 @@ fn clocks(device: &pac::Peripherals) -> bool {
 
     rcc.cr().modify(|_, w| w.hsebyp().bypassed());
     rcc.cr().modify(|_, w| w.hseon().on());
-    // Some 10 ms of the internal oscillator's.
-    let mut patience = 100_000;
+    // Some 0.1 s of the internal oscillator's.
+    let mut patience = 1_000_000;
     while !rcc.cr().read().hserdy().is_ready() && patience > 0 {
         patience -= 1;
     }
