@@ -122,6 +122,11 @@ if ! $quick; then
     if ! have python3; then
         skip "the board's circuit: no python3"
     else
+        python3 -B hardware/sixteen.py --check
+        case $? in
+            0 | 77) ;;
+            *) failed+=("python3 hardware/sixteen.py --check") ;;
+        esac
         python3 -B hardware/check.py
         case $? in
             0) ;;

@@ -34,6 +34,7 @@ clippy() {
         in_board stm32f4 clippy --locked --features "$features" -- -D warnings || return 1
     done
     in_board stm32f4 clippy --locked --features defmt -- -D warnings || return 1
+    in_board stm32h7 clippy --locked -- -D warnings || return 1
     in_board template clippy --locked -- -D warnings || return 1
     in_board qemu-mps2 clippy --locked -- -D warnings
 }
@@ -57,7 +58,11 @@ cp "$boards_target/$TARGET/release/skin-board" "$programs/st-link"
 in_board stm32f4 build --release --locked --bin laws --features laws || fail "the laws do not build"
 cp "$boards_target/$TARGET/release/laws" "$programs/laws"
 
-say "its hot path links without a way to panic, and not with one planted"
+say "the STM32H743's program"
+in_board stm32h7 build --release --locked || fail "stm32h7 does not build"
+cp "$boards_target/$TARGET/release/skin-board-h743" "$programs/h743"
+
+say "the STM32F4's hot path links without a way to panic, and not with one planted"
 in_board stm32f4 build --release --locked --bin hot-path || fail "the hot path can panic"
 if in_board stm32f4 build --release --locked --bin hot-path --features fault-hot-path >"$programs/hot-path.log" 2>&1; then
     fail "a planted panic in the hot path was not found"
@@ -103,8 +108,8 @@ cat "$programs/beside.log"
 [ "$built" = 0 ] || fail "clippy on the board crates, or the emulator does not build"
 has_board_clippy || say "skipped: clippy on the board crates: none for their compiler (rustup component add clippy, or apt-get install rust-web-clippy)"
 
-say "the programs on an emulated STM32F427, with the simulated skin on its pins"
-SKIN_STM32_PROGRAMS="$programs" emulator -- --nocapture --test-threads 2 || fail "the STM32F4's program in emulation"
+say "the programs on an emulated STM32F427 and an emulated STM32H743, with the simulated skin on their pins"
+SKIN_STM32_PROGRAMS="$programs" emulator -- --nocapture --test-threads 2 || fail "the programs in emulation"
 
 command -v qemu-system-arm >/dev/null 2>&1 || debian_install qemu-system-arm
 if command -v qemu-system-arm >/dev/null 2>&1; then

@@ -1,8 +1,10 @@
 //! What a board knows about itself.
 
+use crate::codes::{LEAST_BITS, MOST_BITS, extra_bits, full_scale, max_periods};
 use crate::fold::MAX_CHANNELS;
 use crate::reference::SAMPLES_PER_PERIOD;
 use crate::scan::MAX_AMPLITUDES;
+use crate::wiring::Wiring;
 use protocol::{
     Hello, Limits, MAX_ELECTRODES, MAX_SLOTS, MAX_VALUES, MAX_WATCH_SLOTS, MAX_WATCH_VALUES, ResetCause, SCHEMA, Value,
     Version, text,
@@ -26,8 +28,12 @@ pub struct BoardInfo<'a> {
     pub timer_hz: u32,
     /// Timer ticks from one sample to the next.
     pub ticks_per_sample: u32,
-    /// Timer ticks from one channel's conversion to the next one's of the same row; 0 where all are converted at once.
+    /// Channels that one converter takes in turn, 1 or more; the next as many are another one's, at the same instants.
+    pub in_turn: u8,
+    /// Timer ticks from one conversion to the next one of the same converter and row; 0 where all are converted at once.
     pub skew_ticks: u16,
+    /// Bits of a code, 12 to 16. A front end that gives phasors says 12.
+    pub adc_bits: u8,
     /// Voltage between the lowest and the highest code, microvolt.
     pub adc_span_uv: u32,
     /// Amplitude of the excitation source at full scale, microvolt.
@@ -48,11 +54,17 @@ impl BoardInfo<'_> {
     /// converted before the next one begins. The firmware has to be able to use the electrodes, channels and gains.
     pub const fn is_sound(&self) -> bool {
         let in_tune = self.excitation_millihertz() > 0;
-        let in_time = self.skew_ticks as u32 * self.channels as u32 <= self.ticks_per_sample;
+        let in_turn = if self.in_turn < self.channels {
+            self.in_turn
+        } else {
+            self.channels
+        };
+        let in_time = in_turn > 0 && self.skew_ticks as u32 * in_turn as u32 <= self.ticks_per_sample;
+        let bits = self.adc_bits >= LEAST_BITS && self.adc_bits <= MOST_BITS;
         let electrodes = self.electrodes >= 4 && self.electrodes <= MAX_ELECTRODES;
         let channels = self.channels >= 1 && self.channels as usize <= MAX_CHANNELS;
         let gains = self.gains() >= 1;
-        in_tune && in_time && electrodes && channels && gains
+        in_tune && in_time && bits && electrodes && channels && gains
     }
 
     /// The excitation's frequency: the sampling timer's over the samples of a period, in thousandths of a hertz, rounded
@@ -63,6 +75,17 @@ impl BoardInfo<'_> {
             return 0;
         }
         self.timer_hz as u64 * 1000 / ticks
+    }
+
+    /// What a scan needs to know.
+    pub const fn wiring(&self) -> Wiring {
+        Wiring {
+            electrodes: self.electrodes,
+            adc_bits: self.adc_bits,
+            in_turn: self.in_turn,
+            skew_ticks: self.skew_ticks,
+            ticks_per_sample: self.ticks_per_sample,
+        }
     }
 
     /// Samples in a second, at least one.
@@ -82,13 +105,11 @@ impl BoardInfo<'_> {
         }
     }
 
-    /// Amplitude in sixteenths of a code that the source shows on [`Sense::Source`](crate::Sense::Source) at full scale.
+    /// Amplitude in sixteenths of a code of 12 bits that the source shows on [`Sense::Source`](crate::Sense::Source) at full scale.
     pub fn source_full_scale(&self) -> i64 {
         let microvolt = i64::from(self.excitation_uv) * i64::from(self.source_gain_milli) / 1000;
-        let per_code = i64::from(Value::PER_CODE) * i64::from(crate::FULL_SCALE);
-        (microvolt * per_code)
-            .checked_div(i64::from(self.adc_span_uv))
-            .unwrap_or(0)
+        let span = (i64::from(Value::PER_CODE) * i64::from(full_scale(self.adc_bits))) >> extra_bits(self.adc_bits);
+        (microvolt * span).checked_div(i64::from(self.adc_span_uv)).unwrap_or(0)
     }
 
     /// The largest plan and watch.
@@ -98,7 +119,7 @@ impl BoardInfo<'_> {
             values: MAX_VALUES as u16,
             channels: self.channels.min(MAX_CHANNELS as u8),
             settle_quarters: u16::MAX,
-            integrate_periods: u16::MAX,
+            integrate_periods: max_periods(self.adc_bits),
             amplitudes: MAX_AMPLITUDES as u16,
             watch_slots: MAX_WATCH_SLOTS as u8,
             watch_values: MAX_WATCH_VALUES as u8,
@@ -118,7 +139,7 @@ impl BoardInfo<'_> {
             samples_per_period: SAMPLES_PER_PERIOD as u8,
             timer_hz: self.timer_hz,
             ticks_per_sample: self.ticks_per_sample,
-            adc_bits: crate::FULL_SCALE.count_ones() as u8,
+            adc_bits: self.adc_bits,
             adc_span_uv: self.adc_span_uv,
             excitation_uv: self.excitation_uv,
             gains_milli: self.gains_milli.into_iter().take(self.gains().into()).collect(),
@@ -142,7 +163,9 @@ mod tests {
         channels: 16,
         timer_hz: 84_000_000,
         ticks_per_sample: 1425,
+        in_turn: 16,
         skew_ticks: 60,
+        adc_bits: 12,
         adc_span_uv: 3_300_000,
         excitation_uv: 2_250_000,
         source_gain_milli: 586,
@@ -171,6 +194,18 @@ mod tests {
             assert_eq!(info.is_sound(), millihertz > 0, "{timer_hz} {ticks_per_sample}");
         }
         assert!(!BoardInfo { skew_ticks: 90, ..GOOD }.is_sound());
+        // Two converters side by side have twice the time.
+        let two = BoardInfo {
+            skew_ticks: 178,
+            in_turn: 8,
+            ..GOOD
+        };
+        assert!(two.is_sound() && !BoardInfo { in_turn: 16, ..two }.is_sound());
+        assert!(!BoardInfo { in_turn: 0, ..GOOD }.is_sound());
+        for bits in 0..=24 {
+            let sound = BoardInfo { adc_bits: bits, ..GOOD }.is_sound();
+            assert_eq!(sound, (12..=16).contains(&bits), "{bits}");
+        }
         assert!(!BoardInfo { electrodes: 3, ..GOOD }.is_sound());
         assert!(BoardInfo { electrodes: 32, ..GOOD }.is_sound());
         assert!(!BoardInfo { electrodes: 33, ..GOOD }.is_sound());

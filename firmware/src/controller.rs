@@ -409,6 +409,9 @@ where
     /// Checks a request for a folded period and begins to measure it; the period is the answer.
     fn measure_period(&mut self, request: PeriodRequest) -> Result<(), BoardError> {
         self.only_between_tests()?;
+        if !F::SAMPLED {
+            return Err(BoardError::Refused(Refusal::NoSamples));
+        }
         let info = self.measuring.info();
         let count = info.electrodes;
         for electrode in [request.sense.plus, request.sense.minus] {

@@ -4,40 +4,58 @@
 //! times reference over one period, to the last bit. A sample costs one addition instead of two multiplications and two
 //! additions.
 //!
-//! Overflow budget, with codes of 12 bits and at most [`MAX_PERIODS`] periods:
+//! Overflow budget, with codes of 12 to 16 bits and at most [`max_periods`] of so many bits. Each bit more halves the
+//! periods, so that a bin has 28 bits for all of them. The compiler checks every line for every number of bits:
 //!
 //! | number | bound | bits | held in |
 //! |---|---|---|---|
-//! | sample | 4095 | 12 | u16 |
-//! | bin: sum of one phase's samples | 4095 * 65535 | 28 | u32 |
-//! | low part of a bin: what 4096 leaves of it, and 15 samples | 4095 + 15 * 4095 | 16 | half a u32 |
-//! | high part of a bin, in 4096s | 4095 * 65535 / 4096 | 16 | half a u32 |
-//! | odd part: bin less the bin half a period later | the same, signed | 29 | i32 |
+//! | sample | 65535 | 16 | u16 |
+//! | bin: sum of one phase's samples, B | 4095 * 65535 to 65535 * 4095 | 28 | u32 |
+//! | odd part: bin less the bin half a period later | B, signed | 29 | i32 |
 //! | reference | 2^30 | 31 signed | i32 |
-//! | sum or difference of two odd parts | 2 * 4095 * 65535 | 30 signed | i32 |
+//! | sum or difference of two odd parts | 2 B | 30 signed | i32 |
 //! | sum of 4 products of those | 2^29 * 2^30 * 4 | 62 signed | i64 |
-//! | even part: bin and the bin half a period later | 2 * 4095 * 65535 | 29 | u32 |
-//! | sum of 8 even parts | 16 * 4095 * 65535 | 32 | u32 |
-//! | 8 times the sum of the squares of 8 even parts | 64 * (2 * 4095 * 65535)^2 | 64 | u64 |
+//! | even part: bin and the bin half a period later | 2 B | 29 | u32 |
+//! | sum of 8 even parts | 16 B | 32 | u32 |
+//! | 8 times the sum of the squares of 8 even parts | 64 * (2 B)^2 | 64 | u64 |
+//! | of several channels of 12 bits: low part of a bin, what 4096 leaves and 15 samples | 4095 + 15 * 4095 | 16 | half a u32 |
+//! | their high part, in 4096s | 4095 * 65535 / 4096 | 16 | half a u32 |
 //!
-//! Where several channels are sampled at once, a bin has a low and a high part, and the parts of two channels share a word:
-//! two samples are one addition, as they come from memory. After 15 periods at the latest the bits above 12 are carried over
-//! to the high part.
+//! Where several channels of 12 bits are sampled at once, a bin has a low and a high part, and the parts of two channels share
+//! a word: two samples are one addition, as they come from memory. After 15 periods at the latest the bits above 12 are
+//! carried over to the high part. Wider codes leave no room in half a word: each channel has its own.
+//!
+//! A front end that gives phasors itself puts them here in the place of samples ([`Folded::put`]).
 
-use crate::FULL_SCALE;
+mod correlation;
+mod rows;
+
 use crate::capture::{Block, Rails};
+use crate::codes::{FULL_SCALE, LEAST_BITS, MOST_BITS, extra_bits, full_scale, max_periods};
 use crate::phasor::Phasor;
-use crate::reference::{HALF, ONE, SAMPLES_PER_PERIOD, SINE};
-use protocol::{QUARTERS, Variance};
+use crate::reading::Reading;
+use crate::reference::{HALF, ONE, SAMPLES_PER_PERIOD};
+use crate::scatter::Scatter;
+use protocol::QUARTERS;
 
 /// Most channels sampled at once.
 pub const MAX_CHANNELS: usize = 16;
 
-/// Most periods that can be folded: all that a plan can count.
-pub const MAX_PERIODS: u16 = u16::MAX;
+/// Most periods that can be folded of codes of 12 bits: all that a plan can count.
+pub const MAX_PERIODS: u16 = max_periods(LEAST_BITS);
 
-/// Largest sum in a bin.
-const MAX_BIN: u64 = FULL_SCALE as u64 * MAX_PERIODS as u64;
+/// Largest sum in a bin, of codes of any number of bits.
+const MAX_BIN: u64 = max_bin();
+
+const fn max_bin() -> u64 {
+    let (mut most, mut bits) = (0, LEAST_BITS);
+    while bits <= MOST_BITS {
+        let sum = full_scale(bits) as u64 * max_periods(bits) as u64;
+        most = if sum > most { sum } else { most };
+        bits += 1;
+    }
+    most
+}
 
 /// Most periods that the low part of a bin takes before its bits above [`LOW_BITS`] are carried over to the high part. As many
 /// as 16 bits hold beside the rest; fewer carry over more often.
@@ -49,7 +67,7 @@ const WORDS: usize = MAX_CHANNELS / 2;
 
 // The budget of the table above.
 const _: () = assert!((1 << LOW_BITS) - 1 + PERIODS_A_SPILL * FULL_SCALE as u32 <= u16::MAX as u32);
-const _: () = assert!(MAX_BIN >> LOW_BITS <= u16::MAX as u64);
+const _: () = assert!((FULL_SCALE as u64 * MAX_PERIODS as u64) >> LOW_BITS <= u16::MAX as u64);
 const _: () = assert!(2 * MAX_BIN <= i32::MAX as u64);
 const _: () = assert!(2 * MAX_BIN as i64 <= i64::MAX / (HALF as i64 / 2 * ONE as i64));
 const _: () = assert!(SAMPLES_PER_PERIOD as u64 * MAX_BIN <= u32::MAX as u64);
@@ -62,16 +80,50 @@ const _: () = assert!((2 * MAX_BIN).pow(2) <= u64::MAX / (HALF * HALF) as u64);
 pub enum FoldError {
     /// It does not hold whole quarter periods of the expected number of channels.
     Shape,
-    /// More than [`MAX_PERIODS`] in all.
+    /// More than [`max_periods`] in all.
     TooManyPeriods,
 }
+
+/// What the words of the bins hold.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Layout {
+    /// One channel of 12 bits: a phase's bin is its word 0.
+    Single,
+    /// Several channels of 12 bits: their low parts in the first [`WORDS`] words of a phase, two channels in a word in the
+    /// order of the samples. Their high parts, once there are any, are in the words after those.
+    Pairs,
+    /// Wider codes: a word for each channel.
+    Wide,
+    /// No samples: rows [`IN_PHASE`], [`QUADRATURE`] and [`VARIANCE`] have a channel's phasor in its word.
+    Phasors,
+}
+
+impl Layout {
+    /// Of one channel of codes of so many bits.
+    const fn of_one(bits: u8) -> Self {
+        if extra_bits(bits) == 0 {
+            Self::Single
+        } else {
+            Self::Wide
+        }
+    }
+}
+
+/// Rows of [`Layout::Phasors`].
+const IN_PHASE: usize = 0;
+const QUADRATURE: usize = 1;
+const VARIANCE: usize = 2;
 
 /// One period, each sample the sum of that phase's samples in all periods folded, for up to [`MAX_CHANNELS`] channels.
 #[derive(Clone, Debug)]
 pub struct Folded {
-    /// By phase. One channel has its bin in word 0. Several channels have their low parts in the first [`WORDS`] words, two
-    /// channels in a word in the order of the samples. Their high parts, once there are any, are in the words after those.
+    /// By phase; see [`Layout`].
     bins: [[u32; MAX_CHANNELS]; SAMPLES_PER_PERIOD],
+    layout: Layout,
+    /// The layout of one channel.
+    single: Layout,
+    /// Bits of a code.
+    bits: u8,
     /// Most samples added to any low part since the last spill, and whether there was one.
     unspilled: u32,
     spilled: bool,
@@ -79,6 +131,7 @@ pub struct Folded {
     railed: u32,
     channels: u8,
     quarters: u32,
+    most_quarters: u32,
 }
 
 impl Default for Folded {
@@ -88,24 +141,40 @@ impl Default for Folded {
 }
 
 impl Folded {
-    /// Nothing folded, one channel.
+    /// Nothing folded, one channel, codes of 12 bits.
     pub const fn new() -> Self {
+        Self::of_bits(LEAST_BITS)
+    }
+
+    /// Nothing folded, one channel, codes of so many bits: 12 to 16.
+    pub const fn of_bits(bits: u8) -> Self {
         Self {
             bins: [[0; MAX_CHANNELS]; SAMPLES_PER_PERIOD],
+            layout: Layout::of_one(bits),
+            single: Layout::of_one(bits),
+            bits,
             unspilled: 0,
             spilled: false,
             railed: 0,
             channels: 1,
             quarters: 0,
+            most_quarters: QUARTERS * max_periods(bits) as u32,
         }
     }
 
     /// Empties all bins and makes ready for blocks of `channels` (1 to [`MAX_CHANNELS`]).
     pub fn reset(&mut self, channels: u8) {
-        match channels {
-            1 => self.bins.iter_mut().for_each(|bins| bins[0] = 0),
+        if channels == 1 {
+            // One channel's bin is in word 0, whatever its bits.
+            self.layout = self.single;
+            self.bins.iter_mut().for_each(|bins| bins[0] = 0);
+        } else if self.single == Layout::Single {
+            self.layout = Layout::Pairs;
             // The high parts are written before they are read.
-            _ => self.bins.iter_mut().for_each(|bins| bins[..WORDS].fill(0)),
+            self.bins.iter_mut().for_each(|bins| bins[..WORDS].fill(0));
+        } else {
+            self.layout = Layout::Wide;
+            self.bins.iter_mut().for_each(|bins| bins.fill(0));
         }
         (self.unspilled, self.spilled) = (0, false);
         self.railed = 0;
@@ -113,8 +182,8 @@ impl Folded {
         self.quarters = 0;
     }
 
-    /// Adds the quarter periods of a block, each sample to the bin of its phase. Samples are 12-bit codes, 0 to
-    /// [`FULL_SCALE`]; that is the implementor's duty.
+    /// Adds the quarter periods of a block, each sample to the bin of its phase. Samples are codes, 0 to the highest of their
+    /// bits; that is the implementor's duty.
     ///
     /// # Errors
     /// A block of another shape, or one too many. Nothing is added then.
@@ -127,16 +196,20 @@ impl Folded {
         let quarters = self
             .quarters
             .checked_add(more)
-            .filter(|q| *q <= QUARTERS * u32::from(MAX_PERIODS))
+            .filter(|q| *q <= self.most_quarters)
             .ok_or(FoldError::TooManyPeriods)?;
         let phase = (block.time % SAMPLES_PER_PERIOD as u64) as usize;
         // A rail is rare and costs a look at every sample to name its channel; that there is none, two instructions each.
-        let touched = match (self.channels, block.rails) {
-            (1, _) => self.add_one(phase, block.samples),
+        let touched = match (self.layout, self.channels, block.rails) {
+            (Layout::Single, ..) => self.add_one(phase, block.samples),
             // The loops that count: their length is known.
-            (16, Rails::Clear) => self.add_rows::<MAX_CHANNELS, false>(phase, block.samples),
-            (16, Rails::Unknown) => self.add_rows::<MAX_CHANNELS, true>(phase, block.samples),
-            (_, _) => self.add_any(phase, block.samples, channels.max(1)),
+            (Layout::Pairs, 16, Rails::Clear) => self.add_rows::<MAX_CHANNELS, false>(phase, block.samples),
+            (Layout::Pairs, 16, Rails::Unknown) => self.add_rows::<MAX_CHANNELS, true>(phase, block.samples),
+            (Layout::Pairs, ..) => self.add_any(phase, block.samples, channels.max(1)),
+            (Layout::Wide, 16, Rails::Clear) => self.add_wide_rows::<false>(phase, block.samples),
+            (Layout::Wide, 16, Rails::Unknown) => self.add_wide_rows::<true>(phase, block.samples),
+            (Layout::Wide, ..) => self.add_wide(phase, block.samples, channels.max(1)),
+            (Layout::Phasors, ..) => return Err(FoldError::Shape),
         } && block.rails == Rails::Unknown;
         if touched {
             self.name_railed(block.samples, channels);
@@ -145,111 +218,56 @@ impl Folded {
         Ok(())
     }
 
-    /// Adds samples of one channel, the first at `phase`; whether any touched a rail.
-    fn add_one(&mut self, phase: usize, samples: &[u16]) -> bool {
-        let mut touched = 0;
-        let (mut samples, mut phase) = (samples.iter(), phase % SAMPLES_PER_PERIOD);
-        while samples.len() > 0 {
-            for (bins, sample) in self.bins.iter_mut().skip(phase).zip(&mut samples) {
-                let code = u32::from(*sample);
-                // Cannot wrap while the duties are kept; a wrapped sum is better than a stopped board.
-                bins[0] = bins[0].wrapping_add(code);
-                // Bit 12 of code + 1 is set from full scale on, that of code - 1 for 0.
-                touched |= (code + 1) | code.wrapping_sub(1);
-            }
-            phase = 0;
-        }
-        touched & (u32::from(FULL_SCALE) + 1) != 0
-    }
-
-    /// Adds rows of `N` samples, an even number, the first at `phase`; whether any sample touched a rail, if it is to look.
-    #[inline(always)]
-    fn add_rows<const N: usize, const LOOK: bool>(&mut self, mut phase: usize, samples: &[u16]) -> bool {
-        let mut rails = RailCheck::NONE;
-        for rows in samples
-            .as_chunks::<N>()
-            .0
-            .chunks(PERIODS_A_SPILL as usize * SAMPLES_PER_PERIOD)
-        {
-            self.make_room(rows.len());
-            for row in rows {
-                if let Some(bins) = self.bins.get_mut(phase % SAMPLES_PER_PERIOD) {
-                    for (bin, pair) in bins.iter_mut().take(WORDS).zip(row.as_chunks::<2>().0) {
-                        let word = pack(pair);
-                        *bin = bin.wrapping_add(word);
-                        if LOOK {
-                            rails.look(word);
-                        }
-                    }
-                }
-                phase += 1;
-            }
-        }
-        LOOK && rails.touched()
-    }
-
-    /// The same for any number of channels.
-    fn add_any(&mut self, mut phase: usize, samples: &[u16], channels: usize) -> bool {
-        let mut rails = RailCheck::NONE;
-        for rows in samples.chunks(PERIODS_A_SPILL as usize * SAMPLES_PER_PERIOD * channels) {
-            self.make_room(rows.len() / channels);
-            for row in rows.chunks_exact(channels) {
-                if let Some(bins) = self.bins.get_mut(phase % SAMPLES_PER_PERIOD) {
-                    let (pairs, last) = row.as_chunks::<2>();
-                    let mut bins = bins.iter_mut().take(WORDS);
-                    for (pair, bin) in pairs.iter().zip(&mut bins) {
-                        let word = pack(pair);
-                        *bin = bin.wrapping_add(word);
-                        rails.look(word);
-                    }
-                    if let (Some(bin), [last]) = (bins.next(), last) {
-                        *bin = bin.wrapping_add(u32::from(*last));
-                        // Beside it a code that touches nothing.
-                        rails.look(pack(&[*last, 1]));
-                    }
-                }
-                phase += 1;
-            }
-        }
-        rails.touched()
-    }
-
-    /// Makes sure that so many rows more, [`PERIODS_A_SPILL`] periods at most, can be added to the low parts.
-    #[inline]
-    fn make_room(&mut self, rows: usize) {
-        let more = rows.div_ceil(SAMPLES_PER_PERIOD) as u32;
-        if self.unspilled + more > PERIODS_A_SPILL {
-            self.spill();
-            self.unspilled = 0;
-        }
-        self.unspilled += more;
-    }
-
-    /// Carries what is above [`LOW_BITS`] over to the high parts.
-    #[inline(never)]
-    fn spill(&mut self) {
-        const REST: u32 = 0x0FFF_0FFF;
-        for bins in &mut self.bins {
-            let (low, high) = bins.split_at_mut(WORDS);
-            for (low, high) in low.iter_mut().zip(high) {
-                let over = (*low >> LOW_BITS) & !(REST << (16 - LOW_BITS));
-                let before = if self.spilled { *high } else { 0 };
-                *high = before.wrapping_add(over);
-                *low &= REST;
-            }
-        }
-        self.spilled = true;
-    }
-
     #[cold]
     fn name_railed(&mut self, samples: &[u16], channels: usize) {
+        let highest = full_scale(self.bits);
         for row in samples.chunks_exact(channels.max(1)) {
             for (channel, sample) in row.iter().enumerate() {
-                if *sample == 0 || *sample >= FULL_SCALE {
+                if *sample == 0 || *sample >= highest {
                     self.railed |= 1 << channel;
                 }
             }
         }
+    }
+
+    /// Takes the phasors of whole periods in, in the place of samples, one for each channel; all of a window at once.
+    ///
+    /// # Errors
+    /// Another number of channels, or too many periods. Nothing is taken then.
+    pub fn put(&mut self, readings: &[Reading], periods: u16) -> Result<(), FoldError> {
+        if readings.len() != usize::from(self.channels) || readings.len() > MAX_CHANNELS || periods == 0 {
+            return Err(FoldError::Shape);
+        }
+        let quarters = QUARTERS * u32::from(periods);
+        if self.quarters > 0 || quarters > self.most_quarters {
+            return Err(FoldError::TooManyPeriods);
+        }
+        self.layout = Layout::Phasors;
+        let rows: [fn(&Reading) -> u32; 3] = [
+            |r| r.in_phase.cast_unsigned(),
+            |r| r.quadrature.cast_unsigned(),
+            |r| r.noise.parts(),
+        ];
+        for (row, word) in self.bins.iter_mut().zip(rows) {
+            for (place, reading) in row.iter_mut().zip(readings) {
+                *place = word(reading);
+            }
+        }
+        for (channel, reading) in readings.iter().enumerate() {
+            self.railed |= u32::from(reading.clipped) << channel;
+        }
+        self.quarters = quarters;
+        Ok(())
+    }
+
+    /// Whether samples were folded; if not, only phasors are known: no shape, no mean.
+    pub fn is_sampled(&self) -> bool {
+        self.layout != Layout::Phasors
+    }
+
+    /// Bits of a sample's code.
+    pub fn bits(&self) -> u8 {
+        self.bits
     }
 
     /// Whole periods folded so far.
@@ -263,12 +281,16 @@ impl Folded {
         self.quarters
     }
 
-    /// The folded period of a channel, beginning with phase 0; zeros for a channel that is not there.
+    /// The folded period of a channel, beginning with phase 0; zeros for a channel that is not there, or that was not sampled.
     pub fn period(&self, channel: usize) -> [u32; SAMPLES_PER_PERIOD] {
-        match self.channels {
-            1 if channel == 0 => self.bins.each_ref().map(|bins| bins[0]),
-            channels if channel < usize::from(channels) => self.bins.each_ref().map(|bins| self.bin(bins, channel)),
-            _ => [0; SAMPLES_PER_PERIOD],
+        if channel >= usize::from(self.channels) {
+            return [0; SAMPLES_PER_PERIOD];
+        }
+        match self.layout {
+            Layout::Single => self.bins.each_ref().map(|bins| bins[0]),
+            Layout::Pairs => self.bins.each_ref().map(|bins| self.bin(bins, channel)),
+            Layout::Wide => self.bins.each_ref().map(|bins| word_of(bins, channel)),
+            Layout::Phasors => [0; SAMPLES_PER_PERIOD],
         }
     }
 
@@ -292,61 +314,16 @@ impl Folded {
         // The same in four ways of reading a bin, so that none of them is asked for in the loop.
         let word = channel / 2 % WORDS;
         if channel >= usize::from(self.channels) {
-            (Phasor::default(), Scatter { sum: 0, channels: 1 })
-        } else if self.channels == 1 {
-            self.correlated(|bins| bins[0])
-        } else if self.spilled {
-            self.correlated(|bins| self.bin(bins, channel))
-        } else if channel.is_multiple_of(2) {
-            self.correlated(|bins| word_of(bins, word) & 0xFFFF)
-        } else {
-            self.correlated(|bins| word_of(bins, word) >> 16)
+            return (Phasor::default(), Scatter::of_one(0));
         }
-    }
-
-    #[inline(always)]
-    fn correlated(&self, bin: impl Fn(&[u32; MAX_CHANNELS]) -> u32) -> (Phasor, Scatter) {
-        let (early, late) = self.bins.split_at(HALF);
-        let [zero, one, two, three, four, five, six, seven] = early else {
-            return (Phasor::default(), Scatter::NONE);
-        };
-        let [eight, nine, ten, eleven, twelve, thirteen, fourteen, fifteen] = late else {
-            return (Phasor::default(), Scatter::NONE);
-        };
-        let (mut sum, mut squares) = (0u32, 0u64);
-        // Two bins half a period apart: what they have in common goes to the scatter; of their difference equal samples are
-        // gone, to the last bit.
-        let mut odd = |a, b| {
-            let (a, b): (u32, u32) = (bin(a), bin(b));
-            let even = a.wrapping_add(b);
-            sum = sum.wrapping_add(even);
-            squares = squares.wrapping_add(u64::from(even) * u64::from(even));
-            a.wrapping_sub(b) as i32
-        };
-        let [_, s1, s2, s3, s4, ..] = SINE;
-        let product = |a: i32, b: i32| i64::from(a) * i64::from(b);
-        let mut phasor = Phasor {
-            in_phase: product(odd(four, twelve), s4),
-            quadrature: product(odd(zero, eight), s4),
-        };
-        // The sine is the same at k and 8 - k, the cosine the opposite, and one is the other a quarter period later. Two bins
-        // after the other: what they give is added at once, so that few numbers wait.
-        for (a, b, sine, cosine) in [
-            ((one, nine), (seven, fifteen), s1, s3),
-            ((two, ten), (six, fourteen), s2, s2),
-            ((three, eleven), (five, thirteen), s3, s1),
-        ] {
-            let (a, b) = (odd(a.0, a.1), odd(b.0, b.1));
-            phasor.in_phase += product(a.wrapping_add(b), sine);
-            phasor.quadrature += product(a.wrapping_sub(b), cosine);
+        match self.layout {
+            Layout::Single => self.correlated(|bins| bins[0]),
+            Layout::Pairs if self.spilled => self.correlated(|bins| self.bin(bins, channel)),
+            Layout::Pairs if channel.is_multiple_of(2) => self.correlated(|bins| word_of(bins, word) & 0xFFFF),
+            Layout::Pairs => self.correlated(|bins| word_of(bins, word) >> 16),
+            Layout::Wide => self.wide(channel),
+            Layout::Phasors => self.given(channel),
         }
-        // Eight times the sum of squares about the mean: Cauchy says that it is not negative.
-        let square = u64::from(sum) * u64::from(sum);
-        let scatter = Scatter {
-            sum: squares.wrapping_mul(HALF as u64).wrapping_sub(square),
-            channels: 1,
-        };
-        (phasor, scatter)
     }
 }
 
@@ -354,67 +331,4 @@ impl Folded {
 #[inline]
 fn word_of(bins: &[u32; MAX_CHANNELS], word: usize) -> u32 {
     bins.get(word).copied().unwrap_or(0)
-}
-
-/// Two samples in a word, as they are in memory.
-#[inline]
-fn pack([low, high]: &[u16; 2]) -> u32 {
-    u32::from(*low) | u32::from(*high) << 16
-}
-
-/// Whether any sample touched a rail, two at a time.
-#[derive(Clone, Copy)]
-struct RailCheck {
-    any: u32,
-    all: u32,
-}
-
-impl RailCheck {
-    /// Bit 12 of code + 1 is set from full scale on, that of code + 4095 for all but 0; neither sum carries into the other half
-    /// of the word.
-    const RAIL: u32 = 0x1000_1000;
-    const NONE: Self = Self {
-        any: 0,
-        all: Self::RAIL,
-    };
-
-    #[inline]
-    fn look(&mut self, word: u32) {
-        self.any |= word.wrapping_add(0x0001_0001);
-        self.all &= word.wrapping_add(0x0FFF_0FFF);
-    }
-
-    fn touched(self) -> bool {
-        self.any & Self::RAIL != 0 || self.all & Self::RAIL != Self::RAIL
-    }
-}
-
-/// How much the even part of folded periods scatters about its mean. A sine in step with the excitation has no even part,
-/// so that whatever it has is noise, settling, drift, or clipping on one side. Eight sums of two bins have seven degrees
-/// of freedom.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Scatter {
-    sum: u64,
-    channels: u16,
-}
-
-impl Scatter {
-    /// Of no channel.
-    pub const NONE: Self = Self { sum: 0, channels: 0 };
-
-    /// Takes another channel's in; sums stop at their largest.
-    pub fn add(&mut self, other: Self) {
-        self.sum = self.sum.saturating_add(other.sum);
-        self.channels = self.channels.saturating_add(other.channels);
-    }
-
-    /// Variance of one sample, when `periods` were folded. A bin has `periods` times the variance of a sample; the sum of two
-    /// bins has twice that; the scatter of a channel is on average 8 * 7 times the variance of the sum.
-    pub fn variance(self, periods: u16) -> Variance {
-        const PER_SAMPLE: u64 = (HALF * (HALF - 1) * 2) as u64;
-        let samples = PER_SAMPLE * u64::from(periods) * u64::from(self.channels);
-        // 256ths; a scatter too large for that is beyond any variance of 12 bits.
-        let parts = self.sum.saturating_mul(256).checked_div(samples).unwrap_or(0);
-        Variance::new(parts.min(u32::MAX.into()) as u32)
-    }
 }

@@ -1,10 +1,10 @@
-//! A front end: router, capture and excitation together.
+//! A front end: router, phase-sensitive detector and excitation together.
 
-use crate::capture::Capture;
+use crate::detect::Detect;
 use crate::excitation::Excitation;
 use crate::route::Router;
 
-/// All that a scan needs. Implemented by whatever implements its parts.
-pub trait FrontEnd: Router + Capture + Excitation {}
+/// All that a scan needs. Implemented by whatever implements its parts; for the detector a [`Capture`](crate::Capture) will do.
+pub trait FrontEnd: Router + Detect + Excitation {}
 
-impl<T: Router + Capture + Excitation> FrontEnd for T {}
+impl<T: Router + Detect + Excitation> FrontEnd for T {}

@@ -4,6 +4,7 @@
 //! shows its place, docs/firmware.md explains how it works.
 //!
 //! A board (or a simulator) implements three small traits, together a [`FrontEnd`], and four more, together a [`Support`].
+//! Most give samples ([`Capture`]); one whose chip measures amplitude and phase itself gives those ([`Detect`]).
 //! It hands them with a serial port to a [`Controller`] and calls [`poll`](Controller::poll) over and over.
 //!
 //! ```
@@ -24,6 +25,7 @@
 //!
 //! ```text
 //! plan -> Route -> Router, Capture -> blocks of samples -> Folded -> Phasor -> values -> frame -> Outbox -> serial port
+//!                     or Detect -> a reading a channel ---^
 //! ```
 #![no_std]
 #![forbid(unsafe_code)]
@@ -39,7 +41,9 @@ mod answers;
 mod board_info;
 mod capture;
 mod change;
+mod codes;
 mod controller;
+mod detect;
 mod error;
 mod excitation;
 mod fold;
@@ -50,30 +54,37 @@ mod measuring;
 mod memory;
 mod outbox;
 mod phasor;
+mod reading;
 mod reference;
 mod route;
 mod scan;
+mod scan_error;
+mod scatter;
 mod self_test;
 pub mod settings;
 mod support;
 mod task;
 mod watch_state;
+mod wiring;
 
 pub use board_info::BoardInfo;
 pub use capture::{Block, Blocking, Capture, QUARTER_SAMPLES, Rails, Window};
 pub use change::{ChangeTest, LEVEL_ONE};
+pub use codes::{FULL_SCALE, LEAST_BITS, MOST_BITS, full_scale, max_periods};
 pub use controller::{Activity, Controller};
+pub use detect::Detect;
 pub use error::{Error, ErrorKind, ErrorType};
 pub use excitation::Excitation;
-pub use fold::{FoldError, Folded, MAX_CHANNELS, MAX_PERIODS, Scatter};
+pub use fold::{FoldError, Folded, MAX_CHANNELS, MAX_PERIODS};
 pub use front_end::FrontEnd;
 pub use memory::Memory;
 pub use outbox::Outbox;
 pub use phasor::{Phasor, Rotation};
+pub use reading::Reading;
 pub use reference::{COSINE, FRACTION, HALF, SAMPLES_PER_PERIOD, SINE};
 pub use route::{Route, Router, Sense};
-pub use scan::{MAX_AMPLITUDES, Pace, Progress, Scan, ScanError};
+pub use scan::{MAX_AMPLITUDES, Pace, Progress, Scan};
+pub use scan_error::ScanError;
+pub use scatter::Scatter;
 pub use support::{Clock, Scratch, Sector, Store, Support, Watchdog};
-
-/// Highest code of the converter: 12 bits. A sample of 0 or of this touches a rail.
-pub const FULL_SCALE: u16 = 4095;
+pub use wiring::Wiring;

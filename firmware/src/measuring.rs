@@ -6,7 +6,8 @@ use crate::front_end::FrontEnd;
 use crate::lives::Lives;
 use crate::memory::Memory;
 use crate::reference::SAMPLES_PER_PERIOD;
-use crate::scan::{Pace, Progress, ScanError};
+use crate::scan::{Pace, Progress};
+use crate::scan_error::ScanError;
 use crate::self_test;
 use crate::settings;
 use crate::support::Support;
@@ -74,9 +75,7 @@ where
 {
     /// Nothing is measured yet.
     pub(crate) fn new(info: BoardInfo<'a>, front: F, support: S, mut memory: M) -> Self {
-        memory
-            .scan
-            .wire(info.electrodes, info.skew_ticks, info.ticks_per_sample);
+        memory.scan.wire(info.wiring());
         Self {
             info,
             front,
@@ -303,7 +302,8 @@ where
             Task::Off => Ok(()),
             Task::Source | Task::Check | Task::TestSource => memory.scan.start_source(recipe, &mut self.front),
             Task::Watch => memory.scan.start(recipe, Pace::ByOne, rest, &mut self.front),
-            Task::Frames | Task::TestPair | Task::TestSense | Task::Period => {
+            Task::Frames => memory.scan.start(recipe, Pace::Through, rest, &mut self.front),
+            Task::TestPair | Task::TestSense | Task::Period => {
                 memory.scan.start(recipe, Pace::Ahead, rest, &mut self.front)
             }
         };
@@ -377,6 +377,7 @@ where
         let again = match self.task {
             Task::Source | Task::Check | Task::TestSource => memory.scan.start_source(recipe, &mut self.front),
             Task::Watch => memory.scan.start(recipe, Pace::ByOne, 0, &mut self.front),
+            Task::Frames => memory.scan.start(recipe, Pace::Through, 0, &mut self.front),
             _ => memory.scan.start(recipe, Pace::Ahead, 0, &mut self.front),
         };
         self.went_on = self.support.now();

@@ -3,7 +3,7 @@
 use crate::reference::{FRACTION, HALF, ONE, SAMPLES_PER_PERIOD};
 use protocol::Value;
 
-/// The sums of a correlation, in ADC codes times 2^30 times samples.
+/// The sums of a correlation, in ADC codes of 12 bits times 2^30 times samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Phasor {
     /// With the sine: in phase with the excitation.
@@ -57,7 +57,29 @@ fn scaled(a: i64, b: i32) -> i64 {
     ((high * i64::from(b)) << (32 - FRACTION)) + ((low * i64::from(b)) >> FRACTION)
 }
 
+/// Bits of fraction of a [`Reading`](crate::Reading)'s amplitudes.
+const READING: u32 = 20;
+
 impl Phasor {
+    /// What a lock-in of so many periods would sum of these amplitudes, in 2^-20 codes.
+    pub(crate) fn of(in_phase: i32, quadrature: i32, periods: u16) -> Self {
+        // Below 2^31 * 2^16 * 2^13 = 2^60.
+        let sum = |a: i32| (i64::from(a) * i64::from(periods)) << (FRACTION + HALF.ilog2() - READING);
+        Self {
+            in_phase: sum(in_phase),
+            quadrature: sum(quadrature),
+        }
+    }
+
+    /// The same in units of 2^extra codes, rounded towards zero: values round to the nearest, as before.
+    pub(crate) fn in_units_of(self, extra: u32) -> Self {
+        let cut = |sum: i64| if sum < 0 { -(-sum >> extra) } else { sum >> extra };
+        Self {
+            in_phase: cut(self.in_phase),
+            quadrature: cut(self.quadrature),
+        }
+    }
+
     /// [`Phasor::in_phase`] of what the sums would be had the samples come at their time: half the work where the
     /// quadrature is not wanted.
     #[inline]
@@ -79,8 +101,8 @@ impl Phasor {
         }
     }
 
-    /// In-phase amplitude after `periods`, rounded to the nearest sixteenth of a code, and whether it fitted. Zero periods
-    /// have no amplitude.
+    /// In-phase amplitude after `periods`, rounded to the nearest sixteenth of a code of 12 bits, and whether it
+    /// fitted. Zero periods have no amplitude.
     pub fn in_phase_value(self, periods: u16) -> (Value, bool) {
         value(self.in_phase, periods)
     }

@@ -1,10 +1,13 @@
 //! From a recipe to amplitudes: routes in order, blocks folded, values written down.
 
 use crate::capture::{QUARTER_SAMPLES, Window};
-use crate::fold::{FoldError, Folded, MAX_CHANNELS, Scatter};
+use crate::fold::{Folded, MAX_CHANNELS};
 use crate::front_end::FrontEnd;
 use crate::phasor::{Phasor, Rotation};
 use crate::route::{Route, Sense};
+use crate::scan_error::ScanError;
+use crate::scatter::Scatter;
+use crate::wiring::Wiring;
 use heapless::Vec;
 use protocol::{Flags, FrameRef, MAX_SLOTS, MAX_VALUES, Pair, QUARTERS, Recipe, Sampling, Slot, Value, Variance};
 
@@ -31,18 +34,20 @@ pub enum Progress {
 pub enum Pace {
     /// As soon as a window is over, before its samples are worked up: a new drive settles meanwhile.
     Ahead,
+    /// The same, and what the last window showed is only written down by the next start, or by [`Scan::finish`]: also the next
+    /// recipe's first drive settles meanwhile. With sixteen channels writing down takes longer than a sample.
+    Through,
     /// In [`Scan::go_on`], so that what a slot showed can decide what is measured next.
     ByOne,
 }
 
-/// Why a frame cannot be finished.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum ScanError<E> {
-    /// The front end reported an error.
-    FrontEnd(E),
-    /// The front end lent a block that breaks its promises.
-    Block(FoldError),
+/// What a window showed and is not written down yet.
+#[derive(Clone, Copy, Debug)]
+struct Pending {
+    sampling: Sampling,
+    quadrature: bool,
+    /// Bits of the slot that it measured.
+    bits: u32,
 }
 
 /// A place in a recipe.
@@ -72,6 +77,7 @@ pub struct Scan {
     source: bool,
     /// What is measured now.
     place: Place,
+    pending: Option<Pending>,
     /// Quarter periods that the window under way takes.
     window_quarters: u32,
     folded: Folded,
@@ -109,6 +115,7 @@ impl Scan {
             pace: Pace::Ahead,
             source: false,
             place: Place { slot: 0, left: 0 },
+            pending: None,
             window_quarters: 0,
             folded: Folded::new(),
             stale: false,
@@ -124,12 +131,13 @@ impl Scan {
         }
     }
 
-    /// On a board of `electrodes`, whose channels are sampled `skew_ticks` after each other, with samples
-    /// `ticks_per_sample` apart.
-    pub fn wire(&mut self, electrodes: u8, skew_ticks: u16, ticks_per_sample: u32) {
-        self.electrodes = electrodes;
-        for (channel, rotation) in (0u32..).zip(&mut self.rotations) {
-            *rotation = Rotation::new(channel * u32::from(skew_ticks), ticks_per_sample);
+    /// On a board that is wired like this.
+    pub fn wire(&mut self, wiring: Wiring) {
+        self.electrodes = wiring.electrodes;
+        self.folded = Folded::of_bits(wiring.adc_bits);
+        for (channel, rotation) in (0u8..).zip(&mut self.rotations) {
+            let later = channel.checked_rem(wiring.in_turn).unwrap_or(channel);
+            *rotation = Rotation::new(u32::from(later) * u32::from(wiring.skew_ticks), wiring.ticks_per_sample);
         }
     }
 
@@ -147,11 +155,7 @@ impl Scan {
     ) -> Result<(), ScanError<F::Error>> {
         self.pace = pace;
         self.source = false;
-        self.place = first(recipe, 0);
-        self.stale = true;
-        let channels = self.open(recipe, rest, front)?;
-        self.folded.reset(channels);
-        Ok(())
+        self.begin(recipe, rest, front)
     }
 
     /// Begins to measure the source itself, as the one value of a recipe of one slot.
@@ -161,11 +165,26 @@ impl Scan {
     pub fn start_source<F: FrontEnd>(&mut self, recipe: Recipe<'_>, front: &mut F) -> Result<(), ScanError<F::Error>> {
         self.pace = Pace::Ahead;
         self.source = true;
+        self.begin(recipe, 0, front)
+    }
+
+    fn begin<F: FrontEnd>(&mut self, recipe: Recipe<'_>, rest: u16, front: &mut F) -> Result<(), ScanError<F::Error>> {
         self.place = first(recipe, 0);
+        let opened = self.open(recipe, rest, front);
+        self.finish();
         self.stale = true;
-        let channels = self.open(recipe, 0, front)?;
-        self.folded.reset(channels);
+        self.folded.reset(opened?);
         Ok(())
+    }
+
+    /// Writes down what is not yet, after [`Progress::Complete`] where the pace is [`Pace::Through`].
+    pub fn finish(&mut self) {
+        if let Some(pending) = self.pending.take() {
+            self.write_down(pending);
+            // Cannot fail: there are no more than so many slots.
+            let _ = self.noise.push(self.scatter.variance(self.folded.periods()));
+            self.scatter = Scatter::default();
+        }
     }
 
     /// Selects the next route after [`Progress::Slot`], where the pace is [`Pace::ByOne`].
@@ -197,13 +216,9 @@ impl Scan {
         if !self.open {
             return Err(nb::Error::WouldBlock);
         }
-        let folded = &mut self.folded;
-        let before = folded.quarters();
-        let (result, time) = front
-            .poll_block(|block| (folded.add(block), block.time))
-            .map_err(|e| e.map(ScanError::FrontEnd))?;
-        result.map_err(ScanError::Block)?;
-        self.reached = time + u64::from(folded.quarters() - before) * QUARTER_SAMPLES as u64;
+        let before = self.folded.quarters();
+        let time = front.detect(&mut self.folded)?;
+        self.reached = time + u64::from(self.folded.quarters() - before) * QUARTER_SAMPLES as u64;
         if before == 0 {
             self.window_time = time;
         }
@@ -240,17 +255,24 @@ impl Scan {
             self.place = self::first(recipe, over.slot + 1);
         }
         let more = self.place.slot < recipe.slots.len();
-        let ahead = more && (self.pace == Pace::Ahead || !slot_over);
+        let ahead = more && (self.pace != Pace::ByOne || !slot_over);
         let next_channels = if ahead {
             Some(self.open(recipe, 0, front)?)
         } else {
             None
         };
-        self.write_down(recipe, measured);
+        let seen = Pending {
+            sampling: recipe.sampling,
+            quadrature: recipe.quadrature,
+            bits: measured,
+        };
         if slot_over {
-            // Cannot fail: there are no more than so many slots.
-            let _ = self.noise.push(self.scatter.variance(self.folded.periods()));
-            self.scatter = Scatter::default();
+            self.pending = Some(seen);
+            if more || self.pace != Pace::Through {
+                self.finish();
+            }
+        } else {
+            self.write_down(seen);
         }
         if let Some(channels) = next_channels {
             self.folded.reset(channels);
@@ -350,10 +372,11 @@ impl Scan {
     }
 
     /// Turns the folded periods into values, one for each of these bits of the slot.
-    fn write_down(&mut self, recipe: Recipe<'_>, mut bits: u32) {
+    fn write_down(&mut self, seen: Pending) {
+        let mut bits = seen.bits;
         let periods = self.folded.periods();
         while bits != 0 {
-            let channel = match recipe.sampling {
+            let channel = match seen.sampling {
                 Sampling::Sequential => 0,
                 Sampling::Simultaneous => bits.trailing_zeros() as usize,
             };
@@ -361,7 +384,7 @@ impl Scan {
             let (phasor, scatter) = self.folded.correlate(channel);
             let rotation = self.rotations.get(channel).copied().unwrap_or(Rotation::NONE);
             self.scatter.add(scatter);
-            let (value, mut fitted) = if recipe.quadrature {
+            let (value, mut fitted) = if seen.quadrature {
                 let phasor = phasor.turned_back(rotation);
                 let (quadrature, fitted) = phasor.quadrature_value(periods);
                 if let Some(place) = self.amplitudes.get_mut(self.count + self.done) {

@@ -2,8 +2,8 @@
 //!
 //! The functions fill the report step by step. What is measured when is [`crate::measuring`]'s part.
 
-use crate::FULL_SCALE;
 use crate::board_info::BoardInfo;
+use crate::codes::{extra_bits, full_scale};
 use crate::scan::Scan;
 use crate::task::Probe;
 use protocol::{Check, SelfTest, Value, Variance};
@@ -78,16 +78,21 @@ pub(crate) fn in_phase(scan: &Scan) -> bool {
     size(frame.quadrature) <= size(frame.values) / PHASE + PHASE_FLOOR
 }
 
-/// Distance of a scan's mean code from the middle of the range, sixteenths of a code.
+/// Distance of a scan's mean code from the middle of the range, sixteenths of a code of 12 bits; 0 where there are no samples.
 fn offset(scan: &Scan) -> i64 {
-    let periods = i64::from(scan.folded().periods());
-    let sum: u32 = scan.folded().period(0).iter().sum();
-    // The sum of 16 bins over the periods is the mean in sixteenths of a code.
-    i64::from(sum).checked_div(periods).unwrap_or(0) - MIDDLE
+    let folded = scan.folded();
+    if !folded.is_sampled() {
+        return 0;
+    }
+    let sum: u32 = folded.period(0).iter().sum();
+    // The sum of 16 bins over the periods is the mean in sixteenths of a code, whatever bits that has.
+    let mean = i64::from(sum).checked_div(folded.periods().into()).unwrap_or(0);
+    let middle = i64::from(full_scale(folded.bits())) * i64::from(Value::PER_CODE) / 2;
+    (mean - middle) >> extra_bits(folded.bits())
 }
 
-/// Middle of the range, sixteenths of a code.
-const MIDDLE: i64 = FULL_SCALE as i64 * Value::PER_CODE as i64 / 2;
+/// Half the range, sixteenths of a code of 12 bits.
+const HALF_RANGE: i64 = 2048 * Value::PER_CODE as i64;
 
 /// The drive pair to measure next; `None` after the last.
 pub(crate) fn next_pair(report: &SelfTest, info: &BoardInfo<'_>) -> Option<Probe> {
@@ -142,8 +147,9 @@ pub(crate) fn sense_measured(report: &mut SelfTest, probe: &Probe, scan: &Scan) 
 }
 
 /// Whether a period is not the same upside down: samples half a period apart, which are as far on either side of the mean.
+/// Without samples nothing is known of it.
 fn is_bent(scan: &Scan, value: Value) -> bool {
-    let periods = i64::from(scan.folded().periods());
+    let (periods, extra) = (i64::from(scan.folded().periods()), extra_bits(scan.folded().bits()));
     let bins = scan.folded().period(0);
     let sum: i64 = bins.iter().map(|bin| i64::from(*bin)).sum();
     let (first, second) = bins.split_at(bins.len() / 2);
@@ -153,7 +159,7 @@ fn is_bent(scan: &Scan, value: Value) -> bool {
         .zip(second)
         .map(|(a, b)| (i64::from(*a) + i64::from(*b)) * pairs - sum);
     let amplitude = i64::from(value.sixteenths()).abs() / i64::from(Value::PER_CODE);
-    let most = pairs * periods * (BENT_FLOOR + amplitude / BENT);
+    let most = (pairs * periods * (BENT_FLOOR + amplitude / BENT)) << extra;
     apart.into_iter().any(|a| a.abs() > most)
 }
 
@@ -170,7 +176,7 @@ fn offset_measured(report: &mut SelfTest, scan: &Scan, first: bool) {
     if first || offset.abs() > i64::from(report.offset.sixteenths()).abs() {
         report.offset = Value::saturating(offset).0;
     }
-    if offset.abs() > MIDDLE / OFFSET_TOLERANCE {
+    if offset.abs() > HALF_RANGE / OFFSET_TOLERANCE {
         report.failed |= Check::Offset.bit();
     }
 }

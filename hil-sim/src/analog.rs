@@ -9,7 +9,7 @@ use crate::head_room::HeadRoom;
 use crate::interference::Running;
 use crate::noise::{Flicker, Noise};
 use crate::wave::Wave;
-use firmware::{FULL_SCALE, MAX_CHANNELS, Route, SAMPLES_PER_PERIOD, Sense};
+use firmware::{MAX_CHANNELS, Route, SAMPLES_PER_PERIOD, Sense, full_scale};
 use forward::ElectrodeMatrix;
 use std::f64::consts::TAU;
 
@@ -96,7 +96,7 @@ impl Analog {
         let e = &electronics;
         let rate = 1.0 + 1e-6 * e.crystal_ppm;
         let tick_s = 1.0 / (f64::from(TIMER_HZ) * rate);
-        let late_s = std::array::from_fn(|channel| (channel * usize::from(e.skew_ticks)) as f64 * tick_s);
+        let late_s = std::array::from_fn(|channel| e.late_ticks(channel) * tick_s);
         Ok(Self {
             origin,
             sample_s: f64::from(TICKS_PER_SAMPLE) * tick_s,
@@ -386,10 +386,11 @@ impl Analog {
         for line in &self.lines {
             line.add(self.true_s(time), &routing.chords, &mut volts[..used]);
         }
-        let codes_per_volt = f64::from(FULL_SCALE) / e.adc_span_v;
+        let full_scale = f64::from(full_scale(e.code_bits()));
+        let (codes_per_volt, in_one) = (full_scale / e.adc_span_v, e.codes_in_one());
         if let Some(flicker) = &mut self.flicker {
             flicker.fill(absolute, &mut noise);
-            let scale = e.flicker_codes / codes_per_volt;
+            let scale = e.flicker_codes * in_one / codes_per_volt;
             volts.iter_mut().zip(noise).for_each(|(v, noise)| *v += scale * noise);
         }
         if let Some(swing_v) = e.swing_v {
@@ -400,7 +401,7 @@ impl Analog {
             self.white.fill(absolute, &mut noise[..used]);
         }
         for ((code, volts), noise) in out.iter_mut().zip(volts).zip(noise) {
-            let level = volts * codes_per_volt + f64::from(FULL_SCALE) / 2.0 + e.noise_codes * noise;
+            let level = volts * codes_per_volt + full_scale / 2.0 + e.noise_codes * in_one * noise;
             *code = self.converter.code(level);
         }
     }

@@ -2,12 +2,14 @@
 
 use crate::electronics::Electronics;
 use crate::noise::{mix, unit};
-use firmware::FULL_SCALE;
+use firmware::full_scale;
 use std::f64::consts::TAU;
 
-/// A converter of 12 bits or fewer.
+/// A converter of 16 bits or fewer, which gives 12 or more.
 #[derive(Clone, Debug)]
 pub(crate) struct Converter {
+    /// Highest code.
+    most: u16,
     /// Codes between two that it gives.
     step: f64,
     /// Level, in codes, from which on it gives each code; empty for one without flaws.
@@ -16,18 +18,20 @@ pub(crate) struct Converter {
 
 impl Converter {
     pub(crate) fn new(e: &Electronics) -> Self {
-        let codes = f64::from(FULL_SCALE) + 1.0;
+        let most = full_scale(e.code_bits());
+        let (codes, in_one) = (f64::from(most) + 1.0, e.codes_in_one());
         let from = |code: u16| {
             let x = f64::from(code);
             // Every level departs on its own, so that a width departs by the difference of two.
             let own = unit(mix(mix(e.seed ^ 0xADC) ^ u64::from(code))) - 0.5;
-            x - 0.5 + e.inl_codes * libm::sin(TAU * x / codes) + e.dnl_codes * own
+            x - 0.5 + e.inl_codes * in_one * libm::sin(TAU * x / codes) + e.dnl_codes * in_one * own
         };
         let flawed = e.inl_codes != 0.0 || e.dnl_codes != 0.0;
         Self {
-            step: f64::from(1u16 << (12 - e.adc_bits.clamp(1, 12))),
+            most,
+            step: f64::from(1u16 << (e.code_bits() - e.adc_bits.clamp(1, e.code_bits()))),
             from: if flawed {
-                (0..=FULL_SCALE).map(from).collect()
+                (0..=most).map(from).collect()
             } else {
                 Vec::new()
             },
@@ -36,7 +40,7 @@ impl Converter {
 
     /// The code for a level in codes.
     pub(crate) fn code(&self, level: f64) -> u16 {
-        let most = f64::from(FULL_SCALE);
+        let most = f64::from(self.most);
         let ideal = level.round().clamp(0.0, most) as u16;
         let code = if self.from.is_empty() {
             ideal
@@ -55,7 +59,7 @@ impl Converter {
         while code > 0 && level < from(code) {
             code -= 1;
         }
-        while code < FULL_SCALE && level >= from(code + 1) {
+        while code < self.most && level >= from(code + 1) {
             code += 1;
         }
         code

@@ -2,7 +2,7 @@
 
 use crate::electronics_error::{ElectronicsError, in_range};
 use crate::interference::Line;
-use firmware::MAX_CHANNELS;
+use firmware::{LEAST_BITS, MAX_CHANNELS, MOST_BITS};
 use serde::{Deserialize, Serialize};
 
 /// The board's analogue part, constant while it runs. Every flaw has a value with which it is absent, and costs nothing
@@ -47,7 +47,9 @@ pub struct Electronics {
 
     /// Whether one channel behind multiplexers measures one pair after the other. Else every electrode has a channel.
     pub one_channel: bool,
-    /// Timer ticks from the conversion of one channel to that of the next: one converter takes them in turn.
+    /// Channels that a converter takes in turn, 1 to 16; the next as many are another one's, at the same instants.
+    pub in_turn: u8,
+    /// Timer ticks from the conversion of one channel to that of the next one.
     pub skew_ticks: u16,
     /// Resistance of one closed switch, ohm; the drive current passes two.
     pub switch_ohm: f64,
@@ -83,7 +85,8 @@ pub struct Electronics {
 
     /// Voltage between the converter's lowest and highest code, V.
     pub adc_span_v: f64,
-    /// Bits that the converter really has, of the 12 that it gives; the lower ones are 0.
+    /// Bits of the converter, 1 to 16. It gives 12 at least; those that it does not really have are 0. Everything else that
+    /// is said in codes is in codes of 12 bits.
     pub adc_bits: u8,
     /// Integral nonlinearity, codes: the peak of an S-shaped departure of the converter's characteristic.
     pub inl_codes: f64,
@@ -122,6 +125,7 @@ impl Default for Electronics {
             supply_to_drive: 0.0,
             supply_to_channels: 0.0,
             one_channel: false,
+            in_turn: 16,
             skew_ticks: 60,
             switch_ohm: 70.0,
             break_s: 0.0,
@@ -184,6 +188,7 @@ impl Electronics {
             supply_to_drive: 1.3e-4,
             supply_to_channels: 6.7e-5,
             one_channel: true,
+            in_turn: 16,
             skew_ticks: 0,
             switch_ohm: 100.0,
             break_s: 0.24e-6,
@@ -193,6 +198,21 @@ impl Electronics {
             noise_codes: 0.4,
             ..Self::default()
         }
+    }
+
+    /// Bits of the codes that the converter gives: [`Electronics::adc_bits`], 12 at least.
+    pub fn code_bits(&self) -> u8 {
+        self.adc_bits.clamp(LEAST_BITS, MOST_BITS)
+    }
+
+    /// Codes that the converter gives in one code of 12 bits.
+    pub(crate) fn codes_in_one(&self) -> f64 {
+        f64::from(1u16 << (self.code_bits() - LEAST_BITS))
+    }
+
+    /// How long after the first one a channel is sampled, in timer ticks.
+    pub(crate) fn late_ticks(&self, channel: usize) -> f64 {
+        (channel % usize::from(self.in_turn.max(1)) * usize::from(self.skew_ticks)) as f64
     }
 
     /// Whether such electronics can be.
@@ -238,7 +258,8 @@ impl Electronics {
         in_range("jitter_s", self.jitter_s, 0.0..=2e-6, "between 0 and 2e-6")?;
         in_range("inl_codes", self.inl_codes, -64.0..=64.0, "between -64 and 64")?;
         in_range("dnl_codes", self.dnl_codes, 0.0..=4.0, "between 0 and 4")?;
-        in_range("adc_bits", self.adc_bits.into(), 1.0..=12.0, "between 1 and 12")?;
+        in_range("adc_bits", self.adc_bits.into(), 1.0..=16.0, "between 1 and 16")?;
+        in_range("in_turn", self.in_turn.into(), 1.0..=16.0, "between 1 and 16")?;
         in_range("source_bits", self.source_bits.into(), 0.0..=24.0, "between 0 and 24")?;
         if self.source_steps != 0 {
             in_range(

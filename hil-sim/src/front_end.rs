@@ -9,7 +9,9 @@ use crate::scene_time::SceneTime;
 use crate::sheet::SheetModel;
 use crate::timeline::Timeline;
 use crate::wiring::Wiring;
-use firmware::{Block, Capture, Error, ErrorKind, ErrorType, Excitation, MAX_CHANNELS, Rails, Route, Router, Window};
+use firmware::{
+    Block, Capture, Error, ErrorKind, ErrorType, Excitation, MAX_CHANNELS, Rails, Route, Router, Window, full_scale,
+};
 use forward::{ElectrodeMatrix, ForwardError};
 use thiserror::Error as ThisError;
 
@@ -326,7 +328,8 @@ impl<S: SheetModel> Capture for SimFrontEnd<S> {
         self.block.resize(open.channels * length as usize, 0);
         for (time, row) in (open.next..).zip(self.block.chunks_exact_mut(open.channels.max(1))) {
             self.analog.sample(time, &self.routing, row);
-            self.wiring.spoil(row);
+            self.wiring
+                .spoil(row, full_scale(self.analog.electronics().code_bits()));
         }
         let result = f(&Block {
             samples: &self.block,

@@ -68,7 +68,7 @@ impl Wave {
             ahead_turns,
         };
         for channel in 0..MAX_CHANNELS {
-            let late = (channel * usize::from(e.skew_ticks)) as f64 / f64::from(TICKS_PER_SAMPLE);
+            let late = e.late_ticks(channel) / f64::from(TICKS_PER_SAMPLE);
             for sample in 0..SAMPLES_PER_PERIOD {
                 let turns = (sample as f64 + late) / PERIOD_SAMPLES as f64;
                 wave.value[channel][sample] = match &table {

@@ -2,7 +2,7 @@
 
 use crate::current::Broken;
 use crate::fault::{FaultKind, Multiplexer, Reference};
-use firmware::{FULL_SCALE, MAX_CHANNELS, Route, Sense};
+use firmware::{MAX_CHANNELS, Route, Sense};
 use forward::ElectrodeMatrix;
 
 /// What an open contact still conducts, as a resistance, ohm.
@@ -149,12 +149,12 @@ impl Wiring {
         out
     }
 
-    /// What becomes of a row of codes.
-    pub(crate) fn spoil(&self, row: &mut [u16]) {
+    /// What becomes of a row of codes, of which this is the highest.
+    pub(crate) fn spoil(&self, row: &mut [u16], full_scale: u16) {
         if self.saturated != 0 {
             for (channel, code) in row.iter_mut().enumerate().take(MAX_CHANNELS) {
                 if self.saturated >> channel & 1 == 1 {
-                    *code = FULL_SCALE;
+                    *code = full_scale;
                 }
             }
         }

@@ -84,7 +84,7 @@ const HALF_RANGE: f64 = 0.3;
 
 /// What a lost reference is recognised by, in words.
 pub(crate) fn lost_reference(test: &SelfTest, hello: &Hello) -> Option<&'static str> {
-    let range = f64::from((1u32 << hello.adc_bits.min(31)) - 1);
+    let range = hello.range_codes();
     if test.offset.codes() < -HALF_RANGE * range {
         return Some("the reference of 1.65 V is lost: look at U1D, R3, R4 and TP5");
     }

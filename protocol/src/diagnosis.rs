@@ -34,7 +34,7 @@ pub struct FoldedPeriod {
     pub time: u64,
     /// Whether a sample touched the converter's rails.
     pub clipped: bool,
-    /// Sums of ADC codes by phase; divided by the number of periods, the mean sample.
+    /// Sums of the converter's own codes by phase; divided by the number of periods, the mean sample.
     pub bins: [u32; PERIOD_BINS],
 }
 

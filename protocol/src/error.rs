@@ -73,6 +73,8 @@ pub enum Refusal {
     Store,
     /// What was written to the store is read as something else.
     ReadBack,
+    /// The board measures amplitudes, and has no samples to send.
+    NoSamples,
 }
 
 /// Numbers of a [`crate::Watch`].
@@ -114,6 +116,7 @@ impl fmt::Display for Refusal {
             Self::ReadBack => f.write_str(
                 "its store does not keep what is written; what was stored before stays, and the settings hold until it is switched off",
             ),
+            Self::NoSamples => f.write_str("its front end measures amplitudes and has no samples"),
         }
     }
 }

@@ -102,7 +102,8 @@ pub struct Hello {
     pub timer_hz: u32,
     /// Timer ticks from one sample to the next.
     pub ticks_per_sample: u32,
-    /// Resolution of the converter, bits.
+    /// Resolution of the converter, bits: 12 to 16. Values and noise count in codes of 12 bits all the same, folded periods in
+    /// its own.
     pub adc_bits: u8,
     /// Voltage between the lowest and the highest code, microvolt.
     pub adc_span_uv: u32,
@@ -141,11 +142,20 @@ impl Hello {
         self.sample_rate() / f64::from(self.samples_per_period.max(1))
     }
 
-    /// Volts at the sense pair for one ADC code at gain number `gain`; `None` for a gain that the board has not.
+    /// The converter's own codes in one code of 12 bits: 1 for 12 bits, 16 for 16.
+    pub fn codes_in_one(&self) -> f64 {
+        f64::from(1u32 << (self.adc_bits.clamp(12, 31) - 12))
+    }
+
+    /// The converter's range in codes of 12 bits.
+    pub fn range_codes(&self) -> f64 {
+        f64::from((1u32 << self.adc_bits.min(31)) - 1) / self.codes_in_one()
+    }
+
+    /// Volts at the sense pair for one ADC code of 12 bits at gain number `gain`; `None` for a gain that the board has not.
     pub fn volts_per_code(&self, gain: u8) -> Option<f64> {
         let milli = *self.gains_milli.get(usize::from(gain))?;
-        let codes = f64::from((1u32 << self.adc_bits.min(31)) - 1);
-        (milli > 0).then(|| f64::from(self.adc_span_uv) * 1e-6 / codes / (f64::from(milli) / 1000.0))
+        (milli > 0).then(|| f64::from(self.adc_span_uv) * 1e-6 / self.range_codes() / (f64::from(milli) / 1000.0))
     }
 }
 

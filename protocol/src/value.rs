@@ -3,7 +3,8 @@
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
-/// An amplitude in sixteenths of an ADC code, always two bytes on the wire.
+/// An amplitude in sixteenths of an ADC code of 12 bits, always two bytes on the wire. These are 65,536ths of the converter's
+/// range, whatever bits it has: of a converter of 16 bits, codes.
 ///
 /// Range: the largest amplitude a 12-bit converter can show is 2047.5 codes = 32,760 sixteenths, so an `i16` holds all of
 /// them; whatever exceeds it saturates and is flagged in the frame.

@@ -1,4 +1,5 @@
-//! An emulated STM32F427 that runs the board's program instruction by instruction, with the simulated skin on its pins.
+//! An emulated STM32F427 that runs the board's program instruction by instruction, with the simulated skin on its pins, and
+//! an STM32H743 for the board with sixteen channels ([`h743`]).
 //!
 //! The crate `rigless` emulates the processor, its clocks, ports, DMA controllers, serial ports, flash memory and
 //! watchdog. Its authors wrote those models from ST's manuals, independently of this project. This crate adds what
@@ -41,6 +42,7 @@
 pub mod board;
 pub mod converter;
 pub mod counter;
+pub mod h743;
 pub mod line;
 pub mod run;
 pub mod source;

@@ -8,6 +8,7 @@ use hil_sim::Electronics;
 use protocol::{Decoder, FromBoard, MAX_FROM_BOARD_LEN, MAX_TO_BOARD_LEN, ToBoard, encode};
 use rigless::emulator::{Driver, Host, Settled, Start, Stop};
 use rigless::image::Image;
+use rigless::machine::Board;
 use rigless::session::Session;
 use rigless::soc::Width;
 use rigless::time::VirtualNanos;
@@ -18,7 +19,7 @@ use std::sync::{Arc, Mutex};
 
 /// How often the host looks at the line, ns.
 const LOOK_NS: u64 = 1_000_000;
-/// First address of the stack. It ends where the processor's first stack pointer says.
+/// First address of the stack, on both chips. It ends where the processor's first stack pointer says.
 const STACK: u64 = 0x2000_0000;
 const FIRST_STACK_POINTER: u64 = 0x0800_0000;
 
@@ -48,6 +49,8 @@ pub struct Outcome {
     pub gaps: Vec<String>,
     /// Instructions from the start of the work on a block to its end, of every block.
     pub work: Vec<u64>,
+    /// What was to be read when the run ended.
+    pub memory: Vec<Vec<u8>>,
     /// Bytes of the stack that were ever used.
     pub stack: u64,
     /// Bytes of the stack that there are.
@@ -57,7 +60,59 @@ pub struct Outcome {
     pub instructions: u64,
 }
 
+/// What the program shows on pins that lead to no skin.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Sign {
+    /// The light goes on or off.
+    pub light: Option<bool>,
+    /// The work on a block begins or ends.
+    pub work: Option<bool>,
+}
+
+impl Sign {
+    /// What a write to a port's set and reset register says, if these are its pins.
+    pub fn of(value: u64, light: u32, work: u32) -> Self {
+        let pin = |pin: u32| match (value >> pin & 1, value >> (16 + pin) & 1) {
+            (1, _) => Some(true),
+            (0, 1) => Some(false),
+            _ => None,
+        };
+        Self {
+            light: pin(light),
+            work: pin(work),
+        }
+    }
+}
+
+/// A machine that programs are run on.
+pub trait Emulated: Board + 'static {
+    /// What a write to an address shows.
+    fn sign(address: u64, value: u64) -> Sign;
+
+    /// The supply is so many millivolts from now on.
+    fn supply(&mut self, millivolts: u32);
+}
+
+impl Emulated for Machine {
+    fn sign(address: u64, value: u64) -> Sign {
+        // Port A: pin 5 is the light, pin 8 high while a block is worked on.
+        const PORT_A_BSRR: u64 = 0x4002_0018;
+        if address == PORT_A_BSRR {
+            Sign::of(value, 5, 8)
+        } else {
+            Sign::default()
+        }
+    }
+
+    fn supply(&mut self, millivolts: u32) {
+        self.chip.supply(millivolts);
+    }
+}
+
 struct Watcher {
+    look_ns: u64,
+    read_back: Vec<(u64, usize)>,
+    memory: Vec<Vec<u8>>,
     line: Line,
     decoder: Decoder<MAX_FROM_BOARD_LEN>,
     taken: usize,
@@ -92,40 +147,33 @@ fn drain(block: u64, host: &mut dyn Host) -> Option<Vec<u8>> {
     Some(out)
 }
 
-impl Driver<Machine> for Watcher {
-    fn on_settled(&mut self, _: &mut Session<Machine>, _: &mut dyn Host, settled: Settled) {
-        // Port A's set and reset register: pin 8 is high while a block is worked on.
-        const PORT_A_BSRR: u64 = 0x4002_0018;
-        if let Settled::Access { access, value, .. } = settled
-            && access.address == PORT_A_BSRR
+impl<M: Emulated> Driver<M> for Watcher {
+    fn on_settled(&mut self, _: &mut Session<M>, _: &mut dyn Host, settled: Settled) {
+        let Settled::Access { access, value, .. } = settled else {
+            return;
+        };
+        let (sign, at) = (M::sign(access.address, value), access.instruction_count);
+        if let Some(on) = sign
+            .light
+            .filter(|on| self.light.last().is_none_or(|(_, before)| before != on))
         {
-            // Pin 5 is the light.
-            let light = match (value >> 5 & 1, value >> 21 & 1) {
-                (1, _) => Some(true),
-                (0, 1) => Some(false),
-                _ => None,
-            };
-            if let Some(on) = light.filter(|on| self.light.last().is_none_or(|(_, before)| before != on)) {
-                self.light.push((access.instruction_count, on));
-            }
-            if value & 1 << 8 != 0 && self.busy_since.is_none() {
-                self.busy_since = Some(access.instruction_count);
-            } else if value & 1 << 24 != 0
-                && let Some(since) = self.busy_since.take()
-            {
-                self.work.push(access.instruction_count - since);
-            }
+            self.light.push((at, on));
+        }
+        match sign.work {
+            Some(true) if self.busy_since.is_none() => self.busy_since = Some(at),
+            Some(false) => self.work.extend(self.busy_since.take().map(|since| at - since)),
+            _ => {}
         }
     }
 
-    fn on_stop(&mut self, session: &mut Session<Machine>, stop: Stop, host: &mut dyn Host) -> Option<VirtualNanos> {
+    fn on_stop(&mut self, session: &mut Session<M>, stop: Stop, host: &mut dyn Host) -> Option<VirtualNanos> {
         let now = stop.at.0;
         if self.restart.is_some_and(|at| at <= now) {
             self.restart = None;
             session.reset_by_pin(stop.at, stop.instruction_count, host);
         }
         while let Some((_, millivolts)) = self.supply.pop_front_if(|(at, _)| *at <= now) {
-            session.board_mut().chip.supply(millivolts);
+            session.board_mut().supply(millivolts);
         }
         while let Some((at, command)) = self.next.take() {
             if at > now {
@@ -156,8 +204,16 @@ impl Driver<Machine> for Watcher {
         }
         self.taken = sent.len();
         if now < self.until && self.frames > 0 {
-            return Some(VirtualNanos(now + LOOK_NS));
+            return Some(VirtualNanos(now + self.look_ns));
         }
+        self.memory = self
+            .read_back
+            .iter()
+            .map(|(start, len)| {
+                let mut word = |a: usize| host.read(start + a as u64, Width::W32).unwrap_or(0) as u32;
+                (0..*len).step_by(4).flat_map(|a| word(a).to_le_bytes()).collect()
+            })
+            .collect();
         // Memory is zero at power-up, and the stack grows downwards.
         let end = host.read(FIRST_STACK_POINTER, Width::W32).unwrap_or(STACK);
         let used = (STACK..end)
@@ -178,7 +234,11 @@ pub struct Setup {
     /// The supply from a time (ns) on, mV.
     pub supply: Vec<(u64, u32)>,
     /// What the flash memory holds beside the program: where, and what.
-    pub flash: Option<(u64, Vec<u8>)>,
+    pub flash: Vec<(u64, Vec<u8>)>,
+    /// How often the host looks at the line, ns; 0 is every millisecond. The run ends at such a time.
+    pub look_ns: u64,
+    /// Memory to read when the run ends: where, and how many bytes.
+    pub read_back: Vec<(u64, usize)>,
     /// What the high-speed clock input has.
     pub clock: Wired,
     /// The address of the log's control block, if it is to be read.
@@ -217,14 +277,42 @@ pub fn run_in(
 ) -> Result<Outcome, Box<dyn Error>> {
     let world: Shared = Arc::new(Mutex::new(world));
     let line = Line::default();
-    let mut chip = Chip::new(world.clone(), line.clone(), setup.clock)?;
+    let machine = Machine {
+        chip: Chip::new(world.clone(), line.clone(), setup.clock)?,
+    };
+    let (outcome, session) = run_machine(machine, line, program, setup, frames, until_ns)?;
+    let world = locked(&world);
+    Ok(Outcome {
+        without_break: world.without_break,
+        triggers: world.triggers,
+        brown_out: session.board().chip.brown_out(),
+        prefetch: session.board().chip.prefetch(),
+        ..outcome
+    })
+}
+
+/// Runs a program on any machine. What its world and its chip have seen the outcome does not tell.
+///
+/// # Errors
+/// As of [`run`].
+pub fn run_machine<M: Emulated>(
+    mut machine: M,
+    line: Line,
+    program: &Path,
+    setup: Setup,
+    frames: usize,
+    until_ns: u64,
+) -> Result<(Outcome, Session<M>), Box<dyn Error>> {
     let mut supply = VecDeque::from(setup.supply);
     if let Some((_, millivolts)) = supply.pop_front_if(|(at, _)| *at == 0) {
-        chip.supply(millivolts);
+        machine.supply(millivolts);
     }
-    let machine = Machine { chip };
+    let look_ns = if setup.look_ns == 0 { LOOK_NS } else { setup.look_ns };
     let mut commands = setup.commands.into_iter();
     let watcher = Watcher {
+        look_ns,
+        read_back: setup.read_back,
+        memory: Vec::new(),
         line,
         decoder: Decoder::new(),
         taken: 0,
@@ -244,32 +332,33 @@ pub fn run_in(
         stack: (0, 0),
     };
     let mut images = vec![Image::read(program, None)?];
-    if let Some((address, bytes)) = setup.flash {
+    for (address, bytes) in setup.flash {
         images.push(Image::new(Path::new("settings"), bytes, Some(address))?);
     }
-    let session = Session::new(Box::new(machine), 0, VirtualNanos(LOOK_NS))?;
+    let session = Session::new(Box::new(machine), 0, VirtualNanos(look_ns))?;
     let finished = rigless::emulator::run(session, &Start::new(&images), watcher)?;
     let (session, watcher) = (finished.session, finished.driver);
     let mut gaps: Vec<String> = session.unmapped().iter().map(|g| format!("unmapped {g:x?}")).collect();
     gaps.extend(session.refused().iter().map(|g| format!("refused {g:x?}")));
     gaps.extend(session.unimplemented().iter().map(|g| format!("unimplemented {g:x?}")));
     let stop = finished.stop.ok_or("the run did not end by itself")?;
-    let world = locked(&world);
-    Ok(Outcome {
+    let outcome = Outcome {
         messages: watcher.messages,
         damaged: watcher.damaged,
-        without_break: world.without_break,
-        triggers: world.triggers,
+        without_break: 0,
+        triggers: 0,
         resets: session.resets().len(),
-        brown_out: session.board().chip.brown_out(),
-        prefetch: session.board().chip.prefetch(),
+        brown_out: 0,
+        prefetch: false,
         light: watcher.light,
         log: watcher.log,
         gaps,
         work: watcher.work,
+        memory: watcher.memory,
         stack: watcher.stack.0,
         stack_size: watcher.stack.1,
         end_ns: stop.at.0,
         instructions: stop.instruction_count,
-    })
+    };
+    Ok((outcome, session))
 }

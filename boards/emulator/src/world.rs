@@ -24,11 +24,11 @@ fn lag_turns() -> f64 {
 /// How far the source may be from what it should be and count as exact: the DAC has twelve bits.
 const EXACT: f64 = 2e-3;
 
-/// One multiplexer of two halves: lowest address line on port B, enable line of the first half on port C.
+/// One multiplexer of two halves: lowest address line and enable line of the first half, as bits of their ports.
 #[derive(Clone, Copy)]
-struct Multiplexer {
-    address: u32,
-    enable: u32,
+pub(crate) struct Multiplexer {
+    pub address: u32,
+    pub enable: u32,
 }
 
 /// As wired in docs/board.md.
@@ -40,9 +40,9 @@ const ADDRESS_PINS: u32 = 0b0111_0001_1111_1111;
 
 impl Multiplexer {
     /// The electrode that it connects; `None`: none, or two at once.
-    fn electrode(self, ports: &Ports) -> Option<u8> {
-        let address = (ports.b >> self.address & 7) as u8;
-        match !ports.c >> self.enable & 3 {
+    pub fn electrode(self, addresses: u32, enables: u32) -> Option<u8> {
+        let address = (addresses >> self.address & 7) as u8;
+        match !enables >> self.enable & 3 {
             1 => Some(address),
             2 => Some(address + 8),
             _ => None,
@@ -55,6 +55,24 @@ impl Multiplexer {
 struct Ports {
     b: u32,
     c: u32,
+}
+
+/// The fundamental of the DAC's steps behind the filter, over full scale: with the sine and with the cosine.
+pub(crate) fn fundamental(codes: &[u16; SAMPLES_PER_PERIOD]) -> (f64, f64) {
+    let (mut sine, mut cosine) = (0.0, 0.0);
+    for (k, code) in codes.iter().enumerate() {
+        let x = TAU * (k as f64 / SAMPLES_PER_PERIOD as f64 + lag_turns());
+        let value = (f64::from(*code) - 2048.0) / FULL_SCALE * 2.0 / SAMPLES_PER_PERIOD as f64;
+        sine += value * x.sin();
+        cosine += value * x.cos();
+    }
+    if (sine - 1.0).hypot(cosine) < EXACT {
+        (1.0, 0.0)
+    } else if sine.hypot(cosine) < EXACT {
+        (0.0, 0.0)
+    } else {
+        (sine, cosine)
+    }
 }
 
 /// The analogue world.
@@ -147,8 +165,8 @@ impl World {
         }
         let pair = |plus: Multiplexer, minus: Multiplexer| {
             Some(Pair {
-                plus: plus.electrode(&self.ports)?,
-                minus: minus.electrode(&self.ports)?,
+                plus: plus.electrode(self.ports.b, self.ports.c)?,
+                minus: minus.electrode(self.ports.b, self.ports.c)?,
             })
         };
         let sense = pair(SENSE_PLUS, SENSE_MINUS);
@@ -220,28 +238,10 @@ impl World {
         if phase != SAMPLES_PER_PERIOD - 1 {
             return;
         }
-        let source = self.fundamental();
+        let source = fundamental(&self.codes);
         if source != self.source {
             self.source = source;
             self.refresh();
-        }
-    }
-
-    /// The fundamental of the DAC's steps behind the filter, over full scale: with the sine and with the cosine.
-    fn fundamental(&self) -> (f64, f64) {
-        let (mut sine, mut cosine) = (0.0, 0.0);
-        for (k, code) in self.codes.iter().enumerate() {
-            let x = TAU * (k as f64 / SAMPLES_PER_PERIOD as f64 + lag_turns());
-            let value = (f64::from(*code) - 2048.0) / FULL_SCALE * 2.0 / SAMPLES_PER_PERIOD as f64;
-            sine += value * x.sin();
-            cosine += value * x.cos();
-        }
-        if (sine - 1.0).hypot(cosine) < EXACT {
-            (1.0, 0.0)
-        } else if sine.hypot(cosine) < EXACT {
-            (0.0, 0.0)
-        } else {
-            (sine, cosine)
         }
     }
 

@@ -32,7 +32,7 @@ fn a_program_that_hangs_is_restarted_by_the_watchdog_and_does_less_each_time() {
         commands: (0..4)
             .map(|k| (k * life_ns + 200_000_000, ToBoard::GetStatus))
             .collect(),
-        flash: Some((SETTINGS, stored(&[kept]))),
+        flash: vec![(SETTINGS, stored(&[kept]))],
         ..Setup::default()
     };
     let outcome = run_in(
@@ -93,7 +93,7 @@ fn a_hostile_memory_does_not_make_the_watchdog_bite() {
     // What looks like the beginning of a record of 421 bytes, at every second byte.
     let hostile = [0xA5, 0x01].repeat(16 * 1024);
     let setup = Setup {
-        flash: Some((SETTINGS, hostile)),
+        flash: vec![(SETTINGS, hostile)],
         ..Setup::default()
     };
     let outcome = run_in(&program("f446"), world(), setup, usize::MAX, 6_000_000_000).unwrap();

@@ -4,11 +4,10 @@
 
 mod common;
 
-use common::{AWAKE_NS, frames, hellos, program, sheet};
+use common::{AWAKE_NS, frames, hellos, program, sheet, touched};
 use emulator::run::{Outcome, Setup, run_in};
 use emulator::world::World;
 use firmware::settings::Settings;
-use forward::ElectrodeMatrix;
 use hil_sim::Electronics;
 use protocol::{FromBoard, Plan, ResetCause, Status, Stored, ToBoard, Watch, Watching};
 
@@ -27,15 +26,6 @@ fn states(outcome: &Outcome) -> Vec<(u64, Watching)> {
     let mut list: Vec<_> = outcome.messages.iter().filter_map(beat).collect();
     list.dedup_by_key(|(_, state)| *state);
     list
-}
-
-/// The sheet with a touch: potentials near one place rise by a little.
-fn touched() -> ElectrodeMatrix {
-    let rest = sheet();
-    ElectrodeMatrix::from_potentials(nalgebra::DMatrix::from_fn(16, 16, |i, j| {
-        let near = |k: usize| (-(k as f64 - 5.0).powi(2) / 8.0).exp();
-        rest.potentials_ohm()[(i, j)] + 4.0 * near(i) * near(j)
-    }))
 }
 
 #[test]
@@ -108,7 +98,7 @@ fn it_starts_from_stored_settings() {
     };
     let setup = Setup {
         commands: vec![(AWAKE_NS, ToBoard::GetStatus)],
-        flash: Some((0x0800_8000, common::stored(&[older, stored]))),
+        flash: vec![(0x0800_8000, common::stored(&[older, stored]))],
         ..Setup::default()
     };
     let outcome = run_in(

@@ -24,6 +24,10 @@ pub struct Started {
 const NO_CLOCK: &str = "no clock of 8, 12, 16 or 25 MHz: on the internal one, 1 % off";
 const LOW_SUPPLY: &str = "the supply is below 3.0 V: settings cannot be stored";
 
+/// Processor cycles from one flash of the light to the next, 0.8 s. The cycle counter comes round after a whole number of
+/// these.
+pub const LIGHT_CYCLE: u32 = 1 << 27;
+
 /// What the watchdog counts down from, at 32 kHz / 64: 2 s. Erasing a sector of the settings takes half a second at
 /// most.
 const WATCHDOG_COUNTS: u16 = 1000;

@@ -1,5 +1,10 @@
 //! Who the chip is.
 
+#[path = "hexadecimal.rs"]
+mod hexadecimal;
+
+pub use hexadecimal::hexadecimal;
+
 /// The chip's number, three words (RM0390 section 34.1, RM0090 section 39.1).
 const UNIQUE_ID: *const u32 = 0x1FFF_7A10 as *const u32;
 
@@ -12,12 +17,4 @@ pub fn serial_number(out: &'static mut [u8; 24]) -> &'static str {
         hexadecimal(value, digits);
     }
     core::str::from_utf8(out).unwrap_or_default()
-}
-
-/// Eight digits, the most significant first.
-pub fn hexadecimal(value: u32, digits: &mut [u8]) {
-    for (k, digit) in digits.iter_mut().rev().take(8).enumerate() {
-        let nibble = (value >> (4 * k) & 15) as u8;
-        *digit = if nibble < 10 { b'0' + nibble } else { b'a' + nibble - 10 };
-    }
 }

@@ -1,5 +1,6 @@
 //! The light on the board: what somebody without a PC can see of it.
 
+use crate::chip::LIGHT_CYCLE as CYCLE;
 use cortex_m::peripheral::DWT;
 
 /// What the light tells.
@@ -12,9 +13,6 @@ pub enum State {
     /// It was to measure, and a part of it failed: nearly always on.
     Fault,
 }
-
-/// Processor cycles from one flash to the next, 0.8 s. The cycle counter comes round after a whole number of these.
-const CYCLE: u32 = 1 << 27;
 
 /// Whether the light is on now. The main loop alone asks, in every round: a program that hangs shows a light that stands
 /// still, until the watchdog restarts it.

@@ -25,6 +25,7 @@ mod panic_record;
 mod ring;
 mod sampler;
 mod serial;
+mod sine;
 mod source;
 mod supply;
 
@@ -52,7 +53,9 @@ const INFO: BoardInfo<'static> = BoardInfo {
     channels: 1,
     timer_hz: sampler::TIMER_HZ,
     ticks_per_sample: sampler::TICKS_PER_SAMPLE,
+    in_turn: 1,
     skew_ticks: 0,
+    adc_bits: 12,
     adc_span_uv: 3_300_000,
     excitation_uv: 2_250_000,
     // Of docs/board.md, with the filters' loss; hardware/check.py holds them.

@@ -142,17 +142,20 @@ core::arch::global_asm!(
     entry = sym hard_fault,
 );
 
-/// First address of the RAM, and so of the stack.
-const RAM_START: u32 = 0x2000_0000;
+unsafe extern "C" {
+    /// The stack's limits, from the memory map; only their addresses mean anything.
+    static _stack_end: u32;
+    static _stack_start: u32;
+}
 
 unsafe extern "C" fn hard_fault(stack: u32) -> ! {
     cortex_m::interrupt::disable();
     let mut report = EMPTY;
-    if !(RAM_START..RAM_START + 8 * 1024).contains(&stack) {
+    if !(addr_of!(_stack_end) as u32..addr_of!(_stack_start) as u32).contains(&stack) {
         report.add("stack overflow");
     } else {
         report.add("hard fault at 0x");
-        // SAFETY: `stack` is the stack pointer at the fault, inside the RAM. The processor has put eight registers
+        // SAFETY: `stack` is the stack pointer at the fault, inside the stack. The processor has put eight registers
         // there; the program counter is the seventh.
         let place = unsafe { (stack as *const u32).add(6).read_volatile() };
         let mut digits = [0; 8];

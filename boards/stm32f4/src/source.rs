@@ -4,63 +4,17 @@
 //! memory round and round. Switching on and off and setting the amplitude write the table.
 
 use crate::ring::Shared;
+use crate::sine;
 use firmware::{ErrorKind, SAMPLES_PER_PERIOD};
 use stm32f4xx_hal::pac;
-
-/// Middle of the DAC's range.
-const MIDDLE: i32 = 2048;
-/// Amplitude at full scale, DAC codes: 1.44 V. The buffered output is linear to 0.2 V, 248 codes, from either end.
-const AMPLITUDE: i32 = 1788;
-const _: () = assert!(MIDDLE - AMPLITUDE > 248 && MIDDLE + AMPLITUDE < 4095 - 248);
-
-/// How far the sine runs ahead of the samples, in periods: as far as it is delayed on the way to the converter at
-/// 3.684 kHz.
-///
-/// Half a step of the DAC is 1/32 of a period. The second-order low-pass at 10 kHz behind it adds 30.8 degrees, the
-/// filter before the converter 14.0, amplifiers and wires 1.2. Together these are 57.2 degrees, which hardware/check.py
-/// holds.
-const LEAD_TURNS: f64 = if cfg!(feature = "fault-phase") {
-    0.0
-} else {
-    57.2 / 360.0
-};
 
 /// How often the source is armed at most: the second time no request can be left over.
 const ARMINGS: usize = 3;
 /// Processor cycles in which a waiting request of the DAC has been served: 0.6 us.
 const SERVED_CYCLES: u32 = 100;
 
-/// Full-scale codes about the middle, by phase.
-const SINE: [i16; SAMPLES_PER_PERIOD] = table();
-
-const fn table() -> [i16; SAMPLES_PER_PERIOD] {
-    let (mut out, mut k) = ([0; SAMPLES_PER_PERIOD], 0);
-    while k < SAMPLES_PER_PERIOD {
-        let mut turns = k as f64 / SAMPLES_PER_PERIOD as f64 + LEAD_TURNS;
-        while turns > 0.5 {
-            turns -= 1.0;
-        }
-        let x = core::f64::consts::TAU * turns;
-        // The sine's power series; 1e-9 after twelve terms for |x| up to pi.
-        let (mut term, mut sin, mut n) = (x, x, 1);
-        while n < 12 {
-            term *= -x * x / ((2 * n) as f64 * (2 * n + 1) as f64);
-            sin += term;
-            n += 1;
-        }
-        let code = sin * AMPLITUDE as f64;
-        out[k] = if code < 0.0 {
-            (code - 0.5) as i16
-        } else {
-            (code + 0.5) as i16
-        };
-        k += 1;
-    }
-    out
-}
-
 /// What the DMA channel reads. The entry for the first sample is last: the DAC holds one value ahead.
-static TABLE: Shared<u16, SAMPLES_PER_PERIOD> = Shared::new(MIDDLE as u16);
+static TABLE: Shared<u16, SAMPLES_PER_PERIOD> = Shared::new(sine::MIDDLE as u16);
 
 /// The source.
 pub struct Source {
@@ -150,13 +104,7 @@ impl Source {
     }
 
     fn code(&self, phase: usize) -> u16 {
-        let full = i32::from(SINE.get(phase).copied().unwrap_or(0));
-        let part = if self.on {
-            full * i32::from(self.permille) / 1000
-        } else {
-            0
-        };
-        (MIDDLE + part) as u16
+        sine::code(phase, if self.on { self.permille } else { 0 })
     }
 
     fn fill(&self) {

@@ -1,6 +1,6 @@
 //! The duties of a front end.
 
-use crate::capture::{QUARTER_SAMPLES, Window};
+use crate::capture::{Capture, QUARTER_SAMPLES, Window};
 use crate::error::{Error, ErrorKind};
 use crate::fold::Folded;
 use crate::front_end::FrontEnd;
@@ -70,13 +70,13 @@ pub enum Violation {
 /// Polls without a block before a front end counts as stuck. Fewer may accuse a slow front end; more only delay the report.
 const PATIENCE: u32 = 50_000_000;
 
-/// Runs every law on a front end. `route` must put a voltage on its first channel in phase with the excitation, of at least
+/// Runs every law on a front end that lends samples. `route` must put a voltage on its first channel in phase with the excitation, of at least
 /// half the converter's range from peak to peak. `channels` is how many channels `route` has. `stall` must let more time
 /// pass than the front end has room for blocks.
 ///
 /// # Errors
 /// The first duty found broken. The excitation is then left on.
-pub fn check<F: FrontEnd>(
+pub fn check<F: FrontEnd + Capture>(
     front: &mut F,
     route: &Route,
     channels: u8,
@@ -96,7 +96,7 @@ pub fn check<F: FrontEnd>(
             periods,
             channels,
         };
-        front.begin(window).map_err(refused)?;
+        Capture::begin(front, window).map_err(refused)?;
         let folded = ledger.read(front, window)?;
         let (p, _) = folded.correlate(0);
         if p.in_phase <= 0 || p.quadrature.abs() > p.in_phase / 4 {
@@ -114,12 +114,12 @@ pub fn check<F: FrontEnd>(
         channels,
     };
     let short = Window { periods: 3, ..long };
-    front.begin(long).map_err(refused)?;
-    front.begin(short).map_err(refused)?;
+    Capture::begin(front, long).map_err(refused)?;
+    Capture::begin(front, short).map_err(refused)?;
     ledger.read(front, short)?;
 
     // Lost samples are said, and the next window is whole again.
-    front.begin(long).map_err(refused)?;
+    Capture::begin(front, long).map_err(refused)?;
     stall(front);
     match ledger.read(front, long) {
         Err(Violation::Refused(ErrorKind::Overrun)) => {}
@@ -127,7 +127,7 @@ pub fn check<F: FrontEnd>(
         Ok(_) => return Err(Violation::SilentOverrun),
     }
     ledger.next = None;
-    front.begin(short).map_err(refused)?;
+    Capture::begin(front, short).map_err(refused)?;
     ledger.read(front, short)?;
     front.switch_off().map_err(refused)
 }
@@ -143,7 +143,7 @@ struct Ledger {
 
 impl Ledger {
     /// Reads a window that was just opened.
-    fn read<F: FrontEnd>(&mut self, front: &mut F, window: Window) -> Result<Folded, Violation> {
+    fn read<F: FrontEnd + Capture>(&mut self, front: &mut F, window: Window) -> Result<Folded, Violation> {
         let mut folded = Folded::new();
         folded.reset(window.channels);
         let wanted = QUARTERS * u32::from(window.periods);
@@ -197,7 +197,7 @@ impl Ledger {
 }
 
 /// Polls until a block comes; `None` if none does.
-fn poll<F: FrontEnd, R>(
+fn poll<F: Capture, R>(
     front: &mut F,
     mut f: impl FnMut(&crate::capture::Block<'_>) -> R,
 ) -> Result<Option<R>, Violation> {

@@ -1,6 +1,6 @@
 //! The duties of clock, watchdog, store and the word that outlives a reset.
 
-use crate::capture::{Block, Window};
+use crate::capture::{Block, Capture, Window};
 use crate::front_end::FrontEnd;
 use crate::support::{Clock, Scratch, Sector, Store, Watchdog};
 
@@ -57,7 +57,7 @@ pub enum SupportViolation {
 ///
 /// # Errors
 /// The first duty found broken.
-pub fn clock<T, F: FrontEnd, C: Clock>(
+pub fn clock<T, F: FrontEnd + Capture, C: Clock>(
     both: &mut T,
     front: impl Fn(&mut T) -> &mut F,
     clock: impl Fn(&mut T) -> &mut C,
@@ -71,7 +71,7 @@ pub fn clock<T, F: FrontEnd, C: Clock>(
             periods,
             channels: 1,
         };
-        front(both).begin(window).map_err(failed)?;
+        Capture::begin(front(both), window).map_err(failed)?;
         let mut left = window.quarters() - 1;
         while left > 0 {
             let polled = front(both).poll_block(|b: &Block<'_>| (b.time + b.samples.len() as u64, b.quarters()));

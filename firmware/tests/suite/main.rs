@@ -6,7 +6,9 @@
     reason = "a failure here is a failed test"
 )]
 
+mod analyser;
 mod change;
 mod fake;
 mod lockin;
 mod scan;
+mod wide;

@@ -2,8 +2,8 @@
 
 use crate::fake::{Chip, ELECTRODES, Fake, Flaw, SKEW_TICKS, SOURCE_GAIN_MILLI, TICKS_PER_SAMPLE, Wire, amplitude};
 use firmware::{
-    Activity, Blocking, BoardInfo, Controller, ErrorKind, Folded, Memory, Outbox, Route, Sense, Window, laws,
-    laws::Violation,
+    Activity, Blocking, BoardInfo, Controller, ErrorKind, Folded, Memory, Outbox, Pace, Progress, Route, Scan, Sense,
+    Window, laws, laws::Violation,
 };
 use proptest::prelude::*;
 use protocol::{
@@ -20,7 +20,9 @@ pub(crate) const INFO: BoardInfo<'static> = BoardInfo {
     channels: 16,
     timer_hz: 84_000_000,
     ticks_per_sample: TICKS_PER_SAMPLE,
+    in_turn: 16,
     skew_ticks: SKEW_TICKS,
+    adc_bits: 12,
     adc_span_uv: 3_300_000,
     excitation_uv: 2_250_000,
     source_gain_milli: SOURCE_GAIN_MILLI,
@@ -112,6 +114,40 @@ fn a_front_end_that_breaks_a_law_is_found_out() {
     assert!(matches!(found(Flaw::Reversed), Err(Violation::Signal { .. })));
     assert_eq!(found(Flaw::Silent), Err(Violation::SilentOverrun));
     assert_eq!(found(Flaw::Mute), Err(Violation::Stuck));
+}
+
+/// What a frame shows does not depend on when its last drive is written down: at once, by the next start, or when asked.
+#[test]
+fn the_last_drive_is_written_down_before_it_is_read_whenever_that_is() {
+    let plan = Plan {
+        quadrature: true,
+        ..Plan::fast()
+    };
+    let measured = |pace: Pace, next: bool| {
+        let mut front = Fake::new();
+        front.on = true;
+        let mut scan = Scan::new();
+        scan.wire(INFO.wiring());
+        scan.start(plan.recipe(), pace, 0, &mut front).unwrap();
+        while nb::block!(scan.step(plan.recipe(), &mut front)).unwrap() != Progress::Complete {}
+        let there = scan.values().len();
+        if next {
+            scan.start(plan.recipe(), pace, 0, &mut front).unwrap();
+        } else {
+            scan.finish();
+        }
+        let frame = scan.frame(0, 0, true);
+        let numbers = |values: &[Value]| values.iter().map(|v| v.sixteenths()).collect::<Vec<_>>();
+        let (values, quadrature) = (numbers(frame.values), numbers(frame.quadrature));
+        (there, values, quadrature, frame.noise.to_vec(), frame.clipped.count())
+    };
+    let (all, values, quadrature, noise, clipped) = measured(Pace::Ahead, false);
+    assert_eq!((all, values.len(), noise.len()), (208, 208, 16));
+    for next in [false, true] {
+        // The last drive's thirteen are not there yet.
+        let found = measured(Pace::Through, next);
+        assert_eq!(found, (195, values.clone(), quadrature.clone(), noise.clone(), clipped));
+    }
 }
 
 #[test]

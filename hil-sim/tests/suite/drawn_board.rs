@@ -1,7 +1,7 @@
 //! The preset of the board that can be built: its head room, its noise, how it measures.
 
 use crate::common::{Bench, disc};
-use firmware::{Excitation, Folded, Pace, Progress, Route, Router, Scan, Sense};
+use firmware::{Excitation, Folded, Pace, Progress, Route, Router, Scan, Sense, Wiring};
 use forward::{Drive, ElectrodeMatrix, Model, ModelOptions, Pattern, Sheet, Solver};
 use hil_sim::{Broken, Clock, Electronics, FixedSheet, Preset, Routing, SceneFile, SimConfig, SimFrontEnd};
 use protocol::{Pair, Plan, Sampling};
@@ -58,7 +58,7 @@ fn values(electronics: Electronics) -> Vec<f64> {
         ..Plan::fast()
     };
     let mut scan = Scan::new();
-    scan.wire(16, 0, 1425);
+    scan.wire(Wiring::one_channel(16));
     scan.start(plan.recipe(), Pace::Ahead, 0, &mut front).unwrap();
     while nb::block!(scan.step(plan.recipe(), &mut front)).unwrap() != Progress::Complete {}
     scan.values().iter().map(|v| v.codes()).collect()

@@ -364,7 +364,7 @@ fn the_slow_noise_has_its_power_in_every_decade_alike() {
 
 #[test]
 fn rounding_adds_a_twelfth_of_the_step_squared() {
-    for bits in [12, 10, 8] {
+    for bits in [16, 14, 12, 10, 8] {
         let noise_codes = 10.0;
         let mut analog = analog(Electronics {
             noise_codes,
@@ -372,9 +372,13 @@ fn rounding_adds_a_twelfth_of_the_step_squared() {
             ..Electronics::ideal()
         });
         let rows = codes(&mut analog, &all(0.0, 0.0), 0, 60_000);
-        let step = f64::from(1 << (12 - bits));
-        assert!(rows.iter().flatten().all(|v| (v + MIDDLE) % step == 0.0));
-        let seen = mean_square(rows.iter().flatten().copied());
+        // Of more than twelve bits the codes are the finer ones.
+        let codes_in_one = f64::from(1 << (bits.max(12) - 12));
+        let middle = f64::from((1u32 << bits.max(12)) - 1) / 2.0;
+        let step = f64::from(1 << (12 - bits.min(12))) / codes_in_one;
+        let levels: Vec<f64> = rows.iter().flatten().map(|v| v + MIDDLE).collect();
+        assert!(levels.iter().all(|level| level % (step * codes_in_one) == 0.0));
+        let seen = mean_square(levels.iter().map(|level| (level - middle) / codes_in_one));
         let theory = noise_codes * noise_codes + step * step / 12.0;
         // A million samples: 0.14 % standard error.
         assert!((seen / theory - 1.0).abs() < 0.008, "{bits}: {seen} {theory}");

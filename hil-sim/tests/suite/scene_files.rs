@@ -202,9 +202,9 @@ fn a_mistake_is_pointed_at_with_what_is_allowed() {
             &["noise", "noise_codes"],
         ),
         (
-            "duration_s = 5\n[electronics]\nadc_bits = 14\n",
+            "duration_s = 5\n[electronics]\nadc_bits = 17\n",
             (2, 1),
-            &["adc_bits", "between 1 and 12"],
+            &["adc_bits", "between 1 and 16"],
         ),
         (
             "duration_s = 5\n[[fault]]\nat_s = 1\nkind = \"gone\"\n",

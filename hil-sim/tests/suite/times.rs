@@ -102,3 +102,63 @@ fn all_ways_of_measuring_agree_and_the_skew_of_channels_is_gone() {
     let lost = 1.0 - (std::f64::consts::TAU / 16.0 * 15.0 * 60.0 / 1425.0).cos();
     assert!(lost > 0.03);
 }
+
+/// A board with two converters of 16 bits side by side measures the same volts as one of 12 bits that takes all channels in
+/// turn, to what 12 bits cannot show; and codes, noise and self-test are told in the same units.
+#[test]
+fn sixteen_bits_and_two_converters_measure_the_same_volts() {
+    let measured = |adc_bits, in_turn, skew_ticks| {
+        let config = SimConfig {
+            electronics: Electronics {
+                adc_bits,
+                in_turn,
+                skew_ticks,
+                ..Electronics::default()
+            },
+            plan: Some(Plan {
+                integrate_periods: 32,
+                settle_quarters: 4,
+                quadrature: true,
+                ..Plan::fast()
+            }),
+            ..SimConfig::default()
+        };
+        let mut bench = Bench::new(config, FixedSheet(disc(16)));
+        bench.send(&ToBoard::Hello);
+        let said = bench.run(0.05);
+        let hello = said.iter().find_map(|m| match m {
+            FromBoard::Hello(h) => Some(h.clone()),
+            _ => None,
+        });
+        (hello.unwrap(), bench.measured(2.0).into_iter().next_back().unwrap())
+    };
+    let ((narrow, coarse), (wide, fine)) = (measured(12, 16, 60), measured(16, 8, 84));
+    assert_eq!((narrow.adc_bits, wide.adc_bits), (12, 16));
+    assert_eq!(
+        (narrow.limits.integrate_periods, wide.limits.integrate_periods),
+        (u16::MAX, 4095)
+    );
+    // A value's unit is the range's 65,536th, but for the one that is missing at its end.
+    let unit_v = |hello: &protocol::Hello| hello.volts_per_code(0).unwrap() / 16.0;
+    assert!((unit_v(&wide) / unit_v(&narrow) - 65_520.0 / 65_535.0).abs() < 1e-12);
+    // As above, with 512 samples of each.
+    let noise = (0.365f64.powi(2) + 1.0 / 12.0) * 2.0 / 512.0;
+    let bound = (5.0 * (2.0 * noise).sqrt() + 1.0 / 16.0) * narrow.volts_per_code(0).unwrap();
+    for k in 0..208 {
+        let volts = |hello: &protocol::Hello, v: Value| v.codes() * hello.volts_per_code(0).unwrap();
+        assert!(
+            (volts(&wide, fine.values[k]) - volts(&narrow, coarse.values[k])).abs() < bound,
+            "{k}"
+        );
+        assert!(
+            fine.quadrature[k].codes().abs() * wide.volts_per_code(0).unwrap() < bound,
+            "{k}"
+        );
+    }
+    // The noise lacks the rounding to 12 bits: 0.365^2 and 1 / 12, less 1 / 12.
+    let mean = |f: &protocol::Frame| f.noise.iter().map(|v| v.codes2()).sum::<f64>() / f.noise.len() as f64;
+    let ratio = mean(&fine) / mean(&coarse);
+    let expected = 0.365f64.powi(2) / (0.365f64.powi(2) + 1.0 / 12.0);
+    // Variances are cut by up to an eighth.
+    assert!((ratio / expected - 1.0).abs() < 0.13, "{ratio} {expected}");
+}

@@ -8,7 +8,6 @@ pub use readings::{Reading, Readings, read};
 pub use ring::{Multiplexer, Ring, Wiring};
 
 use protocol::Hello;
-use readings::full_scale;
 use std::fmt;
 
 /// Closed switches, ohm: typical of the 74HCT4051 at 4.5 V; assumed until it is measured.
@@ -202,7 +201,7 @@ pub struct Verdict {
 /// it is set to.
 pub fn judge(hello: &Hello, ohm: f64, source: f64, readings: &Readings) -> Verdict {
     let gain = |k: Option<&u32>| f64::from(k.copied().unwrap_or(0)) / 1000.0;
-    let per_code = f64::from(hello.adc_span_uv) * 1e-6 / full_scale(hello);
+    let per_code = f64::from(hello.adc_span_uv) * 1e-6 / hello.range_codes();
     let bench = Bench {
         ring: Ring {
             electrodes: hello.electrodes.into(),

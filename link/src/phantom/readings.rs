@@ -134,7 +134,7 @@ fn one(
 fn reading(hello: &Hello, period: &FoldedPeriod, drive: [usize; 2], sense: [usize; 2], own: bool) -> Reading {
     let bins = period
         .bins
-        .map(|sum| f64::from(sum) / f64::from(period.request.periods.max(1)));
+        .map(|sum| f64::from(sum) / f64::from(period.request.periods.max(1)) / hello.codes_in_one());
     let count = PERIOD_BINS as f64;
     let mean = bins.iter().sum::<f64>() / count;
     let correlate = |f: fn(f64) -> f64| {
@@ -149,13 +149,8 @@ fn reading(hello: &Hello, period: &FoldedPeriod, drive: [usize; 2], sense: [usiz
         own,
         in_phase: correlate(f64::sin),
         quadrature: correlate(f64::cos),
-        offset: mean - 0.5 * full_scale(hello),
+        offset: mean - 0.5 * hello.range_codes(),
         bent: apart.fold(0.0, f64::max),
         clipped: period.clipped,
     }
-}
-
-/// The converter's highest code.
-pub(super) fn full_scale(hello: &Hello) -> f64 {
-    f64::from((1u32 << hello.adc_bits.min(31)) - 1)
 }

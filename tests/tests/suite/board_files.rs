@@ -190,6 +190,109 @@ fn the_table_of_pins_is_that_of_the_description() {
     assert_eq!(seen, listed, "pins of docs/board.md and of the description");
 }
 
+/// The board with sixteen channels: description, docs/board.md, the program and the emulated board.
+#[test]
+fn the_board_with_sixteen_channels_has_the_pins_of_its_description() {
+    let pins: BTreeMap<String, BTreeMap<String, String>> = list("hardware/generated/sixteen/pins.csv")
+        .into_iter()
+        .map(|row| (row["pin"].clone(), row))
+        .collect();
+    let function = |pin: String| {
+        pins.get(&pin)
+            .map_or("nothing", |row| row["function"].as_str())
+            .to_owned()
+    };
+    for path in ["boards/stm32h7/src/multiplexer.rs", "boards/emulator/src/h743/world.rs"] {
+        let program = text(path);
+        for (name, _, constant) in MULTIPLEXERS {
+            let [address, enable] = lines_of(&program, constant);
+            for bit in 0..3 {
+                let is = function(format!("PE{}", address + bit));
+                assert_eq!(is, format!("address A{bit} of {name}"), "{path}");
+            }
+            for half in 0..2 {
+                let is = function(format!("PD{}", enable + half));
+                let (first, last) = (8 * half + 1, 8 * half + 8);
+                assert_eq!(is, format!("enable of {name}, electrodes {first}-{last}"), "{path}");
+            }
+        }
+    }
+    assert!(text("boards/stm32h7/src/multiplexer.rs").contains("const BUSY_PIN: u32 = 1 << 14;"));
+    assert_eq!(function("PE14".to_owned()), "busy");
+
+    // Inputs of the converters by pin (DS12110 table 8).
+    let inputs: BTreeMap<&str, u32> = [
+        ("PA0", 16),
+        ("PF11", 2),
+        ("PF12", 6),
+        ("PA3", 15),
+        ("PA5", 19),
+        ("PA6", 3),
+        ("PB1", 5),
+        ("PC0", 10),
+        ("PF3", 5),
+        ("PF4", 9),
+        ("PF5", 4),
+        ("PF6", 8),
+        ("PF7", 3),
+        ("PF8", 7),
+        ("PF9", 2),
+        ("PF10", 6),
+        ("PF13", 2),
+        ("PF14", 6),
+        ("PC1", 11),
+    ]
+    .into();
+    let of = |what: String| {
+        let found = pins.iter().find(|(_, row)| row["function"] == what);
+        inputs[found.unwrap_or_else(|| panic!("no pin is {what}")).0.as_str()].to_string()
+    };
+    let first: Vec<String> = (0..8).map(|k| of(format!("converter, channel {k}"))).collect();
+    let second: Vec<String> = (0..8).map(|k| of(format!("converter, channel {}", k + 8))).collect();
+    let behind = ["amplifier", "difference amplifier", "source"].map(|what| of(format!("converter, {what}")));
+    let program = text("boards/stm32h7/src/converter.rs");
+    for (name, inputs) in [("FIRST", &first[..]), ("SECOND", &second[..]), ("THIRD", &behind[..])] {
+        let line = format!("const {name}: [u8; {}] = [{}];", inputs.len(), inputs.join(", "));
+        assert!(program.contains(&line), "{line}");
+    }
+    let emulated = text("boards/emulator/src/h743/converter.rs");
+    for inputs in [&first, &second] {
+        assert!(emulated.contains(&format!("place(&[{}])", inputs.join(", "))));
+    }
+
+    let mut seen = BTreeSet::new();
+    for row in table("| pin | Nucleo-144 | is |") {
+        let names: Vec<&str> = row[0].split(", ").collect();
+        let places: Vec<&str> = row[1].split(", ").collect();
+        assert_eq!(names.len(), places.len(), "{row:?}");
+        for (name, place) in names.iter().zip(places) {
+            assert_eq!(pins[*name]["connector"], place, "{name}");
+            assert!(seen.insert((*name).to_owned()), "{name} is in two rows");
+        }
+    }
+    assert_eq!(seen, pins.into_keys().collect::<BTreeSet<String>>());
+}
+
+/// Each channel's amplifier is on its electrode and the next one, and its output at the pin of the list.
+#[test]
+fn every_channel_is_wired_to_its_electrodes_and_its_pin() {
+    let mut nets: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
+    for wire in list("hardware/generated/sixteen/wiring.csv") {
+        let net = nets.entry(wire["net"].clone()).or_default();
+        net.extend([wire["from"].clone(), wire["to"].clone()]);
+    }
+    let rows = list("hardware/generated/sixteen/channels.csv");
+    assert_eq!(rows.len(), 16);
+    for (n, row) in rows.iter().enumerate() {
+        let (amplifier, plus) = (&row["amplifier"], (n + 1) % 16 + 1);
+        assert_eq!(row["channel"], n.to_string());
+        assert!(nets[&format!("S{plus}")].contains(&format!("{amplifier}-4")), "{n}");
+        assert!(nets[&format!("S{}", n + 1)].contains(&format!("{amplifier}-1")), "{n}");
+        assert!(nets[&format!("AMP{n}")].contains(&format!("{amplifier}-7")), "{n}");
+        assert!(nets[&row["pin"]].contains(&format!("{}-2", row["protection"])), "{n}");
+    }
+}
+
 /// Pins by net, put together from the single wires of wiring.csv.
 fn nets() -> BTreeMap<String, BTreeSet<String>> {
     let mut nets: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
@@ -281,14 +384,16 @@ fn the_page_has_every_test_point_of_the_description() {
 /// Holds wherever there is a Python; hardware/check.py does the same.
 #[test]
 fn generated_files_are_fresh() {
-    let script = root().join("hardware/board.py");
-    match Command::new("python3").arg("-B").arg(&script).arg("--check").output() {
-        Ok(done) => assert!(
-            done.status.success(),
-            "run python3 hardware/board.py and look at the difference: {}",
-            String::from_utf8_lossy(&done.stderr)
-        ),
-        Err(e) => eprintln!("skipped: no python3 ({e})"),
+    for (name, check) in [("hardware/board.py", "--check"), ("hardware/sixteen.py", "--files")] {
+        let script = root().join(name);
+        match Command::new("python3").arg("-B").arg(&script).arg(check).output() {
+            Ok(done) => assert!(
+                done.status.success(),
+                "run python3 {name} and look at the difference: {}",
+                String::from_utf8_lossy(&done.stderr)
+            ),
+            Err(e) => eprintln!("skipped: no python3 ({e})"),
+        }
     }
 }
 

@@ -3,7 +3,7 @@
 
 use emulator::run::Outcome;
 use firmware::settings::{self, Settings};
-use firmware::{Excitation, Pace, Progress, Scan, Sector, Store};
+use firmware::{Excitation, Pace, Progress, Scan, Sector, Store, Wiring};
 use forward::ElectrodeMatrix;
 use hil_sim::{Clock, Electronics, FixedSheet, Flash, SimFrontEnd};
 use nalgebra::DMatrix;
@@ -31,6 +31,15 @@ pub(crate) fn sheet() -> ElectrodeMatrix {
             let half = PI * (i as f64 - j as f64) / 16.0;
             potential(195.0 * half.sin().abs()) + uneven
         }
+    }))
+}
+
+/// The sheet with a touch: potentials near one place rise by a little.
+pub(crate) fn touched() -> ElectrodeMatrix {
+    let rest = sheet();
+    ElectrodeMatrix::from_potentials(DMatrix::from_fn(16, 16, |i, j| {
+        let near = |k: usize| (-(k as f64 - 5.0).powi(2) / 8.0).exp();
+        rest.potentials_ohm()[(i, j)] + 4.0 * near(i) * near(j)
     }))
 }
 
@@ -78,7 +87,7 @@ pub(crate) fn in_process_on(sheet: ElectrodeMatrix, plan: &Plan, first: u64, cou
         .self_clocked();
     front.switch_on().unwrap();
     let mut scan = Scan::new();
-    scan.wire(16, 0, 1425);
+    scan.wire(Wiring::one_channel(16));
     (0..count as u32)
         .map(|sequence| {
             scan.start(plan.recipe(), Pace::Ahead, 0, &mut front).unwrap();

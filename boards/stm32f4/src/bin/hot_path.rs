@@ -14,6 +14,8 @@ mod multiplexer;
 mod ring;
 #[path = "../sampler.rs"]
 mod sampler;
+#[path = "../sine.rs"]
+mod sine;
 #[path = "../source.rs"]
 mod source;
 

@@ -29,6 +29,8 @@ mod ring;
 mod sampler;
 #[path = "../serial.rs"]
 mod serial;
+#[path = "../sine.rs"]
+mod sine;
 #[path = "../source.rs"]
 mod source;
 #[path = "../supply.rs"]
@@ -52,7 +54,9 @@ const INFO: BoardInfo<'static> = BoardInfo {
     channels: 1,
     timer_hz: sampler::TIMER_HZ,
     ticks_per_sample: sampler::TICKS_PER_SAMPLE,
+    in_turn: 1,
     skew_ticks: 0,
+    adc_bits: 12,
     adc_span_uv: 3_300_000,
     excitation_uv: 2_250_000,
     // Of docs/board.md, with the filters' loss; hardware/check.py holds them.

@@ -1,6 +1,8 @@
 //! The smallest front end that keeps every promise: a sine of known amplitude for every route, in its own time.
 #![allow(dead_code, reason = "each test uses its own part")]
 
+pub(crate) mod analyser;
+
 use core::cell::{Cell, RefCell};
 use core::convert::Infallible;
 use embedded_hal_nb::serial;

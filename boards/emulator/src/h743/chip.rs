@@ -1,0 +1,190 @@
+//! The chip with the models that it lacks, and a run of a program on it.
+
+use super::converter::{Converter, Which};
+use super::source::Source;
+use super::world::{Shared, World};
+use crate::line::Line;
+use crate::run::{Emulated, Outcome, Setup, Sign, run_machine};
+use crate::timer::TimerH743;
+use crate::world::locked;
+use rigless::device::{Device, ErasedDevice, ResetCause};
+use rigless::machine::armv7m::{BranchPrediction, Caches, Config, Core, Fpu, MpuRegions, Variant};
+use rigless::machine::{Board, Target};
+use rigless::mcu::{Mcu, Operate};
+use rigless::snapshot::Store;
+use rigless::soc::stm32h743::Stm32h743;
+use rigless::soc::{Bus, Error as SocError};
+use rigless::time::VirtualNanos;
+use std::error::Error;
+use std::num::{NonZeroU32, NonZeroU64};
+use std::path::Path;
+use std::sync::{Arc, Mutex};
+
+/// Instructions a second of virtual time: the clock of 400 MHz at 1.4 cycles an instruction. A Cortex-M7 often does two in a
+/// cycle; code from flash memory that is not in the cache takes longer.
+pub const INSTRUCTIONS_PER_SECOND: u64 = 285_714_286;
+
+/// The serial port that the Nucleo's debugger is wired to.
+const USART3: usize = 2;
+
+/// The chip.
+#[derive(Debug)]
+pub struct Chip {
+    inner: Stm32h743,
+    timer: TimerH743,
+    converters: [Converter; 3],
+    source: Source,
+    slots: [usize; 5],
+    world: Shared,
+}
+
+impl Chip {
+    /// Powered up, with this world on its pins, this line on its serial port, and the debugger's clock of 8 MHz.
+    ///
+    /// # Errors
+    /// rigless's, when the chip does not fit together.
+    pub fn new(world: Shared, line: Line) -> Result<Self, SocError> {
+        let mut inner = Stm32h743::new()?;
+        let slots = [
+            inner.bus().slot("TIM2")?,
+            inner.bus().slot("ADC1")?,
+            inner.bus().slot("ADC2")?,
+            inner.bus().slot("ADC3")?,
+            inner.bus().slot("DAC")?,
+        ];
+        inner.rcc.attach_crystals(8_000_000, 0);
+        inner.set_supply(3300);
+        inner.set_analog_supply(3300);
+        inner.usart[USART3].attach(line);
+        Ok(Self {
+            inner,
+            timer: TimerH743::default(),
+            converters: [Which::First, Which::Second, Which::Third].map(|w| Converter::new(w, world.clone())),
+            source: Source::new(world.clone()),
+            slots,
+            world,
+        })
+    }
+}
+
+impl Mcu for Chip {
+    fn bus(&self) -> &Bus {
+        self.inner.bus()
+    }
+
+    fn bus_mut(&mut self) -> &mut Bus {
+        self.inner.bus_mut()
+    }
+
+    fn reset(&mut self, at: VirtualNanos, cause: ResetCause) {
+        self.inner.reset(at, cause);
+        Device::reset(&mut self.timer);
+        self.converters.iter_mut().for_each(Device::reset);
+        Device::reset(&mut self.source);
+        locked(&self.world).reset();
+    }
+
+    fn poll(&mut self, now: VirtualNanos) {
+        self.inner.poll(now);
+    }
+
+    fn split(&mut self, slot: usize) -> (&mut Bus, Option<&mut dyn ErasedDevice>) {
+        let (bus, model) = self.inner.split(slot);
+        let [first, second, third] = &mut self.converters;
+        let own: [&mut dyn ErasedDevice; 5] = [&mut self.timer, first, second, third, &mut self.source];
+        let own = own.into_iter().zip(self.slots).find(|(_, s)| *s == slot);
+        (bus, own.map(|(model, _)| model).or(model))
+    }
+}
+
+/// The chip as a machine that rigless runs.
+#[derive(Debug)]
+pub struct Machine {
+    /// The chip.
+    pub chip: Chip,
+}
+
+/// Snapshots are not taken.
+impl Store for Machine {}
+
+impl Board for Machine {
+    fn name(&self) -> &'static str {
+        "skin-h743"
+    }
+
+    fn target_names(&self) -> Vec<&'static str> {
+        vec!["stm32h743"]
+    }
+
+    fn mcu(&mut self, target: usize) -> Option<&mut dyn Mcu> {
+        (target == 0).then_some(&mut self.chip)
+    }
+
+    fn targets(&mut self) -> Vec<Target<'_>> {
+        let lines = u32::from(self.chip.cpu().interrupt_lines);
+        let core = Core {
+            variant: Variant::M7,
+            clock_hz: NonZeroU64::new(400_000_000).unwrap_or(NonZeroU64::MIN),
+            interrupt_lines: NonZeroU32::new(lines).unwrap_or(NonZeroU32::MIN),
+            priority_bits: 4,
+            refclk_divider: NonZeroU32::new(8).unwrap_or(NonZeroU32::MIN),
+            instructions_per_second: NonZeroU64::new(INSTRUCTIONS_PER_SECOND).unwrap_or(NonZeroU64::MIN),
+            boot: "flash",
+        };
+        let mut config = Config::new(core, &rigless::cpu::armv7m::windows(self.chip.bus()));
+        config.fpu = Fpu::FpV5Dp;
+        config.mpu_regions = MpuRegions::Sixteen;
+        // A Cortex-M7 r1p1 with 16 KiB of each cache (PM0253 tables 52, 77 and 81), started from flash memory.
+        config.cpuid = 0x411F_C271;
+        config.caches = Some(Caches {
+            clidr: 0x0900_0003,
+            ctr: 0x8303_C003,
+            ccsidr: &[0xF00F_E019, 0xF01F_E009],
+        });
+        config.branch_prediction = BranchPrediction::Always;
+        config.vector_table = Some(0x0800_0000);
+        let spec = config.spec();
+        vec![Target::new("stm32h743", &mut self.chip, spec)]
+    }
+}
+
+impl Emulated for Machine {
+    fn sign(address: u64, value: u64) -> Sign {
+        // Port E: pin 1 is the light, pin 14 high while a block is worked on.
+        const PORT_E_BSRR: u64 = 0x5802_1018;
+        if address == PORT_E_BSRR {
+            Sign::of(value, 1, 14)
+        } else {
+            Sign::default()
+        }
+    }
+
+    fn supply(&mut self, millivolts: u32) {
+        self.chip.inner.set_supply(millivolts);
+    }
+}
+
+/// Runs a program in a world, as [`crate::run::run_in`] does.
+///
+/// # Errors
+/// The program cannot be read or run.
+pub fn run_in(
+    program: &Path,
+    world: World,
+    setup: Setup,
+    frames: usize,
+    until_ns: u64,
+) -> Result<Outcome, Box<dyn Error>> {
+    let world: Shared = Arc::new(Mutex::new(world));
+    let line = Line::default();
+    let machine = Machine {
+        chip: Chip::new(world.clone(), line.clone())?,
+    };
+    let (outcome, _) = run_machine(machine, line, program, setup, frames, until_ns)?;
+    let world = locked(&world);
+    Ok(Outcome {
+        without_break: world.without_break,
+        triggers: world.triggers,
+        ..outcome
+    })
+}

@@ -1,0 +1,245 @@
+//! The program of the board with sixteen channels on the emulated STM32H743, against the same firmware in process on the same
+//! simulated electronics. `tests/boards.sh` builds the program and says where it is.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
+
+mod common;
+
+use common::{frames, hellos, program, sheet, touched};
+use emulator::h743::chip::{INSTRUCTIONS_PER_SECOND, run_in};
+use emulator::h743::world::World;
+use emulator::run::{Outcome, Setup};
+use firmware::{Excitation, Pace, Progress, Scan, Wiring};
+use hil_sim::{Clock, Electronics, FixedSheet, SimFrontEnd};
+use protocol::{Frame, FromBoard, Outgoing, Plan, ResetCause, Sampling, ToBoard, Watch, Watching};
+
+/// The converters are calibrated one after the other before the board says who it is.
+const AWAKE_NS: u64 = 60_000_000;
+/// One period of the excitation, ns: 16 samples of 3392 ticks of 200 MHz.
+const PERIOD_NS: f64 = 16.0 * 3392.0 / 0.2;
+
+/// The drawn board's parts with a channel for every electrode: two converters of 16 bits side by side, each channel 200 of
+/// 3392 ticks after the one before it; the simulator has 1425 ticks.
+fn electronics() -> Electronics {
+    Electronics {
+        one_channel: false,
+        in_turn: 8,
+        skew_ticks: 84,
+        adc_bits: 16,
+        // ADC2's later conversions have faster filters.
+        gains_milli: vec![12_600, 588],
+        source_gain_milli: 288,
+        ..Electronics::drawn_board()
+    }
+}
+
+fn world() -> World {
+    World::new(electronics(), sheet())
+}
+
+fn wiring() -> Wiring {
+    Wiring {
+        electrodes: 16,
+        adc_bits: 16,
+        in_turn: 8,
+        skew_ticks: 200,
+        ticks_per_sample: 3392,
+    }
+}
+
+/// What the same firmware measures in process, the first sample of the first frame at a time.
+fn in_process(plan: &Plan, first: u64, count: usize) -> Vec<Frame> {
+    let clock = Clock::new();
+    clock.advance(first - u64::from(plan.settle_quarters) * 4);
+    let mut front = SimFrontEnd::new(electronics(), FixedSheet(sheet()), clock)
+        .unwrap()
+        .self_clocked();
+    front.switch_on().unwrap();
+    let mut scan = Scan::new();
+    scan.wire(wiring());
+    (0..count as u32)
+        .map(|sequence| {
+            scan.start(plan.recipe(), Pace::Ahead, 0, &mut front).unwrap();
+            while nb::block!(scan.step(plan.recipe(), &mut front)).unwrap() != Progress::Complete {}
+            let mut bytes = [0; protocol::MAX_FROM_BOARD_LEN];
+            let frame = scan.frame(sequence, plan.id, plan.quadrature);
+            let framed = protocol::encode(&Outgoing::Frame(frame), &mut bytes).unwrap();
+            let mut decoder = protocol::Decoder::<{ protocol::MAX_FROM_BOARD_LEN }>::new();
+            let mut out = None;
+            decoder.push::<FromBoard>(framed, |m| out = Some(m.unwrap()));
+            match out {
+                Some(FromBoard::Frame(f)) => f,
+                other => panic!("{other:?}"),
+            }
+        })
+        .collect()
+}
+
+fn measured(plan: &Plan, count: usize, more: Vec<(u64, ToBoard)>, until_ns: u64) -> Outcome {
+    let mut commands = vec![
+        (AWAKE_NS, ToBoard::SetPlan(plan.clone())),
+        (AWAKE_NS + 10_000_000, ToBoard::Start),
+    ];
+    commands.extend(more);
+    let setup = Setup {
+        commands,
+        ..Setup::default()
+    };
+    run_in(&program("h743"), world(), setup, count, until_ns).unwrap()
+}
+
+#[test]
+fn it_sends_the_frames_of_the_library_in_process_value_for_value() {
+    let sequential = Plan {
+        sampling: Sampling::Sequential,
+        ..Plan::fast()
+    };
+    let quadrature = Plan {
+        quadrature: true,
+        ..Plan::fast()
+    };
+    for (plan, count) in [(Plan::fast(), 40), (quadrature, 20), (sequential, 2)] {
+        let outcome = measured(&plan, count, Vec::new(), 2_000_000_000);
+        let there = frames(&outcome);
+        assert_eq!(there.len(), count, "{:?}", outcome.messages);
+        assert_eq!((outcome.damaged, outcome.resets, outcome.without_break), (0, 0, 0));
+        let here = in_process(&plan, there[0].time, count);
+        for (here, there) in here.iter().zip(&there) {
+            let same = here.values.iter().zip(&there.values).filter(|(a, b)| a == b).count();
+            assert_eq!(here, there, "{same} of {} values alike", here.values.len());
+        }
+    }
+}
+
+#[test]
+fn it_sends_115_frames_a_second_and_works_for_less_than_30_percent_of_the_time() {
+    let plan = Plan::fast();
+    let count = 60;
+    let outcome = measured(&plan, count, Vec::new(), 2_000_000_000);
+    let ends: Vec<u64> = outcome
+        .messages
+        .iter()
+        .filter_map(|(at, m)| matches!(m, FromBoard::Frame(_)).then_some(*at))
+        .collect();
+    assert_eq!((ends.len(), outcome.damaged), (count, 0));
+    let seconds = (ends[count - 1] - ends[0]) as f64 * 1e-9;
+    let rate = (count - 1) as f64 / seconds;
+    let work: u64 = outcome.work.iter().sum();
+    // From the first command to the end.
+    let share = work as f64 / (INSTRUCTIONS_PER_SECOND as f64 * seconds);
+    let longest = outcome.work.iter().max().unwrap();
+    let mut blocks = outcome.work.clone();
+    blocks.sort_unstable();
+    println!("median {} of {} blocks", blocks[blocks.len() / 2], blocks.len());
+    println!(
+        "{rate:.2} frames/s; {work} instructions of work, {:.1} %; longest {longest}",
+        100.0 * share
+    );
+    // 32 periods of 3685.1 Hz; the source is looked at only every second.
+    let theory = 1e9 / PERIOD_NS / 32.0;
+    assert!((rate / theory - 1.0).abs() < 2e-4, "{rate} {theory}");
+    assert!((115.0..115.3).contains(&rate), "{rate}");
+    assert!(share < 0.3, "{share}");
+    let sequence: Vec<u32> = frames(&outcome).iter().map(|f| f.sequence).collect();
+    assert!(sequence.windows(2).all(|w| w[1] == w[0] + 1));
+}
+
+#[test]
+fn it_says_who_it_is_and_passes_its_self_test() {
+    let setup = Setup {
+        commands: vec![(AWAKE_NS, ToBoard::Hello), (AWAKE_NS + 5_000_000, ToBoard::SelfTest)],
+        ..Setup::default()
+    };
+    let outcome = run_in(&program("h743"), world(), setup, 1, 400_000_000).unwrap();
+    let hello = hellos(&outcome)[0].clone();
+    assert_eq!(
+        (hello.board.as_str(), hello.reset),
+        ("skin-stm32h743", ResetCause::PowerOn)
+    );
+    assert_eq!(
+        (hello.adc_bits, hello.limits.channels, hello.limits.integrate_periods),
+        (16, 16, 4095)
+    );
+    assert_eq!(hello.last_panic, "");
+    let test = outcome.messages.iter().find_map(|(_, m)| match m {
+        FromBoard::SelfTest(t) => Some(t.clone()),
+        _ => None,
+    });
+    let test = test.unwrap_or_else(|| panic!("{:?}", outcome.messages));
+    // The sheet of these tests is uneven on purpose.
+    assert_eq!((test.failed, test.bent, test.suspect), (0, 0, 0), "{test:?}");
+    assert!((985..=1015).contains(&test.source_permille), "{test:?}");
+    println!("{} of {} bytes of stack used", outcome.stack, outcome.stack_size);
+    assert!(outcome.stack + 1024 <= outcome.stack_size);
+    // What is used and not emulated: the watchdog is registers only.
+    let other: Vec<_> = outcome.gaps.iter().filter(|g| !g.contains("IWDG")).collect();
+    assert!(other.is_empty(), "{other:?}");
+}
+
+#[test]
+fn its_watch_learns_sleeps_and_wakes_at_a_touch() {
+    let contact = 40_000;
+    let setup = Setup {
+        commands: vec![
+            (AWAKE_NS, ToBoard::SetPlan(Plan::fast())),
+            (AWAKE_NS + 10_000_000, ToBoard::SetWatch(Some(Watch::paper()))),
+            (AWAKE_NS + 20_000_000, ToBoard::Start),
+        ],
+        ..Setup::default()
+    };
+    let outcome = run_in(
+        &program("h743"),
+        world().touched_at(contact, touched()),
+        setup,
+        4,
+        3_000_000_000,
+    )
+    .unwrap();
+    let mut states: Vec<Watching> = outcome
+        .messages
+        .iter()
+        .filter_map(|(_, m)| match m {
+            FromBoard::Heartbeat(h) => Some(h.state),
+            _ => None,
+        })
+        .collect();
+    states.dedup();
+    assert_eq!(
+        states,
+        [Watching::Learning, Watching::Asleep, Watching::Awake],
+        "{:?}",
+        outcome.messages
+    );
+    let list = frames(&outcome);
+    assert_eq!(list.len(), 4);
+    // A rest of 10 periods and a scan of two drives at most after the contact.
+    let latest = contact + ((10.0 + 2.0 * 1.25 + 2.0) * 16.0) as u64;
+    assert!(
+        (contact..=latest).contains(&list[0].time),
+        "{contact} {} {latest}",
+        list[0].time
+    );
+}
+
+#[test]
+fn an_overrun_of_a_converter_costs_one_frame() {
+    let mut world = world();
+    // In the middle of a frame, which takes 512 samples.
+    world.overrun_at = Some(9_000);
+    let setup = Setup {
+        commands: vec![
+            (AWAKE_NS, ToBoard::SetPlan(Plan::fast())),
+            (AWAKE_NS + 10_000_000, ToBoard::Start),
+            (AWAKE_NS + 250_000_000, ToBoard::GetCounters),
+        ],
+        ..Setup::default()
+    };
+    let outcome = run_in(&program("h743"), world, setup, 40, 1_000_000_000).unwrap();
+    let sequence: Vec<u32> = frames(&outcome).iter().map(|f| f.sequence).collect();
+    let gaps = sequence.windows(2).filter(|w| w[1] == w[0] + 2).count();
+    assert_eq!((sequence.len(), gaps, outcome.resets), (40, 1, 0), "{sequence:?}");
+    let counted = outcome.messages.iter().find_map(|(_, m)| match m {
+        FromBoard::Counters(c) => Some((c.overruns, c.front_end_faults)),
+        _ => None,
+    });
+    assert_eq!(counted, Some((1, 0)));
+}
