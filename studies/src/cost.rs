@@ -111,7 +111,7 @@ pub struct Cost {
     pub p99_us: f64,
     /// See `median_us`.
     pub worst_us: f64,
-    /// The picture's solve alone, median, us.
+    /// The picture alone, median of the frames that have one, us.
     pub solve_us: f64,
     /// Touches found, mean over the frames.
     pub touches: f64,
@@ -258,6 +258,7 @@ where
     }
     best.truncate(measured);
     solves.truncate(measured);
+    solves.retain(|us| *us > 0.0);
     let frames = measured as f64;
     Ok(Cost {
         happening: name.to_owned(),
@@ -265,7 +266,7 @@ where
         median_us: quantile(&best, 0.5),
         p99_us: quantile(&best, 0.99),
         worst_us: quantile(&best, 1.0),
-        solve_us: quantile(&solves, 0.5),
+        solve_us: if solves.is_empty() { 0.0 } else { quantile(&solves, 0.5) },
         touches: touches / frames,
         counted: (!kind.touches.is_empty()).then_some(counted / frames),
     })
