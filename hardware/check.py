@@ -103,7 +103,7 @@ ASSUMED = {
     "firmware gains_milli[0]": ("boards/stm32f4/src/main.rs", r"gains_milli: \[([\d_]+),", 1e-3, "gain_pa0", 0.01),
     "firmware gains_milli[1]": ("boards/stm32f4/src/main.rs", r"gains_milli: \[[\d_]+, ([\d_]+),", 1e-3, "gain_pa1", 0.01),
     "firmware source_gain_milli": ("boards/stm32f4/src/main.rs", r"source_gain_milli: ([\d_]+)", 1e-3, "gain_pa6", 0.01),
-    "firmware LEAD_TURNS, degrees": ("boards/stm32f4/src/source.rs", r"([\d.]+) / 360\.0", 1.0, "lag_pa0_deg", 1.0),
+    "firmware LEAD_TURNS, degrees": ("boards/stm32f4/src/sine.rs", r"([\d.]+) / 360\.0", 1.0, "lag_pa0_deg", 1.0),
     "hil-sim excitation_v": ("hil-sim/src/electronics.rs", r"excitation_v: ([\d.]+)", 1.0, "drive_v", 0.01),
     "hil-sim switch_ohm": ("hil-sim/src/electronics.rs", r"switch_ohm: ([\d.]+)", 1.0, "switch_ohm", 0.01),
     "hil-sim settling_s": ("hil-sim/src/electronics.rs", r"settling_s: ([\d.e-]+)", 1.0, "settling_s", 0.1),

@@ -67,7 +67,7 @@ static LOOKING: Mutex<()> = Mutex::new(());
 /// Frames of one board to pictures.
 ///
 /// # Errors
-/// As [`run`].
+/// The board, its sheet or a file cannot be used; the error says what to do.
 pub(crate) fn one(arguments: &SourceArguments, outputs: &Outputs<'_>, within: Within<'_>) -> Result<Ran> {
     let Within {
         stop,

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 /// Variance of one sample in 256ths of a squared ADC code of 12 bits, as a small floating-point number: `(8 + m) 2^e / 8` with m the
 /// low three bits and e the rest. Less than 1 counts as 1. Range 1/256 to 2^24 squared codes, cut to 12 % or less.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Variance(u8);
 
 impl Variance {

@@ -8,7 +8,7 @@
 //! (Geselowitz 1971, both integrals over the disc done).
 //!
 //! The image is a harmonic field inside the sheet. It is that of line sources outside, which are spaced evenly along the rims (the
-//! method of fundamental solutions). See [`rim`] for their strengths.
+//! method of fundamental solutions). `rim.rs` finds their strengths.
 //!
 //! Multipoles converge as long as discs are apart from one another and from the rims; docs/forward.md says how well.
 
