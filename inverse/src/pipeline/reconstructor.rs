@@ -330,7 +330,9 @@ impl Reconstructor {
         let contacts = contacts
             .filter(|(l, change)| change.abs() > least && !known.contains(l))
             .count();
-        let suspected = !unexplained && touches > 0 && (contacts > 0 || self.broken.suspects(&self.whole));
+        // What drifting contacts explain, now and then, is no reason to forget a fault that the frames before told.
+        let may = touches > 0 || self.broken.is_open();
+        let suspected = !unexplained && may && (contacts > 0 || self.broken.suspects(&self.whole));
         let sigma_v = self.reference.noise().or(result.noise).map(|n| n.sigma);
         let frame = (values, &self.whole, self.reference.unchanged());
         if !self.broken.take(frame, sigma_v, unexplained || suspected, due) {
@@ -340,7 +342,7 @@ impl Reconstructor {
         if let Some(Fault::Contacts(electrodes)) = self.broken.take_contacts() {
             self.contacts.accept(electrodes.list());
         }
-        if let Some(fault) = named.filter(|_| suspected && !self.broken.is_alone()) {
+        if let Some(fault) = named.filter(|_| suspected && touches > 0 && !self.broken.is_alone()) {
             self.instead_of = Some((fault, touches, misfit));
         }
         true
