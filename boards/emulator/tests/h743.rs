@@ -222,18 +222,22 @@ fn its_watch_learns_sleeps_and_wakes_at_a_touch() {
 
 #[test]
 fn an_overrun_of_a_converter_costs_one_frame() {
-    let mut world = world();
-    // In the middle of a frame, which takes 512 samples.
-    world.overrun_at = Some(9_000);
-    let setup = Setup {
-        commands: vec![
-            (AWAKE_NS, ToBoard::SetPlan(Plan::fast())),
-            (AWAKE_NS + 10_000_000, ToBoard::Start),
-            (AWAKE_NS + 250_000_000, ToBoard::GetCounters),
-        ],
-        ..Setup::default()
+    let commands = vec![
+        (AWAKE_NS, ToBoard::SetPlan(Plan::fast())),
+        (AWAKE_NS + 10_000_000, ToBoard::Start),
+        (AWAKE_NS + 250_000_000, ToBoard::GetCounters),
+    ];
+    let run = |world, count| {
+        let setup = Setup {
+            commands: commands.clone(),
+            ..Setup::default()
+        };
+        run_in(&program("h743"), world, setup, count, 1_000_000_000).unwrap()
     };
-    let outcome = run_in(&program("h743"), world, setup, 40, 1_000_000_000).unwrap();
+    // Half a period into the tenth frame: between two windows an overrun costs nothing.
+    let mut world = world();
+    world.overrun_at = Some(frames(&run(self::world(), 1))[0].time + 9 * 512 + 8);
+    let outcome = run(world, 40);
     let sequence: Vec<u32> = frames(&outcome).iter().map(|f| f.sequence).collect();
     let gaps = sequence.windows(2).filter(|w| w[1] == w[0] + 2).count();
     assert_eq!((sequence.len(), gaps, outcome.resets), (40, 1, 0), "{sequence:?}");
