@@ -1,4 +1,4 @@
-//! Numbers on the command line: what cannot be is refused before anything is done.
+//! Numbers: those on the command line, of which what cannot be is refused before anything is done, and medians.
 
 /// A parser for the finite numbers that are allowed; `wanted` says which, such as "a time in seconds above 0".
 pub(crate) fn allowed(
@@ -14,4 +14,11 @@ pub(crate) fn allowed(
 /// A parser for positive numbers.
 pub(crate) fn positive(wanted: &'static str) -> impl Fn(&str) -> Result<f64, String> + Clone {
     allowed(wanted, |v| v > 0.0)
+}
+
+/// The median of those that are finite, the upper one of two; not a number where there is none.
+pub(crate) fn median(values: impl Iterator<Item = f64>) -> f64 {
+    let mut sorted: Vec<f64> = values.filter(|v| v.is_finite()).collect();
+    sorted.sort_by(f64::total_cmp);
+    sorted.get(sorted.len() / 2).copied().unwrap_or(f64::NAN)
 }

@@ -134,6 +134,9 @@ struct FrameLine<'a> {
     /// What speaks against the touches.
     #[serde(skip_serializing_if = "Option::is_none")]
     doubt: Option<Doubt>,
+    /// Part of the change that the touches take, where discs do not explain it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    explained: Option<f64>,
     /// What drifted since the baseline.
     #[serde(skip_serializing_if = "Drift::is_none")]
     drift: &'a Drift,
@@ -351,6 +354,16 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
             BatchOptions::of(method).noise_frames
         );
     }
+    let explained = || results.iter().filter_map(|done| done.result.explained);
+    if explained().next().is_some() {
+        eprintln!(
+            "notice: in {} of {} frames the touches of the model explain {:.0} % of the change (median): the sheet is not as the model \
+             takes it to be. Presses at known places teach it: skin calibrate presses (docs/real-skins.md)",
+            explained().count(),
+            results.len(),
+            100.0 * number::median(explained())
+        );
+    }
     // Everything is computed and every picture written before the first line is printed: no part passes for the whole.
     if let Some(folder) = &arguments.png {
         write_pictures(folder, batch.imager(), &results)?;
@@ -486,6 +499,10 @@ fn tenths(value: f64) -> f64 {
     (10.0 * value).round() / 10.0
 }
 
+fn thousandths(value: f64) -> f64 {
+    (1000.0 * value).round() / 1000.0
+}
+
 fn print(results: &[Done<'_>], source: &Source, values: usize, left_out: &[&Finding], json: bool) -> Result<()> {
     let mut out = BufWriter::new(std::io::stdout().lock());
     for Done {
@@ -523,6 +540,7 @@ fn print(results: &[Done<'_>], source: &Source, values: usize, left_out: &[&Find
                 baseline,
                 source,
                 doubt: result.doubt,
+                explained: result.explained.map(thousandths),
                 drift: &result.drift,
                 left_out,
             };

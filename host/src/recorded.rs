@@ -92,6 +92,9 @@ pub(crate) struct SessionRecord {
     pub(crate) rise: Option<String>,
     pub(crate) reach: f64,
     pub(crate) patience_s: f64,
+    /// Of recordings before it was written: that of all of them.
+    #[serde(default = "usual_picture_s")]
+    pub(crate) picture_s: f64,
     pub(crate) machine: String,
 }
 
@@ -104,6 +107,10 @@ pub(crate) struct Recorded<'a> {
     pub(crate) wires: &'a [usize],
     /// Where that takes the place of the model.
     pub(crate) presses: Option<&'a PressCalibration>,
+}
+
+fn usual_picture_s() -> f64 {
+    LiveOptions::default().picture_s
 }
 
 fn machine() -> String {
@@ -139,6 +146,7 @@ impl SessionRecord {
             rise: options.polarity.map(|p| p.name().to_owned()),
             reach: options.reach,
             patience_s: options.patience_s,
+            picture_s: options.picture_s,
             machine: machine(),
         })
     }
@@ -216,6 +224,7 @@ impl SessionRecord {
             uncalibrated_n_per_mm2: self.uncalibrated_n_per_mm2,
             reach: self.reach,
             patience_s: self.patience_s,
+            picture_s: self.picture_s,
             ..LiveOptions::default()
         })
     }

@@ -116,14 +116,17 @@ pub(crate) fn one(arguments: &SourceArguments, outputs: &Outputs<'_>, within: Wi
     if let Some(learned) = learned {
         locate::order(learned, &source, pattern.measurements())?;
     }
+    let usual = LiveOptions::default();
     let options = LiveOptions {
+        // The cells of a line are those of its own frame.
+        picture_s: if outputs.show.cells { 0.0 } else { usual.picture_s },
         baseline_frames: arguments.baseline_frames.unwrap_or_else(|| baseline_frames(&session)),
         polarity: arguments.rise,
         find_electrodes: !arguments.trust_electrodes,
         calibration: calibration.rubber,
         // Of a learned touch only the strength is known.
         uncalibrated_n_per_mm2: (calibration.rubber.is_none() && learned.is_none()).then_some(TYPICAL_N_PER_MM2),
-        ..LiveOptions::default()
+        ..usual
     };
     let started_unix_s = match &tap {
         Some(tap) => tap.clock().started_unix_s(),

@@ -53,6 +53,8 @@ pub(crate) struct Prepared<'a> {
     pub measured: bool,
     /// Whether the scatter of the unpressed frames is their noise.
     pub tells_noise: bool,
+    /// Whether anything may have drifted between a frame and what it is compared with.
+    pub drifts: bool,
     /// What of the table is neither a frame nor a baseline, in words.
     pub left_out: Option<String>,
 }
@@ -63,6 +65,8 @@ const MOST_LISTED: usize = 8;
 const LEAST_BASELINE: f64 = 1e-3;
 /// Changes of more than this part of the model's voltages are hardly in volts.
 const LARGEST_CHANGE: f64 = 1.0;
+/// A finger of +20 % changes the voltages by 0.002 (in the middle) to 0.016 (at the rim) of them, root mean squares.
+const USUAL_CHANGE: f64 = 0.01;
 
 impl BaselineArguments {
     /// For each frame the one that a list of presses names before it.
@@ -143,8 +147,8 @@ impl BaselineArguments {
 
     /// Columns of changes: the model's voltages are the baseline, and a frame is these with its change.
     fn changes<'a>(&self, table: &'a MeasurementTable, imager: &Imager) -> Prepared<'a> {
-        let unit_v = self.unit_v.unwrap_or(1.0);
         let model = &imager.model_v;
+        let unit_v = self.unit_v.unwrap_or_else(|| assumed_unit_v(table, model));
         let frame = |(place, column): (usize, &crate::files::measurements::Column)| Frame {
             place,
             values: model
@@ -155,9 +159,9 @@ impl BaselineArguments {
                 .into(),
             baseline: "the model".to_owned(),
         };
-        let part = largest_part(table, model, unit_v);
+        let part = parts(table, model).fold(0.0, f64::max) * unit_v;
         eprintln!(
-            "the columns are changes in units of {unit_v} V: up to {:.2} % of the model's voltages, with which the unpressed \
+            "the columns are changes in units of {unit_v:.3e} V: up to {:.2} % of the model's voltages, with which the unpressed \
              sheet is assumed to agree",
             100.0 * part
         );
@@ -174,19 +178,35 @@ impl BaselineArguments {
             frames: table.columns.iter().enumerate().map(frame).collect(),
             measured: false,
             tells_noise: false,
+            drifts: false,
         }
     }
 }
 
-/// Largest root mean square of a frame's changes, as a part of the model's.
-fn largest_part(table: &MeasurementTable, model: &[f64], unit_v: f64) -> f64 {
-    let rms = |values: &mut dyn Iterator<Item = f64>| {
-        let (sum, count) = values.fold((0.0, 0.0), |(s, n), v| (s + v * v, n + 1.0));
+/// Root mean squares of the frames' changes, as parts of the model's, where 1 in the table is 1 V.
+fn parts(table: &MeasurementTable, model: &[f64]) -> impl Iterator<Item = f64> {
+    let rms = |values: &[f64]| {
+        let finite = values.iter().filter(|d| d.is_finite());
+        let (sum, count) = finite.fold((0.0, 0.0), |(s, n), v| (s + v * v, n + 1.0));
         (sum / f64::max(count, 1.0)).sqrt()
     };
-    let whole = rms(&mut model.iter().copied());
-    let of = |values: &[f64]| rms(&mut values.iter().map(|d| unit_v * d).filter(|d| d.is_finite()));
-    table.columns.iter().map(|c| of(&c.values) / whole).fold(0.0, f64::max)
+    let whole = rms(model).max(f64::MIN_POSITIVE);
+    table.columns.iter().map(move |c| rms(&c.values) / whole)
+}
+
+/// What 1 in a table of changes is where nobody says it, V: 1, unless the changes were larger than the voltages then.
+fn assumed_unit_v(table: &MeasurementTable, model: &[f64]) -> f64 {
+    let usual = number::median(parts(table, model).filter(|part| *part > 0.0));
+    if !(usual.is_finite() && parts(table, model).any(|part| part > LARGEST_CHANGE)) {
+        return 1.0;
+    }
+    eprintln!(
+        "warning: {}: in volts the changes were larger than the voltages themselves; taken to be {} % of them in the median, so that \
+         places hold, but rises and forces only to a common factor. Say what 1 in the table is with --unit-v",
+        table.file,
+        100.0 * USUAL_CHANGE
+    );
+    USUAL_CHANGE / usual
 }
 
 /// The mean of some frames for all others.
@@ -211,6 +231,7 @@ fn plain(table: &MeasurementTable, common: Vec<usize>) -> Prepared<'_> {
         name,
         measured: true,
         tells_noise: true,
+        drifts: true,
     }
 }
 
@@ -294,6 +315,7 @@ fn own<'a>(table: &'a MeasurementTable, names: &Names<'_>, common: &[usize], pat
         measured: true,
         // They were taken at different times: their scatter is drift.
         tells_noise: false,
+        drifts: !common.is_empty(),
     })
 }
 

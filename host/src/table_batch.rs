@@ -72,6 +72,7 @@ impl<'a> TableBatch<'a> {
         let defaults = BatchOptions::of(how.method);
         let options = BatchOptions {
             polarity: how.polarity,
+            drifts: prepared.drifts,
             find_electrodes: defaults.find_electrodes && prepared.measured && !how.trust_electrodes,
             interval_s: how.frame_s,
             calibration: how.calibration,

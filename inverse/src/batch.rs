@@ -19,6 +19,8 @@ pub struct BatchOptions {
     pub method: Method,
     /// Which way touches change the resistivity; none where the frames say it.
     pub polarity: Option<Polarity>,
+    /// Whether anything may have drifted since the baseline: not where every frame has its own.
+    pub drifts: bool,
     /// Whether the electrodes are looked for in the baseline, or taken to be where the sheet says.
     pub find_electrodes: bool,
     /// Time from a frame to the next, s, where they follow one another; none where nothing says so.
@@ -35,6 +37,7 @@ impl BatchOptions {
         Self {
             method,
             polarity: None,
+            drifts: true,
             find_electrodes: method == Method::Nnls,
             interval_s: None,
             calibration: None,
@@ -69,6 +72,7 @@ impl Batch {
         let (imager, baseline) = (Arc::clone(&inspection.imager), &inspection.baseline);
         let how = ReconstructorOptions {
             polarity: options.polarity,
+            drifts: options.drifts,
             sequence: options.interval_s.is_some(),
             ..ReconstructorOptions::for_imager(&imager, options.method)
         };

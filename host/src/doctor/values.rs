@@ -2,6 +2,7 @@
 
 use super::facts::{Facts, Measured};
 use super::line::{Cause, Line};
+use crate::number::median;
 use inverse::reference::wiring;
 
 /// All of them; `named` are electrodes that are named for something else.
@@ -62,12 +63,6 @@ const ODD: f64 = 3.0;
 struct Channel {
     pair: [usize; 2],
     noise_v: f64,
-}
-
-fn median(values: impl Iterator<Item = f64>) -> f64 {
-    let mut sorted: Vec<f64> = values.filter(|v| v.is_finite()).collect();
-    sorted.sort_by(f64::total_cmp);
-    sorted.get(sorted.len() / 2).copied().unwrap_or(f64::NAN)
 }
 
 /// The noise of every sense pair, of the values' own.

@@ -26,6 +26,11 @@ impl Basis {
         }
     }
 
+    /// Forgets all vectors.
+    pub(crate) fn clear(&mut self) {
+        self.columns.clear();
+    }
+
     /// The vectors, one after the other.
     pub(crate) fn columns(&self) -> &[f64] {
         &self.columns

@@ -1,5 +1,7 @@
 //! One frame, with the values and contacts that take part given: weigh, reduce, gate, picture, fit.
 
+mod unexplained;
+
 use crate::change::detector::ChangeDetector;
 use crate::pipeline::image::ImageSolver;
 use crate::pipeline::options::ReconstructorOptions;
@@ -13,6 +15,7 @@ use crate::reference::noise::{NoiseEstimate, NoiseSource};
 use crate::stats::fisher_quantile;
 use crate::touches::fit::disc::MOST_TOUCHES;
 use crate::touches::fit::fitter::{Beside, Data, Fitter, Places};
+use crate::touches::fit::matched_filter::MatchedFilter;
 use crate::touches::fit::reduction::WeightedProjection;
 use crate::touches::polarity::Polarity;
 use crate::touches::touch::Touch;
@@ -27,8 +30,12 @@ const LEAST_REACHED: usize = 8;
 /// Least noise that is found so, over the root mean square of the frame: exact frames have none.
 const LEAST_NOISE: f64 = 1e-4;
 
+/// A picture that leaves more than this part of a change is no picture of what is on the sheet: the model is wrong. Those of objects in
+/// tanks leave up to 0.15, those of real skins half and more.
+const MOST_RESIDUAL: f64 = 0.3;
+
 /// Solutions of the sheet that a frame of a sequence may take: 6 ms each. The next frame goes on.
-const MOST_SOLUTIONS: usize = 4;
+const MOST_SOLUTIONS: usize = 2;
 
 /// What a frame took, in steps that take long: the same on every machine.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -143,6 +150,7 @@ pub(crate) struct FrameSolver {
     weightings: Weightings,
     image: ImageSolver,
     fitter: Option<Fitter>,
+    filter: MatchedFilter,
     /// What the fit goes on from.
     fitting: Drifting,
     /// None where the sheet cannot be solved.
@@ -180,6 +188,7 @@ impl FrameSolver {
             weightings: Weightings::default(),
             image: ImageSolver::new(imager, &options),
             fitter,
+            filter: MatchedFilter::default(),
             contacts: options.fit.and(drift.as_ref()).map(|d| Contacts::new(imager, d)),
             drift,
             fitting: Drifting::Common,
@@ -319,7 +328,8 @@ impl FrameSolver {
         let Some(noise) = task.noise else { return };
         self.work.fits += 1;
         (result.noise, result.used, result.changed, result.anew) = (Some(noise), used, true, true);
-        (result.frames, result.grown, result.misfit) = (task.averaged.frames, task.averaged.grown, None);
+        (result.frames, result.grown) = (task.averaged.frames, task.averaged.grown);
+        (result.misfit, result.explained) = (None, None);
         result.solve_us = 0.0;
         self.fit(task, noise, detector, result);
         if task.drifting == Drifting::Contacts {
@@ -334,22 +344,30 @@ impl FrameSolver {
             self.picture_again(task, result);
         }
         self.picture_due &= self.pictured.is_none();
-        let unexplained = result.changed && result.misfit.is_none() && self.fits();
-        let Some(ridge) = self.ridges[task.drifting as usize].filter(|_| unexplained) else {
+        let Some(noise) = result.noise.filter(|_| self.fits()) else {
             return;
         };
-        // Nothing says that what is there is a touch.
-        let said = self.options.polarity.unwrap_or(Polarity::Either);
+        // Reciprocity cannot tell an error of the model, or of the board, from noise.
+        let hidden = !result.changed && noise.source != NoiseSource::Known && self.stands_out(task);
+        if hidden {
+            (result.changed, result.anew) = (true, true);
+            result.x.resize(self.imager.grid.len(), 0.0);
+        }
+        if !result.changed || result.misfit.is_some() {
+            return;
+        }
+        let said = self.said();
+        let ridge = self.ridges[task.drifting as usize].filter(|_| !hidden);
+        let ridge = ridge.unwrap_or(noise.sigma / self.options.expected_rise);
         self.weigh(task.difference, (Drifting::Nothing, task.changed));
         self.reduce(task.difference);
         if let Some(weighted) = self.weightings.current_mut() {
-            self.image.solve_with_falls(
-                &self.options,
-                &mut weighted.pictures,
-                &self.values,
-                (ridge, said),
-                result,
-            );
+            let pictures = &mut weighted.pictures;
+            self.image
+                .solve_with_falls(&self.options, pictures, &self.values, (ridge, said), result);
+        }
+        if result.residual > MOST_RESIDUAL {
+            self.explain_most(task, result);
         }
     }
 
@@ -559,16 +577,13 @@ impl FrameSolver {
                 detector.once_more();
             }
         }
-        result.touches.clear();
         let (geometry, unplaced) = (self.imager.model.geometry(), self.options.unplaced_mm);
         let strengths = fitted.touches.iter().zip(&fitted.significances);
         let significant = strengths
             .filter(|(_, s)| **s >= self.options.least_significance)
             .map(|(t, _)| t);
-        let placed = significant.filter(|t| {
-            let sd = t.x_sd_mm.unwrap_or(0.0).max(t.y_sd_mm.unwrap_or(0.0));
-            sd <= unplaced || sd <= apart(t, &fitted.touches, geometry)
-        });
+        let placed = significant.filter(|t| is_placed(t, &fitted.touches, geometry, unplaced));
+        result.touches.clear();
         result.touches.extend(placed.copied());
         result.misfit = Some(fitted.misfit);
     }
@@ -659,6 +674,12 @@ impl FrameSolver {
             contacts.even_out(changed, &self.imager.model_v, difference);
         }
     }
+}
+
+/// Whether a touch has a place: one whose uncertainty is larger than the distance to the rim, or to a stronger touch, has none.
+fn is_placed(touch: &Touch, touches: &[Touch], geometry: &Geometry, unplaced_mm: f64) -> bool {
+    let sd = touch.x_sd_mm.unwrap_or(0.0).max(touch.y_sd_mm.unwrap_or(0.0));
+    sd <= unplaced_mm || sd <= apart(touch, touches, geometry)
 }
 
 /// Distance of a touch from the rim, or from a stronger touch where that is nearer, mm.

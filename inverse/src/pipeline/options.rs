@@ -39,6 +39,8 @@ pub struct ReconstructorOptions {
     /// Which way touches change the resistivity; none where that is to be learned from the frames. A sheet of which nothing is
     /// known is first taken for one whose touches raise it.
     pub polarity: Option<Polarity>,
+    /// Whether anything may have drifted since the baseline: not where every frame has its own, taken just before it.
+    pub drifts: bool,
     /// Whether frames are measured one after another. What broke or changed on the sheet stays so. A doubtful electrode is
     /// then left out only when its fault lasts, a contact is accepted as changed after
     /// [`ContactOptions::frames`], and unexplained frames are reported after
@@ -110,6 +112,7 @@ impl ReconstructorOptions {
             },
             fit: (method == Method::Nnls).then(|| FitOptions::for_extent(extent)),
             polarity: None,
+            drifts: true,
             sequence: false,
             averaged_s: 0.25,
             picture_s: 0.0,

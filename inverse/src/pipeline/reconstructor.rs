@@ -176,6 +176,9 @@ impl Reconstructor {
         }
         if self.solver.has_pictured() {
             self.since_picture_s = 0.0;
+        } else if !self.result.changed {
+            // What is shown is empty: the next touch is to be seen at once.
+            self.since_picture_s = f64::INFINITY;
         }
         let result = &self.result;
         let sound = result.faults.is_empty() && !self.broken.is_open();

@@ -39,6 +39,9 @@ pub struct FrameResult {
     /// Mean squared misfit of the touches' fit, in variances of the noise; none where the touches are the picture's peaks
     /// because discs do not explain the frame.
     pub misfit: Option<f64>,
+    /// Part of the change's square that its touches take, 0 to 1, where discs do not explain the frame. Those that have no place are not
+    /// listed, and count.
+    pub explained: Option<f64>,
     /// What speaks against the touches.
     pub doubt: Option<Doubt>,
     /// What drifted since the baseline. It is taken out of the frame, and touches are right beside it.
@@ -68,6 +71,7 @@ impl FrameResult {
             changed: false,
             status: Status::Converged,
             misfit: None,
+            explained: None,
             doubt: None,
             drift: Drift::none(),
             faults: Vec::new(),
@@ -118,7 +122,7 @@ impl FrameResult {
             self.x.fill(0.0);
             self.touches.clear();
             (self.residual, self.gap, self.solve_us) = (0.0, 0.0, 0.0);
-            (self.changed, self.status, self.misfit) = (false, Status::Converged, None);
+            (self.changed, self.status, self.misfit, self.explained) = (false, Status::Converged, None, None);
         }
         (self.noise, self.used, self.doubt) = (noise, used, None);
         (self.frames, self.grown) = (1, false);

@@ -6,12 +6,62 @@ use crate::quality::contact::Contacts;
 use crate::reference::Difference;
 use crate::reference::drift::{DriftShapes, Drifting};
 use crate::reference::imager::Imager;
-use crate::solvers::{Method, Nnls, NnlsOptions, Problem, Projector};
+use crate::solvers::{Factored, Method, Nnls, NnlsOptions, Problem, Projector};
 use crate::touches::fit::fitter::Fitter;
 use crate::touches::fit::nuisance::Nuisances;
 use crate::touches::fit::responses::ResponseTable;
 use arrayvec::ArrayVec;
 use nalgebra::{DMatrix, DVector};
+
+/// What all problems for the same weights of the values have in common.
+struct Whole {
+    spread: Vec<f64>,
+    /// The weighted sensitivity of all values, its columns scaled by the prior that all values give.
+    factored: Factored,
+    prior: DVector<f64>,
+}
+
+impl Whole {
+    fn new(imager: &Imager, options: &ReconstructorOptions, spread: &[f64]) -> Self {
+        let weights: Vec<f64> = spread.iter().map(|spread| 1.0 / spread).collect();
+        let prior = prior(&imager.sensitivity, &weights, options);
+        let mut a = imager.sensitivity.clone();
+        for (mut column, prior) in a.column_iter_mut().zip(&prior) {
+            let weighted = column.iter_mut().zip(&weights);
+            weighted.for_each(|(v, weight)| *v *= weight * prior);
+        }
+        Self {
+            spread: spread.to_vec(),
+            factored: Factored::new(&a),
+            prior,
+        }
+    }
+}
+
+/// Expected rise of every cell over [`ReconstructorOptions::expected_rise`]: less of sensitive cells. Lawson-Hanson and the generalised
+/// inverse are the plain methods, and expect the same of all.
+fn prior(sensitivity: &DMatrix<f64>, weights: &[f64], options: &ReconstructorOptions) -> DVector<f64> {
+    let depth = if is_ridged(options) { options.depth } else { 0.0 };
+    let norm = |column: &[f64]| {
+        column
+            .iter()
+            .zip(weights)
+            .map(|(v, w)| (v * w).powi(2))
+            .sum::<f64>()
+            .sqrt()
+    };
+    let norms: Vec<f64> = sensitivity.column_iter().map(|c| norm(c.as_slice())).collect();
+    let mut sorted = norms.clone();
+    sorted.sort_by(f64::total_cmp);
+    let median = sorted[sorted.len() / 2].max(f64::MIN_POSITIVE);
+    let of = |norm: &f64| (norm / median).max(options.least_sensitivity).powf(-depth);
+    DVector::from_iterator(norms.len(), norms.iter().map(of))
+}
+
+/// Whether the method solves with a ridge, and knows of drift.
+fn is_ridged(options: &ReconstructorOptions) -> bool {
+    matches!(options.method, Method::Nnls | Method::Tikhonov)
+}
 
 /// The weighted and reduced problem for the values that take part, without what some contacts do.
 pub(crate) struct Weighted {
@@ -57,6 +107,7 @@ pub(crate) struct Tables {
 
 impl Weighted {
     fn new(
+        whole: &Whole,
         imager: &Imager,
         options: &ReconstructorOptions,
         drift: Option<&DriftShapes>,
@@ -64,28 +115,8 @@ impl Weighted {
         difference: &Difference,
         (drifting, changed): (Drifting, &[usize]),
     ) -> Self {
-        let mut a = imager.sensitivity.clone();
-        for (k, mut row) in a.row_iter_mut().enumerate() {
-            row *= weight(difference, k);
-        }
-        // Lawson-Hanson and the generalised inverse are the plain methods; the others expect less of sensitive cells.
-        let ridged = matches!(options.method, Method::Nnls | Method::Tikhonov);
-        let depth = if ridged { options.depth } else { 0.0 };
-        let norms: Vec<f64> = a.column_iter().map(|c| c.norm()).collect();
-        let mut sorted = norms.clone();
-        sorted.sort_by(f64::total_cmp);
-        let median = sorted[sorted.len() / 2].max(f64::MIN_POSITIVE);
-        let prior = DVector::from_iterator(
-            norms.len(),
-            norms
-                .iter()
-                .map(|n| (n / median).max(options.least_sensitivity).powf(-depth)),
-        );
-        for (mut column, prior) in a.column_iter_mut().zip(&prior) {
-            column *= *prior;
-        }
         let mut left_out = Basis::default();
-        let drift = drift.filter(|_| ridged);
+        let drift = drift.filter(|_| is_ridged(options));
         if let Some(drift) = drift {
             drift.add_to(drifting, &mut left_out, |k| weight(difference, k));
         }
@@ -99,10 +130,18 @@ impl Weighted {
                 }
             }
         }
-        for mut column in a.column_iter_mut() {
-            left_out.outside(column.as_mut_slice());
-        }
-        let problem = Problem::new(&a, options.drop);
+        let leave_out = |values: &mut [f64]| {
+            for (value, used) in values.iter_mut().zip(&difference.used) {
+                if !used {
+                    *value = 0.0;
+                }
+            }
+            left_out.outside(values);
+        };
+        let weights: Vec<f64> = (0..difference.used.len()).map(|k| weight(difference, k)).collect();
+        let prior = prior(&imager.sensitivity, &weights, options);
+        let scales: Vec<f64> = prior.iter().zip(&whole.prior).map(|(own, all)| own / all).collect();
+        let problem = whole.factored.problem(leave_out, &scales, options.drop);
         Self {
             used: difference.used.clone(),
             spread: difference.spread.clone(),
@@ -140,6 +179,11 @@ impl Weighted {
         if self.used[k] { 1.0 / self.spread[k] } else { 0.0 }
     }
 
+    /// How many directions say nothing of touches.
+    pub(crate) fn directions(&self) -> usize {
+        self.left_out.columns().len() / self.used.len().max(1)
+    }
+
     /// Weighs a difference into `values`, without what says nothing of touches, and reduces it into `reduced`.
     pub(crate) fn reduce(&mut self, difference: &Difference, values: &mut Vec<f64>, reduced: &mut Vec<f64>) {
         values.clear();
@@ -168,7 +212,9 @@ impl Weighted {
                 touches: fitter
                     .volts()
                     .reduced(&self.pictures.problem.reduction(&weights), at_once),
-                nuisances: drift.filter(|_| !directions.is_empty()).map(nuisances),
+                nuisances: drift
+                    .filter(|_| self.drifting != Drifting::Nothing && !directions.is_empty())
+                    .map(nuisances),
             });
         }
     }
@@ -215,6 +261,7 @@ const MOST_KEPT: usize = 4;
 /// The problems used last, the last first.
 #[derive(Default)]
 pub(crate) struct Weightings {
+    whole: Option<Whole>,
     kept: ArrayVec<Weighted, MOST_KEPT>,
 }
 
@@ -257,7 +304,10 @@ impl Weightings {
                 if self.kept.is_full() {
                     self.kept.pop();
                 }
-                let new = Weighted::new(imager, options, drift, contacts, difference, left_out);
+                let whole = self.whole.take().filter(|whole| whole.spread == difference.spread);
+                let whole = whole.unwrap_or_else(|| Whole::new(imager, options, &difference.spread));
+                let new = Weighted::new(&whole, imager, options, drift, contacts, difference, left_out);
+                self.whole = Some(whole);
                 self.kept.insert(0, new);
                 1
             }

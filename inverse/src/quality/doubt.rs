@@ -108,7 +108,7 @@ impl fmt::Display for Doubt {
             ),
             Self::NotTouches => write!(
                 f,
-                "no touches of the expected size explain the change: shown are the picture's peaks, of other objects or of \
+                "no touches of the expected size explain the change: shown is what explains most of it, of other objects or of \
                  contacts that changed since the baseline"
             ),
         }

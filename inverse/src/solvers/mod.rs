@@ -3,7 +3,7 @@
 //! All solve `A x = b` for x, the relative rise in resistivity of every cell. A is the weighted sensitivity, b the
 //! weighted difference. How the solvers work and what they cost: docs/solver.md.
 //!
-//! - [`Problem`] reduces A to its row space, once for a sheet.
+//! - [`Problem`] reduces A to its row space, once for a sheet. [`Factored`] makes those without some of its values.
 //! - [`Nnls`] is the solver of every frame. `newton` solves with a ridge, on the `factor` of the present passive set.
 //!   `active_set` solves without one, on a `passive_set`; its columns come from `queue` or `column_search`. `stacked`
 //!   solves with a ridge that is too small for `newton`.
@@ -17,6 +17,7 @@
 mod active_set;
 mod column_search;
 mod factor;
+mod factored;
 mod lawson_hanson;
 mod method;
 mod newton;
@@ -32,6 +33,7 @@ mod stacked;
 mod tests;
 mod tikhonov;
 
+pub use crate::solvers::factored::Factored;
 pub use crate::solvers::lawson_hanson::lawson_hanson;
 pub use crate::solvers::method::{Method, UnknownMethod};
 pub use crate::solvers::nnls::{Nnls, NnlsOptions};

@@ -36,22 +36,33 @@ impl Problem {
         let finite = a.iter().all(|v| v.is_finite());
         let scale = if finite && !a.is_empty() { a.amax() } else { 0.0 };
         if scale < f64::MIN_POSITIVE {
-            let nothing = DMatrix::zeros(a.nrows(), 0);
-            return Self::assemble(DMatrix::zeros(0, a.ncols()), DVector::zeros(0), nothing, finite);
+            return Self::nothing(a.nrows(), a.ncols(), finite);
         }
         let scaled = a / scale;
         let eigen = SymmetricEigen::new(&scaled * scaled.transpose());
-        let value = |k: usize| eigen.eigenvalues[k].max(0.0).sqrt();
-        let mut order: Vec<usize> = (0..a.nrows()).collect();
-        order.sort_by(|i, j| value(*j).total_cmp(&value(*i)));
-        let limit = rank_tolerance.max(LEAST_SINGULAR) * order.first().map_or(0.0, |k| value(*k));
-        let kept: Vec<usize> = order.into_iter().filter(|k| value(*k) > limit).collect();
+        let values: Vec<f64> = eigen.eigenvalues.iter().map(|v| v.max(0.0).sqrt()).collect();
+        let kept = Self::kept(&values, rank_tolerance);
         let basis = eigen.eigenvectors.select_columns(&kept);
-        let singular = DVector::from_iterator(kept.len(), kept.iter().map(|k| value(*k) * scale));
+        let singular = DVector::from_iterator(kept.len(), kept.iter().map(|k| values[*k] * scale));
         Self::assemble(basis.transpose() * a, singular, basis, finite)
     }
 
-    fn assemble(a: DMatrix<f64>, singular: DVector<f64>, basis: DMatrix<f64>, finite: bool) -> Self {
+    /// A problem of rank 0.
+    pub(super) fn nothing(rows: usize, cells: usize, finite: bool) -> Self {
+        let basis = DMatrix::zeros(rows, 0);
+        Self::assemble(DMatrix::zeros(0, cells), DVector::zeros(0), basis, finite)
+    }
+
+    /// Places of the singular values that are kept, the largest first.
+    pub(super) fn kept(singular: &[f64], rank_tolerance: f64) -> Vec<usize> {
+        let mut order: Vec<usize> = (0..singular.len()).collect();
+        order.sort_by(|i, j| singular[*j].total_cmp(&singular[*i]));
+        let limit = rank_tolerance.max(LEAST_SINGULAR) * order.first().map_or(0.0, |k| singular[*k]);
+        order.retain(|k| singular[*k] > limit);
+        order
+    }
+
+    pub(super) fn assemble(a: DMatrix<f64>, singular: DVector<f64>, basis: DMatrix<f64>, finite: bool) -> Self {
         let scale = if singular.is_empty() { 1.0 } else { singular[0] };
         Self {
             columns: Arc::new(Columns::new(&a, scale)),

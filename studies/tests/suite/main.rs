@@ -11,6 +11,7 @@ mod contacts;
 mod drift;
 mod faults;
 mod hand;
+mod model_error;
 mod noise;
 mod polarity;
 mod screening;

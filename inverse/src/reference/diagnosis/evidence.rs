@@ -124,6 +124,26 @@ impl Evidence {
         (wc * (sd / spread.sqrt()), 0.5 * spread.ln())
     }
 
+    /// The inverse of the covariance, 0 where a value takes no part.
+    pub(super) fn inverse_covariance(&self) -> DMatrix<f64> {
+        let mut w = self.g.transpose() * -&self.g;
+        for (k, own) in self.own.iter().enumerate() {
+            w[(k, k)] += own;
+        }
+        w
+    }
+
+    /// The product of that with the frame.
+    pub(super) fn weighted(&self) -> &DVector<f64> {
+        &self.wy
+    }
+
+    /// Cost of values that are free by themselves.
+    pub(super) fn own_cost(&self, values: &[usize]) -> f64 {
+        let one = |k: &usize| 0.5 * (self.y[*k] / self.range_v).powi(2) + self.range_v.ln();
+        values.iter().map(one).sum()
+    }
+
     /// Cost of a fault that leaves values free, and the part of it that the other values have.
     pub(crate) fn free(&self, values: &[usize]) -> (f64, f64) {
         let values: Vec<usize> = values.iter().copied().filter(|k| self.own[*k] > 0.0).collect();
@@ -139,12 +159,8 @@ impl Evidence {
         let u = DVector::from_fn(n, |i, _| self.wy[values[i]]);
         let gone = u.dot(&factor.solve(&u));
         let log_det: f64 = 2.0 * factor.l_dirty().diagonal().iter().map(|v| v.ln()).sum::<f64>();
-        let own: f64 = values
-            .iter()
-            .map(|k| 0.5 * (self.y[*k] / self.range_v).powi(2) + self.range_v.ln())
-            .sum();
         let others = self.of_touches() - 0.5 * gone;
-        (others + 0.5 * log_det + own, others)
+        (others + 0.5 * log_det + self.own_cost(&values), others)
     }
 
     /// The value that is furthest from what the others tell.

@@ -3,6 +3,7 @@
 use super::covariance::Covariance;
 use super::evidence::Evidence;
 use super::fault::{Electrodes, Fault, MOST_ELECTRODES};
+use super::freed::{Cost, Freed};
 use crate::reference::Difference;
 use crate::reference::drift::{DriftShapes, Drifting};
 use crate::reference::imager::Imager;
@@ -421,33 +422,37 @@ impl Diagnosis {
     fn offer_open(&self, evidence: &Evidence, best: &mut Best) {
         let n = self.electrodes();
         let one = (n as f64).ln();
-        let mut sets: Vec<Vec<usize>> = vec![Vec::new()];
+        let mut sets = vec![(Vec::new(), Freed::none(evidence))];
         let mut least = f64::INFINITY;
         for count in 1..=MOST_ELECTRODES {
-            let mut tried: Vec<((f64, f64), Vec<usize>)> = Vec::new();
-            for set in &sets {
+            let mut tried: Vec<(Cost, Vec<usize>, (usize, usize))> = Vec::new();
+            for (from, (set, freed)) in sets.iter().enumerate() {
                 for l in (0..n).filter(|l| !set.contains(l)) {
                     let mut with = set.clone();
                     with.push(l);
                     with.sort_unstable();
-                    if !tried.iter().any(|(_, other)| *other == with) {
-                        tried.push((evidence.free(&self.values_of(&with)), with));
+                    if !tried.iter().any(|(_, other, _)| *other == with) {
+                        tried.push((freed.cost(&self.values_of(&[l])), with, (from, l)));
                     }
                 }
             }
-            tried.sort_by(|a, b| a.0.0.total_cmp(&b.0.0));
+            tried.sort_by(|a, b| a.0.all.total_cmp(&b.0.all));
             tried.truncate(MOST_TRIED);
-            let Some(((cost, left), set)) = tried.first() else {
+            let Some((cost, set, _)) = tried.first() else {
                 return;
             };
-            best.offer_free(FAULT + count as f64 * one + cost, *left, || {
+            best.offer_free(FAULT + count as f64 * one + cost.all, cost.others, || {
                 Fault::Open(Electrodes::of(set))
             });
-            if cost + one > least {
+            if cost.all + one > least || count == MOST_ELECTRODES {
                 return;
             }
-            least = *cost;
-            sets = tried.into_iter().map(|(_, set)| set).collect();
+            least = cost.all;
+            let with = |(_, set, (from, l)): (Cost, Vec<usize>, (usize, usize))| {
+                let freed = sets[from].1.with(&self.values_of(&[l]))?;
+                Some((set, freed))
+            };
+            sets = tried.into_iter().filter_map(with).collect();
         }
     }
 }

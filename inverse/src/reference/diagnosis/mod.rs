@@ -7,6 +7,7 @@
 mod covariance;
 mod evidence;
 mod fault;
+mod freed;
 mod hypotheses;
 
 pub use fault::{Electrodes, Fault, MOST_ELECTRODES};

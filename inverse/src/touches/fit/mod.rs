@@ -14,6 +14,7 @@
 //! - [`model_order`]: chooses the number.
 //! - [`frame_fit`]: fits one frame, and states the uncertainties.
 //! - [`nonlinear`]: the linearisation error of discs; [`linearisation_error`]: the same, carried from frame to frame.
+//! - `matched_filter`: the touches that explain best what no discs explain.
 //! - [`electrode_uncertainty`]: what the electrodes' uncertainty adds to that of touches.
 //! - `nuisance`: what changes frames beside touches, and what it does to their accuracy.
 //! - [`reduction`]: brings frames of the model into the space of the data.
@@ -30,6 +31,7 @@ pub mod frame_fit;
 mod interpolation;
 pub mod levenberg_marquardt;
 pub mod linearisation_error;
+pub(crate) mod matched_filter;
 pub mod model_order;
 mod node_values;
 pub mod nonlinear;

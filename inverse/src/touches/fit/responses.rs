@@ -390,6 +390,11 @@ impl ResponseTable {
         forward::curve::contains(&self.lattice.outline_mm, at)
     }
 
+    /// The expected radius, mm.
+    pub fn radius_mm(&self) -> f64 {
+        self.lattice.radius_mm
+    }
+
     /// Smallest and largest radius that the table is good for, mm.
     pub fn radii_mm(&self) -> [f64; 2] {
         [SMALLEST, LARGEST].map(|r| r * self.lattice.radius_mm)

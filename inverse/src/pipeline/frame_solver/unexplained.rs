@@ -1,0 +1,117 @@
+//! Frames that no discs explain: the touches that explain most of them.
+
+use super::{FrameSolver, Task, is_placed};
+use crate::linalg::vector::square;
+use crate::pipeline::result::FrameResult;
+use crate::reference::drift::Drifting;
+use crate::touches::fit::matched_filter::Remainder;
+use crate::touches::polarity::Polarity;
+
+/// Values for each electrode whose errors are independent, where discs do not explain a frame: the errors of real skins lie in few
+/// directions.
+const INDEPENDENT: f64 = 2.0;
+
+/// Logarithms of how probable a frame is with errors of unknown size.
+#[derive(Clone, Copy)]
+struct Evidence {
+    drifting: Drifting,
+    /// Nothing but drift.
+    alone: f64,
+    /// A touch somewhere as well.
+    touched: f64,
+}
+
+impl FrameSolver {
+    /// The polarity that was said. Of what discs do not explain, nothing else tells that it is a touch.
+    pub(super) fn said(&self) -> Polarity {
+        self.options.polarity.unwrap_or(Polarity::Either)
+    }
+
+    /// Whether a touch stands out of a frame that is like noise, of which nothing but the frame itself tells the size.
+    pub(super) fn stands_out(&mut self, task: Task) -> bool {
+        let used = task.difference.used.iter().filter(|used| **used).count();
+        let of = self.evidence_by_drift(task, used as f64);
+        let most = |of: &mut dyn Iterator<Item = f64>| of.fold(f64::NEG_INFINITY, f64::max);
+        let [touched, alone] = [
+            most(&mut of.iter().map(|e| e.touched)),
+            most(&mut of.iter().map(|e| e.alone)),
+        ];
+        touched.is_finite() && touched - alone > -self.options.false_alarm.ln()
+    }
+
+    /// The touches that explain most of a frame that no discs explain, nor a picture.
+    pub(super) fn explain_most(&mut self, task: Task, result: &mut FrameResult) {
+        let Some(fit) = self.options.fit else { return };
+        let independent = INDEPENDENT * self.imager.model.electrodes() as f64;
+        let of = self.evidence_by_drift(task, independent);
+        result.touches.clear();
+        let Some(most) = of.iter().max_by(|a, b| a.touched.total_cmp(&b.touched)) else {
+            return;
+        };
+        self.look(task, most.drifting);
+        let said = self.said();
+        let Some(tables) = self.weightings.current().and_then(|w| w.tables.as_ref()) else {
+            return;
+        };
+        // What the picture leaves, no touches explain.
+        let left = result.residual * result.residual * square(&self.values);
+        let frame = remainder(&self.values, &self.reduced);
+        let frame = Remainder {
+            outside: frame.outside.max(left),
+            ..frame
+        };
+        let chance = (independent, fit.false_touch);
+        let explained = self.filter.find(&tables.touches, frame, said, chance, &mut self.spare);
+        result.explained = Some(explained);
+        let (geometry, unplaced) = (self.imager.model.geometry(), self.options.unplaced_mm);
+        let placed = self
+            .spare
+            .iter()
+            .filter(|t| is_placed(t, &self.spare, geometry, unplaced));
+        result.touches.extend(placed.copied());
+    }
+
+    /// What speaks for a touch with nothing that drifts, and with what the task says does. `independent`: values with errors of their
+    /// own.
+    fn evidence_by_drift(&mut self, task: Task, independent: f64) -> Vec<Evidence> {
+        let said = self.said();
+        let ways = [Drifting::Nothing, task.drifting];
+        let ways = if self.options.drifts { &ways[..] } else { &ways[..1] };
+        let mut whole = None;
+        let mut found = Vec::with_capacity(ways.len());
+        for drifting in ways {
+            self.look(task, *drifting);
+            let Some(weighted) = self.weightings.current() else {
+                continue;
+            };
+            let Some(tables) = &weighted.tables else { continue };
+            let left = square(&self.values);
+            let whole = *whole.get_or_insert(left);
+            // A direction that is left out takes its share of any frame (the criterion of Schwarz).
+            let directions = weighted.directions() as f64;
+            let alone = -0.5 * (independent * (left / whole).ln() + directions * independent.ln());
+            let frame = remainder(&self.values, &self.reduced);
+            let touched = alone + self.filter.log_evidence(&tables.touches, frame, said, independent);
+            found.push(Evidence {
+                drifting: *drifting,
+                alone,
+                touched,
+            });
+        }
+        found
+    }
+
+    /// Makes the frame ready with this drift left out.
+    fn look(&mut self, task: Task, drifting: Drifting) {
+        self.weigh(task.difference, (drifting, task.changed));
+        self.reduce(task.difference);
+        self.tabulate(false);
+    }
+}
+
+fn remainder<'a>(values: &[f64], reduced: &'a [f64]) -> Remainder<'a> {
+    Remainder {
+        reduced,
+        outside: square(values) - square(reduced),
+    }
+}

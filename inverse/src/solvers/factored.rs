@@ -1,0 +1,134 @@
+//! A matrix decomposed once, for problems with some of its rows, or some directions of its values, left out.
+
+use crate::solvers::Problem;
+use nalgebra::{Cholesky, DMatrix, DVector, SymmetricEigen};
+
+/// `A = B D`: columns B that span those of A (`values x rank`), as long as the singular values, and orthonormal rows D
+/// (`rank x cells`).
+///
+/// What is left out of A's values is left out of B: `f(A) P = f(B) D P` for every linear f and scales P of the cells. Its
+/// decomposition needs none of a matrix larger than `rank x rank`: a third of the time of [`Problem::new`] with 208 values, a tenth
+/// with 928.
+#[derive(Clone, Debug)]
+pub struct Factored {
+    columns: DMatrix<f64>,
+    directions: DMatrix<f64>,
+    finite: bool,
+}
+
+impl Factored {
+    /// Decomposes a matrix, `values x cells`. One with a number that is not finite has rank 0.
+    pub fn new(a: &DMatrix<f64>) -> Self {
+        let problem = Problem::new(a, 0.0);
+        let mut columns = problem.basis().clone();
+        let mut directions = problem.a().clone();
+        for (k, mut row) in directions.row_iter_mut().enumerate() {
+            let length = row.norm();
+            row /= length;
+            columns.column_mut(k).scale_mut(length);
+        }
+        Self {
+            columns,
+            directions,
+            finite: problem.is_finite(),
+        }
+    }
+
+    /// The problem of the matrix whose columns `leave_out` has made of those of A, for any linear map of a column in place, and then
+    /// multiplied by `scales` above 0. The rank tolerance is that of [`Problem::new`].
+    pub fn problem(&self, mut leave_out: impl FnMut(&mut [f64]), scales: &[f64], rank_tolerance: f64) -> Problem {
+        let mut columns = self.columns.clone();
+        for mut column in columns.column_iter_mut() {
+            leave_out(column.as_mut_slice());
+        }
+        let mut directions = self.directions.clone();
+        for (mut column, scale) in directions.column_iter_mut().zip(scales) {
+            column *= *scale;
+        }
+        let largest = columns.amax();
+        let nothing = || Problem::nothing(columns.nrows(), directions.ncols(), self.finite);
+        // Nearly the identity: the scales are.
+        let Some(factor) = Cholesky::new(&directions * directions.transpose()).filter(|_| largest > 0.0) else {
+            return nothing();
+        };
+        let scaled = (&columns / largest) * factor.l();
+        if scaled.iter().any(|v| !v.is_finite()) {
+            return nothing();
+        }
+        let eigen = SymmetricEigen::new(scaled.transpose() * &scaled);
+        let values: Vec<f64> = eigen.eigenvalues.iter().map(|v| v.max(0.0).sqrt()).collect();
+        let kept = Problem::kept(&values, rank_tolerance);
+        let mut basis = &scaled * eigen.eigenvectors.select_columns(&kept);
+        for (mut column, k) in basis.column_iter_mut().zip(&kept) {
+            column /= values[*k];
+        }
+        let reduced = (basis.transpose() * &columns) * &directions;
+        let singular = DVector::from_iterator(kept.len(), kept.iter().map(|k| values[*k] * largest));
+        Problem::assemble(reduced, singular, basis, self.finite)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{Rng, SeedableRng, rngs::StdRng};
+
+    /// 30 values of rank 12 with singular values over four decades.
+    fn matrix(rng: &mut StdRng) -> DMatrix<f64> {
+        let mut random = |rows, columns| DMatrix::from_fn(rows, columns, |_, _| rng.random_range(-1.0..1.0));
+        let mut left: DMatrix<f64> = random(30, 12);
+        for (k, mut column) in left.column_iter_mut().enumerate() {
+            column *= 10f64.powf(-(k as f64) / 3.0);
+        }
+        left * random(12, 50)
+    }
+
+    /// Whatever is left out: the problem is that of the whole matrix without it.
+    #[test]
+    fn what_is_left_out_of_the_basis_is_left_out_of_the_matrix() {
+        let mut rng = StdRng::seed_from_u64(8);
+        let a = matrix(&mut rng);
+        let factored = Factored::new(&a);
+        let direction: Vec<f64> = (0..30).map(|_| rng.random_range(-1.0..1.0)).collect();
+        let square: f64 = direction.iter().map(|v| v * v).sum();
+        let leave_out = |values: &mut [f64]| {
+            for k in [3, 4, 17, 29] {
+                values[k] = 0.0;
+            }
+            let along = values.iter().zip(&direction).map(|(v, d)| v * d).sum::<f64>() / square;
+            values.iter_mut().zip(&direction).for_each(|(v, d)| *v -= along * d);
+        };
+        let scales: Vec<f64> = (0..50).map(|_| rng.random_range(0.5..2.0)).collect();
+        let mut without = a.clone();
+        for (mut column, scale) in without.column_iter_mut().zip(&scales) {
+            leave_out(column.as_mut_slice());
+            column *= *scale;
+        }
+        for tolerance in [0.0, 1e-2] {
+            let (long, short) = (
+                Problem::new(&without, tolerance),
+                factored.problem(leave_out, &scales, tolerance),
+            );
+            assert_eq!(long.rank(), short.rank());
+            for (a, b) in long.singular().iter().zip(short.singular()) {
+                assert!((a / b - 1.0).abs() < 1e-6, "{a} {b}");
+            }
+            // Directions have no sign: the products say whether they are the same.
+            let gram = |p: &Problem| p.a().tr_mul(p.a());
+            assert!((gram(&long) - gram(&short)).amax() < 1e-9 * gram(&long).amax());
+            let b = nalgebra::DVector::from_fn(30, |_, _| rng.random_range(-1.0..1.0));
+            let back = |p: &Problem| p.a().tr_mul(&p.reduce(&b).0);
+            assert!((back(&long) - back(&short)).amax() < 1e-7 * back(&long).amax());
+        }
+    }
+
+    #[test]
+    fn of_nothing_nothing_is_left() {
+        let mut rng = StdRng::seed_from_u64(9);
+        let factored = Factored::new(&matrix(&mut rng));
+        assert_eq!(factored.problem(|values| values.fill(0.0), &[1.0; 50], 0.0).rank(), 0);
+        let mut broken = matrix(&mut rng);
+        broken[(2, 3)] = f64::NAN;
+        assert_eq!(Factored::new(&broken).problem(|_| {}, &[1.0; 50], 0.0).rank(), 0);
+    }
+}
