@@ -84,6 +84,8 @@ fn main() -> ! {
     board.start_up();
     panic_record::planted();
     loop {
+        #[cfg(feature = "fault-hang")]
+        panic_record::hang_later(firmware::Clock::now(board.support_mut()));
         if board.poll() == Activity::Idle {
             multiplexer::rest(light::is_on(state(board)));
         }
