@@ -75,6 +75,12 @@ for fault in routing break settling timer phase request panic hang; do
     cp "$boards_target/$TARGET/release/skin-board" "$programs/fault-$fault"
 done
 
+say "the STM32H743's with planted faults"
+for fault in routing break settling timer phase hang; do
+    in_board stm32h7 build --release --locked --features "fault-$fault" 2>/dev/null || fail "stm32h7: fault-$fault does not build"
+    cp "$boards_target/$TARGET/release/skin-board-h743" "$programs/h743-fault-$fault"
+done
+
 say "with its log over the debug probe"
 in_board stm32f4 build --release --locked --bin skin-board --features defmt || fail "stm32f4 (defmt) does not build"
 cp "$boards_target/$TARGET/release/skin-board" "$programs/defmt"

@@ -18,7 +18,9 @@ fn main() -> Result<(), Box<dyn Error>> {
         "memory_map.x",
         "Cargo.toml",
         "Cargo.lock",
-        "../stm32f4/src/ring.rs",
+        // The files that both boards share are there.
+        "../stm32f4/src",
+        "../stm32f4/source_state.rs",
         "../../firmware/src",
         "../../firmware/Cargo.toml",
         "../../protocol",

@@ -11,8 +11,8 @@ use crate::task::Probe;
 use core::ops::DerefMut;
 use embedded_hal_nb::serial::{Read, Write};
 use protocol::{
-    BoardError, Command, Counters, FrameError, Hello, Limits, Notice, Outgoing, PeriodRequest, Plan, PlanError,
-    Refusal, Status, Stored, ToBoard, Watch, WatchNumber, Watching,
+    BoardError, Command, Counters, FrameError, Hello, Limits, Notice, Outgoing, PeriodRequest, Plan, PlanError, Recipe,
+    Refusal, Sampling, Status, Stored, ToBoard, Watch, WatchNumber, Watching,
 };
 
 /// Most bytes of commands taken in one poll: a flood of commands cannot starve the scan. At 1 Mbit/s 64 bytes arrive in 640 us;
@@ -364,6 +364,7 @@ where
         let info = self.measuring.info();
         let check = plan.recipe().check(info.electrodes, info.gains(), &info.limits());
         check.map_err(BoardError::Plan)?;
+        self.check_wired(plan.recipe()).map_err(BoardError::Plan)?;
         if self.measuring.memory().settings.plan != *plan {
             self.changed();
         }
@@ -373,11 +374,24 @@ where
         Ok(())
     }
 
+    /// Whether the amplifiers are where a recipe wants them.
+    fn check_wired(&mut self, recipe: Recipe<'_>) -> Result<(), PlanError> {
+        let front = self.measuring.front_mut();
+        for (slot, wanted) in (0..).zip(recipe.slots) {
+            let (step, gain) = (wanted.sense_step, wanted.gain);
+            if recipe.sampling == Sampling::Simultaneous && !front.senses_all(step, gain) {
+                return Err(PlanError::NotWired { slot, step, gain });
+            }
+        }
+        Ok(())
+    }
+
     #[inline(never)]
     fn set_watch(&mut self, watch: Option<&Watch>) -> Result<(), BoardError> {
         if let Some(watch) = watch {
             let info = self.measuring.info();
             check_watch(watch, info, &info.limits())?;
+            self.check_wired(watch.recipe()).map_err(BoardError::Watch)?;
         }
         if self.measuring.memory().settings.watch.as_ref() != watch {
             self.changed();

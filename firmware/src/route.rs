@@ -43,10 +43,20 @@ pub trait Router: ErrorType {
     /// # Errors
     /// The switches could not be set; what is connected is then unknown.
     fn select(&mut self, route: &Route) -> Result<(), Self::Error>;
+
+    /// Whether all pairs of electrodes `step` apart can be sensed at once through a gain, on a board with channels enough:
+    /// its amplifiers may be wired to neighbours for good. Plans that ask for another step or gain are refused.
+    fn senses_all(&self, _step: u8, _gain: u8) -> bool {
+        true
+    }
 }
 
 impl<T: Router + ?Sized> Router for &mut T {
     fn select(&mut self, route: &Route) -> Result<(), Self::Error> {
         T::select(self, route)
+    }
+
+    fn senses_all(&self, step: u8, gain: u8) -> bool {
+        T::senses_all(self, step, gain)
     }
 }

@@ -91,6 +91,15 @@ pub enum PlanError {
         /// Amplitudes it holds.
         most: u16,
     },
+    /// Sampling all pairs at once asked of amplifiers that are wired to other pairs, or have another gain.
+    NotWired {
+        /// Which slot.
+        slot: u8,
+        /// The step between the electrodes of its pairs.
+        step: u8,
+        /// The number of its gain.
+        gain: u8,
+    },
 }
 
 /// As people count.
@@ -152,6 +161,12 @@ impl fmt::Display for PlanError {
             Self::Quadrature { needed, most } => write!(
                 f,
                 "with quadrature it has {needed} amplitudes, the board holds at most {most}; leave the quadrature out"
+            ),
+            Self::NotWired { slot, step, gain } => write!(
+                f,
+                "slot {} samples all pairs of sense step {step} at once through gain {gain}, for which the board has no amplifiers; \
+                 use sequential sampling, or the sense step and the gain of the board's own plan",
+                from_1(slot)
             ),
         }
     }

@@ -49,6 +49,10 @@ pub struct Outcome {
     pub gaps: Vec<String>,
     /// Instructions from the start of the work on a block to its end, of every block.
     pub work: Vec<u64>,
+    /// The lives before the last one.
+    pub lived: Vec<Lived>,
+    /// Steps of the flash memory in the last life.
+    pub steps: usize,
     /// What was to be read when the run ended.
     pub memory: Vec<Vec<u8>>,
     /// Bytes of the stack that were ever used.
@@ -58,6 +62,28 @@ pub struct Outcome {
     /// Virtual time of the end, ns, and instructions.
     pub end_ns: u64,
     pub instructions: u64,
+}
+
+/// A life of a board that its power begins and ends.
+#[derive(Debug, Default)]
+pub struct Life {
+    /// Commands and when they are sent, ns from its beginning.
+    pub commands: Vec<(u64, ToBoard)>,
+    /// What the flash memory holds beside the program: where, and what; on the STM32H743 alone.
+    pub flash: Vec<(u64, Vec<u8>)>,
+    /// How many steps of the flash memory the power lasts for, if it is cut: words written, or sectors erased.
+    pub power: Option<usize>,
+}
+
+/// What a life left behind.
+#[derive(Debug)]
+pub struct Lived {
+    /// What the board said, with the time in the run, ns.
+    pub messages: Vec<(u64, FromBoard)>,
+    /// What was to be read when it ended.
+    pub memory: Vec<Vec<u8>>,
+    /// Steps of the flash memory, with the one that was cut off; counted on the STM32H743 alone.
+    pub steps: usize,
 }
 
 /// What the program shows on pins that lead to no skin.
@@ -91,6 +117,20 @@ pub trait Emulated: Board + 'static {
 
     /// The supply is so many millivolts from now on.
     fn supply(&mut self, millivolts: u32);
+
+    /// Power comes, and lasts for so many steps of the flash memory, where these are counted. The program finds this in the
+    /// memory.
+    fn power_for(&mut self, _steps: usize, _holds: Vec<(u64, Vec<u8>)>) {}
+
+    /// Whether it still has power.
+    fn powered(&self) -> bool {
+        true
+    }
+
+    /// Steps of the flash memory since power came.
+    fn steps(&self) -> usize {
+        0
+    }
 }
 
 impl Emulated for Machine {
@@ -124,6 +164,10 @@ struct Watcher {
     supply: VecDeque<(u64, u32)>,
     until: u64,
     frames: usize,
+    last: Option<FromBoard>,
+    life_ns: u64,
+    lives: VecDeque<Life>,
+    lived: Vec<Lived>,
     busy_since: Option<u64>,
     work: Vec<u64>,
     light: Vec<(u64, bool)>,
@@ -145,6 +189,28 @@ fn drain(block: u64, host: &mut dyn Host) -> Option<Vec<u8>> {
     }
     host.write(channel + 16, Width::W32, begin).ok()?;
     Some(out)
+}
+
+impl Watcher {
+    /// The life ends, and another one begins: with other contents of the flash memory, and as the reset pin restarts it.
+    fn begin<M: Emulated>(&mut self, life: Life, session: &mut Session<M>, stop: Stop, host: &mut dyn Host) {
+        self.lived.push(Lived {
+            messages: std::mem::take(&mut self.messages),
+            memory: std::mem::take(&mut self.memory),
+            steps: session.board().steps(),
+        });
+        let now = stop.at.0;
+        let commands = life.commands.into_iter().map(|(at, command)| (now + at, command));
+        self.commands = commands.collect::<Vec<_>>().into_iter();
+        self.next = self.commands.next();
+        self.until = now + self.life_ns;
+        self.decoder = Decoder::new();
+        locked(&self.line.input).clear();
+        session
+            .board_mut()
+            .power_for(life.power.unwrap_or(usize::MAX), life.flash);
+        session.reset_by_pin(stop.at, stop.instruction_count, host);
+    }
 }
 
 impl<M: Emulated> Driver<M> for Watcher {
@@ -189,6 +255,7 @@ impl<M: Emulated> Driver<M> for Watcher {
         if let Some(block) = self.log_at {
             self.log.extend(drain(block, host).unwrap_or_default());
         }
+        let mut ended = !session.board().powered();
         let sent = locked(&self.line.sent).clone();
         for (at, byte) in sent.get(self.taken..).unwrap_or_default() {
             match self.decoder.push_byte::<FromBoard>(*byte) {
@@ -197,13 +264,14 @@ impl<M: Emulated> Driver<M> for Watcher {
                     self.frames = self
                         .frames
                         .saturating_sub(usize::from(matches!(message, FromBoard::Frame(_))));
+                    ended |= self.last.as_ref() == Some(&message);
                     self.messages.push((*at, message));
                 }
                 Some(Err(_)) => self.damaged += 1,
             }
         }
         self.taken = sent.len();
-        if now < self.until && self.frames > 0 {
+        if now < self.until && self.frames > 0 && !ended {
             return Some(VirtualNanos(now + self.look_ns));
         }
         self.memory = self
@@ -214,6 +282,10 @@ impl<M: Emulated> Driver<M> for Watcher {
                 (0..*len).step_by(4).flat_map(|a| word(a).to_le_bytes()).collect()
             })
             .collect();
+        if let Some(life) = self.lives.pop_front() {
+            self.begin(life, session, stop, host);
+            return Some(VirtualNanos(now + self.look_ns));
+        }
         // Memory is zero at power-up, and the stack grows downwards.
         let end = host.read(FIRST_STACK_POINTER, Width::W32).unwrap_or(STACK);
         let used = (STACK..end)
@@ -239,6 +311,12 @@ pub struct Setup {
     pub look_ns: u64,
     /// Memory to read when the run ends: where, and how many bytes.
     pub read_back: Vec<(u64, usize)>,
+    /// The message that a life ends with, if it comes.
+    pub last: Option<FromBoard>,
+    /// How many steps of the flash memory the power lasts for, as of [`Life::power`].
+    pub power: Option<usize>,
+    /// Lives after the first: each begins when the one before ends, and lasts as long at most.
+    pub lives: Vec<Life>,
     /// What the high-speed clock input has.
     pub clock: Wired,
     /// The address of the log's control block, if it is to be read.
@@ -307,6 +385,7 @@ pub fn run_machine<M: Emulated>(
     if let Some((_, millivolts)) = supply.pop_front_if(|(at, _)| *at == 0) {
         machine.supply(millivolts);
     }
+    machine.power_for(setup.power.unwrap_or(usize::MAX), Vec::new());
     let look_ns = if setup.look_ns == 0 { LOOK_NS } else { setup.look_ns };
     let mut commands = setup.commands.into_iter();
     let watcher = Watcher {
@@ -324,6 +403,10 @@ pub fn run_machine<M: Emulated>(
         supply,
         until: until_ns,
         frames,
+        last: setup.last,
+        life_ns: until_ns,
+        lives: setup.lives.into(),
+        lived: Vec::new(),
         busy_since: None,
         work: Vec::new(),
         light: Vec::new(),
@@ -354,6 +437,8 @@ pub fn run_machine<M: Emulated>(
         log: watcher.log,
         gaps,
         work: watcher.work,
+        lived: watcher.lived,
+        steps: session.board().steps(),
         memory: watcher.memory,
         stack: watcher.stack.0,
         stack_size: watcher.stack.1,

@@ -23,7 +23,8 @@ const LOW_SUPPLY: &str = "the supply is below 2.85 V: settings cannot be stored"
 pub const LIGHT_CYCLE: u32 = 1 << 28;
 
 /// What the watchdog counts down from, at 32 kHz / 256: 8 s. Erasing a sector of the settings takes 4 s at most.
-const WATCHDOG_COUNTS: u16 = 1000;
+/// In the program that hangs on purpose it is 1 s: more takes minutes to emulate.
+const WATCHDOG_COUNTS: u16 = if cfg!(feature = "fault-hang") { 125 } else { 1000 };
 
 /// Sets the chip up: watchdog first, then supply, clocks, converters and pins.
 pub fn start(device: &pac::Peripherals, core: &mut cortex_m::Peripherals) -> Started {

@@ -45,34 +45,40 @@ fn range(sector: Sector, offset: u32, len: usize) -> Result<u32, FlashError> {
 /// # Errors
 /// The sector ends before that.
 pub fn read(sector: Sector, offset: u32, out: &mut [u8]) -> Result<(), FlashError> {
-    let start = range(sector, offset, out.len())?;
-    for (byte, address) in out.iter_mut().zip(start..) {
-        *byte = read_byte(address as *const u8).unwrap_or(0);
+    let mut place = range(sector, offset, out.len())?;
+    let mut rest = out;
+    while !rest.is_empty() {
+        let len = rest.len().min((WORD_LEN - place % WORD_LEN) as usize);
+        let part = rest.split_off_mut(..len).unwrap_or_default();
+        if !read_word(place as *const u8, part) {
+            part.fill(0);
+        }
+        place += len as u32;
     }
     Ok(())
 }
 
-/// A byte of the sectors; `None` where its word was never written in full.
-fn read_byte(place: *const u8) -> Option<u8> {
+/// Bytes of one word; false where it was never written in full.
+fn read_word(place: *const u8, out: &mut [u8]) -> bool {
     let bank = registers().bank2();
-    let (core, byte);
-    // SAFETY: `place` is inside a sector, which is memory-mapped. Bus faults are ignored from the first to the last of these
-    // lines, and nothing else runs meanwhile: with FAULTMASK set not even a fault's handler does (DDI 0403, B1.5.4, B3.2.8).
+    // An error that is left over from before says nothing of this word.
+    bank.ccr().write(|w| w.clr_dbeccerr().set_bit());
+    // SAFETY: `place` and as many bytes as `out` has are inside a sector, which is memory-mapped. Bus faults are ignored from
+    // the first to the last of these lines, and nothing else runs meanwhile: with FAULTMASK set not even a fault's handler
+    // does (DDI 0403, B1.5.4, B3.2.8).
     unsafe {
-        core = cortex_m::Peripherals::steal();
+        let core = cortex_m::Peripherals::steal();
         core::arch::asm!("cpsid f", options(nostack, preserves_flags));
         core.SCB.ccr.modify(|ccr| ccr | IGNORE_BUS_FAULTS);
         cortex_m::asm::dsb();
-        byte = place.read_volatile();
+        for (k, byte) in out.iter_mut().enumerate() {
+            *byte = place.add(k).read_volatile();
+        }
         cortex_m::asm::dsb();
         core.SCB.ccr.modify(|ccr| ccr & !IGNORE_BUS_FAULTS);
         core::arch::asm!("cpsie f", options(nostack, preserves_flags));
     }
-    if bank.sr().read().dbeccerr().bit_is_set() {
-        bank.ccr().write(|w| w.clr_dbeccerr().set_bit());
-        return None;
-    }
-    Some(byte)
+    !bank.sr().read().dbeccerr().bit_is_set()
 }
 
 /// BFHFNMIGN in the configuration and control register.
@@ -122,7 +128,7 @@ pub fn erase(sector: Sector) -> Result<(), FlashError> {
 
 fn registers() -> &'static pac::flash::RegisterBlock {
     // SAFETY: the address is that of the flash controller's registers. Of the second bank's only the holder of an
-    // `Unlocked` writes any, but for a flag that `read_byte` clears.
+    // `Unlocked` writes any, but for a flag that `read_word` clears.
     unsafe { &*pac::FLASH::ptr() }
 }
 

@@ -39,6 +39,10 @@ impl Router for FrontEnd {
         self.sampler.set_input(input);
         multiplexer::select(route)
     }
+
+    fn senses_all(&self, step: u8, gain: u8) -> bool {
+        multiplexer::senses_all(step) && gain == 0
+    }
 }
 
 impl Excitation for FrontEnd {

@@ -70,6 +70,9 @@ const _: () = assert!(INFO.is_sound());
 // The filters are for the paper's 3.685 kHz: within 0.05 %.
 const _: () = assert!(INFO.excitation_millihertz().abs_diff(3_685_000) <= 3_685_000 / 2000);
 
+/// Which chip the image is for, in words that `skin flash` looks for.
+static IMAGE_TAG: &[u8] = b"skin-board-image for chip 0x450";
+
 #[entry]
 fn main() -> ! {
     // All that is large. These are statics since the stack has no room for them; `entry` lends them to `main` alone.
@@ -82,8 +85,12 @@ fn main() -> ! {
         panic!("the first plan does not suit the board");
     };
     board.start_up();
+    // Nothing reads it here; without this the linker would leave it out.
+    core::hint::black_box(IMAGE_TAG);
     panic_record::planted();
     loop {
+        #[cfg(feature = "fault-hang")]
+        panic_record::hang_later(firmware::Clock::now(board.support_mut()));
         if board.poll() == Activity::Idle {
             multiplexer::rest(light::is_on(state(board)));
         }

@@ -82,6 +82,11 @@ fn make_outputs(port: &Port, pins: u32) {
     });
 }
 
+/// Whether the sixteen amplifiers are wired to pairs of electrodes so far apart: neighbours alone.
+pub fn senses_all(step: u8) -> bool {
+    step == 1
+}
+
 /// Connects a route and nothing else.
 ///
 /// # Errors
@@ -89,6 +94,11 @@ fn make_outputs(port: &Port, pins: u32) {
 /// neighbours.
 pub fn select(route: &Route) -> Result<(), ErrorKind> {
     let Route { drive, sense, .. } = *route;
+    #[cfg(feature = "fault-routing")]
+    let drive = protocol::Pair {
+        plus: drive.plus ^ u8::from(drive.minus == 9),
+        ..drive
+    };
     if drive.plus >= ELECTRODES || drive.minus >= ELECTRODES {
         return Err(ErrorKind::Route);
     }
@@ -99,11 +109,14 @@ pub fn select(route: &Route) -> Result<(), ErrorKind> {
             address |= SENSE_PLUS.address_bits(pair.plus) | SENSE_MINUS.address_bits(pair.minus);
             enable |= SENSE_PLUS.enable_bit(pair.plus) | SENSE_MINUS.enable_bit(pair.minus);
         }
-        Sense::Source | Sense::All { step: 1 } => {}
+        Sense::Source => {}
+        Sense::All { step } if senses_all(step) => {}
         _ => return Err(ErrorKind::Route),
     }
     let [d, e] = ports();
-    set_levels(d, ENABLE_PINS, 0);
+    if !cfg!(feature = "fault-break") {
+        set_levels(d, ENABLE_PINS, 0);
+    }
     cortex_m::asm::delay(DEAD_CYCLES);
     set_levels(e, address, ADDRESS_PINS & !address);
     cortex_m::asm::delay(DEAD_CYCLES);

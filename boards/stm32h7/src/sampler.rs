@@ -214,7 +214,8 @@ impl Sampler {
 
         // The update event is the trigger output. The first one comes a sample's time from now.
         timer.psc().write(|w| w.psc().set(0));
-        timer.arr().write(|w| w.arr().set(TICKS_PER_SAMPLE - 1));
+        let ticks = TICKS_PER_SAMPLE - u32::from(cfg!(feature = "fault-timer"));
+        timer.arr().write(|w| w.arr().set(ticks - 1));
         timer.cnt().write(|w| w.cnt().set(0));
         timer.cr2().write(|w| w.mms().update());
         timer.cr1().write(|w| w.cen().enabled());
@@ -247,7 +248,7 @@ impl Sampler {
         let quarter = QUARTER_SAMPLES as u64;
         // A call at most one sample after the end of a quarter still counts as one at that end.
         let from = (now + quarter - 2) / quarter;
-        let settled = from + u64::from(window.settle_quarters);
+        let settled = from + u64::from(window.settle_quarters) - u64::from(cfg!(feature = "fault-settling"));
         let start = settled.max(now.div_ceil(quarter)) * quarter;
         self.open = Some(Open {
             next: start,

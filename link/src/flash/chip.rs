@@ -6,6 +6,10 @@ use std::ops::Range;
 /// First address of the flash memory.
 pub const FLASH_START: u32 = 0x0800_0000;
 
+/// Number of the STM32H743. Its ROM bootloader does not listen on the pins of the Nucleo's own serial port (AN2606: USART3 on
+/// PB10 and PB11), so that the debugger alone programs it.
+pub const BY_DEBUGGER: u16 = 0x450;
+
 const KIB: u32 = 1024;
 
 /// A chip.

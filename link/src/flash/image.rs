@@ -1,6 +1,6 @@
 //! A program as a file: pieces of memory with their addresses, and the chip that it is made for.
 
-use super::chip::{Chip, FLASH_START};
+use super::chip::{BY_DEBUGGER, Chip, FLASH_START};
 use object::read::elf::{FileHeader, ProgramHeader};
 use object::{Endianness, elf};
 use thiserror::Error;
@@ -31,6 +31,12 @@ pub enum ImageError {
     /// It does not say what it is.
     #[error("not the sensor board's program: it does not say which chip it is for")]
     Untagged,
+    /// For the board with sixteen channels.
+    #[error(
+        "for the NUCLEO-H743ZI2, whose bootloader does not listen on the board's serial port: program it with its debugger, as by \
+         `probe-rs download --chip STM32H743ZITx FILE` (docs/board.md)"
+    )]
+    ByDebugger,
 }
 
 /// A program.
@@ -68,6 +74,9 @@ impl Image {
             .iter()
             .find_map(|(_, data)| tagged(data))
             .ok_or(ImageError::Untagged)?;
+        if chip == BY_DEBUGGER {
+            return Err(ImageError::ByDebugger);
+        }
         let pieces = pieces.into_iter().map(|(start, data)| (start, data.to_vec())).collect();
         Ok(Self { chip, pieces })
     }
@@ -141,6 +150,11 @@ mod tests {
 
     /// An ELF file whose segments are all of its last bytes, at these addresses.
     fn elf(addresses: &[u32], len: u32) -> Vec<u8> {
+        elf_for(0x421, addresses, len)
+    }
+
+    /// The same for a chip.
+    fn elf_for(chip: u16, addresses: &[u32], len: u32) -> Vec<u8> {
         let count = addresses.len() as u16;
         let data = 52 + 32 * u32::from(count);
         let mut file = b"\x7fELF\x01\x01\x01".to_vec();
@@ -165,10 +179,20 @@ mod tests {
                 file.extend(u32::to_le_bytes(word));
             }
         }
-        let text = format!("{}421", std::str::from_utf8(TAG).unwrap());
+        let text = format!("{}{chip:03x}", std::str::from_utf8(TAG).unwrap());
         file.extend(text.as_bytes());
         file.resize((data + len) as usize, 0);
         file
+    }
+
+    #[test]
+    fn a_program_that_the_line_cannot_carry_is_refused_with_what_can() {
+        let refused = Image::read(&elf_for(BY_DEBUGGER, &[FLASH_START], 4096)).unwrap_err();
+        assert_eq!(refused, ImageError::ByDebugger);
+        assert!(
+            refused.to_string().contains("probe-rs download --chip STM32H743"),
+            "{refused}"
+        );
     }
 
     #[test]

@@ -1,7 +1,9 @@
 //! The chip with the models that it lacks, and a run of a program on it.
 
 use super::converter::{Converter, Which};
+use super::memory::Memory;
 use super::source::Source;
+use super::watchdog::Watchdog;
 use super::world::{Shared, World};
 use crate::line::Line;
 use crate::run::{Emulated, Outcome, Setup, Sign, run_machine};
@@ -34,7 +36,9 @@ pub struct Chip {
     timer: TimerH743,
     converters: [Converter; 3],
     source: Source,
-    slots: [usize; 5],
+    memory: Memory,
+    watchdog: Watchdog,
+    slots: [usize; 7],
     world: Shared,
 }
 
@@ -51,6 +55,8 @@ impl Chip {
             inner.bus().slot("ADC2")?,
             inner.bus().slot("ADC3")?,
             inner.bus().slot("DAC")?,
+            inner.bus().slot("Flash")?,
+            inner.bus().slot("IWDG")?,
         ];
         inner.rcc.attach_crystals(8_000_000, 0);
         inner.set_supply(3300);
@@ -61,6 +67,8 @@ impl Chip {
             timer: TimerH743::default(),
             converters: [Which::First, Which::Second, Which::Third].map(|w| Converter::new(w, world.clone())),
             source: Source::new(world.clone()),
+            memory: Memory::default(),
+            watchdog: Watchdog::default(),
             slots,
             world,
         })
@@ -81,6 +89,8 @@ impl Mcu for Chip {
         Device::reset(&mut self.timer);
         self.converters.iter_mut().for_each(Device::reset);
         Device::reset(&mut self.source);
+        Device::reset(&mut self.memory);
+        Device::reset(&mut self.watchdog);
         locked(&self.world).reset();
     }
 
@@ -91,7 +101,15 @@ impl Mcu for Chip {
     fn split(&mut self, slot: usize) -> (&mut Bus, Option<&mut dyn ErasedDevice>) {
         let (bus, model) = self.inner.split(slot);
         let [first, second, third] = &mut self.converters;
-        let own: [&mut dyn ErasedDevice; 5] = [&mut self.timer, first, second, third, &mut self.source];
+        let own: [&mut dyn ErasedDevice; 7] = [
+            &mut self.timer,
+            first,
+            second,
+            third,
+            &mut self.source,
+            &mut self.memory,
+            &mut self.watchdog,
+        ];
         let own = own.into_iter().zip(self.slots).find(|(_, s)| *s == slot);
         (bus, own.map(|(model, _)| model).or(model))
     }
@@ -161,6 +179,18 @@ impl Emulated for Machine {
 
     fn supply(&mut self, millivolts: u32) {
         self.chip.inner.set_supply(millivolts);
+    }
+
+    fn power_for(&mut self, steps: usize, holds: Vec<(u64, Vec<u8>)>) {
+        self.chip.memory.power_for(steps, holds);
+    }
+
+    fn powered(&self) -> bool {
+        self.chip.memory.powered()
+    }
+
+    fn steps(&self) -> usize {
+        self.chip.memory.steps()
     }
 }
 

@@ -1,6 +1,8 @@
 //! What the tests of the emulated board share.
 #![allow(dead_code, reason = "each test its own part")]
 
+pub(crate) mod sixteen;
+
 use emulator::run::Outcome;
 use firmware::settings::{self, Settings};
 use firmware::{Excitation, Pace, Progress, Scan, Sector, Store, Wiring};
