@@ -50,7 +50,7 @@ const SIDES: [(f32, f32); 8] = [
     (0.0, 1.0),
 ];
 
-/// A place for every label, inside `bounds` wherever possible and off the `marks`. Earlier rings
+/// A place for every label, inside `bounds` wherever possible and off the `marks` where that is cheap. Earlier rings
 /// choose first: give the strongest first.
 pub fn place(all: &[Ring], bounds: Area, marks: &[Area]) -> Vec<Area> {
     let circles: Vec<Area> = all.iter().map(|r| square(r.x, r.y, r.radius + 2.0)).collect();
@@ -62,7 +62,7 @@ pub fn place(all: &[Ring], bounds: Area, marks: &[Area]) -> Vec<Area> {
             let covered: f32 = circles.iter().map(|c| c.overlap(area)).sum();
             let marks: f32 = marks.iter().map(|m| m.overlap(area)).sum();
             let crossed = rings_between(ring, area, all) as f32;
-            40.0 * outside + 25.0 * labels + 20.0 * covered + 15.0 * marks + 150.0 * crossed + liking
+            40.0 * outside + 25.0 * labels + 20.0 * covered + 0.25 * marks + 150.0 * crossed + liking
         };
         let best = candidates(ring).min_by(|a, b| cost(a).total_cmp(&cost(b)));
         placed.extend(best.map(|(_, area)| area));
