@@ -62,7 +62,7 @@ export class Labels {
         let cost = area.liking - (this.before.get(ring.key) === area.index ? 60 : 0);
         cost += 40 * (area.w * area.h - overlap(area, bounds));
         for (const other of placed) cost += 25 * overlap(area, other);
-        for (const mark of marks) cost += 0.25 * overlap(area, mark);
+        for (const mark of marks) cost += 15 * overlap(area, mark);
         cost += 150 * ringsBetween(ring, area, rings);
         for (const circle of circles) cost += 20 * overlap(area, circle);
         if (!best || cost < best.cost) best = { ...area, cost };

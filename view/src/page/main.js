@@ -1,5 +1,6 @@
 // The page: takes frames, draws the newest one when the screen is ready, and keeps the readings.
 
+import { fullScreen, help, start as startAppearance, store, stored, switchTheme } from "./appearance.js";
 import { forceText, idColour, number, riseText } from "./labels.js";
 import { Sheet } from "./sheet.js";
 import { Trace } from "./trace.js";
@@ -7,6 +8,8 @@ import { Connection } from "./wire.js";
 
 const ROWS = 6;
 const STALE_MS = 1000;
+// How long the question stands whether to take a baseline under touches.
+const SURE_MS = 4000;
 const PALETTES = ["inferno", "viridis", "grey"];
 
 const $ = (id) => document.getElementById(id);
@@ -226,7 +229,28 @@ function ask(id, kind) {
   }, 900);
 }
 
-const takeBaseline = () => ask("tare", "tare");
+/** Pressed once while something touches the sheet it asks; what rests there would count as untouched. Pressed again it does. */
+function takeBaseline() {
+  const button = $("tare");
+  const sure = button.dataset.sure !== undefined || !page.frame?.touches.length;
+  if (sure) {
+    clearTimeout(page.sure);
+    settle();
+    return ask("tare", "tare");
+  }
+  if (button.disabled || button.classList.contains("asked")) return;
+  button.dataset.sure = "";
+  button.firstChild.textContent = "Touched now: press again to take it as untouched";
+  page.sure = setTimeout(settle, SURE_MS);
+}
+
+function settle() {
+  const button = $("tare");
+  if (button.dataset.sure === undefined) return;
+  delete button.dataset.sure;
+  button.firstChild.textContent = "Take baseline";
+}
+
 const undoBaseline = () => ask("undo", "undo_baseline");
 
 function hold() {
@@ -240,11 +264,7 @@ function choose(palette) {
   if (!PALETTES.includes(palette)) return;
   page.palette = palette;
   document.querySelector(`input[value="${palette}"]`).checked = true;
-  try {
-    localStorage.setItem("palette", palette);
-  } catch {
-    // Storage may be forbidden; then the choice lasts as long as the page.
-  }
+  store("palette", palette);
   request();
 }
 
@@ -256,20 +276,22 @@ for (const input of document.querySelectorAll('input[name="palette"]')) {
 }
 document.addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey || event.repeat) return;
+  // Below the help nothing is commanded.
+  if ($("help").open && event.key !== "?") return;
   const actions = {
     b: takeBaseline,
     u: undoBaseline,
     h: hold,
     s: () => $("save").click(),
+    l: switchTheme,
+    f: fullScreen,
+    "?": help,
     c: () => choose(PALETTES[(PALETTES.indexOf(page.palette) + 1) % PALETTES.length]),
   };
   actions[event.key.toLowerCase()]?.();
 });
 new ResizeObserver(request).observe($("stage"));
 document.addEventListener("visibilitychange", request);
-try {
-  choose(localStorage.getItem("palette") ?? "inferno");
-} catch {
-  choose("inferno");
-}
+startAppearance(request);
+choose(stored("palette") ?? "inferno");
 connection.start();

@@ -1,10 +1,10 @@
 // Draws the sheet: the field within its outline, the electrodes, the touches, the colour bar and the scale.
 
+import { ink } from "./appearance.js";
 import { css, Field, table } from "./field.js";
-import { idColour, Labels, number, placeText, ringRadius, strengthText } from "./labels.js";
+import { idColour, Labels, number, placeText, ringRadius, riseText, strengthText } from "./labels.js";
 
 const FONT = 'system-ui, "Segoe UI", "Helvetica Neue", Arial, sans-serif';
-const FAINT = "#98a1b3";
 const METAL = "#d6a068";
 const BROKEN = "#ff5252";
 
@@ -73,7 +73,7 @@ export class Sheet {
     if (this.palette !== palette) [this.palette, this.colours] = [palette, table(palette)];
     this.field.paint(this.colours);
     const around = fit(this.frame);
-    const key = [around.w, around.h, palette, frame.full, live].join();
+    const key = [around.w, around.h, palette, ink.theme, frame.full, live].join();
     if (around.anew || key !== this.drawn) {
       this.drawn = key;
       this.layout(around.w, around.h);
@@ -88,7 +88,7 @@ export class Sheet {
     // The field lies over the half of it that is inside.
     c.lineWidth = 3;
     c.lineJoin = "round";
-    c.strokeStyle = "#5c6373";
+    c.strokeStyle = ink.rim;
     c.stroke(this.outline);
     this.drawElectrodes(c);
     c.globalAlpha = 1;
@@ -131,7 +131,9 @@ export class Sheet {
 
   layout(w, h) {
     const { left, right, bottom, top } = this.box;
-    this.wide = w >= 620;
+    this.wide = w >= 620 || w > 1.2 * h;
+    // On a telephone a whole label would lie on others; the list beside has its place and force.
+    this.compact = Math.min(w, h) < 400;
     this.widths = new Map();
     const text = (this.text = Math.max(11, Math.min(15, Math.min(w, h) / 48)));
     // Room for the electrodes' numbers all round, the banner above, the colour bar beside or below.
@@ -161,6 +163,8 @@ export class Sheet {
       const [half, cx, cy] = [1.2 * text, (x + ex) / 2, (y + ey) / 2];
       return { x: cx - half, y: cy - half, w: 2 * half, h: 2 * half };
     });
+    // And the scale at the bottom, as wide as the longest that is drawn and its text.
+    this.keepOff.push({ x: 12, y: (this.wide ? h - 24 : h - 76) - 10, w: 0.14 * Math.min(w, h) + 5 * text + 20, h: 20 });
   }
 
   drawElectrodes(c) {
@@ -181,7 +185,7 @@ export class Sheet {
       c.lineWidth = 4.5;
       c.strokeStyle = faulty ? BROKEN : METAL;
       c.stroke();
-      c.fillStyle = faulty ? BROKEN : FAINT;
+      c.fillStyle = faulty ? BROKEN : ink.faint;
       const [tx, ty] = this.numbers[k];
       c.fillText(k + 1, tx, ty + 0.5);
     });
@@ -192,10 +196,11 @@ export class Sheet {
     const t = this.letters();
     return touches.map((touch, k) => {
       const [x, y] = this.px([touch.x, touch.y]);
-      const [first, second] = [strengthText(touch, this.scene.uncalibrated), placeText(touch)];
+      const whole = [strengthText(touch, this.scene.uncalibrated), placeText(touch)];
+      const [first, second] = this.compact ? [riseText(touch.rise), ""] : whole;
       const chip = touch.id === null ? 0 : (0.9 + 0.6 * String(touch.id).length) * t;
       const ring = { key: touch.id ?? `#${k}`, id: touch.id, x, y, r: ringRadius(touch) * this.scale, first, second, chip };
-      return { ...ring, ...this.labelSize(c, ring, t), h: 3.1 * t };
+      return { ...ring, ...this.labelSize(c, ring, t), h: (this.compact ? 1.95 : 3.1) * t };
     });
   }
 
@@ -288,10 +293,10 @@ export class Sheet {
     c.fillStyle = gradient;
     c.fill();
     c.lineWidth = 1;
-    c.strokeStyle = "#3a4254";
+    c.strokeStyle = ink.rim;
     c.stroke();
     c.font = `400 ${this.text - 1}px ${FONT}`;
-    c.fillStyle = "#c3cad8";
+    c.fillStyle = ink.text;
     c.textAlign = this.wide ? "left" : "center";
     c.textBaseline = this.wide ? "middle" : "top";
     c.beginPath();
@@ -303,9 +308,9 @@ export class Sheet {
       c.lineTo(x + (this.wide ? 5 : 0), y + (this.wide ? 0 : 5));
       c.fillText(`${percent(tick)}\u202f%`, x + (this.wide ? 10 : 0), y + (this.wide ? 0 : 9));
     }
-    c.strokeStyle = FAINT;
+    c.strokeStyle = ink.faint;
     c.stroke();
-    c.fillStyle = FAINT;
+    c.fillStyle = ink.faint;
     c.textAlign = this.wide ? "center" : "right";
     c.textBaseline = "alphabetic";
     if (this.wide) c.fillText("change", bar.x + bar.w / 2, bar.y - 12);
@@ -324,12 +329,12 @@ export class Sheet {
     c.moveTo(x + length, y - 4);
     c.lineTo(x + length, y + 4);
     c.lineWidth = 1.2;
-    c.strokeStyle = FAINT;
+    c.strokeStyle = ink.faint;
     c.stroke();
     c.font = `400 ${this.text - 1}px ${FONT}`;
     c.textAlign = "left";
     c.textBaseline = "middle";
-    c.fillStyle = "#c3cad8";
+    c.fillStyle = ink.text;
     c.fillText(`${mm} mm`, x + length + 9, y);
   }
 }

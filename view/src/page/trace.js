@@ -1,5 +1,6 @@
 // The change by each touch, without its sign, over the last ten seconds.
 
+import { ink, onPanel } from "./appearance.js";
 import { idColour, number } from "./labels.js";
 import { fit, ticks } from "./sheet.js";
 
@@ -48,7 +49,8 @@ export class Trace {
     const plot = { x: 44, y: 6, w: w - 44 - 27, h: h - 6 - 18 };
     // It moves by whole pixels; where there is no line nothing does.
     this.pixelMs = SPAN_MS / Math.max(1, plot.w * (window.devicePixelRatio || 1));
-    const key = this.lines.size || this.top > LEAST ? Math.floor(now / this.pixelMs) : "still";
+    const moment = this.lines.size || this.top > LEAST ? Math.floor(now / this.pixelMs) : "still";
+    const key = `${moment} ${ink.theme}`;
     if (!anew && key === this.drawn) return;
     this.drawn = key;
     c.clearRect(0, 0, w, h);
@@ -61,8 +63,8 @@ export class Trace {
     const y = (rise) => plot.y + plot.h * (1 - Math.max(0, rise) / this.top);
 
     c.font = '11px system-ui, "Segoe UI", Arial, sans-serif';
-    c.fillStyle = "#98a1b3";
-    c.strokeStyle = "#232833";
+    c.fillStyle = ink.faint;
+    c.strokeStyle = ink.line;
     c.lineWidth = 1;
     c.textAlign = "right";
     c.textBaseline = "middle";
@@ -91,7 +93,7 @@ export class Trace {
   }
 
   drawLine(c, id, line, x, y, now) {
-    c.strokeStyle = c.fillStyle = idColour(id);
+    c.strokeStyle = c.fillStyle = onPanel(idColour(id));
     c.beginPath();
     line.forEach(([time, rise], k) => {
       const start = k === 0 || time - line[k - 1][0] > GAP_MS;

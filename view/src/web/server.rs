@@ -19,7 +19,7 @@ use crate::web::{Shared, connections, drawn, guard, watcher};
 const LONGEST_REQUEST: usize = 1024;
 
 /// Path, media type and text of the page's files.
-const FILES: [(&str, &str, &str); 8] = [
+const FILES: [(&str, &str, &str); 9] = [
     ("/", HTML, include_str!("../page/index.html")),
     (
         "/style.css",
@@ -27,6 +27,7 @@ const FILES: [(&str, &str, &str); 8] = [
         include_str!("../page/style.css"),
     ),
     ("/main.js", JS, include_str!("../page/main.js")),
+    ("/appearance.js", JS, include_str!("../page/appearance.js")),
     ("/wire.js", JS, include_str!("../page/wire.js")),
     ("/field.js", JS, include_str!("../page/field.js")),
     ("/sheet.js", JS, include_str!("../page/sheet.js")),

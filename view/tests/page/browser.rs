@@ -159,6 +159,27 @@ impl Page {
         answer["result"]["value"].clone()
     }
 
+    /// A key, as a person presses it.
+    pub(crate) fn key(&mut self, key: &str) {
+        let text = if key.len() == 1 { key } else { "" };
+        let code = if key == "Escape" { 27 } else { 0 };
+        let down = json!({ "type": "keyDown", "key": key, "text": text, "windowsVirtualKeyCode": code });
+        self.call("Input.dispatchKeyEvent", down);
+        self.call("Input.dispatchKeyEvent", json!({ "type": "keyUp", "key": key }));
+    }
+
+    /// What the system prefers: "light" or "dark".
+    pub(crate) fn prefers(&mut self, scheme: &str) {
+        let features = json!([{ "name": "prefers-color-scheme", "value": scheme }]);
+        self.call("Emulation.setEmulatedMedia", json!({ "features": features }));
+    }
+
+    /// The window's size, CSS pixels.
+    pub(crate) fn size(&mut self, width: u32, height: u32) {
+        let size = json!({ "width": width, "height": height, "deviceScaleFactor": 1, "mobile": false });
+        self.call("Emulation.setDeviceMetricsOverride", size);
+    }
+
     /// Time that the page's main thread worked, s; and of this in scripts.
     pub(crate) fn worked_s(&mut self) -> [f64; 2] {
         self.call("Performance.enable", json!({}));
