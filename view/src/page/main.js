@@ -9,6 +9,8 @@ const ROWS = 6;
 const STALE_MS = 1000;
 const PALETTES = ["inferno", "viridis", "grey"];
 
+const NOT_RECORDED = { file: null, bytes: 0, seconds: 0, note: null };
+
 const $ = (id) => document.getElementById(id);
 const sheet = new Sheet($("field"), $("frame"), $("marks"));
 const trace = new Trace($("trace"));
@@ -27,6 +29,8 @@ const page = {
   skipped: 0,
   baseline: null,
   away: null,
+  preparing: false,
+  recording: NOT_RECORDED,
   commands: false,
   readAt: 0,
 };
@@ -36,6 +40,9 @@ const page = {
 const connection = new Connection({
   state(name, seconds) {
     page.state = { name, until: performance.now() + 1000 * seconds };
+    // A program that has just begun records nothing until it says so.
+    if (name === "live") page.recording = NOT_RECORDED;
+    showRecording();
     showState();
     request();
   },
@@ -44,6 +51,7 @@ const connection = new Connection({
     page.number = 0;
     page.baseline = scene.baseline ?? null;
     page.away = scene.away ?? null;
+    page.preparing = scene.preparing;
     sheet.setScene(scene);
     $("source").textContent = scene.source;
     document.title = `skin – ${scene.source}`;
@@ -51,6 +59,11 @@ const connection = new Connection({
   rights(commands) {
     page.commands = commands;
     $("rights").hidden = commands;
+    showState();
+  },
+  recording(recording) {
+    page.recording = recording;
+    showRecording();
     showState();
   },
   frame(frame) {
@@ -107,7 +120,7 @@ function set(id, text) {
 
 function showTouches(touches) {
   const n = touches.length;
-  set("count", page.away ? "touches not known" : n === 0 ? "no touch" : n === 1 ? "1 touch" : `${n} touches`);
+  set("count", page.away ? "touches not known" : page.preparing ? "preparing" : n === 0 ? "no touch" : n === 1 ? "1 touch" : `${n} touches`);
   $("count").classList.toggle("none", n === 0);
   $("list").hidden = n === 0;
   const body = $("touches");
@@ -173,9 +186,12 @@ function showState() {
   } else if (page.away) {
     [state, text, banner] = ["away", "board away", page.away];
   } else if (!page.arrived) {
-    [state, text] = ["wait", "waiting for the first picture"];
+    [state, text] = ["wait", "preparing"];
+    banner = "No picture yet: the program looks for the board, models the sheet and takes a baseline. Do not touch.";
   } else if (quiet > STALE_MS) {
     [state, text] = ["wait", `no new picture for ${Math.floor(quiet / 1000)} s`];
+  } else if (page.preparing) {
+    [state, text] = ["wait", "preparing"];
   } else if (page.held) {
     [state, text] = ["wait", "held"];
   }
@@ -186,6 +202,7 @@ function showState() {
   set("banner", banner);
   const commands = name === "live" && page.commands && page.away === null;
   $("tare").disabled = !commands;
+  $("record").disabled = !commands && !(name === "live" && page.commands && page.recording.file);
   $("undo").disabled = !commands || !page.baseline?.earlier;
   showBaseline();
 }
@@ -196,6 +213,22 @@ function duration(seconds) {
     if (seconds >= least) return `${Math.floor(seconds / unit)} ${text}`;
   }
   return `${Math.max(0, Math.floor(seconds))} s`;
+}
+
+/** A length of time as a clock shows it: 0:07, 12:34, 1:02:03. */
+function clock(seconds) {
+  const two = (value) => String(Math.floor(value) % 60).padStart(2, "0");
+  const [minutes, hours] = [Math.floor(seconds / 60), Math.floor(seconds / 3600)];
+  return hours ? `${hours}:${two(minutes)}:${two(seconds)}` : `${minutes}:${two(seconds)}`;
+}
+
+function showRecording() {
+  const { file, bytes, seconds, note } = page.recording;
+  $("record").setAttribute("aria-pressed", file !== null);
+  set("record-text", file ? "Stop" : "Record");
+  $("recording").hidden = !file && !note;
+  $("recording").classList.toggle("on", file !== null);
+  set("recording", file ? (note ?? `${file}: ${number(bytes / 1e6, 1)} MB, ${clock(seconds)}`) : (note ?? ""));
 }
 
 function showBaseline() {
@@ -217,6 +250,7 @@ setInterval(() => {
 function ask(id, kind) {
   const button = $(id);
   if (button.disabled || button.classList.contains("asked") || !connection.send({ kind })) return;
+  if (id === "record") return;
   const text = button.firstChild.textContent;
   button.classList.add("asked");
   button.firstChild.textContent = "Asked for";
@@ -229,11 +263,17 @@ function ask(id, kind) {
 const takeBaseline = () => ask("tare", "tare");
 const undoBaseline = () => ask("undo", "undo_baseline");
 
+const record = () => ask("record", page.recording.file ? "stop_recording" : "start_recording");
+
 function hold() {
   page.held = !page.held;
   $("hold").setAttribute("aria-pressed", page.held);
   set("hold-text", page.held ? "Held" : "Hold");
   showState();
+}
+
+function help() {
+  if (!$("help").open) $("help").showModal();
 }
 
 function choose(palette) {
@@ -250,17 +290,29 @@ function choose(palette) {
 
 $("tare").addEventListener("click", takeBaseline);
 $("undo").addEventListener("click", undoBaseline);
+$("record").addEventListener("click", record);
 $("hold").addEventListener("click", hold);
+$("theme").addEventListener("click", theme.toggle);
+$("help-open").addEventListener("click", help);
+// A click beside the dialog closes it, too.
+$("help").addEventListener("click", (event) => event.target === $("help") && $("help").close());
+addEventListener("theme", () => {
+  page.readAt = 0;
+  request();
+});
 for (const input of document.querySelectorAll('input[name="palette"]')) {
   input.addEventListener("change", () => choose(input.value));
 }
 document.addEventListener("keydown", (event) => {
-  if (event.ctrlKey || event.metaKey || event.altKey || event.repeat) return;
+  if (event.ctrlKey || event.metaKey || event.altKey || event.repeat || $("help").open) return;
   const actions = {
     b: takeBaseline,
     u: undoBaseline,
+    r: record,
     h: hold,
     s: () => $("save").click(),
+    t: theme.toggle,
+    "?": help,
     c: () => choose(PALETTES[(PALETTES.indexOf(page.palette) + 1) % PALETTES.length]),
   };
   actions[event.key.toLowerCase()]?.();

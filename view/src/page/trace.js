@@ -16,6 +16,7 @@ export class Trace {
     this.top = LEAST;
     this.pixelMs = 0;
     this.drawn = "";
+    addEventListener("theme", () => { this.drawn = ""; });
   }
 
   /** Adds the touches of a frame at the board's time in ms; those without a number become one line of the strongest. */
@@ -61,8 +62,8 @@ export class Trace {
     const y = (rise) => plot.y + plot.h * (1 - Math.max(0, rise) / this.top);
 
     c.font = '11px system-ui, "Segoe UI", Arial, sans-serif';
-    c.fillStyle = "#98a1b3";
-    c.strokeStyle = "#232833";
+    c.fillStyle = theme.colour("faint");
+    c.strokeStyle = theme.colour("line");
     c.lineWidth = 1;
     c.textAlign = "right";
     c.textBaseline = "middle";

@@ -18,10 +18,11 @@ fn answer(address: SocketAddr, bytes: &[u8]) -> String {
 const UPGRADE: &str = "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n";
 
 /// Every path there is, and some that are not.
-const PATHS: [&str; 14] = [
+const PATHS: [&str; 15] = [
     "/",
     "/style.css",
     "/main.js",
+    "/theme.js",
     "/wire.js",
     "/field.js",
     "/sheet.js",

@@ -19,13 +19,14 @@ use crate::web::{Shared, connections, drawn, guard, watcher};
 const LONGEST_REQUEST: usize = 1024;
 
 /// Path, media type and text of the page's files.
-const FILES: [(&str, &str, &str); 8] = [
+const FILES: [(&str, &str, &str); 9] = [
     ("/", HTML, include_str!("../page/index.html")),
     (
         "/style.css",
         "text/css; charset=utf-8",
         include_str!("../page/style.css"),
     ),
+    ("/theme.js", JS, include_str!("../page/theme.js")),
     ("/main.js", JS, include_str!("../page/main.js")),
     ("/wire.js", JS, include_str!("../page/wire.js")),
     ("/field.js", JS, include_str!("../page/field.js")),
