@@ -28,7 +28,7 @@ use view::labels;
 use view::picture::{BaselineNote, Picture, Stats};
 use view::png;
 use view::surface::Surface;
-use view::web::{Command, LiveView};
+use view::web::{Command, LiveView, Recording};
 
 /// A doubt that lasts is said again after so long.
 const SAID_AGAIN: Duration = Duration::from_secs(10);
@@ -47,6 +47,8 @@ pub(crate) struct Output {
     uncalibrated: bool,
     source: String,
     baseline: Option<BaselineNote>,
+    /// Whether it is being taken.
+    preparing: bool,
     last: Option<Arc<Picture>>,
     /// Of the imager that it was asked of.
     surface: Option<(Arc<Imager>, Surface)>,
@@ -85,6 +87,7 @@ impl Output {
             uncalibrated: false,
             source,
             baseline: None,
+            preparing: false,
             last: None,
             surface: None,
             times: VecDeque::new(),
@@ -121,9 +124,16 @@ impl Output {
         self.last.as_ref()
     }
 
-    /// What is recorded so far, for the line on the terminal.
-    pub(crate) fn set_recorded(&mut self, counts: Counts) {
-        self.recorded = Some(counts);
+    /// What is recorded so far, for the line on the terminal; none while nothing is.
+    pub(crate) fn set_recorded(&mut self, counts: Option<Counts>) {
+        self.recorded = counts;
+    }
+
+    /// What the page shows of the recording.
+    pub(crate) fn set_recording(&self, recording: Recording) {
+        if let Some(page) = &self.page {
+            page.set_recording(recording);
+        }
     }
 
     /// Ends the line on the terminal, so that what is said next has one of its own.
@@ -137,6 +147,19 @@ impl Output {
     /// Takes note of the baseline in force.
     pub(crate) fn set_baseline(&mut self, baseline: Option<BaselineNote>) {
         self.baseline = baseline;
+    }
+
+    /// Shows a frame that went into the baseline; so many more are wanted.
+    pub(crate) fn show_preparing(
+        &mut self,
+        imager: &Arc<Imager>,
+        frame: &MeasuredFrame,
+        counters: LinkCounters,
+        left: usize,
+    ) -> Result<()> {
+        self.preparing = left > 0;
+        let status = self.preparing.then(|| "taking the baseline, do not touch".to_owned());
+        self.show_nothing(imager, frame, counters, status)
     }
 
     /// Shows a frame in which nothing was looked for, and why.
@@ -159,6 +182,7 @@ impl Output {
         counters: LinkCounters,
         events: &[TouchEvent],
     ) -> Result<()> {
+        self.preparing = false;
         self.say_faults(result, frame);
         // A fault is said already.
         if let Some(doubt) = result.doubt.filter(|doubt| !matches!(doubt, Doubt::Fault(_))) {
@@ -365,6 +389,7 @@ impl Output {
             status,
             away: None,
             uncalibrated: self.uncalibrated,
+            preparing: self.preparing,
         };
         // What shows nothing new is drawn only now and then, for the rates beside it.
         let old = !result.anew && stats.status.is_none();

@@ -7,6 +7,7 @@ use crate::live_output::Output;
 use crate::recorded::Notes;
 use crate::replayed::Replayed;
 use crate::run_arguments::ShowArguments;
+use crate::run_recording::Recordable;
 use crate::say::say;
 use crate::{progress, recording_file, sheet};
 use anyhow::Result;
@@ -52,6 +53,8 @@ pub(crate) struct Run<'a> {
     /// What is recorded of it, and by whom.
     pub(crate) notes: Option<Notes>,
     pub(crate) recorder: Option<Recorder>,
+    /// What recordings from the page begin with; none in a replay.
+    pub(crate) recordable: Option<Recordable<'a>>,
     /// A recording that is played.
     pub(crate) replayed: Option<Replayed>,
 }
@@ -77,12 +80,7 @@ impl Run<'_> {
             && self.show.frames.is_none_or(|n| pictures < n)
             && self.seconds.is_none_or(|s| shown_s < s)
         {
-            if let Some(recorder) = &mut self.recorder {
-                self.output.set_recorded(recorder.counts());
-                if let Some(why) = recorder.failure() {
-                    say!("warning: {why}; the picture goes on");
-                }
-            }
+            self.tell_recording();
             if let Some(command) = self.output.command() {
                 self.obey(command)?;
             }
@@ -129,6 +127,7 @@ impl Run<'_> {
             if self.is_before_the_scene(&frame) {
                 continue;
             }
+            self.begin_recording(frame.sequence)?;
             if self.take(&frame)? {
                 if self.live.wants_baseline() {
                     say!(
@@ -222,6 +221,8 @@ impl Run<'_> {
                     self.in_force()?;
                 }
             }
+            PageCommand::StartRecording => self.start_recording(),
+            PageCommand::StopRecording => self.stop_recording(),
         }
         Ok(())
     }
@@ -263,8 +264,7 @@ impl Run<'_> {
                 if let Some(notes) = &self.notes {
                     notes.baseline_frame(frame, left);
                 }
-                let status = (left > 0).then(|| "taking the baseline, do not touch".to_owned());
-                self.output.show_nothing(self.live.imager(), frame, counters, status)?;
+                self.output.show_preparing(self.live.imager(), frame, counters, left)?;
                 if let (0, Some(baseline)) = (left, self.live.baseline()) {
                     if self.replayed.is_none() {
                         self.baselines.taken(baseline.clone());

@@ -61,6 +61,7 @@ mod report;
 mod rise;
 mod run;
 mod run_arguments;
+mod run_recording;
 mod run_session;
 mod say;
 mod scene;

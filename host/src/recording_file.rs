@@ -98,7 +98,7 @@ impl RecordTo {
             tap.put(Topic::Session, None, session);
             return Ok(None);
         }
-        let mut recorder = self.into_recorder(session.started_unix_s, &session.board.serial)?;
+        let mut recorder = self.into_recorder(session.started_unix_s, session.name())?;
         recorder.begin(session)?;
         Ok(Some(recorder))
     }

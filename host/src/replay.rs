@@ -24,6 +24,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
+use view::web::{Command, Recording};
 
 /// Arguments of `skin replay`.
 #[derive(Debug, Args)]
@@ -142,6 +143,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         wanted: None,
         notes: None,
         recorder: None,
+        recordable: None,
         replayed: Some(Replayed::default()),
     };
     run.output.header(session, &record, &run.live.imager().grid)?;
@@ -168,8 +170,15 @@ fn play(run: &mut Run<'_>, script: &mut Script, board: &PlayedBoard, stop: &Atom
         ended: false,
     };
     while !stop.load(Ordering::Relaxed) && run.show.frames.is_none_or(|n| pictures < n) {
-        if run.output.command().is_some() {
-            say!("this is a recording: its baselines are those that were taken then");
+        match run.output.command() {
+            Some(Command::Tare | Command::UndoBaseline) => {
+                say!("this is a recording: its baselines are those that were taken then");
+            }
+            Some(Command::StartRecording | Command::StopRecording) => run.output.set_recording(Recording {
+                note: Some("a replay is not recorded: what it shows is in its file already".to_owned()),
+                ..Recording::default()
+            }),
+            None => {}
         }
         let Some(step) = script.next()? else { return Ok(true) };
         run.output.set_now(script.unix_s());

@@ -13,6 +13,7 @@ use crate::presses::locate;
 use crate::recorded::{Notes, Recorded, SessionRecord};
 use crate::recording_file::RecordTo;
 use crate::run_arguments::{ShowArguments, SourceArguments, Start};
+use crate::run_recording::Recordable;
 use crate::say::say;
 use crate::skin_file::Skin;
 use crate::source::{Source, connect};
@@ -26,6 +27,7 @@ use inverse::reference::imager::Imager;
 use inverse::touches::gestures::Gestures;
 use link::{LinkCounters, Session};
 use protocol::Watch;
+use recording::Switch;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -89,12 +91,14 @@ pub(crate) fn one(arguments: &SourceArguments, outputs: &Outputs<'_>, within: Wi
     };
     let sheet = calibration.sheet(given)?.unwrap_or_else(Sheet::paper);
     let tap = recording.as_ref().map(|recording| recording.tap().clone());
+    let switch = Switch::default();
+    switch.set(tap.clone());
     let looking = LOOKING.lock().unwrap_or_else(PoisonError::into_inner);
     let Source {
         session,
         name: source,
         scene: held,
-    } = connect(arguments, &sheet, scene.as_ref(), tap.as_ref())?;
+    } = connect(arguments, &sheet, scene.as_ref(), &switch)?;
     drop(looking);
     let connected = Instant::now();
     ending::stops(session.link())?;
@@ -146,10 +150,15 @@ pub(crate) fn one(arguments: &SourceArguments, outputs: &Outputs<'_>, within: Wi
         record.place = skin.place.clone();
     }
     let recorder = recording.map(|r| r.begin(&record)).transpose()?.flatten();
-    let mut live = Live::new(modelled(&sheet, pattern)?, options);
-    if let Some(learned) = learned {
-        live = live.with_learned(learned.taught());
-    }
+    let nominal = modelled(&sheet, pattern)?;
+    let anew = move || {
+        let live = Live::new(Arc::clone(&nominal), options);
+        match learned {
+            Some(learned) => live.with_learned(learned.taught()),
+            None => live,
+        }
+    };
+    let mut live = anew();
     if record.is_uncalibrated() {
         say!("forces are those of a typical rubber, uncalibrated; skin calibrate measures this one");
     }
@@ -172,6 +181,7 @@ pub(crate) fn one(arguments: &SourceArguments, outputs: &Outputs<'_>, within: Wi
         wanted: None,
         notes: tap.map(|tap| Notes::new(tap, recorded.values)),
         recorder,
+        recordable: Some(Recordable::new(switch, record.clone(), anew)),
         replayed: None,
     };
     run.output.header(&session, &record, &run.live.imager().grid)?;

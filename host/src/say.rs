@@ -5,7 +5,7 @@ use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::fmt::Arguments;
 use std::io::{IsTerminal, Write};
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 thread_local! {
     /// The skin, of several, that this thread is for.
@@ -22,7 +22,8 @@ pub(crate) fn skin() -> Option<Arc<str>> {
     SKIN.with_borrow(Clone::clone)
 }
 
-static RECORDED: OnceLock<Tap> = OnceLock::new();
+/// Recordings, with the skin that each is of; none for all.
+static RECORDED: Mutex<Vec<(Option<Arc<str>>, Tap)>> = Mutex::new(Vec::new());
 /// The last lines that were said.
 static SAID: Mutex<VecDeque<String>> = Mutex::new(VecDeque::new());
 /// So many are kept.
@@ -34,21 +35,31 @@ pub(crate) fn last_lines() -> Vec<String> {
     said.iter().cloned().collect()
 }
 
-/// From now on what is said is recorded too.
+/// From now on what is said is recorded too: of the skin that this thread is for, or of all.
 pub(crate) fn record_to(tap: &Tap) {
-    // There is one recording in a program's life.
-    let _ = RECORDED.set(tap.clone());
+    recorded().push((skin(), tap.clone()));
+}
+
+/// From now on what is said of the skin that this thread is for, or of all, is recorded no more.
+pub(crate) fn record_no_more() {
+    let skin = skin();
+    recorded().retain(|(of, _)| *of != skin);
+}
+
+fn recorded() -> MutexGuard<'static, Vec<(Option<Arc<str>>, Tap)>> {
+    RECORDED.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Says a line; `say!` formats it.
 pub(crate) fn line(text: Arguments<'_>) {
-    let text = match skin() {
+    let skin = skin();
+    let text = match &skin {
         Some(skin) => format!("{skin}: {text}"),
         None => text.to_string(),
     };
     // Whoever closed stderr does not want to know.
     let _ = writeln!(std::io::stderr(), "{text}");
-    if let Some(tap) = RECORDED.get() {
+    for (_, tap) in recorded().iter().filter(|(of, _)| of.is_none() || *of == skin) {
         tap.said(&text);
     }
     let mut said = SAID.lock().unwrap_or_else(PoisonError::into_inner);

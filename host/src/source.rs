@@ -11,7 +11,7 @@ use link::plans::PlanChoice;
 use link::ports::Place;
 use link::{Link, Port, Reopen, Session};
 use protocol::{Hello, Plan, PlanError};
-use recording::Tap;
+use recording::Switch;
 
 /// A board that streams.
 pub(crate) struct Source {
@@ -21,20 +21,15 @@ pub(crate) struct Source {
     pub(crate) scene: Option<SimPort>,
 }
 
-/// A session by a port that is opened again when it is gone, and whose bytes are recorded.
+/// A session by a port that is opened again when it is gone, and whose bytes are recorded while they are to be.
 fn session(
     port: Box<dyn Port>,
     mut reopen: Reopen,
-    tap: Option<&Tap>,
+    switch: &Switch,
     choose: impl FnOnce(&Hello) -> Result<Plan, PlanError>,
 ) -> Result<Session> {
-    let tap = tap.cloned();
-    let tapped = move |port: Box<dyn Port>| -> Box<dyn Port> {
-        match &tap {
-            Some(tap) => Box::new(tap.port(port)),
-            None => port,
-        }
-    };
+    let switch = switch.clone();
+    let tapped = move |port: Box<dyn Port>| -> Box<dyn Port> { Box::new(switch.port(port)) };
     let first = tapped(port);
     let link = Link::reopening(first, Box::new(move || reopen().map(&tapped)))?;
     Ok(Session::start_on(link, choose)?)
@@ -57,14 +52,14 @@ pub(crate) fn connect(
     arguments: &SourceArguments,
     sheet: &Sheet,
     scene: Option<&SceneFile>,
-    tap: Option<&Tap>,
+    switch: &Switch,
 ) -> Result<Source> {
     let choose = |hello: &Hello| arguments.plan.plan(hello);
     let simulated = |scene: &SceneFile, name: String, plan: Option<Plan>| {
         let port = simulated_skin::start_held(scene)?;
         let choose = |hello: &Hello| plan.map_or_else(|| choose(hello), Ok);
         Ok(Source {
-            session: session(Box::new(port.clone()), again(&port), tap, choose)?,
+            session: session(Box::new(port.clone()), again(&port), switch, choose)?,
             name,
             scene: Some(port),
         })
@@ -78,7 +73,7 @@ pub(crate) fn connect(
     let start = |place: &Place| -> Result<Source> {
         let port = place.open().map_err(|e| anyhow!(e))?;
         Ok(Source {
-            session: session(port, place.reopen(), tap, choose).with_context(|| place.path().to_owned())?,
+            session: session(port, place.reopen(), switch, choose).with_context(|| place.path().to_owned())?,
             name: place.path().to_owned(),
             scene: None,
         })

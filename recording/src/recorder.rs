@@ -437,6 +437,7 @@ impl BoardState {
                 Ok(FromBoard::Hello(hello)) => *rate = Some(hello.sample_rate()),
                 Ok(FromBoard::Frame(frame)) => {
                     seen += 1;
+                    shared.first_frame.see(frame.sequence);
                     frame_s = rate.map(|rate| frame.time as f64 / rate);
                 }
                 _ => {}

@@ -4,6 +4,7 @@ use crate::clock::HostClock;
 use crate::topic::Topic;
 use base64::Engine;
 use base64::prelude::BASE64_STANDARD;
+use protocol::{Command, EncodeError, FromBoard, Hello, MAX_FROM_BOARD_LEN, Plan, encode};
 use serde::Serialize;
 use serde_json::json;
 use std::io::{self, Read, Write};
@@ -45,6 +46,29 @@ pub(crate) enum Item {
     End,
 }
 
+/// The number of a frame, or one above all numbers.
+#[derive(Debug)]
+pub(crate) struct FirstFrame(AtomicU64);
+
+impl Default for FirstFrame {
+    fn default() -> Self {
+        Self(AtomicU64::new(u64::MAX))
+    }
+}
+
+impl FirstFrame {
+    /// Takes note of a frame, if it is the first.
+    pub(crate) fn see(&self, sequence: u32) {
+        let _ = self
+            .0
+            .compare_exchange(u64::MAX, sequence.into(), Ordering::AcqRel, Ordering::Relaxed);
+    }
+
+    fn get(&self) -> Option<u32> {
+        u32::try_from(self.0.load(Ordering::Acquire)).ok()
+    }
+}
+
 /// What taps and recorder share.
 #[derive(Debug, Default)]
 pub(crate) struct Shared {
@@ -54,6 +78,8 @@ pub(crate) struct Shared {
     pub(crate) messages: AtomicU64,
     pub(crate) frames: AtomicU64,
     pub(crate) file_bytes: AtomicU64,
+    /// The board's number of the first frame; above all numbers before it.
+    pub(crate) first_frame: FirstFrame,
     /// Why nothing is recorded any more.
     pub(crate) failed: Mutex<Option<String>>,
 }
@@ -118,11 +144,41 @@ impl Tap {
 
     /// A port whose bytes are recorded, both ways. What came by the ports before is forgotten where the recording has not begun.
     pub fn port<P>(&self, port: P) -> Tapped<P> {
-        self.give(Item::Port { at: Instant::now() });
+        self.opened();
         Tapped {
             port,
             tap: self.clone(),
         }
+    }
+
+    /// Bytes from now on come by another port.
+    pub(crate) fn opened(&self) {
+        self.give(Item::Port { at: Instant::now() });
+    }
+
+    /// Begins a recording of a board that streams already: it is told who the board is and what it measures, in the words of the
+    /// board. What comes next may be the rest of a message, which is left out.
+    ///
+    /// # Errors
+    /// The messages do not fit into the wire's format, which those of a board do.
+    pub fn introduce(&self, hello: &Hello, plan: &Plan) -> Result<(), EncodeError> {
+        self.opened();
+        let said = [
+            FromBoard::Hello(hello.clone()),
+            FromBoard::Plan(plan.clone()),
+            FromBoard::Ack(Command::Start),
+        ];
+        for message in &said {
+            self.bytes(true, encode(message, &mut [0; MAX_FROM_BOARD_LEN])?);
+        }
+        self.torn.iter().for_each(|torn| torn.store(true, Ordering::Relaxed));
+        Ok(())
+    }
+
+    /// Whether this frame of the board is in the recording, or would be if it came: those before the first are not.
+    pub fn has(&self, sequence: u32) -> bool {
+        let first = self.shared.first_frame.get();
+        first.is_some_and(|first| sequence.wrapping_sub(first) < u32::MAX / 2)
     }
 
     /// Records a message; `frame_s` is the board's time of the frame that it is of, s.
@@ -212,7 +268,7 @@ impl Tap {
         }
     }
 
-    fn bytes(&self, from_board: bool, bytes: &[u8]) {
+    pub(crate) fn bytes(&self, from_board: bool, bytes: &[u8]) {
         let before = &self.torn[usize::from(from_board)];
         let torn = before.swap(false, Ordering::Relaxed);
         let item = Item::Bytes {

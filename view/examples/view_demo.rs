@@ -66,6 +66,7 @@ fn main() -> anyhow::Result<()> {
                 faulty: Vec::new(),
                 status: taring.then(|| "taking the baseline, do not touch".to_owned()),
                 away: None,
+                preparing: taring,
                 uncalibrated: false,
             },
             touches,

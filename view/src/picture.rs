@@ -218,6 +218,8 @@ pub struct Stats {
     pub status: Option<String>,
     /// Why no newer picture comes, where the board is away and waited for.
     pub away: Option<String>,
+    /// Whether the baseline is being taken, so that nothing can be looked for yet.
+    pub preparing: bool,
     /// Whether forces are those of a typical rubber, without a calibration.
     pub uncalibrated: bool,
 }

@@ -28,9 +28,12 @@ mod connections;
 mod drawn;
 mod guard;
 mod keys;
+mod recording;
 mod refused;
 mod server;
 mod watcher;
+
+pub use recording::Recording;
 
 /// Port unless told otherwise. Always the same, so that an open page finds the program again when it is restarted.
 pub const DEFAULT_PORT: u16 = 8477;
@@ -67,6 +70,10 @@ pub enum Command {
     Tare,
     /// Bring back the baseline that was in force before the last one.
     UndoBaseline,
+    /// Record from now on, into a file with a name of its own.
+    StartRecording,
+    /// Close the recording.
+    StopRecording,
 }
 
 /// A running server. Dropping it closes the pages' connections and ends its thread, within a second.
@@ -90,6 +97,7 @@ struct Shared {
     started: Instant,
     floor: f32,
     latest: watch::Sender<Option<Published>>,
+    recording: watch::Sender<Recording>,
     clients: AtomicUsize,
     encoded: AtomicUsize,
     commands: SyncSender<Command>,
@@ -216,6 +224,7 @@ impl LiveView {
                     started,
                     floor: options.floor,
                     latest: watch::Sender::new(None),
+                    recording: watch::Sender::default(),
                     clients: AtomicUsize::new(0),
                     encoded: AtomicUsize::new(0),
                     commands,
@@ -285,6 +294,15 @@ impl LiveView {
         Ok(())
     }
 
+    /// Tells the pages what is recorded, where that is news. Never waits.
+    pub fn set_recording(&self, recording: Recording) {
+        self.shared.recording.send_if_modified(|now| {
+            let news = *now != recording;
+            *now = recording;
+            news
+        });
+    }
+
     /// Pages that are connected now.
     pub fn clients(&self) -> usize {
         self.shared.clients.load(Ordering::Relaxed)
@@ -325,6 +343,7 @@ fn same_scene(a: &Picture, b: &Picture) -> bool {
     let sheet = same(&a.outline_mm, &b.outline_mm) && same(&a.electrodes_mm, &b.electrodes_mm);
     let stats =
         a.stats.source == b.stats.source && a.stats.baseline == b.stats.baseline && a.stats.away == b.stats.away;
+    let stats = stats && a.stats.preparing == b.stats.preparing;
     let marks = a.stats.faulty == b.stats.faulty && a.stats.uncalibrated == b.stats.uncalibrated;
     sheet && same(&a.grid, &b.grid) && stats && marks
 }

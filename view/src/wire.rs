@@ -1,6 +1,7 @@
 //! The messages between the program and the live page.
 //!
-//! To the page: a *scene* (JSON text) whenever the sheet, its broken electrodes, the source, the baseline or the board's presence change, and a *frame* (binary) per picture. From
+//! To the page: a *scene* (JSON text) whenever the sheet, its broken electrodes, the source, the baseline or the board's presence change;
+//! a *recording* (JSON text) whenever there is news of it; and a *frame* (binary) per picture. From
 //! the page: one binary byte for every frame it has taken, and small JSON texts for the rest.
 //!
 //! A frame tells the cells that changed since the frame that this page was sent before; what is a change, [`Shown`] decides. A
@@ -56,6 +57,8 @@ pub struct Scene<'a> {
     pub baseline: Option<&'a BaselineNote>,
     /// Why no newer picture comes, where the board is away; else `null`.
     pub away: Option<&'a str>,
+    /// Whether the baseline is being taken, so that nothing can be looked for yet.
+    pub preparing: bool,
     /// Whether forces are those of a typical rubber.
     pub uncalibrated: bool,
     /// Least full scale of the colours, relative rise.
@@ -92,6 +95,7 @@ impl<'a> Scene<'a> {
             source: &picture.stats.source,
             baseline: picture.stats.baseline.as_ref(),
             away: picture.stats.away.as_deref(),
+            preparing: picture.stats.preparing,
             uncalibrated: picture.stats.uncalibrated,
             floor,
             columns: grid.columns(),
@@ -120,6 +124,10 @@ pub enum Request {
     Tare,
     /// Bring back the baseline before.
     UndoBaseline,
+    /// Record from now on.
+    StartRecording,
+    /// Close the recording.
+    StopRecording,
     /// What time is it? The page's own time comes back with the answer.
     Clock {
         /// The page's time, ms.

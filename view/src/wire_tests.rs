@@ -38,6 +38,7 @@ pub(crate) fn picture(sequence: u64) -> Picture {
             faulty: vec![2],
             status: Some("taking the baseline, do not touch · 3 s".into()),
             away: None,
+            preparing: false,
             uncalibrated: false,
         },
     }

@@ -15,6 +15,8 @@ use view::wire::encode;
 
 #[path = "page/browser.rs"]
 mod browser;
+#[path = "page/looks.rs"]
+mod looks;
 use browser::{Browser, Page};
 #[path = "page/controls.rs"]
 mod controls;

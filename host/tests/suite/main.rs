@@ -15,6 +15,7 @@ mod events;
 mod hello;
 mod help;
 mod json_lines;
+mod page_recording;
 mod paper;
 mod presses;
 mod presses_live;

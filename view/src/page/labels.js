@@ -1,10 +1,11 @@
 // Where the labels of the touches go, and what they say (as view/labels.rs does for images).
 
 const SIDES = [[1, 0], [-1, 0], [0.7, -0.7], [-0.7, -0.7], [0.7, 0.7], [-0.7, 0.7], [0, -1], [0, 1]];
-const COLOURS = ["#7cc4ff", "#ffd166", "#7ee2a8", "#ff9ecb", "#c3a6ff", "#ff9b71", "#6fe3e1", "#d7e36f"];
+// Colours of numbers in style.css.
+const COLOURS = 8;
 
 /** The colour of a touch's number; grey without a number. */
-export const idColour = (id) => (id === null ? "#98a1b3" : COLOURS[(id + COLOURS.length - 1) % COLOURS.length]);
+export const idColour = (id) => theme.colour(id === null ? "faint" : `id-${((id + COLOURS - 1) % COLOURS) + 1}`);
 
 const signed = (text) => text.replace("-", "\u2212");
 

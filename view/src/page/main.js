@@ -1,6 +1,5 @@
 // The page: takes frames, draws the newest one when the screen is ready, and keeps the readings.
 
-import { fullScreen, help, start as startAppearance, store, stored, switchTheme } from "./appearance.js";
 import { forceText, idColour, number, riseText } from "./labels.js";
 import { Sheet } from "./sheet.js";
 import { Trace } from "./trace.js";
@@ -11,6 +10,8 @@ const STALE_MS = 1000;
 // How long the question stands whether to take a baseline under touches.
 const SURE_MS = 4000;
 const PALETTES = ["inferno", "viridis", "grey"];
+
+const NOT_RECORDED = { file: null, bytes: 0, seconds: 0, note: null };
 
 const $ = (id) => document.getElementById(id);
 const sheet = new Sheet($("field"), $("frame"), $("marks"));
@@ -30,6 +31,8 @@ const page = {
   skipped: 0,
   baseline: null,
   away: null,
+  preparing: false,
+  recording: NOT_RECORDED,
   commands: false,
   readAt: 0,
 };
@@ -39,6 +42,9 @@ const page = {
 const connection = new Connection({
   state(name, seconds) {
     page.state = { name, until: performance.now() + 1000 * seconds };
+    // A program that has just begun records nothing until it says so.
+    if (name === "live") page.recording = NOT_RECORDED;
+    showRecording();
     showState();
     request();
   },
@@ -47,6 +53,7 @@ const connection = new Connection({
     page.number = 0;
     page.baseline = scene.baseline ?? null;
     page.away = scene.away ?? null;
+    page.preparing = scene.preparing;
     sheet.setScene(scene);
     $("source").textContent = scene.source;
     document.title = `skin – ${scene.source}`;
@@ -54,6 +61,11 @@ const connection = new Connection({
   rights(commands) {
     page.commands = commands;
     $("rights").hidden = commands;
+    showState();
+  },
+  recording(recording) {
+    page.recording = recording;
+    showRecording();
     showState();
   },
   frame(frame) {
@@ -110,7 +122,7 @@ function set(id, text) {
 
 function showTouches(touches) {
   const n = touches.length;
-  set("count", page.away ? "touches not known" : n === 0 ? "no touch" : n === 1 ? "1 touch" : `${n} touches`);
+  set("count", page.away ? "touches not known" : page.preparing ? "preparing" : n === 0 ? "no touch" : n === 1 ? "1 touch" : `${n} touches`);
   $("count").classList.toggle("none", n === 0);
   $("list").hidden = n === 0;
   const body = $("touches");
@@ -176,9 +188,12 @@ function showState() {
   } else if (page.away) {
     [state, text, banner] = ["away", "board away", page.away];
   } else if (!page.arrived) {
-    [state, text] = ["wait", "waiting for the first picture"];
+    [state, text] = ["wait", "preparing"];
+    banner = "No picture yet: the program looks for the board, models the sheet and takes a baseline. Do not touch.";
   } else if (quiet > STALE_MS) {
     [state, text] = ["wait", `no new picture for ${Math.floor(quiet / 1000)} s`];
+  } else if (page.preparing) {
+    [state, text] = ["wait", "preparing"];
   } else if (page.held) {
     [state, text] = ["wait", "held"];
   }
@@ -189,6 +204,7 @@ function showState() {
   set("banner", banner);
   const commands = name === "live" && page.commands && page.away === null;
   $("tare").disabled = !commands;
+  $("record").disabled = !commands && !(name === "live" && page.commands && page.recording.file);
   $("undo").disabled = !commands || !page.baseline?.earlier;
   showBaseline();
 }
@@ -199,6 +215,22 @@ function duration(seconds) {
     if (seconds >= least) return `${Math.floor(seconds / unit)} ${text}`;
   }
   return `${Math.max(0, Math.floor(seconds))} s`;
+}
+
+/** A length of time as a clock shows it: 0:07, 12:34, 1:02:03. */
+function clock(seconds) {
+  const two = (value) => String(Math.floor(value) % 60).padStart(2, "0");
+  const [minutes, hours] = [Math.floor(seconds / 60), Math.floor(seconds / 3600)];
+  return hours ? `${hours}:${two(minutes)}:${two(seconds)}` : `${minutes}:${two(seconds)}`;
+}
+
+function showRecording() {
+  const { file, bytes, seconds, note } = page.recording;
+  $("record").setAttribute("aria-pressed", file !== null);
+  set("record-text", file ? "Stop" : "Record");
+  $("recording").hidden = !file && !note;
+  $("recording").classList.toggle("on", file !== null);
+  set("recording", file ? (note ?? `${file}: ${number(bytes / 1e6, 1)} MB, ${clock(seconds)}`) : (note ?? ""));
 }
 
 function showBaseline() {
@@ -220,6 +252,7 @@ setInterval(() => {
 function ask(id, kind) {
   const button = $(id);
   if (button.disabled || button.classList.contains("asked") || !connection.send({ kind })) return;
+  if (id === "record") return;
   const text = button.firstChild.textContent;
   button.classList.add("asked");
   button.firstChild.textContent = "Asked for";
@@ -253,6 +286,8 @@ function settle() {
 
 const undoBaseline = () => ask("undo", "undo_baseline");
 
+const record = () => ask("record", page.recording.file ? "stop_recording" : "start_recording");
+
 function hold() {
   page.held = !page.held;
   $("hold").setAttribute("aria-pressed", page.held);
@@ -260,30 +295,53 @@ function hold() {
   showState();
 }
 
+/** Some browsers, those of telephones above all, have none. */
+function fullScreen() {
+  const done = document.fullscreenElement ? document.exitFullscreen() : document.documentElement.requestFullscreen?.();
+  done?.catch(() => {});
+}
+
+function help() {
+  if (!$("help").open) $("help").showModal();
+}
+
 function choose(palette) {
   if (!PALETTES.includes(palette)) return;
   page.palette = palette;
   document.querySelector(`input[value="${palette}"]`).checked = true;
-  store("palette", palette);
+  try {
+    localStorage.setItem("palette", palette);
+  } catch {
+    // Storage may be forbidden; then the choice lasts as long as the page.
+  }
   request();
 }
 
 $("tare").addEventListener("click", takeBaseline);
 $("undo").addEventListener("click", undoBaseline);
+$("record").addEventListener("click", record);
 $("hold").addEventListener("click", hold);
+$("theme").addEventListener("click", theme.toggle);
+$("help-open").addEventListener("click", help);
+$("full").addEventListener("click", fullScreen);
+// A click beside the dialog closes it, too.
+$("help").addEventListener("click", (event) => event.target === $("help") && $("help").close());
+addEventListener("theme", () => {
+  page.readAt = 0;
+  request();
+});
 for (const input of document.querySelectorAll('input[name="palette"]')) {
   input.addEventListener("change", () => choose(input.value));
 }
 document.addEventListener("keydown", (event) => {
-  if (event.ctrlKey || event.metaKey || event.altKey || event.repeat) return;
-  // Below the help nothing is commanded.
-  if ($("help").open && event.key !== "?") return;
+  if (event.ctrlKey || event.metaKey || event.altKey || event.repeat || $("help").open) return;
   const actions = {
     b: takeBaseline,
     u: undoBaseline,
+    r: record,
     h: hold,
     s: () => $("save").click(),
-    l: switchTheme,
+    t: theme.toggle,
     f: fullScreen,
     "?": help,
     c: () => choose(PALETTES[(PALETTES.indexOf(page.palette) + 1) % PALETTES.length]),
@@ -292,6 +350,9 @@ document.addEventListener("keydown", (event) => {
 });
 new ResizeObserver(request).observe($("stage"));
 document.addEventListener("visibilitychange", request);
-startAppearance(request);
-choose(stored("palette") ?? "inferno");
+try {
+  choose(localStorage.getItem("palette") ?? "inferno");
+} catch {
+  choose("inferno");
+}
 connection.start();

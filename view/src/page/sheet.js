@@ -1,12 +1,9 @@
 // Draws the sheet: the field within its outline, the electrodes, the touches, the colour bar and the scale.
 
-import { ink } from "./appearance.js";
 import { css, Field, table } from "./field.js";
 import { idColour, Labels, number, placeText, ringRadius, riseText, strengthText } from "./labels.js";
 
 const FONT = 'system-ui, "Segoe UI", "Helvetica Neue", Arial, sans-serif';
-const METAL = "#d6a068";
-const BROKEN = "#ff5252";
 
 const strongFont = (t) => `650 ${t + 1}px ${FONT}`;
 const plainFont = (t) => `400 ${t - 1}px ${FONT}`;
@@ -73,7 +70,7 @@ export class Sheet {
     if (this.palette !== palette) [this.palette, this.colours] = [palette, table(palette)];
     this.field.paint(this.colours);
     const around = fit(this.frame);
-    const key = [around.w, around.h, palette, ink.theme, frame.full, live].join();
+    const key = [around.w, around.h, palette, frame.full, live, theme.name].join();
     if (around.anew || key !== this.drawn) {
       this.drawn = key;
       this.layout(around.w, around.h);
@@ -88,7 +85,7 @@ export class Sheet {
     // The field lies over the half of it that is inside.
     c.lineWidth = 3;
     c.lineJoin = "round";
-    c.strokeStyle = ink.rim;
+    c.strokeStyle = theme.colour("edge");
     c.stroke(this.outline);
     this.drawElectrodes(c);
     c.globalAlpha = 1;
@@ -112,7 +109,7 @@ export class Sheet {
       own.canvas.hidden = k >= marks.length;
       if (k >= marks.length) return;
       const { area, looks, draw } = marks[k];
-      const key = [area.x, area.y, dpr, live, looks].join();
+      const key = [area.x, area.y, dpr, live, looks, theme.name].join();
       if (key === own.drawn) return;
       own.drawn = key;
       // Rounded up, so that it seldom needs other memory.
@@ -183,9 +180,9 @@ export class Sheet {
       c.moveTo(x - ny * half, y + nx * half);
       c.lineTo(x + ny * half, y - nx * half);
       c.lineWidth = 4.5;
-      c.strokeStyle = faulty ? BROKEN : METAL;
+      c.strokeStyle = theme.colour(faulty ? "broken" : "metal");
       c.stroke();
-      c.fillStyle = faulty ? BROKEN : ink.faint;
+      c.fillStyle = theme.colour(faulty ? "broken" : "faint");
       const [tx, ty] = this.numbers[k];
       c.fillText(k + 1, tx, ty + 0.5);
     });
@@ -242,10 +239,10 @@ export class Sheet {
     c.textAlign = "left";
     c.beginPath();
     c.roundRect(x, y, w, h, 0.55 * t);
-    c.fillStyle = "#0a0c10d9";
+    c.fillStyle = theme.colour("label");
     c.fill();
     c.lineWidth = 1;
-    c.strokeStyle = "#ffffff2e";
+    c.strokeStyle = theme.colour("label-edge");
     c.stroke();
     let at = x + 0.6 * t;
     if (ring.chip) {
@@ -254,17 +251,17 @@ export class Sheet {
       c.fillStyle = idColour(ring.id);
       c.fill();
       c.font = `700 ${0.85 * t}px ${FONT}`;
-      c.fillStyle = "#0b0d12";
+      c.fillStyle = theme.colour("on-id");
       c.textAlign = "center";
       c.fillText(ring.id, at + ring.chip / 2, y + 1.28 * t);
       c.textAlign = "left";
       at += ring.chip + 0.4 * t;
     }
     c.font = strongFont(t);
-    c.fillStyle = "#fff";
+    c.fillStyle = theme.colour("text");
     c.fillText(ring.first, at, y + 1.36 * t);
     c.font = plainFont(t);
-    c.fillStyle = "#dfe3ec";
+    c.fillStyle = theme.colour("text");
     c.fillText(ring.second, x + 0.6 * t, y + 2.65 * t);
   }
 
@@ -293,10 +290,10 @@ export class Sheet {
     c.fillStyle = gradient;
     c.fill();
     c.lineWidth = 1;
-    c.strokeStyle = ink.rim;
+    c.strokeStyle = theme.colour("edge");
     c.stroke();
     c.font = `400 ${this.text - 1}px ${FONT}`;
-    c.fillStyle = ink.text;
+    c.fillStyle = theme.colour("faint");
     c.textAlign = this.wide ? "left" : "center";
     c.textBaseline = this.wide ? "middle" : "top";
     c.beginPath();
@@ -308,9 +305,9 @@ export class Sheet {
       c.lineTo(x + (this.wide ? 5 : 0), y + (this.wide ? 0 : 5));
       c.fillText(`${percent(tick)}\u202f%`, x + (this.wide ? 10 : 0), y + (this.wide ? 0 : 9));
     }
-    c.strokeStyle = ink.faint;
+    c.strokeStyle = theme.colour("faint");
     c.stroke();
-    c.fillStyle = ink.faint;
+    c.fillStyle = theme.colour("faint");
     c.textAlign = this.wide ? "center" : "right";
     c.textBaseline = "alphabetic";
     if (this.wide) c.fillText("change", bar.x + bar.w / 2, bar.y - 12);
@@ -329,12 +326,12 @@ export class Sheet {
     c.moveTo(x + length, y - 4);
     c.lineTo(x + length, y + 4);
     c.lineWidth = 1.2;
-    c.strokeStyle = ink.faint;
+    c.strokeStyle = theme.colour("faint");
     c.stroke();
     c.font = `400 ${this.text - 1}px ${FONT}`;
     c.textAlign = "left";
     c.textBaseline = "middle";
-    c.fillStyle = ink.text;
+    c.fillStyle = theme.colour("faint");
     c.fillText(`${mm} mm`, x + length + 9, y);
   }
 }

@@ -1,6 +1,5 @@
 // The change by each touch, without its sign, over the last ten seconds.
 
-import { ink, onPanel } from "./appearance.js";
 import { idColour, number } from "./labels.js";
 import { fit, ticks } from "./sheet.js";
 
@@ -17,6 +16,7 @@ export class Trace {
     this.top = LEAST;
     this.pixelMs = 0;
     this.drawn = "";
+    addEventListener("theme", () => { this.drawn = ""; });
   }
 
   /** Adds the touches of a frame at the board's time in ms; those without a number become one line of the strongest. */
@@ -49,8 +49,7 @@ export class Trace {
     const plot = { x: 44, y: 6, w: w - 44 - 27, h: h - 6 - 18 };
     // It moves by whole pixels; where there is no line nothing does.
     this.pixelMs = SPAN_MS / Math.max(1, plot.w * (window.devicePixelRatio || 1));
-    const moment = this.lines.size || this.top > LEAST ? Math.floor(now / this.pixelMs) : "still";
-    const key = `${moment} ${ink.theme}`;
+    const key = this.lines.size || this.top > LEAST ? Math.floor(now / this.pixelMs) : "still";
     if (!anew && key === this.drawn) return;
     this.drawn = key;
     c.clearRect(0, 0, w, h);
@@ -63,8 +62,8 @@ export class Trace {
     const y = (rise) => plot.y + plot.h * (1 - Math.max(0, rise) / this.top);
 
     c.font = '11px system-ui, "Segoe UI", Arial, sans-serif';
-    c.fillStyle = ink.faint;
-    c.strokeStyle = ink.line;
+    c.fillStyle = theme.colour("faint");
+    c.strokeStyle = theme.colour("line");
     c.lineWidth = 1;
     c.textAlign = "right";
     c.textBaseline = "middle";
@@ -93,7 +92,7 @@ export class Trace {
   }
 
   drawLine(c, id, line, x, y, now) {
-    c.strokeStyle = c.fillStyle = onPanel(idColour(id));
+    c.strokeStyle = c.fillStyle = idColour(id);
     c.beginPath();
     line.forEach(([time, rise], k) => {
       const start = k === 0 || time - line[k - 1][0] > GAP_MS;

@@ -84,7 +84,7 @@ export class Cells {
 /**
  * Keeps a connection to the program.
  * `on.state("live" | "wait" | "lost", seconds to the next try)`, `on.scene(scene)`, `on.frame(frame)`, `on.rights(whether this page may
- * command)`; the cells are in `cells`.
+ * command)`, `on.recording(what is recorded)`; the cells are in `cells`.
  */
 export class Connection {
   constructor(on) {
@@ -154,6 +154,8 @@ export class Connection {
       // In place of a ticket, which is good only once, the address keeps the token: the page may be loaded again.
       if (message.token) history.replaceState(null, "", `#${message.token}`);
       this.on.rights(message.token !== null);
+    } else if (message.kind === "recording") {
+      this.on.recording(message);
     } else if (message.kind === "clock") {
       const now = performance.now();
       const trip = now - message.page_ms;

@@ -22,7 +22,7 @@ const PATHS: [&str; 15] = [
     "/",
     "/style.css",
     "/main.js",
-    "/appearance.js",
+    "/theme.js",
     "/wire.js",
     "/field.js",
     "/sheet.js",

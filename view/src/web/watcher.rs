@@ -10,6 +10,7 @@ use serde::Serialize;
 use tokio::sync::watch;
 
 use crate::web::app::{App, ended};
+use crate::web::recording::{Recording, Told};
 use crate::web::refused::Refused;
 use crate::web::{Command, Published, Shared};
 use crate::wire::{Clock, Request, Rights, Scene};
@@ -74,6 +75,10 @@ impl Watcher<'_> {
         let mut latest = self.shared.latest.subscribe();
         // The picture that is there already is news to this page.
         latest.mark_changed();
+        let mut recording = self.shared.recording.subscribe();
+        if *recording.borrow() != Recording::default() {
+            recording.mark_changed();
+        }
         let (mut scene, mut number) = (0, 0);
         loop {
             tokio::select! {
@@ -94,6 +99,13 @@ impl Watcher<'_> {
                         Some(Message::Text(text)) => self.answer(&text).await?,
                         _ => {}
                     }
+                }
+                changed = recording.changed() => {
+                    if changed.is_err() {
+                        return Ok(());
+                    }
+                    let now = recording.borrow_and_update().clone();
+                    self.tell(&Told::from(&now)).await?;
                 }
                 changed = latest.changed(), if self.credits > 0 => {
                     if changed.is_err() {
@@ -144,6 +156,8 @@ impl Watcher<'_> {
             }
             Ok(Request::Tare) => self.command(Command::Tare).await,
             Ok(Request::UndoBaseline) => self.command(Command::UndoBaseline).await,
+            Ok(Request::StartRecording) => self.command(Command::StartRecording).await,
+            Ok(Request::StopRecording) => self.command(Command::StopRecording).await,
             Ok(Request::Clock { page_ms }) => {
                 let server_ms = shared.now_ms();
                 self.tell(&Clock {

@@ -159,25 +159,46 @@ impl Page {
         answer["result"]["value"].clone()
     }
 
-    /// A key, as a person presses it.
-    pub(crate) fn key(&mut self, key: &str) {
-        let text = if key.len() == 1 { key } else { "" };
-        let code = if key == "Escape" { 27 } else { 0 };
-        let down = json!({ "type": "keyDown", "key": key, "text": text, "windowsVirtualKeyCode": code });
-        self.call("Input.dispatchKeyEvent", down);
-        self.call("Input.dispatchKeyEvent", json!({ "type": "keyUp", "key": key }));
-    }
-
-    /// What the system prefers: "light" or "dark".
+    /// The system prefers these colours from now on, "light" or "dark".
     pub(crate) fn prefers(&mut self, scheme: &str) {
-        let features = json!([{ "name": "prefers-color-scheme", "value": scheme }]);
-        self.call("Emulation.setEmulatedMedia", json!({ "features": features }));
+        let feature = json!({ "name": "prefers-color-scheme", "value": scheme });
+        self.call("Emulation.setEmulatedMedia", json!({ "features": [feature] }));
     }
 
-    /// The window's size, CSS pixels.
-    pub(crate) fn size(&mut self, width: u32, height: u32) {
+    /// The window has this size from now on, CSS pixels.
+    pub(crate) fn resize(&mut self, width: u32, height: u32) {
         let size = json!({ "width": width, "height": height, "deviceScaleFactor": 1, "mobile": false });
         self.call("Emulation.setDeviceMetricsOverride", size);
+    }
+
+    /// Presses and releases a key, as a keyboard does.
+    pub(crate) fn press(&mut self, key: &str) {
+        let code = match key {
+            "Escape" => 27,
+            "Tab" => 9,
+            "Enter" => 13,
+            _ => 0,
+        };
+        for kind in ["keyDown", "keyUp"] {
+            let mut event = json!({ "type": kind, "key": key, "code": key, "windowsVirtualKeyCode": code });
+            if kind == "keyDown" && key.len() == 1 {
+                event["text"] = key.into();
+            }
+            if kind == "keyDown" && key == "Enter" {
+                event["text"] = "\r".into();
+            }
+            self.call("Input.dispatchKeyEvent", event);
+        }
+    }
+
+    /// Keeps what the page looks like as a PNG file in the folder that `SKIN_SHOTS` names, where it names one.
+    pub(crate) fn shot(&mut self, name: &str) {
+        let Some(folder) = std::env::var_os("SKIN_SHOTS") else {
+            return;
+        };
+        let answer = self.call("Page.captureScreenshot", json!({ "format": "png" }));
+        let png = from_base64(answer["data"].as_str().unwrap());
+        std::fs::write(std::path::Path::new(&folder).join(name), png).unwrap();
     }
 
     /// Time that the page's main thread worked, s; and of this in scripts.
@@ -191,4 +212,18 @@ impl Page {
                 .unwrap()
         })
     }
+}
+
+fn from_base64(text: &str) -> Vec<u8> {
+    let digits = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let (mut out, mut bits, mut held) = (Vec::new(), 0_u32, 0);
+    for digit in text.bytes().filter_map(|b| digits.iter().position(|d| *d == b)) {
+        bits = bits << 6 | digit as u32;
+        held += 6;
+        if held >= 8 {
+            held -= 8;
+            out.push((bits >> held) as u8);
+        }
+    }
+    out
 }

@@ -19,70 +19,17 @@ fn until(page: &mut Page, view: &LiveView, sequence: &mut u64, expression: &str,
 }
 
 const LIVE: &str = "document.querySelector('#connection-text').textContent";
-const THEME: &str = "document.documentElement?.dataset.theme";
-const HELP: &str = "document.querySelector('#help').open";
 const BASELINE: &str = "document.querySelector('#tare').firstChild.textContent";
 
 #[test]
-fn the_theme_is_the_systems_until_one_is_chosen_which_is_kept() {
-    let Some(browser) = browser() else { return };
-    let (view, mut n) = (view(), 0);
-    let mut page = browser.open(&view.url());
-    page.prefers("light");
-    until(&mut page, &view, &mut n, THEME, "light");
-    page.prefers("dark");
-    until(&mut page, &view, &mut n, THEME, "dark");
-    // Text on the panel is read in both: 4.5 to 1 at least (WCAG 2.1, 1.4.3).
-    let contrast = r#"(() => {
-        const style = getComputedStyle(document.documentElement);
-        const light = (name) => {
-            const digits = style.getPropertyValue(name).trim().slice(1);
-            const [r, g, b] = [0, 2, 4].map((k) => parseInt(digits.slice(k, k + 2), 16) / 255)
-                .map((v) => (v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4));
-            return 0.2126 * r + 0.7152 * g + 0.0722 * b;
-        };
-        const ratio = (a, b) => (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
-        const names = ["--text", "--faint", "--warn", "--good", "--bad"];
-        return Math.min(...names.map((name) => ratio(light(name), light("--panel"))));
-    })()"#;
-    assert!(page.ask(contrast).as_f64().unwrap() >= 4.5);
-    page.key("l");
-    until(&mut page, &view, &mut n, THEME, "light");
-    assert!(page.ask(contrast).as_f64().unwrap() >= 4.5);
-    page.ask("document.documentElement.dataset.old = 1; location.reload()");
-    until(
-        &mut page,
-        &view,
-        &mut n,
-        "document.documentElement?.dataset.old",
-        "undefined",
-    );
-    until(&mut page, &view, &mut n, THEME, "light");
-}
-
-#[test]
-fn the_help_names_every_key_and_nothing_is_commanded_below_it() {
+fn the_whole_screen_is_taken_and_given_back_by_a_key() {
     let Some(browser) = browser() else { return };
     let (view, mut n) = (view(), 0);
     let mut page = browser.open(&view.url());
     until(&mut page, &view, &mut n, LIVE, "live");
-    let named = r##"[...document.querySelectorAll("[aria-keyshortcuts]")].map((e) => e.getAttribute("aria-keyshortcuts").toUpperCase())
-        .filter((key) => ![...document.querySelectorAll("#help kbd")].some((e) => e.textContent === key)).join()"##;
-    assert_eq!(page.ask(named), "");
-    page.key("?");
-    until(&mut page, &view, &mut n, HELP, "true");
-    let held = "document.querySelector('#hold').getAttribute('aria-pressed')";
-    page.key("h");
-    page.key("b");
-    assert_eq!(page.ask(held), "false");
-    assert_eq!(page.ask(BASELINE), "Take baseline");
-    page.key("Escape");
-    until(&mut page, &view, &mut n, HELP, "false");
-    page.key("h");
-    assert_eq!(page.ask(held), "true");
-    page.key("f");
+    page.press("f");
     until(&mut page, &view, &mut n, "document.fullscreenElement !== null", "true");
-    page.key("f");
+    page.press("f");
     until(&mut page, &view, &mut n, "document.fullscreenElement !== null", "false");
 }
 
@@ -99,7 +46,7 @@ fn a_baseline_under_touches_is_asked_for_twice() {
         "document.querySelector('#tare').disabled",
         "false",
     );
-    page.key("b");
+    page.press("b");
     assert!(page.ask(BASELINE).as_str().unwrap().starts_with("Touched now"));
     assert!(view.command().is_none());
     // Not answered, it is the button that it was.
@@ -145,7 +92,7 @@ fn labels_keep_off_electrodes_scale_and_each_other_at_every_size() {
         return wrong.join();
     })()"##;
     for (w, h) in [(1920, 1080), (1280, 720), (844, 390), (390, 844), (2560, 1440)] {
-        page.size(w, h);
+        page.resize(w, h);
         assert_eq!(page.ask(covered), "", "{w} x {h}");
     }
 }

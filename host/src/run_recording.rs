@@ -1,0 +1,153 @@
+//! The recording of `skin run`: begun with the session by `--record`, or at the page, as often as somebody asks.
+
+use crate::live_run::Run;
+use crate::recorded::{Notes, SessionRecord};
+use crate::recording_file::{self, RecordTo};
+use crate::say::{self, say};
+use anyhow::{Result, bail};
+use inverse::live::Live;
+use inverse::touches::gestures::Gestures;
+use recording::{Recorder, Switch, Tap};
+use std::time::Instant;
+use view::web::Recording as Shown;
+
+/// What a session needs to be recorded from some frame on.
+pub(crate) struct Recordable<'a> {
+    /// Between the port and the link.
+    pub(crate) switch: Switch,
+    pub(crate) record: SessionRecord,
+    /// The reconstruction as it is at the beginning of a session.
+    pub(crate) anew: Box<dyn Fn() -> Live + 'a>,
+    /// A recording that was asked for, until its first frame comes.
+    begins: Option<Tap>,
+    since: Instant,
+    /// What was said last to whoever asked.
+    note: Option<String>,
+}
+
+impl<'a> Recordable<'a> {
+    pub(crate) fn new(switch: Switch, record: SessionRecord, anew: impl Fn() -> Live + 'a) -> Self {
+        Self {
+            switch,
+            record,
+            anew: Box::new(anew),
+            begins: None,
+            since: Instant::now(),
+            note: None,
+        }
+    }
+}
+
+impl Run<'_> {
+    /// Tells the page and the terminal what is recorded, and says why nothing is any more.
+    pub(crate) fn tell_recording(&mut self) {
+        let counts = self.recorder.as_ref().map(Recorder::counts);
+        self.output.set_recorded(counts);
+        let failure = self.recorder.as_mut().and_then(Recorder::failure);
+        if let Some(why) = &failure {
+            say!("warning: {why}; the picture goes on");
+        }
+        let Some(recordable) = &mut self.recordable else { return };
+        recordable.note = failure.or(recordable.note.take());
+        let seconds = recordable.since.elapsed().as_secs();
+        self.output.set_recording(Shown {
+            file: self.recorder.as_ref().map(|recorder| recorder.file().to_owned()),
+            bytes: counts.map_or(0, |counts| counts.file_bytes),
+            seconds: self.recorder.as_ref().map_or(0, |_| seconds),
+            note: recordable.note.clone(),
+        });
+    }
+
+    /// Begins to record; the page is told where it cannot be.
+    pub(crate) fn start_recording(&mut self) {
+        if self.recorder.is_some() {
+            return;
+        }
+        let outcome = self.try_to_record();
+        let note = outcome.err().map(|why| format!("not recorded: {why:#}"));
+        if let Some(note) = &note {
+            say!("warning: {note}");
+        }
+        self.note_recording(note);
+    }
+
+    /// From the next frame on that comes by the port. The reconstruction begins anew there with the baseline in force, since a replay
+    /// begins so, too.
+    fn try_to_record(&mut self) -> Result<()> {
+        if self.notes.is_some() {
+            bail!("all skins are recorded into one file already, by --record");
+        }
+        if self.wanted.is_some() || self.live.baseline().is_none() {
+            bail!("the baseline is being taken; ask again when it is there");
+        }
+        if self.session.is_away() {
+            bail!("the board is away; ask again when it is back");
+        }
+        let Some(recordable) = &mut self.recordable else {
+            bail!("a replay is not recorded: what it shows is in its file");
+        };
+        let to = RecordTo::new(None)?;
+        let tap = to.tap().clone();
+        recordable.record.started_unix_s = tap.clock().started_unix_s();
+        let recorder = to.begin(&recordable.record)?;
+        tap.introduce(self.session.hello(), self.session.plan())?;
+        recordable.switch.set(Some(tap.clone()));
+        recordable.since = Instant::now();
+        recordable.begins = Some(tap);
+        self.recorder = recorder;
+        Ok(())
+    }
+
+    /// Begins with the steps of a recording that was asked for, if this frame is in it and no baseline is being taken.
+    ///
+    /// # Errors
+    /// The baseline in force cannot be put in force, or nobody reads that it is.
+    pub(crate) fn begin_recording(&mut self, sequence: u32) -> Result<()> {
+        if self.wanted.is_some() {
+            return Ok(());
+        }
+        let Some(recordable) = &mut self.recordable else {
+            return Ok(());
+        };
+        let Some(tap) = recordable.begins.take_if(|tap| tap.has(sequence)) else {
+            return Ok(());
+        };
+        let Some(baseline) = self.live.baseline().cloned() else {
+            return Ok(());
+        };
+        let notes = Notes::new(tap, recordable.record.values);
+        notes.resume(&baseline);
+        *self.live = (recordable.anew)();
+        self.live.resume(baseline)?;
+        self.gestures = Gestures::new(recordable.record.gestures());
+        self.notes = Some(notes);
+        self.in_force()
+    }
+
+    /// Closes the recording.
+    pub(crate) fn stop_recording(&mut self) {
+        let Some(recorder) = self.recorder.take() else { return };
+        if let Some(recordable) = &mut self.recordable {
+            recordable.switch.set(None);
+            recordable.begins = None;
+        }
+        self.notes = None;
+        let file = recorder.file().to_owned();
+        let note = match recording_file::finish(recorder) {
+            Ok(()) => format!("recorded: {file}"),
+            Err(why) => {
+                say!("warning: {why:#}");
+                format!("{file}: {why:#}")
+            }
+        };
+        say::record_no_more();
+        self.note_recording(Some(note));
+    }
+
+    fn note_recording(&mut self, note: Option<String>) {
+        if let Some(recordable) = &mut self.recordable {
+            recordable.note = note;
+        }
+        self.tell_recording();
+    }
+}

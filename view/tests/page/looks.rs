@@ -1,0 +1,295 @@
+//! What the page looks like: themes and their contrast, the help.
+
+use super::{NOT_FOR_EVER, browser, picture, pixels, template, view};
+use crate::browser::Page;
+use serde_json::json;
+use std::time::{Duration, Instant};
+use view::web::{Command, LiveView, Recording};
+
+/// Publishes pictures until an expression is true.
+fn until(view: &LiveView, page: &mut Page, what: &str) {
+    let (template, start) = (template(), Instant::now());
+    while page.ask(what) != true {
+        view.publish(picture(&template, 30)).unwrap();
+        assert!(start.elapsed() < NOT_FOR_EVER, "never: {what}");
+        std::thread::sleep(Duration::from_millis(30));
+    }
+}
+
+const SHOWN: &str = "document.querySelector('#connection-text').textContent === 'live' && document.querySelector('#touches').rows.length === 2";
+
+/// Every text of the page, and every colour of the canvases, that stands out too little from what is behind it: WCAG 2.2, 1.4.3 and
+/// 1.4.11.
+const FAINT: &str = r##"(() => {
+    const rgba = (css) => {
+        const [r, g, b, a = 1] = css.match(/[\d.]+/g).map(Number);
+        return [r, g, b, a];
+    };
+    const over = (top, under) => [0, 1, 2].map((k) => top[3] * top[k] + (1 - top[3]) * under[k]).concat(1);
+    const light = (c) => {
+        const [r, g, b] = c.slice(0, 3).map((v) => v / 255).map((v) => (v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4));
+        return 0.2126 * r + 0.7152 * g + 0.0722 * b;
+    };
+    const contrast = (a, b) => {
+        const [high, low] = [light(a), light(b)].sort((x, y) => y - x);
+        return (high + 0.05) / (low + 0.05);
+    };
+    const behind = (element) => {
+        const layers = [];
+        for (let e = element; e; e = e.parentElement) layers.push(rgba(getComputedStyle(e).backgroundColor));
+        return layers.reverse().reduce((under, top) => over(top, under), [255, 255, 255, 1]);
+    };
+    const faint = [];
+    for (const element of document.body.querySelectorAll("*")) {
+        const text = [...element.childNodes].filter((n) => n.nodeType === 3).map((n) => n.data.trim()).join("");
+        if (!text || !element.checkVisibility({ visibilityProperty: true }) || element.closest(":disabled, noscript")) continue;
+        const [under, style] = [behind(element), getComputedStyle(element)];
+        const colour = rgba(style.color);
+        colour[3] *= Number(style.opacity);
+        const value = contrast(over(colour, under), under);
+        if (value < 4.5) faint.push(`${element.tagName} ${text}: ${value.toFixed(2)}`);
+    }
+    const probe = document.body.appendChild(document.createElement("i"));
+    const named = (name) => {
+        probe.style.color = theme.colour(name);
+        return rgba(getComputedStyle(probe).color);
+    };
+    const numbers = Array.from({ length: 8 }, (_, k) => `id-${k + 1}`);
+    const pairs = [
+        ...["faint", "text", "broken", ...numbers].flatMap((name) => [[name, "back", 4.5], [name, "panel", 4.5]]),
+        ...numbers.map((name) => ["on-id", name, 4.5]),
+        ["text", "label", 4.5],
+        ...["metal", "edge"].map((name) => [name, "back", 3]),
+    ];
+    for (const [name, ground, least] of pairs) {
+        const under = over(named(ground), named("back"));
+        const value = contrast(over(named(name), under), under);
+        if (!(value >= least)) faint.push(`${name} on ${ground}: ${value.toFixed(2)}`);
+    }
+    probe.remove();
+    return faint;
+})()"##;
+
+#[test]
+fn a_theme_is_the_systems_until_one_is_chosen_and_all_can_be_read() {
+    let Some(browser) = browser() else { return };
+    let view = view();
+    let mut page = browser.open(&view.url());
+    page.resize(1280, 720);
+    let mut seen = Vec::new();
+    for scheme in ["dark", "light"] {
+        page.prefers(scheme);
+        until(&view, &mut page, &format!("theme.name === '{scheme}' && {SHOWN}"));
+        page.ask("new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(drawn)))");
+        seen.push(pixels(&mut page));
+        page.shot(&format!("{scheme}.png"));
+        page.ask("document.querySelector('#help').showModal()");
+        assert_eq!(page.ask(FAINT), json!([]), "{scheme}");
+        page.shot(&format!("help-{scheme}.png"));
+        page.ask("document.querySelector('#help').close()");
+    }
+    assert_ne!(seen[0], seen[1], "what is drawn follows the theme");
+    // Chosen by the key against the system, it is remembered; back at the system's it is not.
+    page.press("t");
+    let state = "[theme.name, localStorage.getItem('theme')].join()";
+    assert_eq!(page.ask(state), "dark,dark");
+    let mut other = browser.open(&view.url());
+    other.prefers("light");
+    until(&view, &mut other, "matchMedia('(prefers-color-scheme: light)').matches");
+    assert_eq!(other.ask(state), "dark,dark");
+    other.ask("document.querySelector('#theme').click()");
+    assert_eq!(other.ask(state), "light,");
+    other.prefers("dark");
+    until(&view, &mut other, &format!("{state} === 'dark,'"));
+}
+
+#[test]
+fn the_help_opens_and_closes_by_the_keyboard_and_tells_every_key() {
+    let Some(browser) = browser() else { return };
+    let view = view();
+    let mut page = browser.open(&view.url());
+    until(&view, &mut page, SHOWN);
+    let open = "document.querySelector('#help').open";
+    let inside = "document.querySelector('#help').contains(document.activeElement)";
+    page.press("?");
+    assert_eq!(page.ask(open), true);
+    assert_eq!(page.ask(inside), true);
+    // Nothing behind it is reached meanwhile, by Tab or by its key.
+    for _ in 0..3 {
+        page.press("Tab");
+        assert_eq!(
+            page.ask(&format!("{inside} || document.activeElement === document.body")),
+            true
+        );
+    }
+    page.press("h");
+    assert_eq!(page.ask("document.querySelector('#hold').ariaPressed"), "false");
+    page.press("Escape");
+    assert_eq!(page.ask(open), false);
+    // From the button and back to it.
+    page.ask("document.querySelector('#help-open').focus()");
+    page.press("Enter");
+    assert_eq!(page.ask(open), true);
+    page.press("Enter");
+    assert_eq!(page.ask(open), false);
+    assert_eq!(page.ask("document.activeElement.id"), "help-open");
+    let untold = page.ask(
+        r##"(() => {
+            const keys = [...document.querySelectorAll("[aria-keyshortcuts]")].map((e) => e.ariaKeyShortcuts ?? e.getAttribute("aria-keyshortcuts"));
+            const told = [...document.querySelectorAll("#help kbd")].map((kbd) => kbd.textContent.toLowerCase());
+            return keys.concat("c", "esc").filter((key) => !told.includes(key.toLowerCase()));
+        })()"##,
+    );
+    assert_eq!(untold, json!([]));
+}
+
+/// Texts that canvases draw, where they are drawn: [canvas, text, left, top, right, bottom] in CSS pixels of the canvas.
+const LISTEN: &str = r##"(() => {
+    globalThis.texts = [];
+    const draw = CanvasRenderingContext2D.prototype.fillText;
+    CanvasRenderingContext2D.prototype.fillText = function (text, x, y) {
+        const m = this.measureText(text);
+        const t = this.getTransform();
+        const dpr = devicePixelRatio;
+        const [ax, ay] = [(t.a * x + t.e) / dpr, (t.d * y + t.f) / dpr];
+        texts.push([
+            this.canvas.id, String(text), ax - m.actualBoundingBoxLeft, ay - m.actualBoundingBoxAscent,
+            ax + m.actualBoundingBoxRight, ay + m.actualBoundingBoxDescent,
+        ]);
+        return draw.call(this, text, x, y);
+    };
+})()"##;
+
+/// What lies on something else or is cut off: texts of canvases, parts of the page. Texts of the touches lie on the sheet, and on
+/// nothing else that is written.
+const CROWDED: &str = r##"(async () => {
+    const frames = (n) => new Promise((done) => { const next = () => (n-- ? requestAnimationFrame(next) : done()); next(); });
+    await frames(3);
+    // Everything is drawn once more.
+    theme.toggle();
+    await frames(4);
+    texts.length = 0;
+    theme.toggle();
+    await frames(4);
+    const wrong = [];
+    const meets = (a, b, least = 1) =>
+        Math.min(a[2], b[2]) - Math.max(a[0], b[0]) > least && Math.min(a[3], b[3]) - Math.max(a[1], b[1]) > least;
+    for (const id of ["frame", "trace"]) {
+        const canvas = document.getElementById(id);
+        const all = new Map(texts.filter(([of]) => of === id).map(([, text, ...box]) => [[text, ...box.map(Math.round)].join(), [text, box]]));
+        const list = [...all.values()];
+        if (list.length < 3) wrong.push(`${id} draws only ${list.length} texts`);
+        list.forEach(([text, box], k) => {
+            if (box[0] < 0 || box[1] < 0 || box[2] > canvas.clientWidth || box[3] > canvas.clientHeight) wrong.push(`${id}: ${text} is cut off: ${box}`);
+            // Curves' numbers move with them.
+            if (id === "frame") list.slice(k + 1).forEach(([other, its]) => meets(box, its) && wrong.push(`${id}: ${text} on ${other}`));
+        });
+    }
+    const box = (e) => { const r = e.getBoundingClientRect(); return [r.left, r.top, r.right, r.bottom]; };
+    const parts = [...document.querySelectorAll("body > header > *, #stage, aside > section, .controls > *, .row > *, dl > div, tr > *, #banner")]
+        .filter((e) => e.checkVisibility() && !e.closest("dialog"));
+    parts.forEach((a, k) => {
+        if (a.scrollWidth > a.clientWidth + 1 && getComputedStyle(a).overflowX === "visible" && a.clientWidth) wrong.push(`${a.id || a.tagName} ${a.textContent.trim()}: wider than its place`);
+        parts.slice(k + 1).forEach((b) => {
+            if (a.contains(b) || b.contains(a) || b.id === "banner" || a.closest("body > header") || b.closest("body > header")) return;
+            if (meets(box(a), box(b))) wrong.push(`${a.id || a.tagName} ${a.textContent.trim().slice(0, 20)} on ${b.id || b.tagName} ${b.textContent.trim().slice(0, 20)}`);
+        });
+    });
+    const head = [...document.querySelectorAll("body > header > *")].filter((e) => e.checkVisibility());
+    head.forEach((a, k) => head.slice(k + 1).forEach((b) => meets(box(a), box(b)) && wrong.push(`${a.id} on ${b.id} in the header`)));
+    if (document.documentElement.scrollWidth > innerWidth) wrong.push(`the page is ${document.documentElement.scrollWidth} wide`);
+    return [...new Set(wrong)];
+})()"##;
+
+#[test]
+fn nothing_overlaps_and_no_text_is_cut_off_on_any_screen() {
+    let Some(browser) = browser() else { return };
+    let view = view();
+    let mut page = browser.open(&view.url());
+    page.ask(LISTEN);
+    until(&view, &mut page, SHOWN);
+    for (width, height) in [(1920, 1080), (1280, 720), (844, 390), (390, 844)] {
+        page.resize(width, height);
+        assert_eq!(page.ask(CROWDED), json!([]), "{width}x{height}");
+        page.shot(&format!("{width}x{height}.png"));
+    }
+}
+
+#[test]
+fn a_recording_is_asked_for_ended_and_shown() {
+    let Some(browser) = browser() else { return };
+    let view = view();
+    let mut page = browser.open(&view.url());
+    until(&view, &mut page, SHOWN);
+    let start = Instant::now();
+    let commanded = |command: Command| {
+        loop {
+            assert!(start.elapsed() < NOT_FOR_EVER, "never: {command:?}");
+            match view.command() {
+                Some(it) => return assert_eq!(it, command),
+                None => std::thread::sleep(Duration::from_millis(20)),
+            }
+        }
+    };
+    let says = |page: &mut Page, text: &str| {
+        let what = r##"document.querySelector("#record-text").textContent + ": " + document.querySelector("#recording").textContent"##;
+        until(&view, page, &format!("{what} === {}", json!(text)));
+    };
+    says(&mut page, "Record: ");
+    page.press("r");
+    commanded(Command::StartRecording);
+    view.set_recording(Recording {
+        file: Some("skin-20261123T154500Z-7.mcap".into()),
+        bytes: 12_340_000,
+        seconds: 754,
+        note: None,
+    });
+    says(&mut page, "Stop: skin-20261123T154500Z-7.mcap: 12.3 MB, 12:34");
+    page.shot("recording.png");
+    page.ask("document.querySelector('#record').click()");
+    commanded(Command::StopRecording);
+    let note = Some("not recorded: the disk is full".to_owned());
+    view.set_recording(Recording {
+        note,
+        ..Recording::default()
+    });
+    says(&mut page, "Record: not recorded: the disk is full");
+    // Who comes later is told, too; and may not ask without the token.
+    let mut other = browser.open(view.url().split_once('#').unwrap().0);
+    says(&mut other, "Record: not recorded: the disk is full");
+    assert_eq!(other.ask("document.querySelector('#record').disabled"), true);
+}
+
+#[test]
+fn a_program_that_prepares_says_so_and_not_that_nothing_touches() {
+    let Some(browser) = browser() else { return };
+    let view = view();
+    let mut page = browser.open(&view.url());
+    let start = Instant::now();
+    let becomes = |page: &mut Page, pictures: Option<bool>, wanted: &str| {
+        let says = r##"[...document.querySelectorAll("#connection-text, #banner, #count")].map((e) => e.textContent).join("; ")"##;
+        while page.ask(says) != wanted {
+            if let Some(preparing) = pictures {
+                let mut picture = picture(&template(), 30);
+                picture.stats.preparing = preparing;
+                if preparing {
+                    picture.touches.clear();
+                    picture.stats.status = Some("taking the baseline, do not touch".into());
+                }
+                view.publish(picture).unwrap();
+            }
+            assert!(start.elapsed() < NOT_FOR_EVER, "{} is not {wanted}", page.ask(says));
+            std::thread::sleep(Duration::from_millis(30));
+        }
+    };
+    let none = "No picture yet: the program looks for the board, models the sheet and takes a baseline. Do not touch.";
+    becomes(&mut page, None, &format!("preparing; {none}; preparing"));
+    page.shot("before.png");
+    becomes(
+        &mut page,
+        Some(true),
+        "preparing; taking the baseline, do not touch; preparing",
+    );
+    page.shot("preparing.png");
+    becomes(&mut page, Some(false), "live; ; 2 touches");
+}
