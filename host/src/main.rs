@@ -51,6 +51,7 @@ mod presses;
 mod progress;
 mod reconstruct;
 mod record;
+mod recordable;
 mod recorded;
 mod recorded_frames;
 mod recording_file;

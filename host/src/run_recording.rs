@@ -1,42 +1,14 @@
 //! The recording of `skin run`: begun with the session by `--record`, or at the page, as often as somebody asks.
 
 use crate::live_run::Run;
-use crate::recorded::{Notes, SessionRecord};
+use crate::recorded::Notes;
 use crate::recording_file::{self, RecordTo};
 use crate::say::{self, say};
 use anyhow::{Result, bail};
-use inverse::live::Live;
 use inverse::touches::gestures::Gestures;
-use recording::{Recorder, Switch, Tap};
+use recording::Recorder;
 use std::time::Instant;
 use view::web::Recording as Shown;
-
-/// What a session needs to be recorded from some frame on.
-pub(crate) struct Recordable<'a> {
-    /// Between the port and the link.
-    pub(crate) switch: Switch,
-    pub(crate) record: SessionRecord,
-    /// The reconstruction as it is at the beginning of a session.
-    pub(crate) anew: Box<dyn Fn() -> Live + 'a>,
-    /// A recording that was asked for, until its first frame comes.
-    begins: Option<Tap>,
-    since: Instant,
-    /// What was said last to whoever asked.
-    note: Option<String>,
-}
-
-impl<'a> Recordable<'a> {
-    pub(crate) fn new(switch: Switch, record: SessionRecord, anew: impl Fn() -> Live + 'a) -> Self {
-        Self {
-            switch,
-            record,
-            anew: Box::new(anew),
-            begins: None,
-            since: Instant::now(),
-            note: None,
-        }
-    }
-}
 
 impl Run<'_> {
     /// Tells the page and the terminal what is recorded, and says why nothing is any more.

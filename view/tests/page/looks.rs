@@ -4,7 +4,7 @@ use super::{NOT_FOR_EVER, browser, picture, pixels, template, view};
 use crate::browser::Page;
 use serde_json::json;
 use std::time::{Duration, Instant};
-use view::web::{Command, LiveView, Recording};
+use view::web::{Command, LiveOptions, LiveView, Recording};
 
 /// Publishes pictures until an expression is true.
 fn until(view: &LiveView, page: &mut Page, what: &str) {
@@ -292,4 +292,42 @@ fn a_program_that_prepares_says_so_and_not_that_nothing_touches() {
     );
     page.shot("preparing.png");
     becomes(&mut page, Some(false), "live; ; 2 touches");
+}
+
+/// Every name can be read on every screen.
+#[test]
+fn the_names_of_skins_have_room() {
+    let Some(browser) = browser() else { return };
+    let names = [
+        "palm",
+        "chest",
+        "forearm-left",
+        "forearm-right",
+        "back-of-the-left-hand",
+        "shoulder",
+    ];
+    let options = LiveOptions {
+        listen: "127.0.0.1:0".parse().unwrap(),
+        ..LiveOptions::default()
+    };
+    let views = LiveView::start_named(options, &names).unwrap();
+    let shown = &views[4];
+    let mut page = browser.open(&shown.url().replace("/#", &format!("/{}/#", names[4])));
+    page.ask(LISTEN);
+    until(shown, &mut page, SHOWN);
+    for (width, height) in [(1920, 1080), (1280, 720), (844, 390), (390, 844)] {
+        page.resize(width, height);
+        assert_eq!(page.ask(CROWDED), json!([]), "{width}x{height}");
+        let wrong = page.ask(
+            r##"(() => {
+                const row = document.querySelector("#skins").getBoundingClientRect();
+                return [...document.querySelectorAll("#skins a")].filter((link) => {
+                    const own = link.getBoundingClientRect();
+                    return own.left < row.left - 1 || own.right > row.right + 1 || row.right > innerWidth;
+                }).map((link) => link.textContent);
+            })()"##,
+        );
+        assert_eq!(wrong, json!([]), "{width}x{height}");
+        page.shot(&format!("names-{width}x{height}.png"));
+    }
 }
