@@ -76,7 +76,12 @@ impl FrameSolver {
     fn evidence_by_drift(&mut self, task: Task, independent: f64) -> Vec<Evidence> {
         let said = self.said();
         let ways = [Drifting::Nothing, task.drifting];
-        let ways = if self.options.drifts { &ways[..] } else { &ways[..1] };
+        let ways = match (self.options.drifts, self.options.sequence) {
+            (false, _) => &ways[..1],
+            // The responses without drift would have to be made first: as long as many frames take.
+            (true, true) => &ways[1..],
+            (true, false) => &ways[..],
+        };
         let mut whole = None;
         let mut found = Vec::with_capacity(ways.len());
         for drifting in ways {
