@@ -39,6 +39,7 @@ pub(crate) mod nuisance;
 pub mod prior;
 pub mod reduction;
 pub mod responses;
+mod splits;
 
 pub use disc::{Disc, Discs, MOST_TOUCHES};
 pub use frame_fit::{Fitted, Frame, Seeds, Start, fit};

@@ -1,17 +1,16 @@
 //! The columns of a table's nodes: as they were tabulated, or reduced when a touch first comes near.
 //!
-//! A reduction of all nodes takes as long as hundreds of frames, and touches come near few of them.
+//! A reduction of all of them takes as long as hundreds of frames, and touches come near few.
 
 use crate::linalg::aligned::Aligned;
 use crate::linalg::columns::Columns;
 use crate::linalg::kernels::{LANES, padded};
 use nalgebra::DMatrix;
 use std::cell::RefCell;
-use std::ops::Range;
 use std::sync::Arc;
 
-/// Nodes reduced by one product of matrices. It bounds the memory that this takes.
-const NODES_AT_ONCE: usize = 768;
+/// Columns reduced by one product of matrices. It bounds the memory that this takes.
+const COLUMNS_AT_ONCE: usize = 768;
 
 /// The columns of all nodes, `columns` of them for each.
 #[derive(Clone, Debug)]
@@ -27,8 +26,6 @@ pub(super) struct Reduced {
     source: Arc<Aligned>,
     /// The rows of the matrix.
     by: Columns,
-    /// Columns of a node.
-    columns: usize,
     made: RefCell<Made>,
 }
 
@@ -36,42 +33,38 @@ pub(super) struct Reduced {
 #[derive(Clone, Debug)]
 struct Made {
     values: Aligned,
-    /// By node.
+    /// By column.
     ready: Vec<bool>,
 }
 
 impl NodeValues {
-    /// The columns times a matrix, `columns` for every node. These of every node are made at once, the others when
-    /// [`NodeValues::with`] first asks for the node.
-    pub(super) fn reduced(&self, by: &DMatrix<f64>, columns: usize, eager: Range<usize>) -> Self {
+    /// The columns times a matrix. The `eager` ones are made at once, the others when [`NodeValues::with`] first asks for them.
+    pub(super) fn reduced(&self, by: &DMatrix<f64>, eager: &[usize]) -> Self {
         let source = self.whole();
         let (from, to) = (padded(by.ncols(), LANES), padded(by.nrows(), LANES));
-        let nodes = source.len() / (from * columns).max(1);
-        let mut values = Aligned::zeros(nodes * columns * to);
-        let (each, first_of_node) = (eager.len().max(1), eager.start);
-        for first in (0..nodes).step_by(NODES_AT_ONCE) {
-            let count = NODES_AT_ONCE.min(nodes - first) * each;
-            let at = |k: usize| (first + k / each) * columns + first_of_node + k % each;
-            let out = by * DMatrix::from_fn(by.ncols(), count, |row, k| source[at(k) * from + row]);
-            for (k, column) in out.column_iter().enumerate() {
-                values[at(k) * to..][..by.nrows()].copy_from_slice(column.as_slice());
+        let columns = source.len() / from.max(1);
+        let mut values = Aligned::zeros(columns * to);
+        for eager in eager.chunks(COLUMNS_AT_ONCE) {
+            let out = by * DMatrix::from_fn(by.ncols(), eager.len(), |row, k| source[eager[k] * from + row]);
+            for (k, column) in eager.iter().zip(out.column_iter()) {
+                values[k * to..][..by.nrows()].copy_from_slice(column.as_slice());
             }
         }
-        let ready = vec![eager.len() >= columns; nodes];
+        let mut ready = vec![false; columns];
+        eager.iter().for_each(|k| ready[*k] = true);
         Self::Reduced(Box::new(Reduced {
             source,
             by: Columns::new(&by.transpose(), 1.0),
-            columns,
             made: RefCell::new(Made { values, ready }),
         }))
     }
 
-    /// Looks at the columns, after those of the nodes that begin at these columns were made.
-    pub(super) fn with<R>(&self, nodes: &[usize], look: impl FnOnce(&[f64]) -> R) -> R {
+    /// Looks at the columns, after those that are `needed` were made.
+    pub(super) fn with<R>(&self, needed: impl Iterator<Item = usize>, look: impl FnOnce(&[f64]) -> R) -> R {
         match self {
             Self::Whole(values) => look(values),
             Self::Reduced(reduced) => {
-                reduced.make(nodes.iter().map(|column| column / reduced.columns));
+                reduced.make(needed);
                 look(&reduced.made.borrow().values)
             }
         }
@@ -81,8 +74,8 @@ impl NodeValues {
         match self {
             Self::Whole(values) => Arc::clone(values),
             Self::Reduced(reduced) => {
-                let nodes = reduced.made.borrow().ready.len();
-                reduced.make(0..nodes);
+                let columns = reduced.made.borrow().ready.len();
+                reduced.make(0..columns);
                 Arc::new(reduced.made.borrow().values.clone())
             }
         }
@@ -90,18 +83,13 @@ impl NodeValues {
 }
 
 impl Reduced {
-    fn make(&self, nodes: impl Iterator<Item = usize>) {
+    fn make(&self, columns: impl Iterator<Item = usize>) {
         let made = &mut *self.made.borrow_mut();
         let (from, to) = (self.by.rows(), self.by.cells());
-        for node in nodes {
-            if std::mem::replace(&mut made.ready[node], true) {
-                continue;
-            }
-            for column in node * self.columns..(node + 1) * self.columns {
-                self.by.dots(
-                    &self.source[column * from..][..from],
-                    &mut made.values[column * to..][..to],
-                );
+        for column in columns {
+            if !std::mem::replace(&mut made.ready[column], true) {
+                let source = &self.source[column * from..][..from];
+                self.by.dots(source, &mut made.values[column * to..][..to]);
             }
         }
     }
@@ -111,12 +99,12 @@ impl Reduced {
 mod tests {
     use super::*;
 
-    /// What is made at once, when asked for, and all together is the product, and nodes that nobody asked for are not made.
+    /// What is made at once, when asked for, and all together is the product, and columns that nobody asked for are not made.
     #[test]
     fn columns_are_the_product_whenever_they_are_made() {
-        let (rows, length, columns, nodes) = (11, 21, 3, 5);
+        let (rows, length, columns) = (11, 21, 15);
         let (from, to) = (padded(length, LANES), padded(rows, LANES));
-        let mut source = Aligned::zeros(nodes * columns * from);
+        let mut source = Aligned::zeros(columns * from);
         for (k, v) in source.iter_mut().enumerate() {
             *v = if k % from < length {
                 (0.37 * k as f64).sin()
@@ -130,17 +118,16 @@ mod tests {
             let off = product(column) - nalgebra::DVector::from_column_slice(&values[column * to..][..rows]);
             off.amax() < 1e-13
         };
-        let reduced = NodeValues::Whole(Arc::new(source.clone())).reduced(&by, columns, 1..2);
-        reduced.with(&[], |v| {
-            assert!((0..nodes).all(|n| near(v, columns * n + 1) && !near(v, columns * n)))
+        let whole = NodeValues::Whole(Arc::new(source.clone()));
+        let eager: Vec<usize> = (0..columns).step_by(3).collect();
+        let reduced = whole.reduced(&by, &eager);
+        reduced.with([].into_iter(), |v| {
+            assert!((0..columns).all(|c| near(v, c) == (c % 3 == 0)))
         });
-        reduced.with(&[2 * columns], |v| {
-            assert!((0..columns).all(|c| near(v, 2 * columns + c)));
-            assert!(!near(v, columns));
+        reduced.with([7, 8].into_iter(), |v| {
+            assert!(near(v, 7) && near(v, 8) && !near(v, 10));
         });
         let all = reduced.whole();
-        assert!((0..nodes * columns).all(|c| near(&all, c)));
-        let at_once = NodeValues::Whole(Arc::new(source.clone())).reduced(&by, columns, 0..columns);
-        at_once.with(&[], |v| assert!((0..nodes * columns).all(|c| near(v, c))));
+        assert!((0..columns).all(|c| near(&all, c)));
     }
 }

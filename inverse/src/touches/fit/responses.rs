@@ -8,11 +8,12 @@
 
 use crate::linalg::aligned::Aligned;
 use crate::linalg::kernels::{LANES, dots_of, padded};
-use crate::touches::fit::interpolation::{Radii, Stencil, add_scaled, dot, interpolate};
+use crate::touches::fit::interpolation::{Radii, Stencil, interpolate};
 use crate::touches::fit::node_values::NodeValues;
 use forward::{CellGrid, Drive, Model, Pattern, Sensitivity, Solver};
 use nalgebra::DMatrix;
 use pulp::Arch;
+use std::cell::RefCell;
 use std::sync::Arc;
 
 /// Radii tabulated, over the expected radius.
@@ -23,7 +24,7 @@ const AT_ONCE: usize = 3;
 const SMALLEST: f64 = 0.4;
 const LARGEST: f64 = 3.0;
 /// Which of them is the expected one.
-const EXPECTED: usize = 1;
+pub(super) const EXPECTED: usize = 1;
 /// Nodes outside the rim that the interpolation needs.
 const MARGIN: i64 = 2;
 /// Lattice steps from the sheet's middle to its farthest point: 2.4 mm each on the paper's disc. More makes the table
@@ -58,17 +59,15 @@ pub struct ResponseTable {
     arch: Arch,
     length: usize,
     /// For every slot the radii, each a column of `length` values and zeros up to a multiple of [`LANES`].
-    values: NodeValues,
+    pub(super) values: NodeValues,
     /// Norm of the values of every coarse node at the expected radius.
     norms: Vec<f64>,
-    /// Norm of what a split there changes, for every direction of [`SPLITS`].
-    split_norms: Vec<[f64; SPLITS]>,
+    /// Norms of what a split there changes, for every direction of [`SPLITS`]; made when a touch first comes near.
+    pub(super) split_norms: RefCell<Vec<Option<[f64; SPLITS]>>>,
 }
 
 /// Directions in which a touch is tried to be split, evenly spread over half a turn.
 pub const SPLITS: usize = 4;
-/// Half distance between the halves of a touch that is split, over the expected radius.
-const HALF_SPLIT: f64 = 1.1;
 
 /// Weights of the four nodes around a fraction of a step, and their derivatives per step.
 fn keys(t: f64) -> ([f64; 4], [f64; 4]) {
@@ -270,98 +269,34 @@ impl ResponseTable {
 
     fn with_norms(lattice: Arc<Lattice>, length: usize, values: NodeValues) -> Self {
         let stride = padded(length, LANES);
-        let norms = values.with(&[], |values| {
+        let norms = values.with(lattice.coarse_columns.iter().copied(), |values| {
             let norm = |column: &usize| {
                 let v = &values[column * stride..][..length];
                 v.iter().map(|x| x * x).sum::<f64>().sqrt()
             };
             lattice.coarse_columns.iter().map(norm).collect()
         });
-        let mut table = Self {
+        Self {
+            split_norms: RefCell::new(vec![None; lattice.coarse.len()]),
             norms,
-            split_norms: Vec::new(),
             lattice,
             arch: Arch::new(),
             length,
             values,
-        };
-        let splits = |values: &[f64]| {
-            table
-                .coarse()
-                .iter()
-                .map(|at| table.split_norms_at(values, *at))
-                .collect()
-        };
-        table.split_norms = table.values.with(&[], splits);
-        table
-    }
-
-    /// The ends of a split in a direction.
-    pub fn split(&self, at: [f64; 2], direction: usize) -> [[f64; 2]; 2] {
-        let reach = HALF_SPLIT * self.lattice.radius_mm;
-        let (sin, cos) = (direction as f64 * std::f64::consts::PI / SPLITS as f64).sin_cos();
-        [1.0, -1.0].map(|s| [at[0] + s * reach * cos, at[1] + s * reach * sin])
-    }
-
-    fn split_norms_at(&self, values: &[f64], at: [f64; 2]) -> [f64; SPLITS] {
-        let n = self.stride();
-        let mut sum = vec![0.0; n];
-        std::array::from_fn(|direction| {
-            sum.fill(0.0);
-            let [a, b] = self.split(at, direction);
-            for (place, weight) in [(at, -2.0), (a, 1.0), (b, 1.0)] {
-                let stencil = self.stencil(place);
-                for (k, column) in stencil.columns.iter().enumerate() {
-                    let weight = weight * stencil.across[k % 4] * stencil.up[k / 4];
-                    add_scaled(self.arch, &values[(column + EXPECTED) * n..][..n], weight, &mut sum);
-                }
-            }
-            sum.iter().map(|v| v * v).sum::<f64>().sqrt()
-        })
-    }
-
-    /// How much of a vector of [`ResponseTable::stride`] entries lies along what splitting a touch changes, over the size of
-    /// its strength, in the direction where that is most, with that direction; none where no split stays on the sheet.
-    /// Of `strength` only the sign counts.
-    pub fn best_split(&self, v: &[f64], at: [f64; 2], strength: f64) -> Option<(f64, usize)> {
-        let l = &*self.lattice;
-        let nearest = l.coarse.iter().map(|c| (c[0] - at[0]).powi(2) + (c[1] - at[1]).powi(2));
-        let (nearest, _) = nearest.enumerate().min_by(|a, b| a.1.total_cmp(&b.1))?;
-        let middle = self.product(v, at);
-        (0..SPLITS)
-            .filter_map(|direction| {
-                let ends = self.split(at, direction);
-                let change = self.product(v, ends[0]) + self.product(v, ends[1]) - 2.0 * middle;
-                let norm = self.split_norms[nearest][direction].max(f64::MIN_POSITIVE);
-                ends.iter()
-                    .all(|e| self.holds(*e))
-                    .then_some((strength.signum() * change / norm, direction))
-            })
-            .max_by(|a, b| a.0.total_cmp(&b.0))
-    }
-
-    /// Product of a vector with the values of a touch of unit strength and the expected radius.
-    fn product(&self, v: &[f64], at: [f64; 2]) -> f64 {
-        let stencil = self.stencil(at);
-        let n = self.stride();
-        self.values.with(&[], |values| {
-            let of = |(k, column): (usize, &usize)| {
-                let values = &values[(column + EXPECTED) * n..][..n];
-                stencil.across[k % 4] * stencil.up[k / 4] * dot(self.arch, values, v)
-            };
-            stencil.columns.iter().enumerate().map(of).sum()
-        })
+        }
     }
 
     /// The table with its values times a matrix: the reduced and weighted measurements, say. Unless all is made
-    /// `at_once`, of most radii they are made when a touch first comes near.
+    /// `at_once`, all but those of the coarse places are made when a touch first comes near.
     pub fn reduced(&self, by: &DMatrix<f64>, at_once: bool) -> Self {
+        let all: Vec<usize>;
         let eager = if at_once {
-            0..RADII.len()
+            all = (0..RADII.len() * (self.lattice.empty_slot as usize + 1)).collect();
+            &all
         } else {
-            EXPECTED..EXPECTED + 1
+            &self.lattice.coarse_columns
         };
-        let values = self.values.reduced(by, RADII.len(), eager);
+        let values = self.values.reduced(by, eager);
         Self::with_norms(Arc::clone(&self.lattice), by.nrows(), values)
     }
 
@@ -414,14 +349,15 @@ impl ResponseTable {
     pub fn coarse_products(&self, v: &[f64], out: &mut Vec<f64>) {
         if v.len() == self.stride() && !v.is_empty() {
             let columns = &self.lattice.coarse_columns;
-            self.values
-                .with(&[], |values| dots_of(self.arch, values, columns, v, out));
+            self.values.with(columns.iter().copied(), |values| {
+                dots_of(self.arch, values, columns, v, out)
+            });
         } else {
             out.clear();
         }
     }
 
-    fn stencil(&self, at: [f64; 2]) -> Stencil {
+    pub(super) fn stencil(&self, at: [f64; 2]) -> Stencil {
         let l = &*self.lattice;
         let u = [0, 1].map(|k| (at[k] - l.first_mm[k]) / l.step_mm);
         let base = u.map(|v| v.floor());
@@ -452,7 +388,11 @@ impl ResponseTable {
         let stencil = self.stencil(at);
         let radii = radii_at(radius / l.radius_mm, l.radius_mm);
         let n = self.stride();
-        self.values.with(&stencil.columns, |values| {
+        let needed = stencil
+            .columns
+            .into_iter()
+            .flat_map(|first| (0..AT_ONCE).map(move |k| first + radii.first + k));
+        self.values.with(needed, |values| {
             interpolate(self.arch, values, &radii, &stencil, out.map(|o| &mut o[..n]));
         });
     }
