@@ -58,6 +58,8 @@ pub(crate) struct Output {
     said_at: Instant,
     /// What is left out of the baseline.
     left_out: Vec<Finding>,
+    /// Electrodes that were broken in the baseline, from 0.
+    broken: Vec<usize>,
     /// What is recorded so far.
     recorded: Option<Counts>,
     /// The kind of doubt that was said last, and when.
@@ -94,6 +96,7 @@ impl Output {
             said: String::new(),
             said_at: Instant::now(),
             left_out: Vec::new(),
+            broken: Vec::new(),
             recorded: None,
             doubted: None,
             faults: Vec::new(),
@@ -107,6 +110,13 @@ impl Output {
     /// What the baseline was found to be worth: said with every picture from now on.
     pub(crate) fn left_out(&mut self, inspection: &Inspection) {
         self.left_out = inspection.left_out().cloned().collect();
+        let broken = [
+            FindingKind::Electrode,
+            FindingKind::ElectrodeElsewhere,
+            FindingKind::Contact,
+        ];
+        let findings = inspection.findings.iter().filter(|f| broken.contains(&f.kind));
+        self.broken = findings.flat_map(|f| f.electrodes.iter().map(|l| l - 1)).collect();
     }
 
     /// What somebody at the page asked for.
@@ -328,9 +338,7 @@ impl Output {
 
     /// Electrodes that are broken, now or in the baseline, from 0.
     fn faulty(&self, result: &FrameResult) -> Vec<usize> {
-        let dead = [FindingKind::Electrode, FindingKind::ElectrodeElsewhere];
-        let findings = self.left_out.iter().filter(|f| dead.contains(&f.kind));
-        let mut out: Vec<usize> = findings.flat_map(|f| f.electrodes.iter().map(|l| l - 1)).collect();
+        let mut out = self.broken.clone();
         result
             .faults
             .iter()

@@ -1,6 +1,13 @@
-//! Quantiles of the distributions that tests of the noise need.
+//! Medians, and quantiles of the distributions that tests of the noise need.
 
 use statrs::distribution::{ChiSquared, ContinuousCDF, FisherSnedecor};
+
+/// The middle one of the values that are finite, the upper of two; 0 of none.
+pub(crate) fn median(values: impl Iterator<Item = f64>) -> f64 {
+    let mut sorted: Vec<f64> = values.filter(|v| v.is_finite()).collect();
+    sorted.sort_by(f64::total_cmp);
+    sorted.get(sorted.len() / 2).copied().unwrap_or(0.0)
+}
 
 /// The value that Fisher's F exceeds with a probability of `1 - probability`.
 ///

@@ -3,8 +3,9 @@
 use super::facts::{Facts, Measured};
 use super::line::{Cause, Line};
 use crate::check::as_wired;
+use crate::number::median;
 use inverse::reference::diagnosis::Fault;
-use inverse::reference::electrode_fit::{ElectrodeFitOptions, NoFit};
+use inverse::reference::electrode_fit::NoFit;
 use inverse::reference::inspection::{Inspection, InspectionOptions, SAID_FROM, inspect};
 use inverse::reference::screening::{Finding, FindingKind};
 use inverse::reference::wiring::{self, WiringCheck, WiringOptions, order_text};
@@ -84,7 +85,7 @@ fn sheet(inspection: &Inspection) -> Line {
             "turn the two wires round; touches are found all the same",
         )
         .electrodes(sign.electrodes.iter().copied())
-    } else if let Some(gain) = has(&[FindingKind::SenseGain]) {
+    } else if let Some(gain) = has(&[FindingKind::SenseGain, FindingKind::SenseOffset]) {
         Line::look(
             name,
             gain.to_string(),
@@ -187,6 +188,7 @@ fn contact(inspection: &Inspection) -> Line {
             .electrodes(electrodes.list().iter().map(|l| l + 1));
     }
     let weak: Vec<&Finding> = [
+        FindingKind::Contact,
         FindingKind::DrivePair,
         FindingKind::SensePair,
         FindingKind::DriveGain,
@@ -201,28 +203,11 @@ fn contact(inspection: &Inspection) -> Line {
     let Some(fit) = &inspection.electrodes else {
         return Line::ok(name, "all electrodes give a signal");
     };
-    // Further than three standard deviations of the widest prior.
-    let widest = ElectrodeFitOptions::default().contacts.into_iter().fold(0.0, f64::max);
-    let most = (3.0 * widest).exp();
-    let mut sorted = fit.contact.clone();
-    sorted.sort_by(f64::total_cmp);
-    let middle = sorted.get(sorted.len() / 2).copied().unwrap_or(1.0);
-    let worse: Vec<usize> = (0..fit.contact.len())
-        .filter(|l| fit.contact[*l] > most * middle)
-        .collect();
-    let worst = sorted.last().copied().unwrap_or(middle) / middle;
-    let line = if worse.is_empty() {
-        let text = format!(
-            "all {} give a signal; the worst contact is {worst:.1} times the median",
-            fit.contact.len()
-        );
-        Line::ok(name, text)
-    } else {
-        let text = format!(
-            "the contact of electrode {} is {worst:.1} times the median",
-            worse[0] + 1
-        );
-        Line::look(name, text, Cause::Wiring, advice).electrodes(worse.iter().map(|l| l + 1))
-    };
-    line.figure("worst_contact", worst)
+    let middle = median(fit.contact.iter().copied());
+    let worst = fit.contact.iter().fold(0.0_f64, |m, c| m.max(c / middle));
+    let text = format!(
+        "all {} give a signal; the worst contact is {worst:.1} times the median",
+        fit.contact.len()
+    );
+    Line::ok(name, text).figure("worst_contact", worst)
 }

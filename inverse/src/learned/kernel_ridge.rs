@@ -1,6 +1,7 @@
 //! Kernel ridge regression from changes to places, or to what is left of them: plain learning.
 
-use super::maps::{matrix, median};
+use super::maps::matrix;
+use crate::stats::median;
 use nalgebra::{Cholesky, DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
@@ -47,7 +48,7 @@ impl KernelRidge {
         if count < 2 || places.len() != count {
             return None;
         }
-        let usual = |c: usize| median(&values.iter().map(|v| v[c].abs()).collect::<Vec<_>>());
+        let usual = |c: usize| median(values.iter().map(|v| v[c].abs()));
         let scale: Vec<f64> = (0..values[0].len()).map(|c| usual(c).max(f64::MIN_POSITIVE)).collect();
         let known: Vec<DVector<f64>> = values.iter().map(|v| drawn_in(v, &scale)).collect();
         // Width and ridge need fewer presses than places do.

@@ -4,11 +4,12 @@
 use super::choice::{Choice, NO_MEMORY, Setting};
 use super::correction::{Correction, StoredCorrection};
 use super::locator::{Evidence, Locator, Presence};
-use super::maps::{Maps, Presses, StoredMaps, columns, matrix, median};
+use super::maps::{Maps, Presses, StoredMaps, columns, matrix};
 use super::orbits::Orbits;
 use super::rest::Residuals;
 use super::search::{PARTS, choose};
 use super::validation::{FOLDS, STEPS, Validation, locators, quantile, second_evidence, validate};
+use crate::stats::median;
 use forward::Measurement;
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
@@ -196,7 +197,7 @@ fn alive(presses: &[Press], count: usize) -> Vec<usize> {
         }
     };
     let sizes: Vec<f64> = (0..count).map(typical).collect();
-    let least = DEAD * median(&sizes);
+    let least = DEAD * median(sizes.iter().copied());
     (0..count).filter(|c| sizes[*c] > least).collect()
 }
 
@@ -297,7 +298,7 @@ pub fn learn(
 fn mean_square(presses: &Presses, c: usize) -> f64 {
     let column = presses.changes.column(c);
     let sizes: Vec<f64> = column.iter().map(|v| v.abs()).collect();
-    let limit = 4.0 * median(&sizes).max(f64::MIN_POSITIVE);
+    let limit = 4.0 * median(sizes.iter().copied()).max(f64::MIN_POSITIVE);
     column
         .iter()
         .filter(|v| v.is_finite())
@@ -322,7 +323,7 @@ fn explained(presses: &Presses, residuals: &Residuals, scale: &[f64]) -> f64 {
 }
 
 fn gross(validation: &Validation, reach_mm: f64) -> Vec<usize> {
-    let limit = (GROSS * median(&validation.errors_mm(reach_mm))).max(0.25 * reach_mm);
+    let limit = (GROSS * median(validation.errors_mm(reach_mm).into_iter())).max(0.25 * reach_mm);
     let off = |o: &[f64; 2]| o[0].hypot(o[1]) > limit;
     let few = validation.offsets.len() / 10;
     let list: Vec<usize> = (0..validation.offsets.len())
@@ -340,7 +341,7 @@ fn half_error(choice: &Choice, presses: &Presses, evidence: Evidence) -> Option<
     let (list, _) = locators(choice, &half, FOLDS, STEPS)?;
     let mut validation = Validation::of(&list, &half, evidence);
     Correction::learn(&half, &mut validation);
-    Some(median(&validation.errors_mm(choice.frame.reach_mm)))
+    Some(median(validation.errors_mm(choice.frame.reach_mm).into_iter()))
 }
 
 impl Learned {

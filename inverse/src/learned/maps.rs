@@ -7,6 +7,7 @@
 
 use super::harmonics::Harmonics;
 use super::orbits::Orbits;
+use crate::stats::median;
 use nalgebra::{Cholesky, DMatrix, DVector, DVectorView, Dyn, SymmetricEigen};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -301,7 +302,7 @@ impl Maps {
             let freedom = maps.solve(&design, &drawn_in)?;
             let fitted = maps.fitted(&design);
             let mut noise = vec![0.0; channels];
-            let middle = median(&maps.noise);
+            let middle = median(maps.noise.iter().copied());
             for c in 0..channels {
                 let limit = HUBER * maps.noise[c].sqrt();
                 let left = |k: usize| values[(k, c)] - fitted[(k, c)];
@@ -319,7 +320,7 @@ impl Maps {
             }
             maps.noise = noise;
         }
-        let middle = median(&maps.noise);
+        let middle = median(maps.noise.iter().copied());
         let directions = DMatrix::from_fn(size, design.values.len(), |k, j| {
             design.own_root[k] * design.vectors[(k, j)] / (design.values[j] + middle).sqrt()
         });
@@ -500,10 +501,4 @@ fn scales(changes: &DMatrix<f64>, orbits: &Orbits) -> Vec<f64> {
         list.iter().for_each(|c| scale[*c] = rms);
     }
     scale
-}
-
-pub(super) fn median(values: &[f64]) -> f64 {
-    let mut sorted: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
-    sorted.sort_by(f64::total_cmp);
-    sorted.get(sorted.len() / 2).copied().unwrap_or(0.0)
 }

@@ -1,6 +1,7 @@
 //! The covariance of what the maps leave over.
 
-use super::maps::{Maps, Presses, median};
+use super::maps::{Maps, Presses};
+use crate::stats::median;
 use nalgebra::{DMatrix, DVector};
 
 /// Presses that the covariance without correlations weighs as. What is left lies in few directions, so that the
@@ -58,7 +59,7 @@ impl Residuals {
         let mut deviations = vec![0.0; channels];
         for (c, mut column) in scaled.column_iter_mut().enumerate() {
             let sizes: Vec<f64> = column.iter().map(|v| v.abs()).collect();
-            let limit = LARGEST * NORMAL * median(&sizes);
+            let limit = LARGEST * NORMAL * median(sizes.iter().copied());
             let finite = || column.iter().filter(|v| v.is_finite());
             let sum: f64 = finite().map(|v| v.clamp(-limit, limit).powi(2)).sum();
             let deviation = (sum / finite().count().max(1) as f64).sqrt().max(f64::MIN_POSITIVE);

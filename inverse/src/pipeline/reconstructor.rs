@@ -322,7 +322,7 @@ impl Reconstructor {
                 result.doubt,
                 Some(Doubt::NotThisSheet | Doubt::NotTouches | Doubt::FewValues { .. } | Doubt::Gone { .. })
             )
-            || (self.solver.fits() && result.misfit.is_none() && result.changed)
+            || (self.solver.fits() && (self.is_bare(1.0) || (result.misfit.is_none() && result.changed)))
             || self.faults.is_open()
             || self.faults.rejects();
         let (touches, misfit) = (result.touches.len(), result.misfit);
@@ -400,6 +400,13 @@ impl Reconstructor {
         self.result.faults.extend(named.into_iter().chain(contacts));
     }
 
+    /// Whether the result is a change that shows no touch, and that none explains; `gain` is that of the frame's mean.
+    fn is_bare(&self, gain: f64) -> bool {
+        let most = gain * self.options.contacts.explained;
+        let result = &self.result;
+        result.changed && result.touches.is_empty() && result.misfit.is_none_or(|misfit| misfit > most)
+    }
+
     /// Solves the difference of a frame, or of the mean of several.
     fn solve(&mut self, averaged: Averaged, quiet: bool) {
         let model_v = &self.reference.imager().model_v;
@@ -438,21 +445,23 @@ impl Reconstructor {
             // Every frame counts.
             detector.forget();
         }
-        let unexplained = self.solver.fits() && self.result.misfit.is_none() && self.result.changed;
+        let bare = self.is_bare(averaged.gain);
+        let unexplained = self.solver.fits() && (bare || (self.result.misfit.is_none() && self.result.changed));
         self.unexplained = if unexplained { self.unexplained + 1 } else { 0 };
-        let least = if self.options.sequence {
-            self.options.unexplained_frames
-        } else {
-            1
+        let least = match (self.options.sequence, bare) {
+            (false, _) => 1,
+            // Half of the frame in which a touch lands is as before.
+            (true, true) => 2,
+            (true, false) => self.options.unexplained_frames,
         };
         let contact = (!changed.is_empty()).then(|| Doubt::Fault(Fault::Contacts(Electrodes::of(changed))));
         self.result.doubt = Doubt::of(&self.difference, model_v, self.options.doubts)
-            .or((self.unexplained >= least).then_some(Doubt::NotTouches))
             .or(gone.map(|touch| Doubt::Gone {
                 x_mm: touch.x_mm.round() as i32,
                 y_mm: touch.y_mm.round() as i32,
                 fell: touch.rise < 0.0,
             }))
+            .or((self.unexplained >= least).then_some(Doubt::NotTouches))
             .or(contact);
         if self.result.doubt == Some(Doubt::NotThisSheet) {
             // Whatever they are, they are no touches on the sheet of the baseline.

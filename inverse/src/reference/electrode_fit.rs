@@ -7,8 +7,12 @@
 //! value. How large these are is chosen by the evidence of the baseline itself (MacKay 1992), so that a sheet that
 //! is not like the model keeps its electrodes where they were said to be.
 
+mod amplifiers;
+
+pub use amplifiers::{Amplifier, AmplifierError};
+
 use crate::reference::imager::Imager;
-use forward::{Sensitivity, Solver};
+use forward::{Pattern, Sensitivity, Solver};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 /// What the baseline says of the electrodes.
@@ -26,6 +30,9 @@ pub struct ElectrodeFit {
     pub unevenness: f64,
     /// Values that disagree with all others and take no part, with what was measured over what was expected.
     pub outliers: Vec<(usize, f64)>,
+    /// Amplifiers with a gain or an offset of their own. The values of a gain are divided by it in the fit, those of an offset take no
+    /// part.
+    pub amplifiers: Vec<Amplifier>,
     /// What the fit leaves of the baseline: relative, root mean square over the values that take part.
     pub misfit: f64,
 }
@@ -84,8 +91,11 @@ pub struct ElectrodeFitOptions {
     /// A value this many standard deviations from what the others predict is left out. Of 208 with Gaussian errors one is in
     /// 100,000 baselines.
     pub outlier: f64,
-    /// A value that is off by less than this part of itself is never left out: what it does to the electrodes is small.
+    /// A value that is off by less than this part of itself is never left out, and no amplifier is named for less: what it does to the
+    /// electrodes is small.
     pub least_outlier: f64,
+    /// Most amplifiers with a gain or an offset of their own. More of them are a sheet that is not like the model.
+    pub most_amplifiers: usize,
     /// Largest part of the values that are left out as outliers. More of them are a sheet that is not like the model.
     pub most_outliers: f64,
 }
@@ -106,6 +116,7 @@ impl Default for ElectrodeFitOptions {
             most_moves: 3.0,
             outlier: 6.0,
             least_outlier: 0.03,
+            most_amplifiers: 2,
             most_outliers: 0.05,
         }
     }
@@ -153,12 +164,25 @@ pub fn find(imager: &Imager, baseline: &[f64]) -> Option<ElectrodeFit> {
 pub fn find_with(imager: &Imager, baseline: &[f64], options: &ElectrodeFitOptions) -> Result<ElectrodeFit, NoFit> {
     let mut kept = baseline.to_vec();
     let mut outliers: Vec<(usize, f64)> = Vec::new();
+    let mut amplifiers: Vec<Amplifier> = Vec::new();
     let most = (options.most_outliers * baseline.len() as f64) as usize;
     loop {
         let (mut fit, linear, scales) = settle(imager, &kept, options)?;
-        let more = linear.outliers(scales);
+        let (more, amplifier) = linear.stand_out(scales, &kept, &imager.pattern);
+        if let Some(amplifier) = amplifier.filter(|_| amplifiers.len() < options.most_amplifiers) {
+            for (kept, m) in kept.iter_mut().zip(imager.pattern.measurements()) {
+                if amplifier.carries(m) {
+                    *kept /= match amplifier.error {
+                        AmplifierError::Gain(gain) => gain,
+                        AmplifierError::Offset(_) => f64::NAN,
+                    };
+                }
+            }
+            amplifiers.push(amplifier);
+            continue;
+        }
         if more.is_empty() || outliers.len() + more.len() > most {
-            fit.outliers = outliers;
+            (fit.outliers, fit.amplifiers) = (outliers, amplifiers);
             let most_mm =
                 options.most_moves * options.places_mm.iter().fold(0.0_f64, |m, p| m.max(*p)) * imager.reach_mm()
                     / PAPER_REACH_MM;
@@ -219,6 +243,7 @@ fn settle(
                 error: s.error,
                 unevenness: s.unevenness,
                 outliers: Vec::new(),
+                amplifiers: Vec::new(),
             };
             return Ok((fit, linear, s));
         }
@@ -264,10 +289,10 @@ impl Linear {
         self.residual.map(|r| (r - mean).powi(2)).mean().sqrt()
     }
 
-    /// Values that the others do not predict, with measured over predicted.
-    fn outliers(&self, s: Scales) -> Vec<(usize, f64)> {
+    /// Values that the others do not predict, with measured over predicted; or an amplifier that does so better.
+    fn stand_out(&self, s: Scales, baseline: &[f64], pattern: &Pattern) -> (Vec<(usize, f64)>, Option<Amplifier>) {
         let Some(factor) = Cholesky::<f64, Dyn>::new(self.covariance(s)) else {
-            return Vec::new();
+            return (Vec::new(), None);
         };
         let inverse = factor.inverse();
         let weighted = &inverse * (&self.residual + &self.about);
@@ -276,15 +301,19 @@ impl Linear {
             .map(|k| (weighted[k] / inverse[(k, k)], weighted[k] / inverse[(k, k)].sqrt()))
             .collect();
         let worst = against.iter().fold(0.0_f64, |m, (_, z)| m.max(z.abs()));
-        against
-            .iter()
-            .zip(&self.used)
-            // Next to a much worse one a value is not judged yet.
-            .filter(|((off, z), _)| {
-                z.abs() > self.options.outlier.max(0.5 * worst) && off.abs() > self.options.least_outlier
-            })
-            .map(|((off, _), k)| (*k, off.exp()))
-            .collect()
+        let amplifier = amplifiers::most(&inverse, &weighted, &self.used, baseline, pattern);
+        let stands_out = |(found, z): &(Amplifier, f64)| {
+            *z > self.options.outlier.max(worst) && found.off(baseline, pattern) > self.options.least_outlier
+        };
+        if let Some((amplifier, _)) = amplifier.filter(stands_out) {
+            return (Vec::new(), Some(amplifier));
+        }
+        let outliers = against.iter().zip(&self.used);
+        // Next to a much worse one a value is not judged yet.
+        let outliers = outliers.filter(|((off, z), _)| {
+            z.abs() > self.options.outlier.max(0.5 * worst) && off.abs() > self.options.least_outlier
+        });
+        (outliers.map(|((off, _), k)| (*k, off.exp())).collect(), None)
     }
 
     fn prior(&self, s: Scales) -> DMatrix<f64> {

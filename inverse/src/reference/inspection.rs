@@ -1,12 +1,14 @@
 //! A baseline is looked at before frames are compared with it: what of it is left out, where the electrodes are, and whether it
 //! is that of the sheet at all.
 
+use crate::reference::bad_contacts;
 use crate::reference::baseline::Baseline;
 use crate::reference::diagnosis::{Diagnosis, Fault};
-use crate::reference::electrode_fit::{self, ElectrodeFit, ElectrodeFitOptions, NoFit};
+use crate::reference::electrode_fit::{self, Amplifier, AmplifierError, ElectrodeFit, ElectrodeFitOptions, NoFit};
 use crate::reference::imager::Imager;
 use crate::reference::screening::{Finding, FindingKind, ScreeningOptions, consensus, screen, value_finding};
 use crate::reference::wiring::{self, WiringCheck, WiringOptions, order_text};
+use forward::Pattern;
 use std::sync::Arc;
 
 /// How a baseline is looked at.
@@ -112,11 +114,15 @@ pub fn inspect(
                     used[*k] = false;
                     findings.push(value_finding(pattern, *k, *factor));
                 }
+                for amplifier in &fit.amplifiers {
+                    findings.push(amplifier_finding(pattern, amplifier, &mut used));
+                }
                 electrodes = Some(fit);
             }
             Err(why) => not_found = Some(why),
         }
     }
+    bad_contacts::name(&mut findings, pattern, electrodes.as_ref(), &options.electrodes);
     let baseline = baseline.without(&used);
     let misfit = electrodes.as_ref().map_or_else(
         || misfit(&imager.model_v, &baseline.values_v, &screening.fitted),
@@ -135,6 +141,32 @@ pub fn inspect(
         wiring,
         misfit,
         baseline,
+    }
+}
+
+/// An amplifier with a gain, or with an offset: its values are left out.
+fn amplifier_finding(pattern: &Pattern, amplifier: &Amplifier, used: &mut [bool]) -> Finding {
+    let measurements = pattern.measurements().iter().enumerate();
+    let of: Vec<usize> = measurements
+        .filter(|(_, m)| amplifier.carries(m))
+        .map(|(k, _)| k)
+        .collect();
+    let (kind, factor) = match amplifier.error {
+        AmplifierError::Gain(gain) => (FindingKind::SenseGain, Some(gain)),
+        AmplifierError::Offset(_) => (FindingKind::SenseOffset, None),
+    };
+    let left_out = kind == FindingKind::SenseOffset;
+    if left_out {
+        of.iter().for_each(|k| used[*k] = false);
+    }
+    Finding {
+        kind,
+        electrodes: amplifier.pair.iter().map(|l| l + 1).collect(),
+        value: None,
+        factor,
+        values: of.len(),
+        of: pattern.len(),
+        left_out,
     }
 }
 

@@ -1,5 +1,6 @@
 //! What frames are compared with: the baseline, the model of the sheet it was taken on, and what it says of the electrodes.
 
+mod bad_contacts;
 pub mod baseline;
 pub mod departure;
 pub mod diagnosis;

@@ -62,6 +62,9 @@ pub enum FindingKind {
     DrivePair,
     /// All values of a sense pair are wrong.
     SensePair,
+    /// The contact of an electrode is much worse than those of the others. Its values are used; the factor is its impedance over the
+    /// median, where that is known.
+    Contact,
     /// One value is wrong.
     Value,
     /// All values have the wrong sign. They are used.
@@ -74,6 +77,8 @@ pub enum FindingKind {
     DriveGain,
     /// The values of a sense pair are all too large or too small by one factor. They are used.
     SenseGain,
+    /// The values of a sense pair are all off by one voltage.
+    SenseOffset,
 }
 
 /// Something in a baseline that is not as the model of the sheet has it.
@@ -120,6 +125,18 @@ impl fmt::Display for Finding {
                 e(0),
                 e(1)
             ),
+            FindingKind::Contact => match self.factor {
+                Some(factor) => write!(
+                    f,
+                    "the contact of electrode {} is about {factor:.1} times the median in the baseline; look at it",
+                    e(0)
+                ),
+                None => write!(
+                    f,
+                    "the contact of electrode {} is bad in the baseline: the pairs that it drives with give too little signal; look at it",
+                    e(0)
+                ),
+            },
             FindingKind::Value => write!(
                 f,
                 "the baseline's value of drive {}-{}, sense {}-{} is {factor:.2} of what is expected and is left out",
@@ -149,9 +166,15 @@ impl fmt::Display for Finding {
                 e(0),
                 e(1)
             ),
+            FindingKind::SenseOffset => write!(
+                f,
+                "the amplifier between electrodes {} and {} has an offset in the baseline: {out}",
+                e(0),
+                e(1)
+            ),
             FindingKind::SenseGain => write!(
                 f,
-                "the sense pair of electrodes {} and {} gives {factor:.2} of the signal that is expected; look at its amplifier",
+                "the sense pair of electrodes {} and {} gives {factor:.3} of the signal that is expected; look at its amplifier",
                 e(0),
                 e(1)
             ),
@@ -560,7 +583,7 @@ impl<'a> Ratios<'a> {
 
 /// The smallest part of some electrodes that takes part in all the values that these do; the first of several. Neighbours drive and
 /// sense: between two dead electrodes no value tells of the one in the middle.
-fn smallest(candidates: &[usize], values: usize, touches: impl Fn(usize, usize) -> bool) -> Vec<usize> {
+pub(super) fn smallest(candidates: &[usize], values: usize, touches: impl Fn(usize, usize) -> bool) -> Vec<usize> {
     if candidates.len() > MOST_CANDIDATES {
         return candidates.to_vec();
     }

@@ -9,6 +9,7 @@
 
 use crate::reference::imager::Imager;
 use crate::reference::screening::consensus;
+use crate::stats::median;
 use forward::{DiscTouch, Drive, ElectrodeMatrix, ForwardError, Measurement, Pair, Pattern, PatternError, Solver};
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
@@ -113,12 +114,6 @@ struct Comparison<'a> {
     /// Index in the pattern and logarithm of every value that is there.
     measured: Vec<(usize, f64)>,
     floor_v: f64,
-}
-
-fn median(values: impl Iterator<Item = f64>) -> f64 {
-    let mut sorted: Vec<f64> = values.collect();
-    sorted.sort_by(f64::total_cmp);
-    sorted.get(sorted.len() / 2).copied().unwrap_or(0.0)
 }
 
 impl Comparison<'_> {

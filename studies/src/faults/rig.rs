@@ -182,8 +182,12 @@ impl Rig {
         let ([down, up], at, [rest, over]) = when.times();
         let [down, up, at, rest, over] = [down, up, at, rest, over].map(|part| part * self.length_s);
         let mut silent = 0;
-        // The board's clock begins anew with a reset: how far it had come.
-        let (mut last_s, mut before_s) = (0.0, 0.0);
+        // The board's clock begins anew as a reset is over: when that is. One in the baseline comes with the power.
+        let reset_s = case
+            .for_s
+            .filter(|_| case.board.iter().any(|kind| kind == "board_reset"));
+        let reset_s = reset_s.unwrap_or(0.0);
+        let (mut last_s, mut before_s) = (0.0, if when == When::Baseline { reset_s } else { 0.0 });
         loop {
             let frame = match self.session.frame(WAIT) {
                 Ok(frame) => frame,
@@ -200,7 +204,7 @@ impl Rig {
             let began_s = self.port.scene_began_s();
             if let Some(frame) = &frame {
                 if frame.time_s < last_s {
-                    before_s += last_s;
+                    before_s = began_s.unwrap_or(0.0) + at + reset_s;
                 }
                 last_s = frame.time_s;
             }

@@ -228,24 +228,81 @@ fn touches_stay_where_they_are() {
     assert_eq!(score.counted, score.scenes);
 }
 
+/// A contact of the middle, worse and very much worse.
 #[test]
-fn a_bad_contact_moves_no_electrode() {
-    let mut sheet = forward::Sheet::paper();
-    sheet.electrodes[5].contact_mm *= 30.0;
-    let solver = Solver::new(Arc::new(Model::new(&sheet, &ModelOptions::default()).unwrap())).unwrap();
-    let baseline = Drive::PAPER.frame_v(solver.electrode_matrix(), &nominal().pattern);
-    let whole = Baseline::of_frames(208, &[&baseline]);
-    let found = inspect(nominal(), whole, true, &InspectionOptions::default());
-    let kinds: Vec<FindingKind> = found.findings.iter().map(|f| f.kind).collect();
-    assert_eq!(kinds, [FindingKind::DriveGain; 2]);
-    assert_eq!(found.left_out().count(), 0);
-    let most = found
-        .electrodes
-        .unwrap()
-        .moved_mm
-        .iter()
-        .fold(0.0_f64, |m, v| m.max(v.abs()));
-    assert!(most < 0.05, "{most}");
+fn a_bad_contact_is_named_and_moves_no_electrode() {
+    for times in [1.3, 2.5, 4.0, 10.0, 30.0] {
+        let mut sheet = forward::Sheet::paper();
+        sheet.electrodes[5].contact_mm *= times;
+        let solver = Solver::new(Arc::new(Model::new(&sheet, &ModelOptions::default()).unwrap())).unwrap();
+        let baseline = Drive::PAPER.frame_v(solver.electrode_matrix(), &nominal().pattern);
+        let whole = Baseline::of_frames(208, &[&baseline]);
+        let found = inspect(nominal(), whole, true, &InspectionOptions::default());
+        let kinds: Vec<FindingKind> = found.findings.iter().map(|f| f.kind).collect();
+        if times < 2.0 {
+            assert_eq!(kinds, [], "{times}");
+        } else {
+            assert_eq!(kinds, [FindingKind::Contact], "{times}");
+            assert_eq!(found.findings[0].electrodes, [6], "{times}");
+            let factor = found.findings[0].factor;
+            assert!(
+                factor.is_none_or(|f| (f / times - 1.0).abs() < 0.2),
+                "{times}: {factor:?}"
+            );
+        }
+        assert_eq!(found.left_out().count(), 0, "{times}");
+        let moved = found.electrodes.unwrap().moved_mm;
+        let most = moved.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
+        assert!(most < 0.05, "{times}: {most}");
+    }
+}
+
+/// A gain or an offset of one amplifier is told from misplaced electrodes and uneven sheets, and moves none.
+#[test]
+fn an_amplifier_is_named_and_moves_no_electrode() {
+    let pattern = &nominal().pattern;
+    let of_pair = |k: usize| {
+        let sense = pattern.measurements()[k].sense;
+        [sense.plus, sense.minus] == [7, 6] || [sense.plus, sense.minus] == [6, 7]
+    };
+    for seed in 0..6 {
+        let sound = built(seed);
+        let look = |values: &[f64]| {
+            let whole = Baseline::of_frames(208, &[values]);
+            inspect(nominal(), whole, true, &InspectionOptions::default())
+        };
+        let before = look(&sound).electrodes.unwrap().moved_mm;
+        let usual = sound.iter().map(|v| v.abs()).fold(0.0, f64::max);
+        for (gain, offset) in [(1.05, 0.0), (0.9, 0.0), (1.0, 0.01 * usual), (1.0, -0.004 * usual)] {
+            let wrong: Vec<f64> = sound
+                .iter()
+                .enumerate()
+                .map(|(k, v)| if of_pair(k) { gain * v + offset } else { *v })
+                .collect();
+            let found = look(&wrong);
+            let kinds: Vec<FindingKind> = found.findings.iter().map(|f| f.kind).collect();
+            let kind = if offset == 0.0 {
+                FindingKind::SenseGain
+            } else {
+                FindingKind::SenseOffset
+            };
+            assert_eq!(kinds, [kind], "{seed} {gain} {offset}: {:?}", found.findings);
+            let mut electrodes = found.findings[0].electrodes.clone();
+            electrodes.sort_unstable();
+            assert_eq!(electrodes, [7, 8]);
+            let left_out = found.baseline.values_v.iter().filter(|v| v.is_nan()).count();
+            assert_eq!(left_out, if offset == 0.0 { 0 } else { 13 });
+            if let Some(factor) = found.findings[0].factor {
+                assert!((factor / gain - 1.0).abs() < 0.01, "{seed}: {factor} {gain}");
+            }
+            let moved = found.electrodes.unwrap().moved_mm;
+            let most = moved
+                .iter()
+                .zip(&before)
+                .fold(0.0_f64, |m, (a, b)| m.max((a - b).abs()));
+            assert!(most < 0.2, "{seed} {gain} {offset}: {most}");
+        }
+    }
 }
 
 #[test]

@@ -63,7 +63,14 @@ pub struct ResponseTable {
     /// Norm of the values of every coarse node at the expected radius.
     norms: Vec<f64>,
     /// Norms of what a split there changes, for every direction of [`SPLITS`]; made when a touch first comes near.
-    pub(super) split_norms: RefCell<Vec<Option<[f64; SPLITS]>>>,
+    pub(super) split_norms: RefCell<SplitNorms>,
+}
+
+/// By coarse place, and room for the values of a split.
+#[derive(Clone, Debug)]
+pub(super) struct SplitNorms {
+    pub(super) known: Vec<Option<[f64; SPLITS]>>,
+    pub(super) room: Vec<f64>,
 }
 
 /// Directions in which a touch is tried to be split, evenly spread over half a turn.
@@ -277,7 +284,10 @@ impl ResponseTable {
             lattice.coarse_columns.iter().map(norm).collect()
         });
         Self {
-            split_norms: RefCell::new(vec![None; lattice.coarse.len()]),
+            split_norms: RefCell::new(SplitNorms {
+                known: vec![None; lattice.coarse.len()],
+                room: vec![0.0; stride],
+            }),
             norms,
             lattice,
             arch: Arch::new(),

@@ -1,7 +1,7 @@
 //! What a frame says of splitting a touch into two.
 
 use crate::touches::fit::interpolation::{add_scaled, dot};
-use crate::touches::fit::responses::{EXPECTED, ResponseTable, SPLITS};
+use crate::touches::fit::responses::{EXPECTED, ResponseTable, SPLITS, SplitNorms};
 
 /// Half distance between the halves of a touch that is split, over the expected radius.
 const HALF_SPLIT: f64 = 1.1;
@@ -37,22 +37,19 @@ impl ResponseTable {
     }
 
     fn split_norms_at(&self, coarse: usize) -> [f64; SPLITS] {
-        let known = self.split_norms.borrow()[coarse];
-        known.unwrap_or_else(|| {
+        let SplitNorms { known, room } = &mut *self.split_norms.borrow_mut();
+        *known[coarse].get_or_insert_with(|| {
             let at = self.coarse()[coarse];
-            let mut sum = vec![0.0; self.stride()];
-            let norms = std::array::from_fn(|direction| {
+            std::array::from_fn(|direction| {
                 let [a, b] = self.split(at, direction);
-                sum.fill(0.0);
+                room.fill(0.0);
                 for (place, weight) in [(at, -2.0), (a, 1.0), (b, 1.0)] {
                     self.of_nodes(place, |values, by| {
-                        add_scaled(self.arch(), values, weight * by, &mut sum);
+                        add_scaled(self.arch(), values, weight * by, room);
                     });
                 }
-                sum.iter().map(|v| v * v).sum::<f64>().sqrt()
-            });
-            self.split_norms.borrow_mut()[coarse] = Some(norms);
-            norms
+                room.iter().map(|v| v * v).sum::<f64>().sqrt()
+            })
         })
     }
 
