@@ -79,6 +79,8 @@ pub enum FindingKind {
     SenseGain,
     /// The values of a sense pair are all off by one voltage.
     SenseOffset,
+    /// The values of a sense pair are all missing: out of range, as a rule.
+    SenseMissing,
 }
 
 /// Something in a baseline that is not as the model of the sheet has it.
@@ -166,17 +168,23 @@ impl fmt::Display for Finding {
                 e(0),
                 e(1)
             ),
+            FindingKind::SenseGain => write!(
+                f,
+                "the amplifier between electrodes {} and {} gives {factor:.3} of the signal that is expected in the baseline; look at it",
+                e(0).min(e(1)),
+                e(0).max(e(1))
+            ),
+            FindingKind::SenseMissing => write!(
+                f,
+                "the amplifier between electrodes {} and {} gives no value in the baseline, as at its rail: {out}",
+                e(0).min(e(1)),
+                e(0).max(e(1))
+            ),
             FindingKind::SenseOffset => write!(
                 f,
                 "the amplifier between electrodes {} and {} has an offset in the baseline: {out}",
-                e(0),
-                e(1)
-            ),
-            FindingKind::SenseGain => write!(
-                f,
-                "the sense pair of electrodes {} and {} gives {factor:.3} of the signal that is expected; look at its amplifier",
-                e(0),
-                e(1)
+                e(0).min(e(1)),
+                e(0).max(e(1))
             ),
         }
     }
@@ -509,6 +517,13 @@ impl<'a> Ratios<'a> {
                 if part.is_some_and(|part| part >= self.options.pair) {
                     findings.push(self.leave_out(kind, &pair, used, |k| self.is_of(k, drive, pair)));
                 }
+            }
+        }
+        // Values that were clipped are not there.
+        for pair in self.pairs(false) {
+            let none = (0..used.len()).all(|k| !(self.is_of(k, false, pair) && self.is_present(k)));
+            if none && !pair.iter().any(|l| dead.contains(l)) {
+                findings.push(self.leave_out(FindingKind::SenseMissing, &pair, used, |k| self.is_of(k, false, pair)));
             }
         }
         findings
