@@ -20,6 +20,10 @@ impl Frames {
     /// # Errors
     /// It has other axes, no numbers or no values.
     pub(crate) fn of(what: &str, given: &Bound<'_, PyAny>) -> PyResult<Self> {
+        // As most are, and at once.
+        if let Ok(array) = given.cast::<PyArrayDyn<f64>>() {
+            return Self::read(what, array);
+        }
         let py = given.py();
         let numpy = py.import(intern!(py, "numpy"))?;
         let mut array = numpy.call_method1(intern!(py, "asarray"), (given,))?;
@@ -30,12 +34,14 @@ impl Frames {
         {
             array = numpy.call_method1(intern!(py, "abs"), (array,))?;
         }
-        let array = numpy.call_method1(intern!(py, "ascontiguousarray"), (array, "float64"))?;
-        let array = array.cast::<PyArrayDyn<f64>>()?;
+        let array = numpy.call_method1(intern!(py, "asarray"), (array, "float64"))?;
+        Self::read(what, array.cast::<PyArrayDyn<f64>>()?)
+    }
+
+    fn read(what: &str, array: &Bound<'_, PyArrayDyn<f64>>) -> PyResult<Self> {
         let length = match array.shape() {
             [length] => *length,
             [_, length] => *length,
-            // NumPy makes one axis of a single number.
             shape => {
                 return Err(said(format!(
                     "{what}: an array of {} axes; give one frame, or a frame a row",
@@ -43,7 +49,12 @@ impl Frames {
                 )));
             }
         };
-        let mut values = array.to_vec().map_err(raised)?;
+        let array = array.try_readonly().map_err(raised)?;
+        // Row by row, whatever the steps in memory are.
+        let mut values: Vec<f64> = match array.as_slice() {
+            Ok(values) if array.is_c_contiguous() => values.to_vec(),
+            _ => array.as_array().iter().copied().collect(),
+        };
         if values.is_empty() {
             return Err(said(format!("{what}: no values in it")));
         }

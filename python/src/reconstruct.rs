@@ -78,17 +78,17 @@ pub(crate) struct Reconstructor {
 
 impl Reconstructor {
     /// The frame of these values, in the order that was said.
-    fn solve(&self, values: &[f64]) -> Result<Found, inverse::reference::imager::ImagerError> {
+    fn solve(&self, values: Vec<f64>) -> Result<Found, inverse::reference::imager::ImagerError> {
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         let begin = Instant::now();
-        let picked = self.picked.of(values);
+        let picked = self.picked.of(&values);
         let place = state.place;
         let result = state.batch.frame(place, &picked)?;
         let us = 1e6 * begin.elapsed().as_secs_f64();
         state.place += 1;
         let time_s = self.frame_s.map(|s| s * place as f64);
         // Its number has 32 bits, as a board's.
-        let of = (place as u32, time_s, values.to_vec());
+        let of = (place as u32, time_s, values);
         Ok(Found::new(of, &result, state.batch.imager()).took(us))
     }
 
@@ -102,7 +102,7 @@ impl Reconstructor {
         }
         let mut found = Vec::new();
         for frame in frames.rows() {
-            let solved = py.detach(|| self.solve(frame)).map_err(raised)?;
+            let solved = py.detach(|| self.solve(frame.to_vec())).map_err(raised)?;
             found.push(Frame::new(py, solved)?);
             py.check_signals()?;
         }

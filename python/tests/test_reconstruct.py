@@ -98,6 +98,14 @@ def test_values_of_driven_electrodes_are_passed_over(unpressed: np.ndarray, pres
     assert found[0].values.shape == (256,)
 
 
+def test_it_does_not_matter_how_an_array_lies_in_memory(unpressed: np.ndarray, pressed: np.ndarray) -> None:
+    own = [frame.touches for frame in skin.reconstruct(pressed, unpressed)]
+    wide = np.zeros((len(PLACES), 416))
+    wide[:, ::2] = pressed
+    for laid in (np.asfortranarray(pressed), wide[:, ::2], pressed.tolist(), pressed.astype(">f8")):
+        assert [frame.touches for frame in skin.reconstruct(laid, unpressed)] == own
+
+
 def test_of_complex_values_the_magnitudes_are_taken(unpressed: np.ndarray, pressed: np.ndarray) -> None:
     turn = np.exp(0.4j)
     found = places(skin.reconstruct(turn * pressed, turn * unpressed))
