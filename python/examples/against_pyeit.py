@@ -12,9 +12,9 @@ import sys
 import time
 
 import numpy as np
-import pyeit.eit.jac as jac  # type: ignore[import-not-found]
-import pyeit.eit.protocol as protocol  # type: ignore[import-not-found]
-import pyeit.mesh as mesh  # type: ignore[import-not-found]
+import pyeit.eit.jac as jac
+import pyeit.eit.protocol as protocol
+import pyeit.mesh as mesh
 
 import skin
 

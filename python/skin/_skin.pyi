@@ -8,11 +8,11 @@ from typing import Literal, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Order = Literal["adjacent16", "pyeit", "pyeit-fmmu", "eidors", "eidors-rotated", "openeit"]
-Method = Literal["nnls", "lawson-hanson", "tikhonov", "pseudo-inverse"]
-Rise = Literal["up", "down", "either"]
-Drive = Literal["voltage", "current"]
-Disc = tuple[float, float, float, float]
+_Order = Literal["adjacent16", "pyeit", "pyeit-fmmu", "eidors", "eidors-rotated", "openeit"]
+_Method = Literal["nnls", "lawson-hanson", "tikhonov", "pseudo-inverse"]
+_Rise = Literal["up", "down", "either"]
+_Drive = Literal["voltage", "current"]
+_Disc = tuple[float, float, float, float]
 """A disc that presses: centre x and y and radius, mm, and relative rise of resistivity there, above -1 (0.2 is +20 %)."""
 
 class SkinError(Exception):
@@ -157,10 +157,10 @@ class Reconstructor:
         baseline: ArrayLike,
         *,
         sheet: Sheet | None = None,
-        order: Order | None = None,
-        method: Method = "nnls",
-        rise: Rise | None = None,
-        drive: Drive = "voltage",
+        order: _Order | None = None,
+        method: _Method = "nnls",
+        rise: _Rise | None = None,
+        drive: _Drive = "voltage",
         frame_s: float | None = None,
         trust_electrodes: bool = False,
     ) -> Reconstructor:
@@ -239,10 +239,10 @@ def open(
     sheet: Sheet | None = None,
     plan: str = "auto",
     baseline_frames: int | None = None,
-    rise: Rise | None = None,
+    rise: _Rise | None = None,
     trust_electrodes: bool = False,
     every_frame: bool = False,
-    wires: Sequence[int] = (),
+    wires: Sequence[int] | None = None,
     calibration: str | PathLike[str] | None = None,
 ) -> Skin:
     """Opens a source of frames.
@@ -262,7 +262,7 @@ def open(
     """
 
 def forward(
-    sheet: Sheet | None = None, touches: Sequence[Touch | Disc] = (), *, drive: Drive = "voltage"
+    sheet: Sheet | None = None, touches: Sequence[Touch | _Disc] | None = None, *, drive: _Drive = "voltage"
 ) -> NDArray[np.float64]:
     """The frame of a touched sheet, simulated by finite elements: shape (values,), V; with drive="current" ohm."""
 
@@ -271,10 +271,10 @@ def reconstruct(
     baseline: ArrayLike,
     *,
     sheet: Sheet | None = None,
-    order: Order | None = None,
-    method: Method = "nnls",
-    rise: Rise | None = None,
-    drive: Drive = "voltage",
+    order: _Order | None = None,
+    method: _Method = "nnls",
+    rise: _Rise | None = None,
+    drive: _Drive = "voltage",
     frame_s: float | None = None,
     trust_electrodes: bool = False,
 ) -> list[Frame]:
@@ -290,4 +290,8 @@ def reconstruct(
     trust_electrodes: take the electrodes to be where the sheet says, instead of finding them in the baseline.
     """
 
-def program(arguments: Sequence[str]) -> int: ...
+def load(path: str | PathLike[str]) -> Recording:
+    """Reads a recording: ``FILE``, or ``FILE#NAME`` for one of several skins."""
+
+def program(arguments: Sequence[str]) -> int:
+    """The program with a command line, its own name first; its exit code."""

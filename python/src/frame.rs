@@ -70,7 +70,8 @@ impl Found {
     }
 }
 
-/// A frame with what was found in it.
+/// One measured frame (values: V, shape (values,)) and what was found in it: touches, and image, the relative rise of resistivity of
+/// shape (rows, columns), row 0 lowest, NaN off the sheet.
 #[pyclass(frozen, get_all, module = "skin")]
 pub(crate) struct Frame {
     sequence: u32,

@@ -67,7 +67,7 @@ struct State {
     place: usize,
 }
 
-/// What finds touches in frames, one after another.
+/// What finds touches in frames, one after another: reconstruct with one baseline, float64 of shape (frames, values) or (values,).
 #[pyclass(frozen, module = "skin")]
 pub(crate) struct Reconstructor {
     state: Mutex<State>,
@@ -190,7 +190,10 @@ pub(crate) fn warn(py: Python<'_>, text: &str) -> PyResult<()> {
     PyErr::warn(py, &py.get_type::<SkinWarning>(), &text, 1)
 }
 
-/// Touches of frames.
+/// Touches of frames: a list of Frame.
+///
+/// values and baseline have shape (frames, values) or (values,), in one unit, whichever; NaN is a missing value. frame_s is the time
+/// from a frame to the next, s. order names the program whose order the values have; None is that of sheet.measurements.
 #[pyfunction]
 #[pyo3(signature = (values, baseline, *, sheet = None, order = None, method = "nnls", rise = None, drive = "voltage", frame_s = None,
     trust_electrodes = false))]

@@ -52,7 +52,7 @@ impl Recording {
     }
 }
 
-/// Reads a recording.
+/// Reads a recording: FILE, or FILE#NAME for one of several skins. Its values have shape (frames, values), V.
 #[pyfunction]
 pub(crate) fn load(py: Python<'_>, path: PathBuf) -> PyResult<Recording> {
     let loaded = py.detach(|| Loaded::read(&path)).map_err(raised)?;

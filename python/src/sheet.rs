@@ -122,19 +122,21 @@ pub(crate) fn drive(name: &str, amplitude_a: f64) -> PyResult<Drive> {
     }
 }
 
-/// What a touched sheet gives.
+/// The frame of a touched sheet, simulated by finite elements: float64 of shape (values,), V; with drive="current" ohm.
+///
+/// A touch is a Touch that was found, or (x_mm, y_mm, radius_mm, rise): 0.2 is a rise of the resistivity by 20 %.
 #[pyfunction]
-#[pyo3(signature = (sheet = None, touches = Vec::new(), *, drive = "voltage"))]
+#[pyo3(signature = (sheet = None, touches = None, *, drive = "voltage"))]
 pub(crate) fn forward<'py>(
     py: Python<'py>,
     sheet: Option<&Bound<'py, Sheet>>,
-    touches: Vec<Pressed>,
+    touches: Option<Vec<Pressed>>,
     drive: &str,
 ) -> PyResult<Bound<'py, PyArray1<f64>>> {
     let sheet = Sheet::or_paper(sheet)?;
     // Transfer impedances, as skin forward gives them.
     let drive = self::drive(drive, 1.0)?;
-    let touches: Vec<DiscTouch> = touches.into_iter().map(DiscTouch::from).collect();
+    let touches: Vec<DiscTouch> = touches.into_iter().flatten().map(DiscTouch::from).collect();
     let values = py.detach(|| touched_frame(&sheet.sheet, &sheet.pattern, drive, &touches));
     Ok(PyArray1::from_vec(py, values.map_err(raised)?))
 }

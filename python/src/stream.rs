@@ -184,10 +184,13 @@ fn is_recording(source: &str) -> bool {
     })
 }
 
-/// Opens a source of frames.
+/// Opens a source of frames: a serial port, tcp://HOST:PORT, a recording (.mcap), or nothing for the only board on USB.
+///
+/// With simulate=True it is the simulated skin. Nothing may touch the sheet of a board in the first second: its baseline is taken.
+/// A Skin gives Frame after Frame.
 #[pyfunction]
 #[pyo3(signature = (source = None, *, simulate = false, scene = None, serial = None, sheet = None, plan = "auto",
-    baseline_frames = None, rise = None, trust_electrodes = false, every_frame = false, wires = Vec::new(), calibration = None))]
+    baseline_frames = None, rise = None, trust_electrodes = false, every_frame = false, wires = None, calibration = None))]
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn open(
     py: Python<'_>,
@@ -201,7 +204,7 @@ pub(crate) fn open(
     rise: Option<&str>,
     trust_electrodes: bool,
     every_frame: bool,
-    wires: Vec<usize>,
+    wires: Option<Vec<usize>>,
     calibration: Option<PathBuf>,
 ) -> PyResult<Skin> {
     let source = source.map(|path| path.to_string_lossy().into_owned());
@@ -226,7 +229,7 @@ pub(crate) fn open(
         (rise.is_some(), "rise"),
         (trust_electrodes, "trust_electrodes"),
         (every_frame, "every_frame"),
-        (!wires.is_empty(), "wires"),
+        (wires.is_some(), "wires"),
         (calibration.is_some(), "calibration"),
     ];
     if let (Origin::Recording(_), Some((_, name))) = (&origin, given.iter().find(|(given, _)| *given)) {
@@ -241,7 +244,7 @@ pub(crate) fn open(
         rise: rise.map(str::parse).transpose().map_err(raised)?,
         trust_electrodes,
         every_frame,
-        wires,
+        wires: wires.unwrap_or_default(),
         calibration,
     };
     let stream = py.detach(|| Stream::open(&origin, &options)).map_err(raised)?;

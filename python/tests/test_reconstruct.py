@@ -2,6 +2,7 @@
 
 import threading
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -73,12 +74,14 @@ def rotated(sheet: skin.Sheet) -> np.ndarray:
 
 def test_an_order_is_only_an_order(unpressed: np.ndarray, pressed: np.ndarray) -> None:
     own = places(skin.reconstruct(pressed, unpressed))
-    for order in ("pyeit", "adjacent16", "eidors"):
+    plain: list[Literal["pyeit", "adjacent16", "eidors"]] = ["pyeit", "adjacent16", "eidors"]
+    for order in plain:
         assert np.array_equal(places(skin.reconstruct(pressed, unpressed, order=order)), own)
     turn = rotated(skin.Sheet.paper())
     assert not np.array_equal(turn, np.arange(208))
-    for order in ("pyeit-fmmu", "eidors-rotated"):
-        found = places(skin.reconstruct(pressed[:, turn], unpressed[turn], order=order))
+    turned: list[Literal["pyeit-fmmu", "eidors-rotated"]] = ["pyeit-fmmu", "eidors-rotated"]
+    for name in turned:
+        found = places(skin.reconstruct(pressed[:, turn], unpressed[turn], order=name))
         # Rounding may decide whether a pair takes part.
         assert np.abs(found - own).max() < 0.01
 
@@ -177,15 +180,15 @@ def test_ohms_law(unpressed: np.ndarray) -> None:
     [
         (lambda v: skin.reconstruct(v[:100], v), "the baseline has 208"),
         (lambda v: skin.reconstruct(v, v[:100]), "100 values a frame, but the sheet's measurements are 208"),
-        (lambda v: skin.reconstruct(v, v, order="pyEIT"), "choose adjacent16, pyeit"),
+        (lambda v: skin.reconstruct(v, v, order="pyEIT"), "choose adjacent16, pyeit"),  # type: ignore[arg-type]
         (lambda v: skin.reconstruct(v[:207], v[:207], order="pyeit"), "the order pyeit has N(N-3)"),
         (lambda v: skin.reconstruct(np.ones(40), np.ones(40), order="pyeit"), "of 8 electrodes, but the sheet has 16"),
         (lambda v: skin.reconstruct(v, np.nan * v), "it holds no value"),
         (lambda v: skin.reconstruct([], v), "no values in it"),
         (lambda v: skin.reconstruct(np.ones((2, 2, 208)), v), "an array of 3 axes"),
-        (lambda v: skin.reconstruct(v, v, method="magic"), "choose nnls"),
-        (lambda v: skin.reconstruct(v, v, rise="sideways"), "up, down and either"),
-        (lambda v: skin.reconstruct(v, v, drive="steam"), "choose voltage or current"),
+        (lambda v: skin.reconstruct(v, v, method="magic"), "choose nnls"),  # type: ignore[arg-type]
+        (lambda v: skin.reconstruct(v, v, rise="sideways"), "up, down and either"),  # type: ignore[arg-type]
+        (lambda v: skin.reconstruct(v, v, drive="steam"), "choose voltage or current"),  # type: ignore[arg-type]
         (lambda v: skin.reconstruct(v, v, frame_s=0.0), "a time in seconds above 0"),
         (lambda v: skin.Reconstructor(v).frame([v, v]), "several frames"),
         (lambda v: skin.forward(touches=[(0.0, 0.0, -1.0, 0.2)]), "a radius greater than 0"),
@@ -206,7 +209,7 @@ def test_what_is_wrong_is_said(unpressed: np.ndarray, call: object, words: str) 
 
 def test_what_is_no_number_is_a_type_or_value_error(unpressed: np.ndarray) -> None:
     with pytest.raises((TypeError, ValueError)):
-        skin.reconstruct("touch", unpressed)  # type: ignore[arg-type]
+        skin.reconstruct("touch", unpressed)
     with pytest.raises(TypeError):
         skin.forward(touches=[(1.0, 2.0)])  # type: ignore[list-item]
     with pytest.raises(AttributeError):
