@@ -103,6 +103,17 @@ if have python3; then
 else
     skip "recordings in Python: no python3"
 fi
+start=$SECONDS
+printf '\n== the Python package\n'
+python=$(mktemp)
+tests/python.sh 2>&1 | tee "$python"
+case "${PIPESTATUS[0]}" in
+    0) ;;
+    77) skip "the Python package: $(tail -n 1 "$python")" ;;
+    *) failed+=("tests/python.sh") ;;
+esac
+rm -f "$python"
+took "the Python package" "$start"
 step "documentation examples" cargo test --workspace --locked --no-fail-fast --doc
 if ! $quick; then
     printf '\n== the firmware on emulated Cortex-M processors\n'

@@ -44,10 +44,10 @@ def metadata():
 
 
 def shipped(data):
-    """Packages that `host` needs to be built and to run, whatever the system."""
+    """Packages that the program and the Python package need to be built and to run, whatever the system."""
     nodes = {node["id"]: node for node in data["resolve"]["nodes"]}
     packages = {package["id"]: package for package in data["packages"]}
-    todo = [p["id"] for p in data["packages"] if p["name"] == "host" and p["source"] is None]
+    todo = [p["id"] for p in data["packages"] if p["name"] in ("host", "python") and p["source"] is None]
     seen = set(todo)
     while todo:
         for dependency in nodes[todo.pop()]["deps"]:

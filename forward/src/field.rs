@@ -2,6 +2,7 @@
 
 use crate::curve::{Point, distance};
 use crate::element::{DEGREE_4, position};
+use crate::error::ForwardError;
 use crate::mesh::Mesh;
 use crate::system::Tensor;
 
@@ -17,6 +18,14 @@ pub struct DiscTouch {
 }
 
 impl DiscTouch {
+    /// Refuses a disc that cannot be: the touch of this number, from 0.
+    pub(crate) fn check(&self, touch: usize) -> Result<(), ForwardError> {
+        let finite =
+            self.centre_mm.iter().all(|x| x.is_finite()) && self.radius_mm.is_finite() && self.rise.is_finite();
+        let can_be = finite && self.radius_mm > 0.0 && self.rise > -1.0;
+        can_be.then_some(()).ok_or(ForwardError::Touch { touch })
+    }
+
     /// Relative rise at a point: that of the disc inside, 0 outside.
     pub fn rise_at(&self, p: Point) -> f64 {
         if distance(p, self.centre_mm) < self.radius_mm {

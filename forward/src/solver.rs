@@ -186,10 +186,7 @@ impl Solver {
             return Ok(self.electrode_matrix());
         }
         for (touch, t) in touches.iter().enumerate() {
-            let finite = t.centre_mm.iter().all(|x| x.is_finite()) && t.radius_mm.is_finite() && t.rise.is_finite();
-            if !(finite && t.radius_mm > 0.0 && t.rise > -1.0) {
-                return Err(ForwardError::Touch { touch });
-            }
+            t.check(touch)?;
         }
         let model = self.model.clone();
         let mut shape = Box::new(Shape {

@@ -15,6 +15,7 @@ use inverse::force::press::Recorder;
 use inverse::force::recording::{self, Sample};
 use inverse::live::LiveOptions;
 use inverse::reference::imager::Imager;
+use inverse::solvers::Method;
 use link::plans::adjacent_plan;
 use link::{MeasuredFrame, Session, ports};
 use serde::Serialize;
@@ -306,7 +307,7 @@ fn take(
         sheet,
         Drive::PAPER,
         Pattern::from_pairs(session.electrodes(), session.measurements())?,
-        sheet::cell_mm(sheet)?,
+        Method::Nnls.cell_mm_on(sheet)?,
     )?;
     let periods = f64::from(session.plan().quarters()) / 4.0;
     let frame_s = periods / session.hello().excitation_hz();

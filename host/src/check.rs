@@ -467,7 +467,7 @@ fn of_board(arguments: &Arguments) -> Result<Measured> {
     };
     Ok(Measured {
         baseline: mean(pattern.len(), &unpressed),
-        imager: Arc::new(Imager::new(&sheet, drive, pattern, sheet::cell_mm(&sheet)?)?),
+        imager: Arc::new(Imager::new(&sheet, drive, pattern, Method::Nnls.cell_mm_on(&sheet)?)?),
         touched,
         drive,
     })

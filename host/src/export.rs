@@ -4,13 +4,13 @@ mod bag;
 mod tables;
 
 use crate::files::arrays::write::{ArrayFile, Mat, Npz, Of};
-use crate::files::order::Order;
+use crate::files::order;
 use crate::files::replace::beside;
 use crate::recorded::SessionRecord;
 use crate::recorded_frames::{self, Part, RecordedFrames, RecordedTable};
 use crate::skin_file;
 use crate::usage::Usage;
-use ::forward::Pattern;
+use ::forward::{Pattern, order::ValueOrder};
 use anyhow::{Context, Result, anyhow, bail};
 use clap::{Args, ValueEnum};
 use recording::{Reader, Topic};
@@ -67,8 +67,8 @@ pub(crate) struct Arguments {
     out: Option<PathBuf>,
     /// Order and sign of a frame's values, of npz, mat and frames-csv (docs/tables.md) [default: npz pyeit, mat eidors, frames-csv as
     /// measured].
-    #[arg(long, value_enum, value_name = "ORDER")]
-    order: Option<Order>,
+    #[arg(long, value_parser = order::parser(), value_name = "ORDER")]
+    order: Option<ValueOrder>,
     #[command(flatten)]
     part: Part,
 }
@@ -121,8 +121,8 @@ fn file(arguments: &Arguments) -> Result<String> {
         Format::Csv => table(&recorded_frames::table(from, &arguments.part, false)?, &mut open, &out),
         Format::FramesCsv => lines(arguments, &mut open),
         Format::TouchesCsv => touches(from, &mut open),
-        Format::Npz => arrays(arguments, &mut open, Order::Pyeit, |file| Ok(Npz::new(file))),
-        Format::Mat => arrays(arguments, &mut open, Order::Eidors, |file| {
+        Format::Npz => arrays(arguments, &mut open, ValueOrder::Pyeit, |file| Ok(Npz::new(file))),
+        Format::Mat => arrays(arguments, &mut open, ValueOrder::Eidors, |file| {
             Mat::new(file, "frames recorded by skin")
         }),
         Format::Parquet | Format::Rosbag2 => bail!("these are no single file"),
@@ -191,7 +191,7 @@ fn table(recorded: &RecordedTable, open: Open<'_>, path: &Path) -> Result<String
 type Picks = Vec<(usize, f64)>;
 
 /// The values of an order among those of a pattern.
-fn picks(order: Order, pattern: &Pattern) -> Result<Picks> {
+fn picks(order: ValueOrder, pattern: &Pattern) -> Result<Picks> {
     let layout = order
         .layout(pattern.len())
         .filter(|l| l.electrodes == pattern.electrodes());
@@ -230,7 +230,7 @@ fn picks(order: Order, pattern: &Pattern) -> Result<Picks> {
 const AS_MEASURED: &str = "the board's";
 
 /// The values in the order that was asked for, or in the format's own where the plan has it, or as they were measured.
-fn chosen(asked: Option<Order>, usual: Option<Order>, pattern: &Pattern) -> Result<(Picks, String)> {
+fn chosen(asked: Option<ValueOrder>, usual: Option<ValueOrder>, pattern: &Pattern) -> Result<(Picks, String)> {
     let as_measured = || (0..pattern.len()).map(|k| (k, 1.0)).collect();
     match (asked, usual) {
         (Some(order), _) => Ok((picks(order, pattern)?, order.name().to_owned())),
@@ -270,7 +270,7 @@ fn lines(arguments: &Arguments, open: Open<'_>) -> Result<String> {
 fn arrays<F: ArrayFile>(
     arguments: &Arguments,
     open: Open<'_>,
-    usual: Order,
+    usual: ValueOrder,
     begin: impl FnOnce(BufWriter<File>) -> std::io::Result<F>,
 ) -> Result<String> {
     let path = &arguments.file;
@@ -292,7 +292,7 @@ fn arrays<F: ArrayFile>(
     }
     let of_baseline = baseline(path, frames.baseline())?;
     let (all, unpressed) = match usual {
-        Order::Pyeit => ("v", "v0"),
+        ValueOrder::Pyeit => ("v", "v0"),
         _ => ("vi", "vh"),
     };
     let mut out = begin(open()?)?;
@@ -310,7 +310,7 @@ fn arrays<F: ArrayFile>(
     if let Some(of_baseline) = &of_baseline {
         // A plain vector for numpy, a column for MATLAB.
         let (frames, values) = match usual {
-            Order::Pyeit => (picks.len(), 1),
+            ValueOrder::Pyeit => (picks.len(), 1),
             _ => (1, picks.len()),
         };
         out.begin(unpressed, frames, values, Of::Float)?;
@@ -328,8 +328,8 @@ fn arrays<F: ArrayFile>(
     out.unsigned(&sequences)?;
     out.end()?;
     // ex_mat is pyEIT's only where every drive has as many values, as in its orders.
-    let regular = usual == Order::Pyeit && order != AS_MEASURED;
-    indices(&mut out, &pattern, &picks, regular, usual != Order::Pyeit)?;
+    let regular = usual == ValueOrder::Pyeit && order != AS_MEASURED;
+    indices(&mut out, &pattern, &picks, regular, usual != ValueOrder::Pyeit)?;
     out.finish()?;
     let kept = of_baseline.map_or(String::new(), |_| format!(", the baseline as {unpressed}"));
     Ok(format!(

@@ -4,14 +4,12 @@ use crate::drive::DriveKind;
 use crate::files::sheet_line::SheetLine;
 use crate::usage::Usage;
 use crate::{number, sheet};
-use ::forward::field::conductivity_of_discs;
-use ::forward::{DiscTouch, Drive, Model, ModelOptions, Pattern, Place, Sheet, Solver};
+use ::forward::{DiscTouch, Drive, Place, Sheet, touched_frame};
 use anyhow::{Result, bail};
 use clap::Args;
 use std::io::Write;
 use std::path::PathBuf;
 use std::str::FromStr;
-use std::sync::Arc;
 
 /// Arguments of `skin forward`.
 #[derive(Debug, Args)]
@@ -79,11 +77,6 @@ impl FromStr for TouchArgument {
     }
 }
 
-/// Largest relative error of the untouched sheet's voltages.
-const ACCURACY: f64 = 2e-4;
-/// Mesh edge along a touch's rim: this fraction of its radius, but no finer than the second one of the sheet's extent.
-const RIM: [f64; 2] = [0.04, 1e-3];
-
 /// Runs the command.
 ///
 /// # Errors
@@ -105,7 +98,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let drive = drive(arguments)?;
     let touches: Vec<DiscTouch> = arguments.touch.iter().map(|t| t.0).collect();
     look_for_touches_off(&sheet, &touches)?;
-    let frame = simulate(&sheet, &pattern, drive, &touches)?;
+    let frame = touched_frame(&sheet, &pattern, drive, &touches)?;
 
     let mut out = std::io::stdout().lock();
     if !arguments.csv {
@@ -193,23 +186,4 @@ fn look_for_touches_off(sheet: &Sheet, touches: &[DiscTouch]) -> Result<()> {
         }
     }
     Ok(())
-}
-
-fn simulate(sheet: &Sheet, pattern: &Pattern, drive: Drive, touches: &[DiscTouch]) -> Result<Vec<f64>> {
-    let extent = {
-        let (low, high) = ::forward::Geometry::new(sheet)?.bounding_box();
-        (high[0] - low[0]).max(high[1] - low[1])
-    };
-    let options = ModelOptions {
-        accuracy: ACCURACY,
-        circles: touches
-            .iter()
-            .map(|t| (t.centre_mm, t.radius_mm, (RIM[0] * t.radius_mm).max(RIM[1] * extent)))
-            .collect(),
-        ..ModelOptions::default()
-    };
-    let model = Arc::new(Model::new(sheet, &options)?);
-    let mut solver = Solver::new(Arc::clone(&model))?;
-    let matrix = solver.solve(&conductivity_of_discs(model.mesh(), touches))?;
-    Ok(drive.frame_v(matrix, pattern))
 }

@@ -25,9 +25,9 @@ use view::web::Command as PageCommand;
 
 /// A frame that is older than others that wait by so much is not shown any more, s of the board's time: more than an adapter holds
 /// back and hands over at once (16 ms), less than the eye sees.
-const LAG_S: f64 = 0.05;
+pub(crate) const LAG_S: f64 = 0.05;
 /// A board that says nothing for so long is gone: its port is opened anew.
-const SILENCE: Duration = Duration::from_secs(3);
+pub(crate) const SILENCE: Duration = Duration::from_secs(3);
 
 /// Memory for frames that wait where every frame is to be shown, bytes; docs/reliability.md says for how long.
 pub(crate) const HELD: usize = 64 << 20;

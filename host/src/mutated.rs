@@ -6,15 +6,14 @@
 use crate::files::arrays;
 use crate::files::baseline_file;
 use crate::files::measurements::MeasurementTable;
-use crate::files::order::Order;
 use crate::files::sheet_line::SheetLine;
 use crate::files::{before, calibration_file, ordered, press_table};
 use crate::progress::Progress;
 use crate::table_pattern::TablePattern;
 use ::forward::file::parse_sheet;
+use ::forward::order::ValueOrder;
 use ::forward::{Drive, Model, ModelOptions, Pattern, Solver};
 use ::recording::Reader;
-use clap::ValueEnum;
 use hil_sim::SceneFile;
 use link::flash::Image;
 use std::sync::Arc;
@@ -235,7 +234,7 @@ fn mutated_arrays() {
             return false;
         };
         assert!(arrays.iter().all(|a| a.values.len() == a.rows * a.columns));
-        let tables = Order::value_variants()
+        let tables = ValueOrder::ALL
             .iter()
             .filter_map(|order| ordered::table(*order, "t", kind, &arrays, &[]).ok());
         tables.map(|t| assert!(!t.columns.is_empty())).count() > 0

@@ -4,7 +4,7 @@ use crate::drive::DriveKind;
 use crate::files::arrays;
 use crate::files::calibration_file;
 use crate::files::measurements::MeasurementTable;
-use crate::files::order::Order;
+use crate::files::order;
 use crate::files::ordered;
 use crate::files::replace::replace;
 use crate::files::sheet_line::SheetLine;
@@ -16,7 +16,7 @@ use crate::table_batch::{How, TableBatch};
 use crate::table_sheet::Geometry;
 use crate::usage::Usage;
 use crate::{number, sheet};
-use ::forward::Sheet;
+use ::forward::{Sheet, order::ValueOrder};
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use inverse::batch::{Batch, BatchOptions};
@@ -52,8 +52,8 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     baseline: BaselineArguments,
     /// The file has one frame a line, in the order of this program (docs/tables.md).
-    #[arg(long, value_enum, value_name = "ORDER")]
-    order: Option<Order>,
+    #[arg(long, value_parser = order::parser(), value_name = "ORDER")]
+    order: Option<ValueOrder>,
     /// Variables of a .npz or .mat file that hold frames; a field of a struct is STRUCT.FIELD [default: all that fit the order].
     #[arg(long, value_delimiter = ',', value_name = "NAME[,NAME...]", requires = "order")]
     variable: Vec<String>,

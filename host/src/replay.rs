@@ -163,12 +163,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
 /// Takes the steps of a recording; whether all.
 fn play(run: &mut Run<'_>, script: &mut Script, board: &PlayedBoard, stop: &AtomicBool) -> Result<bool> {
     let mut pictures = 0;
-    let mut frames = Frames {
-        board,
-        waiting: VecDeque::new(),
-        connection: 0,
-        ended: false,
-    };
+    let mut frames = Frames::default();
     while !stop.load(Ordering::Relaxed) && run.show.frames.is_none_or(|n| pictures < n) {
         match run.output.command() {
             Some(Command::Tare | Command::UndoBaseline) => {
@@ -190,11 +185,11 @@ fn play(run: &mut Run<'_>, script: &mut Script, board: &PlayedBoard, stop: &Atom
             }
             Step::InForce(note) => run.in_force_as(note)?,
             Step::Event(said) => {
-                frames.connection += u32::from(matches!(said.event, Event::BoardBack { .. }));
+                frames.happened(&said.event);
                 run.happened(&said)?;
             }
             Step::Frame { frame, picture } => {
-                let found = frames.find(frame, stop)?;
+                let found = frames.find(board, frame, stop)?;
                 let Some(replayed) = &mut run.replayed else {
                     return Ok(false);
                 };
@@ -213,8 +208,8 @@ fn play(run: &mut Run<'_>, script: &mut Script, board: &PlayedBoard, stop: &Atom
 }
 
 /// The frames of a recording, as they are asked for.
-struct Frames<'a> {
-    board: &'a PlayedBoard,
+#[derive(Default)]
+pub(crate) struct Frames {
     /// Newer than the one asked for last, as far as their numbers tell; each with how often the board had come back before it.
     waiting: VecDeque<(u32, MeasuredFrame)>,
     /// How often the board has come back so far.
@@ -222,9 +217,22 @@ struct Frames<'a> {
     ended: bool,
 }
 
-impl Frames<'_> {
+impl Frames {
+    /// Something happened on the line then.
+    pub(crate) fn happened(&mut self, event: &Event) {
+        self.connection += u32::from(matches!(event, Event::BoardBack { .. }));
+    }
+
     /// The next frame of a number. Those before it were passed over when it was recorded; none where it is not in the file.
-    fn find(&mut self, sequence: u32, stop: &AtomicBool) -> Result<Option<MeasuredFrame>> {
+    ///
+    /// # Errors
+    /// The board stopped with an error then.
+    pub(crate) fn find(
+        &mut self,
+        board: &PlayedBoard,
+        sequence: u32,
+        stop: &AtomicBool,
+    ) -> Result<Option<MeasuredFrame>> {
         let mut looked = 0;
         loop {
             while looked < self.waiting.len() {
@@ -246,8 +254,8 @@ impl Frames<'_> {
             if self.ended || looked >= AHEAD || stop.load(Ordering::Relaxed) {
                 return Ok(None);
             }
-            match self.board.frame()? {
-                Some(frame) => self.waiting.push_back((self.board.session.restored(), frame)),
+            match board.frame()? {
+                Some(frame) => self.waiting.push_back((board.session.restored(), frame)),
                 None => self.ended = true,
             }
         }

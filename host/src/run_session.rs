@@ -20,10 +20,11 @@ use crate::source::{Source, connect};
 use crate::{ending, live_run, progress, scene, sheet};
 use ::forward::{Drive, Pattern, Sheet};
 use anyhow::{Result, anyhow, bail};
-use hil_sim::BOARD_NAME;
+use hil_sim::{BOARD_NAME, SceneFile};
 use inverse::force::TYPICAL_N_PER_MM2;
 use inverse::live::{Live, LiveOptions};
 use inverse::reference::imager::Imager;
+use inverse::solvers::Method;
 use inverse::touches::gestures::Gestures;
 use link::{LinkCounters, Session};
 use protocol::Watch;
@@ -80,10 +81,7 @@ pub(crate) fn one(arguments: &SourceArguments, outputs: &Outputs<'_>, within: Wi
     let config = Config::load()?;
     let calibration = arguments.calibration.as_deref().or(config.calibration.as_deref());
     let calibration = Chosen::read(calibration, arguments)?;
-    let scene = arguments.scene.as_deref().map(scene::load).transpose()?.map(|mut s| {
-        s.scene.loop_s.get_or_insert(s.duration_s);
-        s
-    });
+    let scene = scene_of(arguments)?;
     let given = match (&scene, arguments.sheet.as_deref().or(config.sheet.as_deref())) {
         (Some(scene), _) => Some(scene.sheet.clone()),
         (None, Some(path)) => Some(sheet::load(Some(path))?.0),
@@ -105,12 +103,7 @@ pub(crate) fn one(arguments: &SourceArguments, outputs: &Outputs<'_>, within: Wi
     if arguments.every_frame {
         session.link().hold(live_run::HELD);
     }
-    let (wired, described) = (usize::from(session.hello().electrodes), sheet.electrodes.len());
-    if wired != described {
-        bail!(
-            "{source} has {wired} electrodes, the sheet {described}; describe the sheet that is wired to it with --sheet"
-        );
-    }
+    check_electrodes(&source, &session, &sheet)?;
     let mut baselines = baselines(arguments, &session, &sheet)?;
     // Before anything is computed: it may be refused.
     let stored = (arguments.baseline == Start::Stored).then(|| baselines.start_from_stored());
@@ -120,18 +113,8 @@ pub(crate) fn one(arguments: &SourceArguments, outputs: &Outputs<'_>, within: Wi
     if let Some(learned) = learned {
         locate::order(learned, &source, pattern.measurements())?;
     }
-    let usual = LiveOptions::default();
-    let options = LiveOptions {
-        // The cells of a line are those of its own frame.
-        picture_s: if outputs.show.cells { 0.0 } else { usual.picture_s },
-        baseline_frames: arguments.baseline_frames.unwrap_or_else(|| baseline_frames(&session)),
-        polarity: arguments.rise,
-        find_electrodes: !arguments.trust_electrodes,
-        calibration: calibration.rubber,
-        // Of a learned touch only the strength is known.
-        uncalibrated_n_per_mm2: (calibration.rubber.is_none() && learned.is_none()).then_some(TYPICAL_N_PER_MM2),
-        ..usual
-    };
+    // The cells of a line are those of its own frame.
+    let options = live_options(arguments, &session, &calibration, outputs.show.cells);
     let started_unix_s = match &tap {
         Some(tap) => tap.clock().started_unix_s(),
         None => unix_s(SystemTime::now()),
@@ -201,6 +184,53 @@ pub(crate) fn one(arguments: &SourceArguments, outputs: &Outputs<'_>, within: Wi
     Ok(ran)
 }
 
+/// The scene that is asked for, over and over.
+///
+/// # Errors
+/// It cannot be read.
+pub(crate) fn scene_of(arguments: &SourceArguments) -> Result<Option<SceneFile>> {
+    let mut scene = arguments.scene.as_deref().map(scene::load).transpose()?;
+    if let Some(scene) = &mut scene {
+        scene.scene.loop_s.get_or_insert(scene.duration_s);
+    }
+    Ok(scene)
+}
+
+/// Refuses a sheet that cannot be the one that is wired to a board.
+///
+/// # Errors
+/// Its electrodes are fewer or more.
+pub(crate) fn check_electrodes(source: &str, session: &Session, sheet: &Sheet) -> Result<()> {
+    let (wired, described) = (usize::from(session.hello().electrodes), sheet.electrodes.len());
+    if wired != described {
+        bail!(
+            "{source} has {wired} electrodes, the sheet {described}; describe the sheet that is wired to it with --sheet"
+        );
+    }
+    Ok(())
+}
+
+/// How a session's frames are reconstructed; with a picture of every frame, or of as many as an eye follows.
+pub(crate) fn live_options(
+    arguments: &SourceArguments,
+    session: &Session,
+    calibration: &Chosen,
+    every_picture: bool,
+) -> LiveOptions {
+    let usual = LiveOptions::default();
+    // Of a learned touch only the strength is known.
+    let uncalibrated = calibration.rubber.is_none() && calibration.learned.is_none();
+    LiveOptions {
+        picture_s: if every_picture { 0.0 } else { usual.picture_s },
+        baseline_frames: arguments.baseline_frames.unwrap_or_else(|| baseline_frames(session)),
+        polarity: arguments.rise,
+        find_electrodes: !arguments.trust_electrodes,
+        calibration: calibration.rubber,
+        uncalibrated_n_per_mm2: uncalibrated.then_some(TYPICAL_N_PER_MM2),
+        ..usual
+    }
+}
+
 /// The model of a session's sheet.
 pub(crate) fn imager(session: &Session, sheet: &Sheet, wires: &[usize]) -> Result<Arc<Imager>> {
     modelled(sheet, pattern(session, wires)?)
@@ -218,13 +248,16 @@ pub(crate) fn shown_source(source: &str, learned: Option<&PressCalibration>) -> 
 }
 
 /// What a session measures on the sheet.
-fn pattern(session: &Session, wires: &[usize]) -> Result<Pattern> {
+///
+/// # Errors
+/// A list of wires that names not every electrode once.
+pub(crate) fn pattern(session: &Session, wires: &[usize]) -> Result<Pattern> {
     let pattern = Pattern::from_pairs(session.electrodes(), session.measurements())?;
     sheet::rewired(pattern, wires)
 }
 
 fn modelled(sheet: &Sheet, pattern: Pattern) -> Result<Arc<Imager>> {
-    let cell_mm = sheet::cell_mm(sheet)?;
+    let cell_mm = Method::Nnls.cell_mm_on(sheet)?;
     let modelled = progress::meanwhile("modelling the sheet", false, || {
         Imager::new(sheet, Drive::PAPER, pattern, cell_mm)
     });

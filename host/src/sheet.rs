@@ -71,9 +71,3 @@ pub(crate) fn rewired(pattern: Pattern, wires: &[usize]) -> Result<Pattern> {
     let order: Vec<usize> = wires.iter().map(|l| l - 1).collect();
     Ok(rewire(&pattern, &order)?)
 }
-
-/// 39 cells across: 5 mm on the paper's disc.
-pub(crate) fn cell_mm(sheet: &Sheet) -> Result<f64> {
-    let (low, high) = Geometry::new(sheet)?.bounding_box();
-    Ok((high[0] - low[0]).min(high[1] - low[1]) / 39.0)
-}

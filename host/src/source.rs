@@ -44,6 +44,53 @@ fn again(port: &SimPort) -> Reopen {
     })
 }
 
+/// The simulated skin, its scene held; without a scene the demo.
+///
+/// # Errors
+/// It does not start, or the plan is none for it.
+pub(crate) fn simulated(
+    arguments: &SourceArguments,
+    sheet: &Sheet,
+    scene: Option<&SceneFile>,
+    switch: &Switch,
+) -> Result<Source> {
+    let demo = || SceneFile::demo(sheet.clone());
+    let port = simulated_skin::start_held(scene.unwrap_or(&demo()))?;
+    // What a scene says itself is only overruled by a plan that is asked for.
+    let own = scene.and_then(|scene| scene.config.plan.clone());
+    let plan = own.filter(|_| arguments.plan == PlanChoice::Auto);
+    let choose = |hello: &Hello| plan.map_or_else(|| arguments.plan.plan(hello), Ok);
+    Ok(Source {
+        session: session(Box::new(port.clone()), again(&port), switch, choose)?,
+        name: match scene {
+            None => "simulated skin".to_owned(),
+            Some(scene) if scene.title.is_empty() => "simulated skin: scene".to_owned(),
+            Some(scene) => format!("simulated skin: {}", scene.title),
+        },
+        scene: Some(port),
+    })
+}
+
+/// The board at the port that is asked for, or the only one on USB; the inner error says why there is none.
+///
+/// # Errors
+/// A port that does not open, a board that does not answer, or there are several.
+pub(crate) fn board(arguments: &SourceArguments, switch: &Switch) -> Result<Result<Source, String>> {
+    let start = |place: &Place| -> Result<Source> {
+        let port = place.open().map_err(|e| anyhow!(e))?;
+        let choose = |hello: &Hello| arguments.plan.plan(hello);
+        Ok(Source {
+            session: session(port, place.reopen(), switch, choose).with_context(|| place.path().to_owned())?,
+            name: place.path().to_owned(),
+            scene: None,
+        })
+    };
+    match &arguments.port {
+        Some(path) => start(&Place::of(path)).map(Ok),
+        None => board::only(arguments.serial.as_deref(), start),
+    }
+}
+
 /// The board asked for, the only one there is, or the simulated skin.
 ///
 /// # Errors
@@ -54,35 +101,8 @@ pub(crate) fn connect(
     scene: Option<&SceneFile>,
     switch: &Switch,
 ) -> Result<Source> {
-    let choose = |hello: &Hello| arguments.plan.plan(hello);
-    let simulated = |scene: &SceneFile, name: String, plan: Option<Plan>| {
-        let port = simulated_skin::start_held(scene)?;
-        let choose = |hello: &Hello| plan.map_or_else(|| choose(hello), Ok);
-        Ok(Source {
-            session: session(Box::new(port.clone()), again(&port), switch, choose)?,
-            name,
-            scene: Some(port),
-        })
-    };
-    if let Some(scene) = scene {
-        // What a scene says itself is only overruled by a plan that is asked for.
-        let plan = scene.config.plan.clone().filter(|_| arguments.plan == PlanChoice::Auto);
-        let title = if scene.title.is_empty() { "scene" } else { &scene.title };
-        return simulated(scene, format!("simulated skin: {title}"), plan);
-    }
-    let start = |place: &Place| -> Result<Source> {
-        let port = place.open().map_err(|e| anyhow!(e))?;
-        Ok(Source {
-            session: session(port, place.reopen(), switch, choose).with_context(|| place.path().to_owned())?,
-            name: place.path().to_owned(),
-            scene: None,
-        })
-    };
-    if let Some(path) = &arguments.port {
-        return start(&Place::of(path));
-    }
-    if !arguments.simulate {
-        match board::only(arguments.serial.as_deref(), start)? {
+    if scene.is_none() && !(arguments.simulate && arguments.port.is_none()) {
+        match board(arguments, switch)? {
             Ok(source) => return Ok(source),
             Err(why) if arguments.serial.is_some() => return Err(anyhow!("{why}; skin list shows what there is")),
             Err(why) => {
@@ -92,5 +112,5 @@ pub(crate) fn connect(
             }
         }
     }
-    simulated(&SceneFile::demo(sheet.clone()), "simulated skin".to_owned(), None)
+    simulated(arguments, sheet, scene, switch)
 }

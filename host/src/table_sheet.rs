@@ -168,7 +168,7 @@ impl Geometry {
         let cell_mm = match (self.cell_mm, is_disc) {
             (Some(given), _) => given,
             (None, true) => method.cell_mm() * self.diameter_mm() / PAPER_MM,
-            (None, false) => sheet::cell_mm(&sheet)? * method.cell_mm() / Method::Nnls.cell_mm(),
+            (None, false) => method.cell_mm_on(&sheet)?,
         };
         let pattern = Pattern::from_list(electrodes, table.measurements.clone()).with_context(|| file.clone())?;
         Ok(Chosen {

@@ -2,14 +2,15 @@
 
 use super::arrays::{Array, Kind};
 use super::measurements::{Column, MeasurementTable};
-use super::order::{Layout, Order, OrderError, described, hint};
+use super::order::{OrderError, described, fit, hint};
+use ::forward::order::{Layout, ValueOrder};
 
 /// The frames of a file's arrays as a table; `wanted` names the variables to take, all that fit where it is empty.
 ///
 /// # Errors
 /// [`OrderError`] lists what the file has.
 pub(crate) fn table(
-    order: Order,
+    order: ValueOrder,
     file: &str,
     kind: Kind,
     arrays: &[Array],
@@ -27,7 +28,7 @@ pub(crate) fn table(
     let fitting: Vec<(&Array, bool, Layout)> = arrays
         .iter()
         .filter(asked)
-        .filter_map(|array| order.fit(array, kind).map(|(in_rows, layout)| (array, in_rows, layout)))
+        .filter_map(|array| fit(order, array, kind).map(|(in_rows, layout)| (array, in_rows, layout)))
         .collect();
     let Some((_, _, layout)) = fitting.first() else {
         return Err(OrderError::Nothing {
@@ -132,31 +133,35 @@ mod tests {
             complex: false,
             comments: Vec::new(),
         };
-        let rows = table(Order::Pyeit, "f", Kind::Npy, &[array("", 3, 208)], &[]).unwrap();
+        let rows = table(ValueOrder::Pyeit, "f", Kind::Npy, &[array("", 3, 208)], &[]).unwrap();
         assert_eq!((rows.columns.len(), rows.columns[1].values[2]), (3, 210.0));
-        let columns = table(Order::Eidors, "f", Kind::Mat, &[array("vi", 208, 3)], &[]).unwrap();
+        let columns = table(ValueOrder::Eidors, "f", Kind::Mat, &[array("vi", 208, 3)], &[]).unwrap();
         assert_eq!((columns.columns.len(), columns.columns[1].values[2]), (3, 7.0));
         // Both fit: MATLAB's are columns.
         let square = [array("v", 208, 928)];
         assert_eq!(
-            table(Order::Eidors, "f", Kind::Mat, &square, &[]).unwrap().electrodes,
+            table(ValueOrder::Eidors, "f", Kind::Mat, &square, &[])
+                .unwrap()
+                .electrodes,
             16
         );
         assert_eq!(
-            table(Order::Eidors, "f", Kind::Npz, &square, &[]).unwrap().electrodes,
+            table(ValueOrder::Eidors, "f", Kind::Npz, &square, &[])
+                .unwrap()
+                .electrodes,
             32
         );
         // Several variables keep their names, and what is no frame is said.
         let several = [array("vh", 208, 1), array("vi", 208, 2), array("t", 1, 7)];
-        let taken = table(Order::Eidors, "f", Kind::Mat, &several, &[]).unwrap();
+        let taken = table(ValueOrder::Eidors, "f", Kind::Mat, &several, &[]).unwrap();
         let names: Vec<&str> = taken.columns.iter().map(|c| c.name.as_str()).collect();
         assert_eq!(names, ["vh", "vi:1", "vi:2"]);
         assert!(taken.notes.iter().any(|n| n.contains("t (1 x 7)")), "{:?}", taken.notes);
-        let one = table(Order::Eidors, "f", Kind::Mat, &several, &["vi".to_owned()]).unwrap();
+        let one = table(ValueOrder::Eidors, "f", Kind::Mat, &several, &["vi".to_owned()]).unwrap();
         assert_eq!(one.columns.len(), 2);
-        let error = table(Order::Eidors, "f", Kind::Mat, &several, &["x".to_owned()]).unwrap_err();
+        let error = table(ValueOrder::Eidors, "f", Kind::Mat, &several, &["x".to_owned()]).unwrap_err();
         assert!(error.to_string().contains("vh (208 x 1)"), "{error}");
-        let error = table(Order::Adjacent16, "f", Kind::Npy, &[array("", 2, 928)], &[])
+        let error = table(ValueOrder::Adjacent16, "f", Kind::Npy, &[array("", 2, 928)], &[])
             .unwrap_err()
             .to_string();
         assert!(error.contains("--order pyeit") && error.contains("2 x 928"), "{error}");

@@ -1,5 +1,6 @@
 //! The methods by which a picture can be computed.
 
+use forward::{Geometry, GeometryError, Sheet};
 use std::fmt;
 use std::str::FromStr;
 use thiserror::Error;
@@ -60,6 +61,15 @@ impl Method {
             Self::LawsonHanson => 20.0,
             _ => 5.0,
         }
+    }
+
+    /// Side of the method's cells on a sheet, mm: of those of 5 mm on the paper's disc 39 across.
+    ///
+    /// # Errors
+    /// A sheet that makes no sense.
+    pub fn cell_mm_on(self, sheet: &Sheet) -> Result<f64, GeometryError> {
+        let (low, high) = Geometry::new(sheet)?.bounding_box();
+        Ok((high[0] - low[0]).min(high[1] - low[1]) / 39.0 * self.cell_mm() / Self::Nnls.cell_mm())
     }
 }
 

@@ -1,9 +1,10 @@
 //! A touch: where the sheet is pressed and by how much its resistivity rises there.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// One touch found in the picture.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
 pub struct Touch {
     /// Number that stays with the touch from frame to frame; none before it is tracked.
     pub id: Option<u32>,

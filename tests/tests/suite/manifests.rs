@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 /// Crates of the workspace, and those of them that each may name in its dependencies.
-const MAY_KNOW: [(&str, &[&str]); 11] = [
+const MAY_KNOW: [(&str, &[&str]); 12] = [
     ("protocol", &[]),
     ("forward", &[]),
     ("firmware", &["protocol"]),
@@ -31,6 +31,7 @@ const MAY_KNOW: [(&str, &[&str]); 11] = [
             "protocol",
         ],
     ),
+    ("python", &["host", "inverse", "forward"]),
 ];
 /// What each may name besides in its tests.
 const MAY_KNOW_IN_TESTS: [(&str, &[&str]); 2] = [("link", &["hil-sim", "forward"]), ("firmware/parts", &["protocol"])];

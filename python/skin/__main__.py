@@ -1,0 +1,5 @@
+"""The program: ``python -m skin`` is ``skin``."""
+
+from ._program import main
+
+main()

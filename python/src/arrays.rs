@@ -1,0 +1,82 @@
+//! Numbers from Python, and to it.
+
+use crate::error::{raised, said};
+use numpy::{PyArray1, PyArray2, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
+use pyo3::intern;
+use pyo3::prelude::*;
+
+/// Frames of one length.
+pub(crate) struct Frames {
+    /// Frame by frame; not a number where a value is infinite.
+    pub(crate) values: Vec<f64>,
+    /// Values of a frame.
+    pub(crate) length: usize,
+}
+
+impl Frames {
+    /// One frame (one axis), or a frame a row (two axes), of whatever NumPy makes an array of. Of complex values the magnitudes are
+    /// taken, as the program does.
+    ///
+    /// # Errors
+    /// It has other axes, no numbers or no values.
+    pub(crate) fn of(what: &str, given: &Bound<'_, PyAny>) -> PyResult<Self> {
+        // As most are, and at once.
+        if let Ok(array) = given.cast::<PyArrayDyn<f64>>() {
+            return Self::read(what, array);
+        }
+        let py = given.py();
+        let numpy = py.import(intern!(py, "numpy"))?;
+        let mut array = numpy.call_method1(intern!(py, "asarray"), (given,))?;
+        if array
+            .getattr(intern!(py, "dtype"))?
+            .getattr(intern!(py, "kind"))?
+            .eq("c")?
+        {
+            array = numpy.call_method1(intern!(py, "abs"), (array,))?;
+        }
+        let array = numpy.call_method1(intern!(py, "asarray"), (array, "float64"))?;
+        Self::read(what, array.cast::<PyArrayDyn<f64>>()?)
+    }
+
+    fn read(what: &str, array: &Bound<'_, PyArrayDyn<f64>>) -> PyResult<Self> {
+        let length = match array.shape() {
+            [length] => *length,
+            [_, length] => *length,
+            shape => {
+                return Err(said(format!(
+                    "{what}: an array of {} axes; give one frame, or a frame a row",
+                    shape.len()
+                )));
+            }
+        };
+        let array = array.try_readonly().map_err(raised)?;
+        // Row by row, whatever the steps in memory are.
+        let mut values: Vec<f64> = match array.as_slice() {
+            Ok(values) if array.is_c_contiguous() => values.to_vec(),
+            _ => array.as_array().iter().copied().collect(),
+        };
+        if values.is_empty() {
+            return Err(said(format!("{what}: no values in it")));
+        }
+        for v in values.iter_mut().filter(|v| v.is_infinite()) {
+            *v = f64::NAN;
+        }
+        Ok(Self { values, length })
+    }
+
+    /// The frames.
+    pub(crate) fn rows(&self) -> impl Iterator<Item = &[f64]> {
+        self.values.chunks_exact(self.length)
+    }
+}
+
+/// Numbers row by row as an array of two axes, without a copy.
+pub(crate) fn matrix<T: numpy::Element>(py: Python<'_>, values: Vec<T>, columns: usize) -> PyResult<Py<PyArray2<T>>> {
+    let rows = values.len() / columns.max(1);
+    Ok(PyArray1::from_vec(py, values).reshape([rows, columns])?.unbind())
+}
+
+/// Points, mm, a row each.
+pub(crate) fn points(py: Python<'_>, points: &[[f64; 2]]) -> PyResult<Py<PyArray2<f64>>> {
+    matrix(py, points.as_flattened().to_vec(), 2)
+}

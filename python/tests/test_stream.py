@@ -1,0 +1,190 @@
+"""Frames as they come: of the simulated skin, of recordings, of ports that are none."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import skin
+
+SKIN = [sys.executable, "-m", "skin"]
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    file = tmp_path_factory.mktemp("recording") / "touches.mcap"
+    command = [*SKIN, "record", str(file), "--scene", "one-touch", "--seconds", "4"]
+    subprocess.run(command, check=True, capture_output=True, timeout=120)
+    return file
+
+
+def numbers(touch: skin.Touch) -> list[float]:
+    given = [touch.x_sd_mm, touch.y_sd_mm, touch.area_sd_mm2, touch.total_sd_mm2, touch.force_n]
+    own = [touch.x_mm, touch.y_mm, touch.rise, touch.area_mm2, touch.total_mm2]
+    return own + [number for number in given if number is not None]
+
+
+# While it is tared something touches it.
+@pytest.mark.filterwarnings("ignore::skin.SkinWarning")
+def test_the_simulated_skin_is_touched() -> None:
+    with skin.open(simulate=True) as frames:
+        assert frames.name == "simulated skin" and not frames.closed
+        last = -1.0
+        for frame in frames:
+            assert frame.values.shape == (208,) and frame.values.dtype == np.float64
+            assert np.isfinite(frame.values).all()
+            assert frame.time_s is not None and frame.time_s > last
+            last = frame.time_s
+            assert all(np.isfinite(numbers(touch)).all() for touch in frame.touches)
+            if any(touch.id is not None for touch in frame.touches):
+                break
+        (touch,) = frame.touches
+        # The demo's first finger comes down at (-30, 20) mm.
+        assert np.hypot(touch.x_mm + 30, touch.y_mm - 20) < 3
+        assert touch.force_n is not None and touch.force_n > 0 and touch.uncalibrated
+        frames.tare()
+        # A baseline is made of 24 frames at least.
+        assert next(frames).sequence > frame.sequence + 24
+    assert frames.closed
+    assert list(frames) == []
+    frames.close()
+    with pytest.raises(skin.SkinError, match="closed"):
+        frames.tare()
+
+
+def test_every_frame_of_a_scene() -> None:
+    with skin.open(scene="hand", every_frame=True) as frames:
+        sequences = [frame.sequence for frame in islice(frames, 50)]
+    assert np.array_equal(np.diff(sequences), np.ones(49))
+
+
+def test_a_recording_has_what_was_shown(recording: Path) -> None:
+    kept = skin.load(recording)
+    frames, values = kept.values.shape
+    assert values == 208 and len(kept) == frames == len(kept.times_s) == len(kept.touches) == len(kept.sequences)
+    assert (np.diff(kept.times_s) > 0).all() and kept.times_s[0] == 0
+    assert len(kept.baseline) >= 24
+    shown = [k for k, touches in enumerate(kept.touches) if touches is not None]
+    assert shown and not set(kept.baseline.tolist()) & set(shown)
+    with skin.open(recording) as played:
+        again = list(played)
+    assert [frame.sequence for frame in again] == kept.sequences[shown].tolist()
+    assert [frame.touches for frame in again] == [kept.touches[k] for k in shown]
+    assert all(np.array_equal(frame.values, kept.values[k]) for frame, k in zip(again, shown, strict=True))
+    assert any(frame.touches for frame in again)
+
+
+def test_a_recording_can_be_reconstructed_anew(recording: Path) -> None:
+    kept = skin.load(recording)
+    last = max(k for k, touches in enumerate(kept.touches) if touches)
+    (frame,) = skin.reconstruct(kept.values[last], kept.values[kept.baseline], sheet=kept.sheet)
+    then = kept.touches[last]
+    assert then is not None
+    assert len(frame.touches) == len(then)
+    assert np.hypot(frame.touches[0].x_mm - then[0].x_mm, frame.touches[0].y_mm - then[0].y_mm) < 1
+
+
+def test_a_recording_says_its_options_itself(recording: Path) -> None:
+    with pytest.raises(skin.SkinError, match="leave sheet out"):
+        skin.open(recording, sheet=skin.Sheet.paper())
+    with skin.open(recording) as played, pytest.raises(skin.SkinError, match="baselines are those"):
+        played.tare()
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"source": "/nowhere/port"}, "/nowhere/port"),
+        ({"source": "/nowhere/touches.mcap"}, "/nowhere/touches.mcap"),
+        ({"source": "/nowhere/port", "simulate": True}, "exclude one another"),
+        ({"simulate": True, "baseline_frames": 1}, "2 or more"),
+        ({"simulate": True, "plan": "nonsense"}, "no plan of this name"),
+        ({"simulate": True, "wires": [1, 2, 3]}, "each of the 16 once"),
+        ({"scene": "nonsense"}, "nonsense"),
+        ({"scene": "hand", "sheet": skin.Sheet.paper()}, "its own sheet"),
+    ],
+)
+def test_what_cannot_be_opened_is_said(options: dict[str, object], words: str) -> None:
+    with pytest.raises(skin.SkinError) as error:
+        skin.open(**options)  # type: ignore[arg-type]
+    assert words in str(error.value)
+
+
+def test_python_goes_on_while_a_board_is_waited_for() -> None:
+    heard = threading.Event()
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def listen() -> None:
+            board, _ = server.accept()
+            if board.recv(1):
+                heard.set()
+            board.close()
+
+        thread = threading.Thread(target=listen)
+        thread.start()
+        with pytest.raises(skin.SkinError):
+            skin.open(f"tcp://127.0.0.1:{server.getsockname()[1]}")
+        assert heard.is_set()
+        thread.join()
+
+
+def test_threads_share_the_frames_and_one_may_close() -> None:
+    frames = skin.open(simulate=True, every_frame=True)
+    seen: list[int] = []
+    enough = threading.Event()
+
+    def take() -> None:
+        for frame in frames:
+            seen.append(frame.sequence)
+            if len(seen) > 60:
+                enough.set()
+
+    threads = [threading.Thread(target=take) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    assert enough.wait(timeout=60)
+    frames.close()
+    for thread in threads:
+        thread.join(timeout=60)
+        assert not thread.is_alive()
+    assert len(seen) == len(set(seen))
+    assert set(np.diff(sorted(seen)).tolist()) == {1}
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork on this system")
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+def test_a_fork_is_told_apart() -> None:
+    with skin.open(simulate=True) as frames:
+        next(frames)
+        child = os.fork()
+        if child == 0:
+            try:
+                next(frames)
+            except skin.SkinError as error:
+                frames.close()
+                del frames
+                os._exit(7 if "forked" in str(error) else 8)
+            finally:
+                os._exit(9)
+        _, status = os.waitpid(child, 0)
+        assert os.waitstatus_to_exitcode(status) == 7
+        # The parent's goes on.
+        assert next(frames).values.shape == (208,)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+def test_ctrl_c_ends_a_loop() -> None:
+    code = "import skin\nwith skin.open(simulate=True) as frames:\n    next(frames)\n    print('ready', flush=True)\n    list(frames)"
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout is not None and process.stderr is not None
+        assert process.stdout.readline() == b"ready\n"
+        process.send_signal(signal.SIGINT)
+        assert b"KeyboardInterrupt" in process.stderr.read()
+        assert process.wait(timeout=60) != 0
