@@ -8,6 +8,22 @@ from typing import Literal, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+__all__ = [
+    "Frame",
+    "Reconstructor",
+    "Recording",
+    "Sheet",
+    "Skin",
+    "SkinError",
+    "SkinWarning",
+    "Touch",
+    "forward",
+    "load",
+    "open",
+    "program",
+    "reconstruct",
+]
+
 _Order = Literal["adjacent16", "pyeit", "pyeit-fmmu", "eidors", "eidors-rotated", "openeit"]
 _Method = Literal["nnls", "lawson-hanson", "tikhonov", "pseudo-inverse"]
 _Rise = Literal["up", "down", "either"]
