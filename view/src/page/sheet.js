@@ -70,16 +70,16 @@ export class Sheet {
     if (this.palette !== palette) [this.palette, this.colours] = [palette, table(palette)];
     this.field.paint(this.colours);
     const around = fit(this.frame);
-    const key = [around.w, around.h, palette, frame.full, live, theme.name].join();
+    const key = [around.w, around.h, palette, frame.full, frame.smoothed, live, theme.name].join();
     if (around.anew || key !== this.drawn) {
       this.drawn = key;
       this.layout(around.w, around.h);
-      this.drawFrame(around, palette, frame.full, live);
+      this.drawFrame(around, palette, frame, live);
     }
     this.drawMarks(around.context, frame, live);
   }
 
-  drawFrame({ context: c, w, h }, palette, full, live) {
+  drawFrame({ context: c, w, h }, palette, { full, smoothed }, live) {
     c.clearRect(0, 0, w, h);
     this.fieldCanvas.style.opacity = c.globalAlpha = live ? 1 : 0.45;
     // The field lies over the half of it that is inside.
@@ -89,7 +89,7 @@ export class Sheet {
     c.stroke(this.outline);
     this.drawElectrodes(c);
     c.globalAlpha = 1;
-    this.drawBar(c, palette, full, w, h);
+    this.drawBar(c, palette, full, smoothed, w, h);
     this.drawScale(c, w, h);
   }
 
@@ -278,8 +278,8 @@ export class Sheet {
     return { area: around([{ x: x - 3 * size, y: y - size, w: 6 * size, h: 2 * size }], 0), looks: "no touch", draw };
   }
 
-  drawBar(c, palette, full, w, h) {
-    const length = this.wide ? Math.min(380, h - 140) : w - 84;
+  drawBar(c, palette, full, smoothed, w, h) {
+    const length = this.wide ? Math.min(380, h - 140) : w - 96;
     const bar = this.wide ? { x: w - 72, y: (h - length) / 2, w: 13, h: length } : { x: 22, y: h - 48, w: length, h: 11 };
     const gradient = this.wide
       ? c.createLinearGradient(0, bar.y + bar.h, 0, bar.y)
@@ -310,8 +310,9 @@ export class Sheet {
     c.fillStyle = theme.colour("faint");
     c.textAlign = this.wide ? "center" : "right";
     c.textBaseline = "alphabetic";
-    if (this.wide) c.fillText("change", bar.x + bar.w / 2, bar.y - 12);
-    else c.fillText("change", w - 14, bar.y + 10);
+    // What no touches explain is drawn as it was reconstructed: wider and flatter than it is.
+    if (!this.wide) c.fillText(smoothed ? "smoothed" : "change", w - 14, bar.y + 10);
+    else ["change", ...(smoothed ? ["smoothed"] : [])].forEach((line, k) => c.fillText(line, bar.x + bar.w / 2, bar.y - 12 - 1.2 * k * this.text));
   }
 
   drawScale(c, w, h) {
