@@ -398,6 +398,8 @@ impl Output {
             away: None,
             uncalibrated: self.uncalibrated,
             preparing: self.preparing,
+            // The surface knows.
+            smoothed: false,
         };
         // What shows nothing new is drawn only now and then, for the rates beside it.
         let old = !result.anew && stats.status.is_none();

@@ -68,6 +68,7 @@ fn main() -> anyhow::Result<()> {
                 away: None,
                 preparing: taring,
                 uncalibrated: false,
+                smoothed: false,
             },
             touches,
         }

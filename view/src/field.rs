@@ -68,7 +68,7 @@ impl Field {
 }
 
 /// First of the four coefficients that reach `position`, and their weights (uniform cubic B-spline).
-fn weights(position: f64) -> (i64, [f32; 4]) {
+pub(crate) fn weights(position: f64) -> (i64, [f32; 4]) {
     let start = position.floor();
     let t = (position - start) as f32;
     let s = 1.0 - t;

@@ -1,7 +1,8 @@
 //! Showing a [`Picture`](crate::picture::Picture): as a live page in a browser, and as an image file.
 //!
 //! Both draw the same thing: the field smoothed by a cubic B-spline ([`field`]), in one of the colour maps of
-//! [`palette`], with the labels laid out by the same rule ([`labels`]).
+//! [`palette`], with labels beside the touches ([`labels`]). What the field shows, [`surface`] decides: the fitted touches
+//! where they explain the frame ([`fitted`]), else the reconstruction, and then that is said.
 //! The way of a frame through all crates: docs/architecture.md.
 //!
 //! A picture, drawn to a PNG in memory:
@@ -34,6 +35,7 @@
 pub mod canvas;
 pub mod chart;
 pub mod field;
+pub mod fitted;
 pub mod labels;
 pub mod palette;
 pub mod picture;

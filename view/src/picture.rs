@@ -222,6 +222,9 @@ pub struct Stats {
     pub preparing: bool,
     /// Whether forces are those of a typical rubber, without a calibration.
     pub uncalibrated: bool,
+    /// Whether the values are those of the reconstruction, which is wider and flatter than what presses, and not those of the fitted
+    /// touches.
+    pub smoothed: bool,
 }
 
 /// A picture to show. The parts that stay the same from frame to frame are shared.
@@ -237,7 +240,7 @@ pub struct Picture {
     pub outline_mm: Arc<Vec<[f64; 2]>>,
     /// Centres of the electrodes, mm; shown with the numbers 1..n.
     pub electrodes_mm: Arc<Vec<[f64; 2]>>,
-    /// Relative change of resistivity per used cell of the grid, without its sign.
+    /// Relative change of resistivity per used cell of the grid, without its sign; which, [`Stats::smoothed`] says.
     pub values: Vec<f32>,
     /// Touches, in any order.
     pub touches: Vec<Touch>,
@@ -263,6 +266,12 @@ impl Picture {
                 points: self.outline_mm.len(),
             }),
         }
+    }
+
+    /// The size of the greatest rise among the touches: what a scale must hold; 0 without any.
+    pub fn greatest_rise(&self) -> f32 {
+        let sizes = self.touches.iter().map(|t| t.rise.abs() as f32);
+        sizes.filter(|size| size.is_finite()).fold(0.0, f32::max)
     }
 
     /// The touches, strongest first.

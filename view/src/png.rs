@@ -18,7 +18,7 @@ pub struct ImageOptions {
     pub width_px: u32,
     /// Colours of the field.
     pub palette: Palette,
-    /// Rise shown in the last colour; none for the greatest rise of the picture.
+    /// Rise shown in the last colour; none for the greatest rise of the picture and its touches.
     pub full_scale: Option<f32>,
     /// Least full scale where it is taken from the picture.
     pub floor: f32,
@@ -67,9 +67,8 @@ pub fn render_with(picture: &Picture, options: &ImageOptions) -> Result<Canvas, 
     let layout = Layout::new(&picture.outline_mm, options.width_px)?;
     let mut canvas = Canvas::new(options.width_px, layout.height, BACKGROUND)?;
     let field = Field::new(&picture.grid, &picture.values);
-    let full = options
-        .full_scale
-        .unwrap_or_else(|| greatest(&field, &picture.grid).max(options.floor));
+    let needed = || greatest(&field, &picture.grid).max(picture.greatest_rise());
+    let full = options.full_scale.unwrap_or_else(|| needed().max(options.floor));
     let full = if full.is_finite() && full > 0.0 {
         full
     } else {
@@ -94,7 +93,12 @@ pub fn render_with(picture: &Picture, options: &ImageOptions) -> Result<Canvas, 
     let marks = sheet::electrode_marks(&layout, &picture.outline_mm, &picture.electrodes_mm);
     sheet::draw_touches(&mut canvas, &layout, &picture.strongest_first(), &marks);
     let top = f64::from(full);
-    sheet::draw_bar(&mut canvas, &layout, options.palette, "change", [0.0, top], |v| {
+    let title = if picture.stats.smoothed {
+        "smoothed change"
+    } else {
+        "change"
+    };
+    sheet::draw_bar(&mut canvas, &layout, options.palette, title, [0.0, top], |v| {
         format!("{} %", trimmed(100.0 * v))
     });
     sheet::draw_scale(&mut canvas, &layout);

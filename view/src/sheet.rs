@@ -152,6 +152,13 @@ fn draw_electrodes(
         let ([nx, ny], [x, y]) = (outward(outline_mm, centre), layout.to_px(centre));
         let (nx, ny) = (nx as f32, -ny as f32);
         let half = (0.28 * closest as f32).clamp(2.0, 0.75 * layout.text);
+        if colour == BROKEN {
+            // A cross as well: not every eye tells the colours apart.
+            let arm = 0.45 * layout.text;
+            for way in [arm, -arm] {
+                canvas.stroke(&[[x - arm, y - way], [x + arm, y + way]], false, 1.5 * line, colour);
+            }
+        }
         canvas.stroke(
             &[[x - ny * half, y + nx * half], [x + ny * half, y - nx * half]],
             false,

@@ -122,7 +122,7 @@ impl Shown {
     /// Takes the next picture, `number` greater than those before and with a value for every cell of the grid.
     pub fn take(&mut self, picture: &Picture, number: u64) {
         self.number = number;
-        let anew = self.scale.take(self.peak(&picture.values), picture.time_s);
+        let anew = self.scale.take(self.peak(picture), picture.time_s);
         let unit = f32::from(STEPS) / self.scale.full();
         for ((step, changed), value) in self.steps.iter_mut().zip(&mut self.changed).zip(&picture.values) {
             let exact = usable(*value) * unit;
@@ -169,8 +169,13 @@ impl Shown {
         })
     }
 
+    /// What the scale must hold: the smooth field and the labels.
+    fn peak(&self, picture: &Picture) -> f32 {
+        self.field_peak(&picture.values).max(picture.greatest_rise())
+    }
+
     /// The greatest value of the smooth field at the cells' centres, or less if that is below the floor.
-    fn peak(&self, values: &[f32]) -> f32 {
+    fn field_peak(&self, values: &[f32]) -> f32 {
         let greatest = values.iter().map(|v| usable(*v)).fold(0.0, f32::max);
         if greatest <= self.scale.floor {
             return greatest;

@@ -81,7 +81,7 @@ proptest! {
             prop_assert_eq!(fresh.steps(), shown.steps());
             for viewer in viewers.iter_mut().zip(looks).filter(|(_, looks)| **looks).map(|(v, _)| v) {
                 let bytes = encode(&picture, &shown, 1, 0.0, viewer.number());
-                prop_assert!(bytes.len() <= 88 + 6 + 3 * grid.len());
+                prop_assert!(bytes.len() <= 92 + 6 + 3 * grid.len());
                 viewer.take(&decode(&bytes).unwrap()).unwrap();
                 prop_assert_eq!(viewer.steps(), shown.steps());
             }

@@ -1,5 +1,6 @@
 //! Where the cells, the rim and the electrodes are: what all pictures of a sheet share.
 
+use crate::fitted;
 use crate::picture::{Grid, Picture, PictureError, Stats};
 use inverse::pipeline::FrameResult;
 use inverse::reference::imager::Imager;
@@ -26,15 +27,24 @@ impl Surface {
         })
     }
 
-    /// The picture of a result.
-    pub fn picture(&self, result: &FrameResult, sequence: u64, time_s: f64, stats: Stats) -> Picture {
+    /// The picture of a result: its fitted touches where these explain the frame, so that colours and labels say the same; else the
+    /// reconstruction, which [`Stats::smoothed`] says.
+    pub fn picture(&self, result: &FrameResult, sequence: u64, time_s: f64, mut stats: Stats) -> Picture {
+        // What is doubted and has no touch would not be seen at all.
+        let fitted = result.misfit.is_some() && (result.doubt.is_none() || !result.touches.is_empty());
+        stats.smoothed = result.changed && !fitted;
+        let values = if fitted {
+            fitted::values(&self.grid, &result.touches)
+        } else {
+            result.x.iter().map(|x| x.abs() as f32).collect()
+        };
         Picture {
             sequence,
             time_s,
             grid: Arc::clone(&self.grid),
             outline_mm: Arc::clone(&self.outline_mm),
             electrodes_mm: Arc::clone(&self.electrodes_mm),
-            values: result.x.iter().map(|x| x.abs() as f32).collect(),
+            values,
             touches: result.touches.clone(),
             stats,
         }

@@ -9,7 +9,7 @@
 //!
 //! | at | type | what |
 //! |---|---|---|
-//! | 0 | 4 bytes | `SKN3` |
+//! | 0 | 4 bytes | `SKN4` |
 //! | 4 | u32 | number of the scene it belongs to |
 //! | 8 | u64 | sequence |
 //! | 16 | f64 | the board's time, s |
@@ -25,7 +25,8 @@
 //! | 80 | u32 | n, bytes of the cells |
 //! | 84 | u16 | m, number of touches |
 //! | 86 | u16 | s, bytes of the status line |
-//! | 88 | n | runs of cells: how many to skip, how many follow, their steps; LEB128, low bits first |
+//! | 88 | u32 | 1 where the cells are those of the smoothed reconstruction, 0 of the fitted touches |
+//! | 92 | n | runs of cells: how many to skip, how many follow, their steps; LEB128, low bits first |
 //! | | m x 24 | touches: u32 id (4294967295 = none), f32 x and y in mm, f32 rise, f32 area in mm², f32 force in N or NaN |
 //! | | s | status line, UTF-8 |
 
@@ -36,9 +37,9 @@ use crate::shown::Shown;
 use inverse::touches::touch::Touch;
 
 /// First bytes of a frame; the last one is the version of this format.
-pub const MAGIC: [u8; 4] = *b"SKN3";
+pub const MAGIC: [u8; 4] = *b"SKN4";
 
-const HEADER: usize = 88;
+const HEADER: usize = 92;
 const TOUCH: usize = 24;
 const NO_ID: u32 = u32::MAX;
 
@@ -174,6 +175,8 @@ pub struct Frame {
     pub residual: Option<f32>,
     /// Relative rise of the last colour.
     pub full: f32,
+    /// Whether the cells are those of the reconstruction.
+    pub smoothed: bool,
     /// Lost frames.
     pub lost_frames: u64,
     /// Skipped frames.
@@ -263,6 +266,7 @@ pub fn encode(picture: &Picture, shown: &Shown, scene: u32, published_ms: f64, b
     out.extend((cells.len() as u32).to_le_bytes());
     out.extend((touches.len() as u16).to_le_bytes());
     out.extend((status.len() as u16).to_le_bytes());
+    out.extend(u32::from(stats.smoothed).to_le_bytes());
     out.extend(cells);
     for touch in touches {
         out.extend(touch.id.unwrap_or(NO_ID).to_le_bytes());
@@ -302,6 +306,7 @@ pub fn decode(bytes: &[u8]) -> Option<Frame> {
         usize::from(reader.u16()?),
         usize::from(reader.u16()?),
     );
+    let smoothed = reader.u32()? != 0;
     // Checked before anything of that size is made.
     if reader.0.len() != n + TOUCH * m + s {
         return None;
@@ -334,6 +339,7 @@ pub fn decode(bytes: &[u8]) -> Option<Frame> {
         solve_us: known(solve_us),
         residual: known(residual),
         full,
+        smoothed,
         lost_frames,
         skipped_frames,
         number,

@@ -40,6 +40,7 @@ pub(crate) fn picture(sequence: u64) -> Picture {
             away: None,
             preparing: false,
             uncalibrated: false,
+            smoothed: true,
         },
     }
 }
@@ -65,7 +66,7 @@ fn a_frame_comes_back_as_it_was() {
     );
     assert_eq!((frame.lost_frames, frame.skipped_frames), (5_000_000_000, 7));
     assert_eq!((frame.number, frame.base, &frame.touches), (1, 0, &p.touches));
-    assert_eq!(frame.status, p.stats.status);
+    assert_eq!((&frame.status, frame.smoothed), (&p.stats.status, true));
     let mut cells = Cells::new(p.values.len());
     cells.take(&frame).unwrap();
     let unit = frame.full / 510.0;
@@ -106,8 +107,8 @@ fn damaged_frames_are_refused() {
     assert_eq!(decode(&many), None);
     // A run longer than what follows.
     let mut long = bytes;
-    long[89] = 0x7f;
-    long[90] = 0x7f;
+    long[93] = 0x7f;
+    long[94] = 0x7f;
     assert_eq!(decode(&long), None);
 }
 

@@ -20,6 +20,8 @@ mod looks;
 use browser::{Browser, Page};
 #[path = "page/controls.rs"]
 mod controls;
+#[path = "page/time.rs"]
+mod time;
 
 /// Only for a browser that hangs.
 const NOT_FOR_EVER: Duration = Duration::from_secs(300);

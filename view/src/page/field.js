@@ -36,6 +36,13 @@ function weights(count) {
   return all;
 }
 
+/** The same where each position has what the centre nearest to it has. */
+function nearest(count) {
+  const all = new Float32Array(4 * count);
+  for (let k = 0; k < count; k++) all[4 * k + (2 * k + 1 < count ? 1 : 2)] = 1;
+  return all;
+}
+
 /**
  * A field over one scene's grid, painted into a canvas of its own size. It covers the cells' centres from half a cell outside
  * the grid to the other side, in blocks: what lies between four neighbouring centres.
@@ -141,10 +148,15 @@ export class Field {
     }
   }
 
-  /** Paints what changed, or all of it in other colours. */
-  paint(colours) {
-    if (colours !== this.colours) {
-      this.colours = colours;
+  /** Step of the cell of this number; null where there is none. */
+  step(cell) {
+    return cell < 0 ? null : this.coefficients[this.places[cell]];
+  }
+
+  /** Paints what changed, or all of it in other colours. `plain`: each cell in one colour. */
+  paint(colours, plain = false) {
+    if (colours !== this.colours || plain !== this.plain) {
+      [this.colours, this.plain] = [colours, plain];
       this.dirty.fill(1);
     }
     for (const [left, right, top, bottom] of this.areas()) this.paintArea(left, right, top, bottom);
@@ -178,7 +190,8 @@ export class Field {
   }
 
   paintArea(left, right, low, high) {
-    const { coefficients, width, factor, weights: w, columns, rows, across, pixels, colours, opacity } = this;
+    const { coefficients, width, factor, columns, rows, across, pixels, colours, opacity } = this;
+    const w = this.plain ? nearest(factor) : this.weights;
     for (let row = low; row < high + 3; row++) {
       for (let block = left; block < right; block++) {
         const from = row * width + block;

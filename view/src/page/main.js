@@ -1,11 +1,12 @@
 // The page: takes frames, draws the newest one when the screen is ready, and keeps the readings.
 
-import { forceText, idColour, number, riseText } from "./labels.js";
+import { History } from "./history.js";
+import { number } from "./labels.js";
+import { $, clock, duration, set, showReadings, showTouches } from "./readings.js";
 import { Sheet } from "./sheet.js";
 import { Trace } from "./trace.js";
 import { Connection } from "./wire.js";
 
-const ROWS = 6;
 const STALE_MS = 1000;
 // How long the question stands whether to take a baseline under touches.
 const SURE_MS = 4000;
@@ -13,18 +14,22 @@ const PALETTES = ["inferno", "viridis", "grey"];
 
 const NOT_RECORDED = { file: null, bytes: 0, seconds: 0, note: null };
 
-const $ = (id) => document.getElementById(id);
 const sheet = new Sheet($("field"), $("frame"), $("marks"));
 const trace = new Trace($("trace"));
+const history = new History();
 
 const page = {
+  // What is shown, and what came last.
   frame: null,
+  newest: null,
+  scene: null,
+  // Number of the frame that is shown; null for the newest.
+  at: null,
   fresh: false,
   arrived: 0,
   shown: 0,
   state: { name: "wait", until: 0 },
   palette: "inferno",
-  held: false,
   draws: [],
   age: NaN,
   number: 0,
@@ -49,12 +54,16 @@ const connection = new Connection({
     request();
   },
   scene(scene) {
-    page.frame = null;
+    page.newest = null;
     page.number = 0;
+    page.scene = scene;
     page.baseline = scene.baseline ?? null;
     page.away = scene.away ?? null;
     page.preparing = scene.preparing;
-    sheet.setScene(scene);
+    if (page.at === null) {
+      page.frame = null;
+      sheet.setScene(scene);
+    }
     $("source").textContent = scene.source;
     document.title = `skin – ${scene.source}`;
   },
@@ -71,7 +80,11 @@ const connection = new Connection({
   frame(frame) {
     const now = performance.now();
     page.arrived = now;
-    if (page.held) return void (page.number = 0);
+    page.newest = frame;
+    history.add(now, frame, connection.cells.steps, page.scene);
+    // What is shown may be too old to be kept.
+    if (page.at !== null && page.at < history.first) showFrame(history.first);
+    if (page.at !== null) return void (page.number = 0);
     // Pictures that were not sent here.
     if (page.number) page.skipped += Math.max(0, frame.number - page.number - 1);
     page.number = frame.number;
@@ -98,75 +111,24 @@ function draw(now) {
   if (!frame) return;
   if (page.fresh) {
     page.fresh = false;
-    sheet.take(connection.cells);
+    if (page.at === null) sheet.take(connection.cells);
     const age = connection.age(frame);
     page.age = Number.isNaN(page.age) ? age : page.age + 0.1 * (age - page.age);
     page.draws.push(now);
   }
   sheet.draw(frame, page.palette, isLive());
   // Held, it stands still; without new frames it moves on.
-  trace.draw(1000 * frame.time + (page.held ? 0 : performance.now() - page.shown));
+  if (page.at === null) trace.draw(1000 * frame.time + performance.now() - page.shown);
+  else trace.draw(1000 * frame.time, "0 s");
   if (now - page.readAt > 120) {
     page.readAt = now;
-    showTouches(frame.touches);
-    showReadings(frame, now);
+    showTouches(frame.touches, sheet.scene);
+    page.draws = page.draws.filter((time) => time > now - 2000);
+    const span = Math.min(2000, Math.max(500, now - page.draws[0] || 0));
+    const drawn = page.at !== null ? 0 : (1000 * page.draws.length) / span;
+    showReadings(frame, { drawn, age: page.age, skipped: page.skipped });
+    showTime();
   }
-}
-
-// --- readings -----------------------------------------------------------------------------------------------------
-
-function set(id, text) {
-  const element = typeof id === "string" ? $(id) : id;
-  if (element.textContent !== text) element.textContent = text;
-}
-
-function showTouches(touches) {
-  const n = touches.length;
-  set("count", page.away ? "touches not known" : page.preparing ? "preparing" : n === 0 ? "no touch" : n === 1 ? "1 touch" : `${n} touches`);
-  $("count").classList.toggle("none", n === 0);
-  $("list").hidden = n === 0;
-  const body = $("touches");
-  const rows = Math.min(n, ROWS);
-  const forces = touches.some((touch) => touch.force !== null);
-  $("force-head").hidden = !forces;
-  $("uncalibrated").hidden = !forces || !sheet.scene.uncalibrated;
-  while (body.rows.length > rows) body.deleteRow(-1);
-  while (body.rows.length < rows) {
-    const row = body.insertRow();
-    for (let k = 0; k < 6; k++) row.insertCell();
-    row.cells[0].innerHTML = '<span class="id"></span>';
-  }
-  for (let k = 0; k < rows; k++) {
-    const touch = touches[k];
-    const cells = body.rows[k].cells;
-    const chip = cells[0].firstChild;
-    set(chip, touch.id === null ? "–" : String(touch.id));
-    chip.style.background = idColour(touch.id);
-    set(cells[1], number(touch.x, 1));
-    set(cells[2], number(touch.y, 1));
-    set(cells[3], riseText(touch.rise));
-    set(cells[4], number(touch.area, 0));
-    set(cells[5], touch.force === null ? "" : forceText(touch.force, sheet.scene.uncalibrated));
-    cells[5].hidden = !forces;
-  }
-  $("more").hidden = n <= ROWS;
-  set("more", `and ${n - ROWS} weaker`);
-}
-
-function showReadings(frame, now) {
-  page.draws = page.draws.filter((time) => time > now - 2000);
-  const span = Math.min(2000, Math.max(500, now - page.draws[0] || 0));
-  const drawn = page.held ? 0 : (1000 * page.draws.length) / span;
-  const known = (value, text) => (Number.isFinite(value) ? text(value) : "–");
-  set("rate", known(frame.rate, (v) => `${number(v, 0)} /s`));
-  set("drawn", `${number(drawn, 0)} /s`);
-  set("solve", known(frame.solve, (v) => (v < 1000 ? `${number(v, 0)} µs` : `${number(v / 1000, 1)} ms`)));
-  set("age", known(page.age, (v) => `${number(v, v < 10 ? 1 : 0)} ms`));
-  set("residual", known(frame.residual, (v) => `${number(100 * v, 1)} %`));
-  set("lost", String(frame.lost));
-  $("lost").classList.toggle("bad", frame.lost > 0);
-  set("skipped", String(frame.skipped + page.skipped));
-  set("sequence", String(frame.sequence));
 }
 
 // --- state --------------------------------------------------------------------------------------------------------
@@ -179,7 +141,7 @@ function showState() {
   const { name, until } = page.state;
   const now = performance.now();
   const quiet = now - page.arrived;
-  let [state, text, banner] = [name, "live", page.frame?.status || page.baseline?.warning || ""];
+  let [state, text, banner] = [name, "live", page.newest?.status || page.baseline?.warning || ""];
   if (name === "lost") {
     const seconds = Math.max(1, Math.ceil((until - now) / 1000));
     [text, banner] = [`trying again in ${seconds} s`, "No connection to the program. Is it still running?"];
@@ -194,7 +156,7 @@ function showState() {
     [state, text] = ["wait", `no new picture for ${Math.floor(quiet / 1000)} s`];
   } else if (page.preparing) {
     [state, text] = ["wait", "preparing"];
-  } else if (page.held) {
+  } else if (page.at !== null) {
     [state, text] = ["wait", "held"];
   }
   $("connection").dataset.state = state;
@@ -202,26 +164,16 @@ function showState() {
   $("banner").hidden = !banner;
   $("banner").dataset.state = name === "live" && !page.away ? "note" : "lost";
   set("banner", banner);
+  const below = banner ? $("banner").offsetTop + $("banner").offsetHeight : 0;
+  if (below !== sheet.below) {
+    sheet.below = below;
+    request();
+  }
   const commands = name === "live" && page.commands && page.away === null;
   $("tare").disabled = !commands;
   $("record").disabled = !commands && !(name === "live" && page.commands && page.recording.file);
   $("undo").disabled = !commands || !page.baseline?.earlier;
   showBaseline();
-}
-
-/** A time in its largest unit: 50 s, 3 min, 3 h, 2 days. */
-function duration(seconds) {
-  for (const [least, unit, text] of [[172800, 86400, "days"], [7200, 3600, "h"], [120, 60, "min"]]) {
-    if (seconds >= least) return `${Math.floor(seconds / unit)} ${text}`;
-  }
-  return `${Math.max(0, Math.floor(seconds))} s`;
-}
-
-/** A length of time as a clock shows it: 0:07, 12:34, 1:02:03. */
-function clock(seconds) {
-  const two = (value) => String(Math.floor(value) % 60).padStart(2, "0");
-  const [minutes, hours] = [Math.floor(seconds / 60), Math.floor(seconds / 3600)];
-  return hours ? `${hours}:${two(minutes)}:${two(seconds)}` : `${minutes}:${two(seconds)}`;
 }
 
 function showRecording() {
@@ -243,6 +195,7 @@ function showBaseline() {
 
 setInterval(() => {
   showState();
+  if (page.at !== null) showTime();
   // So that what is old looks old.
   if (!isLive()) request();
 }, 200);
@@ -265,7 +218,7 @@ function ask(id, kind) {
 /** Pressed once while something touches the sheet it asks; what rests there would count as untouched. Pressed again it does. */
 function takeBaseline() {
   const button = $("tare");
-  const sure = button.dataset.sure !== undefined || !page.frame?.touches.length;
+  const sure = button.dataset.sure !== undefined || !page.newest?.touches.length;
   if (sure) {
     clearTimeout(page.sure);
     settle();
@@ -288,11 +241,105 @@ const undoBaseline = () => ask("undo", "undo_baseline");
 
 const record = () => ask("record", page.recording.file ? "stop_recording" : "start_recording");
 
-function hold() {
-  page.held = !page.held;
-  $("hold").setAttribute("aria-pressed", page.held);
-  set("hold-text", page.held ? "Held" : "Hold");
+// --- time ---------------------------------------------------------------------------------------------------------
+
+/** Shows a frame that was kept, by its number; the one nearest to it where it is not there. */
+function showFrame(k) {
+  const entry = history.entry(k);
+  if (!entry) return;
+  page.at = entry.k;
+  page.frame = entry.frame;
+  if (sheet.scene !== entry.scene) sheet.setScene(entry.scene);
+  sheet.show(history.cells(entry.k));
+  trace.clear();
+  // Its curves are those of the ten seconds before it.
+  let from = entry.k;
+  while (from > history.first && entry.now - history.entry(from - 1).now < 10_000) from--;
+  for (let n = from; n <= entry.k; n++) {
+    const { frame } = history.entry(n);
+    trace.add(1000 * frame.time, frame.touches);
+  }
+  showHeld();
+}
+
+/** Shows the newest frame again, and those that come. */
+function showNewest() {
+  if (page.at === null) return;
+  page.at = null;
+  page.number = 0;
+  page.frame = page.newest;
+  page.shown = page.arrived;
+  if (sheet.scene !== page.scene) sheet.setScene(page.scene);
+  sheet.show(connection.cells.steps);
+  showHeld();
+}
+
+function showHeld() {
+  const held = page.at !== null;
+  $("hold").setAttribute("aria-pressed", held);
+  set("hold-text", held ? "Held" : "Hold");
+  page.readAt = 0;
+  showTime();
   showState();
+  request();
+}
+
+function showTime() {
+  const slider = $("time");
+  [slider.min, slider.max] = [history.first, Math.max(history.first, history.last)];
+  slider.value = page.at ?? history.last;
+  const entry = page.at === null ? null : history.entry(page.at);
+  const ago = entry && (performance.now() - entry.now) / 1000;
+  const text = ago === null ? "newest" : ago < 60 ? `\u2212${number(ago, 1)}\u202fs` : `\u2212${clock(ago)}`;
+  set("when", text);
+  slider.setAttribute("aria-valuetext", text);
+}
+
+function hold() {
+  if (page.at === null) showFrame(history.last);
+  else showNewest();
+}
+
+/** So many frames, or seconds, on; past the last one what comes is shown again. */
+function step(frames, seconds) {
+  const from = page.at ?? history.last;
+  const to = seconds ? history.step(from, seconds) : from + frames;
+  if (to > history.last) showNewest();
+  else showFrame(to);
+}
+
+// --- what is seen -------------------------------------------------------------------------------------------------
+
+function save() {
+  const { frame } = page;
+  if (!frame) return;
+  sheet.image().toBlob((blob) => {
+    const link = document.createElement("a");
+    link.href = URL.createObjectURL(blob);
+    link.download = `skin-${frame.sequence}.png`;
+    link.click();
+    setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
+  });
+}
+
+function cells() {
+  sheet.plain = !sheet.plain;
+  $("cells").setAttribute("aria-pressed", sheet.plain);
+  $("probe").hidden = true;
+  request();
+}
+
+/** The value of the cell under the pointer. */
+function probe({ clientX, clientY }) {
+  const stage = $("stage").getBoundingClientRect();
+  const [x, y] = [clientX - stage.left, clientY - stage.top];
+  const cell = sheet.plain && page.frame ? sheet.cellAt(x, y) : null;
+  $("probe").hidden = !cell;
+  if (!cell) return;
+  set("probe", `${number(cell.x, 0)}, ${number(cell.y, 0)} mm: ${number((100 * cell.step * page.frame.full) / 510, 1)}\u202f%`);
+  const { offsetWidth: w, offsetHeight: h } = $("probe");
+  $("probe").style.left = `${Math.max(0, Math.min(x + 14, stage.width - w - 2))}px`;
+  $("probe").style.top = `${Math.max(0, y - h - 10)}px`;
 }
 
 /** Some browsers, those of telephones above all, have none. */
@@ -321,6 +368,15 @@ $("tare").addEventListener("click", takeBaseline);
 $("undo").addEventListener("click", undoBaseline);
 $("record").addEventListener("click", record);
 $("hold").addEventListener("click", hold);
+$("save").addEventListener("click", save);
+$("cells").addEventListener("click", cells);
+$("time").addEventListener("input", () => {
+  const k = Number($("time").value);
+  if (k >= history.last) showNewest();
+  else showFrame(k);
+});
+$("stage").addEventListener("pointermove", probe);
+$("stage").addEventListener("pointerleave", () => { $("probe").hidden = true; });
 $("theme").addEventListener("click", theme.toggle);
 $("help-open").addEventListener("click", help);
 $("full").addEventListener("click", fullScreen);
@@ -334,13 +390,31 @@ for (const input of document.querySelectorAll('input[name="palette"]')) {
   input.addEventListener("change", () => choose(input.value));
 }
 document.addEventListener("keydown", (event) => {
-  if (event.ctrlKey || event.metaKey || event.altKey || event.repeat || $("help").open) return;
+  if (event.ctrlKey || event.metaKey || event.altKey || $("help").open) return;
+  const { target } = event;
+  const times = {
+    ArrowLeft: () => step(-1, event.shiftKey ? -1 : 0),
+    ArrowRight: () => step(1, event.shiftKey ? 1 : 0),
+    Home: () => showFrame(history.first),
+    End: showNewest,
+    " ": () => event.repeat || hold(),
+  };
+  // Buttons are pressed by the space bar, and colours chosen by the arrows.
+  const own = event.key === " " ? target.matches("button, a") : target.matches("input[type=radio]");
+  if (times[event.key] && !own) {
+    event.preventDefault();
+    times[event.key]();
+    return;
+  }
+  if (event.repeat) return;
   const actions = {
     b: takeBaseline,
     u: undoBaseline,
     r: record,
     h: hold,
-    s: () => $("save").click(),
+    l: showNewest,
+    s: save,
+    g: cells,
     t: theme.toggle,
     f: fullScreen,
     "?": help,

@@ -2,35 +2,12 @@
 
 import { css, Field, table } from "./field.js";
 import { idColour, Labels, number, placeText, ringRadius, riseText, strengthText } from "./labels.js";
+import { around, fit, leader, outward, roundBelow, ticks, twice } from "./shapes.js";
 
 const FONT = 'system-ui, "Segoe UI", "Helvetica Neue", Arial, sans-serif';
 
 const strongFont = (t) => `650 ${t + 1}px ${FONT}`;
 const plainFont = (t) => `400 ${t - 1}px ${FONT}`;
-
-/** Round values from 0 to `high`, about `count` of them. */
-export function ticks(high, count) {
-  const power = 10 ** Math.floor(Math.log10(high / count));
-  const step = [1, 2, 5, 10].map((m) => m * power).find((s) => s >= (0.999 * high) / count);
-  return Array.from({ length: Math.floor(high / step + 1e-6) + 1 }, (_, k) => k * step);
-}
-
-/** The greatest of 1, 2 and 5 times a power of ten that is not above `limit`. */
-function roundBelow(limit) {
-  const power = 10 ** Math.floor(Math.log10(limit));
-  return [5 * power, 2 * power].find((v) => v <= limit) ?? power;
-}
-
-/** Makes the canvas as fine as the screen; returns its context in CSS pixels, its size, and whether that is another now. */
-export function fit(canvas) {
-  const [w, h, dpr] = [canvas.clientWidth, canvas.clientHeight, window.devicePixelRatio || 1];
-  const [pw, ph] = [Math.max(1, Math.round(w * dpr)), Math.max(1, Math.round(h * dpr))];
-  const anew = canvas.width !== pw || canvas.height !== ph;
-  if (anew) [canvas.width, canvas.height] = [pw, ph];
-  const context = canvas.getContext("2d");
-  context.setTransform(dpr, 0, 0, dpr, 0, 0);
-  return { context, w, h, anew };
-}
 
 /**
  * Canvases on top of each other, each drawn only where and when something changed: what stands around the field; the field, in
@@ -43,6 +20,10 @@ export class Sheet {
     // What is drawn around the field now, and on the canvas of every touch.
     this.drawn = "";
     this.pool = [];
+    // The lower edge of the banner above the sheet, px.
+    this.below = 0;
+    // Whether the cells are drawn as they are, without what is between them.
+    this.plain = false;
   }
 
   setScene(scene) {
@@ -65,21 +46,58 @@ export class Sheet {
     this.field.take(cells.steps, cells.news());
   }
 
+  /** Takes the steps of all cells. */
+  show(steps) {
+    this.field.take(steps, steps.keys());
+  }
+
+  /** The step of the cell at a point of the stage in CSS pixels, and the point in mm; null where no cell is. */
+  cellAt(px, py) {
+    if (!this.middle) return null;
+    const { left, right, bottom, top } = this.box;
+    const [x, y] = [(left + right) / 2 + (px - this.middle[0]) / this.scale, (bottom + top) / 2 - (py - this.middle[1]) / this.scale];
+    const { columns, rows, left_mm, bottom_mm, cell_mm } = this.scene;
+    const [column, row] = [Math.floor((x - left_mm) / cell_mm), Math.floor((y - bottom_mm) / cell_mm)];
+    if (column < 0 || row < 0 || column >= columns || row >= rows) return null;
+    const step = this.field.step(this.scene.cells.indexOf(column + columns * row));
+    return step === null ? null : { x, y, step };
+  }
+
+  /** What is seen of the sheet, as a canvas. */
+  image() {
+    const dpr = window.devicePixelRatio || 1;
+    const image = document.createElement("canvas");
+    [image.width, image.height] = [this.frame.width, this.frame.height];
+    const c = image.getContext("2d");
+    c.fillStyle = theme.colour("back");
+    c.fillRect(0, 0, image.width, image.height);
+    c.drawImage(this.frame, 0, 0);
+    c.scale(dpr, dpr);
+    const { left, top, width, height, opacity } = this.fieldCanvas.style;
+    c.globalAlpha = Number(opacity);
+    c.drawImage(this.fieldCanvas, ...[left, top, width, height].map(parseFloat));
+    for (const { canvas, area } of this.pool.filter((own) => !own.canvas.hidden)) {
+      c.globalAlpha = Number(canvas.style.opacity);
+      c.drawImage(canvas, area.x, area.y, canvas.width / dpr, canvas.height / dpr);
+    }
+    return image;
+  }
+
   /** Draws what changed. `live`: whether the frame is fresh. */
   draw(frame, palette, live) {
     if (this.palette !== palette) [this.palette, this.colours] = [palette, table(palette)];
-    this.field.paint(this.colours);
+    this.field.paint(this.colours, this.plain);
     const around = fit(this.frame);
-    const key = [around.w, around.h, palette, frame.full, live, theme.name].join();
+    const key = [around.w, around.h, this.below, palette, frame.full, frame.smoothed, live, theme.name].join();
     if (around.anew || key !== this.drawn) {
       this.drawn = key;
       this.layout(around.w, around.h);
-      this.drawFrame(around, palette, frame.full, live);
+      this.drawFrame(around, palette, frame, live);
     }
     this.drawMarks(around.context, frame, live);
   }
 
-  drawFrame({ context: c, w, h }, palette, full, live) {
+  drawFrame({ context: c, w, h }, palette, { full, smoothed }, live) {
     c.clearRect(0, 0, w, h);
     this.fieldCanvas.style.opacity = c.globalAlpha = live ? 1 : 0.45;
     // The field lies over the half of it that is inside.
@@ -89,7 +107,7 @@ export class Sheet {
     c.stroke(this.outline);
     this.drawElectrodes(c);
     c.globalAlpha = 1;
-    this.drawBar(c, palette, full, w, h);
+    this.drawBar(c, palette, full, smoothed, w, h);
     this.drawScale(c, w, h);
   }
 
@@ -111,7 +129,7 @@ export class Sheet {
       const { area, looks, draw } = marks[k];
       const key = [area.x, area.y, dpr, live, looks, theme.name].join();
       if (key === own.drawn) return;
-      own.drawn = key;
+      Object.assign(own, { drawn: key, area });
       // Rounded up, so that it seldom needs other memory.
       const [w, h] = [area.w, area.h].map((v) => Math.ceil(v / 64) * 64);
       const [pw, ph] = [w, h].map((v) => Math.round(v * dpr));
@@ -135,7 +153,7 @@ export class Sheet {
     const text = (this.text = Math.max(11, Math.min(15, Math.min(w, h) / 48)));
     // Room for the electrodes' numbers all round, the banner above, the colour bar beside or below.
     const edge = 2.5 * text;
-    const [side, head, foot] = [this.wide ? 84 : 0, 46 + 1.3 * text, this.wide ? 8 : 58];
+    const [side, head, foot] = [this.wide ? 84 : 0, Math.max(46, this.below + 6) + 1.3 * text, this.wide ? 8 : 58];
     const room = { x: edge, y: head, w: w - side - 2 * edge, h: h - head - foot - edge };
     if (!this.wide) Object.assign(room, { x: 2 * text, w: w - 4 * text });
     const scale = (this.scale = Math.max(0.1, Math.min(room.w / (right - left), room.h / (top - bottom))));
@@ -179,7 +197,16 @@ export class Sheet {
       c.beginPath();
       c.moveTo(x - ny * half, y + nx * half);
       c.lineTo(x + ny * half, y - nx * half);
-      c.lineWidth = 4.5;
+      if (faulty) {
+        // A cross: not every eye tells the colours apart.
+        c.beginPath();
+        const arm = Math.max(3, 0.45 * this.text);
+        for (const way of [1, -1]) {
+          c.moveTo(x - arm, y - way * arm);
+          c.lineTo(x + arm, y + way * arm);
+        }
+      }
+      c.lineWidth = faulty ? 2.5 : 4.5;
       c.strokeStyle = theme.colour(faulty ? "broken" : "metal");
       c.stroke();
       c.fillStyle = theme.colour(faulty ? "broken" : "faint");
@@ -278,8 +305,8 @@ export class Sheet {
     return { area: around([{ x: x - 3 * size, y: y - size, w: 6 * size, h: 2 * size }], 0), looks: "no touch", draw };
   }
 
-  drawBar(c, palette, full, w, h) {
-    const length = this.wide ? Math.min(380, h - 140) : w - 84;
+  drawBar(c, palette, full, smoothed, w, h) {
+    const length = this.wide ? Math.min(380, h - 140) : w - 96;
     const bar = this.wide ? { x: w - 72, y: (h - length) / 2, w: 13, h: length } : { x: 22, y: h - 48, w: length, h: 11 };
     const gradient = this.wide
       ? c.createLinearGradient(0, bar.y + bar.h, 0, bar.y)
@@ -310,8 +337,9 @@ export class Sheet {
     c.fillStyle = theme.colour("faint");
     c.textAlign = this.wide ? "center" : "right";
     c.textBaseline = "alphabetic";
-    if (this.wide) c.fillText("change", bar.x + bar.w / 2, bar.y - 12);
-    else c.fillText("change", w - 14, bar.y + 10);
+    // What no touches explain is drawn as it was reconstructed: wider and flatter than it is.
+    if (!this.wide) c.fillText(smoothed ? "smoothed" : "change", w - 14, bar.y + 10);
+    else ["change", ...(smoothed ? ["smoothed"] : [])].forEach((line, k) => c.fillText(line, bar.x + bar.w / 2, bar.y - 12 - 1.2 * k * this.text));
   }
 
   drawScale(c, w, h) {
@@ -334,48 +362,4 @@ export class Sheet {
     c.fillStyle = theme.colour("faint");
     c.fillText(`${mm} mm`, x + length + 9, y);
   }
-}
-
-/** The rectangle of whole pixels around others, so much larger. */
-function around(all, edge) {
-  const [x, y] = ["x", "y"].map((k) => Math.floor(Math.min(...all.map((r) => r[k])) - edge));
-  const [right, bottom] = [["x", "w"], ["y", "h"]].map(([k, n]) => Math.ceil(Math.max(...all.map((r) => r[k] + r[n])) + edge));
-  return { x, y, w: right - x, h: bottom - y };
-}
-
-/** A white line with a dark edge, to be seen on every colour. */
-function twice(c, path, wide, narrow) {
-  c.strokeStyle = "#0000008c";
-  c.lineWidth = wide;
-  c.stroke(path);
-  c.strokeStyle = "#fff";
-  c.lineWidth = narrow;
-  c.stroke(path);
-}
-
-/** A line from a ring to its label; null where they touch. */
-function leader(ring, place) {
-  const to = [Math.min(place.x + place.w, Math.max(place.x, ring.x)), Math.min(place.y + place.h, Math.max(place.y, ring.y))];
-  const [dx, dy] = [to[0] - ring.x, to[1] - ring.y];
-  const length = Math.hypot(dx, dy);
-  if (length <= ring.r + 1) return null;
-  const path = new Path2D();
-  path.moveTo(ring.x + (dx * ring.r) / length, ring.y + (dy * ring.r) / length);
-  path.lineTo(...to);
-  return path;
-}
-
-/** Unit vector out of the polygon, square to the side that is nearest to `p`. */
-function outward(polygon, p) {
-  let [best, nearest, area] = [[0, 1], Infinity, 0];
-  polygon.forEach((a, k) => {
-    const b = polygon[(k + 1) % polygon.length];
-    const [dx, dy] = [b[0] - a[0], b[1] - a[1]];
-    area += a[0] * b[1] - a[1] * b[0];
-    const square = dx * dx + dy * dy || 1e-12;
-    const t = Math.min(1, Math.max(0, ((p[0] - a[0]) * dx + (p[1] - a[1]) * dy) / square));
-    const distance = Math.hypot(a[0] + t * dx - p[0], a[1] + t * dy - p[1]);
-    if (distance < nearest) [nearest, best] = [distance, [dy / Math.sqrt(square), -dx / Math.sqrt(square)]];
-  });
-  return area < 0 ? best.map((v) => -v) : best;
 }

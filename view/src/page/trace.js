@@ -1,7 +1,7 @@
 // The change by each touch, without its sign, over the last ten seconds.
 
 import { idColour, number } from "./labels.js";
-import { fit, ticks } from "./sheet.js";
+import { fit, ticks } from "./shapes.js";
 
 const SPAN_MS = 10_000;
 const GAP_MS = 400;
@@ -17,6 +17,12 @@ export class Trace {
     this.pixelMs = 0;
     this.drawn = "";
     addEventListener("theme", () => { this.drawn = ""; });
+  }
+
+  /** Forgets all lines. */
+  clear() {
+    this.lines.clear();
+    [this.latest, this.drawn] = [-Infinity, ""];
   }
 
   /** Adds the touches of a frame at the board's time in ms; those without a number become one line of the strongest. */
@@ -43,13 +49,13 @@ export class Trace {
   }
 
   /** Draws the ten seconds up to `now`, ms of the board's time, if that looks otherwise than what is drawn. */
-  draw(now) {
+  draw(now, end = "now") {
     const { context: c, w, h, anew } = fit(this.canvas);
     // Room for "1000 %" on the left and a number on the right.
     const plot = { x: 44, y: 6, w: w - 44 - 27, h: h - 6 - 18 };
     // It moves by whole pixels; where there is no line nothing does.
     this.pixelMs = SPAN_MS / Math.max(1, plot.w * (window.devicePixelRatio || 1));
-    const key = this.lines.size || this.top > LEAST ? Math.floor(now / this.pixelMs) : "still";
+    const key = end + (this.lines.size || this.top > LEAST ? Math.floor(now / this.pixelMs) : "still");
     if (!anew && key === this.drawn) return;
     this.drawn = key;
     c.clearRect(0, 0, w, h);
@@ -79,7 +85,7 @@ export class Trace {
     c.textAlign = "left";
     c.fillText("\u221210 s", plot.x, h);
     c.textAlign = "right";
-    c.fillText("now", plot.x + plot.w, h);
+    c.fillText(end, plot.x + plot.w, h);
 
     c.save();
     c.beginPath();

@@ -1,16 +1,16 @@
 // The connection to the program: frames in, acknowledgements and requests out, and a new try whenever it breaks.
 // The format is documented in the program's source (view/wire.rs).
 
-const VERSION = 3;
+const VERSION = 4;
 const NO_ID = 0xffffffff;
 const text = new TextDecoder();
 
 /** Reads a frame; null if the bytes are not one of this version. Its `news` are for Cells. */
 export function decode(buffer) {
   const view = new DataView(buffer);
-  if (buffer.byteLength < 88 || view.getUint32(0) !== 0x534b4e30 + VERSION) return null;
+  if (buffer.byteLength < 92 || view.getUint32(0) !== 0x534b4e30 + VERSION) return null;
   const [n, m, s] = [view.getUint32(80, true), view.getUint16(84, true), view.getUint16(86, true)];
-  const touchesAt = 88 + n;
+  const touchesAt = 92 + n;
   const statusAt = touchesAt + 24 * m;
   if (buffer.byteLength !== statusAt + s) return null;
   const touches = [];
@@ -28,11 +28,12 @@ export function decode(buffer) {
     solve: view.getFloat32(36, true),
     residual: view.getFloat32(40, true),
     full: view.getFloat32(44, true),
+    smoothed: view.getUint32(88, true) !== 0,
     lost: Number(view.getBigUint64(48, true)),
     skipped: Number(view.getBigUint64(56, true)),
     number: Number(view.getBigUint64(64, true)),
     base: Number(view.getBigUint64(72, true)),
-    news: new Uint8Array(buffer, 88, n),
+    news: new Uint8Array(buffer, 92, n),
     touches: touches.sort((a, b) => b.rise - a.rise),
     status: text.decode(new Uint8Array(buffer, statusAt, s)),
   };

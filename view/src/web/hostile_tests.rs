@@ -18,7 +18,7 @@ fn answer(address: SocketAddr, bytes: &[u8]) -> String {
 const UPGRADE: &str = "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n";
 
 /// Every path there is, and some that are not.
-const PATHS: [&str; 15] = [
+const PATHS: [&str; 18] = [
     "/",
     "/style.css",
     "/main.js",
@@ -27,6 +27,9 @@ const PATHS: [&str; 15] = [
     "/field.js",
     "/sheet.js",
     "/labels.js",
+    "/history.js",
+    "/readings.js",
+    "/shapes.js",
     "/trace.js",
     "/palettes.js",
     "/picture.png",

@@ -19,7 +19,7 @@ use crate::web::{Shared, connections, drawn, guard, watcher};
 const LONGEST_REQUEST: usize = 1024;
 
 /// Path, media type and text of the page's files.
-const FILES: [(&str, &str, &str); 9] = [
+const FILES: [(&str, &str, &str); 12] = [
     ("/", HTML, include_str!("../page/index.html")),
     (
         "/style.css",
@@ -32,6 +32,9 @@ const FILES: [(&str, &str, &str); 9] = [
     ("/field.js", JS, include_str!("../page/field.js")),
     ("/sheet.js", JS, include_str!("../page/sheet.js")),
     ("/labels.js", JS, include_str!("../page/labels.js")),
+    ("/readings.js", JS, include_str!("../page/readings.js")),
+    ("/shapes.js", JS, include_str!("../page/shapes.js")),
+    ("/history.js", JS, include_str!("../page/history.js")),
     ("/trace.js", JS, include_str!("../page/trace.js")),
 ];
 const HTML: &str = "text/html; charset=utf-8";

@@ -108,6 +108,9 @@ fn the_page_and_its_parts_are_served() {
         "field.js",
         "sheet.js",
         "labels.js",
+        "history.js",
+        "readings.js",
+        "shapes.js",
         "trace.js",
     ]) {
         let (head, body) = request(

@@ -165,6 +165,17 @@ impl Page {
         self.call("Emulation.setEmulatedMedia", json!({ "features": [feature] }));
     }
 
+    /// The page is seen by eyes with this deficiency from now on, "none" or "deuteranopia".
+    pub(crate) fn seen_with(&mut self, deficiency: &str) {
+        self.call("Emulation.setEmulatedVisionDeficiency", json!({ "type": deficiency }));
+    }
+
+    /// What the page looks like, a PNG in base 64.
+    pub(crate) fn seen(&mut self) -> String {
+        let answer = self.call("Page.captureScreenshot", json!({ "format": "png" }));
+        answer["data"].as_str().unwrap().to_owned()
+    }
+
     /// The window has this size from now on, CSS pixels.
     pub(crate) fn resize(&mut self, width: u32, height: u32) {
         let size = json!({ "width": width, "height": height, "deviceScaleFactor": 1, "mobile": false });
@@ -196,8 +207,7 @@ impl Page {
         let Some(folder) = std::env::var_os("SKIN_SHOTS") else {
             return;
         };
-        let answer = self.call("Page.captureScreenshot", json!({ "format": "png" }));
-        let png = from_base64(answer["data"].as_str().unwrap());
+        let png = from_base64(&self.seen());
         std::fs::write(std::path::Path::new(&folder).join(name), png).unwrap();
     }
 

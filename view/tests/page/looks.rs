@@ -208,10 +208,16 @@ fn nothing_overlaps_and_no_text_is_cut_off_on_any_screen() {
     let mut page = browser.open(&view.url());
     page.ask(LISTEN);
     until(&view, &mut page, SHOWN);
-    for (width, height) in [(1920, 1080), (1280, 720), (844, 390), (390, 844)] {
-        page.resize(width, height);
-        assert_eq!(page.ask(CROWDED), json!([]), "{width}x{height}");
-        page.shot(&format!("{width}x{height}.png"));
+    for scheme in ["dark", "light"] {
+        page.prefers(scheme);
+        for (width, height) in [(1920, 1080), (1280, 720), (844, 390), (390, 844), (768, 1024)] {
+            page.resize(width, height);
+            assert_eq!(page.ask(CROWDED), json!([]), "{width}x{height} {scheme}");
+            // For a look at it: as eyes that confuse red and green see it.
+            page.seen_with("deuteranopia");
+            page.shot(&format!("{scheme}-{width}x{height}.png"));
+            page.seen_with("none");
+        }
     }
 }
 
@@ -292,6 +298,36 @@ fn a_program_that_prepares_says_so_and_not_that_nothing_touches() {
     );
     page.shot("preparing.png");
     becomes(&mut page, Some(false), "live; ; 2 touches");
+}
+
+/// A long banner on a small screen leaves room for the electrodes' numbers.
+#[test]
+fn a_banner_covers_no_electrode() {
+    let Some(browser) = browser() else { return };
+    let view = view();
+    let mut page = browser.open(&view.url());
+    page.ask(LISTEN);
+    page.resize(390, 844);
+    let mut sequence = 30;
+    let start = Instant::now();
+    let lines = r##"((b) => b.textContent.startsWith("no touches") && b.offsetHeight > 60)(document.querySelector("#banner"))"##;
+    while page.ask(lines) != true {
+        sequence += 1;
+        let mut picture = picture(&template(), sequence);
+        picture.stats.status = Some("no touches of the expected size explain the change: shown is what explains most of it, of other objects or of contacts that changed since the baseline".into());
+        view.publish(picture).unwrap();
+        assert!(start.elapsed() < NOT_FOR_EVER, "the banner never has many lines");
+        std::thread::sleep(Duration::from_millis(30));
+    }
+    assert_eq!(page.ask(CROWDED), json!([]));
+    let covered = page.ask(
+        r##"(() => {
+            const { offsetTop: top, offsetHeight: height } = document.querySelector("#banner");
+            return texts.filter(([id, , , least]) => id === "frame" && least < top + height).map(([, text]) => text);
+        })()"##,
+    );
+    assert_eq!(covered, json!([]));
+    page.shot("banner-390x844.png");
 }
 
 /// Every name can be read on every screen.
