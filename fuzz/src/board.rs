@@ -123,11 +123,17 @@ pub fn settings(data: &[u8]) {
         save(&mut flash, &other(k)).expect("a store that works");
     }
     let before = load(&mut flash).expect("a store that answers");
-    flash.cut_after(u64::from(*cut) * 5, [Torn::Before, Torn::Mixed, Torn::After][content.len() % 3]);
+    flash.cut_after(
+        u64::from(*cut) * 5,
+        [Torn::Before, Torn::Mixed, Torn::After][content.len() % 3],
+    );
     let saved = save(&mut flash, &any).is_ok();
     flash.power_on();
     let now = load(&mut flash).expect("a store that answers");
-    assert!(now == Some(any.clone()) || (!saved && now == before), "neither the old nor the new");
+    assert!(
+        now == Some(any.clone()) || (!saved && now == before),
+        "neither the old nor the new"
+    );
     save(&mut flash, &any).expect("a store that works");
     assert_eq!(load(&mut flash).expect("a store that answers"), Some(any));
 }

@@ -2,12 +2,11 @@
 
 use crate::files::arrays::{self, Kind};
 use crate::files::measurements::MeasurementTable;
-use crate::files::order::Order;
 use crate::files::{before, calibration_file, ordered, press_table};
 use crate::progress::Progress;
-use clap::ValueEnum;
 use forward::Geometry;
 use forward::file::{parse_sheet, sheet_text};
+use forward::order::ValueOrder;
 use hil_sim::SceneFile;
 use link::flash::Image;
 
@@ -24,8 +23,8 @@ pub fn tables(data: &[u8]) {
         for array in &found {
             assert_eq!(array.values.len(), array.rows * array.columns);
         }
-        for order in Order::value_variants() {
-            let _ = ordered::table(*order, "t", kind, &found, &[]);
+        for order in ValueOrder::ALL {
+            let _ = ordered::table(order, "t", kind, &found, &[]);
         }
     }
     if Kind::of(data) == Kind::Text
@@ -60,7 +59,10 @@ pub fn toml_files(data: &[u8]) {
     }
     if let Ok(calibration) = calibration_file::parse("t", text) {
         let written = calibration_file::text(&calibration, None).expect("every calibration can be written");
-        assert_eq!(calibration_file::parse("t", &written).expect("what was written"), calibration);
+        assert_eq!(
+            calibration_file::parse("t", &written).expect("what was written"),
+            calibration
+        );
     }
 }
 

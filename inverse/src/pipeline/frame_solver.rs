@@ -248,6 +248,11 @@ impl FrameSolver {
         self.fitter.is_some()
     }
 
+    /// Whether touches that leave this misfit explain a frame, by the noise alone; `gain` is that of a mean.
+    pub(crate) fn explains(&self, misfit: f64, gain: f64) -> bool {
+        self.fitter.as_ref().is_some_and(|f| f.options().explains(misfit, gain))
+    }
+
     /// Begins a fit with touches of other signs.
     pub(crate) fn begin_other(&mut self) {
         self.fitter.iter_mut().for_each(Fitter::begin_other);

@@ -322,7 +322,8 @@ impl Reconstructor {
                 result.doubt,
                 Some(Doubt::NotThisSheet | Doubt::NotTouches | Doubt::FewValues { .. } | Doubt::Gone { .. })
             )
-            || (self.solver.fits() && (self.is_bare(1.0) || (result.misfit.is_none() && result.changed)))
+            || self.is_bare(1.0)
+            || (self.solver.fits() && result.misfit.is_none() && result.changed)
             || self.faults.is_open()
             || self.faults.rejects();
         let (touches, misfit) = (result.touches.len(), result.misfit);
@@ -402,9 +403,9 @@ impl Reconstructor {
 
     /// Whether the result is a change that shows no touch, and that none explains; `gain` is that of the frame's mean.
     fn is_bare(&self, gain: f64) -> bool {
-        let most = gain * self.options.contacts.explained;
         let result = &self.result;
-        result.changed && result.touches.is_empty() && result.misfit.is_none_or(|misfit| misfit > most)
+        let explained = result.misfit.is_some_and(|misfit| self.solver.explains(misfit, gain));
+        self.solver.fits() && result.changed && result.touches.is_empty() && !explained
     }
 
     /// Solves the difference of a frame, or of the mean of several.
@@ -446,7 +447,7 @@ impl Reconstructor {
             detector.forget();
         }
         let bare = self.is_bare(averaged.gain);
-        let unexplained = self.solver.fits() && (bare || (self.result.misfit.is_none() && self.result.changed));
+        let unexplained = bare || (self.solver.fits() && self.result.misfit.is_none() && self.result.changed);
         self.unexplained = if unexplained { self.unexplained + 1 } else { 0 };
         let least = match (self.options.sequence, bare) {
             (false, _) => 1,

@@ -30,7 +30,12 @@ impl FrameSolver {
     /// Whether a touch stands out of a frame that is like noise, of which nothing but the frame itself tells the size.
     pub(super) fn stands_out(&mut self, task: Task) -> bool {
         let used = task.difference.used.iter().filter(|used| **used).count();
-        let of = self.evidence_by_drift(task, used as f64);
+        // What contacts do is like touches at the rim.
+        let of = self.evidence_by_drift(
+            task,
+            &[Drifting::Nothing, Drifting::Common, Drifting::Contacts],
+            used as f64,
+        );
         let most = |of: &mut dyn Iterator<Item = f64>| of.fold(f64::NEG_INFINITY, f64::max);
         let [touched, alone] = [
             most(&mut of.iter().map(|e| e.touched)),
@@ -43,7 +48,7 @@ impl FrameSolver {
     pub(super) fn explain_most(&mut self, task: Task, result: &mut FrameResult) {
         let Some(fit) = self.options.fit else { return };
         let independent = INDEPENDENT * self.imager.model.electrodes() as f64;
-        let of = self.evidence_by_drift(task, independent);
+        let of = self.evidence_by_drift(task, &[Drifting::Nothing, task.drifting], independent);
         result.touches.clear();
         let Some(most) = of.iter().max_by(|a, b| a.touched.total_cmp(&b.touched)) else {
             return;
@@ -71,16 +76,14 @@ impl FrameSolver {
         result.touches.extend(placed.copied());
     }
 
-    /// What speaks for a touch with nothing that drifts, and with what the task says does. `independent`: values with errors of their
-    /// own.
-    fn evidence_by_drift(&mut self, task: Task, independent: f64) -> Vec<Evidence> {
+    /// What speaks for a touch beside each of these drifts, of which the first is none. `independent`: values with errors of their own.
+    fn evidence_by_drift(&mut self, task: Task, ways: &[Drifting], independent: f64) -> Vec<Evidence> {
         let said = self.said();
-        let ways = [Drifting::Nothing, task.drifting];
         let ways = match (self.options.drifts, self.options.sequence) {
             (false, _) => &ways[..1],
             // The responses without drift would have to be made first: as long as many frames take.
-            (true, true) => &ways[1..],
-            (true, false) => &ways[..],
+            (true, true) => &ways[ways.len() - 1..],
+            (true, false) => ways,
         };
         let mut whole = None;
         let mut found = Vec::with_capacity(ways.len());

@@ -258,6 +258,11 @@ impl Fitter {
         Self::with_options(imager, prior, FitterOptions::default())
     }
 
+    /// How it fits.
+    pub(crate) fn options(&self) -> &FitterOptions {
+        &self.options
+    }
+
     /// The same with other thresholds.
     pub fn with_options(imager: &Arc<Imager>, prior: FitOptions, options: FitterOptions) -> Option<Self> {
         let volts = ResponseTable::new(&imager.model, imager.drive, &imager.pattern, prior.radius_mm)?;
@@ -405,7 +410,7 @@ impl Fitter {
                 t.y_sd_mm = t.y_sd_mm.map(|sd| sd.hypot(y.sqrt()));
             }
         }
-        let explained = fitted.misfit <= job.data.gain * self.options.most_misfit
+        let explained = self.options.explains(fitted.misfit, job.data.gain)
             || fitted.relative_residual <= self.options.most_residual;
         self.followed.note(&job.data, fitted, explained);
         self.followed.holds.then_some(&self.fits.now)

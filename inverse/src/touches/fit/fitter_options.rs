@@ -58,6 +58,13 @@ pub struct FitterOptions {
     pub growth: ErrorGrowth,
 }
 
+impl FitterOptions {
+    /// Whether discs explain a frame that they leave this misfit of, by the noise alone; `gain` is that of a mean.
+    pub(crate) fn explains(&self, misfit: f64, gain: f64) -> bool {
+        misfit <= gain * self.most_misfit
+    }
+}
+
 impl Default for FitterOptions {
     fn default() -> Self {
         Self {
