@@ -19,6 +19,15 @@ fn no_crate_of_the_workspace_may_be_unsafe() {
     assert!(members.len() >= 12);
     for member in members {
         let folder = root().join(member.as_str().unwrap()).join("src");
+        if member.as_str() == Some("python") {
+            // The macros of pyo3 write unsafe code of their own, and allow it there; the crate itself has none.
+            for file in std::fs::read_dir(&folder).unwrap() {
+                let path = file.unwrap().path();
+                let text = std::fs::read_to_string(&path).unwrap();
+                assert!(!text.contains("unsafe"), "{}", path.display());
+            }
+            continue;
+        }
         let files = ["lib.rs", "main.rs"].map(|name| folder.join(name));
         let whole = files.iter().find(|file| file.exists()).unwrap();
         let text = std::fs::read_to_string(whole).unwrap();
