@@ -340,6 +340,16 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         eprintln!("warning: {left_out}");
     }
     let mut batch = ready.batch()?;
+    let looked_at = ready.prepared.tells_noise && !arguments.trust_electrodes;
+    if chosen.assumed && looked_at && !batch.inspection().conclusive {
+        bail!(
+            "{}: its baseline is not that of the paper's disc ({}), which is assumed where nothing says which sheet was measured. \
+             Describe the sheet with --sheet FILE. If it is that disc, look at the order of the values (--order) and of the wires \
+             (skin check), or say --diameter-mm 195",
+            table.file,
+            source.sheet
+        );
+    }
     sheet::say(batch.inspection());
     if let Some(found) = &batch.inspection().electrodes {
         let most = found.moved_mm.iter().fold(0.0_f64, |m, v| m.max(v.abs()));

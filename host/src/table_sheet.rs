@@ -84,6 +84,8 @@ pub(crate) struct Chosen {
     pub table_pattern: TablePattern,
     /// Side of the picture's cells, mm.
     pub cell_mm: f64,
+    /// Whether nothing said which sheet it is: the paper's disc was assumed.
+    pub assumed: bool,
 }
 
 /// Diameter that the defaults for lengths are given for, mm.
@@ -113,6 +115,7 @@ impl Geometry {
         let file = &table.file;
         let known = known.filter(|_| !self.says_sheet());
         let is_disc = self.sheet.is_none() && known.is_none();
+        let assumed = !self.says_sheet() && known.is_none() && table.sheet.is_none();
         let (sheet, wanted) = match (&self.sheet, known) {
             (None, Some(known)) => (known, None),
             (Some(path), _) => {
@@ -177,6 +180,7 @@ impl Geometry {
             pattern,
             table_pattern,
             cell_mm,
+            assumed,
         })
     }
 

@@ -157,6 +157,19 @@ impl Place<'_> {
         Ok((columns, header))
     }
 
+    /// Whether the line below the header names four electrodes: the file is a table whose header is another.
+    fn names_electrodes(&self, bytes: &[u8]) -> bool {
+        let text = String::from_utf8_lossy(bytes);
+        let mut lines = text
+            .lines()
+            .map(str::trim)
+            .filter(|l| !l.is_empty() && !l.starts_with('#'));
+        let first = lines.next().and_then(|header| header.split(',').next());
+        let named = first.is_some_and(|name| name.trim().parse::<f64>().is_err());
+        let row = lines.next().and_then(|line| self.fields(0, line).ok());
+        named && row.is_some_and(|row| row.len() > KEYS.len() && self.electrodes(0, &row).is_ok())
+    }
+
     /// The electrodes of a line, from 0, in the order of [`KEYS`].
     fn electrodes(&self, line: u64, record: &StringRecord) -> Result<[usize; 4], TableError> {
         let mut electrodes = [0; 4];
@@ -240,9 +253,12 @@ impl MeasurementTable {
             let record = at.fields(number, line)?;
             match &header {
                 None => {
-                    let (columns, read) = at
-                        .header(number, record)
-                        .map_err(|error| numbers_alone(file, bytes).unwrap_or(error))?;
+                    let (columns, read) =
+                        at.header(number, record)
+                            .map_err(|error| match at.names_electrodes(bytes) {
+                                true => error,
+                                false => numbers_alone(file, bytes).unwrap_or(error),
+                            })?;
                     table.columns = columns;
                     header = Some(read);
                 }
@@ -556,6 +572,14 @@ mod tests {
             (
                 "drive_a,drive_b,sense_a,sense_b,v,v\n".to_owned(),
                 ["t.csv:1", "no other column", "'v'"],
+            ),
+            (
+                "drive_a,drive_b,sense_a,sense_b,v,v\n1,2,3,4,0.1,0.2\n".to_owned(),
+                ["t.csv:1", "no other column", "'v'"],
+            ),
+            (
+                "source,sink,plus,minus,v\n1,2,3,4,0.1\n".to_owned(),
+                ["t.csv:1", "drive_a", "'source'"],
             ),
         ] {
             let message = parse(&text).unwrap_err().to_string();

@@ -123,7 +123,7 @@ fn a_simulated_skin_stores_nothing_unless_told_where() {
 fn starts_beside_busy_loops() {
     use std::sync::Arc;
     use std::sync::atomic::{AtomicBool, Ordering};
-    const STARTS: usize = 20;
+    const STARTS: usize = 100;
     let folder = tempfile::tempdir().unwrap();
     pictures(&run(folder.path(), &["--simulate"]));
     let stop = Arc::new(AtomicBool::new(false));

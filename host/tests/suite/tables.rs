@@ -213,9 +213,41 @@ fn another_order_than_the_frames_have_is_noticed() {
     let folder = Folder::new();
     let (empty, touched) = (values(&forward(&[])), values(&forward(&TOUCH)));
     let file = folder.file("a.csv", lines(&[&empty, &touched], ",", ""));
-    let (_, said) = reconstruct(&file, &["--order", "pyeit-fmmu", "--baseline", "1", "--cell-mm", "15"]);
+    let other = ["--order", "pyeit-fmmu", "--baseline", "1", "--cell-mm", "15"];
+    let said = refused(&file, &other);
+    assert!(said.contains("--order") && said.contains("--sheet FILE"), "{said}");
+    let (_, said) = reconstruct(&file, &[&other[..], &["--diameter-mm", "195"]].concat());
     assert!(said.contains("number and order of the electrodes"), "{said}");
 }
+
+/// Nothing is shown of another sheet as if it were the paper's disc; whoever insists is told in every frame.
+#[test]
+fn a_square_that_nothing_names_is_not_taken_for_a_disc() {
+    let folder = Folder::new();
+    let square = folder.file("square.toml", SQUARE);
+    let of_square = ["--sheet", square.to_str().unwrap()];
+    let rest = forward(&of_square);
+    let touched = forward(&[&of_square[..], &TOUCH].concat());
+    let frames = [("rest", values(&rest)), ("pressed", values(&touched))];
+    let file = folder.file("frames.csv", table(&rest, &frames));
+    let coarse = ["--baseline", "rest", "--cell-mm", "15"];
+    let said = refused(&file, &coarse);
+    assert!(
+        said.contains("not that of the paper's disc") && said.contains("--sheet FILE"),
+        "{said}"
+    );
+    let (lines, said) = reconstruct(&file, &[&coarse[..], &["--diameter-mm", "195"]].concat());
+    assert!(lines[0]["doubt"].is_string(), "{}", lines[0]);
+    assert!(said.contains("not that of the sheet as described"), "{said}");
+    let (lines, said) = reconstruct(&file, &[&coarse[..], &of_square].concat());
+    let (at, doubt) = (places(&lines[0]), &lines[0]["doubt"]);
+    assert!(
+        at.len() == 1 && (at[0][0] - 30.0).hypot(at[0][1] - 20.0) < 0.5 && doubt.is_null(),
+        "{lines:?} {said}"
+    );
+}
+
+const SQUARE: &str = include_str!("../../../sheets/square.toml");
 
 #[test]
 fn every_result_says_what_it_was_made_with() {

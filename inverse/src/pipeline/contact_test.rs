@@ -234,7 +234,11 @@ impl ContactTest {
         let other = self.solve_with(solver, quick, detectors, result);
         let contacts = evidence.zip(other).is_some_and(|(evidence, other)| match before {
             Drifting::Contacts => evidence.cheaper_than(other, self.options.margin),
-            _ => other.cheaper_than(evidence, self.options.margin_accepted),
+            _ => {
+                // What contacts alone explain, and no touches do, are contacts.
+                let alone = !result.changed && other.misfit <= self.options.explained && unexplained;
+                alone || other.cheaper_than(evidence, self.options.margin_accepted)
+            }
         });
         let now = if contacts { Drifting::Contacts } else { Drifting::Common };
         let evidence = if now == before {

@@ -9,7 +9,7 @@ use crate::pipeline::result::FrameResult;
 use crate::pipeline::weighted::{Pictures, Weightings};
 use crate::quality::contact::{Contacts, Evidence};
 use crate::reference::Difference;
-use crate::reference::drift::{ContactChange, DriftShapes, Drifting};
+use crate::reference::drift::{ContactChange, Drift, DriftShapes, Drifting};
 use crate::reference::imager::Imager;
 use crate::reference::noise::{NoiseEstimate, NoiseSource};
 use crate::stats::fisher_quantile;
@@ -491,17 +491,19 @@ impl FrameSolver {
     /// What drifted in a frame without touches.
     fn drift_alone(&mut self, task: Task, result: &mut FrameResult) {
         self.tabulate(false);
-        let nuisances = self
-            .weightings
-            .current()
-            .and_then(|w| w.tables.as_ref()?.nuisances.as_ref());
-        if let (Some(noise), Some(fitter), Some(nuisances)) = (task.noise, &mut self.fitter, nuisances) {
-            self.sizes.clear();
-            nuisances.along(task.difference.y.as_slice(), &mut self.sizes);
-            let sizes = &self.sizes;
-            let drift = fitter.drift_alone(Beside { nuisances, sizes }, noise.sigma);
+        if let Some(drift) = self.drift_beside(task) {
             result.drift.copy_from(drift);
         }
+    }
+
+    /// The same of the values and directions at hand.
+    fn drift_beside(&mut self, task: Task) -> Option<&Drift> {
+        let nuisances = self.weightings.current()?.tables.as_ref()?.nuisances.as_ref()?;
+        let (noise, fitter) = (task.noise?, self.fitter.as_mut()?);
+        self.sizes.clear();
+        nuisances.along(task.difference.y.as_slice(), &mut self.sizes);
+        let sizes = &self.sizes;
+        Some(fitter.drift_alone(Beside { nuisances, sizes }, noise.sigma))
     }
 
     /// Fits touches: those of the frame before, or the picture's peaks. The result has no misfit where discs do not explain the frame,

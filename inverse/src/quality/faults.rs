@@ -4,6 +4,10 @@
 //! every electrode and every single pair of values. A candidate is rejected when the rest then agrees so much better that
 //! chance would not do it (Fisher's test), and the search goes on with the rest.
 //!
+//! Several wild values hide each other: each is no more than the noise that the others make. In frames that have nothing to do
+//! with each other the worst values are therefore taken out one after another as well, up to the last that stands out of the
+//! rest (the generalised test of extreme deviates; Rosner, Technometrics 25, 1983).
+//!
 //! A touch that comes down or moves while a frame is measured makes its pairs disagree as well, because the two values are
 //! measured at different times. What is broken stays broken, mostly by far. In frames that follow one another, a candidate
 //! beyond no doubt is therefore rejected only when frame after frame names it.
@@ -109,6 +113,12 @@ struct OutlierSearch {
     earlier: Vec<(Candidate, usize)>,
 }
 
+/// One in so many pairs may be wild without an electrode or a drive to blame.
+const MOST_WILD: usize = 8;
+
+/// So many times as much as the worst that stays is what goes: the tail of a sheet that is not as the model has it does not stand apart.
+const APART: f64 = 2.0;
+
 /// Who disagrees.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Candidate {
@@ -205,7 +215,12 @@ impl OutlierSearch {
             };
             let again = self.worst(&now, &d.used, look, rejected, self.options.stays);
             let Some(is_outlier) = again.or_else(|| self.worst(&now, &d.used, look, |_| true, 1.0)) else {
-                break;
+                let Some((used, rest)) = self.hidden(&now, &d.used, look) else {
+                    break;
+                };
+                leave_out(d, used);
+                now = rest;
+                continue;
             };
             let before = self.earlier.iter().find(|(who, _)| *who == is_outlier.who);
             let frames = match before {
@@ -217,32 +232,75 @@ impl OutlierSearch {
             if self.sequence && frames < self.options.lasting_frames {
                 break;
             }
-            let Outlier { used, rest: better, .. } = is_outlier;
-            for (y, used) in d.y.iter_mut().zip(&used) {
-                if !used {
-                    *y = 0.0;
-                }
-            }
-            d.used = used;
-            now = better;
+            leave_out(d, is_outlier.used);
+            now = is_outlier.rest;
         }
         now.noise()
     }
 
-    /// Whether anything may be rejected: a single pair by chance alone, or a candidate that is worth a test.
+    /// Values that hide each other: what is used without them, and how that agrees.
+    fn hidden(
+        &mut self,
+        now: &Disagreement,
+        used: &[bool],
+        look: impl Fn(&[bool]) -> Option<Disagreement>,
+    ) -> Option<(Vec<bool>, Disagreement)> {
+        if self.sequence {
+            return None;
+        }
+        let tries = self.candidates.len() + now.pairs.len();
+        let (mut rest, mut left, mut pairs) = (now.clone(), used.to_vec(), Vec::new());
+        let mut found = None;
+        for _ in 0..now.pairs.len() / MOST_WILD {
+            let of_pairs = rest.residual.iter().zip(&rest.pairs);
+            let (most, worst) = of_pairs.max_by(|a, b| a.0.abs().total_cmp(&b.0.abs()))?;
+            pairs.push(*worst);
+            worst.iter().for_each(|m| left[*m] = false);
+            let Some(better) = look(&left).filter(|better| better.freedom >= LEAST_FREEDOM) else {
+                break;
+            };
+            let gone = (rest.square - better.square) * better.freedom as f64;
+            let beyond_chance = gone > better.square * limit(1, better.freedom, tries, self.options.false_alarm);
+            if beyond_chance && most.abs() > APART * better.residual.amax() {
+                found = Some((pairs.len(), left.clone(), better.clone()));
+            }
+            rest = better;
+        }
+        let (count, left, rest) = found?;
+        let named = pairs[..count].iter().map(|pair| (Candidate::Values(*pair), 1));
+        self.named.extend(named);
+        Some((left, rest))
+    }
+
+    /// Whether some pairs may hide each other, each by its leverage as if it went alone.
+    fn may_hide(&self, now: &Disagreement, leverage: &[f64], limit: f64) -> bool {
+        if self.sequence {
+            return false;
+        }
+        let of_pairs = now.residual.iter().zip(leverage);
+        let mut gone: Vec<f64> = of_pairs.map(|(r, l)| r * r / (1.0 - l).max(f64::EPSILON)).collect();
+        gone.sort_unstable_by(|a, b| b.total_cmp(a));
+        let (mut square, mut freedom) = (now.square, now.freedom);
+        gone.iter().take(now.pairs.len() / MOST_WILD).any(|gone| {
+            (square, freedom) = ((square - gone).max(0.0), freedom.saturating_sub(1));
+            gone * freedom as f64 > limit * square
+        })
+    }
+
+    /// Whether anything may be rejected: single pairs by chance alone, or a candidate that is worth a test.
     fn may_hold_outliers(&mut self, now: &Disagreement, leverage: &[f64], model_v: &[f64], d: &Difference) -> bool {
         let worst = now
             .residual
             .iter()
             .zip(leverage)
             .max_by(|a, b| a.0.abs().total_cmp(&b.0.abs()));
-        let Some((residual, leverage)) = worst else {
+        let Some((residual, own)) = worst else {
             return false;
         };
         if now.freedom < 2 {
             return false;
         }
-        let gone = residual * residual / (1.0 - leverage).max(f64::EPSILON);
+        let gone = residual * residual / (1.0 - own).max(f64::EPSILON);
         let freedom = now.freedom - 1;
         let rest = (now.square - gone).max(0.0) / freedom as f64;
         let limit = match self.limit {
@@ -258,6 +316,7 @@ impl OutlierSearch {
         let by_chance = gone <= limit * rest;
         // What is no number is not.
         !by_chance
+            || self.may_hide(now, leverage, limit)
             || (0..self.candidates.len()).any(|k| self.worth_a_test(k, now) && self.is_outlier(k, now, model_v, d))
     }
 
@@ -360,6 +419,16 @@ impl OutlierSearch {
         }
         chosen.map(|(_, is_outlier)| is_outlier)
     }
+}
+
+/// Takes values out of a frame.
+fn leave_out(d: &mut Difference, used: Vec<bool>) {
+    for (y, used) in d.y.iter_mut().zip(&used) {
+        if !used {
+            *y = 0.0;
+        }
+    }
+    d.used = used;
 }
 
 /// How many times the noise the mean square of what is left out may be by chance.
@@ -467,6 +536,26 @@ mod tests {
         let sigma = frames.judge(&mut d);
         assert!((sigma / 1e-4 - 1.0).abs() < 0.35, "{sigma}");
         assert!(!d.used[77] && d.used.iter().filter(|u| !**u).count() == 2);
+    }
+
+    /// Each of ten is less than what the others make the noise to be. Now and then so many look like an electrode.
+    #[test]
+    fn wild_values_that_hide_each_other_are_left_out_and_mostly_no_more() {
+        let mut frames = Frames::new();
+        let (mut found, mut alone) = (0, 0);
+        for frame in 0..40 {
+            let size = if frame < 20 { 3e-3 } else { 3e-2 };
+            let mut d = frames.quiet();
+            let wild: Vec<usize> = (0..10).map(|_| frames.rng.random_range(0..208)).collect();
+            for k in &wild {
+                d.y[*k] = if frames.rng.random() { size } else { -size };
+            }
+            let sigma = frames.judge(&mut d);
+            let right = (sigma / 1e-4 - 1.0).abs() < 0.35 && wild.iter().all(|k| !d.used[*k]);
+            found += usize::from(right);
+            alone += usize::from(right && d.used.iter().filter(|u| !**u).count() <= 2 * wild.len());
+        }
+        assert!(found >= 36 && alone >= 34, "{found} {alone}");
     }
 
     #[test]

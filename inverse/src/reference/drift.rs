@@ -48,6 +48,9 @@ pub struct Drift {
     /// What contacts that drift add to the cost of the touches, in units of chi-square.
     #[serde(skip)]
     pub(crate) cost: f64,
+    /// How much more probable the frame is with contacts that drift than without, as a logarithm.
+    #[serde(skip)]
+    pub(crate) evidence: f64,
     /// The contact that changed more than the others do, where the frame shows one.
     #[serde(skip)]
     pub contact: Option<ContactChange>,
@@ -102,6 +105,7 @@ impl Drift {
             contacts: Vec::new(),
             by_contacts: false,
             cost: 0.0,
+            evidence: 0.0,
             contact: None,
         }
     }
@@ -123,6 +127,7 @@ impl Drift {
             contacts: Vec::with_capacity(electrodes),
             by_contacts: false,
             cost: 0.0,
+            evidence: 0.0,
             contact: None,
         }
     }
@@ -131,14 +136,16 @@ impl Drift {
     pub(crate) fn copy_from(&mut self, other: &Self) {
         self.gain = other.gain;
         self.contacts.clone_from(&other.contacts);
-        (self.by_contacts, self.cost, self.contact) = (other.by_contacts, other.cost, other.contact);
+        (self.by_contacts, self.contact) = (other.by_contacts, other.contact);
+        (self.cost, self.evidence) = (other.cost, other.evidence);
     }
 
     /// Makes it no drift.
     pub(crate) fn clear(&mut self) {
         self.gain = 1.0;
         self.contacts.clear();
-        (self.by_contacts, self.cost, self.contact) = (false, 0.0, None);
+        (self.by_contacts, self.contact) = (false, None);
+        (self.cost, self.evidence) = (0.0, 0.0);
     }
 }
 

@@ -36,12 +36,22 @@ impl FrameSolver {
             &[Drifting::Nothing, Drifting::Common, Drifting::Contacts],
             used as f64,
         );
-        let most = |of: &mut dyn Iterator<Item = f64>| of.fold(f64::NEG_INFINITY, f64::max);
-        let [touched, alone] = [
-            most(&mut of.iter().map(|e| e.touched)),
-            most(&mut of.iter().map(|e| e.alone)),
-        ];
-        touched.is_finite() && touched - alone > -self.options.false_alarm.ln()
+        let touched = of.iter().map(|e| e.touched).fold(f64::NEG_INFINITY, f64::max);
+        let alone = of.iter().map(|e| e.alone).fold(f64::NEG_INFINITY, f64::max);
+        let stands_out = touched.is_finite() && touched - alone > -self.options.false_alarm.ln();
+        // Contacts that drift by no more than is usual are more probable than any that do.
+        let common = of
+            .iter()
+            .find(|e| e.drifting == Drifting::Common)
+            .filter(|_| stands_out);
+        let usual = common.map(|e| e.alone + self.contacts_alone(task));
+        stands_out && usual.is_none_or(|usual| touched > usual)
+    }
+
+    /// How much more probable a frame without touches is with contacts that drift than without, as a logarithm.
+    fn contacts_alone(&mut self, task: Task) -> f64 {
+        self.look(task, Drifting::Contacts);
+        self.drift_beside(task).map_or(0.0, |drift| drift.evidence)
     }
 
     /// The touches that explain most of a frame that no discs explain, nor a picture.

@@ -332,18 +332,18 @@ impl Nuisances {
         let of_contacts: f64 = scratch.probabilities.iter().skip(COMMON_WIDTHS).sum();
         drift.by_contacts = of_contacts > 0.5;
         drift.contact = self.contact(sigma, scratch);
-        drift.cost = self.cost(drift.contact, scratch);
+        (drift.evidence, drift.cost) = self.cost(drift.contact, scratch);
     }
 
-    /// What contacts that drift add to the cost of the touches: chi-square that they would leave with none, less twice the
-    /// logarithm of how much more probable the best width is, or the best contact of all.
-    fn cost(&self, contact: Option<ContactChange>, scratch: &mut NuisanceScratch) -> f64 {
+    /// How much more probable the best width is than no contact that drifts, as a logarithm. And what contacts that drift add to the
+    /// cost of the touches: chi-square that they would leave with none, less twice that logarithm, or that of the best contact of all.
+    fn cost(&self, contact: Option<ContactChange>, scratch: &mut NuisanceScratch) -> (f64, f64) {
         let (rank, count) = (scratch.sizes.len(), self.electrodes);
         let rows = padded(rank, LANES);
         let common = COMMON_WIDTHS - 1;
         let of = |l: usize| scratch.log_evidence.get(l).copied().unwrap_or(f64::NEG_INFINITY);
         if count == 0 || of(common) == f64::NEG_INFINITY {
-            return 0.0;
+            return (0.0, 0.0);
         }
         let any = (COMMON_WIDTHS..scratch.log_evidence.len()).map(of);
         let widest = any.fold(f64::NEG_INFINITY, f64::max);
@@ -358,7 +358,8 @@ impl Nuisances {
         scratch.kind.extend_from_slice(&scratch.sizes);
         scratch.kind.resize(rows, 0.0);
         forward(self.table.arch(), m, inverse, &mut scratch.kind);
-        dot(&scratch.kind, &scratch.kind) - 2.0 * (widest.max(alone) - of(common))
+        let cost = dot(&scratch.kind, &scratch.kind) - 2.0 * (widest.max(alone) - of(common));
+        (widest - of(common), cost)
     }
 
     /// The contact that explains the sizes best with every width for the others; none where the frame is not more probable
