@@ -5,6 +5,7 @@ use crate::board_info::BoardInfo;
 use crate::front_end::FrontEnd;
 use crate::measuring::Measuring;
 use crate::memory::Memory;
+use crate::route::Router;
 use crate::settings::{self, Settings, StoreFault};
 use crate::support::Support;
 use crate::task::Probe;
@@ -116,10 +117,10 @@ where
     /// the self-test; the board works without.
     #[inline(never)]
     fn remember(&mut self) {
-        let (info, memory, support) = self.measuring.parts();
+        let (info, front, memory, support) = self.measuring.parts();
         let mut taken = false;
         let found = settings::load_with(support, |stored| {
-            if suits(stored, info, &info.limits()) {
+            if suits(stored, info, front) {
                 memory.settings.copy_from(stored);
                 taken = true;
             }
@@ -364,7 +365,7 @@ where
         let info = self.measuring.info();
         let check = plan.recipe().check(info.electrodes, info.gains(), &info.limits());
         check.map_err(BoardError::Plan)?;
-        self.check_wired(plan.recipe()).map_err(BoardError::Plan)?;
+        check_wired(plan.recipe(), self.measuring.front_mut()).map_err(BoardError::Plan)?;
         if self.measuring.memory().settings.plan != *plan {
             self.changed();
         }
@@ -374,24 +375,12 @@ where
         Ok(())
     }
 
-    /// Whether the amplifiers are where a recipe wants them.
-    fn check_wired(&mut self, recipe: Recipe<'_>) -> Result<(), PlanError> {
-        let front = self.measuring.front_mut();
-        for (slot, wanted) in (0..).zip(recipe.slots) {
-            let (step, gain) = (wanted.sense_step, wanted.gain);
-            if recipe.sampling == Sampling::Simultaneous && !front.senses_all(step, gain) {
-                return Err(PlanError::NotWired { slot, step, gain });
-            }
-        }
-        Ok(())
-    }
-
     #[inline(never)]
     fn set_watch(&mut self, watch: Option<&Watch>) -> Result<(), BoardError> {
         if let Some(watch) = watch {
             let info = self.measuring.info();
             check_watch(watch, info, &info.limits())?;
-            self.check_wired(watch.recipe()).map_err(BoardError::Watch)?;
+            check_wired(watch.recipe(), self.measuring.front_mut()).map_err(BoardError::Watch)?;
         }
         if self.measuring.memory().settings.watch.as_ref() != watch {
             self.changed();
@@ -473,7 +462,7 @@ where
 
     fn save_settings(&mut self) -> Result<(), BoardError> {
         self.only_at_rest()?;
-        let (_, memory, support) = self.measuring.parts();
+        let (_, _, memory, support) = self.measuring.parts();
         settings::save(support, &memory.settings).map_err(refused)?;
         self.stored = Stored::InForce;
         self.acknowledge(Command::SaveSettings);
@@ -525,11 +514,24 @@ fn refused(fault: StoreFault) -> BoardError {
     })
 }
 
-/// Whether stored settings are ones that this board can carry out.
-fn suits(settings: &Settings, info: &BoardInfo<'_>, limits: &Limits) -> bool {
-    let plan = settings.plan.recipe().check(info.electrodes, info.gains(), limits);
-    let watch = settings.watch.as_ref().map_or(Ok(()), |w| check_watch(w, info, limits));
-    plan.is_ok() && watch.is_ok() && (1..=1000).contains(&settings.excitation_permille)
+/// Whether stored settings are ones that this board can carry out, and its amplifiers are wired for.
+fn suits<F: Router>(settings: &Settings, info: &BoardInfo<'_>, front: &F) -> bool {
+    let limits = info.limits();
+    let plan = settings.plan.recipe();
+    let carries = plan.check(info.electrodes, info.gains(), &limits).is_ok() && check_wired(plan, front).is_ok();
+    let watches = |w: &Watch| check_watch(w, info, &limits).is_ok() && check_wired(w.recipe(), front).is_ok();
+    carries && settings.watch.as_ref().is_none_or(watches) && (1..=1000).contains(&settings.excitation_permille)
+}
+
+/// Whether the amplifiers are where a recipe wants them.
+fn check_wired<F: Router>(recipe: Recipe<'_>, front: &F) -> Result<(), PlanError> {
+    for (slot, wanted) in (0..).zip(recipe.slots) {
+        let (step, gain) = (wanted.sense_step, wanted.gain);
+        if recipe.sampling == Sampling::Simultaneous && !front.senses_all(step, gain) {
+            return Err(PlanError::NotWired { slot, step, gain });
+        }
+    }
+    Ok(())
 }
 
 /// Whether the board can carry a watch out.

@@ -1,5 +1,9 @@
 //! What is measured when: frames, the watch while nothing touches, and tests in between.
 
+mod source;
+mod testing;
+mod watch;
+
 use crate::board_info::BoardInfo;
 use crate::error::{Error, ErrorKind};
 use crate::front_end::FrontEnd;
@@ -8,32 +12,11 @@ use crate::memory::Memory;
 use crate::reference::SAMPLES_PER_PERIOD;
 use crate::scan::{Pace, Progress};
 use crate::scan_error::ScanError;
-use crate::self_test;
-use crate::settings;
 use crate::support::Support;
 use crate::task::{Probe, Task, recipe};
-use crate::watch_state::{AfterScan, WatchState};
+use crate::watch_state::WatchState;
 use core::ops::DerefMut;
-use protocol::{
-    BoardError, Counters, FoldedPeriod, FrontEndFault, Heartbeat, Notice, Outgoing, PeriodRequest, QUARTERS, Watching,
-};
-
-/// Largest error of the source's amplitude: one part in this many of what was set. A source that is further off has failed:
-/// the board stops. A larger share lets a failing source pass.
-const SOURCE_TOLERANCE: u32 = 10;
-
-/// Further error allowed to the source's amplitude, in thousandths of full scale: the converter's codes and whole thousandths
-/// round that much. It is the larger of the two allowances below 20 thousandths.
-const ROUNDING_PERMILLE: u32 = 2;
-
-/// Largest change of the source's amplitude while the board measures: one part in this many of what it was at the start. All
-/// values change by as much, and a touch of 25 N changes a value by some hundredths. A smaller share tells the noise of two
-/// periods.
-const SOURCE_CHANGE: u32 = 50;
-
-/// Quarter periods that the sheet rests after the source was measured between two frames: also the first value of a plan
-/// without settling is then as in other frames.
-const REST_QUARTERS: u16 = QUARTERS as u16;
+use protocol::{BoardError, Counters, FrontEndFault, Heartbeat, Outgoing, QUARTERS, Watching};
 
 /// Periods beyond a window's own that a front end may take to lend it. Fewer stop a board whose front end lends late; more
 /// only delay the report of a front end that hangs.
@@ -131,9 +114,9 @@ where
         &mut self.memory
     }
 
-    /// Constants, memory and support at once: for settings, and the store that keeps them.
-    pub(crate) fn parts(&mut self) -> (&BoardInfo<'a>, &mut Memory, &mut S) {
-        (&self.info, &mut self.memory, &mut self.support)
+    /// Constants, front end, memory and support at once: for settings, and the store that keeps them.
+    pub(crate) fn parts(&mut self) -> (&BoardInfo<'a>, &F, &mut Memory, &mut S) {
+        (&self.info, &self.front, &mut self.memory, &mut self.support)
     }
 
     /// What was counted so far.
@@ -212,22 +195,6 @@ where
         self.watch.switch_off();
     }
 
-    /// Begins to measure a folded period. The request was checked.
-    pub(crate) fn measure_period(&mut self, request: PeriodRequest) {
-        self.probe = Probe::period(request, self.info.electrodes);
-        self.begin(Task::Period);
-    }
-
-    /// Begins the self-test.
-    pub(crate) fn test(&mut self) {
-        let store_works = settings::load_with(&mut self.support, |_| {}).is_ok();
-        self.memory.report = self_test::begun(&self.info, store_works);
-        self.probe = Probe::drive_pair(0, self.info.electrodes, self.memory.report.gain);
-        if self.excite() {
-            self.begin(Task::TestSource);
-        }
-    }
-
     /// Begins to measure by the settings, the source first. False if it failed, which was then reported.
     pub(crate) fn start(&mut self) -> bool {
         self.begin_running();
@@ -244,18 +211,6 @@ where
         let now = self.support.now();
         self.lives.measures_from(now);
         (self.began_permille, self.source_is_off) = (0, false);
-    }
-
-    /// Switches the source on at the amplitude that is set.
-    fn excite(&mut self) -> bool {
-        let set = self.front.set_amplitude(self.memory.settings.excitation_permille);
-        match set.and_then(|()| self.front.switch_on()) {
-            Ok(()) => true,
-            Err(e) => {
-                self.fail(e.kind());
-                false
-            }
-        }
     }
 
     /// Measures what the board was told to, from here on; nothing if it was not.
@@ -439,84 +394,6 @@ where
         Counters::add(&mut self.counters.dropped, dropped);
     }
 
-    /// A drive of the watch is over: the next one, or the plan if it showed a change.
-    fn watch_slot(&mut self) {
-        if self.look() {
-            return;
-        }
-        let memory = &mut *self.memory;
-        if let Some(watch) = &memory.settings.watch {
-            let went = memory.scan.go_on(watch.recipe(), &mut self.front);
-            self.survived(went);
-        }
-    }
-
-    /// Puts the newest slot to the test; true if it woke the board.
-    fn look(&mut self) -> bool {
-        let memory = &mut *self.memory;
-        let Some(watch) = &memory.settings.watch else {
-            return false;
-        };
-        let Some(slot) = memory.scan.noise().len().checked_sub(1) else {
-            return false;
-        };
-        let values = memory.scan.values();
-        let size = watch.slots.get(slot).map_or(0, |s| s.sense.count_ones() as usize);
-        let start = values.len().saturating_sub(size);
-        memory.change.put(slot, start, values.get(start..).unwrap_or_default());
-        if !self.watch.wakes(memory.change.level(), watch) {
-            return false;
-        }
-        Counters::add(&mut self.counters.wakes, 1);
-        if self.begin(Task::Frames) {
-            self.beat();
-        }
-        true
-    }
-
-    /// A scan of the watch is over.
-    fn watch_scan(&mut self) {
-        Counters::add(&mut self.counters.watch_scans, 1);
-        if self.look() {
-            return;
-        }
-        let memory = &mut *self.memory;
-        let Some(watch) = &memory.settings.watch else {
-            return self.resume();
-        };
-        let (after, rest) = (self.watch.after_scan(memory.change.level(), watch), watch.rest_quarters);
-        match after {
-            AfterScan::Learn => {
-                let ends = watch.slots.iter().scan(0, |end, slot| {
-                    *end += slot.sense.count_ones() as usize;
-                    Some(*end)
-                });
-                memory.change.learn_from(memory.scan.values(), ends);
-                self.resume();
-            }
-            AfterScan::Sleep => {
-                memory.change.follow(memory.scan.values());
-                self.begin_after(Task::Watch, rest);
-            }
-            AfterScan::Heartbeat => {
-                memory.change.follow(memory.scan.values());
-                // With each sign of life a look at the source.
-                self.probe = Probe::drive_pair(0, self.info.electrodes, 0);
-                if self.begin(Task::Source) {
-                    self.beat();
-                }
-            }
-            AfterScan::FallAsleep => {
-                if self.begin_after(Task::Watch, rest) {
-                    self.beat();
-                }
-            }
-            AfterScan::Frames => {
-                self.begin(Task::Frames);
-            }
-        }
-    }
-
     /// Says that it is alive and what it does.
     fn beat(&mut self) {
         let beat = Heartbeat {
@@ -526,122 +403,5 @@ where
             scans: self.counters.watch_scans,
         };
         self.send(Outgoing::Heartbeat(beat));
-    }
-
-    /// The source was measured: go on if its amplitude is what was set.
-    fn source(&mut self) {
-        if !self.source_is(self.memory.settings.excitation_permille, SOURCE_TOLERANCE) {
-            Counters::add(&mut self.counters.front_end_faults, 1);
-            return self.halt(FrontEndFault::Source);
-        }
-        if self.began_permille == 0 {
-            self.began_permille = self.source_permille();
-        }
-        self.measured_on();
-        self.resume();
-    }
-
-    /// The source was measured between two frames: tell if it is not what it was, and on with the next frame.
-    fn checked(&mut self) {
-        // A start in the middle of a test has not measured it.
-        let (began_permille, part) = match self.began_permille {
-            0 => (self.memory.settings.excitation_permille, SOURCE_TOLERANCE),
-            began => (began, SOURCE_CHANGE),
-        };
-        let (permille, right) = (self.source_permille(), self.source_is(began_permille, part));
-        if self.began_permille == 0 && right {
-            self.began_permille = permille;
-        }
-        let tell = !right || self.source_is_off;
-        self.source_is_off = !right;
-        self.measured_on();
-        if self.begin_after(Task::Frames, REST_QUARTERS) && tell {
-            self.send(Outgoing::Notice(Notice::Source {
-                permille,
-                began_permille,
-                right,
-            }));
-        }
-    }
-
-    /// The source was measured: again in a second, if frames are. Long enough without a fault, and the life is a good one.
-    fn measured_on(&mut self) {
-        let second = self.info.samples_per_second();
-        self.check_at = self.went_on.saturating_add(second);
-        if self.lives.still_measures(self.went_on, second) {
-            self.support.keep(self.lives.word());
-        }
-    }
-
-    /// Whether the source as it was just measured has this amplitude, to one part in so many, and is in phase.
-    fn source_is(&self, permille: u16, part: u32) -> bool {
-        let measured = self.source_permille();
-        let most = u32::from(permille).checked_div(part).unwrap_or(0) + ROUNDING_PERMILLE;
-        u32::from(measured.abs_diff(permille)) <= most && self_test::in_phase(&self.memory.scan)
-    }
-
-    /// The source's amplitude as it was just measured, in thousandths of full scale.
-    fn source_permille(&self) -> u16 {
-        let values = self.memory.scan.frame(0, 0, true);
-        let amplitude = match (values.values, values.quadrature) {
-            // Whatever phase it has: that is tested by itself, and less strictly.
-            ([i], [q]) => {
-                let square = |v: &protocol::Value| u32::from(v.sixteenths().unsigned_abs()).pow(2);
-                square(i).saturating_add(square(q)).isqrt()
-            }
-            _ => 0,
-        };
-        let permille = i64::from(amplitude) * 1000;
-        let permille = permille.checked_div(self.info.source_full_scale()).unwrap_or(0);
-        permille.clamp(0, u16::MAX.into()) as u16
-    }
-
-    /// The source was measured for the self-test; on to the first drive pair.
-    fn tested_source(&mut self) {
-        let (measured, set) = (self.source_permille(), self.memory.settings.excitation_permille);
-        let memory = &mut *self.memory;
-        self_test::source_measured(&mut memory.report, &memory.scan, measured, set);
-        self.begin(Task::TestPair);
-    }
-
-    /// A drive pair was measured for the self-test; on to the next one, or to the sense pairs.
-    fn tested_pair(&mut self) {
-        let memory = &mut *self.memory;
-        self_test::pair_measured(&mut memory.report, &memory.scan);
-        let next = self_test::next_pair(&memory.report, &self.info);
-        let (probe, task) = match next {
-            Some(probe) => (probe, Task::TestPair),
-            None => (Probe::beside(0, false, self.info.electrodes), Task::TestSense),
-        };
-        self.probe = probe;
-        self.begin(task);
-    }
-
-    /// A sense pair was measured for the self-test; on to the next one, or the end.
-    fn tested_sense(&mut self) {
-        let memory = &mut *self.memory;
-        self_test::sense_measured(&mut memory.report, &self.probe, &memory.scan);
-        if let Some(next) = self_test::next_sense(&memory.report, &self.probe, &self.info) {
-            self.probe = next;
-            self.begin(Task::TestSense);
-        } else {
-            self_test::judge(&mut memory.report, &self.info);
-            let dropped = memory.outbox.push(&Outgoing::SelfTest(&memory.report));
-            Counters::add(&mut self.counters.dropped, dropped);
-            self.resume();
-        }
-    }
-
-    /// A folded period is complete.
-    fn period(&mut self) {
-        let folded = self.memory.scan.folded();
-        let period = FoldedPeriod {
-            request: self.probe.request,
-            time: self.memory.scan.time(),
-            clipped: folded.railed(0),
-            bins: folded.period(0),
-        };
-        self.send(Outgoing::Period(&period));
-        self.resume();
     }
 }

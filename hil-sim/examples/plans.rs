@@ -1,4 +1,4 @@
-//! The plans' times and signal to noise ratios, on the default electronics and on the drawn board: the tables of
+//! The plans' times and signal to noise ratios, on the default electronics and on both drawn boards: the tables of
 //! docs/firmware.md.
 //!
 //! `cargo run -p hil-sim --example plans`
@@ -95,12 +95,18 @@ fn main() -> Result<(), Box<dyn Error>> {
             },
         ),
     ];
-    for preset in [Preset::SixteenChannels, Preset::DrawnBoard] {
+    for preset in [Preset::SixteenChannels, Preset::DrawnBoard, Preset::DrawnSixteen] {
         println!("\n{}\n", preset.name());
         println!("| plan | values | periods | ms | frames/s | bytes/frame | kB/s | signal to noise, dB |");
         println!("|---|---|---|---|---|---|---|---|");
         for (name, plan) in &plans {
-            if !preset.electronics().one_channel || plan.sampling == Sampling::Sequential {
+            let wired = match preset {
+                Preset::DrawnBoard => plan.sampling == Sampling::Sequential,
+                // Its amplifiers are wired to neighbours, through gain 0.
+                Preset::DrawnSixteen => plan.slots.iter().all(|slot| slot.sense_step == 1 && slot.gain == 0),
+                _ => true,
+            };
+            if wired {
                 row(preset, &model, name, plan)?;
             }
         }

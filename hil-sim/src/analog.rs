@@ -169,7 +169,13 @@ impl Analog {
             return Some([0.0; MAX_CHANNELS]);
         }
         let current = Current::new(sheet, route, e.switch_ohm, broken);
-        Some(self.channels(route, sheet.electrodes(), |a, b| gain * current.share(a, b)))
+        let mut out = self.channels(route, sheet.electrodes(), |a, b| gain * current.share(a, b));
+        if matches!(route.sense, Sense::All { .. }) {
+            let dead = |channel: usize| broken.channels_dead >> channel & 1 == 1;
+            let parts = out.iter_mut().enumerate().filter(|(channel, _)| dead(*channel));
+            parts.for_each(|(_, part)| *part = 0.0);
+        }
+        Some(out)
     }
 
     /// What a route has besides its amplitudes: what it picks up, where it rests, and what is missing where source or
@@ -214,7 +220,7 @@ impl Analog {
         }
         let current = Current::new(sheet, route, e.switch_ohm, broken);
         let electrodes = sheet.electrodes();
-        let mut pair = |channel: usize, a: usize, b: usize| {
+        let mut pair = |room: &HeadRoom, channel: usize, a: usize, b: usize| {
             let late_turns = self.late_s[channel] / self.period_s();
             let own = gain * (1.0 + of_channel(&e.gain_error, channel));
             bend(
@@ -224,10 +230,15 @@ impl Analog {
         };
         match route.sense {
             Sense::Source => {}
-            Sense::One(sense) => pair(0, sense.plus.into(), sense.minus.into()),
+            Sense::One(sense) => pair(&room, 0, sense.plus.into(), sense.minus.into()),
             Sense::All { step } => {
                 for n in 0..electrodes.min(MAX_CHANNELS) {
-                    pair(n, (n + usize::from(step)) % electrodes, n);
+                    if broken.channels_dead >> n & 1 == 0 {
+                        let lost_v = broken.reach_lost_v + broken.channels_reach_lost_v[n];
+                        if let Some(room) = HeadRoom::new(e, broken.drive_reference_lost, lost_v) {
+                            pair(&room, n, (n + usize::from(step)) % electrodes, n);
+                        }
+                    }
                 }
             }
         }

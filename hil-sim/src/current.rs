@@ -1,7 +1,7 @@
 //! The drive's current through switches and sheet, and what of the circuit is broken.
 
 use crate::head_room::Pickup;
-use firmware::Route;
+use firmware::{MAX_CHANNELS, Route};
 use forward::ElectrodeMatrix;
 
 /// What is broken between source and converter; by default nothing.
@@ -16,6 +16,10 @@ pub struct Broken {
     pub amplifier_dead: bool,
     /// How much less near to the supply's ends that amplifier's first stage comes, V.
     pub reach_lost_v: f64,
+    /// Channels whose own amplifiers give nothing where all pairs are sensed at once, bit n for channel n.
+    pub channels_dead: u32,
+    /// As `reach_lost_v`, in addition, of such channels' own amplifiers.
+    pub channels_reach_lost_v: [f64; MAX_CHANNELS],
     /// The reference in the middle of the supply is at 0 V. Seen only where a supply is given.
     pub drive_reference_lost: bool,
     /// The reference of the amplifiers' outputs is at 0 V.

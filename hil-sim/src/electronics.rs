@@ -200,6 +200,23 @@ impl Electronics {
         }
     }
 
+    /// The board of docs/board.md with sixteen channels: the drawn board's parts, an amplifier for every neighbouring pair, and
+    /// two converters of 16 bits side by side.
+    /// - each takes eight channels, one every microsecond: 84 ticks of 84 MHz;
+    /// - what one channel sees is converted by a third one later in the row, with faster filters: other gains;
+    /// - the converters' noise is that of the drawn board's, 0.4 codes of 12 bits: assumed, nobody has measured it.
+    pub fn drawn_sixteen() -> Self {
+        Self {
+            source_gain_milli: 288,
+            one_channel: false,
+            in_turn: 8,
+            skew_ticks: 84,
+            gains_milli: vec![12_600, 588],
+            adc_bits: 16,
+            ..Self::drawn_board()
+        }
+    }
+
     /// Bits of the codes that the converter gives: [`Electronics::adc_bits`], 12 at least.
     pub fn code_bits(&self) -> u8 {
         self.adc_bits.clamp(LEAST_BITS, MOST_BITS)

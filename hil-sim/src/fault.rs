@@ -129,6 +129,18 @@ pub enum FaultKind {
         /// By how much more than it should, V.
         volt: f64,
     },
+    /// The amplifier of one channel of a board that senses all pairs at once gives nothing.
+    ChannelDead {
+        /// Which channel's, from 0.
+        channel: u8,
+    },
+    /// The first stage of such an amplifier stops before its supply. Seen only where the electronics have a supply.
+    ChannelSaturating {
+        /// Which channel's, from 0.
+        channel: u8,
+        /// By how much more than it should, V.
+        volt: f64,
+    },
     /// A closed switch has more resistance than the others. Sense multiplexers carry no current.
     SwitchResistance {
         /// Of which multiplexer.
@@ -281,6 +293,10 @@ impl Fault {
         number("at_s", self.at_s, f64::MAX, "0 or more, and finite")?;
         number("for_s", self.for_s.unwrap_or(0.0), f64::INFINITY, "0 or more")?;
         let not_below = "0 or more, and finite";
+        let known_channel = |channel: u8| {
+            let most = firmware::MAX_CHANNELS as f64 - 1.0;
+            number("channel", channel.into(), most, "between 0 and 15")
+        };
         match self.kind {
             FaultKind::BytesLost { rate }
             | FaultKind::BytesFlipped { rate }
@@ -315,9 +331,11 @@ impl Fault {
             FaultKind::SourceSags { part } => number("part", part, 1.0, "between 0 and 1"),
             FaultKind::AmplifierSaturating { volt } => number("volt", volt, 1000.0, "between 0 and 1000"),
             FaultKind::AdcStuck { code } => number("code", code.into(), 4095.0, "between 0 and 4095"),
-            FaultKind::Saturation { channel } => {
-                let most = firmware::MAX_CHANNELS as f64 - 1.0;
-                number("channel", channel.unwrap_or(0).into(), most, "between 0 and 15")
+            FaultKind::Saturation { channel } => known_channel(channel.unwrap_or(0)),
+            FaultKind::ChannelDead { channel } => known_channel(channel),
+            FaultKind::ChannelSaturating { channel, volt } => {
+                known_channel(channel)?;
+                number("volt", volt, 1000.0, "between 0 and 1000")
             }
             FaultKind::LineBreak
             | FaultKind::BreakToBoard
@@ -412,6 +430,13 @@ fn parsed(text: &str) -> Option<Fault> {
         },
         "amplifier_dead" => FaultKind::AmplifierDead,
         "amplifier_saturating" => FaultKind::AmplifierSaturating {
+            volt: given.next()?.parse().ok()?,
+        },
+        "channel_dead" => FaultKind::ChannelDead {
+            channel: given.next()?.parse().ok()?,
+        },
+        "channel_saturating" => FaultKind::ChannelSaturating {
+            channel: given.next()?.parse().ok()?,
             volt: given.next()?.parse().ok()?,
         },
         "switch_resistance" => FaultKind::SwitchResistance {

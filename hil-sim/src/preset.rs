@@ -15,11 +15,13 @@ pub enum Preset {
     Ideal,
     /// The board of docs/board.md.
     DrawnBoard,
+    /// That with sixteen channels.
+    DrawnSixteen,
 }
 
 impl Preset {
     /// All of them.
-    pub const ALL: [Self; 3] = [Self::SixteenChannels, Self::Ideal, Self::DrawnBoard];
+    pub const ALL: [Self; 4] = [Self::SixteenChannels, Self::Ideal, Self::DrawnBoard, Self::DrawnSixteen];
 
     /// Its name in files and on the command line.
     pub fn name(self) -> &'static str {
@@ -27,6 +29,7 @@ impl Preset {
             Self::SixteenChannels => "sixteen_channels",
             Self::Ideal => "ideal",
             Self::DrawnBoard => "drawn_board",
+            Self::DrawnSixteen => "drawn_sixteen",
         }
     }
 
@@ -36,6 +39,7 @@ impl Preset {
             Self::SixteenChannels => Electronics::default(),
             Self::Ideal => Electronics::ideal(),
             Self::DrawnBoard => Electronics::drawn_board(),
+            Self::DrawnSixteen => Electronics::drawn_sixteen(),
         }
     }
 }

@@ -43,6 +43,12 @@ impl Wiring {
                 FaultKind::AdcStuck { code } => out.adc = Some(code),
                 FaultKind::AmplifierDead => out.broken.amplifier_dead = true,
                 FaultKind::AmplifierSaturating { volt } => out.broken.reach_lost_v += volt,
+                FaultKind::ChannelDead { channel } => out.broken.channels_dead |= 1 << channel,
+                FaultKind::ChannelSaturating { channel, volt } => {
+                    if let Some(lost_v) = out.broken.channels_reach_lost_v.get_mut(usize::from(channel)) {
+                        *lost_v += volt;
+                    }
+                }
                 FaultKind::SwitchResistance {
                     multiplexer,
                     electrode,

@@ -26,7 +26,7 @@ pub(crate) struct Arguments {
     /// electrodes. Every value is held against theory, and what is wrong is named (docs/board.md).
     #[arg(long, value_name = "OHM", conflicts_with = "no_test", value_parser = number::positive("a resistance in ohm above 0"))]
     phantom: Option<f64>,
-    /// The electronics of the simulated board: sixteen_channels, ideal or drawn_board (docs/simulator.md).
+    /// The electronics of the simulated board: sixteen_channels, ideal, drawn_board or drawn_sixteen (docs/simulator.md).
     #[arg(long, value_name = "NAME", requires = "simulate")]
     preset: Option<Preset>,
     /// Something that breaks on the simulated board, as for `skin sim`, such as amplifier_dead@0 or wires_swapped:5,6@0; repeatable.

@@ -21,7 +21,7 @@ pub(crate) struct Arguments {
     /// multiplexer_stuck:drive_plus,3@5; repeatable, in addition to the scene's (docs/simulator.md lists them); electrodes count from 1.
     #[arg(long, value_name = "KIND@AT[+FOR]")]
     fault: Vec<Fault>,
-    /// The board's electronics, with nothing changed: sixteen_channels, ideal or drawn_board (docs/simulator.md) [default: the
+    /// The board's electronics, with nothing changed: sixteen_channels, ideal, drawn_board or drawn_sixteen (docs/simulator.md) [default: the
     /// scene's].
     #[arg(long, value_name = "NAME")]
     preset: Option<Preset>,

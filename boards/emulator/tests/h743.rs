@@ -4,14 +4,15 @@
 
 mod common;
 
-use common::sixteen::{AWAKE_NS, electronics, world};
+use common::sixteen::{AWAKE_NS, Words, electronics, world};
 use common::{frames, hellos, program, sheet, touched};
 use emulator::h743::chip::{INSTRUCTIONS_PER_SECOND, run_in};
 use emulator::run::{Outcome, Setup};
+use firmware::settings::{self, Settings};
 use firmware::{Excitation, Pace, Progress, Scan, Wiring};
 use hil_sim::{Clock, FixedSheet, SimFrontEnd};
 use protocol::{
-    BoardError, Frame, FromBoard, Outgoing, Plan, PlanError, ResetCause, Sampling, ToBoard, Watch, Watching,
+    BoardError, Frame, FromBoard, Outgoing, Plan, PlanError, ResetCause, Sampling, Stored, ToBoard, Watch, Watching,
 };
 
 /// One period of the excitation, ns: 16 samples of 3392 ticks of 200 MHz.
@@ -286,6 +287,51 @@ fn it_says_who_it_is_and_passes_its_self_test() {
     println!("{} of {} bytes of stack used", outcome.stack, outcome.stack_size);
     assert!(outcome.stack + 1024 <= outcome.stack_size);
     assert!(outcome.gaps.is_empty(), "{:?}", outcome.gaps);
+}
+
+#[test]
+fn stored_settings_that_its_amplifiers_are_not_wired_for_do_not_stop_its_start() {
+    let not_wired = |plan: bool| {
+        let mut settings = Settings {
+            autostart: true,
+            excitation_permille: 900,
+            plan: Plan::fast(),
+            watch: Some(Watch::paper()),
+        };
+        let watch = settings.watch.as_mut().unwrap();
+        let slots = if plan {
+            &mut settings.plan.slots[..]
+        } else {
+            &mut watch.slots[..]
+        };
+        slots[0].sense_step = 2;
+        settings
+    };
+    for plan in [true, false] {
+        let mut memory = Words::erased();
+        settings::save(&mut memory, &not_wired(plan)).unwrap();
+        let setup = Setup {
+            flash: memory.placed(),
+            commands: vec![(AWAKE_NS, ToBoard::GetStatus), (AWAKE_NS + 5_000_000, ToBoard::Start)],
+            ..Setup::default()
+        };
+        let outcome = run_in(&program("h743"), world(), setup, 2, AWAKE_NS + 200_000_000).unwrap();
+        let status = outcome.messages.iter().find_map(|(_, m)| match m {
+            FromBoard::Status(s) => Some(*s),
+            _ => None,
+        });
+        // It starts as it was made, says that what is stored cannot be used, and measures when it is told to.
+        let status = status.unwrap();
+        assert_eq!((status.stored, status.running), (Stored::Unusable, false), "{plan}");
+        assert_eq!(
+            (frames(&outcome).len(), outcome.resets),
+            (2, 0),
+            "{:?}",
+            outcome.messages
+        );
+        let failed = outcome.messages.iter().any(|(_, m)| matches!(m, FromBoard::Error(_)));
+        assert!(!failed, "{:?}", outcome.messages);
+    }
 }
 
 #[test]

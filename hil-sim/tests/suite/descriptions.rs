@@ -169,6 +169,14 @@ fn faults_are_written_as_words() {
             Fault::new(0.0, FaultKind::AmplifierSaturating { volt: 0.5 }),
         ),
         (
+            "channel_dead:7@0",
+            Fault::new(0.0, FaultKind::ChannelDead { channel: 7 }),
+        ),
+        (
+            "channel_saturating:7,0.5@0",
+            Fault::new(0.0, FaultKind::ChannelSaturating { channel: 7, volt: 0.5 }),
+        ),
+        (
             "switch_resistance:drive_plus,16,150@0",
             Fault::new(
                 0.0,
@@ -239,6 +247,8 @@ fn faults_that_cannot_be_are_refused() {
         "address_swapped:drive_plus,0,3@1",
         "switch_resistance:drive_plus,17,10@1",
         "amplifier_saturating:-1@1",
+        "channel_dead:16@1",
+        "channel_saturating:3,-1@1",
         "contact_raised:3,-1@1",
         "board_reset@-1",
         "board_reset@1+-1",

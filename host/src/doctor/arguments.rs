@@ -33,7 +33,7 @@ pub(crate) struct Examined {
     /// Folder of the stored baselines [default: $XDG_STATE_HOME/skin or ~/.local/state/skin, and none for a simulated board].
     #[arg(long, value_name = "DIR")]
     pub(crate) state_dir: Option<PathBuf>,
-    /// The electronics of the simulated board: sixteen_channels, ideal or drawn_board (docs/simulator.md).
+    /// The electronics of the simulated board: sixteen_channels, ideal, drawn_board or drawn_sixteen (docs/simulator.md).
     #[arg(long, value_name = "NAME", requires = "simulate")]
     pub(crate) preset: Option<Preset>,
     /// Something that breaks on the simulated board, as for `skin sim`, such as electrode_open:3@0; repeatable.

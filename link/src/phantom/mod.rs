@@ -95,6 +95,20 @@ pub enum Finding {
         /// The farthest, in parts.
         worst: f64,
     },
+    /// The amplifier of one channel gives no signal; the one behind the multiplexers does.
+    ChannelDead {
+        /// Which one, from 0.
+        channel: usize,
+    },
+    /// The values of one channel are not those of the amplifier behind the multiplexers.
+    Channel {
+        /// Which one, from 0.
+        channel: usize,
+        /// Its gain over that of the amplifier behind the multiplexers.
+        ratio: f64,
+        /// The farthest value from this ratio, in parts.
+        worst: f64,
+    },
     /// Noise of a value.
     Noise,
     /// Phase of the values.
@@ -116,6 +130,8 @@ impl Finding {
             Self::Resistor { .. } => "resistor",
             Self::Gain { .. } => "gain",
             Self::Values { .. } => "spread",
+            Self::ChannelDead { .. } => "channel_dead",
+            Self::Channel { .. } => "channel",
             Self::Noise => "noise",
             Self::Phase => "phase",
             Self::Offset => "offset",
@@ -165,6 +181,20 @@ impl fmt::Display for Finding {
             Self::Values { count, worst } => write!(
                 f,
                 "{count} values are off those of their drive and pair, the farthest by {:.1} %",
+                100.0 * worst
+            ),
+            Self::ChannelDead { channel } => write!(
+                f,
+                "channel {} gives no signal, between electrodes {} and the next: look at its amplifier and its wires",
+                channel + 1,
+                channel + 1
+            ),
+            Self::Channel { channel, ratio, worst } => write!(
+                f,
+                "channel {}, between electrodes {} and the next, has {ratio:.3} of the gain it should have, and single values are off \
+                 by up to {:.1} %: look at its amplifier, which may saturate, and at its wires",
+                channel + 1,
+                channel + 1,
                 100.0 * worst
             ),
             Self::Noise => f.write_str("the values have more noise than the converter has"),
@@ -261,6 +291,7 @@ impl Bench<'_> {
             return verdict;
         }
         self.figures(&mut verdict);
+        self.channels(&mut verdict.findings);
         let limits = [
             (verdict.sigma > SIGMA_LIMIT, Finding::Noise),
             (verdict.phase_deg > PHASE_LIMIT_DEG, Finding::Phase),
@@ -331,6 +362,29 @@ impl Bench<'_> {
     fn bent(&self) -> usize {
         let is_bent = |r: &&Reading| !r.clipped && r.bent > BENT.0 + BENT.1 * r.in_phase.abs();
         self.sense().filter(is_bent).count()
+    }
+
+    /// Holds every channel of a board that senses all pairs at once against the amplifier behind the multiplexers, on the same
+    /// drives and pairs.
+    fn channels(&self, found: &mut Vec<Finding>) {
+        let Some(at_once) = &self.readings.at_once else { return };
+        for channel in 0..self.ring.electrodes {
+            let both = || {
+                let pairs = self.sense().zip(at_once);
+                pairs.filter_map(|(r, v)| (r.sense[1] == channel && !r.clipped).then_some((r.in_phase, *v)))
+            };
+            let square: f64 = both().map(|(one, _)| one * one).sum();
+            let ratio = both().map(|(one, all)| one * all).sum::<f64>() / square;
+            if ratio.abs() < DEAD {
+                found.push(Finding::ChannelDead { channel });
+                continue;
+            }
+            let apart = both().map(|(one, all)| (all / one / ratio - 1.0).abs());
+            let worst = apart.fold(0.0, f64::max);
+            if (ratio - 1.0).abs() > GAIN_LIMIT || worst > SPREAD_LIMIT {
+                found.push(Finding::Channel { channel, ratio, worst });
+            }
+        }
     }
 
     /// Switches, gain, resistors and spread of a board whose wires are right.

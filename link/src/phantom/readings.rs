@@ -3,7 +3,10 @@
 use crate::ask::{PATIENCE, insist};
 use crate::error::LinkError;
 use crate::link::Link;
-use protocol::{Command, FoldedPeriod, FromBoard, Hello, PERIOD_BINS, Pair, PeriodRequest, ToBoard};
+use protocol::{
+    Command, FoldedPeriod, Frame, FromBoard, Hello, PERIOD_BINS, Pair, PeriodRequest, Plan, ToBoard, Watch,
+};
+use std::collections::HashMap;
 use std::f64::consts::TAU;
 use std::time::Duration;
 
@@ -15,6 +18,9 @@ const SETTLE_QUARTERS: u16 = 8;
 const FIRST_FRAME: Duration = Duration::from_secs(10);
 /// Values of one period each that the noise of a value is estimated from: it is known to 9 % then.
 const REPEATS: usize = 64;
+/// Frames of all channels at once that are averaged. A value of one period has a quarter of a code of noise; of these it is
+/// 0.1 in some thousand.
+const FRAMES: usize = 8;
 
 /// One pair's folded period.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,6 +48,8 @@ pub struct Reading {
 pub struct Readings {
     /// For each drive of neighbours its own voltage, then the sense pairs that share no electrode with it.
     pub list: Vec<Reading>,
+    /// Of a board that senses all pairs at once: the sense pairs of `list` in its order, each by its own channel, codes in phase.
+    pub at_once: Option<Vec<f64>>,
     /// Standard deviation of a value of one period, codes.
     pub sigma: f64,
     /// The source as it is set, in parts of full scale.
@@ -64,7 +72,13 @@ pub fn read(link: &Link, hello: &Hello) -> Result<Readings, LinkError> {
     link.ask("the first frame", ToBoard::GetStatus, FIRST_FRAME, |m| {
         matches!(m, FromBoard::Frame(_) | FromBoard::Heartbeat(_)).then_some(())
     })?;
-    let readings = all(link, hello, f64::from(status.excitation_permille) / 1000.0);
+    let readings = all(link, hello, f64::from(status.excitation_permille) / 1000.0).and_then(|readings| {
+        let plan = Plan::fast();
+        let senses_all = hello.limits.channels >= hello.electrodes && plan.slots.len() == usize::from(hello.electrodes);
+        let values = senses_all.then(|| at_once(link, &plan)).transpose()?;
+        let at_once = values.and_then(|values| in_order(&readings.list, &plan, &values));
+        Ok(Readings { at_once, ..readings })
+    });
     if !status.running {
         insist(link, "the stop", &ToBoard::Stop, PATIENCE, |m| {
             matches!(m, FromBoard::Ack(Command::Stop)).then_some(())
@@ -94,9 +108,74 @@ fn all(link: &Link, hello: &Hello, excitation: f64) -> Result<Readings, LinkErro
     let square = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>();
     Ok(Readings {
         list,
+        at_once: None,
         sigma: (square / (values.len() - 1) as f64).sqrt(),
         excitation,
     })
+}
+
+/// The mean of some frames of all pairs at once. Plan and watch are afterwards what they were.
+fn at_once(link: &Link, plan: &Plan) -> Result<Vec<f64>, LinkError> {
+    let before = insist(link, "its plan", &ToBoard::GetPlan, PATIENCE, |m| match m {
+        FromBoard::Plan(plan) => Some(plan),
+        _ => None,
+    })?;
+    let watch = insist(link, "its watch", &ToBoard::GetWatch, PATIENCE, |m| match m {
+        FromBoard::Watch(watch) => Some(watch),
+        _ => None,
+    })?;
+    if watch.is_some() {
+        set_watch(link, None)?;
+    }
+    if *plan != before {
+        set_plan(link, plan)?;
+    }
+    let mean = mean_of_frames(link, plan);
+    if *plan != before {
+        set_plan(link, &before)?;
+    }
+    if watch.is_some() {
+        set_watch(link, watch)?;
+    }
+    mean
+}
+
+/// A plan's values in the order of the readings' sense pairs; nothing where it has not all of these.
+fn in_order(list: &[Reading], plan: &Plan, values: &[f64]) -> Option<Vec<f64>> {
+    let pairs = plan.slots.iter().flat_map(|slot| {
+        let drive = [slot.drive.plus, slot.drive.minus].map(usize::from);
+        let sensed = (0..u32::BITS as usize).filter(|n| slot.sense >> n & 1 == 1);
+        sensed.map(move |minus| (drive, minus))
+    });
+    let measured: HashMap<_, f64> = pairs.zip(values.iter().copied()).collect();
+    let sense = list.iter().filter(|r| !r.own);
+    sense.map(|r| measured.get(&(r.drive, r.sense[1])).copied()).collect()
+}
+
+fn set_plan(link: &Link, plan: &Plan) -> Result<(), LinkError> {
+    insist(link, "its plan", &ToBoard::SetPlan(plan.clone()), PATIENCE, |m| {
+        matches!(m, FromBoard::Plan(set) if set == *plan).then_some(())
+    })
+}
+
+fn set_watch(link: &Link, watch: Option<Watch>) -> Result<(), LinkError> {
+    insist(link, "its watch", &ToBoard::SetWatch(watch.clone()), PATIENCE, |m| {
+        matches!(m, FromBoard::Watch(set) if set == watch).then_some(())
+    })
+}
+
+fn mean_of_frames(link: &Link, plan: &Plan) -> Result<Vec<f64>, LinkError> {
+    let mut sum = vec![0.0; plan.value_count()];
+    for _ in 0..FRAMES {
+        let frame: Frame = link.ask("a frame", ToBoard::GetStatus, FIRST_FRAME, |m| match m {
+            FromBoard::Frame(frame) if frame.plan == plan.id && frame.values.len() == sum.len() => Some(frame),
+            _ => None,
+        })?;
+        for (sum, value) in sum.iter_mut().zip(&frame.values) {
+            *sum += value.codes() / FRAMES as f64;
+        }
+    }
+    Ok(sum)
 }
 
 fn one(

@@ -100,6 +100,74 @@ fn a_good_board_passes_with_the_figures_of_theory() {
     assert_eq!(other.findings, [], "{other:?}");
 }
 
+fn sixteen(faults: &[&str]) -> Verdict {
+    tested(Electronics::drawn_sixteen(), FixedSheet::ring(16, 470.0), faults).unwrap()
+}
+
+#[test]
+fn on_a_board_with_sixteen_channels_every_channels_fault_is_named() {
+    let good = sixteen(&[]);
+    assert_eq!(good.findings, [], "{good:?}");
+    assert!((good.switch_ohm - 100.0).abs() < 1.5, "{good:?}");
+    for channel in [0, 6, 15] {
+        let verdict = sixteen(&[&format!("channel_dead:{channel}@0")]);
+        assert_eq!(verdict.findings, [Finding::ChannelDead { channel }], "{verdict:?}");
+        let verdict = sixteen(&[&format!("channel_saturating:{channel},1.2@0")]);
+        assert!(
+            matches!(verdict.findings[..], [Finding::Channel { channel: found, worst, .. }] if found == channel && worst > 0.025),
+            "{verdict:?}"
+        );
+    }
+    // One gain resistor of 5 % too much.
+    let mut gain_error = vec![0.0; 16];
+    gain_error[3] = -0.05;
+    let electronics = Electronics {
+        gain_error,
+        ..Electronics::drawn_sixteen()
+    };
+    let verdict = tested(electronics, FixedSheet::ring(16, 470.0), &[]).unwrap();
+    assert!(
+        matches!(verdict.findings[..], [Finding::Channel { channel: 3, ratio, worst }]
+            if (ratio - 0.95).abs() < 2e-3 && worst < 5e-3),
+        "{verdict:?}"
+    );
+}
+
+#[test]
+fn on_a_board_with_sixteen_channels_what_it_shares_with_the_other_is_named_alike() {
+    assert_eq!(sixteen(&["amplifier_dead@0"]).findings, [Finding::AmplifierDead]);
+    for (fault, expected) in [
+        ("wires_swapped:5,6@0", Wiring::Electrodes(4, 5)),
+        (
+            "address_swapped:sense_minus,0,2@0",
+            Wiring::Address(Multiplexer::SenseMinus, 0, 2),
+        ),
+        (
+            "address_swapped:drive_plus,0,1@0",
+            Wiring::Address(Multiplexer::DrivePlus, 0, 1),
+        ),
+    ] {
+        let verdict = sixteen(&[fault]);
+        assert_eq!(verdict.findings, [Finding::Wiring(expected)], "{fault}: {verdict:?}");
+    }
+    let verdict = sixteen(&["switch_resistance:drive_plus,5,150@0"]);
+    assert!(
+        matches!(verdict.findings[..], [Finding::Switches { drive: 4, .. }]),
+        "{verdict:?}"
+    );
+    let verdict = sixteen(&["amplifier_saturating:0.5@0"]);
+    assert!(
+        matches!(verdict.findings[..], [Finding::Saturation { of: 208, .. }]),
+        "{verdict:?}"
+    );
+    let refused = tested(
+        Electronics::drawn_sixteen(),
+        FixedSheet::ring(16, 470.0),
+        &["reference_lost:drive@0"],
+    );
+    assert!(matches!(refused, Err(LinkError::Refused(_))), "{refused:?}");
+}
+
 #[test]
 fn wrong_wires_are_named() {
     for (fault, wiring) in [

@@ -7,19 +7,9 @@ use hil_sim::Electronics;
 
 /// The converters are calibrated one after the other before the board says who it is.
 pub(crate) const AWAKE_NS: u64 = 60_000_000;
-/// The drawn board's parts with a channel for every electrode: two converters of 16 bits side by side, each channel 200 of
-/// 3392 ticks after the one before it; the simulator has 1425 ticks.
+/// The board as the simulator knows it.
 pub(crate) fn electronics() -> Electronics {
-    Electronics {
-        one_channel: false,
-        in_turn: 8,
-        skew_ticks: 84,
-        adc_bits: 16,
-        // ADC2's later conversions have faster filters.
-        gains_milli: vec![12_600, 588],
-        source_gain_milli: 288,
-        ..Electronics::drawn_board()
-    }
+    Electronics::drawn_sixteen()
 }
 
 pub(crate) fn world() -> World {
