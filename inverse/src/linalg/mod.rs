@@ -6,5 +6,6 @@ pub(crate) mod block;
 pub(crate) mod columns;
 pub(crate) mod dense;
 pub(crate) mod kernels;
+pub(crate) mod pivoted;
 pub(crate) mod signs;
 pub(crate) mod vector;

@@ -207,7 +207,8 @@ impl ContactTest {
         self.until = self.until.saturating_sub(1);
         let touches = result.touches.len();
         let unexplained = result.misfit.is_none_or(|misfit| misfit > self.options.explained);
-        let due = self.until == 0 && (unexplained || self.drifting == Drifting::Contacts);
+        // A frame that changed without a touch is asked as well: a contact may be what changed it.
+        let due = self.until == 0 && (unexplained || touches == 0 || self.drifting == Drifting::Contacts);
         let asked = touches > self.stood || due || self.monitor.is_open();
         if !(solver.fits() && result.changed && asked) {
             self.stood = self.stood.min(touches);

@@ -8,12 +8,13 @@
 //! is not like the model keeps its electrodes where they were said to be.
 
 mod amplifiers;
+mod linear;
 
 pub use amplifiers::{Amplifier, AmplifierError};
 
 use crate::reference::imager::Imager;
-use forward::{Pattern, Sensitivity, Solver};
-use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+use linear::{Linear, Scales};
+use nalgebra::DVector;
 
 /// What the baseline says of the electrodes.
 #[derive(Clone, Debug)]
@@ -125,32 +126,6 @@ impl Default for ElectrodeFitOptions {
 /// Reach of the paper's disc, mm.
 const PAPER_REACH_MM: f64 = 97.5;
 
-/// One choice of the standard deviations.
-#[derive(Clone, Copy)]
-struct Scales {
-    error: f64,
-    unevenness: f64,
-    place_mm: f64,
-    contact: f64,
-}
-
-/// The linear model of the baseline's logarithms about some sheet.
-struct Linear {
-    options: ElectrodeFitOptions,
-    /// Which values of the baseline are in use.
-    used: Vec<usize>,
-    /// What the linear part makes of the logarithms where the electrodes are.
-    about: DVector<f64>,
-    /// Logarithm of the baseline over the model, for the values in use.
-    residual: DVector<f64>,
-    /// Its derivatives by the logarithms of the contacts and by the places.
-    slopes: DMatrix<f64>,
-    /// Covariance that an unevenness of 1 makes.
-    uneven: DMatrix<f64>,
-    /// Relative error of every value, in units of the common one: small values are less certain.
-    spread: DVector<f64>,
-}
-
 /// Finds the electrodes of an imager's sheet from a baseline (any unit; not a number where a value is missing). `None` when too few
 /// values can be used or what comes out makes no sense; the electrodes are then best left where they are.
 pub fn find(imager: &Imager, baseline: &[f64]) -> Option<ElectrodeFit> {
@@ -221,7 +196,7 @@ fn settle(
     loop {
         round += 1;
         // Beyond the linear part: what the values would be if all were linear about the prior's mean.
-        let y = &linear.residual + &linear.slopes * &at;
+        let y = &linear.residual + linear.slopes() * &at;
         let s = *scales.get_or_insert_with(|| linear.best(&y, reach));
         let (mean, covariance) = linear.solve(&y, s).ok_or(NoFit::NoSheet)?;
         let step = (&mean - &at).rows(n, n).amax();
@@ -234,7 +209,7 @@ fn settle(
         // About where the electrodes are now: for the next step, or for what the last one leaves.
         linear = Linear::new(&here, baseline, options).ok_or(NoFit::TooFew)?;
         if last {
-            linear.about = &linear.slopes * &at;
+            linear.about = linear.slopes() * &at;
             let fit = ElectrodeFit {
                 misfit: linear.misfit(),
                 imager: here,
@@ -248,159 +223,4 @@ fn settle(
             return Ok((fit, linear, s));
         }
     }
-}
-
-impl Linear {
-    fn new(imager: &Imager, baseline: &[f64], options: &ElectrodeFitOptions) -> Option<Self> {
-        let n = imager.model.electrodes();
-        let mut sizes: Vec<f64> = baseline.iter().copied().filter(|v| *v > 0.0 && v.is_finite()).collect();
-        sizes.sort_by(f64::total_cmp);
-        let middle = *sizes.get(sizes.len() / 2)?;
-        let used: Vec<usize> = (0..imager.pattern.len().min(baseline.len()))
-            .filter(|k| baseline[*k] > 1e-3 * middle && baseline[*k].is_finite() && imager.model_v[*k] > 0.0)
-            .collect();
-        if used.len() < options.least_values * n {
-            return None;
-        }
-        let solver = Solver::new(imager.model.clone()).ok()?;
-        let all = Sensitivity::by_electrode(&solver).matrix_v(imager.drive, solver.electrode_matrix(), &imager.pattern);
-        let slopes = DMatrix::from_fn(used.len(), 2 * n, |k, p| all[(used[k], p)] / imager.model_v[used[k]]);
-        let bumps = &imager.sensitivity * bumps(imager, options.bumps);
-        let bumps = DMatrix::from_fn(used.len(), bumps.ncols(), |k, p| {
-            bumps[(used[k], p)] / imager.model_v[used[k]]
-        });
-        Some(Self {
-            options: *options,
-            about: DVector::zeros(used.len()),
-            residual: DVector::from_iterator(
-                used.len(),
-                used.iter().map(|k| (baseline[*k] / imager.model_v[*k]).ln()),
-            ),
-            slopes,
-            uneven: &bumps * bumps.transpose(),
-            spread: DVector::from_iterator(used.len(), used.iter().map(|k| (middle / baseline[*k]).hypot(1.0))),
-            used,
-        })
-    }
-
-    /// What the logarithms deviate by from the model but for the common gain, root mean square.
-    fn misfit(&self) -> f64 {
-        let mean = self.residual.mean();
-        self.residual.map(|r| (r - mean).powi(2)).mean().sqrt()
-    }
-
-    /// Values that the others do not predict, with measured over predicted; or an amplifier that does so better.
-    fn stand_out(&self, s: Scales, baseline: &[f64], pattern: &Pattern) -> (Vec<(usize, f64)>, Option<Amplifier>) {
-        let Some(factor) = Cholesky::<f64, Dyn>::new(self.covariance(s)) else {
-            return (Vec::new(), None);
-        };
-        let inverse = factor.inverse();
-        let weighted = &inverse * (&self.residual + &self.about);
-        // Residual against all others, and that over its standard deviation.
-        let against: Vec<(f64, f64)> = (0..self.used.len())
-            .map(|k| (weighted[k] / inverse[(k, k)], weighted[k] / inverse[(k, k)].sqrt()))
-            .collect();
-        let worst = against.iter().fold(0.0_f64, |m, (_, z)| m.max(z.abs()));
-        let amplifier = amplifiers::most(&inverse, &weighted, &self.used, baseline, pattern);
-        let stands_out = |(found, z): &(Amplifier, f64)| {
-            *z > self.options.outlier.max(worst) && found.off(baseline, pattern) > self.options.least_outlier
-        };
-        if let Some((amplifier, _)) = amplifier.filter(stands_out) {
-            return (Vec::new(), Some(amplifier));
-        }
-        let outliers = against.iter().zip(&self.used);
-        // Next to a much worse one a value is not judged yet.
-        let outliers = outliers.filter(|((off, z), _)| {
-            z.abs() > self.options.outlier.max(0.5 * worst) && off.abs() > self.options.least_outlier
-        });
-        (outliers.map(|((off, _), k)| (*k, off.exp())).collect(), None)
-    }
-
-    fn prior(&self, s: Scales) -> DMatrix<f64> {
-        let n = self.slopes.ncols() / 2;
-        let mut prior = DMatrix::zeros(2 * n, 2 * n);
-        for l in 0..n {
-            for k in 0..n {
-                prior[(l, k)] = self.options.common_contact * self.options.common_contact;
-            }
-            prior[(l, l)] += s.contact * s.contact;
-            prior[(n + l, n + l)] = s.place_mm * s.place_mm;
-        }
-        prior
-    }
-
-    /// Covariance of the values under a choice of scales.
-    fn covariance(&self, s: Scales) -> DMatrix<f64> {
-        let mut m = &self.slopes * self.prior(s) * self.slopes.transpose();
-        m += &self.uneven * (s.unevenness * s.unevenness);
-        m.add_scalar_mut(self.options.gain * self.options.gain);
-        for (k, spread) in self.spread.iter().enumerate() {
-            m[(k, k)] += (s.error * spread).powi(2);
-        }
-        m
-    }
-
-    /// The scales with the greatest evidence.
-    fn best(&self, y: &DVector<f64>, reach: f64) -> Scales {
-        let mut best = (
-            f64::NEG_INFINITY,
-            Scales {
-                error: self.options.errors[self.options.errors.len() - 1],
-                unevenness: 0.0,
-                place_mm: self.options.places_mm[0] * reach,
-                contact: self.options.contacts[0],
-            },
-        );
-        for error in self.options.errors {
-            for unevenness in self.options.unevennesses {
-                for place in self.options.places_mm {
-                    for contact in self.options.contacts {
-                        let s = Scales {
-                            error,
-                            unevenness,
-                            place_mm: place * reach,
-                            contact,
-                        };
-                        let Some(factor) = Cholesky::new(self.covariance(s)) else {
-                            continue;
-                        };
-                        let determinant: f64 = factor.l_dirty().diagonal().iter().map(|d| 2.0 * d.ln()).sum();
-                        let evidence = -0.5 * (y.dot(&factor.solve(y)) + determinant);
-                        if evidence > best.0 {
-                            best = (evidence, s);
-                        }
-                    }
-                }
-            }
-        }
-        best.1
-    }
-
-    /// Mean and covariance of contacts and places.
-    fn solve(&self, y: &DVector<f64>, s: Scales) -> Option<(DVector<f64>, DMatrix<f64>)> {
-        let prior = self.prior(s);
-        let factor: Cholesky<f64, Dyn> = Cholesky::new(self.covariance(s))?;
-        let across = &self.slopes * &prior;
-        let mean = across.tr_mul(&factor.solve(y));
-        let covariance = &prior - across.tr_mul(&factor.solve(&across));
-        mean.iter().all(|v| v.is_finite()).then_some((mean, covariance))
-    }
-}
-
-/// Smooth bumps over the cells whose squares add up to 1 on average: what an uneven sheet is made of.
-fn bumps(imager: &Imager, distance: f64) -> DMatrix<f64> {
-    let step = distance * imager.reach_mm();
-    let count = (1.0 / distance).ceil() as i32;
-    let centres: Vec<[f64; 2]> = (-count..=count)
-        .flat_map(|i| (-count..=count).map(move |k| [f64::from(i) * step, f64::from(k) * step]))
-        .collect();
-    let mut out = DMatrix::from_fn(imager.grid.len(), centres.len(), |cell, k| {
-        let [x, y] = imager.grid.centre(cell);
-        let d2 = (x - centres[k][0]).powi(2) + (y - centres[k][1]).powi(2);
-        (-0.5 * d2 / (0.75 * step).powi(2)).exp()
-    });
-    out /= (out.norm_squared() / imager.grid.len() as f64)
-        .sqrt()
-        .max(f64::MIN_POSITIVE);
-    out
 }

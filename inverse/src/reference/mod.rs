@@ -9,6 +9,7 @@ pub mod drift;
 pub mod electrode_fit;
 pub mod imager;
 pub mod inspection;
+mod low_rank;
 pub mod noise;
 pub mod screening;
 mod taken;

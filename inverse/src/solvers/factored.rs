@@ -6,9 +6,8 @@ use nalgebra::{Cholesky, DMatrix, DVector, SymmetricEigen};
 /// `A = B D`: columns B that span those of A (`values x rank`), as long as the singular values, and orthonormal rows D
 /// (`rank x cells`).
 ///
-/// What is left out of A's values is left out of B: `f(A) P = f(B) D P` for every linear f and scales P of the cells. Its
-/// decomposition needs none of a matrix larger than `rank x rank`: two fifths of the time of [`Problem::new`] with 208 values, an eighth
-/// with 928.
+/// What is left out of A's values is left out of B: `f(A) P = f(B) D P` for every linear f and scales P of the cells. It is
+/// decomposed without a matrix of all values and cells.
 #[derive(Clone, Debug)]
 pub struct Factored {
     columns: DMatrix<f64>,

@@ -1,12 +1,15 @@
 //! A least squares problem reduced once to its row space.
 
 use crate::linalg::columns::Columns;
+use crate::linalg::pivoted::pivoted_cholesky;
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use std::sync::Arc;
 
 /// Singular values below this fraction of the largest are rounding. The reduction works on `A A^T`, which has half of
 /// the digits.
 const LEAST_SINGULAR: f64 = 1e-7;
+/// What is left of `A A^T` below this part of its largest element is rounding.
+const ROUNDING: f64 = 1e-15;
 
 /// `A x = b` with the rows of A replaced by an orthonormal basis of their span. Immutable; clones share their storage.
 ///
@@ -39,10 +42,12 @@ impl Problem {
             return Self::nothing(a.nrows(), a.ncols(), finite);
         }
         let scaled = a / scale;
-        let eigen = SymmetricEigen::new(&scaled * scaled.transpose());
+        let few = pivoted_cholesky(&scaled, ROUNDING).0.qr();
+        let r = few.r();
+        let eigen = SymmetricEigen::new(&r * r.transpose());
         let values: Vec<f64> = eigen.eigenvalues.iter().map(|v| v.max(0.0).sqrt()).collect();
         let kept = Self::kept(&values, rank_tolerance);
-        let basis = eigen.eigenvectors.select_columns(&kept);
+        let basis = few.q() * eigen.eigenvectors.select_columns(&kept);
         let singular = DVector::from_iterator(kept.len(), kept.iter().map(|k| values[*k] * scale));
         Self::assemble(basis.transpose() * a, singular, basis, finite)
     }

@@ -1,5 +1,6 @@
 //! What touches and drift do to frames, as few columns.
 
+use crate::linalg::pivoted::pivoted_cholesky;
 use nalgebra::DMatrix;
 
 /// Variance of a value that may be left over, of that of its own noise.
@@ -16,34 +17,10 @@ pub(crate) struct Covariance {
 }
 
 impl Covariance {
-    /// `rises`: what every cell changes by one standard deviation, V, a column each; many more than a frame tells apart. Columns of
-    /// their covariance's Cholesky factor are taken by the largest variance that is left (Harbrecht, Peters and Schneider 2012).
+    /// `rises`: what every cell changes by one standard deviation, V, a column each; many more than a frame tells apart.
     pub(crate) fn new(rises: &DMatrix<f64>, drifts: DMatrix<f64>) -> Self {
-        let n = rises.nrows();
-        let mut variance: Vec<f64> = rises.row_iter().map(|row| row.norm_squared()).collect();
-        let largest = |variance: &[f64]| (0..n).max_by(|a, b| variance[*a].total_cmp(&variance[*b]));
-        let mut left = vec![largest(&variance).map_or(0.0, |k| variance[k])];
-        let limit = ROUNDING * left[0];
-        let mut columns = DMatrix::zeros(n, n.min(rises.ncols()));
-        let mut count = 0;
-        while let Some(pivot) = largest(&variance).filter(|k| variance[*k] > limit && count < columns.ncols()) {
-            let mut column = rises * rises.row(pivot).transpose();
-            let before = columns.columns(0, count);
-            column -= before * before.row(pivot).transpose();
-            column /= variance[pivot].sqrt();
-            for (variance, c) in variance.iter_mut().zip(&column) {
-                *variance = (*variance - c * c).max(0.0);
-            }
-            variance[pivot] = 0.0;
-            columns.set_column(count, &column);
-            count += 1;
-            left.push(largest(&variance).map_or(0.0, |k| variance[k]));
-        }
-        Self {
-            rises: columns.columns(0, count).into_owned(),
-            left,
-            drifts,
-        }
+        let (rises, left) = pivoted_cholesky(rises, ROUNDING);
+        Self { rises, left, drifts }
     }
 
     /// The columns, with the rises `scale` times as large, as far as they show beside this standard deviation of a value's own noise.

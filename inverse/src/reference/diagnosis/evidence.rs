@@ -6,23 +6,19 @@
 //! the block inverse) the cost of the others, `(r' W r - (W r)_U' W_UU⁻¹ (W r)_U + ln |W_UU|) / 2`, and `y² / 2 F² + ln F` of each
 //! free value (Bishop 2006, 2.3).
 //!
-//! The covariance is `C = U U' + D` with few columns U and a diagonal D. With `M = I + U' D⁻¹ U = L L'` and `G = L⁻¹ U' D⁻¹`
-//! (Woodbury) `W = D⁻¹ - G' G`: nothing as large as C is factorised or stored.
+//! The covariance has few columns and a diagonal ([`LowRankInverse`]).
 
+use super::super::low_rank::LowRankInverse;
 use super::covariance::Covariance;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 /// A frame and the covariance of what touches, drift and noise do to it.
 pub(crate) struct Evidence {
     y: DVector<f64>,
-    /// The inverse of every value's own variance; 0 for one that takes no part.
-    own: DVector<f64>,
-    /// The rest of the covariance's inverse: `W = D⁻¹ - G' G`.
-    g: DMatrix<f64>,
+    /// The inverse of the covariance.
+    w: LowRankInverse,
     /// The product of W with the frame.
     wy: DVector<f64>,
-    /// Logarithm of the covariance's determinant.
-    log_det: f64,
     /// Range of a value that is free, V.
     range_v: f64,
 }
@@ -36,35 +32,14 @@ impl Evidence {
         own: &[f64],
         range_v: f64,
     ) -> Option<Self> {
-        let used = |k: usize| own[k].is_finite();
-        let inverse = |k: usize| if used(k) { own[k].powi(-2) } else { 0.0 };
-        let inverses = DVector::from_fn(own.len(), |k, _| inverse(k));
-        let y = DVector::from_fn(own.len(), |k, _| if used(k) { y[k] } else { 0.0 });
+        let y = DVector::from_fn(own.len(), |k, _| if own[k].is_finite() { y[k] } else { 0.0 });
         let least = own
             .iter()
             .filter(|sd| sd.is_finite())
             .fold(f64::INFINITY, |m, sd| m.min(*sd));
-        let u = covariance.columns(scale, least);
-        let mut weighted = u.transpose();
-        for (mut column, inverse) in weighted.column_iter_mut().zip(&inverses) {
-            column *= *inverse;
-        }
-        let m = &weighted * u;
-        let factor = Cholesky::new(DMatrix::identity(m.nrows(), m.nrows()) + m)?;
-        let own_log_det: f64 = own.iter().filter(|sd| sd.is_finite()).map(|sd| 2.0 * sd.ln()).sum();
-        let log_det = own_log_det + 2.0 * factor.l_dirty().diagonal().iter().map(|v| v.ln()).sum::<f64>();
-        let mut lower = DMatrix::identity(factor.l_dirty().nrows(), factor.l_dirty().nrows());
-        factor.l_dirty().solve_lower_triangular_mut(&mut lower);
-        let g = lower * weighted;
-        let wy = inverses.component_mul(&y) - g.tr_mul(&(&g * &y));
-        Some(Self {
-            y,
-            own: inverses,
-            g,
-            wy,
-            log_det,
-            range_v,
-        })
+        let w = LowRankInverse::new(&covariance.columns(scale, least), own)?;
+        let wy = w.times(&y);
+        Some(Self { y, w, wy, range_v })
     }
 
     /// Cost of touches alone.
@@ -74,17 +49,17 @@ impl Evidence {
 
     /// The same as another covariance has it: comparable with the costs of that one.
     pub(crate) fn of_touches_beside(&self, other: &Self) -> f64 {
-        self.of_touches() + 0.5 * (self.log_det - other.log_det)
+        self.of_touches() + 0.5 * (self.w.log_det - other.w.log_det)
     }
 
     /// Cost of a fault that predicts a frame (V, the change). Values that take no part are not looked at.
     pub(crate) fn of(&self, predicted: &DVector<f64>) -> f64 {
-        self.cost(predicted.as_slice(), (&self.g * predicted).norm_squared())
+        self.cost(predicted.as_slice(), (&self.w.g * predicted).norm_squared())
     }
 
     /// The same of every column.
     pub(crate) fn of_all(&self, predicted: &DMatrix<f64>) -> Vec<f64> {
-        let along = &self.g * predicted;
+        let along = &self.w.g * predicted;
         let columns = predicted.column_iter().zip(along.column_iter());
         columns
             .map(|(p, along)| self.cost(p.as_slice(), along.norm_squared()))
@@ -94,21 +69,16 @@ impl Evidence {
     /// r' W r with r = y - p, from the norm of G p.
     fn cost(&self, p: &[f64], along: f64) -> f64 {
         let (mut linear, mut square) = (0.0, 0.0);
-        for ((p, wy), own) in p.iter().zip(&self.wy).zip(&self.own) {
+        for ((p, wy), own) in p.iter().zip(&self.wy).zip(&self.w.own) {
             linear += p * wy;
             square += own * p * p;
         }
         self.of_touches() - linear + 0.5 * (square - along)
     }
 
-    /// The product of W with a column.
-    fn times(&self, column: &DVector<f64>) -> DVector<f64> {
-        self.own.component_mul(column) - self.g.tr_mul(&(&self.g * column))
-    }
-
     /// Cost of a fault that adds one column of unknown size with this standard deviation, and that size.
     pub(crate) fn along(&self, column: &DVector<f64>, sd: f64) -> (f64, f64) {
-        let wc = self.times(column);
+        let wc = self.w.times(column);
         let (a, b, variance) = (column.dot(&wc), column.dot(&self.wy), sd * sd);
         let size = variance * b / (1.0 + variance * a);
         (
@@ -119,18 +89,14 @@ impl Evidence {
 
     /// What [`Evidence::along`] is told by in any frame of the same covariance: with `(a, g)` a frame y costs `(a' y)² / 2 - g` less.
     pub(crate) fn score(&self, column: &DVector<f64>, sd: f64) -> (DVector<f64>, f64) {
-        let wc = self.times(column);
+        let wc = self.w.times(column);
         let spread = 1.0 + sd * sd * column.dot(&wc);
         (wc * (sd / spread.sqrt()), 0.5 * spread.ln())
     }
 
     /// The inverse of the covariance, 0 where a value takes no part.
     pub(super) fn inverse_covariance(&self) -> DMatrix<f64> {
-        let mut w = self.g.transpose() * -&self.g;
-        for (k, own) in self.own.iter().enumerate() {
-            w[(k, k)] += own;
-        }
-        w
+        self.w.matrix()
     }
 
     /// The product of that with the frame.
@@ -146,17 +112,11 @@ impl Evidence {
 
     /// Cost of a fault that leaves values free, and the part of it that the other values have.
     pub(crate) fn free(&self, values: &[usize]) -> (f64, f64) {
-        let values: Vec<usize> = values.iter().copied().filter(|k| self.own[*k] > 0.0).collect();
-        let n = values.len();
-        let g = self.g.select_columns(&values);
-        let mut of = g.transpose() * -g;
-        for (i, k) in values.iter().enumerate() {
-            of[(i, i)] += self.own[*k];
-        }
-        let Some(factor): Option<Cholesky<f64, Dyn>> = Cholesky::new(of) else {
+        let values: Vec<usize> = values.iter().copied().filter(|k| self.w.own[*k] > 0.0).collect();
+        let Some(factor): Option<Cholesky<f64, Dyn>> = Cholesky::new(self.w.block(&values)) else {
             return (f64::INFINITY, f64::INFINITY);
         };
-        let u = DVector::from_fn(n, |i, _| self.wy[values[i]]);
+        let u = DVector::from_fn(values.len(), |i, _| self.wy[values[i]]);
         let gone = u.dot(&factor.solve(&u));
         let log_det: f64 = 2.0 * factor.l_dirty().diagonal().iter().map(|v| v.ln()).sum::<f64>();
         let others = self.of_touches() - 0.5 * gone;
@@ -165,8 +125,8 @@ impl Evidence {
 
     /// The value that is furthest from what the others tell.
     pub(crate) fn wildest(&self) -> Option<usize> {
-        let by = |k: usize| self.wy[k] * self.wy[k] / (self.own[k] - self.g.column(k).norm_squared());
-        let used = (0..self.y.len()).filter(|k| self.own[*k] > 0.0);
+        let by = |k: usize| self.wy[k] * self.wy[k] / self.w.diagonal(k);
+        let used = (0..self.y.len()).filter(|k| self.w.own[*k] > 0.0);
         used.max_by(|a, b| by(*a).total_cmp(&by(*b)))
     }
 }

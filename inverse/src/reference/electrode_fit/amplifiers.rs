@@ -1,7 +1,8 @@
 //! Amplifiers whose gain or offset a baseline shows: all values of a sense pair are off by one factor, or by one voltage.
 
+use crate::reference::low_rank::LowRankInverse;
 use forward::{Measurement, Pattern};
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DVector;
 
 /// An amplifier that measures something else than the voltage.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -43,7 +44,7 @@ pub enum AmplifierError {
 /// The amplifier that stands out most, with by how many standard deviations. `weighted`: the residual of the logarithms times the
 /// `inverse` of their covariance, for the values `used`.
 pub(super) fn most(
-    inverse: &DMatrix<f64>,
+    inverse: &LowRankInverse,
     weighted: &DVector<f64>,
     used: &[usize],
     baseline: &[f64],
@@ -60,10 +61,8 @@ pub(super) fn most(
     // One column of the linear model more: its size, and that over its standard deviation.
     let column = |of: &[usize], a: &dyn Fn(usize) -> f64| {
         let along: f64 = of.iter().map(|k| a(*k) * weighted[*k]).sum();
-        let rows = of
-            .iter()
-            .map(|i| of.iter().map(|k| a(*i) * inverse[(*i, *k)] * a(*k)).sum::<f64>());
-        let information = rows.sum::<f64>().max(f64::MIN_POSITIVE);
+        let column: Vec<(usize, f64)> = of.iter().map(|k| (*k, a(*k))).collect();
+        let information = inverse.square(&column).max(f64::MIN_POSITIVE);
         (along / information, along / information.sqrt())
     };
     let errors = pairs.iter().filter_map(|p| {
