@@ -47,4 +47,4 @@ fi
 export CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_LINKER=aarch64-linux-gnu-gcc
 export CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_RUNNER="qemu-aarch64-static -L /usr/aarch64-linux-gnu"
 CARGO_TARGET_DIR="$folder" CARGO_PROFILE_RELEASE_DEBUG=false \
-    cargo test --locked --release -p hil-sim --test suite golden --target $target
+    cargo test --locked --release -p skin-hil-sim --test suite golden --target $target

@@ -79,7 +79,7 @@ if ! $quick; then
         skip "the fuzz targets: no C++ compiler for libFuzzer (apt-get install g++)"
     fi
     if cargo miri --version >/dev/null 2>&1; then
-        step "vector code in Miri" env MIRIFLAGS=-Zmiri-disable-isolation cargo miri test --locked -p inverse -p forward --lib -- linalg cholesky
+        step "vector code in Miri" env MIRIFLAGS=-Zmiri-disable-isolation cargo miri test --locked -p skin-inverse -p skin-forward --lib -- linalg cholesky
     else
         skip "vector code in Miri: this toolchain has none (rustup +nightly component add miri)"
     fi

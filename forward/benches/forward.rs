@@ -1,6 +1,6 @@
 //! What the forward model costs on one core: set-up by stage, re-solve, low-rank update, unchanged scene, sensitivity.
 //!
-//!     cargo bench -p forward
+//!     cargo bench -p skin-forward
 #![allow(clippy::unwrap_used, missing_docs)]
 
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};

@@ -1,7 +1,7 @@
 //! Largest error over all 208 voltages for random disc touches of 25 mm, against a converged reference, three ways:
 //! on the default mesh as it is, on the default mesh fitted to the touch, and on a mesh made for the touch.
 //!
-//!     cargo run --release -p forward --example accuracy [touches [seed]]
+//!     cargo run --release -p skin-forward --example accuracy [touches [seed]]
 
 use forward::field::conductivity_of_discs;
 use forward::{DiscTouch, Drive, Model, ModelOptions, Pattern, Sheet, Solver};

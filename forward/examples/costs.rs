@@ -1,7 +1,7 @@
 //! What the forward model costs on a machine that has other work to do: the least time passed of many repetitions, and
-//! (on Linux) the mean time on the processor. On an idle machine `cargo bench -p forward` tells more.
+//! (on Linux) the mean time on the processor. On an idle machine `cargo bench -p skin-forward` tells more.
 //!
-//!     cargo run --release -p forward --example costs [repetitions, default 60]
+//!     cargo run --release -p skin-forward --example costs [repetitions, default 60]
 
 use forward::field::conductivity_of_discs;
 use forward::{CellGrid, DiscTouch, Drive, Mesh, Model, ModelOptions, Pattern, Sensitivity, Sheet, Solver};

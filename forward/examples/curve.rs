@@ -1,7 +1,7 @@
 //! Draws error against time for element order and mesh size: a re-solve with a new factorisation of the paper's disc under
 //! one touch of +300 %, against a converged reference; the best of many repetitions.
 //!
-//!     cargo run --release -p forward --example curve [file, default docs/img/error-time.svg]
+//!     cargo run --release -p skin-forward --example curve [file, default docs/img/error-time.svg]
 
 mod svg;
 

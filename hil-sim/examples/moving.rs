@@ -1,7 +1,7 @@
 //! How much of a processor core the simulated skin takes while everything moves: the firmware in process at 115 frames/s,
 //! the sheet solved anew for every frame.
 //!
-//!     cargo run --release -p hil-sim --example moving [seconds simulated, default 10]
+//!     cargo run --release -p skin-hil-sim --example moving [seconds simulated, default 10]
 
 use forward::Sheet;
 use hil_sim::{Key, Material, PERIOD_SAMPLES, Rubber, Scene, Shape, SheetModel, SimBoard, SimConfig, Touch, seconds};

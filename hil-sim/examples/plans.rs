@@ -1,7 +1,7 @@
 //! The plans' times and signal to noise ratios, on the default electronics and on both drawn boards: the tables of
 //! docs/firmware.md.
 //!
-//! `cargo run -p hil-sim --example plans`
+//! `cargo run -p skin-hil-sim --example plans`
 
 use forward::{Model, ModelOptions, Sheet};
 use hil_sim::{PERIOD_SAMPLES, Preset, Rubber, Scene, SimBoard, SimConfig, Touch, samples, seconds};

@@ -1,7 +1,7 @@
 //! What a program gets that reads the simulated board's serial port: frames a second, frames lost, and when they come.
 //!
 //!     skin sim --scene hand --pty --link /tmp/skin &
-//!     cargo run --release -p hil-sim --example serial /tmp/skin [seconds, default 30]
+//!     cargo run --release -p skin-hil-sim --example serial /tmp/skin [seconds, default 30]
 //!
 //! Without a port's name it serves one itself, with the demo scene's sheet. Linux only.
 

@@ -1,6 +1,6 @@
 //! What simulated time costs: processor time for a second of a streaming board, with and without flaws.
 //!
-//!     cargo run -p hil-sim --example speed
+//!     cargo run -p skin-hil-sim --example speed
 
 #![allow(clippy::print_stdout, clippy::unwrap_used, reason = "an example")]
 

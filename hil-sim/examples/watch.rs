@@ -3,7 +3,7 @@
 //! All designs of one drive with one sense step, turned round the sheet, are tried: for each the sense pairs are taken that
 //! make the least visible touch most visible, inside the converter's range.
 //!
-//! `cargo run --release -p hil-sim --example watch`
+//! `cargo run --release -p skin-hil-sim --example watch`
 
 #[path = "../tests/suite/common/visibility.rs"]
 mod visibility;

@@ -2,7 +2,7 @@
 //!
 //! What makes it hold: all that is computed is additions, multiplications, divisions and roots in a fixed order, and the
 //! functions of the crate `libm`, which are made of those; the sheet is solved by `forward::Solver::portable`. After a change
-//! that is meant to change bytes: `UPDATE_GOLDEN=1 cargo test -p hil-sim --test suite golden`.
+//! that is meant to change bytes: `UPDATE_GOLDEN=1 cargo test -p skin-hil-sim --test suite golden`.
 
 use crate::common::framed;
 use hil_sim::{SceneFile, library};

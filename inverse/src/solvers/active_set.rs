@@ -22,7 +22,7 @@ pub(super) struct ActiveSetOptions {
     /// Least gradient of a column that enters, over the largest gradient of the search; 0 to 1.
     ///
     /// More searches all columns more often; less lets columns in that fall out again. The times are those of
-    /// `cargo bench -p inverse --bench solver`, rows "plain" (docs/solver.md); the tried values are not on record.
+    /// `cargo bench -p skin-inverse --bench solver`, rows "plain" (docs/solver.md); the tried values are not on record.
     pub(super) promising: f64,
     /// Of the search in single precision.
     pub(super) search: ColumnSearchOptions,

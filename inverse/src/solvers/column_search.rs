@@ -15,7 +15,7 @@ pub(super) struct ColumnSearchOptions {
     /// Most columns of the shortlist.
     ///
     /// More keeps more columns up to date after every step; less searches the pool more often. Fewer and more were
-    /// tried and left (docs/solver.md, "What falls short"); the times are those of `cargo bench -p inverse --bench
+    /// tried and left (docs/solver.md, "What falls short"); the times are those of `cargo bench -p skin-inverse --bench
     /// solver`, rows "plain" with 1184 cells.
     pub(super) shortlist: usize,
     /// Least gradient of a column of the pool, over the largest gradient; -1 to 1.
