@@ -20,6 +20,7 @@ import tempfile
 from pathlib import Path
 
 import board as hardware
+import draw
 
 HERE = Path(__file__).resolve().parent
 GENERATED = hardware.GENERATED / "sixteen"
@@ -156,61 +157,56 @@ def test_points(_board):
     return out
 
 
-def drawing(_board):
-    """One channel, and where it hangs: the sixteen differ by their numbers only."""
-    text = []
-
-    def line(*points):
-        text.append(f'<polyline points="{" ".join(f"{x},{y}" for x, y in points)}" fill="none" stroke="#000"/>')
-
-    def words(x, y, what, anchor="start", size=12):
-        text.append(f'<text x="{x}" y="{y}" text-anchor="{anchor}" font-size="{size}" font-family="sans-serif">{what}</text>')
-
-    def box(x, y, name, value):
-        text.append(f'<rect x="{x}" y="{y - 8}" width="46" height="16" fill="#fff" stroke="#000"/>')
-        words(x + 23, y - 13, name, "middle")
-        words(x + 23, y + 23, value, "middle", 10)
-
-    def down(x, y, name, value):
-        line((x, y), (x, y + 16))
-        line((x - 10, y + 16), (x + 10, y + 16))
-        line((x - 10, y + 21), (x + 10, y + 21))
-        line((x, y + 21), (x, y + 40))
-        line((x - 8, y + 40), (x + 8, y + 40))
-        words(x + 14, y + 22, f"{name} {value}")
-
-    words(20, 30, "One of sixteen channels: n = 0 to 15, electrodes counted from 1", size=15)
-    for y, name, resistor in ((90, "electrode n + 2 (after 16 comes 1)", "R(22+n)"), (150, "electrode n + 1", "R(21+n)")):
-        words(20, y - 12, name)
-        line((20, y), (170, y))
-        box(170, y, resistor, "100")
-        line((216, y), (300, y))
-        line((250, y), (250, y + (-30 if y == 90 else 110)))
-    words(250, 52, "to sense multiplexers and the neighbour's amplifier", "middle", 10)
-    text.append('<polygon points="300,70 300,170 400,120" fill="#fff" stroke="#000"/>')
-    words(308, 95, "+")
-    words(308, 155, "-")
-    words(318, 124, "U(12+n) INA826", size=10)
-    words(300, 190, "R(60+n) 4.12k between the RG pins: gain 13", size=11)
-    words(300, 206, "REF at V165 (1.65 V, U1D); C(60+n) 100n at its supply", size=11)
-    line((400, 120), (440, 120))
-    box(440, 120, "R(80+n)", "1.58k")
-    line((486, 120), (560, 120))
-    down(520, 120, "C(40+n)", "6.8n")
-    box(560, 120, "R(100+n)", "470")
-    line((606, 120), (720, 120))
-    line((650, 120), (650, 85))
-    words(650, 78, "D(40+2n) to 3.3 V", "middle", 11)
-    line((680, 120), (680, 150))
-    words(690, 165, "D(41+2n) to ground", "middle", 11)
-    words(726, 124, "CHn")
-    words(20, 285, "Pins of CH0 to CH15:")
-    words(20, 305, "ADC1: " + "  ".join(f"{n} {p}" for n, p in enumerate(CHANNELS) if n < 8))
-    words(20, 325, "ADC3: " + "  ".join(f"{n} {p}" for n, p in enumerate(CHANNELS) if n >= 8))
-    words(20, 345, "ADC2: PF13 behind the multiplexers (gain 13), PF14 difference amplifier, PC1 source. All else as on the board with one channel.")
-    body = "\n".join(text)
-    return (f'<svg xmlns="http://www.w3.org/2000/svg" width="860" height="365" viewBox="0 0 860 365">\n'
-            f'<rect width="860" height="365" fill="#fff"/>\n{body}\n</svg>\n')
+def drawing(board):
+    """The first channel, checked against the description; the others differ by their numbers only."""
+    s = draw.Sheet(board, "The first of sixteen channels", 1180, 620)
+    for y, electrode, resistor, sense in ((158, "E2", "R22", "S2"), (278, "E1", "R21", "S1")):
+        s.label(90, y, electrode, "left")
+        s.wire((90, y), (130, y))
+        s.resistor(resistor, 160, y)
+        s.wire((190, y), (230, y), (420, y))
+        s.wire((230, y), (230, y - 50 if y < 200 else y + 50))
+        s.label(230, y - 50 if y < 200 else y + 50, sense, "up" if y < 200 else "down")
+    s.text(250, 100, "to the sense multiplexers, and to channel 1", "start", 12)
+    s.text(250, 344, "to the sense multiplexers, and to channel 15", "start", 12)
+    s.box("U12", 440, 140, 110, [4, 3, 2, 1], [8, 7, 6, 5], title="U12 INA826", pitch=40)
+    s.resistor("R60", 350, 218, True, flip=True)
+    s.wire((420, 198), (400, 198), (400, 188), (350, 188))
+    s.wire((420, 238), (400, 238), (400, 248), (350, 248))
+    s.wire((570, 158), (590, 158), (590, 130))
+    s.label(590, 130, "+5VA", "up")
+    s.label(570, 238, "V165", "right")
+    s.wire((570, 278), (590, 278), (590, 300))
+    s.label(590, 300, "GND")
+    s.wire((570, 198), (640, 198))
+    s.resistor("R80", 670, 198)
+    s.wire((700, 198), (760, 198), (820, 198))
+    s.capacitor("C40", 760, 248, True)
+    s.wire((760, 198), (760, 218))
+    s.label(760, 278, "GND")
+    s.resistor("R100", 850, 198)
+    s.wire((880, 198), (930, 198), (1000, 198))
+    s.diode_up("D40", 930, 148)
+    s.wire((930, 178), (930, 198))
+    s.label(930, 118, "+3V3", "up")
+    s.diode_up("D41", 930, 248)
+    s.wire((930, 198), (930, 218))
+    s.label(930, 278, "GND")
+    s.label(1000, 198, CHANNELS[0])
+    s.capacitor("C60", 1090, 300, True)
+    s.label(1090, 270, "+5VA", "up")
+    s.label(1090, 330, "GND")
+    s.text(1070, 380, "beside U12", "start", 11)
+    pins = [f"{n} {p}" for n, p in enumerate(CHANNELS)]
+    for y, words in ((420, "Channel n, 0 to 15, has U(12+n), R(60+n), R(80+n), R(100+n), C(40+n), C(60+n), D(40+2n) and D(41+2n)."),
+                     (445, "It is electrode n + 2 (R(22+n)) against electrode n + 1 (R(21+n)); after electrode 16 (R36) comes 1 (R21)."),
+                     (485, "ADC1, channel and pin: " + ", ".join(pins[:8])),
+                     (510, "ADC3, channel and pin: " + ", ".join(pins[8:])),
+                     (535, "ADC2: PF13 behind the multiplexers (U3), PF14 difference amplifier (U2A), PC1 source. "
+                           "All else is as on the board with one channel."),
+                     (560, f"ADC2's later conversions have faster filters: here C11 is {FASTER['C11']}F and C12 {FASTER['C12']}F.")):
+        s.text(30, y, words)
+    return s.svg()
 
 
 def generated(board):
