@@ -109,7 +109,8 @@ def main():
         shutil.rmtree(folder, ignore_errors=True)
     with_python = api and all(importlib.util.find_spec(name) for name in ("pdoc", "skin"))
     lay_out(os.path.join(work, "src"), with_python)
-    shutil.copyfile(os.path.join(ROOT, "docs/book.toml"), os.path.join(work, "book.toml"))
+    for name in ("book.toml", "site.css"):
+        shutil.copyfile(os.path.join(ROOT, "docs", name), os.path.join(work, name))
     subprocess.run(["mdbook", "build", work, "--dest-dir", site], check=True)
     if api:
         subprocess.run(["cargo", "doc", "--workspace", "--no-deps", "--locked"], cwd=ROOT, check=True)
