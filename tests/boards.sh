@@ -11,7 +11,12 @@ boards_target="$target/boards"
 programs="$boards_target/programs"
 mkdir -p "$programs"
 
-say() { printf '\n-- %s\n' "$1"; }
+# say STEP: ends the step before, with its time, and begins another.
+step_began=$SECONDS
+say() {
+    printf -- '-- %d s\n\n-- %s\n' $((SECONDS - step_began)) "$1"
+    step_began=$SECONDS
+}
 fail() {
     printf 'boards: FAILED: %s\n' "$1"
     exit 1
@@ -141,3 +146,4 @@ if command -v qemu-system-arm >/dev/null 2>&1; then
 else
     say "skipped: no qemu-system-arm (apt-get install qemu-system-arm)"
 fi
+printf -- '-- %d s\n' $((SECONDS - step_began))
