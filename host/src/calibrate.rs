@@ -1,9 +1,9 @@
 //! `skin calibrate`: the rubber's parameters from a press-and-hold; maps of a real skin from presses at known places.
 
 use crate::files::{calibration_file, press_table};
+use crate::played_board::PlayedBoard;
 use crate::progress::Progress;
 use crate::recorded::SessionRecord;
-use crate::replay::PlayedBoard;
 use crate::{number, presses, scene, sheet};
 use ::forward::{Drive, Geometry, Pattern, Sheet};
 use ::recording::Speed;

@@ -3,9 +3,9 @@
 use crate::drive::DriveKind;
 use crate::ending;
 use crate::files::measurements::MeasurementTable;
+use crate::played_board::PlayedBoard;
 use crate::progress::Progress;
 use crate::recorded::SessionRecord;
-use crate::replay::PlayedBoard;
 use crate::table_sheet::Geometry;
 use crate::{board, number, sheet, simulated_skin};
 use ::forward::{DiscTouch, Drive, Pattern, Sheet};

@@ -18,6 +18,7 @@ use std::time::{Duration, Instant};
 const SAID_AGAIN: Duration = Duration::from_secs(10);
 
 /// Commands, and what became of them.
+#[derive(Default)]
 pub(crate) struct Commands(Vec<On>);
 
 struct On {

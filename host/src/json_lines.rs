@@ -43,7 +43,7 @@ struct Header<'a> {
     calibrated: bool,
     /// Where the sheet is on the robot.
     #[serde(skip_serializing_if = "Option::is_none")]
-    place: Option<&'a Place>,
+    place: Option<PlaceLine<'a>>,
     /// Presses that taught what a touch does, where that takes the place of the sheet's model.
     #[serde(skip_serializing_if = "Option::is_none")]
     learned_from: Option<usize>,
@@ -54,20 +54,52 @@ struct Header<'a> {
 }
 
 #[derive(Serialize)]
+struct PlaceLine<'a> {
+    #[serde(flatten)]
+    place: &'a Place,
+    /// Which way the sheet faces in the robot's frame, of length 1.
+    normal: [f64; 3],
+}
+
+impl<'a> From<&'a Place> for PlaceLine<'a> {
+    fn from(place: &'a Place) -> Self {
+        Self {
+            place,
+            normal: place.normal(),
+        }
+    }
+}
+
+#[derive(Serialize)]
 struct CellsLine {
     /// Side of a cell.
     side_mm: f64,
     /// Centre of every cell, mm.
     centres_mm: Vec<[f64; 2]>,
+    /// The same in the robot's frame, mm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    robot_mm: Option<Vec<[f64; 3]>>,
 }
 
 impl CellsLine {
-    fn of(grid: &CellGrid) -> Self {
+    fn of(grid: &CellGrid, place: Option<&Place>) -> Self {
+        let centres_mm: Vec<_> = (0..grid.len()).map(|cell| grid.centre(cell)).collect();
         Self {
             side_mm: grid.cell_mm(),
-            centres_mm: (0..grid.len()).map(|cell| grid.centre(cell)).collect(),
+            robot_mm: place.map(|place| centres_mm.iter().map(|c| place.point_mm(*c)).collect()),
+            centres_mm,
         }
     }
+}
+
+/// A touch or an event, and where it is on the robot.
+#[derive(Serialize)]
+struct Placed<'a, T> {
+    #[serde(flatten)]
+    of: &'a T,
+    /// In the robot's frame, mm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    robot_mm: Option<[f64; 3]>,
 }
 
 #[derive(Serialize)]
@@ -97,6 +129,7 @@ fn units(learned: bool) -> Value {
         "unix_s": "s since 1970 (UTC), this computer's clock",
         "x_mm": "mm from the sheet's centre, to the right",
         "y_mm": "mm from the sheet's centre, up",
+        "robot_mm": "x, y, z in mm in the frame of place",
         "area_mm2": area,
         "rise": rise,
         "total_mm2": "rise integrated over the area, mm^2",
@@ -140,9 +173,9 @@ pub(crate) fn header(session: &Session, record: &SessionRecord, cells: Option<&C
         sheet: &record.sheet,
         wires: &record.wires,
         calibrated: record.calibration.is_some(),
-        place: record.place.as_ref(),
+        place: record.place.as_ref().map(PlaceLine::from),
         learned_from: record.learned_from,
-        cells: cells.map(CellsLine::of),
+        cells: cells.map(|grid| CellsLine::of(grid, record.place.as_ref())),
         units: units(record.learned_from.is_some()),
     })
 }
@@ -176,13 +209,13 @@ struct Line<'a> {
     frame: u32,
     time_s: f64,
     unix_s: f64,
-    touches: Vec<&'a Touch>,
+    touches: Vec<Placed<'a, Touch>>,
     /// Relative rise of every cell.
     #[serde(skip_serializing_if = "Option::is_none")]
     cells: Option<&'a [f64]>,
     /// What touches did, as this frame shows.
-    #[serde(skip_serializing_if = "<[_]>::is_empty")]
-    events: &'a [TouchEvent],
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    events: Vec<Placed<'a, TouchEvent>>,
     residual: f64,
     gap: f64,
     solve_us: f64,
@@ -240,6 +273,8 @@ pub(crate) struct Beside<'a> {
     pub(crate) baseline: Option<&'a BaselineNote>,
     pub(crate) line: Option<&'a str>,
     pub(crate) left_out: &'a [Finding],
+    /// Where the sheet is on the robot.
+    pub(crate) place: Option<&'a Place>,
 }
 
 /// The line of a picture's touches.
@@ -252,14 +287,23 @@ pub(crate) fn picture(
     counters: LinkCounters,
     beside: &Beside<'_>,
 ) -> Result<Vec<u8>> {
+    let robot_mm = |x_mm, y_mm| beside.place.map(|place| place.point_mm([x_mm, y_mm]));
+    let touches = pressed(result).into_iter().map(|of| Placed {
+        of,
+        robot_mm: robot_mm(of.x_mm, of.y_mm),
+    });
+    let events = beside.events.iter().map(|of| Placed {
+        of,
+        robot_mm: robot_mm(of.x_mm, of.y_mm),
+    });
     text(&Line {
         kind: "picture",
         frame: frame.sequence,
         time_s: frame.time_s,
         unix_s: beside.unix_s,
-        touches: pressed(result),
+        touches: touches.collect(),
         cells: beside.cells.then_some(result.x.as_slice()),
-        events: beside.events,
+        events: events.collect(),
         residual: result.residual,
         gap: result.gap,
         solve_us: result.solve_us,

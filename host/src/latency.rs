@@ -185,6 +185,7 @@ pub(crate) fn measure(seed: u64) -> Result<Measured> {
             baseline: None,
             line: None,
             left_out: &[],
+            place: None,
         };
         to_json.write_all(&json_lines::picture(
             result,
@@ -255,7 +256,7 @@ const PARTS: [(&str, bool); 10] = [
     ("page's message made and read", false),
     ("contact to JSON line", true),
     ("contact to page", true),
-    ("contact to the event in JSON (third frame)", true),
+    ("contact to its event in JSON", true),
 ];
 
 /// Parts and sums of the contacts' ways.

@@ -36,6 +36,7 @@ mod files;
 mod flash;
 mod forward;
 mod hello;
+mod help;
 mod info;
 mod json_lines;
 mod latency;
@@ -51,6 +52,7 @@ mod page;
 mod paper;
 mod phantom;
 mod plan;
+mod played_board;
 mod presses;
 mod progress;
 mod reconstruct;
@@ -61,6 +63,8 @@ mod recorded_frames;
 mod recording_file;
 mod recover;
 mod replay;
+mod replay_control;
+mod replay_index;
 mod replayed;
 mod report;
 mod rise;
@@ -86,7 +90,7 @@ mod table_sheet;
 mod thread_load;
 mod usage;
 
-use clap::{CommandFactory, Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use std::ffi::OsString;
 use tracing_subscriber::filter::{LevelFilter, Targets};
 use tracing_subscriber::prelude::*;
@@ -172,7 +176,11 @@ enum Command {
 /// Runs the program with a command line, its own name first. The exit code is 0 when all went well, 1 after an error (said on
 /// stderr), 2 after wrong usage, 3 where `skin doctor` found something unfit. Help and wrong options end the process.
 pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
-    let cli = Cli::parse_from(arguments);
+    let matches = help::with_examples(Cli::command()).get_matches_from(arguments);
+    let cli = match Cli::from_arg_matches(&matches) {
+        Ok(cli) => cli,
+        Err(wrong) => wrong.exit(),
+    };
     // What the library has to say beside its results; RUST_LOG asks for more.
     let asked = std::env::var("RUST_LOG").ok().and_then(|levels| levels.parse().ok());
     let levels = asked.unwrap_or_else(|| Targets::new().with_default(LevelFilter::WARN));

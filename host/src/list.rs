@@ -1,6 +1,7 @@
 //! `skin list`: the boards on this computer, and who they are.
 
 use crate::say::say;
+use crate::skin_file::{self, Skin};
 use anyhow::{Context, Result};
 use clap::Args;
 use link::ports::{self, Place};
@@ -8,6 +9,7 @@ use link::{Link, greet};
 use protocol::Hello;
 use serde::Serialize;
 use std::io::Write;
+use std::path::PathBuf;
 
 /// Arguments of `skin list`.
 #[derive(Debug, Args)]
@@ -15,6 +17,9 @@ pub(crate) struct Arguments {
     /// Ports to ask beside those on USB, such as /dev/ttyS1 or tcp://robot:3333.
     #[arg(value_name = "PORT")]
     ports: Vec<String>,
+    /// File of several skins, to tell which board is which of them; the ports that it names are asked, too.
+    #[arg(long, value_name = "FILE")]
+    skins: Option<PathBuf>,
     /// One JSON list on stdout.
     #[arg(long)]
     json: bool,
@@ -33,6 +38,9 @@ pub(crate) struct Listed {
     board: Option<Board>,
     /// Why no board is known behind it.
     why: Option<String>,
+    /// Its name in the file of skins.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    skin: Option<String>,
 }
 
 /// Who a board says it is.
@@ -60,6 +68,7 @@ impl Listed {
                 electrodes: 16,
             }),
             why: None,
+            skin: None,
         }
     }
 
@@ -126,9 +135,32 @@ pub(crate) fn usb() -> Result<Vec<Listed>> {
             adapter: port.name,
             board,
             why,
+            skin: None,
         }
     });
     Ok(listed.collect())
+}
+
+/// Gives the ports the names of their skins; what is to be said of skins whose board is not there.
+fn name(listed: &mut [Listed], skins: &[Skin]) -> Vec<String> {
+    let mut missing = Vec::new();
+    for skin in skins {
+        let Some(board) = skin.board() else { continue };
+        let found = listed.iter_mut().find(|l| {
+            let serials = [l.usb_serial.as_deref(), l.board.as_ref().map(|b| b.serial.as_str())];
+            skin.is_behind(&l.port, &serials.into_iter().flatten().collect::<Vec<_>>())
+        });
+        match found {
+            Some(listed) => {
+                if listed.board.is_none() {
+                    missing.push(format!("{}: no board answers at {}", skin.name, listed.port));
+                }
+                listed.skin = Some(skin.name.clone());
+            }
+            None => missing.push(format!("{}: no board with the {board}", skin.name)),
+        }
+    }
+    missing
 }
 
 /// Runs the command.
@@ -136,24 +168,47 @@ pub(crate) fn usb() -> Result<Vec<Listed>> {
 /// # Errors
 /// The ports cannot be listed.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
+    let skins = arguments
+        .skins
+        .as_deref()
+        .map(skin_file::read)
+        .transpose()?
+        .unwrap_or_default();
     let mut listed = usb()?;
-    for port in &arguments.ports {
+    for port in arguments
+        .ports
+        .iter()
+        .map(String::as_str)
+        .chain(skins.iter().filter_map(Skin::port))
+    {
+        // One that is on USB, or was given twice, was asked.
+        if listed.iter().any(|l| l.port == port) {
+            continue;
+        }
         let (board, why) = asked(port);
         listed.push(Listed {
-            port: port.clone(),
+            port: port.to_owned(),
             usb_serial: None,
             usb: None,
             adapter: None,
             board,
             why,
+            skin: None,
         });
     }
+    let missing = name(&mut listed, &skins);
     let mut out = std::io::stdout().lock();
     if arguments.json {
         serde_json::to_writer(&mut out, &listed)?;
         writeln!(out)?;
+        missing.iter().for_each(|missing| say!("{missing}"));
         return Ok(());
     }
+    let names = listed
+        .iter()
+        .filter_map(|l| Some(l.skin.as_ref()?.len() + 2))
+        .max()
+        .unwrap_or(0);
     let dash = || "-".to_owned();
     let width = listed.iter().map(|l| l.port.len()).max().unwrap_or(0).max(12);
     for listed in &listed {
@@ -177,8 +232,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         } else {
             format!("   [{adapter}]")
         };
-        writeln!(out, "{:width$}  {serial:24}  {what}{adapter}", listed.port)?;
+        let name = listed.skin.as_deref().unwrap_or_default();
+        writeln!(out, "{name:names$}{:width$}  {serial:24}  {what}{adapter}", listed.port)?;
     }
+    missing.iter().for_each(|missing| say!("{missing}"));
     if !listed.iter().any(Listed::is_board) {
         say!("no board answered; look at its cable and power");
         for hint in ports::hints() {

@@ -6,6 +6,7 @@ use crate::json_lines::{self, Beside};
 use crate::recorded::SessionRecord;
 use crate::run_arguments::ShowArguments;
 use crate::say::{self, say};
+use crate::skin_file::Place;
 use ::forward::CellGrid;
 use anyhow::{Context, Result};
 use inverse::pipeline::FrameResult;
@@ -28,7 +29,7 @@ use view::labels;
 use view::picture::{BaselineNote, Picture, Stats};
 use view::png;
 use view::surface::Surface;
-use view::web::{Command, LiveView, Recording};
+use view::web::{Command, LiveView, Recording, Replay};
 
 /// A doubt that lasts is said again after so long.
 const SAID_AGAIN: Duration = Duration::from_secs(10);
@@ -46,6 +47,8 @@ pub(crate) struct Output {
     /// Whether forces are those of a typical rubber.
     uncalibrated: bool,
     source: String,
+    /// Where the sheet is on the robot.
+    place: Option<Place>,
     baseline: Option<BaselineNote>,
     /// Whether it is being taken.
     preparing: bool,
@@ -88,6 +91,7 @@ impl Output {
             now_unix_s: None,
             uncalibrated: false,
             source,
+            place: None,
             baseline: None,
             preparing: false,
             last: None,
@@ -129,6 +133,12 @@ impl Output {
         self.now_unix_s = Some(unix_s);
     }
 
+    /// What comes next is shown in any case, as in the beginning.
+    pub(crate) fn begin_anew(&mut self) {
+        self.last = None;
+        self.times.clear();
+    }
+
     /// What is shown.
     pub(crate) fn shown(&self) -> Option<&Arc<Picture>> {
         self.last.as_ref()
@@ -144,6 +154,18 @@ impl Output {
         if let Some(page) = &self.page {
             page.set_recording(recording);
         }
+    }
+
+    /// What the page shows of a replay's place.
+    pub(crate) fn set_replay(&self, replay: Replay) {
+        if let Some(page) = &self.page {
+            page.set_replay(replay);
+        }
+    }
+
+    /// Whether somebody looks at the page.
+    pub(crate) fn is_watched(&self) -> bool {
+        self.page.as_ref().is_some_and(|page| page.clients() > 0)
     }
 
     /// Ends the line on the terminal, so that what is said next has one of its own.
@@ -227,6 +249,7 @@ impl Output {
                 baseline: self.baseline.as_ref(),
                 line: line.as_deref(),
                 left_out: &self.left_out,
+                place: self.place.as_ref(),
             };
             return json_lines::write(&json_lines::picture(result, frame, counters, &beside)?);
         }
@@ -263,6 +286,7 @@ impl Output {
     /// Nobody reads them.
     pub(crate) fn header(&mut self, session: &Session, record: &SessionRecord, grid: &CellGrid) -> Result<()> {
         self.uncalibrated = record.is_uncalibrated();
+        self.place.clone_from(&record.place);
         if self.json {
             json_lines::header(session, record, self.cells.then_some(grid))?;
         }

@@ -43,7 +43,13 @@ impl Progress {
         self.said = Some(Instant::now());
         let part = done as f64 / whole as f64;
         let left_s = taken.as_secs_f64() * (1.0 / part - 1.0);
-        let line = format!("{}: {:.0} % done, about {left_s:.0} s left", self.what, 100.0 * part);
+        // The first hundredth tells nothing of the rest.
+        let left = if part < 0.01 {
+            String::new()
+        } else {
+            format!(", about {left_s:.0} s left")
+        };
+        let line = format!("{}: {:.0} % done{left}", self.what, 100.0 * part);
         // Whoever reads no stderr has lost nothing but this.
         let _ = if self.terminal {
             write!(std::io::stderr(), "\r{line}\x1b[K")

@@ -55,7 +55,13 @@ pub(crate) struct Arguments {
     #[arg(long, value_parser = order::parser(), value_name = "ORDER")]
     order: Option<ValueOrder>,
     /// Variables of a .npz or .mat file that hold frames; a field of a struct is STRUCT.FIELD [default: all that fit the order].
-    #[arg(long, value_delimiter = ',', value_name = "NAME[,NAME...]", requires = "order")]
+    #[arg(
+        long,
+        value_delimiter = ',',
+        value_name = "NAME[,NAME...]",
+        requires = "order",
+        hide_short_help = true
+    )]
     variable: Vec<String>,
     /// How the sheet was driven.
     #[arg(long, value_enum, default_value_t = DriveKind::Voltage)]
@@ -63,10 +69,10 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     geometry: Geometry,
     /// Take the electrodes to be exactly where they are said to be, instead of finding them in the baseline.
-    #[arg(long)]
+    #[arg(long, hide_short_help = true)]
     trust_electrodes: bool,
     /// The electrode of the sheet that every wire leads to, in the order of the table's numbers, as `skin check` says it.
-    #[arg(long, value_delimiter = ',', value_name = "ELECTRODE,...")]
+    #[arg(long, value_delimiter = ',', value_name = "ELECTRODE,...", hide_short_help = true)]
     wires: Vec<usize>,
     /// How the picture is computed.
     #[arg(long, value_parser = crate::method::parser(), default_value_t = Method::Nnls)]
@@ -78,7 +84,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "DIR")]
     cells: Option<PathBuf>,
     /// Which way touches change the resistance of the sheet [default: the way that explains a frame].
-    #[arg(long, value_name = "WAY", value_parser = crate::rise::parser())]
+    #[arg(long, value_name = "WAY", value_parser = crate::rise::parser(), hide_short_help = true)]
     rise: Option<Polarity>,
     /// What `skin calibrate` wrote. With --frame-s forces in newtons with the creep of the rubber taken out, the frames being those of one
     /// recording in the order of the columns. What `skin calibrate presses` wrote locates presses by it, in place of the model.
@@ -86,13 +92,13 @@ pub(crate) struct Arguments {
     calibration: Option<PathBuf>,
     /// The frames follow one another, so many s from one to the next: what is broken or changed on the sheet is then told over several of
     /// them.
-    #[arg(long, value_name = "S", value_parser = number::positive("a time in seconds above 0"))]
+    #[arg(long, value_name = "S", value_parser = number::positive("a time in seconds above 0"), hide_short_help = true)]
     frame_s: Option<f64>,
     /// One JSON object a line.
     #[arg(long)]
     json: bool,
     /// Says nothing of how far a long table is.
-    #[arg(long)]
+    #[arg(long, hide_short_help = true)]
     no_progress: bool,
 }
 

@@ -19,7 +19,7 @@ use inverse::touches::gestures::{GestureOptions, TouchEvent};
 use inverse::touches::touch::Touch;
 use link::{LinkCounters, MeasuredFrame};
 use protocol::Hello;
-use recording::{FORMAT, Reader, Tap, Topic};
+use recording::{FORMAT, Pose, Reader, Tap, Topic};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::path::Path;
@@ -398,6 +398,7 @@ pub(crate) struct Notes {
     contacts: Vec<usize>,
     left_out: Vec<Finding>,
     values: usize,
+    pose: Pose,
 }
 
 /// Whether so much of the board's time has passed, or the board was reset.
@@ -410,15 +411,17 @@ fn due(last_s: &mut f64, now_s: f64, every_s: f64) -> bool {
 }
 
 impl Notes {
-    pub(crate) fn new(tap: Tap, values: usize) -> Self {
+    /// Of a session that was begun with this record.
+    pub(crate) fn new(tap: Tap, record: &SessionRecord) -> Self {
         Self {
             tap,
+            pose: record.place.as_ref().map(Place::pose).unwrap_or_default(),
             points_s: f64::NEG_INFINITY,
             picture_s: f64::NEG_INFINITY,
             picture: None,
             contacts: Vec::new(),
             left_out: Vec::new(),
-            values,
+            values: record.values,
         }
     }
 
@@ -498,7 +501,7 @@ impl Notes {
         if due(&mut self.points_s, frame.time_s, POINTS_S) {
             let point = |t: &&Touch| [t.x_mm, t.y_mm, t.rise, t.force_n.unwrap_or(f64::NAN)].map(|v| v as f32);
             let points: Vec<[f32; 4]> = touches.iter().map(point).collect();
-            self.tap.points(frame.time_s, &points);
+            self.tap.points(frame.time_s, &points, &self.pose);
         }
         if result.contacts != self.contacts {
             self.contacts.clone_from(&result.contacts);

@@ -20,13 +20,13 @@ use std::path::Path;
 #[derive(Clone, Debug, Default, Args)]
 pub(crate) struct Part {
     /// Of a recording: frames from so many seconds after its first frame on.
-    #[arg(long, value_name = "S", allow_negative_numbers = true, value_parser = number::allowed("a time in seconds, 0 or above", |s| s >= 0.0))]
+    #[arg(long, value_name = "S", allow_negative_numbers = true, value_parser = number::allowed("a time in seconds, 0 or above", |s| s >= 0.0), hide_short_help = true)]
     from_s: Option<f64>,
     /// Of a recording: frames up to so many seconds after its first frame.
-    #[arg(long, value_name = "S", allow_negative_numbers = true, value_parser = number::positive("a time in seconds above 0"))]
+    #[arg(long, value_name = "S", allow_negative_numbers = true, value_parser = number::positive("a time in seconds above 0"), hide_short_help = true)]
     to_s: Option<f64>,
     /// Of a recording: every N-th frame.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..), hide_short_help = true)]
     every: Option<u64>,
 }
 

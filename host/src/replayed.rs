@@ -17,6 +17,8 @@ pub(crate) struct Replayed {
     first_different: Option<u32>,
     /// Frames that were taken, but are not in the file.
     pub(crate) missing: u64,
+    /// Whether the page went to another place: from there on numbers of touches are others than then.
+    pub(crate) jumped: bool,
 }
 
 impl Replayed {
@@ -35,6 +37,9 @@ impl Replayed {
         };
         counters.lost_frames = expected.lost_frames;
         counters.skipped_frames = expected.skipped_frames;
+        if self.jumped {
+            return Ok(());
+        }
         let faults = serde_json::to_value(&result.faults)?;
         let same_faults = expected.faults.as_ref().is_none_or(|expected| *expected == faults);
         let events = serde_json::to_value(events)?;
@@ -51,7 +56,10 @@ impl Replayed {
     /// Says how many pictures were the same.
     pub(crate) fn say(&self, file: &str, ended: bool) {
         let pictures = self.same + self.different;
-        if pictures == 0 {
+        if self.jumped {
+            say!("{file}: after the page went to another place pictures are not compared with what was recorded");
+        }
+        if pictures == 0 && !self.jumped {
             say!("{file}: no picture in it; skin info says what there is");
         } else if self.different > 0 {
             say!(
@@ -59,7 +67,7 @@ impl Replayed {
                 self.different,
                 self.first_different.unwrap_or(0)
             );
-        } else {
+        } else if pictures > 0 {
             say!("{file}: {pictures} pictures, every one with the recorded touches");
         }
         if self.missing > 0 {
@@ -68,7 +76,7 @@ impl Replayed {
                 self.missing
             );
         }
-        if !ended {
+        if !ended && !self.jumped {
             say!("{file}: not played to its end");
         }
     }

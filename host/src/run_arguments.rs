@@ -43,32 +43,32 @@ pub(crate) struct SourceArguments {
     #[arg(long, value_name = "PLAN", value_parser = plan::parser(), default_value_t = PlanChoice::Auto)]
     pub(crate) plan: PlanChoice,
     /// Let the board watch: while nothing touches it sends no frames, and a touch brings them with the next drive.
-    #[arg(long)]
+    #[arg(long, hide_short_help = true)]
     pub(crate) watch: bool,
     /// Reconstructs every frame, however late, for boards that do not run in real time; up to 64 MB of them wait [default: the newest,
     /// and says how many were passed over].
-    #[arg(long)]
+    #[arg(long, hide_short_help = true)]
     pub(crate) every_frame: bool,
     /// The sheet, a TOML file as for `skin forward` [default: the paper's disc].
     #[arg(long, value_name = "FILE")]
     pub(crate) sheet: Option<PathBuf>,
     /// The electrode of the sheet that every wire leads to, in the order of the board's numbers, as `skin check` says it.
-    #[arg(long, value_delimiter = ',', value_name = "ELECTRODE,...")]
+    #[arg(long, value_delimiter = ',', value_name = "ELECTRODE,...", hide_short_help = true)]
     pub(crate) wires: Vec<usize>,
     /// Take the electrodes to be exactly where they are said to be, instead of finding them in the baseline.
-    #[arg(long)]
+    #[arg(long, hide_short_help = true)]
     pub(crate) trust_electrodes: bool,
     /// Which way touches change the resistance of the sheet [default: learned from the first ones].
-    #[arg(long, value_name = "WAY", value_parser = crate::rise::parser())]
+    #[arg(long, value_name = "WAY", value_parser = crate::rise::parser(), hide_short_help = true)]
     pub(crate) rise: Option<Polarity>,
     /// Frames of the unpressed sheet that make the baseline, at least 2 [default: those of 0.7 s, at least 24].
-    #[arg(long, value_name = "N", value_parser = RangedU64ValueParser::<usize>::new().range(2..))]
+    #[arg(long, value_name = "N", value_parser = RangedU64ValueParser::<usize>::new().range(2..), hide_short_help = true)]
     pub(crate) baseline_frames: Option<usize>,
     /// The baseline to start with. The last good one of each board is stored.
     #[arg(long, value_enum, value_name = "WHICH", default_value_t = Start::New)]
     pub(crate) baseline: Start,
     /// Folder of the stored baselines [default: $XDG_STATE_HOME/skin or ~/.local/state/skin, and none for a simulated skin].
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR", hide_short_help = true)]
     pub(crate) state_dir: Option<PathBuf>,
     /// What `skin calibrate` wrote: forces in newtons with the creep of the rubber taken out; or, by `skin calibrate presses`, the touches of a
     /// sheet that no model describes.
@@ -86,7 +86,7 @@ pub(crate) struct ShowArguments {
     #[arg(long)]
     pub(crate) json: bool,
     /// With --json: the rise of every cell of the picture, too, in the order of the header's list.
-    #[arg(long, requires = "json")]
+    #[arg(long, requires = "json", hide_short_help = true)]
     pub(crate) cells: bool,
     /// Runs a command of the shell whenever a touch does this: contact, lift, tap, double_tap, stroke, hold, slip or palm. What it did
     /// is in the environment (SKIN_X_MM, ...: docs/events.md). Can be given several times.

@@ -87,7 +87,7 @@ impl Run<'_> {
         let Some(baseline) = self.live.baseline().cloned() else {
             return Ok(());
         };
-        let notes = Notes::new(tap, recordable.record.values);
+        let notes = Notes::new(tap, &recordable.record);
         notes.resume(&baseline);
         *self.live = (recordable.anew)();
         self.live.resume(baseline)?;

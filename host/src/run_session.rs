@@ -162,7 +162,7 @@ pub(crate) fn one(arguments: &SourceArguments, outputs: &Outputs<'_>, within: Wi
         watch: watch_of(arguments, &session)?,
         held,
         wanted: None,
-        notes: tap.map(|tap| Notes::new(tap, recorded.values)),
+        notes: tap.map(|tap| Notes::new(tap, &record)),
         recorder,
         recordable: Some(Recordable::new(switch, record.clone(), anew)),
         replayed: None,

@@ -4,7 +4,7 @@ use crate::event::Said;
 use crate::recorded::LiveRecord;
 use anyhow::{Result, anyhow};
 use inverse::reference::baseline::Baseline;
-use recording::{Reader, Topic};
+use recording::{Known, Reader, Topic};
 use serde::Deserialize;
 use serde_json::Value;
 use std::fs::File;
@@ -50,7 +50,7 @@ impl PictureRecord {
 /// What the live reconstruction did, step by step.
 pub(crate) struct Script {
     reader: Reader<BufReader<File>>,
-    unix_s: f64,
+    log_ns: u64,
 }
 
 impl Script {
@@ -61,13 +61,29 @@ impl Script {
     pub(crate) fn open(path: &Path) -> Result<Self> {
         Ok(Self {
             reader: Reader::open(path)?,
-            unix_s: 0.0,
+            log_ns: 0,
+        })
+    }
+
+    /// That of a recording, from a place on.
+    ///
+    /// # Errors
+    /// It cannot be read.
+    pub(crate) fn open_at(path: &Path, known: &Known, place: u64) -> Result<Self> {
+        Ok(Self {
+            reader: Reader::open_at(path, known, place)?,
+            log_ns: 0,
         })
     }
 
     /// When the last step was recorded, s since 1970.
     pub(crate) fn unix_s(&self) -> f64 {
-        self.unix_s
+        1e-9 * self.log_ns as f64
+    }
+
+    /// The same, ns.
+    pub(crate) fn log_ns(&self) -> u64 {
+        self.log_ns
     }
 
     /// The next step; none at the end.
@@ -75,12 +91,20 @@ impl Script {
     /// # Errors
     /// The file cannot be read, or a step cannot be understood.
     pub(crate) fn next(&mut self) -> Result<Option<Step>> {
+        self.next_from(0)
+    }
+
+    /// The next step, where pictures that were recorded before a time are passed over.
+    ///
+    /// # Errors
+    /// As [`Script::next`].
+    pub(crate) fn next_from(&mut self, from_ns: u64) -> Result<Option<Step>> {
         let file = self.reader.file().to_owned();
         let bad = |e: serde_json::Error| anyhow!("{file}: a step of the recording cannot be understood: {e}");
         while let Some(message) = self.reader.next()? {
-            self.unix_s = 1e-9 * message.log_ns as f64;
+            self.log_ns = message.log_ns;
             match message.topic {
-                Some(Topic::Touches) => {
+                Some(Topic::Touches) if message.log_ns >= from_ns => {
                     let picture: PictureRecord = serde_json::from_slice(message.data).map_err(bad)?;
                     return Ok(Some(Step::Frame {
                         frame: picture.frame,

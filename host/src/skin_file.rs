@@ -3,7 +3,7 @@
 use crate::run_arguments::SourceArguments;
 use anyhow::{Context, Result, anyhow, bail};
 use link::plans::PlanChoice;
-use recording::{Reader, Topic};
+use recording::{Pose, Reader, Topic};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use view::web::is_name;
@@ -19,6 +19,48 @@ pub(crate) struct Place {
     /// Turns about the frame's x, then y, then z.
     #[serde(default)]
     pub(crate) roll_pitch_yaw_deg: [f64; 3],
+}
+
+impl Place {
+    /// The frame's axes of the sheet: to its right, up on it, and out of it.
+    fn axes(&self) -> [[f64; 3]; 3] {
+        let [[sr, cr], [sp, cp], [sy, cy]] = self.roll_pitch_yaw_deg.map(|deg| {
+            let (sin, cos) = deg.to_radians().sin_cos();
+            [sin, cos]
+        });
+        [
+            [cy * cp, sy * cp, -sp],
+            [cy * sp * sr - sy * cr, sy * sp * sr + cy * cr, cp * sr],
+            [cy * sp * cr + sy * sr, sy * sp * cr - cy * sr, cp * cr],
+        ]
+    }
+
+    /// Where a point of the sheet is in the robot's frame, mm.
+    pub(crate) fn point_mm(&self, [x, y]: [f64; 2]) -> [f64; 3] {
+        let [right, up, _] = self.axes();
+        [0, 1, 2].map(|k| self.position_mm[k] + x * right[k] + y * up[k])
+    }
+
+    /// Which way the sheet faces, of length 1.
+    pub(crate) fn normal(&self) -> [f64; 3] {
+        self.axes()[2]
+    }
+
+    /// The place as viewers have it.
+    pub(crate) fn pose(&self) -> Pose {
+        let half = self.roll_pitch_yaw_deg.map(|deg| (deg.to_radians() / 2.0).sin_cos());
+        let [(sr, cr), (sp, cp), (sy, cy)] = half;
+        Pose {
+            frame: self.frame.clone(),
+            position_m: self.position_mm.map(|mm| 1e-3 * mm),
+            orientation: [
+                sr * cp * cy - cr * sp * sy,
+                cr * sp * cy + sr * cp * sy,
+                cr * cp * sy - sr * sp * cy,
+                cr * cp * cy + sr * sp * sy,
+            ],
+        }
+    }
 }
 
 /// A skin of the file.
@@ -164,6 +206,22 @@ fn parse(text: &str, folder: &Path) -> Result<Vec<Skin>> {
 }
 
 impl Skin {
+    /// Whether it is the one behind a port, with these serial numbers of a board or its adapter.
+    pub(crate) fn is_behind(&self, port: &str, serials: &[&str]) -> bool {
+        self.port.as_deref() == Some(port) || self.serial.as_deref().is_some_and(|serial| serials.contains(&serial))
+    }
+
+    /// The port that it names, where it names one.
+    pub(crate) fn port(&self) -> Option<&str> {
+        self.port.as_deref()
+    }
+
+    /// How its board is named, where it is a board's.
+    pub(crate) fn board(&self) -> Option<String> {
+        let serial = self.serial.as_ref().map(|serial| format!("serial number {serial}"));
+        serial.or_else(|| self.port.as_ref().map(|port| format!("port {port}")))
+    }
+
     /// The options of a session of this skin.
     pub(crate) fn arguments(&self, all: &SourceArguments) -> Result<SourceArguments> {
         let plan = self.plan.as_deref().map(str::parse::<PlanChoice>).transpose();
@@ -186,6 +244,49 @@ impl Skin {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn apart(a: [f64; 3], b: [f64; 3]) -> f64 {
+        (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt()
+    }
+
+    /// One turn after the other about the robot's own axes, and by the quaternion, is the same point.
+    #[test]
+    fn a_place_turns_about_x_then_y_then_z_and_then_moves() {
+        let place = Place {
+            frame: "base".to_owned(),
+            position_mm: [10.0, -20.0, 30.0],
+            roll_pitch_yaw_deg: [25.0, -40.0, 110.0],
+        };
+        let turn = |[x, y, z]: [f64; 3], axis: usize, deg: f64| {
+            let (s, c) = deg.to_radians().sin_cos();
+            match axis {
+                0 => [x, c * y - s * z, s * y + c * z],
+                1 => [c * x + s * z, y, c * z - s * x],
+                _ => [c * x - s * y, s * x + c * y, z],
+            }
+        };
+        let turned = |p: [f64; 3]| (0..3).fold(p, |p, axis| turn(p, axis, place.roll_pitch_yaw_deg[axis]));
+        let moved = |p: [f64; 3]| [0, 1, 2].map(|k| turned(p)[k] + place.position_mm[k]);
+        assert!(apart(place.point_mm([31.0, -7.0]), moved([31.0, -7.0, 0.0])) < 1e-9);
+        assert!(apart(place.normal(), turned([0.0, 0.0, 1.0])) < 1e-12);
+        let Pose {
+            orientation: [x, y, z, w],
+            position_m,
+            ..
+        } = place.pose();
+        let cross = |a: [f64; 3], b: [f64; 3]| {
+            [
+                a[1] * b[2] - a[2] * b[1],
+                a[2] * b[0] - a[0] * b[2],
+                a[0] * b[1] - a[1] * b[0],
+            ]
+        };
+        let p = [31.0, -7.0, 0.0];
+        let once = cross([x, y, z], p);
+        let twice = cross([x, y, z], [0, 1, 2].map(|k| once[k] + w * p[k]));
+        let by_quaternion = [0, 1, 2].map(|k| p[k] + 2.0 * twice[k] + 1e3 * position_m[k]);
+        assert!(apart(by_quaternion, place.point_mm([31.0, -7.0])) < 1e-9);
+    }
 
     #[test]
     fn a_file_names_every_skin_once_and_says_where_it_is() {

@@ -3,11 +3,11 @@
 
 use crate::event::Event;
 use crate::live_run::{HELD, LAG_S, SILENCE};
+use crate::played_board::{Frames, PlayedBoard};
 use crate::presses::file::PressCalibration;
 use crate::presses::live::Chosen;
 use crate::presses::locate;
 use crate::recorded::SessionRecord;
-use crate::replay::{Frames, PlayedBoard};
 use crate::run_arguments::{SourceArguments, Start};
 use crate::run_session::{check_electrodes, live_options, pattern, scene_of};
 use crate::script::{Script, Step};

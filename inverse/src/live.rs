@@ -221,14 +221,15 @@ impl Live {
             Way::Model(reconstructor) => reconstructor,
             Way::Presses(follower) => {
                 let result = follower.frame(values_v, interval_s)?;
-                self.tracker.update(time_s, &mut result.touches);
+                self.tracker.update(time_s, &mut result.touches, result.doubt.is_some());
                 return Ok(LiveFrame::Picture(result));
             }
         };
         let result = reconstructor.frame_after(values_v, self.interval_s)?;
         let gone = matches!(result.doubt, Some(Doubt::Gone { .. })) && result.touches.is_empty();
         self.gone_since_s = gone.then(|| self.gone_since_s.unwrap_or(time_s));
-        self.tracker.update(time_s, &mut result.touches);
+        let doubted = result.doubt.is_some() || !result.faults.is_empty();
+        self.tracker.update(time_s, &mut result.touches, doubted);
         if result.anew {
             self.radius_filter.update(time_s, result.grown, &mut result.touches);
         } else {

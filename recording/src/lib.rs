@@ -21,13 +21,13 @@ mod writer;
 
 pub use clock::{BoardClock, ClockFit, HostClock};
 pub use error::RecordingError;
-pub use playback::{Playback, Speed};
-pub use reader::{Ended, Message, Reader, split};
+pub use playback::{Pace, Playback, Speed};
+pub use reader::{Ended, Known, Message, Reader, split};
 pub use recorder::{Counts, Recorder, WaitingRecorder};
 pub use recover::{Recovered, recover};
 pub use sink::Target;
 pub use switch::{Switch, Switched};
-pub use tap::{Later, Tap, Tapped, from_base64};
+pub use tap::{Later, Pose, Tap, Tapped, from_base64};
 pub use topic::{FORMAT, PROFILE, Topic};
 pub use wire::Splitter;
 pub use writer::Writer;

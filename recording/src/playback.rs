@@ -1,7 +1,7 @@
 //! A board's port that sends what was recorded.
 
 use crate::error::RecordingError;
-use crate::reader::Reader;
+use crate::reader::{Known, Reader};
 use crate::topic::{PORT_STEP, Topic};
 use protocol::{
     BoardError, Command, Decoder, FromBoard, Hello, MAX_FROM_BOARD_LEN, MAX_TO_BOARD_LEN, Plan, ToBoard, encode,
@@ -22,6 +22,36 @@ pub enum Speed {
     Times(f64),
     /// As fast as somebody reads.
     Unpaced,
+}
+
+/// When what is played. Recordings that share one keep the times between them.
+#[derive(Clone, Debug, Default)]
+pub struct Pace(Arc<Mutex<Begun>>);
+
+/// Log time, ns, and present of what is played first.
+#[derive(Debug, Default)]
+struct Begun {
+    log_ns: Option<u64>,
+    at: Option<Instant>,
+}
+
+impl Pace {
+    /// All that was recorded before a log time, ns, is played at once.
+    pub fn from(log_ns: u64) -> Self {
+        Self(Arc::new(Mutex::new(Begun {
+            log_ns: Some(log_ns),
+            at: None,
+        })))
+    }
+
+    /// Log time and present of what is played first; this, where nothing was.
+    fn began(&self, log_ns: u64) -> (u64, Instant) {
+        let mut begun = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        (
+            *begun.log_ns.get_or_insert(log_ns),
+            *begun.at.get_or_insert_with(Instant::now),
+        )
+    }
 }
 
 /// Longest that a read waits.
@@ -45,6 +75,9 @@ struct Played {
     hello: Hello,
     plan: Plan,
     speed: Speed,
+    pace: Pace,
+    /// Whether it plays from a place behind the board's start.
+    within: bool,
     commands: Decoder<MAX_TO_BOARD_LEN>,
     out: VecDeque<u8>,
     /// Since the start was asked for.
@@ -59,8 +92,6 @@ struct Playing {
     decoder: Decoder<MAX_FROM_BOARD_LEN>,
     /// Whether the recorded board was started already.
     started: bool,
-    /// Log time and present of the first frame.
-    began: Option<(u64, Instant)>,
     /// What is to be sent next.
     next: Option<Next>,
 }
@@ -99,6 +130,19 @@ impl Playback {
     /// # Errors
     /// It cannot be read, or nobody introduced itself in it.
     pub fn open(path: &Path, speed: Speed) -> Result<Self, RecordingError> {
+        Self::open_at(path, speed, Pace::default(), None)
+    }
+
+    /// Opens a recording to be played at a pace, from a [place](Reader::place) on.
+    ///
+    /// # Errors
+    /// As [`Playback::open`].
+    pub fn open_at(
+        path: &Path,
+        speed: Speed,
+        pace: Pace,
+        place: Option<(&Known, u64)>,
+    ) -> Result<Self, RecordingError> {
         let mut reader = Reader::open(path)?;
         let lacks = |what| RecordingError::Lacks {
             file: path.display().to_string(),
@@ -125,8 +169,13 @@ impl Playback {
         let played = Played {
             hello: hello.clone(),
             plan: plan.clone(),
-            reader: Reader::open(path)?,
+            reader: match place {
+                Some((known, place)) => Reader::open_at(path, known, place)?,
+                None => Reader::open(path)?,
+            },
             speed,
+            pace,
+            within: place.is_some(),
             commands: Decoder::new(),
             out: VecDeque::new(),
             playing: None,
@@ -194,7 +243,10 @@ impl Played {
         let start = answer == FromBoard::Ack(Command::Start);
         self.answer(&answer);
         if start {
-            self.playing = Some(Playing::default());
+            self.playing = Some(Playing {
+                started: self.within,
+                ..Playing::default()
+            });
         }
     }
 
@@ -252,7 +304,7 @@ impl Played {
             let playing = self.playing.get_or_insert_default();
             if let Speed::Times(times) = self.speed {
                 let log_ns = next.log_ns();
-                let (first_ns, began) = *playing.began.get_or_insert_with(|| (log_ns, Instant::now()));
+                let (first_ns, began) = self.pace.began(log_ns);
                 let after_s = 1e-9 * log_ns.saturating_sub(first_ns) as f64 / times;
                 let due = Duration::try_from_secs_f64(after_s).unwrap_or(Duration::MAX);
                 let wait = due.saturating_sub(began.elapsed());

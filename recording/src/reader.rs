@@ -8,7 +8,7 @@ use mcap::sans_io::LinearReader;
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReaderOptions};
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{BufReader, ErrorKind, Read};
+use std::io::{BufReader, ErrorKind, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 /// How a file ended.
@@ -48,6 +48,16 @@ pub(crate) struct Channel {
     topic: Option<Topic>,
 }
 
+/// What is known of a file once it was read: whoever has it can read from [any place](Reader::place) on.
+#[derive(Clone, Debug)]
+pub struct Known {
+    channels: BTreeMap<u16, Channel>,
+}
+
+/// Bytes before the first record, and before the data of any.
+const MAGIC: u64 = 8;
+const RECORD_HEAD: u64 = 9;
+
 /// A file that is being read.
 pub struct Reader<R> {
     source: R,
@@ -60,6 +70,9 @@ pub struct Reader<R> {
     channels: BTreeMap<u16, Channel>,
     data: Vec<u8>,
     bytes: u64,
+    /// Where the next record begins, and where the chunk began that the last message is in.
+    at: u64,
+    chunk_at: u64,
     profile: Option<String>,
     /// The skin of several that is asked for.
     skin: Option<String>,
@@ -91,13 +104,37 @@ impl Reader<BufReader<File>> {
     /// # Errors
     /// What the system said, or it is no recording of skin.
     pub fn open(path: &Path) -> Result<Self, RecordingError> {
-        let (of_file, skin) = split(path);
-        let file = path.display().to_string();
-        let source = File::open(of_file).map_err(|e| RecordingError::io(&file, e))?;
-        let mut reader = Self::new(BufReader::with_capacity(1 << 16, source), &file)?;
+        let (source, file, skin) = opened(path)?;
+        let mut reader = Self::new(source, &file)?;
         reader.skin = skin;
         Ok(reader)
     }
+
+    /// Opens a file at a [place](Reader::place) of it.
+    ///
+    /// # Errors
+    /// As [`Reader::open`].
+    pub fn open_at(path: &Path, known: &Known, place: u64) -> Result<Self, RecordingError> {
+        let (mut source, file, skin) = opened(path)?;
+        source
+            .seek(SeekFrom::Start(place))
+            .map_err(|e| RecordingError::io(&file, e))?;
+        Ok(Self {
+            channels: known.channels.clone(),
+            profile: Some(PROFILE.to_owned()),
+            skin,
+            at: place,
+            ..Self::before(source, &file, true)
+        })
+    }
+}
+
+/// A file, its name in messages, and the skin that is asked for.
+fn opened(path: &Path) -> Result<(BufReader<File>, String, Option<String>), RecordingError> {
+    let (of_file, skin) = split(path);
+    let file = path.display().to_string();
+    let source = File::open(of_file).map_err(|e| RecordingError::io(&file, e))?;
+    Ok((BufReader::with_capacity(1 << 16, source), file, skin))
 }
 
 impl<R: Read> Reader<R> {
@@ -106,28 +143,7 @@ impl<R: Read> Reader<R> {
     /// # Errors
     /// As [`Reader::open`].
     pub fn new(source: R, file: &str) -> Result<Self, RecordingError> {
-        let options = LinearReaderOptions::default()
-            .with_emit_chunks(true)
-            .with_record_length_limit(MOST);
-        let within = LinearReaderOptions::default()
-            .with_skip_start_magic(true)
-            .with_skip_end_magic(true)
-            .with_prevalidate_chunk_crcs(true)
-            .with_record_length_limit(MOST);
-        let mut reader = Self {
-            source,
-            records: LinearReader::new_with_options(options),
-            chunks: LinearReader::new_with_options(within),
-            file: file.to_owned(),
-            schemas: BTreeMap::new(),
-            channels: BTreeMap::new(),
-            data: Vec::new(),
-            bytes: 0,
-            profile: None,
-            skin: None,
-            index: None,
-            ended: None,
-        };
+        let mut reader = Self::before(source, file, false);
         while reader.profile.is_none() && reader.ended.is_none() {
             reader.step()?;
         }
@@ -141,6 +157,47 @@ impl<R: Read> Reader<R> {
                 file: reader.file,
                 what: "it does not begin as one".to_owned(),
             }),
+        }
+    }
+
+    /// Before anything of it was read; within are no bytes before its first record.
+    fn before(source: R, file: &str, within: bool) -> Self {
+        let options = LinearReaderOptions::default()
+            .with_emit_chunks(true)
+            .with_skip_start_magic(within)
+            .with_record_length_limit(MOST);
+        let in_chunks = LinearReaderOptions::default()
+            .with_skip_start_magic(true)
+            .with_skip_end_magic(true)
+            .with_prevalidate_chunk_crcs(true)
+            .with_record_length_limit(MOST);
+        Self {
+            source,
+            records: LinearReader::new_with_options(options),
+            chunks: LinearReader::new_with_options(in_chunks),
+            file: file.to_owned(),
+            schemas: BTreeMap::new(),
+            channels: BTreeMap::new(),
+            data: Vec::new(),
+            bytes: 0,
+            at: MAGIC,
+            chunk_at: MAGIC,
+            profile: None,
+            skin: None,
+            index: None,
+            ended: None,
+        }
+    }
+
+    /// Where the chunk begins that the last message is in: from there on the file can be read.
+    pub fn place(&self) -> u64 {
+        self.chunk_at
+    }
+
+    /// What is known of the file so far; at its end, enough to read it from any place on.
+    pub fn known(&self) -> Known {
+        Known {
+            channels: self.channels.clone(),
         }
     }
 
@@ -272,9 +329,14 @@ impl<R: Read> Reader<R> {
                 room[1..9].copy_from_slice(&length);
                 room[9..size].copy_from_slice(data);
                 self.chunks.notify_read(size);
+                self.chunk_at = self.at;
+                self.at += size as u64;
                 return Ok(());
             }
-            Some(Ok(LinearReadEvent::Record { opcode, data })) => mcap::parse_record(opcode, data),
+            Some(Ok(LinearReadEvent::Record { opcode, data })) => {
+                self.at += RECORD_HEAD + data.len() as u64;
+                mcap::parse_record(opcode, data)
+            }
             Some(Err(why)) => Err(why),
         };
         match record {

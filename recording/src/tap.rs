@@ -116,6 +116,28 @@ pub fn from_base64(text: &str) -> Option<Vec<u8>> {
     BASE64_STANDARD.decode(text).ok()
 }
 
+/// Where a sheet is for viewers.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Pose {
+    /// The frame that the place is given in.
+    pub frame: String,
+    /// The sheet's centre, m.
+    pub position_m: [f64; 3],
+    /// The turn as a quaternion: x, y, z, w.
+    pub orientation: [f64; 4],
+}
+
+impl Default for Pose {
+    /// A frame of the sheet's own.
+    fn default() -> Self {
+        Self {
+            frame: "sheet".to_owned(),
+            position_m: [0.0; 3],
+            orientation: [0.0, 0.0, 0.0, 1.0],
+        }
+    }
+}
+
 impl Tap {
     pub(crate) fn new() -> (Self, Queue) {
         Self::holding(WAITING)
@@ -222,8 +244,8 @@ impl Tap {
         self.message(Topic::Picture, Some(frame_s), Data::Later(Box::new(make)));
     }
 
-    /// Records points for viewers: x and y in mm, rise, force in N.
-    pub fn points(&self, frame_s: f64, points: &[[f32; 4]]) {
+    /// Records points for viewers: x and y in mm, rise, force in N, on a sheet with this place.
+    pub fn points(&self, frame_s: f64, points: &[[f32; 4]], pose: &Pose) {
         let bytes: Vec<u8> = points
             .iter()
             .flat_map(|[x, y, rise, force]| [1e-3 * x, 1e-3 * y, 0.0, *rise, *force])
@@ -234,10 +256,11 @@ impl Tap {
             .enumerate()
             .map(|(k, name)| json!({"name": name, "offset": 4 * k, "type": 7}))
             .collect();
+        let ([px, py, pz], [x, y, z, w]) = (pose.position_m, pose.orientation);
         let message = json!({
             "timestamp": self.timestamp(),
-            "frame_id": "sheet",
-            "pose": {"position": {"x": 0, "y": 0, "z": 0}, "orientation": {"x": 0, "y": 0, "z": 0, "w": 1}},
+            "frame_id": pose.frame,
+            "pose": {"position": {"x": px, "y": py, "z": pz}, "orientation": {"x": x, "y": y, "z": z, "w": w}},
             "point_stride": 20,
             "fields": fields,
             "data": BASE64_STANDARD.encode(bytes),

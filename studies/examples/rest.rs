@@ -61,7 +61,7 @@ fn main() -> anyhow::Result<()> {
                 for frame in 1.. {
                     let time_s = frame as f64 * FRAME_S;
                     let result = reconstructor.frame(&noisy(clean.clone(), sigma, &mut rng))?;
-                    tracker.update(time_s, &mut result.touches);
+                    tracker.update(time_s, &mut result.touches, result.doubt.is_some());
                     if result.anew {
                         radius_filter.update(time_s, result.grown, &mut result.touches);
                     } else {

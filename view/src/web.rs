@@ -30,10 +30,12 @@ mod guard;
 mod keys;
 mod recording;
 mod refused;
+mod replay;
 mod server;
 mod watcher;
 
 pub use recording::Recording;
+pub use replay::Replay;
 
 /// Port unless told otherwise. Always the same, so that an open page finds the program again when it is restarted.
 pub const DEFAULT_PORT: u16 = 8477;
@@ -74,6 +76,15 @@ pub enum Command {
     StartRecording,
     /// Close the recording.
     StopRecording,
+    /// Show what a recording holds from this time on, ms after its first step.
+    Seek {
+        /// The time.
+        at_ms: u64,
+    },
+    /// Let a replay stand still.
+    Pause,
+    /// Let it go on.
+    Play,
 }
 
 /// A running server. Dropping it closes the pages' connections and ends its thread, within a second.
@@ -98,6 +109,8 @@ struct Shared {
     floor: f32,
     latest: watch::Sender<Option<Published>>,
     recording: watch::Sender<Recording>,
+    /// None of a board that is there.
+    replay: watch::Sender<Option<Replay>>,
     clients: AtomicUsize,
     encoded: AtomicUsize,
     commands: SyncSender<Command>,
@@ -225,6 +238,7 @@ impl LiveView {
                     floor: options.floor,
                     latest: watch::Sender::new(None),
                     recording: watch::Sender::default(),
+                    replay: watch::Sender::new(None),
                     clients: AtomicUsize::new(0),
                     encoded: AtomicUsize::new(0),
                     commands,
@@ -299,6 +313,15 @@ impl LiveView {
         self.shared.recording.send_if_modified(|now| {
             let news = *now != recording;
             *now = recording;
+            news
+        });
+    }
+
+    /// Tells the pages where a replay is, where that is news. Never waits.
+    pub fn set_replay(&self, replay: Replay) {
+        self.shared.replay.send_if_modified(|now| {
+            let news = *now != Some(replay);
+            *now = Some(replay);
             news
         });
     }

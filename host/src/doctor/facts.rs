@@ -3,8 +3,8 @@
 use super::arguments::Examined;
 use crate::board::{Choice, Connected};
 use crate::config::Config;
+use crate::played_board::PlayedBoard;
 use crate::recorded::SessionRecord;
-use crate::replay::PlayedBoard;
 use crate::{hello, run_session, sheet, simulated_skin};
 use ::forward::{Pattern, Sheet};
 use anyhow::{Context, Result, anyhow};

@@ -1,6 +1,7 @@
 //! Recordings that somebody asks for at the page.
 
-use crate::program::{Started, output, program, said};
+use crate::program::{Started, output, program, said, text};
+use recording::{Reader, Topic};
 use serde_json::{Value, json};
 use std::io::{BufRead, BufReader, Read};
 use std::net::TcpStream;
@@ -8,6 +9,7 @@ use std::path::Path;
 use std::process::{ChildStderr, Stdio};
 use std::time::Duration;
 use tungstenite::{Message, WebSocket};
+use view::wire::{Frame, decode};
 
 /// Longer than the slowest machine needs.
 const NOT_FOR_EVER: Duration = Duration::from_secs(120);
@@ -48,8 +50,24 @@ impl Page {
     }
 
     fn send(&mut self, kind: &str) {
-        let text = json!({ "kind": kind }).to_string();
-        self.socket.send(Message::Text(text.into())).unwrap();
+        self.ask(json!({ "kind": kind }));
+    }
+
+    fn ask(&mut self, request: Value) {
+        self.socket.send(Message::Text(request.to_string().into())).unwrap();
+    }
+
+    /// Takes what comes until a frame is wanted.
+    fn frame(&mut self, wanted: impl Fn(&Frame) -> bool) -> Frame {
+        loop {
+            if let Message::Binary(frame) = self.socket.read().unwrap() {
+                self.socket.send(Message::Binary(vec![1].into())).unwrap();
+                let frame = decode(&frame).unwrap();
+                if wanted(&frame) {
+                    return frame;
+                }
+            }
+        }
     }
 
     /// Takes what comes until a message is wanted.
@@ -125,9 +143,109 @@ fn what_the_page_records_is_replayed_with_every_touch() {
     }
     // What is played is in a file already.
     let mut page = Page::of(folder.path(), &["replay", files[0].to_str().unwrap()]);
+    page.until(|m| m["kind"] == "scene" && m["preparing"] == false);
     page.send("start_recording");
     let refused = page.recording(|m| !m["note"].is_null());
     assert!(refused["note"].as_str().unwrap().contains("replay"), "{refused}");
     page.end();
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2);
+}
+
+/// A picture of a recording: when it was recorded, ns, its frame, and the place of its only touch.
+struct Recorded {
+    log_ns: u64,
+    frame: u64,
+    touch: Option<(Value, [f64; 2])>,
+}
+
+/// When the first step of a recording was recorded, ns, and its pictures.
+fn recorded(file: &Path) -> (u64, Vec<Recorded>) {
+    let (mut began_ns, mut pictures) = (None, Vec::new());
+    let mut reader = Reader::open(file).unwrap();
+    while let Some(message) = reader.next().unwrap() {
+        if matches!(message.topic, Some(Topic::Live | Topic::Touches)) {
+            began_ns.get_or_insert(message.log_ns);
+        }
+        if message.topic == Some(Topic::Touches) {
+            let record: Value = serde_json::from_slice(message.data).unwrap();
+            let place = |t: &Value| (t["id"].clone(), ["x_mm", "y_mm"].map(|key| t[key].as_f64().unwrap()));
+            let only = record["touches"].as_array().filter(|touches| touches.len() == 1);
+            pictures.push(Recorded {
+                log_ns: message.log_ns,
+                frame: record["frame"].as_u64().unwrap(),
+                touch: only.map(|touches| place(&touches[0])),
+            });
+        }
+    }
+    (began_ns.unwrap(), pictures)
+}
+
+/// Forth and back over a baseline that was taken in between: what is shown at a place is what was shown there then.
+#[test]
+fn a_replay_goes_where_the_page_asks() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = "duration_s = 2.0\n[[touch]]\nshape = \"finger\"\n\
+                 press = { at_s = 0.4, for_s = 1.2, x_mm = 30.0, y_mm = 20.0, force_n = 15.0 }\n";
+    std::fs::write(folder.path().join("press.toml"), scene).unwrap();
+    let mut page = Page::of(
+        folder.path(),
+        &["run", "--scene", "press.toml", "--record", "press.mcap"],
+    );
+    let with_touch = page.frame(|f| f.touches.iter().any(|t| t.id == Some(1)));
+    page.frame(|f| f.time_s > with_touch.time_s + 3.0 && f.touches.is_empty());
+    page.send("tare");
+    page.until(|m| m["kind"] == "scene" && m["preparing"] == true);
+    page.until(|m| m["kind"] == "scene" && m["preparing"] == false);
+    let after = page.frame(|f| !f.touches.is_empty());
+    page.frame(|f| f.time_s > after.time_s + 3.0);
+    page.end();
+
+    let file = folder.path().join("press.mcap");
+    let (began_ns, pictures) = recorded(&file);
+    // A finger that rests: what is shown there does not depend on the frames before.
+    let rests: Vec<&Recorded> = pictures
+        .windows(21)
+        .filter(|w| {
+            w[10].touch.is_some()
+                && w.iter()
+                    .all(|p| p.touch.as_ref().map(|t| &t.0) == w[10].touch.as_ref().map(|t| &t.0))
+        })
+        .map(|w| &w[10])
+        .collect();
+    assert!(rests.len() > 40, "{} of {}", rests.len(), pictures.len());
+    let mut page = Page::of(folder.path(), &["replay", text(&file)]);
+    let told = page.until(|m| m["kind"] == "replay");
+    let length_ms = (pictures.last().unwrap().log_ns - began_ns) / 1_000_000;
+    assert!(
+        told["length_ms"].as_u64().unwrap().abs_diff(length_ms) <= 1000,
+        "{told}"
+    );
+    page.send("pause");
+    page.until(|m| m["kind"] == "replay" && m["paused"] == true);
+    for at in [rests.len() - 1, 0, rests.len() / 2, 1, rests.len() - 2] {
+        let wanted = rests[at];
+        // A millisecond holds no two pictures.
+        let at_ms = (wanted.log_ns - began_ns) / 1_000_000;
+        page.ask(json!({ "kind": "seek", "at_ms": at_ms }));
+        let shown = page.frame(|f| f.sequence.abs_diff(wanted.frame) <= 5);
+        let [touch] = &shown.touches[..] else {
+            panic!("{} touches", shown.touches.len())
+        };
+        let (_, [x, y]) = wanted.touch.as_ref().unwrap();
+        let off_mm = (touch.x_mm - x).hypot(touch.y_mm - y);
+        assert!(off_mm < 1.5, "{off_mm} mm off at {at_ms} ms");
+        let place = page.until(|m| m["kind"] == "replay" && m["at_ms"].as_u64().unwrap().abs_diff(at_ms) < 30);
+        assert_eq!(place["paused"], true);
+    }
+    // It goes on, and stands still at its end for as long as somebody watches.
+    page.send("play");
+    page.until(|m| m["kind"] == "replay" && m["paused"] == false);
+    let last = pictures.last().unwrap();
+    page.ask(json!({ "kind": "seek", "at_ms": length_ms.saturating_sub(300) }));
+    // Pictures that show nothing new are not sent.
+    page.frame(|f| f.sequence.abs_diff(last.frame) < 40);
+    page.until(|m| m["kind"] == "replay" && m["paused"] == true);
+    let said = page.end();
+    assert!(said.contains("went to another place"), "{said}");
+    assert!(!said.contains("warning"), "{said}");
 }

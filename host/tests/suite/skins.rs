@@ -26,6 +26,36 @@ fn told(lines: &[Value], name: &str) -> Vec<Value> {
     of_skin.map(lasting).collect()
 }
 
+fn numbers<const N: usize>(value: &Value) -> [f64; N] {
+    let list = value.as_array().unwrap().iter().map(|v| v.as_f64().unwrap());
+    list.collect::<Vec<_>>().try_into().unwrap()
+}
+
+/// Touches are where one turn after the other, about the robot's own axes, and the position take them.
+fn is_on_the_robot(lines: &[Value]) -> usize {
+    let place = &lines[0]["place"];
+    let [roll, pitch, yaw] = numbers::<3>(&place["roll_pitch_yaw_deg"]).map(f64::to_radians);
+    let moved = |[x, y]: [f64; 2]| {
+        let [x, y, z] = [x, y * roll.cos(), y * roll.sin()];
+        let [x, y, z] = [x * pitch.cos() + z * pitch.sin(), y, z * pitch.cos() - x * pitch.sin()];
+        let turned = [x * yaw.cos() - y * yaw.sin(), x * yaw.sin() + y * yaw.cos(), z];
+        let position = numbers::<3>(&place["position_mm"]);
+        [0, 1, 2].map(|k| turned[k] + position[k])
+    };
+    let mut touches = 0;
+    for line in lines.iter().filter(|l| l["kind"] == "picture") {
+        let of = |key: &str| line[key].as_array().cloned().unwrap_or_default();
+        for touch in of("touches").iter().chain(&of("events")) {
+            let wanted = moved(["x_mm", "y_mm"].map(|key| touch[key].as_f64().unwrap()));
+            let is = numbers::<3>(&touch["robot_mm"]);
+            // Six digits are printed of both.
+            assert!((0..3).all(|k| (is[k] - wanted[k]).abs() < 2e-3), "{touch} in {place}");
+            touches += 1;
+        }
+    }
+    touches
+}
+
 /// The sheets that come with the program, each in the simulator, end to end: lines, one recording, replays bit for bit, exports.
 #[test]
 fn three_skins_are_shown_recorded_and_replayed_by_name() {
@@ -48,7 +78,7 @@ fn three_skins_are_shown_recorded_and_replayed_by_name() {
         let own: Vec<Value> = live.iter().filter(|l| l["skin"] == name).cloned().collect();
         are_by_the_schema(&own);
         assert_eq!(own[0]["board"]["electrodes"], electrodes, "{name}");
-        assert_eq!(own[0]["place"]["position_mm"].as_array().unwrap().len(), 3);
+        is_on_the_robot(&own);
         let one = format!("{}#{name}", text(&file));
         let replay = output(&["replay", &one, "--json", "--speed", "max"]);
         let says = "40 pictures, every one with the recorded touches";
@@ -67,13 +97,18 @@ fn three_skins_are_shown_recorded_and_replayed_by_name() {
         info.iter()
             .all(|i| i["pictures"] == 40 && i["messages"]["other"].is_null())
     );
-    // What is one skin's has to say of which.
-    for arguments in [&["replay", text(&file)][..], &["export", text(&file), "--to", "npz"]] {
-        let refused = output(arguments);
-        assert_eq!(refused.status.code(), Some(1));
-        let says = "robot.mcap: a recording of several skins, palm, chest, forearm; name one, such as ";
-        assert!(said(&refused).contains(says), "{}", said(&refused));
+    // All at once, in one process.
+    let replay = output(&["replay", text(&file), "--json", "--speed", "max"]);
+    for name in NAMES {
+        assert_eq!(told(&live, name), told(&lines(&replay), name), "{name}");
     }
+    // What is one skin's has to say of which.
+    let refused = output(&["export", text(&file), "--to", "npz"]);
+    assert_eq!(refused.status.code(), Some(1));
+    let says = "robot.mcap: a recording of several skins, palm, chest, forearm; name one, such as ";
+    assert!(said(&refused).contains(says), "{}", said(&refused));
+    let png = ["replay", text(&file), "--png", "x.png"];
+    assert_eq!(output(&png).status.code(), Some(2));
     assert!(said(&output(&["replay", &format!("{}#foot", text(&file))])).contains("several skins"));
     skin(&["export", &format!("{}#chest", text(&file)), "--to", "npz"]);
     assert!(folder.path().join("robot-chest.npz").exists());
@@ -100,7 +135,8 @@ fn a_skin_that_fails_leaves_the_others_alone() {
     let folder = tempfile::tempdir().unwrap();
     let (skins, told) = (folder.path().join("skins.toml"), folder.path().join("told"));
     let file = "[[skin]]\nname = \"gone\"\nport = \"/dev/there-is-no-such-port\"\n\
-                [[skin]]\nname = \"tapped\"\nscene = \"fast-tap\"\n";
+                [[skin]]\nname = \"tapped\"\nscene = \"fast-tap\"\n\
+                [skin.place]\nframe = \"wrist\"\nposition_mm = [10, -20, 30]\nroll_pitch_yaw_deg = [25, -40, 110]\n";
     std::fs::write(&skins, file).unwrap();
     let command = format!("echo $SKIN_NAME >> '{}'", text(&told));
     let run = output(&[
@@ -124,6 +160,9 @@ fn a_skin_that_fails_leaves_the_others_alone() {
             .count()
     };
     assert_eq!((of("gone"), of("tapped")), (0, 250));
+    let tapped: Vec<Value> = pictures.lines().map(|l| serde_json::from_str(l).unwrap()).collect();
+    are_by_the_schema(&tapped);
+    assert!(is_on_the_robot(&tapped) > 10);
     if cfg!(unix) {
         let told = std::fs::read_to_string(&told).unwrap();
         assert!(!told.is_empty() && told.lines().all(|l| l == "tapped"), "{told}");

@@ -10,7 +10,8 @@ use std::f64::consts::PI;
 /// What the events are defined by. Chosen by hand where no source is given.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GestureOptions {
-    /// Frames in which a touch was seen when it gets its number ([`TrackerOptions::frames`](crate::touches::tracker::TrackerOptions)).
+    /// Most frames in which a touch was seen when it gets its number
+    /// ([`TrackerOptions::frames`](crate::touches::tracker::TrackerOptions)).
     pub frames: usize,
     /// A touch that is not seen for so long is lifted, s. More says it later; less lifts what flickers.
     pub lift_s: f64,
@@ -228,8 +229,9 @@ impl Gestures {
             match self.followed.iter_mut().find(|f| f.id == id) {
                 Some(followed) => followed.seen(touch, time_s, is_known_dent, &options, &mut self.events),
                 None => {
-                    // It has its number since a frame, and was seen in those before it.
-                    let began_s = self.times[self.times.len().saturating_sub(options.frames)];
+                    // It has its number since this frame, and may have been seen in some before it.
+                    let seen = options.frames.min(touch.frames as usize).clamp(1, self.times.len());
+                    let began_s = self.times[self.times.len() - seen];
                     let mut followed = Followed::new(id, touch, began_s, time_s);
                     if is_known_dent {
                         followed.state = State::Lifted(touch.total_mm2.abs());

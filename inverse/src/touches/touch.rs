@@ -33,6 +33,9 @@ pub struct Touch {
     /// Whether the force is that of a typical rubber, without a calibration and without its creep.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub uncalibrated: bool,
+    /// Frames in which it was seen, this one included; 0 before it is tracked.
+    #[serde(skip)]
+    pub frames: u32,
 }
 
 impl Touch {

@@ -5,7 +5,9 @@
 //! before and is not said to be any one costs as much as the longest reach; so does a touch that is said to be new. What vanished a moment ago costs
 //! nothing while it is away, so it never takes the place of one that is there.
 //!
-//! A touch gets its number once it was seen in several frames one after another. One that vanished is waited for, and gets its number
+//! A touch gets its number once it was seen in several frames one after another, so that what flickers has none. What flickers is
+//! noise, a touch that is taken for two, or a frame that is doubted. A touch that is none of these has its number at once: it is alone,
+//! its rise is far beyond its uncertainty, and nothing speaks against the frame. One that vanished is waited for, and gets its number
 //! back at once.
 
 use crate::touches::assignment::assign;
@@ -22,6 +24,9 @@ pub struct TrackerOptions {
     pub patience_s: f64,
     /// A touch has its number from so many frames on, one after another; at least 1. More waits longer; less numbers what flickers.
     pub frames: u32,
+    /// But a touch whose integrated rise is so many of its standard uncertainties, and that is farther than twice the reach from all
+    /// others, has it from its first frame on. More waits oftener.
+    pub clear_sd: f64,
     /// Speed of a touch when it is first seen, one direction's standard deviation, mm/s. Less follows later what comes down moving.
     pub speed_mm_s: f64,
     /// Change of the velocity in a second, one direction's standard deviation, mm/s. More follows turns sooner; less foretells better
@@ -38,6 +43,7 @@ impl TrackerOptions {
             reach_mm,
             patience_s,
             frames: 3,
+            clear_sd: 10.0,
             speed_mm_s: 300.0,
             change_mm_s: 50.0,
             place_sd_mm: [3.0, 0.5],
@@ -147,8 +153,9 @@ impl Tracker {
         }
     }
 
-    /// Numbers the touches of a frame, measured at the board's time; those that have no number yet have none.
-    pub fn update(&mut self, time_s: f64, touches: &mut [Touch]) {
+    /// Numbers the touches of a frame, measured at the board's time; those that have no number yet have none. Whether something speaks
+    /// against the frame.
+    pub fn update(&mut self, time_s: f64, touches: &mut [Touch], doubted: bool) {
         let following = self.following;
         for known in &mut self.known {
             // After a reset the board's time begins anew; after a gap nobody knows when it was seen last.
@@ -159,8 +166,12 @@ impl Tracker {
         let expected: Vec<Motion> = self.known.iter().map(expected).collect();
         let crowd = self.crowd(&expected);
         let whose = self.assign(&expected, touches);
+        // Before they are numbered: what is new is compared with what was known.
+        let clear: Vec<bool> = (0..touches.len())
+            .map(|k| !doubted && self.is_clear(&expected, touches, k))
+            .collect();
         self.known.iter_mut().for_each(|known| known.present = false);
-        for (touch, column) in touches.iter_mut().zip(whose) {
+        for ((touch, column), clear) in touches.iter_mut().zip(whose).zip(clear) {
             let k = if let Some(expected) = expected.get(column) {
                 let own = Motion::variance(touch, &following);
                 self.known[column].motion = *expected;
@@ -181,15 +192,33 @@ impl Tracker {
             (known.seen_s, known.present) = (time_s, true);
             known.seen_mm = [touch.x_mm, touch.y_mm];
             known.frames = known.frames.saturating_add(1);
-            if known.id.is_none() && known.frames >= following.frames {
+            if known.id.is_none() && (clear || known.frames >= following.frames) {
                 known.id = Some(self.next);
                 // Wrapping after four thousand million touches does no harm.
                 self.next = self.next.wrapping_add(1);
             }
-            touch.id = known.id;
+            (touch.id, touch.frames) = (known.id, known.frames);
         }
         // What has no number is not waited for.
         self.known.retain(|k| k.present || k.id.is_some());
+    }
+
+    /// Whether a touch cannot be noise, nor a part of another one.
+    fn is_clear(&self, expected: &[Motion], touches: &[Touch], k: usize) -> bool {
+        let touch = &touches[k];
+        let stands_out = touch
+            .total_sd_mm2
+            .is_some_and(|sd| touch.total_mm2.abs() >= self.following.clear_sd * sd);
+        let here = [touch.x_mm, touch.y_mm];
+        let far = 4.0 * self.following.reach_mm * self.following.reach_mm;
+        let others = touches
+            .iter()
+            .enumerate()
+            .filter(|(j, _)| *j != k)
+            .map(|(_, t)| [t.x_mm, t.y_mm]);
+        let known = expected.iter().zip(&self.known).filter(|(_, known)| known.id.is_some());
+        let mut all = others.chain(known.map(|(motion, _)| motion.at_mm));
+        stands_out && all.all(|there| squared(here, there) > far)
     }
 
     /// By how much the places of known ones are more uncertain than they say, mm²: two that are near each other may be seen as one

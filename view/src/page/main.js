@@ -10,6 +10,8 @@ import { Connection } from "./wire.js";
 const STALE_MS = 1000;
 // How long the question stands whether to take a baseline under touches.
 const SURE_MS = 4000;
+// So often at most a replay is asked to be elsewhere.
+const SEEK_MS = 120;
 const PALETTES = ["inferno", "viridis", "grey"];
 
 const NOT_RECORDED = { file: null, bytes: 0, seconds: 0, note: null };
@@ -38,6 +40,9 @@ const page = {
   away: null,
   preparing: false,
   recording: NOT_RECORDED,
+  // Where a recording is that is played; null for a board.
+  replay: null,
+  seek: { to: null, timer: null },
   commands: false,
   readAt: 0,
 };
@@ -48,7 +53,7 @@ const connection = new Connection({
   state(name, seconds) {
     page.state = { name, until: performance.now() + 1000 * seconds };
     // A program that has just begun records nothing until it says so.
-    if (name === "live") page.recording = NOT_RECORDED;
+    if (name === "live") [page.recording, page.replay] = [NOT_RECORDED, null];
     showRecording();
     showState();
     request();
@@ -70,12 +75,19 @@ const connection = new Connection({
   rights(commands) {
     page.commands = commands;
     $("rights").hidden = commands;
-    showState();
+    showHeld();
   },
   recording(recording) {
     page.recording = recording;
     showRecording();
     showState();
+  },
+  replay(replay) {
+    const began = !page.replay;
+    page.replay = replay;
+    // The whole recording takes the place of the last ten minutes.
+    if (began) showNewest();
+    showHeld();
   },
   frame(frame) {
     const now = performance.now();
@@ -134,7 +146,8 @@ function draw(now) {
 // --- state --------------------------------------------------------------------------------------------------------
 
 function isLive() {
-  return page.state.name === "live" && !page.away && performance.now() - page.arrived < STALE_MS;
+  const fresh = performance.now() - page.arrived < STALE_MS || page.replay?.paused;
+  return page.state.name === "live" && !page.away && fresh;
 }
 
 function showState() {
@@ -152,12 +165,16 @@ function showState() {
   } else if (!page.arrived) {
     [state, text] = ["wait", "preparing"];
     banner = "No picture yet: the program looks for the board, models the sheet and takes a baseline. Do not touch.";
+  } else if (page.replay?.paused) {
+    [state, text] = ["wait", "paused"];
   } else if (quiet > STALE_MS) {
     [state, text] = ["wait", `no new picture for ${Math.floor(quiet / 1000)} s`];
   } else if (page.preparing) {
     [state, text] = ["wait", "preparing"];
   } else if (page.at !== null) {
     [state, text] = ["wait", "held"];
+  } else if (page.replay) {
+    text = "replay";
   }
   $("connection").dataset.state = state;
   set("connection-text", text);
@@ -169,7 +186,7 @@ function showState() {
     sheet.below = below;
     request();
   }
-  const commands = name === "live" && page.commands && page.away === null;
+  const commands = name === "live" && page.commands && page.away === null && !page.replay;
   $("tare").disabled = !commands;
   $("record").disabled = !commands && !(name === "live" && page.commands && page.recording.file);
   $("undo").disabled = !commands || !page.baseline?.earlier;
@@ -275,9 +292,10 @@ function showNewest() {
 }
 
 function showHeld() {
-  const held = page.at !== null;
+  const held = page.replay ? page.replay.paused : page.at !== null;
   $("hold").setAttribute("aria-pressed", held);
-  set("hold-text", held ? "Held" : "Hold");
+  set("hold-text", page.replay ? (held ? "Play" : "Pause") : held ? "Held" : "Hold");
+  $("hold").disabled = page.replay !== null && !page.commands;
   page.readAt = 0;
   showTime();
   showState();
@@ -286,6 +304,16 @@ function showHeld() {
 
 function showTime() {
   const slider = $("time");
+  slider.disabled = page.replay !== null && !page.commands;
+  if (page.replay) {
+    const { length_ms: length } = page.replay;
+    const at = page.seek.to ?? page.replay.at_ms;
+    [slider.min, slider.max, slider.value] = [0, length, at];
+    const text = `${clock(at / 1000)} of ${clock(length / 1000)}`;
+    set("when", text);
+    slider.setAttribute("aria-valuetext", text);
+    return;
+  }
   [slider.min, slider.max] = [history.first, Math.max(history.first, history.last)];
   slider.value = page.at ?? history.last;
   const entry = page.at === null ? null : history.entry(page.at);
@@ -295,13 +323,34 @@ function showTime() {
   slider.setAttribute("aria-valuetext", text);
 }
 
+/** Asks a replay to be elsewhere, the last of what is asked for at once. */
+function seek(to) {
+  if (!page.commands) return;
+  page.seek.to = Math.round(Math.max(0, Math.min(page.replay.length_ms, to)));
+  showTime();
+  if (page.seek.timer) return;
+  connection.send({ kind: "seek", at_ms: page.seek.to });
+  page.seek.timer = setTimeout(() => {
+    const [asked, latest] = [page.seek.asked, page.seek.to];
+    page.seek.timer = null;
+    if (asked !== latest && page.replay) seek(latest);
+    else page.seek.to = null;
+  }, SEEK_MS);
+  page.seek.asked = page.seek.to;
+}
+
 function hold() {
+  if (page.replay) return void connection.send({ kind: page.replay.paused ? "play" : "pause" });
   if (page.at === null) showFrame(history.last);
   else showNewest();
 }
 
 /** So many frames, or seconds, on; past the last one what comes is shown again. */
 function step(frames, seconds) {
+  if (page.replay) {
+    const frame = 1000 / (page.newest?.rate || 30);
+    return seek((page.seek.to ?? page.replay.at_ms) + (seconds ? 1000 * seconds : frames * Math.ceil(frame)));
+  }
   const from = page.at ?? history.last;
   const to = seconds ? history.step(from, seconds) : from + frames;
   if (to > history.last) showNewest();
@@ -372,6 +421,7 @@ $("save").addEventListener("click", save);
 $("cells").addEventListener("click", cells);
 $("time").addEventListener("input", () => {
   const k = Number($("time").value);
+  if (page.replay) return seek(k);
   if (k >= history.last) showNewest();
   else showFrame(k);
 });
@@ -395,8 +445,8 @@ document.addEventListener("keydown", (event) => {
   const times = {
     ArrowLeft: () => step(-1, event.shiftKey ? -1 : 0),
     ArrowRight: () => step(1, event.shiftKey ? 1 : 0),
-    Home: () => showFrame(history.first),
-    End: showNewest,
+    Home: () => (page.replay ? seek(0) : showFrame(history.first)),
+    End: () => (page.replay ? seek(page.replay.length_ms) : showNewest()),
     " ": () => event.repeat || hold(),
   };
   // Buttons are pressed by the space bar, and colours chosen by the arrows.
@@ -412,7 +462,7 @@ document.addEventListener("keydown", (event) => {
     u: undoBaseline,
     r: record,
     h: hold,
-    l: showNewest,
+    l: () => page.replay || showNewest(),
     s: save,
     g: cells,
     t: theme.toggle,

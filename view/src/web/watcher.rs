@@ -12,6 +12,7 @@ use tokio::sync::watch;
 use crate::web::app::{App, ended};
 use crate::web::recording::{Recording, Told};
 use crate::web::refused::Refused;
+use crate::web::replay;
 use crate::web::{Command, Published, Shared};
 use crate::wire::{Clock, Request, Rights, Scene};
 
@@ -79,6 +80,10 @@ impl Watcher<'_> {
         if *recording.borrow() != Recording::default() {
             recording.mark_changed();
         }
+        let mut replay = self.shared.replay.subscribe();
+        if replay.borrow().is_some() {
+            replay.mark_changed();
+        }
         let (mut scene, mut number) = (0, 0);
         loop {
             tokio::select! {
@@ -106,6 +111,15 @@ impl Watcher<'_> {
                     }
                     let now = recording.borrow_and_update().clone();
                     self.tell(&Told::from(&now)).await?;
+                }
+                changed = replay.changed() => {
+                    if changed.is_err() {
+                        return Ok(());
+                    }
+                    let now = *replay.borrow_and_update();
+                    if let Some(now) = now {
+                        self.tell(&replay::Told::from(now)).await?;
+                    }
                 }
                 changed = latest.changed(), if self.credits > 0 => {
                     if changed.is_err() {
@@ -158,6 +172,9 @@ impl Watcher<'_> {
             Ok(Request::UndoBaseline) => self.command(Command::UndoBaseline).await,
             Ok(Request::StartRecording) => self.command(Command::StartRecording).await,
             Ok(Request::StopRecording) => self.command(Command::StopRecording).await,
+            Ok(Request::Seek { at_ms }) => self.command(Command::Seek { at_ms }).await,
+            Ok(Request::Pause) => self.command(Command::Pause).await,
+            Ok(Request::Play) => self.command(Command::Play).await,
             Ok(Request::Clock { page_ms }) => {
                 let server_ms = shared.now_ms();
                 self.tell(&Clock {

@@ -2,6 +2,7 @@
 
 use super::*;
 use serde_json::json;
+use view::web::{Command, Replay};
 
 /// Until what the page was told is drawn.
 const DRAWN: &str = "new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(drawn)))";
@@ -244,4 +245,76 @@ fn a_cell_is_drawn_in_one_colour_and_tells_its_value() {
     }
     page.press("g");
     assert_eq!(page.ask("document.querySelector('#probe').hidden"), true);
+}
+
+/// Of a replay the slider is the whole recording: the page asks for places, and shows where it is told to be.
+#[test]
+fn a_replay_is_gone_through_as_a_whole() {
+    let Some(browser) = browser() else { return };
+    let (view, mut n) = (view(), 0);
+    let replay = |at_ms, paused| {
+        view.set_replay(Replay {
+            at_ms,
+            length_ms: 221_000,
+            paused,
+        });
+    };
+    replay(12_340, false);
+    let mut page = browser.open(&view.url());
+    let says = "document.querySelector('#when').textContent + '; ' + document.querySelector('#hold-text').textContent + '; ' + document.querySelector('#connection-text').textContent";
+    until(
+        &mut page,
+        &view,
+        &mut n,
+        &format!("({says}) === '0:12 of 3:41; Pause; replay'"),
+    );
+    let asked = |wanted: Command| {
+        let start = Instant::now();
+        loop {
+            assert!(start.elapsed() < NOT_FOR_EVER, "never: {wanted:?}");
+            match view.command() {
+                Some(it) => return assert_eq!(it, wanted),
+                None => std::thread::sleep(Duration::from_millis(20)),
+            }
+        }
+    };
+    page.press(" ");
+    asked(Command::Pause);
+    replay(12_400, true);
+    until(
+        &mut page,
+        &view,
+        &mut n,
+        &format!("({says}) === '0:12 of 3:41; Play; paused'"),
+    );
+    page.shot("replay.png");
+    page.press("h");
+    asked(Command::Play);
+    page.ask("document.querySelector('#time').value = 100000; document.querySelector('#time').dispatchEvent(new Event('input'))");
+    asked(Command::Seek { at_ms: 100_000 });
+    replay(100_000, true);
+    until(
+        &mut page,
+        &view,
+        &mut n,
+        &format!("({says}) === '1:40 of 3:41; Play; paused'"),
+    );
+    // Of many in a moment the first and the last are asked for.
+    page.ask("for (const to of [1000, 2000, 3000]) { document.querySelector('#time').value = to; document.querySelector('#time').dispatchEvent(new Event('input')); }");
+    asked(Command::Seek { at_ms: 1000 });
+    asked(Command::Seek { at_ms: 3000 });
+    page.press("End");
+    asked(Command::Seek { at_ms: 221_000 });
+    page.press("Home");
+    asked(Command::Seek { at_ms: 0 });
+    assert_eq!(view.command(), None);
+    // What concerns a board has no place there; and who may not command may only watch.
+    assert_eq!(page.ask("document.querySelector('#tare').disabled"), true);
+    let mut other = browser.open(view.url().split_once('#').unwrap().0);
+    until(
+        &mut other,
+        &view,
+        &mut n,
+        "document.querySelector('#time').disabled && document.querySelector('#hold').disabled",
+    );
 }

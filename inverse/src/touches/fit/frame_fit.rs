@@ -238,5 +238,6 @@ pub(super) fn touch_of(disc: &Disc, sigma: f64, of: impl Fn(usize, usize) -> Opt
         total_sd_mm2: total_variance().map(|v| sd(v).hypot(TOTAL_ERROR * rise * disc.area_mm2())),
         force_n: None,
         uncalibrated: false,
+        frames: 0,
     }
 }

@@ -13,6 +13,7 @@ fn touch(id: u32, x_mm: f64, area_mm2: f64) -> Touch {
         x_sd_mm: Some(0.5),
         y_sd_mm: Some(0.5),
         force_n: Some(0.05 * area_mm2),
+        frames: 3,
         ..Touch::default()
     }
 }
@@ -52,6 +53,21 @@ fn a_contact_begins_with_its_first_frame_and_is_told_with_the_third() {
         (events[0].touch, events[0].x_mm, events[0].force_n),
         (1, 5.0, Some(20.0))
     );
+}
+
+#[test]
+fn a_contact_of_a_touch_that_has_its_number_at_once_is_told_at_once() {
+    let from_s = 10.0 * FRAME_S;
+    let at_once = |t: f64| {
+        (t > from_s - 1e-9).then(|| Touch {
+            frames: ((t - from_s) / FRAME_S).round() as u32 + 1,
+            ..touch(1, 5.0, 400.0)
+        })
+    };
+    let events = events(0.3, at_once);
+    assert_eq!(names(&events), [Gesture::Contact]);
+    assert!((events[0].time_s - from_s).abs() < 1e-9, "{events:?}");
+    assert_eq!(events[0].latency_s, 0.0);
 }
 
 #[test]

@@ -17,7 +17,7 @@ fn touch(x_mm: f64, y_mm: f64) -> Touch {
 
 fn numbers(tracker: &mut Tracker, time_s: f64, at: &[[f64; 2]]) -> Vec<Option<u32>> {
     let mut touches: Vec<Touch> = at.iter().map(|[x, y]| touch(*x, *y)).collect();
-    tracker.update(time_s, &mut touches);
+    tracker.update(time_s, &mut touches, false);
     touches.iter().map(|t| t.id).collect()
 }
 
@@ -45,6 +45,46 @@ fn a_number_comes_with_the_third_frame_and_what_flickers_has_none() {
     assert_eq!(numbers(&mut tracker, 2.00, &[[5.0, 0.0]]), [None]);
     assert_eq!(numbers(&mut tracker, 2.01, &[[5.0, 0.0]]), [None]);
     assert_eq!(numbers(&mut tracker, 2.02, &[[5.0, 0.0]]), [Some(1)]);
+}
+
+/// What is far beyond its uncertainty, alone, in a frame that nobody doubts is no flicker.
+#[test]
+fn a_clear_touch_has_its_number_at_once() {
+    let of = |sd_mm2: f64, beside: Option<f64>, doubted: bool| {
+        let mut touches = vec![Touch {
+            total_mm2: 80.0,
+            total_sd_mm2: Some(sd_mm2),
+            ..touch(0.0, 0.0)
+        }];
+        touches.extend(beside.map(|x_mm| touch(x_mm, 0.0)));
+        tracker().update(0.0, &mut touches, doubted);
+        (touches[0].id.is_some(), touches[0].frames)
+    };
+    assert_eq!(of(8.0, None, false), (true, 1));
+    assert_eq!(of(8.0, Some(41.0), false), (true, 1));
+    assert_eq!(of(8.1, None, false), (false, 1));
+    assert_eq!(of(8.0, Some(39.0), false), (false, 1));
+    assert_eq!(of(8.0, None, true), (false, 1));
+}
+
+/// It may be a part of the one that is there, or that is looked for.
+#[test]
+fn what_comes_beside_a_known_touch_waits_for_its_number() {
+    let clear = |x_mm| Touch {
+        total_mm2: 80.0,
+        total_sd_mm2: Some(1.0),
+        ..touch(x_mm, 0.0)
+    };
+    for gap in [false, true] {
+        let mut tracker = tracker();
+        at_rest(&mut tracker, &[[0.0, 0.0]]);
+        let mut touches = vec![clear(38.0)];
+        if !gap {
+            touches.push(clear(0.0));
+        }
+        tracker.update(0.01, &mut touches, false);
+        assert_eq!(touches[0].id, None);
+    }
 }
 
 #[test]
