@@ -20,7 +20,8 @@ venv="$target/python"
 rm -rf "$venv"
 python3 -m venv "$venv" 2>/dev/null || missing "no virtual environments (apt-get install python3-venv)"
 python="$venv/bin/python"
-"$python" -m pip install --quiet --disable-pip-version-check numpy pytest mypy || missing "no numpy, pytest and mypy (pip install)"
+"$python" -m pip install --quiet --disable-pip-version-check numpy pytest mypy 'anywidget>=0.9' nbclient ipykernel ||
+    missing "no numpy, pytest, mypy, anywidget, nbclient and ipykernel (pip install)"
 
 if $wheel; then
     "$python" -m pip install --quiet --disable-pip-version-check 'maturin>=1.9,<2' || missing "no maturin (pip install maturin)"

@@ -1,5 +1,7 @@
 //! The electronics at work: from what the electrodes see to codes.
 
+pub(crate) mod lock_in;
+
 use crate::clock::{PERIOD_SAMPLES, TICKS_PER_SAMPLE, TIMER_HZ};
 use crate::converter::Converter;
 use crate::current::{Broken, Current};

@@ -38,6 +38,16 @@ impl Converter {
         }
     }
 
+    /// Codes between two that it gives.
+    pub(crate) fn step(&self) -> f64 {
+        self.step
+    }
+
+    /// Whether its characteristic is no straight staircase.
+    pub(crate) fn is_flawed(&self) -> bool {
+        !self.from.is_empty()
+    }
+
     /// The code for a level in codes.
     pub(crate) fn code(&self, level: f64) -> u16 {
         let most = f64::from(self.most);

@@ -148,6 +148,19 @@ impl<S: SheetModel> SimFrontEnd<S> {
         self
     }
 
+    /// Puts another sheet below that does not change, with what is broken from here on.
+    pub(crate) fn put(&mut self, matrix: &ElectrodeMatrix, wiring: Wiring) -> Result<(), SimFrontEndError> {
+        self.look_samples = u64::MAX;
+        self.look = 0;
+        self.matrix.clone_from(matrix);
+        self.seen = wiring.seen(matrix);
+        self.wiring = wiring;
+        self.wiring_until_s = f64::INFINITY;
+        self.routing.amplitude_v = self.amplitudes_v()?;
+        self.wire();
+        Ok(())
+    }
+
     /// Samples converted for the windows so far; a board may rest its converter while there is none.
     pub fn conversions(&self) -> u64 {
         self.conversions

@@ -11,6 +11,8 @@ use std::f64::consts::TAU;
 const POINTS: usize = 256;
 /// Harmonics of what is missing that are followed through the channel's low-pass: up to 118 kHz, where 1/8 is left.
 const HARMONICS: usize = 32;
+/// Rounding of volts is below 1e-14.
+const ROUNDING_V: f64 = 1e-12;
 
 /// The circuit's voltages around the sheet.
 #[derive(Clone, Copy, Debug)]
@@ -143,10 +145,17 @@ impl HeadRoom {
         late_turns: f64,
         of_drive: impl Fn(f64) -> f64,
     ) -> Option<[f64; SAMPLES_PER_PERIOD]> {
+        // Everything is a straight line in the drive's voltage until something meets an end of the supply; at the drive's own ends
+        // first.
+        if [-amplitude_v, amplitude_v]
+            .iter()
+            .all(|v| of_drive(*v).abs() < ROUNDING_V)
+        {
+            return None;
+        }
         let turns = |k: usize| k as f64 / POINTS as f64;
         let period: [f64; POINTS] = std::array::from_fn(|k| of_drive(amplitude_v * libm::sin(TAU * turns(k))));
-        // Rounding of volts is below 1e-14.
-        if period.iter().all(|v| v.abs() < 1e-12) {
+        if period.iter().all(|v| v.abs() < ROUNDING_V) {
             return None;
         }
         let (re, im) = low_pass(EXCITATION_HZ, self.settling_s);

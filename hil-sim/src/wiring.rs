@@ -155,6 +155,11 @@ impl Wiring {
         out
     }
 
+    /// Whether rows of codes become others.
+    pub(crate) fn spoils(&self) -> bool {
+        self.saturated != 0 || self.adc.is_some()
+    }
+
     /// What becomes of a row of codes, of which this is the highest.
     pub(crate) fn spoil(&self, row: &mut [u16], full_scale: u16) {
         if self.saturated != 0 {

@@ -1,7 +1,7 @@
 //! `skin export`: a recording for other programs.
 
 mod bag;
-mod tables;
+pub(crate) mod tables;
 
 use crate::files::arrays::write::{ArrayFile, Mat, Npz, Of};
 use crate::files::order;

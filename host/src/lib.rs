@@ -1,7 +1,7 @@
 //! `skin`: the tactile skin's command line. Data go to stdout, everything else to stderr.
 //!
-//! [`run`] is the program, for `main.rs` and for the Python package, which has it inside. [`stream`] and [`loaded`] are what that
-//! package needs beside it of boards and recordings.
+//! [`run`] is the program, for `main.rs` and for the Python package, which has it inside. [`stream`], [`loaded`]
+//! and [`taught`] are what that package needs beside it of boards, recordings and calibrations from presses.
 #![forbid(unsafe_code)]
 
 /// The standard library's panics where the reader has gone, as after `skin ... 2>&1 | head -1`.
@@ -27,6 +27,7 @@ mod check;
 mod commands;
 mod completions;
 mod config;
+mod dataset;
 mod doctor;
 mod drive;
 mod ending;
@@ -87,6 +88,7 @@ mod table_baseline;
 mod table_batch;
 mod table_pattern;
 mod table_sheet;
+pub mod taught;
 mod thread_load;
 mod usage;
 
@@ -143,6 +145,8 @@ enum Command {
     Check(check::Arguments),
     /// What a touched sheet gives: the table of measurements, simulated.
     Forward(forward::Arguments),
+    /// Labelled simulated frames to learn from, in shards.
+    Dataset(dataset::Arguments),
     /// What the reconstruction costs and how good it is, measured here.
     Bench(bench::Arguments),
     /// The source paper's experiments again, simulated, as one report.
@@ -195,6 +199,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         Some(Command::Reconstruct(arguments)) => reconstruct::run(&arguments),
         Some(Command::Check(arguments)) => check::run(&arguments),
         Some(Command::Forward(arguments)) => forward::run(&arguments),
+        Some(Command::Dataset(arguments)) => dataset::run(&arguments),
         Some(Command::Bench(arguments)) => bench::run(&arguments),
         Some(Command::Paper(arguments)) => paper::run(&arguments),
         Some(Command::Calibrate(arguments)) => calibrate::run(&arguments),

@@ -9,11 +9,15 @@ The first touch, without a board::
             print(touch.id, touch.x_mm, touch.y_mm, touch.force_n)
 
 Frames of other hardware: :func:`reconstruct`. A simulated frame: :func:`forward`. A recording in memory: :func:`load`.
+A real skin, from presses at known places: :func:`calibrate_presses`. A live picture in a notebook: ``skin.widget.live``.
 Lengths are mm from the sheet's origin, times s, values V. All that takes long runs without the interpreter's lock.
 """
 
 from ._skin import (
     Frame,
+    Press,
+    PressCalibration,
+    Presses,
     Reconstructor,
     Recording,
     Sheet,
@@ -21,6 +25,7 @@ from ._skin import (
     SkinError,
     SkinWarning,
     Touch,
+    calibrate_presses,
     forward,
     load,
     open,
@@ -29,6 +34,9 @@ from ._skin import (
 
 __all__ = [
     "Frame",
+    "Press",
+    "PressCalibration",
+    "Presses",
     "Reconstructor",
     "Recording",
     "Sheet",
@@ -36,6 +44,7 @@ __all__ = [
     "SkinError",
     "SkinWarning",
     "Touch",
+    "calibrate_presses",
     "forward",
     "load",
     "open",

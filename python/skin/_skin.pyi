@@ -10,6 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 __all__ = [
     "Frame",
+    "Press",
+    "PressCalibration",
+    "Presses",
     "Reconstructor",
     "Recording",
     "Sheet",
@@ -17,6 +20,7 @@ __all__ = [
     "SkinError",
     "SkinWarning",
     "Touch",
+    "calibrate_presses",
     "forward",
     "load",
     "open",
@@ -123,6 +127,90 @@ class Frame:
     @property
     def compute_us(self) -> float | None:
         """For reconstruct: time that the frame took in Rust alone, microseconds."""
+
+@final
+class Press:
+    """A press that was located by what others taught."""
+
+    @property
+    def x_mm(self) -> float:
+        """Place, mm, in the coordinates of the presses that were learned from."""
+    @property
+    def y_mm(self) -> float:
+        """Place, mm, in the coordinates of the presses that were learned from."""
+    @property
+    def x_sd_mm(self) -> float:
+        """Standard uncertainty of x_mm."""
+    @property
+    def y_sd_mm(self) -> float:
+        """Standard uncertainty of y_mm."""
+    @property
+    def strength(self) -> float:
+        """Strength over the usual one of the presses that were learned from."""
+    @property
+    def strength_sd(self) -> float:
+        """Standard uncertainty of the strength."""
+
+@final
+class Presses:
+    """The presses that were located in a frame."""
+
+    @property
+    def presses(self) -> tuple[Press, ...]:
+        """Presses, strongest first; empty where there is none."""
+    @property
+    def explained(self) -> float:
+        """Part of the change that they explain, 0 to 1."""
+    @property
+    def misfit(self) -> float:
+        """Mean square of what they leave, in variances of the presses that were learned from; near 1 where they explain the frame."""
+    @property
+    def doubt(self) -> str | None:
+        """What speaks against them, or None."""
+
+@final
+class PressCalibration:
+    """What presses at known places taught of a real skin. It never changes."""
+
+    @staticmethod
+    def load(path: str | PathLike[str]) -> PressCalibration:
+        """Reads a file of ``skin calibrate presses`` or of save."""
+    def save(self, path: str | PathLike[str]) -> None:
+        """Writes it as a file, for ``skin run --calibration`` and skin.open(calibration=...)."""
+    def locate(
+        self,
+        values: ArrayLike,
+        unpressed: ArrayLike | None = None,
+        *,
+        sheet: Sheet | None = None,
+        order: _Order | None = None,
+    ) -> list[Presses]:
+        """The presses of frames, in order of time: what a press leaves behind is taken from the next one.
+
+        values, unpressed: shapes and unit as of calibrate_presses; without unpressed the values are changes.
+        sheet, order: how the values are laid, where it is not as in calibrate_presses, or for a file as in measurements.
+        """
+    @property
+    def presses(self) -> int:
+        """Presses that it was made of."""
+    @property
+    def error_mm(self) -> float:
+        """Distance at which presses are located by what the others taught, mm: median."""
+    @property
+    def error_95th_percentile_mm(self) -> float | None:
+        """The same: 95th percentile; None of a file."""
+    @property
+    def explained(self) -> float | None:
+        """Part of the change that what other presses taught explains, 0 to 1; None of a file."""
+    @property
+    def gross(self) -> list[int]:
+        """Presses that nothing explains, by their numbers from 0: they were left out. None of a file are known."""
+    @property
+    def missed(self) -> list[int]:
+        """Presses that are not found by what the others taught, by their numbers from 0. None of a file are known."""
+    @property
+    def measurements(self) -> NDArray[np.int64]:
+        """What the values of a frame are, shape (values, 4): drive_a, drive_b, sense_a, sense_b, electrodes from 1."""
 
 @final
 class Sheet:
@@ -304,6 +392,24 @@ def reconstruct(
     drive: how the sheet was driven.
     frame_s: time from a frame to the next, s, where they follow one another.
     trust_electrodes: take the electrodes to be where the sheet says, instead of finding them in the baseline.
+    """
+
+def calibrate_presses(
+    values: ArrayLike,
+    places_mm: ArrayLike,
+    unpressed: ArrayLike | None = None,
+    *,
+    sheet: Sheet | None = None,
+    order: _Order | None = None,
+) -> PressCalibration:
+    """Learns what presses at known places do to the values of a real skin; five presses are the fewest.
+
+    values: shape (presses, values), any unit, in order of time; NaN is a missing value.
+    places_mm: where each pressed, mm, shape (presses, 2).
+    unpressed: the frame just before each press, shape (presses, values), or one for all, shape (values,), the same unit; without it
+        the values are changes, pressed less unpressed.
+    sheet: what was measured, and by what turns the sheet is mapped onto itself; None for Sheet.paper(). Its model is not used.
+    order: the program whose order the values have (docs/tables.md); None for that of sheet.measurements.
     """
 
 def load(path: str | PathLike[str]) -> Recording:

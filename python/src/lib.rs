@@ -7,6 +7,7 @@
 mod arrays;
 mod error;
 mod frame;
+mod presses;
 mod reconstruct;
 mod recording;
 mod sheet;
@@ -28,6 +29,8 @@ mod module {
     use crate::error::{SkinError, SkinWarning};
     #[pymodule_export]
     use crate::frame::Frame;
+    #[pymodule_export]
+    use crate::presses::{Press, PressCalibration, Presses, calibrate_presses};
     #[pymodule_export]
     use crate::program;
     #[pymodule_export]

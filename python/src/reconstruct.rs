@@ -17,21 +17,30 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
 /// Which of a frame's values are used, in the order of the pattern.
-struct Picked {
+pub(crate) struct Picked {
     /// How many values a frame has.
-    of: usize,
+    pub(crate) of: usize,
     /// Those that are used.
     kept: Vec<usize>,
 }
 
 impl Picked {
-    fn of(&self, frame: &[f64]) -> Vec<f64> {
+    /// All of so many.
+    pub(crate) fn all(values: usize) -> Self {
+        Self {
+            of: values,
+            kept: (0..values).collect(),
+        }
+    }
+
+    /// Those of a frame.
+    pub(crate) fn of(&self, frame: &[f64]) -> Vec<f64> {
         self.kept.iter().map(|k| frame[*k]).collect()
     }
 }
 
 /// The pattern of frames of this length in an order; without one they are the sheet's own.
-fn pattern(sheet: &Sheet, order: Option<&str>, values: usize) -> PyResult<(Pattern, Picked)> {
+pub(crate) fn pattern(sheet: &Sheet, order: Option<&str>, values: usize) -> PyResult<(Pattern, Picked)> {
     let Some(order) = order else {
         let expected = sheet.pattern.len();
         if values != expected {
@@ -40,8 +49,7 @@ fn pattern(sheet: &Sheet, order: Option<&str>, values: usize) -> PyResult<(Patte
                  that wrote them with order"
             )));
         }
-        let kept = (0..values).collect();
-        return Ok((sheet.pattern.clone(), Picked { of: values, kept }));
+        return Ok((sheet.pattern.clone(), Picked::all(values)));
     };
     let order: ValueOrder = order.parse().map_err(raised)?;
     let layout = order.layout(values).ok_or_else(|| {

@@ -26,6 +26,7 @@ pub mod chain;
 pub mod compare;
 pub mod conformal;
 pub mod cost;
+pub mod dataset;
 pub mod drift;
 pub mod error;
 pub mod faults;

@@ -98,14 +98,18 @@ fn encoded(value: &str) -> String {
 }
 
 /// A file that has its name only when it is whole.
-struct Table {
+pub(crate) struct Table {
     file: Parquet<BufWriter<File>>,
     beside: PathBuf,
     path: PathBuf,
 }
 
 impl Table {
-    fn new(path: &Path, columns: &'static [Column]) -> Result<Self> {
+    /// Makes the file beside, and its folder.
+    ///
+    /// # Errors
+    /// What the system said.
+    pub(crate) fn new(path: &Path, columns: &'static [Column]) -> Result<Self> {
         let beside = beside(path);
         let folder = path.parent().unwrap_or(path);
         let made = std::fs::create_dir_all(folder).and_then(|()| File::create(&beside));
@@ -119,7 +123,10 @@ impl Table {
     }
 
     /// Fills the file and gives it its name, or removes it.
-    fn fill<T>(
+    ///
+    /// # Errors
+    /// What `rows` or the system said.
+    pub(crate) fn fill<T>(
         mut self,
         said: &[(&str, &str)],
         rows: impl FnOnce(&mut Parquet<BufWriter<File>>) -> Result<T>,

@@ -49,11 +49,27 @@ struct FrameLine<'a> {
     doubt: Option<String>,
 }
 
-/// Where the measurements of a calibration are among those of a table or a board; `of` names that.
+/// Where the measurements of a calibration are among those of a table or a board; `of` names that. What is missing is said.
 ///
 /// # Errors
 /// Too few of them are there.
 pub(crate) fn order(calibration: &PressCalibration, of: &str, among: &[Measurement]) -> Result<Order> {
+    let (order, missing) = found(calibration, of, among)?;
+    if let Some(missing) = missing {
+        eprintln!("warning: {missing}");
+    }
+    Ok(order)
+}
+
+/// The same, with what is missing in words.
+///
+/// # Errors
+/// Too few of them are there.
+pub(crate) fn found(
+    calibration: &PressCalibration,
+    of: &str,
+    among: &[Measurement],
+) -> Result<(Order, Option<String>)> {
     let file = &calibration.file;
     let order = Order::new(&calibration.measurements, among);
     let (missing, all) = (order.missing(), order.len());
@@ -63,12 +79,8 @@ pub(crate) fn order(calibration: &PressCalibration, of: &str, among: &[Measureme
             all - missing
         );
     }
-    if missing > 0 {
-        eprintln!(
-            "warning: {of}: {missing} of the {all} measurements of {file} are not in it and are taken as missing"
-        );
-    }
-    Ok(order)
+    let said = format!("{of}: {missing} of the {all} measurements of {file} are not in it and are taken as missing");
+    Ok((order, (missing > 0).then_some(said)))
 }
 
 /// Locates the presses of a table's frames, in order: what a press leaves behind is taken from the next one.
