@@ -7,7 +7,7 @@ use std::io::{BufRead, BufReader, Read};
 use std::net::TcpStream;
 use std::path::Path;
 use std::process::{ChildStderr, Stdio};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use tungstenite::{Message, WebSocket};
 use view::wire::{Frame, decode};
 
@@ -59,7 +59,9 @@ impl Page {
 
     /// Takes what comes until a frame is wanted.
     fn frame(&mut self, wanted: impl Fn(&Frame) -> bool) -> Frame {
+        let end = Instant::now() + 5 * NOT_FOR_EVER;
         loop {
+            assert!(Instant::now() < end, "no such frame");
             if let Message::Binary(frame) = self.socket.read().unwrap() {
                 self.socket.send(Message::Binary(vec![1].into())).unwrap();
                 let frame = decode(&frame).unwrap();
@@ -184,12 +186,19 @@ fn recorded(file: &Path) -> (u64, Vec<Recorded>) {
 #[test]
 fn a_replay_goes_where_the_page_asks() {
     let folder = tempfile::tempdir().unwrap();
-    let scene = "duration_s = 2.0\n[[touch]]\nshape = \"finger\"\n\
+    let scene = "duration_s = 2.0\n[material]\nkind = \"elastic\"\n[[touch]]\nshape = \"finger\"\n\
                  press = { at_s = 0.4, for_s = 1.2, x_mm = 30.0, y_mm = 20.0, force_n = 15.0 }\n";
     std::fs::write(folder.path().join("press.toml"), scene).unwrap();
     let mut page = Page::of(
         folder.path(),
-        &["run", "--scene", "press.toml", "--record", "press.mcap"],
+        &[
+            "run",
+            "--scene",
+            "press.toml",
+            "--every-frame",
+            "--record",
+            "press.mcap",
+        ],
     );
     let with_touch = page.frame(|f| f.touches.iter().any(|t| t.id == Some(1)));
     page.frame(|f| f.time_s > with_touch.time_s + 3.0 && f.touches.is_empty());
