@@ -40,6 +40,14 @@ install() {
     have apt-get && [ "$(id -u)" = 0 ] || return 1
     apt-get install -y -qq "$@" >/dev/null 2>&1 || { apt-get update -qq >/dev/null 2>&1 && apt-get install -y -qq "$@" >/dev/null 2>&1; }
 }
+# What has a lock file of its own: the program, the fuzz targets, boards, a bench.
+manifests=(Cargo.toml fuzz/Cargo.toml boards/*/Cargo.toml inverse/benches/peers/*/Cargo.toml)
+fetched() {
+    for m in "${manifests[@]}"; do cargo fetch --locked --manifest-path "$m" || return 1; done
+}
+denied() {
+    for m in "${manifests[@]}"; do cargo deny --offline --manifest-path "$m" check --config "$PWD/deny.toml" "$@" || return 1; done
+}
 browser() { have chromium || have chromium-browser || have google-chrome; }
 
 have cargo || { echo "no cargo: install Rust (https://rustup.rs) and run this again"; exit 1; }
@@ -59,7 +67,7 @@ else
 fi
 if ! have python3 || ! python3 -c 'import tomllib' 2>/dev/null; then
     skip "licences and sources of the libraries: no python3 of 3.11 or later"
-elif ! cargo fetch --locked; then
+elif ! fetched; then
     skip "licences and sources of the libraries: those of other platforms cannot be had here (cargo fetch)"
 else
     step "licences and sources of the libraries, THIRD-PARTY.md" python3 tests/third_party.py --check
@@ -78,10 +86,10 @@ fi
 if ! have cargo-deny; then
     skip "advisories of the libraries: no cargo-deny (cargo install cargo-deny)"
 elif cargo deny --offline check advisories >/dev/null 2>&1 || cargo deny fetch db >/dev/null 2>&1; then
-    step "advisories, licences and sources of the libraries" cargo deny --offline check
+    step "advisories, licences and sources of the libraries" denied
 else
     skip "advisories of the libraries: no database, and none can be had here (cargo deny fetch db)"
-    step "licences and sources of the libraries" cargo deny --offline check bans licenses sources
+    step "licences and sources of the libraries" denied bans licenses sources
 fi
 if ! $quick; then
     if have c++; then

@@ -5,10 +5,12 @@
     tests/third_party.py --check     fails if THIRD-PARTY.md is not what would be written
     tests/third_party.py --texts     all licence texts on stdout, to go with a compiled program
 
-Every run fails where a licence or a source is not among those that deny.toml allows. Needs no network: cargo has the
-libraries already.
+Every run fails where a licence or a source is not among those that deny.toml allows, be it the program's, a board's, or one
+that the fuzz targets or a bench are built with. Needs no network: cargo has the libraries already (cargo fetch, with
+--manifest-path for each of them).
 """
 
+import glob
 import json
 import os
 import re
@@ -35,12 +37,21 @@ to go with a compiled program.
 """
 
 
-def metadata():
-    command = ["cargo", "metadata", "--format-version", "1", "--locked", "--offline"]
+# What has a lock file of its own.
+OTHERS = ["fuzz/Cargo.toml", "boards/*/Cargo.toml", "inverse/benches/peers/*/Cargo.toml"]
+
+
+def metadata(manifest="Cargo.toml"):
+    command = ["cargo", "metadata", "--format-version", "1", "--locked", "--offline", "--manifest-path", manifest]
     done = subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE)
     if done.returncode != 0:
-        sys.exit("third_party.py: cargo metadata failed; run cargo fetch first")
+        sys.exit(f"third_party.py: cargo metadata failed; run cargo fetch --manifest-path {manifest} first")
     return json.loads(done.stdout)
+
+
+def from_elsewhere(data):
+    """Packages that are not this repository's."""
+    return [p for p in data["packages"] if p["source"] is not None]
 
 
 def shipped(data):
@@ -145,8 +156,14 @@ def main():
         sys.exit(__doc__)
     data = metadata()
     packages = shipped(data)
-    # Tests and benches are held to the same rules.
-    wrong = list(refused([p for p in data["packages"] if p["source"] is not None]))
+    # Tests and benches are held to the same rules, and so are boards.
+    wrong = list(refused(from_elsewhere(data)))
+    for pattern in OTHERS:
+        manifests = sorted(glob.glob(pattern, root_dir=ROOT))
+        if not manifests:
+            sys.exit(f"third_party.py: {pattern} leads to no manifest")
+        for manifest in manifests:
+            wrong += (f"{manifest}: {text}" for text in refused(from_elsewhere(metadata(manifest))))
     if wrong:
         sys.exit("third_party.py:\n" + "\n".join(wrong))
     if what == ["--texts"]:

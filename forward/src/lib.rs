@@ -49,6 +49,7 @@ mod solver;
 mod system;
 mod touched;
 mod update;
+pub mod whole;
 
 pub use cells::{CellError, CellGrid};
 pub use cholesky::CholeskyError;

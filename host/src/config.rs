@@ -23,7 +23,7 @@ pub(crate) struct Config {
     pub(crate) open: Option<bool>,
 }
 
-type Variable<'a> = &'a dyn Fn(&str) -> Option<OsString>;
+pub(crate) type Variable<'a> = &'a dyn Fn(&str) -> Option<OsString>;
 
 impl Config {
     /// Where the file is or would be; it need not be there.
@@ -42,7 +42,7 @@ impl Config {
         let path = Self::file();
         let text = match &path {
             Some(path) if is_named || path.exists() => {
-                let text = std::fs::read_to_string(path);
+                let text = ::forward::whole::text(path);
                 text.with_context(|| format!("{}: the configuration cannot be read", path.display()))?
             }
             _ => String::new(),
@@ -50,7 +50,11 @@ impl Config {
         Self::of(&text, path.as_deref(), &variable)
     }
 
-    fn of(text: &str, path: Option<&Path>, variable: Variable<'_>) -> Result<Self> {
+    /// Of the file's text and of variables.
+    ///
+    /// # Errors
+    /// One of them cannot be understood.
+    pub(crate) fn of(text: &str, path: Option<&Path>, variable: Variable<'_>) -> Result<Self> {
         let file = path.map_or(String::new(), |p| p.display().to_string());
         let mut config: Self = toml::from_str(text).with_context(|| format!("{file}: the configuration"))?;
         let folder = path.and_then(Path::parent).unwrap_or(Path::new(""));

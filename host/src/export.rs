@@ -138,7 +138,12 @@ fn file(arguments: &Arguments) -> Result<String> {
     if written.is_err() && made {
         let _ = std::fs::remove_file(&beside);
     }
-    Ok(format!("{}: {}", out.display(), written?))
+    // What reads and what opens files names them; what writes into one does not.
+    let what = written.map_err(|error| match error.chain().len() == 1 && error.is::<Error>() {
+        true => error.context(format!("{}: cannot be written", out.display())),
+        false => error,
+    })?;
+    Ok(format!("{}: {what}", out.display()))
 }
 
 type Open<'a> = &'a mut dyn FnMut() -> Result<BufWriter<File>>;

@@ -12,6 +12,9 @@ use std::io::{self, IsTerminal, Read, Write};
 use std::path::PathBuf;
 use std::time::Duration;
 
+/// Largest file of a program, bytes: with what debuggers need it is a hundred times as large as what is flashed.
+const MOST_PROGRAM: u64 = 256 << 20;
+
 /// Arguments of `skin flash`.
 #[derive(Debug, Args)]
 pub(crate) struct Arguments {
@@ -73,7 +76,8 @@ impl BootPort for Simulated {
 /// A file that is no program, a board that does not answer or is another one, an interrupted cable.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let file = arguments.file.display();
-    let bytes = std::fs::read(&arguments.file).with_context(|| format!("{file}: cannot be read"))?;
+    let bytes =
+        ::forward::whole::bytes(&arguments.file, MOST_PROGRAM).with_context(|| format!("{file}: cannot be read"))?;
     let image = Image::read(&bytes).with_context(|| file.to_string())?;
     eprintln!("{file}: {} bytes for the {}", image.len(), image.chip_name());
     if arguments.simulate {

@@ -224,7 +224,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         // Whoever read our output has seen enough (`skin ... | head`).
         Err(error) if broken_pipe(&error) => 0,
         Err(error) => {
-            eprintln!("skin: {error:#}");
+            eprintln!("skin: {}", say::harmless(&format!("{error:#}")));
             match () {
                 () if error.is::<usage::Usage>() => 2,
                 () if error.is::<usage::Unfit>() => 3,

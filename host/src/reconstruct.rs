@@ -9,7 +9,7 @@ use crate::files::ordered;
 use crate::files::replace::replace;
 use crate::files::sheet_line::SheetLine;
 use crate::presses::{self, file::PressCalibration};
-use crate::progress::Progress;
+use crate::progress::{Progress, meanwhile};
 use crate::recorded_frames::{self, Part};
 use crate::table_baseline::{BaselineArguments, Frame};
 use crate::table_batch::{How, TableBatch};
@@ -285,8 +285,10 @@ fn by_presses(
 /// # Errors
 /// A table or a sheet that makes no sense, a frame that is not there, a picture that cannot be written.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
-    let of_presses = arguments.calibration.as_deref().filter(|path| presses::file::is(path));
-    let rubber = arguments.calibration.as_deref().filter(|_| of_presses.is_none());
+    let calibration = arguments.calibration.as_deref();
+    let is_of_presses = calibration.map_or(Ok(false), presses::file::is)?;
+    let of_presses = calibration.filter(|_| is_of_presses);
+    let rubber = calibration.filter(|_| !is_of_presses);
     if rubber.is_some() && arguments.frame_s.is_none() {
         let why = "--calibration of the rubber's creep needs --frame-s: the time from a frame to the next";
         return Err(Usage(why.to_owned()).into());
@@ -408,7 +410,14 @@ fn reconstruct<'a>(
             batch.pass_over(place);
         }
         next = frame.place + 1;
-        let mut result = batch.frame(frame.place, &frame.values)?;
+        // Before the first one much is made ready.
+        let mut result = if results.is_empty() {
+            meanwhile("the first frame", arguments.no_progress, || {
+                batch.frame(frame.place, &frame.values)
+            })
+        } else {
+            batch.frame(frame.place, &frame.values)
+        }?;
         let name = table.columns[frame.place].name.as_str();
         warn(name, &result);
         if !pictures {

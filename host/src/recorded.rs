@@ -246,6 +246,9 @@ fn first(path: &Path) -> Result<Vec<u8>> {
     let file = path.display();
     let names = skin_file::recorded(path)?;
     if names.is_empty() {
+        if let (of_file, Some(asked)) = recording::split(path) {
+            bail!("{}: it is of one skin; leave #{asked} out", of_file.display());
+        }
         let text = Reader::open(path)?.find(Topic::Session)?;
         return text.with_context(|| format!("{file}: the recording ends before its first message"));
     }

@@ -1,7 +1,8 @@
 //! `skin recover`: a well-closed file of one that was cut short.
 
+use crate::files::replace::beside;
 use crate::progress::Progress;
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use clap::Args;
 use recording::{Ended, Reader, Recovered, Writer, recover};
 use serde_json::json;
@@ -40,16 +41,32 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         .len();
     let mut reader = Reader::open(&arguments.file)?;
     let mut progress = Progress::new("recovering", arguments.json);
-    let recovered = recover(&mut reader, Writer::create(&arguments.out)?, |bytes| {
-        progress.at(bytes as usize, whole as usize);
-    })?;
+    let out = &arguments.out;
+    if out.try_exists().is_ok_and(|there| there) {
+        bail!(
+            "{}: there is such a file; name another one, or remove it",
+            out.display()
+        );
+    }
+    // No part passes for the whole: it gets its name at the end.
+    let beside = beside(out);
+    let written = Writer::create(&beside)
+        .and_then(|to| recover(&mut reader, to, |bytes| progress.at(bytes as usize, whole as usize)))
+        .map_err(anyhow::Error::from)
+        .and_then(|recovered| {
+            std::fs::rename(&beside, out).with_context(|| format!("{}: cannot be written", out.display()))?;
+            Ok(recovered)
+        });
+    if written.is_err() {
+        let _ = std::fs::remove_file(&beside);
+    }
     drop(progress);
     let Recovered {
         messages,
         from_to_ns,
         ended: how,
         bytes,
-    } = recovered;
+    } = written?;
     let span_s = from_to_ns.map_or(0.0, |(from, to)| 1e-9 * to.saturating_sub(from) as f64);
     if arguments.json {
         println!(

@@ -75,6 +75,23 @@ macro_rules! say {
 }
 pub(crate) use say;
 
+/// Most letters of a line of an error; a file may have lines of megabytes.
+const MOST_OF_A_LINE: usize = 2000;
+
+/// An error as a terminal may show it: files and their names have control characters at times, and lines without end.
+pub(crate) fn harmless(text: &str) -> String {
+    let printable = |c: char| if c.is_control() && c != '\t' { '?' } else { c };
+    let line = |line: &str| {
+        let mut letters = line.chars();
+        let mut text: String = letters.by_ref().take(MOST_OF_A_LINE).map(printable).collect();
+        if letters.next().is_some() {
+            text += " ...";
+        }
+        text
+    };
+    text.split('\n').map(line).collect::<Vec<_>>().join("\n")
+}
+
 /// Whether what goes there may have colours: a terminal, unless NO_COLOR is set.
 pub(crate) fn is_coloured(to: &impl IsTerminal) -> bool {
     to.is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|v| v.is_empty())
@@ -94,4 +111,16 @@ pub(crate) fn out(text: Arguments<'_>) {
 /// Writes to stderr, for `eprint!` and `eprintln!`. Whoever closed it does not want to know.
 pub(crate) fn err(text: Arguments<'_>) {
     let _ = write!(std::io::stderr(), "{text}");
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn an_error_is_harmless_to_a_terminal() {
+        let long = "ä".repeat(5000);
+        let shown = super::harmless(&format!("a: \u{1b}[2J\0é\n\tb\n{long}"));
+        let lines: Vec<&str> = shown.split('\n').collect();
+        assert_eq!(lines[..2], ["a: ?[2J?é", "\tb"]);
+        assert_eq!(lines[2].chars().count(), 2004);
+    }
 }

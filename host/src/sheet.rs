@@ -13,13 +13,13 @@ pub(crate) fn load(file: Option<&Path>) -> Result<(Sheet, Pattern)> {
     let Some(path) = file else {
         return Ok((Sheet::paper(), Pattern::adjacent(16)?));
     };
-    let text = std::fs::read_to_string(path).with_context(|| format!("{}: cannot be read", path.display()))?;
+    let text = ::forward::whole::text(path).with_context(|| format!("{}: cannot be read", path.display()))?;
     parse_sheet(&text).with_context(|| format!("{}", path.display()))
 }
 
 /// Whether a sheet's file states a pattern, or leaves it at the neighbouring pairs.
 pub(crate) fn states_pattern(path: &Path) -> Result<bool> {
-    let text = std::fs::read_to_string(path).with_context(|| format!("{}: cannot be read", path.display()))?;
+    let text = ::forward::whole::text(path).with_context(|| format!("{}: cannot be read", path.display()))?;
     let table: toml::Table = text.parse().with_context(|| format!("{}", path.display()))?;
     Ok(table.contains_key("pattern"))
 }

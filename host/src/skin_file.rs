@@ -164,11 +164,15 @@ pub(crate) fn beside(path: &Path, ending: &str) -> PathBuf {
 /// # Errors
 /// It cannot be read or understood.
 pub(crate) fn read(path: &Path) -> Result<Vec<Skin>> {
-    let text = std::fs::read_to_string(path).with_context(|| format!("{}: the file of skins", path.display()))?;
+    let text = ::forward::whole::text(path).with_context(|| format!("{}: the file of skins", path.display()))?;
     parse(&text, path.parent().unwrap_or(Path::new(""))).with_context(|| path.display().to_string())
 }
 
-fn parse(text: &str, folder: &Path) -> Result<Vec<Skin>> {
+/// Reads the text of such a file.
+///
+/// # Errors
+/// It cannot be understood.
+pub(crate) fn parse(text: &str, folder: &Path) -> Result<Vec<Skin>> {
     let File { mut skin } = toml::from_str(text)?;
     if skin.is_empty() {
         bail!("no skin in it; begin one with [[skin]] and its name");

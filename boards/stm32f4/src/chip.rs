@@ -152,6 +152,7 @@ fn reset_cause(flags: &pac::rcc::csr::R) -> ResetCause {
     }
 }
 
+// SAFETY: shares nothing with what it interrupts, and does not return to it.
 #[cortex_m_rt::exception]
 unsafe fn NonMaskableInt() {
     panic!("the clock stopped");

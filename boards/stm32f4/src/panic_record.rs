@@ -57,6 +57,7 @@ impl Report {
     }
 }
 
+// SAFETY: the section holds variables that are not given a first value, which this type allows.
 #[unsafe(link_section = ".uninit.record")]
 static mut RECORD: MaybeUninit<Report> = MaybeUninit::uninit();
 
@@ -142,12 +143,14 @@ core::arch::global_asm!(
     entry = sym hard_fault,
 );
 
+// SAFETY: the linker makes both; they are never read.
 unsafe extern "C" {
     /// The stack's limits, from the memory map; only their addresses mean anything.
     static _stack_end: u32;
     static _stack_start: u32;
 }
 
+// SAFETY: only the entry above goes there, with the stack pointer at the fault as its argument.
 unsafe extern "C" fn hard_fault(stack: u32) -> ! {
     cortex_m::interrupt::disable();
     let mut report = EMPTY;

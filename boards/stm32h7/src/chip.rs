@@ -160,6 +160,7 @@ fn reset_cause(flags: &pac::rcc::rsr::R) -> ResetCause {
     }
 }
 
+// SAFETY: shares nothing with what it interrupts, and does not return to it.
 #[cortex_m_rt::exception]
 unsafe fn NonMaskableInt() {
     panic!("the clock stopped");

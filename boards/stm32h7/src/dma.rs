@@ -88,6 +88,7 @@ pub fn failed() -> bool {
 /// Fills all memory that DMA reaches with zeros, before anything in it is used: it has error correction, and holds anything
 /// after power came.
 pub fn clear_memory() {
+    // SAFETY: the linker makes both, at the ends of a section of words that nothing else names.
     unsafe extern "C" {
         static mut _dma_start: u32;
         static mut _dma_end: u32;

@@ -46,7 +46,7 @@ impl SceneFile {
     /// # Errors
     /// [`SceneFileError`] names file, line and column, what is wrong there and what is allowed.
     pub fn load(path: &Path) -> Result<Self, SceneFileError> {
-        let text = match std::fs::read_to_string(path) {
+        let text = match forward::whole::text(path) {
             Ok(text) => text,
             Err(source) if source.kind() == std::io::ErrorKind::NotFound => {
                 let name = path.to_string_lossy();
@@ -160,7 +160,7 @@ fn sheet(table: &SheetTable, folder: Option<&Path>) -> Result<Sheet, Mistake> {
         return Ok(Sheet::paper());
     };
     let path = folder.unwrap_or(Path::new("")).join(name.get_ref());
-    let text = std::fs::read_to_string(&path)
+    let text = forward::whole::text(&path)
         .map_err(|e| Mistake::new(name.span(), format_args!("{}: cannot be read: {e}", path.display())))?;
     let parsed = parse_sheet(&text).map_err(|e| Mistake::of_sheet(name.span(), &path, &e))?;
     Ok(parsed.0)

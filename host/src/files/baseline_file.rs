@@ -179,7 +179,7 @@ fn text(subject: &Subject, stored: &Stored) -> Result<String, toml::ser::Error> 
 /// [`BaselineFileError`] says what to do.
 pub(crate) fn read(path: &Path, subject: &Subject) -> Result<Stored, BaselineFileError> {
     let file = path.display().to_string();
-    match std::fs::read_to_string(path) {
+    match ::forward::whole::text(path) {
         Ok(text) => parse(&file, &text, subject),
         Err(e) if e.kind() == ErrorKind::NotFound => Err(BaselineFileError::Missing { file }),
         Err(cause) => Err(BaselineFileError::Io { file, cause }),

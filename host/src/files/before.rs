@@ -21,7 +21,7 @@ pub(crate) struct Before {
 /// [`FileError`] with line and column: a column that is not there, a frame twice, a frame that is its own baseline.
 pub(crate) fn read(path: &Path) -> Result<Vec<Before>, FileError> {
     let file = path.display().to_string();
-    match std::fs::read_to_string(path) {
+    match ::forward::whole::text(path) {
         Ok(text) => parse(&file, &text),
         Err(cause) => Err(FileError::Io { file, cause }),
     }

@@ -1,5 +1,6 @@
 //! The calibration file: TOML with a unit in every key.
 
+use crate::files::malformed::look_at;
 use crate::files::replace::replace;
 use inverse::force::calibration::StandardErrors;
 use inverse::force::meter::Calibration;
@@ -26,7 +27,7 @@ pub(crate) fn kind(text: &str) -> Option<String> {
 #[derive(Debug, Error)]
 pub(crate) enum CalibrationFileError {
     /// It cannot be read or written.
-    #[error("{file}: {cause}; check the path and the permissions")]
+    #[error("{file}: {cause}{}", look_at(cause))]
     Io {
         /// The file.
         file: String,
@@ -122,7 +123,7 @@ pub(crate) fn parse(file: &str, text: &str) -> Result<Calibration, CalibrationFi
 /// [`CalibrationFileError`] says what to do.
 pub(crate) fn read(path: &Path) -> Result<Calibration, CalibrationFileError> {
     let file = path.display().to_string();
-    match std::fs::read_to_string(path) {
+    match ::forward::whole::text(path) {
         Ok(text) => parse(&file, &text),
         Err(cause) => Err(CalibrationFileError::Io { file, cause }),
     }

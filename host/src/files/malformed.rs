@@ -2,11 +2,25 @@
 
 use thiserror::Error;
 
+/// Most letters of a file that an error repeats.
+const MOST_FOUND: usize = 200;
+
+/// What to look at where a file cannot be read or written.
+pub(crate) fn look_at(cause: &std::io::Error) -> &'static str {
+    use std::io::ErrorKind::{FileTooLarge, InvalidData};
+    // They say it themselves.
+    if matches!(cause.kind(), FileTooLarge | InvalidData) {
+        ""
+    } else {
+        "; check the path and the permissions"
+    }
+}
+
 /// A file that cannot be used.
 #[derive(Debug, Error)]
 pub(crate) enum FileError {
     /// It cannot be read.
-    #[error("{file}: {cause}; check the path and the permissions")]
+    #[error("{file}: {cause}{}", look_at(cause))]
     Io {
         /// The file.
         file: String,
@@ -44,7 +58,10 @@ impl FileError {
             line,
             column: column.to_owned(),
             expected: expected.to_owned(),
-            found: found.to_owned(),
+            found: match found.char_indices().nth(MOST_FOUND) {
+                Some((end, _)) => format!("{} ...", &found[..end]),
+                None => found.to_owned(),
+            },
         }
     }
 }

@@ -5,12 +5,13 @@
 //! `sense_b` less that of `sense_a`, which makes a homogeneous disc positive. Empty fields, `NaN` and
 //! infinite values are measurements left out. A comment `# sheet:` says which sheet was measured (`sheet_line`).
 
-use crate::files::arrays::{self, Kind};
+use crate::files::arrays::{self, Kind, MOST_TABLE};
 use crate::files::malformed::FileError;
 use crate::files::order;
 use crate::files::sheet_line::SheetLine;
 use crate::progress::Progress;
 use ::forward::file::MOST_ELECTRODES;
+use ::forward::whole::is_utf16;
 use ::forward::{Measurement, Pair};
 use csv::StringRecord;
 use std::collections::{HashMap, HashSet};
@@ -91,6 +92,15 @@ const KEYS: [&str; 4] = ["drive_a", "drive_b", "sense_a", "sense_b"];
 /// Names of frames that an error lists.
 const MOST_LISTED: usize = 40;
 
+/// What stands where text in UTF-8 should.
+fn other(line: &[u8]) -> &'static str {
+    if line.contains(&0) {
+        "bytes of another kind of file"
+    } else {
+        "another encoding; save it as CSV in UTF-8"
+    }
+}
+
 /// A column of the file: the frame it belongs to and whether it is its imaginary part.
 struct Field {
     frame: usize,
@@ -157,6 +167,21 @@ impl Place<'_> {
         Ok((columns, header))
     }
 
+    /// What to do about a header whose names are not separated by commas, as spreadsheets of some countries write it.
+    fn separated_otherwise(&self, line: u64, header: &str) -> Option<TableError> {
+        let found = match header
+            .trim_start_matches(KEYS[0])
+            .trim_start_matches(' ')
+            .chars()
+            .next()?
+        {
+            ';' => "semicolons; write ',' for ';', and decimal points where there are decimal commas",
+            '\t' => "tabs; write ',' for each",
+            _ => return None,
+        };
+        Some(self.malformed(line, "1", "columns separated by commas", found))
+    }
+
     /// Whether the line below the header names four electrodes: the file is a table whose header is another.
     fn names_electrodes(&self, bytes: &[u8]) -> bool {
         let text = String::from_utf8_lossy(bytes);
@@ -200,7 +225,7 @@ impl MeasurementTable {
     /// [`TableError`] with the file, the line, the column and what was expected there.
     pub(crate) fn read(path: &Path, progress: &mut Progress) -> Result<Self, TableError> {
         let name = path.display().to_string();
-        let bytes = std::fs::read(path).map_err(|cause| FileError::Io {
+        let bytes = ::forward::whole::bytes(path, MOST_TABLE).map_err(|cause| FileError::Io {
             file: name.clone(),
             cause,
         })?;
@@ -220,6 +245,9 @@ impl MeasurementTable {
             });
         }
         let at = Place { file };
+        if is_utf16(bytes) {
+            return Err(at.malformed(1, "1", "text in UTF-8", "text in UTF-16; save it as CSV in UTF-8"));
+        }
         let mut table = Self {
             file: file.to_owned(),
             measurements: Vec::new(),
@@ -242,7 +270,7 @@ impl MeasurementTable {
             done += line.len() + 1;
             progress.at(done, bytes.len());
             let line = std::str::from_utf8(line)
-                .map_err(|_| at.malformed(number, "1", "text in UTF-8", "other bytes"))?
+                .map_err(|_| at.malformed(number, "1", "text in UTF-8", other(line)))?
                 .trim();
             if line.starts_with('#') {
                 table.comment(number, line)?;
@@ -253,12 +281,11 @@ impl MeasurementTable {
             let record = at.fields(number, line)?;
             match &header {
                 None => {
-                    let (columns, read) =
-                        at.header(number, record)
-                            .map_err(|error| match at.names_electrodes(bytes) {
-                                true => error,
-                                false => numbers_alone(file, bytes).unwrap_or(error),
-                            })?;
+                    let (columns, read) = at.header(number, record).map_err(|error| match () {
+                        () if line.starts_with(KEYS[0]) => at.separated_otherwise(number, line).unwrap_or(error),
+                        () if at.names_electrodes(bytes) => error,
+                        () => numbers_alone(file, bytes).unwrap_or(error),
+                    })?;
                     table.columns = columns;
                     header = Some(read);
                 }
@@ -266,7 +293,12 @@ impl MeasurementTable {
             }
         }
         let Some(header) = header else {
-            return Err(at.malformed(1, "1", "a header that begins with drive_a", "nothing"));
+            let found = if bytes.contains(&b'\r') && !bytes.contains(&b'\n') {
+                "lines that end with a carriage return alone; save it with line feeds"
+            } else {
+                "nothing"
+            };
+            return Err(at.malformed(1, "1", "a header that begins with drive_a", found));
         };
         if table.measurements.is_empty() {
             return Err(at.malformed(header.line + 1, "1", "at least one measurement", "the end of the file"));
@@ -558,6 +590,20 @@ mod tests {
                 ["t.csv:1", "at least one frame", "nothing"],
             ),
             (format!("{head}1,2,3,4,x\n"), ["t.csv:2", "column v", "'x'"]),
+            (
+                head.replace(',', ";") + "1;2;3;4;0,1\n",
+                ["t.csv:1", "separated by commas", "semicolons"],
+            ),
+            (
+                head.replace(',', "\t") + "1\t2\t3\t4\t1\n",
+                ["t.csv:1", "separated by commas", "tabs"],
+            ),
+            // As bytes they are UTF-16 without its mark.
+            ("d\0r\0i\0v\0e\0".to_owned(), ["t.csv:1", "UTF-8", "UTF-16"]),
+            (
+                format!("# a\r{}1,2,3,4,1\r", head.replace('\n', "\r")),
+                ["t.csv:1", "drive_a", "carriage return"],
+            ),
             (
                 format!("{head}1,2,3,4,1\n\n0,2,3,4,1\n"),
                 ["t.csv:4", "column drive_a", "'0'"],

@@ -28,7 +28,7 @@ const COLUMNS: [&str; 4] = ["time_s", "rise_mm2", "force_n", "area_mm2"];
 /// [`RecordingError`] with the line and the column.
 pub(crate) fn read(path: &Path, held_n: Option<f64>) -> Result<Vec<Sample>, RecordingError> {
     let file = path.display().to_string();
-    match std::fs::read_to_string(path) {
+    match ::forward::whole::text(path) {
         Ok(text) => parse(&file, &text, held_n),
         Err(cause) => Err(FileError::Io { file, cause }.into()),
     }

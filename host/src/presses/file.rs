@@ -160,9 +160,13 @@ pub(crate) fn write(path: &Path, text: &str) -> Result<(), CalibrationFileError>
 }
 
 /// Whether a file says that it is of this kind.
-pub(crate) fn is(path: &Path) -> bool {
-    let text = std::fs::read_to_string(path).unwrap_or_default();
-    kind(&text).as_deref() == Some(PRESSES)
+///
+/// # Errors
+/// It cannot be read.
+pub(crate) fn is(path: &Path) -> Result<bool, CalibrationFileError> {
+    let file = path.display().to_string();
+    let text = ::forward::whole::text(path).map_err(|cause| CalibrationFileError::Io { file, cause })?;
+    Ok(kind(&text).as_deref() == Some(PRESSES))
 }
 
 /// Reads one.
@@ -171,7 +175,7 @@ pub(crate) fn is(path: &Path) -> bool {
 /// [`CalibrationFileError`] says what to do.
 pub(crate) fn read(path: &Path) -> Result<PressCalibration, CalibrationFileError> {
     let file = path.display().to_string();
-    match std::fs::read_to_string(path) {
+    match ::forward::whole::text(path) {
         Ok(text) => parse(file, text),
         Err(cause) => Err(CalibrationFileError::Io { file, cause }),
     }
@@ -200,6 +204,10 @@ pub(crate) fn parse(file: String, text: String) -> Result<PressCalibration, Cali
             keys.electrodes
         );
         return Err(malformed(message));
+    }
+    let told = keys.model.as_ref().map_or(0.0, |model| model.error_median_mm);
+    if ![keys.found.error_median_mm, told].iter().all(|mm| mm.is_finite()) {
+        return Err(malformed("an error of it is no number".to_owned()));
     }
     let inside = |e: &usize| (1..=keys.electrodes).contains(e);
     let measurements = keys

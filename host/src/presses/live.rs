@@ -29,7 +29,7 @@ impl Chosen {
     /// It cannot be read, or it is asked for together with options of the model, whose place it takes.
     pub(crate) fn read(path: Option<&Path>, arguments: &SourceArguments) -> Result<Self> {
         let Some(path) = path else { return Ok(Self::default()) };
-        if !file::is(path) {
+        if !file::is(path)? {
             return Ok(Self {
                 rubber: Some(calibration_file::read(path)?),
                 ..Self::default()

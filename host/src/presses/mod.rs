@@ -7,4 +7,4 @@ pub(crate) mod file;
 pub(crate) mod live;
 pub(crate) mod locate;
 mod model;
-mod truth;
+pub(crate) mod truth;

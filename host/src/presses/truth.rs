@@ -23,13 +23,17 @@ pub(crate) struct KnownPress {
 /// [`FileError`] with line and column.
 pub(crate) fn read(path: &Path) -> Result<Vec<KnownPress>, FileError> {
     let file = path.display().to_string();
-    match std::fs::read_to_string(path) {
+    match ::forward::whole::text(path) {
         Ok(text) => parse(&file, &text),
         Err(cause) => Err(FileError::Io { file, cause }),
     }
 }
 
-fn parse(file: &str, text: &str) -> Result<Vec<KnownPress>, FileError> {
+/// Reads the text of such a list; `file` is its name in messages.
+///
+/// # Errors
+/// As for [`read`].
+pub(crate) fn parse(file: &str, text: &str) -> Result<Vec<KnownPress>, FileError> {
     let frames = before::parse(file, text)?;
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     let mut reader = csv::ReaderBuilder::new()

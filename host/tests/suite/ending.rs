@@ -273,3 +273,32 @@ fn a_full_disk_leaves_no_torn_file() {
     assert_eq!(std::fs::read(&bytes).unwrap(), whole);
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
 }
+
+/// What makes a new file names it where the disk is full, and leaves no part of it.
+#[test]
+fn a_full_disk_leaves_no_new_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("new");
+    let recording = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/cli/short.mcap");
+    for command in [
+        &["recover"][..],
+        &["export", "--to", "csv"],
+        &["export", "--to", "npz"],
+        &["export", "--to", "mat"],
+        &["export", "--to", "rosbag2"],
+    ] {
+        let limited = Command::new("sh")
+            .args(["-c", "ulimit -f 1; trap '' XFSZ; exec \"$0\" \"$@\""])
+            .arg(env!("CARGO_BIN_EXE_skin"))
+            .args(command)
+            .args([text(&recording), "--out", text(&out)])
+            .output()
+            .unwrap();
+        let said = String::from_utf8(limited.stderr).unwrap();
+        assert!(
+            limited.status.code() == Some(1) && said.contains(text(&out)),
+            "{command:?}: {said}"
+        );
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "{command:?}");
+    }
+}

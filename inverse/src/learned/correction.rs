@@ -76,7 +76,7 @@ impl Correction {
 
     /// `None` where the numbers do not fit one another.
     pub(super) fn restore(stored: &StoredCorrection, channels: usize) -> Option<Self> {
-        let sound = stored.factor > 0.0 && stored.factor.is_finite();
+        let sound = (1e-9..=1e9).contains(&stored.factor);
         Some(Self {
             ridge: sound.then(|| KernelRidge::restore(&stored.ridge, channels))??,
             factor: stored.factor,

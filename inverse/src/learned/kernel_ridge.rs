@@ -95,8 +95,9 @@ impl KernelRidge {
         let positive = |v: &f64| *v > 0.0 && v.is_finite();
         let sound = stored.scale.len() == channels
             && stored.scale.iter().all(positive)
-            && positive(&stored.width)
-            && stored.weights.iter().flatten().all(|w| w.is_finite());
+            && (1e-9..=1e9).contains(&stored.width)
+            && stored.weights.iter().flatten().all(|w| w.abs() <= 1e9)
+            && known.iter().all(|v| v.abs() <= 1e9);
         sound.then(|| Self {
             scale: stored.scale.clone(),
             known: known.column_iter().map(|c| c.into_owned()).collect(),

@@ -11,7 +11,7 @@ use super::search::{PARTS, choose};
 use super::validation::{FOLDS, STEPS, Validation, locators, quantile, second_evidence, validate};
 use crate::stats::median;
 use forward::Measurement;
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
@@ -384,7 +384,7 @@ impl Learned {
         let build = || {
             let sound = stored.used.is_sorted_by(|a, b| a < b)
                 && (1..=electrodes).contains(&stored.turn)
-                && (stored.tempering > 0.0 && stored.tempering.is_finite())
+                && (1e-6..=1e6).contains(&stored.tempering)
                 && !stored.first_evidence.is_nan()
                 && !stored.more_evidence.is_nan();
             sound.then_some(())?;
@@ -396,6 +396,11 @@ impl Learned {
             let orbits = Orbits::new(&used, electrodes, stored.turn);
             let covariance = matrix(&stored.covariance, used.len(), used.len())?;
             let maps = Maps::restore(&stored.maps, electrodes, orbits)?;
+            // What is left of a value, over what presses do to it: within what squares of it can be computed with.
+            let parts = covariance
+                .diagonal()
+                .component_div(&DVector::from_column_slice(&stored.maps.scale).map(|s| s * s));
+            parts.iter().all(|part| (1e-30..=1e30).contains(part)).then_some(())?;
             Some(Self {
                 locator: Locator::new(maps, &covariance, STEPS)?,
                 correction: match &stored.correction {

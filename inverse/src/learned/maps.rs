@@ -461,11 +461,16 @@ impl Maps {
             electrodes,
             clockwise: stored.clockwise,
         };
-        let positive = |v: &f64| *v > 0.0 && v.is_finite();
-        let sound = positive(&stored.reach_mm)
-            && stored.length > 0.05
-            && stored.centre_mm.iter().all(|v| v.is_finite())
-            && stored.scale.iter().all(positive);
+        // Squares of what is in the frames' unit are numbers too.
+        let positive = |v: &f64| (1e-150..=1e150).contains(v);
+        let weights = [&stored.shared, &stored.own, &stored.memory, &stored.spread];
+        let small = |v: &f64| v.abs() <= 1e24;
+        // As long as a sheet may be.
+        let sound = (1e-3..=1e6).contains(&stored.reach_mm)
+            && (0.05..=1e3).contains(&stored.length)
+            && stored.centre_mm.iter().all(|v| v.abs() <= 1e6)
+            && stored.scale.iter().all(positive)
+            && weights.into_iter().flatten().flatten().all(small);
         let harmonics = sound.then(|| frame.harmonics(stored.length))?;
         let (size, channels) = (harmonics.len(), orbits.members.len());
         (stored.scale.len() == channels).then_some(())?;

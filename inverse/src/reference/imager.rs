@@ -44,6 +44,12 @@ pub enum ImagerError {
         /// Side of cells that are few enough, mm.
         needed_mm: f64,
     },
+    /// More values than the tables of responses should hold.
+    #[error(
+        "a frame has {0} values, more than {MOST_VALUES}; use a pattern of fewer, or a table without those drive pairs that \
+         others repeat"
+    )]
+    TooManyValues(usize),
     /// A frame or a baseline that does not belong to the pattern.
     #[error("{given} values were given for {expected} measurements; give a value for each, in the pattern's order")]
     Baseline {
@@ -57,8 +63,15 @@ pub enum ImagerError {
 /// Most numbers of a sensitivity. Its factors and copies take about 150 bytes for each: together less than 1 GB.
 const MOST_ENTRIES: usize = 6_000_000;
 
+/// Most values of a frame: those of 64 electrodes in the adjacent pattern, and some. The responses to touches all over the sheet are
+/// 220,000 bytes for each.
+const MOST_VALUES: usize = 4096;
+
 /// Refuses a picture whose sensitivity memory should not hold.
 fn check_size(grid: &CellGrid, pattern: &Pattern) -> Result<(), ImagerError> {
+    if pattern.len() > MOST_VALUES {
+        return Err(ImagerError::TooManyValues(pattern.len()));
+    }
     let (cells, n) = (grid.len(), pattern.electrodes());
     // The gradients of all electrodes are multiplied with one another first.
     let values = pattern.len().max(n * n);
@@ -232,5 +245,13 @@ mod tests {
         let fits = |cell_mm| check_size(&CellGrid::new(&geometry, cell_mm).unwrap(), &pattern).is_ok();
         // A circle has a few cells more or less than its area says.
         assert!(fits(1.01 * needed_mm) && !fits(0.99 * needed_mm));
+    }
+
+    #[test]
+    fn frames_of_64_electrodes_are_taken_and_much_larger_ones_refused() {
+        let coarse = CellGrid::new(&Geometry::new(&Sheet::paper()).unwrap(), 20.0).unwrap();
+        let of = |electrodes| check_size(&coarse, &Pattern::adjacent(electrodes).unwrap());
+        assert_eq!(of(64), Ok(()));
+        assert_eq!(of(128), Err(ImagerError::TooManyValues(128 * 125)));
     }
 }

@@ -42,6 +42,12 @@ pub(super) fn parse(file: &str, bytes: &[u8]) -> Result<Array, FileError> {
         if let Some((k, field)) = wrong {
             // Names over the columns, as a spreadsheet or pandas writes them.
             if rows == 0 && !named {
+                if line.starts_with("drive_a") {
+                    return Err(FileError::Unusable {
+                        file: file.to_owned(),
+                        what: "its rows say which measurements they are; leave out --order".to_owned(),
+                    });
+                }
                 named = true;
                 values.truncate(start);
                 continue;

@@ -10,6 +10,9 @@ pub(crate) mod write;
 use crate::files::malformed::FileError;
 use std::path::Path;
 
+/// Largest file of a table or of arrays, bytes: a table takes twice as much memory. These are half an hour of frames.
+pub(crate) const MOST_TABLE: u64 = 512 << 20;
+
 /// A table of numbers with a name.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Array {
@@ -61,7 +64,7 @@ impl Kind {
 /// [`FileError`] names the file, what is wrong with it and what to do.
 pub(crate) fn read(path: &Path) -> Result<(Kind, Vec<Array>), FileError> {
     let file = path.display().to_string();
-    let bytes = std::fs::read(path).map_err(|cause| FileError::Io {
+    let bytes = ::forward::whole::bytes(path, MOST_TABLE).map_err(|cause| FileError::Io {
         file: file.clone(),
         cause,
     })?;

@@ -1,0 +1,124 @@
+//! What presses at known places are kept in: the list of places, and the calibration made of them.
+
+use super::{feed, utf8};
+use crate::presses::file::{self, ModelKeys};
+use crate::presses::truth;
+use ::forward::{Measurement, Pair};
+use inverse::learned::{Press, Setting, learn};
+use std::f64::consts::TAU;
+use std::fmt::Write;
+
+const ELECTRODES: usize = 8;
+const RADIUS_MM: f64 = 50.0;
+
+/// Places by the golden angle, in an order that jumps.
+fn place(k: usize) -> [f64; 2] {
+    let k = (k * 17) % 24;
+    let (sin, cos) = (2.399_963 * k as f64).sin_cos();
+    let radius = RADIUS_MM * ((k as f64 + 0.5) / 24.0).sqrt();
+    [cos * radius, sin * radius]
+}
+
+/// What a press changes: most between the electrodes that drive and those that sense, with a fixed pattern instead of noise.
+fn change(m: &Measurement, [x, y]: [f64; 2], press: usize) -> f64 {
+    let near = |pair: Pair| {
+        let angle = TAU * (pair.plus as f64 + 0.5) / ELECTRODES as f64;
+        let (sin, cos) = angle.sin_cos();
+        let square = (x - 0.6 * RADIUS_MM * cos).powi(2) + (y - 0.6 * RADIUS_MM * sin).powi(2);
+        (-square / (2.0 * 25.0 * 25.0)).exp()
+    };
+    let pattern = (press * 7919 + m.drive.plus * 104_729 + m.sense.plus * 1_299_709) as f64;
+    near(m.drive) * near(m.sense) + 0.01 * pattern.sin()
+}
+
+fn measurements() -> Vec<Measurement> {
+    let pair = |k: usize| Pair::new(k % ELECTRODES, (k + 1) % ELECTRODES);
+    let of = |drive: usize| {
+        (2..ELECTRODES - 1).map(move |k| Measurement {
+            drive: pair(drive),
+            sense: pair(drive + k),
+        })
+    };
+    (0..ELECTRODES).flat_map(of).collect()
+}
+
+/// Calibrations of the same presses: with the model's row, and as changes alone.
+fn calibrations() -> [Vec<u8>; 2] {
+    let measurements = measurements();
+    let presses: Vec<Press> = (0..24)
+        .map(|k| Press {
+            place_mm: place(k),
+            change: measurements.iter().map(|m| change(m, place(k), k)).collect(),
+        })
+        .collect();
+    let setting = Setting {
+        measurements: &measurements,
+        electrodes: ELECTRODES,
+        turn: 1,
+    };
+    let (learned, found) = learn(&presses, &setting, |_, _| {}).unwrap();
+    let sheet = "sheet_resistance_ohm = 800.0\noutline = { kind = \"disc\", diameter_mm = 100.0 }\n[electrode_ring]\ncount = 8\n\
+                 width_mm = 10.0\ncontact_mm = 1.0\n";
+    let model = ModelKeys {
+        error_median_mm: 1.0,
+        error_95th_percentile_mm: 2.0,
+        better: true,
+        sheet: sheet.to_owned(),
+    };
+    [Some(&model), None].map(|model| {
+        let text = file::text(&learned, &found, model, (&measurements, ELECTRODES), model.is_none());
+        text.unwrap().into_bytes()
+    })
+}
+
+#[test]
+#[ignore = "a minute"]
+fn mutated_calibrations_from_presses() {
+    let (measurements, at) = (measurements(), place(3));
+    let change: Vec<f64> = measurements.iter().map(|m| change(m, at, 99)).collect();
+    let mut holed = change.clone();
+    holed[5] = f64::NAN;
+    feed("calibration from presses", &calibrations(), true, |bytes| {
+        let Ok(calibration) = file::parse("t".to_owned(), utf8(bytes).to_owned()) else {
+            return false;
+        };
+        assert!(calibration.error_mm.is_finite());
+        let learned = &calibration.learned;
+        for (change, before) in [(&change, None), (&holed, Some([10.0, -20.0]))] {
+            let presence = learned.locate(change, before);
+            assert!(
+                presence.explained.is_finite() && presence.misfit.is_finite(),
+                "{presence:?}"
+            );
+            for press in &presence.presses {
+                let numbers = [press.place_mm, press.covariance_mm2[0], press.covariance_mm2[1]];
+                let strength = [press.strength, press.strength_sd];
+                assert!(
+                    numbers.iter().flatten().chain(&strength).all(|v| v.is_finite()),
+                    "{press:?}"
+                );
+            }
+        }
+        assert!(learned.resolution_mm().is_finite());
+        true
+    });
+}
+
+#[test]
+fn mutated_lists_of_presses() {
+    let mut whole = "# a robot's\nframe,before,x_mm,y_mm,force_n\n".to_owned();
+    for k in 0..24 {
+        let [x, y] = place(k);
+        writeln!(whole, "p{k},u{k},{x:.2},{y:.2},5").unwrap();
+    }
+    feed("list of presses", &[whole.into_bytes()], true, |bytes| {
+        let Ok(list) = truth::parse("t", utf8(bytes)) else {
+            return false;
+        };
+        assert!(
+            list.iter()
+                .all(|p| p.place_mm.iter().all(|v| v.is_finite()) && p.line > 0)
+        );
+        true
+    });
+}
