@@ -34,7 +34,7 @@ impl Sheet {
     #[staticmethod]
     fn load(path: PathBuf) -> PyResult<Self> {
         let named = || path.display().to_string();
-        let text = forward::whole::text(&path).with_context(|| format!("{}: cannot be read", named()));
+        let text = ::forward::whole::text(&path).with_context(|| format!("{}: cannot be read", named()));
         let read = text.and_then(|text| parse_sheet(&text).with_context(named));
         let (sheet, pattern) = read.map_err(raised)?;
         let read = Self { sheet, pattern };
