@@ -5,7 +5,7 @@ use crate::quality::contact::options::ContactOptions;
 /// The cost of one explanation of a frame.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Evidence {
-    /// Chi-square and the number of parameters: of touches, and of directions left out.
+    /// Minus twice the logarithm of the frame's probability, but for a constant: of touches, and of directions left out.
     pub(crate) cost: f64,
     /// Mean square of the residual, in variances of the noise.
     pub(crate) misfit: f64,
