@@ -1,7 +1,7 @@
 //! The response of every measurement to a press, as a map over the sheet, from presses at known places.
 //!
-//! `y_c = f_k(R_c q) + r_c(q) + h_c(q') + noise`. All measurements of an orbit share one map `f_k`, each turned with its
-//! electrodes; `r_c` is what is left of one measurement, `h_c` what the press before at q' left behind. All three are
+//! `y_c = g_c f_k(R_c q) + r_c(q) + h_c(q') + noise`. All measurements of an orbit share one map `f_k`, each turned with its
+//! electrodes and with a gain `g_c` of its own, as contacts and amplifiers have; `r_c` is what is left of one measurement, `h_c` what the press before at q' left behind. All three are
 //! Gaussian processes, and so is their posterior, in closed form. What lies far outside is drawn in before each of a few
 //! repetitions (Huber's pseudo-values), and each measurement's noise follows from what is left.
 
@@ -29,6 +29,10 @@ const NOISE_WEIGHT: f64 = 8.0;
 const HIGHEST: f64 = 4.2;
 /// Presses nearer than this part of the reach are one: half of the length over which maps change.
 const NEAR: f64 = 0.22;
+/// Directions of which presses see less than this part of what they see of the largest are not seen.
+const LEAST_SEEN: f64 = 1e-10;
+/// Prior standard deviation of a measurement's gain over that of its orbit.
+const GAIN_SD: f64 = 0.3;
 /// Half side of the square of the harmonics, over the reach of the presses.
 const SQUARE: f64 = 1.5;
 
@@ -118,6 +122,8 @@ pub(super) struct Maps {
     /// Noise variance of every measurement, over the square of its scale.
     pub(super) noise: Vec<f64>,
     harmonics: Harmonics,
+    /// Gain of every measurement over that of its orbit.
+    gains: Vec<f64>,
     /// Weights of the maps, harmonics x orbits, over the scale.
     shared: DMatrix<f64>,
     /// Harmonics x measurements.
@@ -143,6 +149,9 @@ pub struct StoredMaps {
     pub length: f64,
     /// Root mean square of the changes of every measurement's orbit.
     pub scale: Vec<f64>,
+    /// Gain of every measurement over that of its orbit; 1 where there are none.
+    #[serde(default)]
+    pub gains: Vec<f64>,
     /// Weights of the maps that orbits share: for every orbit those of the harmonics, over the scale.
     pub shared: Vec<Vec<f64>>,
     /// The same for what every measurement has of its own.
@@ -202,17 +211,39 @@ struct Design {
     before: DMatrix<f64>,
     /// For every turn that a measurement has: its number, the features turned back, and two products of them.
     turns: Vec<(usize, Turn)>,
-    /// Eigenvectors and eigenvalues of the own and memory parts' precision, in units of their prior; those first that the
-    /// presses see.
+    /// Eigenvectors and eigenvalues of what the presses see of the own and memory parts, in units of their prior.
     vectors: DMatrix<f64>,
     values: DVector<f64>,
-    /// How many they see.
-    seen: usize,
     /// Features times the square root of the prior, own beside memory.
     scaled: DMatrix<f64>,
     own_root: DVector<f64>,
     memory_root: DVector<f64>,
     shared_precision: DVector<f64>,
+}
+
+/// Eigenvectors and eigenvalues of the columns' square, those without the ones that no row sees. Of fewer rows than columns they
+/// follow from the rows' square.
+fn seen(scaled: &DMatrix<f64>) -> Option<(DMatrix<f64>, DVector<f64>)> {
+    let few = scaled.nrows() < scaled.ncols();
+    let square = if few {
+        scaled * scaled.transpose()
+    } else {
+        scaled.tr_mul(scaled)
+    };
+    let eigen = symmetric_eigen(square)?;
+    let least = LEAST_SEEN * eigen.eigenvalues.max();
+    let order: Vec<usize> = (0..eigen.eigenvalues.len())
+        .filter(|k| eigen.eigenvalues[*k] > least)
+        .collect();
+    let values = eigen.eigenvalues.select_rows(&order);
+    let mut vectors = eigen.eigenvectors.select_columns(&order);
+    if few {
+        vectors = scaled.tr_mul(&vectors);
+        for (mut column, value) in vectors.column_iter_mut().zip(&values) {
+            column /= value.sqrt();
+        }
+    }
+    Some((vectors, values))
 }
 
 struct Turn {
@@ -237,13 +268,8 @@ impl Design {
             scaled.set_column(k, &(here.column(k) * own_root[k]));
             scaled.set_column(harmonics.len() + k, &(before.column(k) * memory_root[k]));
         }
-        let eigen = symmetric_eigen(scaled.tr_mul(&scaled))?;
-        let mut order: Vec<usize> = (0..eigen.eigenvalues.len()).collect();
-        order.sort_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]));
-        let values = eigen.eigenvalues.select_rows(&order).map(|v| v.max(0.0));
-        let vectors = eigen.eigenvectors.select_columns(&order);
-        let rank = presses.len().min(values.len());
-        let to_seen = &scaled * vectors.columns(0, rank);
+        let (vectors, values) = seen(&scaled)?;
+        let to_seen = &scaled * &vectors;
         let mut numbers: Vec<usize> = orbits.members.iter().map(|m| m.turned).collect();
         numbers.sort_unstable();
         numbers.dedup();
@@ -262,7 +288,6 @@ impl Design {
             before,
             values,
             vectors,
-            seen: rank,
             scaled,
             own_root,
             memory_root,
@@ -288,6 +313,7 @@ impl Maps {
             length: prior.length.min(prior.memory_length),
             scale: scales(&presses.changes, orbits),
             noise: vec![FIRST_NOISE; channels],
+            gains: vec![1.0; channels],
             shared: DMatrix::zeros(size, orbits.count),
             own: DMatrix::zeros(size, channels),
             memory: DMatrix::zeros(size, channels),
@@ -321,10 +347,18 @@ impl Maps {
             maps.noise = noise;
         }
         let middle = median(maps.noise.iter().copied());
-        let directions = DMatrix::from_fn(size, design.values.len(), |k, j| {
-            design.own_root[k] * design.vectors[(k, j)] / (design.values[j] + middle).sqrt()
-        });
-        maps.spread = &directions * directions.transpose();
+        // What the presses tell of the prior's directions is taken off.
+        let mut told = design.vectors.rows(0, size).into_owned();
+        for (mut column, value) in told.column_iter_mut().zip(&design.values) {
+            column *= (value / (value + middle)).sqrt();
+        }
+        let root = &design.own_root;
+        maps.spread = (DMatrix::identity(size, size) - &told * told.transpose()) / middle;
+        for j in 0..size {
+            for i in 0..size {
+                maps.spread[(i, j)] *= root[i] * root[j];
+            }
+        }
         Some(maps)
     }
 
@@ -340,10 +374,7 @@ impl Maps {
     /// measurement.
     fn solve(&mut self, design: &Design, values: &DMatrix<f64>) -> Option<Vec<f64>> {
         let count = values.nrows() as f64;
-        let (vectors, seen_values) = (
-            design.vectors.columns(0, design.seen),
-            design.values.rows(0, design.seen),
-        );
+        let (vectors, seen_values) = (&design.vectors, &design.values);
         let seen = vectors.tr_mul(&design.scaled.tr_mul(values));
         let size = self.harmonics.len();
         let mut freedom = vec![0.0; values.ncols()];
@@ -352,21 +383,31 @@ impl Maps {
             let mut right = DVector::zeros(size);
             for &c in list {
                 let (turn, noise) = (design.turn(self.orbits.members[c].turned), self.noise[c]);
+                let gain = self.gains[c];
                 let inverse = seen_values.map(|v| 1.0 / (v + noise));
                 let mut half = turn.seen.clone();
                 for (mut row, d) in half.row_iter_mut().zip(&inverse) {
                     row *= d.sqrt();
                 }
-                normal += &turn.square / noise;
-                normal.gemm(-1.0 / noise, &half.transpose(), &half, 1.0);
-                right.gemv_tr(1.0 / noise, &turn.features, &values.column(c), 1.0);
-                right.gemv_tr(-1.0 / noise, &turn.seen, &inverse.component_mul(&seen.column(c)), 1.0);
+                let weight = gain * gain / noise;
+                normal.zip_apply(&turn.square, |n, s| *n += weight * s);
+                normal.gemm(-weight, &half.transpose(), &half, 1.0);
+                right.gemv_tr(gain / noise, &turn.features, &values.column(c), 1.0);
+                right.gemv_tr(-gain / noise, &turn.seen, &inverse.component_mul(&seen.column(c)), 1.0);
             }
             let shared = Cholesky::new(normal)?.solve(&right);
             for &c in list {
                 let (turn, noise) = (design.turn(self.orbits.members[c].turned), self.noise[c]);
                 let inverse = seen_values.map(|v| 1.0 / (v + noise));
-                let left = seen.column(c) - &turn.seen * &shared;
+                let (map, map_seen) = (&turn.features * &shared, &turn.seen * &shared);
+                // By generalised least squares: what the measurement has of its own, and the memory, are integrated out.
+                let product = |other: &DVector<f64>, other_seen: &DVector<f64>| {
+                    (map.dot(other) - map_seen.component_mul(&inverse).dot(other_seen)) / noise
+                };
+                let prior = GAIN_SD.powi(-2);
+                let along = product(&values.column(c).into_owned(), &seen.column(c).into_owned());
+                self.gains[c] = (along + prior) / (product(&map, &map_seen) + prior);
+                let left = seen.column(c) - map_seen * self.gains[c];
                 let weights = vectors * inverse.component_mul(&left);
                 self.own
                     .set_column(c, &weights.rows(0, size).component_mul(&design.own_root));
@@ -384,8 +425,8 @@ impl Maps {
         let mut fitted = &design.here * &self.own + &design.before * &self.memory;
         for (c, member) in self.orbits.members.iter().enumerate() {
             let turn = design.turn(member.turned);
-            let shared = &turn.features * self.shared.column(member.orbit);
-            fitted.column_mut(c).zip_apply(&shared, |f, s| *f += s);
+            let (shared, gain) = (&turn.features * self.shared.column(member.orbit), self.gains[c]);
+            fitted.column_mut(c).zip_apply(&shared, |f, s| *f += gain * s);
         }
         fitted
     }
@@ -403,7 +444,8 @@ impl Maps {
             let orbits: Vec<usize> = list.iter().map(|c| self.orbits.members[*c].orbit).collect();
             let shared = self.shared.select_columns(&orbits).transpose() * features(&self.harmonics, back).transpose();
             for (row, c) in shared.row_iter().zip(list) {
-                out.row_mut(c).zip_apply(&row, |o, s| *o += s);
+                let gain = self.gains[c];
+                out.row_mut(c).zip_apply(&row, |o, s| *o += gain * s);
             }
         }
         for mut column in out.column_iter_mut() {
@@ -446,6 +488,7 @@ impl Maps {
             clockwise: self.frame.clockwise,
             length: self.length,
             scale: self.scale.clone(),
+            gains: self.gains.clone(),
             shared: columns(&self.shared),
             own: columns(&self.own),
             memory: columns(&self.memory),
@@ -468,13 +511,20 @@ impl Maps {
             && stored.scale.iter().all(positive);
         let harmonics = sound.then(|| frame.harmonics(stored.length))?;
         let (size, channels) = (harmonics.len(), orbits.members.len());
-        (stored.scale.len() == channels).then_some(())?;
+        let gains =
+            stored.gains.is_empty() || stored.gains.len() == channels && stored.gains.iter().all(|g| g.is_finite());
+        (gains && stored.scale.len() == channels).then_some(())?;
         Some(Self {
             frame,
             presses: stored.presses.max(1),
             length: stored.length,
             scale: stored.scale.clone(),
             noise: vec![FIRST_NOISE; channels],
+            gains: if stored.gains.is_empty() {
+                vec![1.0; channels]
+            } else {
+                stored.gains.clone()
+            },
             shared: matrix(&stored.shared, size, orbits.count)?,
             own: matrix(&stored.own, size, channels)?,
             memory: matrix(&stored.memory, size, channels)?,
