@@ -46,26 +46,26 @@ pub(crate) struct Arguments {
 pub(super) struct Row {
     pub(super) skin: String,
     pub(super) known: usize,
-    draws: usize,
-    held_out: usize,
+    pub(super) draws: usize,
+    pub(super) held_out: usize,
     pub(super) median_mm: f64,
     pub(super) percentile_95_mm: f64,
     /// Part of the change that is explained.
-    explained: f64,
+    pub(super) explained: f64,
     /// Part of the true coordinates within two stated standard deviations.
-    within_two_sd: f64,
+    pub(super) within_two_sd: f64,
     /// Part of the presses in which exactly one touch was found.
-    exactly_one: f64,
+    pub(super) exactly_one: f64,
     /// Part of the pairs of presses, sums of two held-out ones, of which both are found. None without pairs.
-    both_of_two: Option<f64>,
+    pub(super) both_of_two: Option<f64>,
     /// Part of the frames at rest in which nothing is found: just before a press, against just before the one before it. None where
     /// the table holds changes.
-    none_at_rest: Option<f64>,
+    pub(super) none_at_rest: Option<f64>,
     /// The median error that was told beforehand, from the known presses alone.
-    expected_mm: Option<f64>,
+    pub(super) expected_mm: Option<f64>,
     /// Processor time.
-    frame_us: f64,
-    learned_s: f64,
+    pub(super) frame_us: f64,
+    pub(super) learned_s: f64,
     /// Kernel ridge regression on the same presses.
     pub(super) ridge_median_mm: Option<f64>,
     pub(super) ridge_percentile_95_mm: Option<f64>,

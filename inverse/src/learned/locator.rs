@@ -277,7 +277,10 @@ impl Locator {
         };
         let score = |k: usize, fit: &Fit| {
             let variance = variance(k, fit);
-            evidence.of(fit.square / variance, variance.ln(), channels) - 0.5 * (fit.whole / beside.prior).ln()
+            // What speaks against its strength does not shrink with the rest's growth.
+            let unusual = beside.prior * (fit.strength - 1.0).powi(2);
+            let square = (fit.square - unusual) / variance + unusual;
+            evidence.of(square, variance.ln(), channels) - 0.5 * (fit.whole / beside.prior).ln()
         };
         let mut scores = vec![f64::NEG_INFINITY; self.nodes_mm.len()];
         // One node of every group first, then those of the groups that are not out of question.
@@ -442,7 +445,7 @@ impl Locator {
         let at_rest = variance(self.proportional, &[]);
         let mut last = evidence.of(square / at_rest, at_rest.ln(), change.len() as f64);
         while presence.presses.len() < MOST {
-            let Some(more) = self.with_one_more(&frame, (&presence.presses, presence.misfit, last), evidence) else {
+            let Some(more) = self.with_one_more(&frame, (&presence.presses, presence.misfit), evidence) else {
                 break;
             };
             let gain = more.score - last;
@@ -464,29 +467,22 @@ impl Locator {
         presence
     }
 
-    /// One press more, and all of them placed anew where it helps by itself, or where the others leave much. `last` is their score.
+    /// One press more, and all of them placed anew.
     fn with_one_more(
         &self,
         frame: &Reduced,
-        (presses, misfit, last): (&[Located], f64, f64),
+        (presses, misfit): (&[Located], f64),
         evidence: Evidence,
     ) -> Option<Settled> {
-        let much = misfit > SUSPECT;
-        let nodes = |list: &[Located]| list.iter().map(|p| p.node).collect::<Vec<_>>();
-        let more = self.settle(frame, (nodes(presses), presses), (true, much), evidence);
-        let more = match more {
-            Some(one) if !much && !presses.is_empty() && one.score > last => {
-                self.settle(frame, (nodes(&one.presses), &[]), (false, true), evidence)
-            }
-            more => more,
-        };
-        if presses.len() != 1 || !much {
+        let nodes: Vec<usize> = presses.iter().map(|p| p.node).collect();
+        let more = self.settle(frame, nodes, true, evidence);
+        if presses.len() != 1 || misfit < SUSPECT {
             return more;
         }
         // Two presses that one between them explains half are found as two at once.
         let pair = self
             .best_pair(frame, evidence)
-            .and_then(|pair| self.settle(frame, (pair.to_vec(), &[]), (false, true), evidence));
+            .and_then(|pair| self.settle(frame, pair.to_vec(), false, evidence));
         [more, pair]
             .into_iter()
             .flatten()
@@ -501,22 +497,15 @@ impl Locator {
         (0..nodes.len()).any(|i| (0..i).any(|j| near(place(i), place(j))))
     }
 
-    /// Places presses from some nodes and perhaps `one_more`; with `anew` all of them by turns, each beside the others, else only the
-    /// one more, and the others stay as they were found.
-    fn settle(
-        &self,
-        frame: &Reduced,
-        (mut nodes, found): (Vec<usize>, &[Located]),
-        (one_more, anew): (bool, bool),
-        evidence: Evidence,
-    ) -> Option<Settled> {
+    /// Places presses by turns, each beside the others, from some nodes and perhaps `one_more`.
+    fn settle(&self, frame: &Reduced, mut nodes: Vec<usize>, one_more: bool, evidence: Evidence) -> Option<Settled> {
         let mut placed: Vec<Option<Placed>> = nodes.iter().map(|_| None).collect();
         if one_more {
             let there = self.posterior(&self.scores(frame, &nodes, evidence)?);
             nodes.push(there.node);
             placed.push(Some(there));
         }
-        let sweeps = if nodes.len() == 1 || !anew { 0 } else { SWEEPS };
+        let sweeps = if nodes.len() == 1 { 0 } else { SWEEPS };
         for _ in 0..sweeps {
             let before = nodes.clone();
             for k in 0..nodes.len() {
@@ -553,18 +542,16 @@ impl Locator {
         let channels = self.deviations.len() as f64;
         let square = left.norm_squared() + frame.outside;
         let unusual: f64 = strengths.means.iter().map(|a| prior * (a - 1.0).powi(2)).sum();
-        let presses = (nodes.iter().zip(placed).enumerate())
+        let presses = nodes
+            .iter()
+            .zip(placed)
             .zip(strengths.means.iter().zip(&strengths.variances))
-            .map(|((k, (node, placed)), (strength, variance))| {
-                let (place_mm, covariance_mm2) = match placed {
-                    Some(Placed {
-                        mean_mm, covariance: c, ..
-                    }) => (mean_mm.into(), [[c[(0, 0)], c[(0, 1)]], [c[(1, 0)], c[(1, 1)]]]),
-                    None => found.get(k).map(|f| (f.place_mm, f.covariance_mm2))?,
-                };
+            .map(|((node, placed), (strength, variance))| {
+                let placed = placed?;
+                let c = placed.covariance;
                 Some(Located {
-                    place_mm,
-                    covariance_mm2,
+                    place_mm: placed.mean_mm.into(),
+                    covariance_mm2: [[c[(0, 0)], c[(0, 1)]], [c[(1, 0)], c[(1, 1)]]],
                     strength: *strength,
                     strength_sd: (variance * evidence.tempering).sqrt(),
                     node: *node,
