@@ -31,8 +31,10 @@ const HIGHEST: f64 = 4.2;
 const NEAR: f64 = 0.22;
 /// Directions of which presses see less than this part of what they see of the largest are not seen.
 const LEAST_SEEN: f64 = 1e-10;
-/// Prior standard deviation of a measurement's gain over that of its orbit.
+/// Standard deviation of measurements' gains over those of their orbits, before anything is known and at most.
 const GAIN_SD: f64 = 0.3;
+/// Least variance of the gains: amplifiers agree no better.
+const LEAST_GAIN_VARIANCE: f64 = 1e-6;
 /// Half side of the square of the harmonics, over the reach of the presses.
 const SQUARE: f64 = 1.5;
 
@@ -124,6 +126,8 @@ pub(super) struct Maps {
     harmonics: Harmonics,
     /// Gain of every measurement over that of its orbit.
     gains: Vec<f64>,
+    /// Their variance, as the presses tell it.
+    gain_variance: f64,
     /// Weights of the maps, harmonics x orbits, over the scale.
     shared: DMatrix<f64>,
     /// Harmonics x measurements.
@@ -314,6 +318,7 @@ impl Maps {
             scale: scales(&presses.changes, orbits),
             noise: vec![FIRST_NOISE; channels],
             gains: vec![1.0; channels],
+            gain_variance: GAIN_SD * GAIN_SD,
             shared: DMatrix::zeros(size, orbits.count),
             own: DMatrix::zeros(size, channels),
             memory: DMatrix::zeros(size, channels),
@@ -378,6 +383,7 @@ impl Maps {
         let seen = vectors.tr_mul(&design.scaled.tr_mul(values));
         let size = self.harmonics.len();
         let mut freedom = vec![0.0; values.ncols()];
+        let mut unlike = (0.0, 0.0);
         for (orbit, list) in self.orbits.lists().iter().enumerate() {
             let mut normal = DMatrix::from_diagonal(&design.shared_precision);
             let mut right = DVector::zeros(size);
@@ -404,9 +410,15 @@ impl Maps {
                 let product = |other: &DVector<f64>, other_seen: &DVector<f64>| {
                     (map.dot(other) - map_seen.component_mul(&inverse).dot(other_seen)) / noise
                 };
-                let prior = GAIN_SD.powi(-2);
+                let prior = self.gain_variance.recip();
                 let along = product(&values.column(c).into_owned(), &seen.column(c).into_owned());
-                self.gains[c] = (along + prior) / (product(&map, &map_seen) + prior);
+                let told = product(&map, &map_seen).max(f64::MIN_POSITIVE);
+                self.gains[c] = (along + prior) / (told + prior);
+                // What the presses alone say, by how much of it is not their noise (DerSimonian and Laird 1986).
+                let (off, noise_of) = ((along / told - 1.0).clamp(-1.0, 1.0), told.recip());
+                let weight = (noise_of + self.gain_variance).powi(-2);
+                unlike.0 += weight * (off * off - noise_of);
+                unlike.1 += weight;
                 let left = seen.column(c) - map_seen * self.gains[c];
                 let weights = vectors * inverse.component_mul(&left);
                 self.own
@@ -416,6 +428,10 @@ impl Maps {
                 freedom[c] = (count - seen_values.dot(&inverse)).max(0.15 * count);
             }
             self.shared.set_column(orbit, &shared);
+        }
+        let variance: f64 = unlike.0 / unlike.1;
+        if variance.is_finite() {
+            self.gain_variance = variance.clamp(LEAST_GAIN_VARIANCE, GAIN_SD * GAIN_SD);
         }
         Some(freedom)
     }
@@ -525,6 +541,7 @@ impl Maps {
             } else {
                 stored.gains.clone()
             },
+            gain_variance: GAIN_SD * GAIN_SD,
             shared: matrix(&stored.shared, size, orbits.count)?,
             own: matrix(&stored.own, size, channels)?,
             memory: matrix(&stored.memory, size, channels)?,
