@@ -70,11 +70,11 @@ const USUAL_CHANGE: f64 = 0.01;
 
 impl BaselineArguments {
     /// For each frame the one that a list of presses names before it.
-    pub(crate) fn of_presses(list: &Path) -> Self {
+    pub(crate) fn of_presses(list: &Path, difference: bool) -> Self {
         Self {
             baseline: Vec::new(),
-            before: Some(list.to_owned()),
-            difference: false,
+            before: (!difference).then(|| list.to_owned()),
+            difference,
             unit_v: None,
         }
     }

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::fmt;
 use std::fs;
+use std::time::Instant;
 
 /// How the threads of simulated boards are called.
 const SIMULATED: &str = "skin-sim";
@@ -35,6 +36,35 @@ impl Load {
     fn seconds(&self, simulated: bool) -> f64 {
         let of = self.threads.values().filter(|(is, _)| *is == simulated);
         1e-9 * of.map(|(_, ns)| *ns).sum::<u64>() as f64
+    }
+}
+
+/// Seconds of a stretch of work: of processor time of this thread where the system tells (Linux), else by the clock.
+pub(crate) struct Stretch {
+    from: Instant,
+    ns: Option<u64>,
+}
+
+impl Stretch {
+    /// From now on.
+    pub(crate) fn begin() -> Self {
+        Self {
+            from: Instant::now(),
+            ns: Self::ns(),
+        }
+    }
+
+    fn ns() -> Option<u64> {
+        let text = fs::read_to_string("/proc/thread-self/schedstat").ok()?;
+        text.split_whitespace().next()?.parse().ok()
+    }
+
+    /// So far.
+    pub(crate) fn seconds(&self) -> f64 {
+        match (self.ns, Self::ns()) {
+            (Some(from), Some(to)) => 1e-9 * to.saturating_sub(from) as f64,
+            _ => self.from.elapsed().as_secs_f64(),
+        }
     }
 }
 

@@ -123,7 +123,7 @@ pub(crate) fn text(
         &mut stored.covariance,
     ];
     lists.into_iter().flatten().flatten().for_each(shortened);
-    maps.scale.iter_mut().for_each(shortened);
+    maps.scale.iter_mut().chain(&mut maps.gains).for_each(shortened);
     if let Some(correction) = &mut stored.correction {
         let ridge = &mut correction.ridge;
         ridge.known.iter_mut().flatten().for_each(shortened);

@@ -7,4 +7,6 @@ pub(crate) mod file;
 pub(crate) mod live;
 pub(crate) mod locate;
 mod model;
+mod picture;
+mod similarity;
 pub(crate) mod truth;

@@ -7,6 +7,7 @@ use crate::progress::Progress;
 use crate::table_baseline::BaselineArguments;
 use crate::table_batch::{How, TableBatch};
 use crate::table_sheet::Geometry;
+use ::forward::Sheet;
 use ::forward::file::sheet_text;
 use anyhow::{Result, bail};
 use inverse::solvers::Method;
@@ -31,35 +32,23 @@ pub(super) fn tried(
     learned_mm: [f64; 2],
     no_progress: bool,
 ) -> Result<ModelKeys> {
-    let chosen = Geometry::of(sheet).choose(table, Method::Nnls)?;
-    let way = (&chosen.sheet, chosen.pattern, chosen.cell_mm);
-    let ready = TableBatch::new(
-        table,
-        way,
-        &BaselineArguments::of_presses(list),
-        &How::plain(no_progress),
-    )?;
-    let mut batch = ready.batch()?;
     let places: HashMap<&str, [f64; 2]> = known.iter().map(|p| (p.frame.as_str(), p.place_mm)).collect();
     let span = |axis: usize| {
         let along = || known.iter().map(|p| p.place_mm[axis]);
         along().fold(f64::MIN, f64::max) - along().fold(f64::MAX, f64::min)
     };
     let missed_mm = 0.5 * span(0).hypot(span(1));
-    let frames = &ready.prepared.frames;
-    let some = frames.iter().step_by(frames.len().div_ceil(MOST));
-    let mut progress = Progress::new("trying the sheet's model", no_progress);
-    let mut errors = Vec::new();
-    for frame in some {
-        let Some(place) = places.get(table.columns[frame.place].name.as_str()) else {
-            continue;
-        };
-        let result = batch.frame(frame.place, &frame.values)?;
-        let strongest = (result.touches.iter()).max_by(|a, b| a.total_mm2.abs().total_cmp(&b.total_mm2.abs()));
-        let off = |touch: &Touch| (touch.x_mm - place[0]).hypot(touch.y_mm - place[1]);
-        errors.push(strongest.map_or(missed_mm, off));
-        progress.at(errors.len(), frames.len().min(MOST));
-    }
+    let some: Vec<&str> = (known.iter().step_by(known.len().div_ceil(MOST)))
+        .map(|p| p.frame.as_str())
+        .collect();
+    let (sheet, found) = of_frames(table, (list, false), &some, sheet, no_progress)?;
+    let mut errors: Vec<f64> = (found.iter().zip(&some))
+        .map(|(found, name)| {
+            let place = places[name];
+            let off = |touch: &Touch| (touch.x_mm - place[0]).hypot(touch.y_mm - place[1]);
+            found.strongest.as_ref().map_or(missed_mm, off)
+        })
+        .collect();
     errors.sort_by(f64::total_cmp);
     let at = |part: f64| errors.get((part * (errors.len().saturating_sub(1)) as f64).round() as usize);
     let (Some(&median), Some(&high)) = (at(0.5), at(0.95)) else {
@@ -69,6 +58,58 @@ pub(super) fn tried(
         error_median_mm: median,
         error_95th_percentile_mm: high,
         better: median < learned_mm[0] && high < learned_mm[1],
-        sheet: sheet_text(&chosen.sheet)?,
+        sheet: sheet_text(&sheet)?,
     })
+}
+
+/// What a model finds in the frame of a press.
+pub(super) struct AtPress {
+    /// Its strongest touch.
+    pub strongest: Option<Touch>,
+    /// How many it finds.
+    pub touches: usize,
+    /// Part of the change that they explain, 0 to 1.
+    pub explained: f64,
+}
+
+/// What the model of a sheet (the paper's disc where no file says another) finds in some frames of a table, in their order. `list` names
+/// the frames before them, unless the columns hold changes.
+///
+/// # Errors
+/// Why there is no model of the table.
+pub(super) fn of_frames(
+    table: &MeasurementTable,
+    (list, difference): (&Path, bool),
+    names: &[&str],
+    sheet: Option<&Path>,
+    no_progress: bool,
+) -> Result<(Sheet, Vec<AtPress>)> {
+    let chosen = Geometry::of(sheet).choose(table, Method::Nnls)?;
+    let way = (&chosen.sheet, chosen.pattern, chosen.cell_mm);
+    let baseline = BaselineArguments::of_presses(list, difference);
+    let ready = TableBatch::new(table, way, &baseline, &How::plain(no_progress))?;
+    let mut batch = ready.batch()?;
+    let frames: HashMap<&str, _> = (ready.prepared.frames.iter())
+        .map(|f| (table.columns[f.place].name.as_str(), f))
+        .collect();
+    let mut progress = Progress::new("trying the sheet's model", no_progress);
+    let mut found = Vec::new();
+    for name in names {
+        let Some(frame) = frames.get(name) else {
+            bail!("the table has no frame {name}");
+        };
+        let result = batch.frame(frame.place, &frame.values)?;
+        let strongest = (result.touches.iter()).max_by(|a, b| a.total_mm2.abs().total_cmp(&b.total_mm2.abs()));
+        found.push(AtPress {
+            strongest: strongest.cloned(),
+            touches: result.touches.len(),
+            explained: match result.explained {
+                Some(part) => part,
+                None if result.touches.is_empty() => 0.0,
+                None => 1.0 - result.residual,
+            },
+        });
+        progress.at(found.len(), names.len());
+    }
+    Ok((chosen.sheet, found))
 }

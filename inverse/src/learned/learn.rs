@@ -6,9 +6,9 @@ use super::correction::{Correction, StoredCorrection};
 use super::locator::{Evidence, Locator, Presence};
 use super::maps::{Maps, Presses, StoredMaps, columns, matrix};
 use super::orbits::Orbits;
-use super::rest::Residuals;
+use super::rest::{Residuals, Rest};
 use super::search::{PARTS, choose};
-use super::validation::{FOLDS, STEPS, Validation, locators, quantile, second_evidence, validate};
+use super::validation::{FOLDS, STEPS, Validation, first_evidence, locators, quantile, second_evidence, validate};
 use crate::stats::median;
 use forward::Measurement;
 use nalgebra::{DMatrix, DVector};
@@ -126,7 +126,7 @@ pub struct Learned {
     used: Vec<usize>,
     /// Turn by which measurements share their maps, electrodes.
     turn: usize,
-    covariance: DMatrix<f64>,
+    rest: Rest,
 }
 
 /// [`Learned`] as numbers, for a file.
@@ -145,6 +145,9 @@ pub struct Stored {
     pub more_evidence: f64,
     /// Covariance of what the maps leave over, in the unit of the changes squared.
     pub covariance: Vec<Vec<f64>>,
+    /// Part of its variances that is proportional to the square of the press's strength.
+    #[serde(default)]
+    pub proportional: f64,
     /// Offsets that depend on the changes, where there are enough presses to tell.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub correction: Option<StoredCorrection>,
@@ -231,22 +234,24 @@ pub fn learn(
     let all = gather(presses, &used, &(0..presses.len()).collect::<Vec<_>>());
     let choice = choose(&all, setting, &measurements, &mut progress).ok_or(LearnError::NoChange)?;
     let validated = |presses: &Presses| {
-        let (list, residuals) = locators(&choice, presses, FOLDS, STEPS)?;
+        let (list, residuals, turning) = locators(&choice, presses, FOLDS, STEPS)?;
         let (validation, evidence) = validate(&list, presses);
-        Some((list, residuals, validation, evidence))
+        let rest = residuals.rest(&choice.orbits, turning);
+        Some((list, residuals, rest, validation, evidence))
     };
     let mut kept = all;
-    let (mut list, mut residuals, mut validation, mut evidence) = validated(&kept).ok_or(LearnError::NoChange)?;
+    let (mut list, mut residuals, mut rest, mut validation, mut evidence) =
+        validated(&kept).ok_or(LearnError::NoChange)?;
     progress(PARTS - 2, PARTS);
     let gross = gross(&validation, choice.frame.reach_mm);
     let numbers: Vec<usize> = (0..presses.len()).filter(|k| !gross.contains(k)).collect();
     if !gross.is_empty() {
         kept = gather(presses, &used, &numbers);
-        (list, residuals, validation, evidence) = validated(&kept).ok_or(LearnError::NoChange)?;
+        (list, residuals, rest, validation, evidence) = validated(&kept).ok_or(LearnError::NoChange)?;
     }
     // With two presses allowed, what a second one gains in frames with one.
     evidence.more = f64::MAX;
-    evidence.first = STRONG.ln();
+    evidence.first = first_evidence(&validation).min(STRONG.ln());
     let mut gains: Vec<f64> = validation
         .presences
         .iter()
@@ -260,7 +265,6 @@ pub fn learn(
     let reach_mm = choice.frame.reach_mm;
     let mut errors = validation.errors_mm(reach_mm);
     errors.sort_by(f64::total_cmp);
-    let covariance = residuals.covariance();
     let maps = choice.maps(&kept).ok_or(LearnError::NoChange)?;
     let findings = Findings {
         presses: kept.len(),
@@ -268,7 +272,7 @@ pub fn learn(
         gross,
         dead: (0..setting.measurements.len()).filter(|c| !used.contains(c)).collect(),
         unexplained: (0..used.len())
-            .filter(|c| covariance[(*c, *c)] > HARDLY * mean_square(&kept, *c))
+            .filter(|c| rest.covariance[(*c, *c)] > HARDLY * mean_square(&kept, *c))
             .map(|c| used[c])
             .collect(),
         shared: choice.orbits.count < measurements.len(),
@@ -281,7 +285,7 @@ pub fn learn(
         half_error_mm: half_error(&choice, &kept, evidence),
         tempering: evidence.tempering,
     };
-    let locator = Locator::new(maps, &covariance, STEPS).ok_or(LearnError::NoChange)?;
+    let locator = Locator::new(maps, &rest, STEPS).ok_or(LearnError::NoChange)?;
     Ok((
         Learned {
             locator,
@@ -289,7 +293,7 @@ pub fn learn(
             evidence,
             used,
             turn: choice.turn,
-            covariance,
+            rest,
         },
         findings,
     ))
@@ -338,7 +342,7 @@ fn half_error(choice: &Choice, presses: &Presses, evidence: Evidence) -> Option<
         return None;
     }
     let half = presses.select(&(0..presses.len()).step_by(2).collect::<Vec<_>>());
-    let (list, _) = locators(choice, &half, FOLDS, STEPS)?;
+    let (list, ..) = locators(choice, &half, FOLDS, STEPS)?;
     let mut validation = Validation::of(&list, &half, evidence);
     Correction::learn(&half, &mut validation);
     Some(median(validation.errors_mm(choice.frame.reach_mm).into_iter()))
@@ -370,7 +374,8 @@ impl Learned {
             tempering: self.evidence.tempering,
             first_evidence: self.evidence.first,
             more_evidence: self.evidence.more,
-            covariance: columns(&self.covariance),
+            covariance: columns(&self.rest.covariance),
+            proportional: self.rest.proportional,
             correction: self.correction.as_ref().map(Correction::stored),
             maps: self.locator.maps().stored(),
         }
@@ -385,6 +390,7 @@ impl Learned {
             let sound = stored.used.is_sorted_by(|a, b| a < b)
                 && (1..=electrodes).contains(&stored.turn)
                 && (1e-6..=1e6).contains(&stored.tempering)
+                && (0.0..=1.0).contains(&stored.proportional)
                 && !stored.first_evidence.is_nan()
                 && !stored.more_evidence.is_nan();
             sound.then_some(())?;
@@ -394,15 +400,19 @@ impl Learned {
                 .map(|k| measurements.get(*k).copied())
                 .collect::<Option<_>>()?;
             let orbits = Orbits::new(&used, electrodes, stored.turn);
-            let covariance = matrix(&stored.covariance, used.len(), used.len())?;
+            let rest = Rest {
+                covariance: matrix(&stored.covariance, used.len(), used.len())?,
+                proportional: stored.proportional,
+            };
             let maps = Maps::restore(&stored.maps, electrodes, orbits)?;
             // What is left of a value, over what presses do to it: within what squares of it can be computed with.
-            let parts = covariance
+            let parts = rest
+                .covariance
                 .diagonal()
                 .component_div(&DVector::from_column_slice(&stored.maps.scale).map(|s| s * s));
             parts.iter().all(|part| (1e-30..=1e30).contains(part)).then_some(())?;
             Some(Self {
-                locator: Locator::new(maps, &covariance, STEPS)?,
+                locator: Locator::new(maps, &rest, STEPS)?,
                 correction: match &stored.correction {
                     Some(correction) => Some(Correction::restore(correction, stored.used.len())?),
                     None => None,
@@ -414,7 +424,7 @@ impl Learned {
                 },
                 used: stored.used.clone(),
                 turn: stored.turn,
-                covariance,
+                rest,
             })
         };
         build().ok_or(LearnError::Stored)

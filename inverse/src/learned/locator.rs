@@ -1,6 +1,7 @@
 //! Where the presses of a frame are, by Bayes' rule on a grid over the sheet.
 
 use super::maps::{Maps, symmetric_eigen};
+use super::rest::{FREEDOM, Rest, variance};
 use crate::linalg::aligned::Aligned;
 use crate::linalg::kernels::{LANES, dots_of, padded};
 use crate::quality::doubt::Doubt;
@@ -34,8 +35,6 @@ const SPREAD: i64 = 4;
 const LARGEST_SUM: f64 = 1.5;
 /// Logarithm of the evidence by which a node is out of question.
 const FAR: f64 = 12.0;
-/// Degrees of freedom of the residuals' distribution.
-const FREEDOM: f64 = 8.0;
 /// Sweeps over the presses of a frame in which each is placed anew with the others as they are.
 const SWEEPS: usize = 2;
 /// Most presses of a frame.
@@ -102,8 +101,8 @@ pub(super) struct Locator {
     table: DMatrix<f64>,
     /// Variance of the maps at every node, over the noise's.
     uncertainty: Vec<f64>,
-    /// Logarithm of one more than it.
-    log_variances: Vec<f64>,
+    /// Part of the rest that is proportional to a press.
+    proportional: f64,
     whitener: Cholesky<f64, nalgebra::Dyn>,
     /// Directions x measurements of the whitened frame.
     directions: DMatrix<f64>,
@@ -162,10 +161,16 @@ impl Evidence {
         -0.5 * (independent * log_variance + (FREEDOM + independent) * over.ln_1p())
     }
 
-    /// The sum of squares of which the likelihood, with the least variance, is this.
-    fn square_of(self, likelihood: f64, channels: f64) -> f64 {
+    /// The sum of squares of which the likelihood, with this logarithm of the variance, is this.
+    fn square_of(self, likelihood: f64, log_variance: f64, channels: f64) -> f64 {
         let independent = channels / self.tempering;
-        self.tempering * FREEDOM * (-2.0 * likelihood / (FREEDOM + independent)).exp_m1()
+        let left = -2.0 * likelihood - independent * log_variance;
+        self.tempering * FREEDOM * (left / (FREEDOM + independent)).exp_m1()
+    }
+
+    /// Inverse prior variance of a strength, in the units of squares of residuals.
+    fn prior(self) -> f64 {
+        PRIOR * self.tempering
     }
 }
 
@@ -185,7 +190,8 @@ struct Placed {
 impl Locator {
     /// Tabulates the maps, with so many steps from the middle to the reach of the presses. `None` where the covariance is not
     /// positive definite, or the numbers are beyond what can be computed with.
-    pub(super) fn new(maps: Maps, covariance: &DMatrix<f64>, steps: f64) -> Option<Self> {
+    pub(super) fn new(maps: Maps, rest: &Rest, steps: f64) -> Option<Self> {
+        let covariance = &rest.covariance;
         let frame = maps.frame;
         let step_mm = frame.reach_mm / steps;
         let reach = steps as i64;
@@ -219,7 +225,7 @@ impl Locator {
         let small_of = |nodes: &[usize]| small.select_columns(nodes);
         let uncertainty: Vec<f64> = nodes_mm.iter().map(|p| maps.uncertainty(*p)).collect();
         Some(Self {
-            log_variances: uncertainty.iter().map(|u| u.ln_1p()).collect(),
+            proportional: rest.proportional,
             uncertainty,
             squares: small.column_iter().map(|c| c.norm_squared()).collect(),
             deviations: covariance.diagonal().iter().map(|v| v.sqrt()).collect(),
@@ -264,37 +270,56 @@ impl Locator {
     /// nodes that are far from the best.
     fn scores(&self, frame: &Reduced, others: &[usize], evidence: Evidence) -> Option<Vec<f64>> {
         let channels = self.deviations.len() as f64;
-        let beside = Beside::new(self, frame, others)?;
-        let score = |k: usize, fit: f64| evidence.of(fit, self.log_variances[k], channels);
+        let beside = Beside::new(self, frame, others, evidence)?;
+        // The rest grows with the press.
+        let variance = |k: usize, fit: &Fit| {
+            beside.variance + fit.strength * fit.strength * (self.proportional + self.uncertainty[k])
+        };
+        let score = |k: usize, fit: &Fit| {
+            let variance = variance(k, fit);
+            // What speaks against its strength does not shrink with the rest's growth.
+            let unusual = beside.prior * (fit.strength - 1.0).powi(2);
+            let square = (fit.square - unusual) / variance + unusual;
+            evidence.of(square, variance.ln(), channels) - 0.5 * (fit.whole / beside.prior).ln()
+        };
         let mut scores = vec![f64::NEG_INFINITY; self.nodes_mm.len()];
         // One node of every group first, then those of the groups that are not out of question.
         let fits = beside.fits(self, &self.firsts);
-        let best = (0..fits.len()).min_by(|a, b| fits[*a].total_cmp(&fits[*b]))?;
-        let far = evidence.square_of(score(self.firsts[best], fits[best]) - FAR, channels);
+        let squares: Vec<f64> = (self.firsts.iter().zip(&fits))
+            .map(|(k, fit)| fit.square / variance(*k, fit))
+            .collect();
+        let best = (0..fits.len()).min_by(|a, b| squares[*a].total_cmp(&squares[*b]))?;
+        let least = score(self.firsts[best], &fits[best]) - FAR;
+        // No variance is less than that of the others alone, and no press has fewer freedoms than none.
+        let far = evidence.square_of(least, beside.variance.ln(), channels);
         let mut list = Vec::new();
-        for ((k, fit), group) in self.firsts.iter().zip(&fits).zip(&self.others) {
-            if *fit < far {
-                scores[*k] = score(*k, *fit);
-                list.extend_from_slice(group);
+        for (place, (k, group)) in self.firsts.iter().zip(&self.others).enumerate() {
+            if squares[place] < far {
+                let score = score(*k, &fits[place]);
+                if score > least {
+                    scores[*k] = score;
+                    list.extend_from_slice(group);
+                }
             }
         }
         for (k, fit) in list.iter().zip(beside.fits(self, &list)) {
-            scores[*k] = score(*k, fit);
+            scores[*k] = score(*k, &fit);
         }
         Some(scores)
     }
 
     /// The two places, of a few spread over the sheet, at which two presses explain a frame best.
-    fn best_pair(&self, frame: &Reduced) -> Option<[usize; 2]> {
-        let beside = Beside::new(self, frame, &[])?;
+    fn best_pair(&self, frame: &Reduced, evidence: Evidence) -> Option<[usize; 2]> {
+        let beside = Beside::new(self, frame, &[], evidence)?;
+        let prior = beside.prior;
         let along: Vec<f64> = self.products(&self.spread, &beside.frame);
         let mut best = (f64::NEG_INFINITY, None);
         for (i, a) in self.spread.iter().enumerate() {
             for (j, b) in self.spread.iter().enumerate().skip(i + 1) {
-                let [first, second] = [along[i] + PRIOR, along[j] + PRIOR];
+                let [first, second] = [along[i] + prior, along[j] + prior];
                 let [one, other, both] = [
-                    self.squares[*a] + PRIOR,
-                    self.squares[*b] + PRIOR,
+                    self.squares[*a] + prior,
+                    self.squares[*b] + prior,
                     self.crossings[(i, j)],
                 ];
                 let gain = (other * first * first + one * second * second - 2.0 * both * first * second)
@@ -349,16 +374,22 @@ impl Locator {
         }
     }
 
-    /// Strengths of presses at nodes with their variances, all at once.
-    fn strengths(&self, frame: &DVector<f64>, nodes: &[usize], variance: f64) -> Option<(DVector<f64>, DVector<f64>)> {
+    /// Strengths of presses at nodes, all at once, with their variances over the tempering, and by how much the logarithm of the
+    /// evidence falls because they are free.
+    fn strengths(&self, frame: &DVector<f64>, nodes: &[usize], (variance, prior): (f64, f64)) -> Option<Strengths> {
         let n = nodes.len();
         let map = |k: usize| DVector::from_column_slice(self.map(nodes[k]));
         let normal = DMatrix::from_fn(n, n, |i, j| {
-            map(i).dot(&map(j)) / variance + if i == j { PRIOR } else { 0.0 }
+            map(i).dot(&map(j)) / variance + if i == j { prior } else { 0.0 }
         });
-        let right = DVector::from_fn(n, |i, _| map(i).dot(frame) / variance + PRIOR);
+        let right = DVector::from_fn(n, |i, _| map(i).dot(frame) / variance + prior);
         let factor = Cholesky::new(normal)?;
-        Some((factor.solve(&right), factor.inverse().diagonal()))
+        let root = factor.l_dirty().diagonal();
+        Some(Strengths {
+            means: factor.solve(&right),
+            variances: factor.inverse().diagonal(),
+            free: root.iter().map(|d| (d * d / prior).ln()).sum::<f64>() * 0.5,
+        })
     }
 
     /// The presses of a frame: its changes against the sheet just before, and the place of the press before.
@@ -380,11 +411,11 @@ impl Locator {
         for _ in 0..most {
             found = self.fit(&drawn_in, evidence);
             let mut mean = DVector::zeros(values.len());
-            let mut variance = 1.0;
             for press in &found.presses {
                 mean += self.table.column(press.node) * press.strength;
-                variance += press.strength.powi(2) * self.uncertainty[press.node];
             }
+            let presses: Vec<_> = (found.presses.iter().map(|p| (p.strength, self.uncertainty[p.node]))).collect();
+            let variance = variance(self.proportional, &presses).max(1.0);
             let mut changed = false;
             for c in 0..values.len() {
                 let limit = HUBER * self.deviations[c] * variance.sqrt();
@@ -411,7 +442,8 @@ impl Locator {
             misfit: square / change.len() as f64,
             ..Presence::default()
         };
-        let mut last = evidence.of(square, 0.0, change.len() as f64);
+        let at_rest = variance(self.proportional, &[]);
+        let mut last = evidence.of(square / at_rest, at_rest.ln(), change.len() as f64);
         while presence.presses.len() < MOST {
             let Some(more) = self.with_one_more(&frame, (&presence.presses, presence.misfit), evidence) else {
                 break;
@@ -449,7 +481,7 @@ impl Locator {
         }
         // Two presses that one between them explains half are found as two at once.
         let pair = self
-            .best_pair(frame)
+            .best_pair(frame, evidence)
             .and_then(|pair| self.settle(frame, pair.to_vec(), false, evidence));
         [more, pair]
             .into_iter()
@@ -487,26 +519,33 @@ impl Locator {
                 break;
             }
         }
-        let variance = 1.0 + nodes.iter().map(|n| self.uncertainty[*n]).sum::<f64>();
-        let (strengths, variances) = self.strengths(&frame.along, &nodes, variance)?;
-        let least = LEAST_STRENGTH.max(LEAST_PART * strengths.max());
-        if strengths.iter().any(|a| *a < least) || self.are_near(&nodes) {
+        let of = |strengths: &[f64]| -> Vec<(f64, f64)> {
+            (strengths.iter().zip(&nodes))
+                .map(|(a, n)| (*a, self.uncertainty[*n]))
+                .collect()
+        };
+        // The rest grows with the presses, whose strengths depend on it a little.
+        let prior = evidence.prior();
+        let first = variance(self.proportional, &of(&vec![1.0; nodes.len()]));
+        let usual = self.strengths(&frame.along, &nodes, (first, prior))?;
+        let grown = variance(self.proportional, &of(usual.means.as_slice()));
+        let strengths = self.strengths(&frame.along, &nodes, (grown, prior))?;
+        let least = LEAST_STRENGTH.max(LEAST_PART * strengths.means.max());
+        if strengths.means.iter().any(|a| *a < least) || self.are_near(&nodes) {
             return None;
         }
         let mut left = frame.along.clone();
-        // Maps are as uncertain as the press is strong.
-        let mut variance = 1.0;
-        for (n, a) in nodes.iter().zip(&strengths) {
+        for (n, a) in nodes.iter().zip(&strengths.means) {
             left.axpy(-a, &DVector::from_column_slice(self.map(*n)), 1.0);
-            variance += a * a * self.uncertainty[*n];
         }
+        let variance = variance(self.proportional, &of(strengths.means.as_slice()));
         let channels = self.deviations.len() as f64;
         let square = left.norm_squared() + frame.outside;
-        let prior: f64 = strengths.iter().map(|a| PRIOR * (a - 1.0).powi(2)).sum();
+        let unusual: f64 = strengths.means.iter().map(|a| prior * (a - 1.0).powi(2)).sum();
         let presses = nodes
             .iter()
             .zip(placed)
-            .zip(strengths.iter().zip(&variances))
+            .zip(strengths.means.iter().zip(&strengths.variances))
             .map(|((node, placed), (strength, variance))| {
                 let placed = placed?;
                 let c = placed.covariance;
@@ -521,10 +560,23 @@ impl Locator {
             .collect::<Option<Vec<_>>>()?;
         Some(Settled {
             presses,
-            score: evidence.of(square / variance + prior, variance.ln(), channels),
+            score: evidence.of(square / variance + unusual, variance.ln(), channels) - strengths.free,
             misfit: square / variance / channels,
         })
     }
+}
+
+struct Strengths {
+    means: DVector<f64>,
+    variances: DVector<f64>,
+    free: f64,
+}
+
+/// A press at a node beside others: the sum of squares that is left, its strength, and the square of its map beside the others'.
+struct Fit {
+    square: f64,
+    strength: f64,
+    whole: f64,
 }
 
 /// Presses of a frame with the logarithm of their evidence.
@@ -543,41 +595,54 @@ struct Beside {
     inverse: DMatrix<f64>,
     /// What is left of the frame by the others alone.
     square: f64,
+    /// Variance of what they and the electronics leave.
+    variance: f64,
+    prior: f64,
 }
 
 impl Beside {
-    fn new(locator: &Locator, frame: &Reduced, others: &[usize]) -> Option<Self> {
-        let n = others.len();
+    fn new(locator: &Locator, frame: &Reduced, others: &[usize], evidence: Evidence) -> Option<Self> {
+        let (n, prior) = (others.len(), evidence.prior());
         let map = |k: usize| DVector::from_column_slice(locator.map(others[k]));
-        let normal = DMatrix::from_fn(n, n, |i, j| map(i).dot(&map(j)) + if i == j { PRIOR } else { 0.0 });
-        let right = DVector::from_fn(n, |i, _| map(i).dot(&frame.along) + PRIOR);
+        let normal = DMatrix::from_fn(n, n, |i, j| map(i).dot(&map(j)) + if i == j { prior } else { 0.0 });
+        let right = DVector::from_fn(n, |i, _| map(i).dot(&frame.along) + prior);
         let inverse = Cholesky::new(normal)?.inverse();
         let strengths = &inverse * &right;
         // With a prior of 1 for every strength, that of the press looked for included.
-        let square = frame.along.norm_squared() + frame.outside + PRIOR * (n + 1) as f64 - strengths.dot(&right);
+        let square = frame.along.norm_squared() + frame.outside + prior * (n + 1) as f64 - strengths.dot(&right);
+        let presses: Vec<_> = (others.iter().zip(&strengths))
+            .map(|(k, a)| (*a, locator.uncertainty[*k]))
+            .collect();
         Some(Self {
             frame: locator.padded(frame.along.as_slice()),
             maps: others.iter().map(|k| locator.padded(locator.map(*k))).collect(),
             strengths,
             inverse,
             square,
+            variance: variance(locator.proportional, &presses),
+            prior,
         })
     }
 
-    /// The sum of squares that a press at each of some nodes leaves, with the best strengths of all.
-    fn fits(&self, locator: &Locator, nodes: &[usize]) -> Vec<f64> {
-        let mut along = locator.products(nodes, &self.frame);
+    /// A press at each of some nodes, with the best strengths of all.
+    fn fits(&self, locator: &Locator, nodes: &[usize]) -> Vec<Fit> {
+        let along = locator.products(nodes, &self.frame);
         let crossings: Vec<Vec<f64>> = self.maps.iter().map(|m| locator.products(nodes, m)).collect();
-        for (place, (k, product)) in nodes.iter().zip(&mut along).enumerate() {
-            let (mut right, mut whole) = (*product + PRIOR, locator.squares[*k] + PRIOR);
+        let fit = |(place, (k, product)): (usize, (&usize, &f64))| {
+            let (mut right, mut whole) = (*product + self.prior, locator.squares[*k] + self.prior);
             for (o, crossing) in crossings.iter().enumerate() {
                 right -= crossing[place] * self.strengths[o];
                 for (p, other) in crossings.iter().enumerate() {
                     whole -= crossing[place] * self.inverse[(o, p)] * other[place];
                 }
             }
-            *product = (self.square - right * right / whole.max(PRIOR)) / (1.0 + locator.uncertainty[*k]);
-        }
-        along
+            let whole = whole.max(self.prior);
+            Fit {
+                square: self.square - right * right / whole,
+                strength: right / whole,
+                whole,
+            }
+        };
+        nodes.iter().zip(&along).enumerate().map(fit).collect()
     }
 }

@@ -1,7 +1,7 @@
 //! The response of every measurement to a press, as a map over the sheet, from presses at known places.
 //!
-//! `y_c = f_k(R_c q) + r_c(q) + h_c(q') + noise`. All measurements of an orbit share one map `f_k`, each turned with its
-//! electrodes; `r_c` is what is left of one measurement, `h_c` what the press before at q' left behind. All three are
+//! `y_c = g_c f_k(R_c q) + r_c(q) + h_c(q') + noise`. All measurements of an orbit share one map `f_k`, each turned with its
+//! electrodes and with a gain `g_c` of its own, as contacts and amplifiers have; `r_c` is what is left of one measurement, `h_c` what the press before at q' left behind. All three are
 //! Gaussian processes, and so is their posterior, in closed form. What lies far outside is drawn in before each of a few
 //! repetitions (Huber's pseudo-values), and each measurement's noise follows from what is left.
 
@@ -29,6 +29,12 @@ const NOISE_WEIGHT: f64 = 8.0;
 const HIGHEST: f64 = 4.2;
 /// Presses nearer than this part of the reach are one: half of the length over which maps change.
 const NEAR: f64 = 0.22;
+/// Directions of which presses see less than this part of what they see of the largest are not seen.
+const LEAST_SEEN: f64 = 1e-10;
+/// Standard deviation of measurements' gains over those of their orbits, before anything is known and at most.
+const GAIN_SD: f64 = 0.3;
+/// Least variance of the gains: amplifiers agree no better.
+const LEAST_GAIN_VARIANCE: f64 = 1e-6;
 /// Half side of the square of the harmonics, over the reach of the presses.
 const SQUARE: f64 = 1.5;
 
@@ -118,6 +124,10 @@ pub(super) struct Maps {
     /// Noise variance of every measurement, over the square of its scale.
     pub(super) noise: Vec<f64>,
     harmonics: Harmonics,
+    /// Gain of every measurement over that of its orbit.
+    gains: Vec<f64>,
+    /// Their variance, as the presses tell it.
+    gain_variance: f64,
     /// Weights of the maps, harmonics x orbits, over the scale.
     shared: DMatrix<f64>,
     /// Harmonics x measurements.
@@ -143,6 +153,9 @@ pub struct StoredMaps {
     pub length: f64,
     /// Root mean square of the changes of every measurement's orbit.
     pub scale: Vec<f64>,
+    /// Gain of every measurement over that of its orbit; 1 where there are none.
+    #[serde(default)]
+    pub gains: Vec<f64>,
     /// Weights of the maps that orbits share: for every orbit those of the harmonics, over the scale.
     pub shared: Vec<Vec<f64>>,
     /// The same for what every measurement has of its own.
@@ -202,17 +215,39 @@ struct Design {
     before: DMatrix<f64>,
     /// For every turn that a measurement has: its number, the features turned back, and two products of them.
     turns: Vec<(usize, Turn)>,
-    /// Eigenvectors and eigenvalues of the own and memory parts' precision, in units of their prior; those first that the
-    /// presses see.
+    /// Eigenvectors and eigenvalues of what the presses see of the own and memory parts, in units of their prior.
     vectors: DMatrix<f64>,
     values: DVector<f64>,
-    /// How many they see.
-    seen: usize,
     /// Features times the square root of the prior, own beside memory.
     scaled: DMatrix<f64>,
     own_root: DVector<f64>,
     memory_root: DVector<f64>,
     shared_precision: DVector<f64>,
+}
+
+/// Eigenvectors and eigenvalues of the columns' square, those without the ones that no row sees. Of fewer rows than columns they
+/// follow from the rows' square.
+fn seen(scaled: &DMatrix<f64>) -> Option<(DMatrix<f64>, DVector<f64>)> {
+    let few = scaled.nrows() < scaled.ncols();
+    let square = if few {
+        scaled * scaled.transpose()
+    } else {
+        scaled.tr_mul(scaled)
+    };
+    let eigen = symmetric_eigen(square)?;
+    let least = LEAST_SEEN * eigen.eigenvalues.max();
+    let order: Vec<usize> = (0..eigen.eigenvalues.len())
+        .filter(|k| eigen.eigenvalues[*k] > least)
+        .collect();
+    let values = eigen.eigenvalues.select_rows(&order);
+    let mut vectors = eigen.eigenvectors.select_columns(&order);
+    if few {
+        vectors = scaled.tr_mul(&vectors);
+        for (mut column, value) in vectors.column_iter_mut().zip(&values) {
+            column /= value.sqrt();
+        }
+    }
+    Some((vectors, values))
 }
 
 struct Turn {
@@ -237,13 +272,8 @@ impl Design {
             scaled.set_column(k, &(here.column(k) * own_root[k]));
             scaled.set_column(harmonics.len() + k, &(before.column(k) * memory_root[k]));
         }
-        let eigen = symmetric_eigen(scaled.tr_mul(&scaled))?;
-        let mut order: Vec<usize> = (0..eigen.eigenvalues.len()).collect();
-        order.sort_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]));
-        let values = eigen.eigenvalues.select_rows(&order).map(|v| v.max(0.0));
-        let vectors = eigen.eigenvectors.select_columns(&order);
-        let rank = presses.len().min(values.len());
-        let to_seen = &scaled * vectors.columns(0, rank);
+        let (vectors, values) = seen(&scaled)?;
+        let to_seen = &scaled * &vectors;
         let mut numbers: Vec<usize> = orbits.members.iter().map(|m| m.turned).collect();
         numbers.sort_unstable();
         numbers.dedup();
@@ -262,7 +292,6 @@ impl Design {
             before,
             values,
             vectors,
-            seen: rank,
             scaled,
             own_root,
             memory_root,
@@ -288,6 +317,8 @@ impl Maps {
             length: prior.length.min(prior.memory_length),
             scale: scales(&presses.changes, orbits),
             noise: vec![FIRST_NOISE; channels],
+            gains: vec![1.0; channels],
+            gain_variance: GAIN_SD * GAIN_SD,
             shared: DMatrix::zeros(size, orbits.count),
             own: DMatrix::zeros(size, channels),
             memory: DMatrix::zeros(size, channels),
@@ -321,10 +352,18 @@ impl Maps {
             maps.noise = noise;
         }
         let middle = median(maps.noise.iter().copied());
-        let directions = DMatrix::from_fn(size, design.values.len(), |k, j| {
-            design.own_root[k] * design.vectors[(k, j)] / (design.values[j] + middle).sqrt()
-        });
-        maps.spread = &directions * directions.transpose();
+        // What the presses tell of the prior's directions is taken off.
+        let mut told = design.vectors.rows(0, size).into_owned();
+        for (mut column, value) in told.column_iter_mut().zip(&design.values) {
+            column *= (value / (value + middle)).sqrt();
+        }
+        let root = &design.own_root;
+        maps.spread = (DMatrix::identity(size, size) - &told * told.transpose()) / middle;
+        for j in 0..size {
+            for i in 0..size {
+                maps.spread[(i, j)] *= root[i] * root[j];
+            }
+        }
         Some(maps)
     }
 
@@ -340,33 +379,47 @@ impl Maps {
     /// measurement.
     fn solve(&mut self, design: &Design, values: &DMatrix<f64>) -> Option<Vec<f64>> {
         let count = values.nrows() as f64;
-        let (vectors, seen_values) = (
-            design.vectors.columns(0, design.seen),
-            design.values.rows(0, design.seen),
-        );
+        let (vectors, seen_values) = (&design.vectors, &design.values);
         let seen = vectors.tr_mul(&design.scaled.tr_mul(values));
         let size = self.harmonics.len();
         let mut freedom = vec![0.0; values.ncols()];
+        let mut unlike = (0.0, 0.0);
         for (orbit, list) in self.orbits.lists().iter().enumerate() {
             let mut normal = DMatrix::from_diagonal(&design.shared_precision);
             let mut right = DVector::zeros(size);
             for &c in list {
                 let (turn, noise) = (design.turn(self.orbits.members[c].turned), self.noise[c]);
+                let gain = self.gains[c];
                 let inverse = seen_values.map(|v| 1.0 / (v + noise));
                 let mut half = turn.seen.clone();
                 for (mut row, d) in half.row_iter_mut().zip(&inverse) {
                     row *= d.sqrt();
                 }
-                normal += &turn.square / noise;
-                normal.gemm(-1.0 / noise, &half.transpose(), &half, 1.0);
-                right.gemv_tr(1.0 / noise, &turn.features, &values.column(c), 1.0);
-                right.gemv_tr(-1.0 / noise, &turn.seen, &inverse.component_mul(&seen.column(c)), 1.0);
+                let weight = gain * gain / noise;
+                normal.zip_apply(&turn.square, |n, s| *n += weight * s);
+                normal.gemm(-weight, &half.transpose(), &half, 1.0);
+                right.gemv_tr(gain / noise, &turn.features, &values.column(c), 1.0);
+                right.gemv_tr(-gain / noise, &turn.seen, &inverse.component_mul(&seen.column(c)), 1.0);
             }
             let shared = Cholesky::new(normal)?.solve(&right);
             for &c in list {
                 let (turn, noise) = (design.turn(self.orbits.members[c].turned), self.noise[c]);
                 let inverse = seen_values.map(|v| 1.0 / (v + noise));
-                let left = seen.column(c) - &turn.seen * &shared;
+                let (map, map_seen) = (&turn.features * &shared, &turn.seen * &shared);
+                // By generalised least squares: what the measurement has of its own, and the memory, are integrated out.
+                let product = |other: &DVector<f64>, other_seen: &DVector<f64>| {
+                    (map.dot(other) - map_seen.component_mul(&inverse).dot(other_seen)) / noise
+                };
+                let prior = self.gain_variance.recip();
+                let along = product(&values.column(c).into_owned(), &seen.column(c).into_owned());
+                let told = product(&map, &map_seen).max(f64::MIN_POSITIVE);
+                self.gains[c] = (along + prior) / (told + prior);
+                // What the presses alone say, by how much of it is not their noise (DerSimonian and Laird 1986).
+                let (off, noise_of) = ((along / told - 1.0).clamp(-1.0, 1.0), told.recip());
+                let weight = (noise_of + self.gain_variance).powi(-2);
+                unlike.0 += weight * (off * off - noise_of);
+                unlike.1 += weight;
+                let left = seen.column(c) - map_seen * self.gains[c];
                 let weights = vectors * inverse.component_mul(&left);
                 self.own
                     .set_column(c, &weights.rows(0, size).component_mul(&design.own_root));
@@ -376,6 +429,10 @@ impl Maps {
             }
             self.shared.set_column(orbit, &shared);
         }
+        let variance: f64 = unlike.0 / unlike.1;
+        if variance.is_finite() {
+            self.gain_variance = variance.clamp(LEAST_GAIN_VARIANCE, GAIN_SD * GAIN_SD);
+        }
         Some(freedom)
     }
 
@@ -384,8 +441,8 @@ impl Maps {
         let mut fitted = &design.here * &self.own + &design.before * &self.memory;
         for (c, member) in self.orbits.members.iter().enumerate() {
             let turn = design.turn(member.turned);
-            let shared = &turn.features * self.shared.column(member.orbit);
-            fitted.column_mut(c).zip_apply(&shared, |f, s| *f += s);
+            let (shared, gain) = (&turn.features * self.shared.column(member.orbit), self.gains[c]);
+            fitted.column_mut(c).zip_apply(&shared, |f, s| *f += gain * s);
         }
         fitted
     }
@@ -403,7 +460,8 @@ impl Maps {
             let orbits: Vec<usize> = list.iter().map(|c| self.orbits.members[*c].orbit).collect();
             let shared = self.shared.select_columns(&orbits).transpose() * features(&self.harmonics, back).transpose();
             for (row, c) in shared.row_iter().zip(list) {
-                out.row_mut(c).zip_apply(&row, |o, s| *o += s);
+                let gain = self.gains[c];
+                out.row_mut(c).zip_apply(&row, |o, s| *o += gain * s);
             }
         }
         for mut column in out.column_iter_mut() {
@@ -446,6 +504,7 @@ impl Maps {
             clockwise: self.frame.clockwise,
             length: self.length,
             scale: self.scale.clone(),
+            gains: self.gains.clone(),
             shared: columns(&self.shared),
             own: columns(&self.own),
             memory: columns(&self.memory),
@@ -473,13 +532,21 @@ impl Maps {
             && weights.into_iter().flatten().flatten().all(small);
         let harmonics = sound.then(|| frame.harmonics(stored.length))?;
         let (size, channels) = (harmonics.len(), orbits.members.len());
-        (stored.scale.len() == channels).then_some(())?;
+        let gains =
+            stored.gains.is_empty() || stored.gains.len() == channels && stored.gains.iter().all(|g| g.is_finite());
+        (gains && stored.scale.len() == channels).then_some(())?;
         Some(Self {
             frame,
             presses: stored.presses.max(1),
             length: stored.length,
             scale: stored.scale.clone(),
             noise: vec![FIRST_NOISE; channels],
+            gains: if stored.gains.is_empty() {
+                vec![1.0; channels]
+            } else {
+                stored.gains.clone()
+            },
+            gain_variance: GAIN_SD * GAIN_SD,
             shared: matrix(&stored.shared, size, orbits.count)?,
             own: matrix(&stored.own, size, channels)?,
             memory: matrix(&stored.memory, size, channels)?,

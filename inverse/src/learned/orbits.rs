@@ -1,6 +1,7 @@
 //! Which measurements are the same one, turned with the sheet.
 
 use forward::{Measurement, Pair};
+use nalgebra::DMatrix;
 use std::collections::HashMap;
 
 /// One measurement as a turned copy of the first of its orbit.
@@ -19,6 +20,8 @@ pub(super) struct Member {
 pub(super) struct Orbits {
     pub(super) members: Vec<Member>,
     pub(super) count: usize,
+    /// Electrodes once around.
+    around: usize,
 }
 
 impl Orbits {
@@ -64,7 +67,44 @@ impl Orbits {
         Self {
             members: members.into_iter().flatten().collect(),
             count,
+            around: electrodes,
         }
+    }
+
+    /// The mean of a matrix over all turns: of every two measurements the mean over those that are the same two, turned. What one that
+    /// is missing has counts as nothing, so that a covariance stays one.
+    pub(super) fn turned_mean(&self, matrix: &DMatrix<f64>) -> DMatrix<f64> {
+        let mut turns: Vec<usize> = self.members.iter().map(|m| m.turned).collect();
+        turns.sort_unstable();
+        turns.dedup();
+        // Of every orbit and turn the measurement with its sign.
+        let mut places: HashMap<(usize, usize), (usize, f64)> = HashMap::new();
+        for (k, m) in self.members.iter().enumerate() {
+            places.insert((m.orbit, m.turned), (k, if m.negative { -1.0 } else { 1.0 }));
+        }
+        let around = self.around;
+        let turned = |k: usize, by: usize| {
+            let m = self.members[k];
+            places.get(&(m.orbit, (m.turned + by) % around)).copied()
+        };
+        let signs: Vec<f64> = self
+            .members
+            .iter()
+            .map(|m| if m.negative { -1.0 } else { 1.0 })
+            .collect();
+        let mut mean = DMatrix::zeros(matrix.nrows(), matrix.ncols());
+        for by in turns.iter().copied() {
+            let list: Vec<Option<(usize, f64)>> = (0..self.members.len()).map(|k| turned(k, by)).collect();
+            for (j, to) in list.iter().enumerate() {
+                let Some((column, sign)) = to else { continue };
+                for (i, from) in list.iter().enumerate() {
+                    if let Some((row, other)) = from {
+                        mean[(i, j)] += sign * other * signs[i] * signs[j] * matrix[(*row, *column)];
+                    }
+                }
+            }
+        }
+        mean / turns.len() as f64
     }
 
     /// The measurements of every orbit.

@@ -27,7 +27,7 @@ const SURELY: f64 = 3.0;
 /// Logarithms of the squared distances at which presses are located by maps of the others, for each of them. One that is not
 /// found counts as a guess: it is off by the reach.
 fn losses(choice: &Choice, presses: &Presses) -> Option<Vec<f64>> {
-    let (locators, _) = locators(choice, presses, QUICK_FOLDS, QUICK_STEPS)?;
+    let (locators, ..) = locators(choice, presses, QUICK_FOLDS, QUICK_STEPS)?;
     let step = choice.frame.reach_mm / QUICK_STEPS;
     let found = Validation::of(&locators, presses, Evidence::of_one_press(FIRST_TEMPERING));
     let errors = found.errors_mm(choice.frame.reach_mm);

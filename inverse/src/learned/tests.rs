@@ -177,6 +177,62 @@ fn more_presses_are_better_and_a_skin_without_symmetry_is_learned_as_well() {
 }
 
 #[test]
+fn a_strong_press_whose_rest_is_as_much_larger_is_one_press() {
+    // Every press is a little unlike the maps, in proportion to its strength.
+    let mut skin = Skin::new(false, 0.0, 0.02);
+    let mut presses = |count: usize, strength: std::ops::Range<f64>| -> Vec<Press> {
+        (0..count)
+            .map(|_| {
+                let (place_mm, strength) = (skin.place(), skin.random.random_range(strength.clone()));
+                let clean = skin.clean(place_mm);
+                let (unlike, noise) = (skin.noise(), skin.noise());
+                let change = (clean.iter().zip(&unlike).zip(&noise)).map(|((c, u), n)| strength * (c + 5.0 * u) + n);
+                Press {
+                    place_mm,
+                    change: change.collect(),
+                }
+            })
+            .collect()
+    };
+    let (taught, later) = (presses(40, 0.6..1.4), presses(150, 1.8..2.2));
+    let skin = Skin::new(false, 0.0, 0.02);
+    let (learned, _) = learn(&taught, &skin.setting(), |_, _| {}).unwrap();
+    assert!(learned.stored().proportional > 0.6, "{}", learned.stored().proportional);
+    let (_, inside, counts) = locate(&learned, &later);
+    assert!(counts.iter().filter(|c| **c == 1).count() >= 147, "{counts:?}");
+    assert!((0.85..=1.0).contains(&inside), "{inside}");
+}
+
+#[test]
+fn gains_of_measurements_that_turn_are_found() {
+    let mut skin = Skin::new(false, 0.0, 0.05);
+    let planted: Vec<f64> = (0..skin.measurements.len())
+        .map(|_| skin.random.random_range(0.5..1.5))
+        .collect();
+    let mut presses = skin.presses(30);
+    for press in &mut presses {
+        press.change.iter_mut().zip(&planted).for_each(|(v, g)| *v *= g);
+    }
+    let (learned, found) = learn(&presses, &skin.setting(), |_, _| {}).unwrap();
+    assert!(found.shared, "{found:?}");
+    // A map takes the mean of its measurements' gains. The skin turns with the drive pair; its kinds are the offsets of the sense pair.
+    let gains = learned.stored().maps.gains;
+    let kind = |k: usize| (skin.measurements[k].sense.minus + 16 - skin.measurements[k].drive.plus) % 16;
+    let mean = |list: &[f64], k: usize| {
+        let alike: Vec<f64> = (0..list.len())
+            .filter(|j| kind(*j) == kind(k))
+            .map(|j| list[j])
+            .collect();
+        alike.iter().sum::<f64>() / alike.len() as f64
+    };
+    let mut off: Vec<f64> = (0..gains.len())
+        .map(|k| (gains[k] / mean(&gains, k) - planted[k] / mean(&planted, k)).abs())
+        .collect();
+    off.sort_by(f64::total_cmp);
+    assert!(off[off.len() / 2] < 0.1, "{}", off[off.len() / 2]);
+}
+
+#[test]
 fn what_the_press_before_left_is_taken_out() {
     let mut skin = Skin::new(true, 0.4, 0.05);
     let (learned, found) = skin.learn(60);

@@ -4,7 +4,7 @@ use super::choice::Choice;
 use super::locator::{Evidence, Locator, Presence};
 use super::maps::{Maps, Presses};
 use super::rest::Residuals;
-use nalgebra::DMatrix;
+use statrs::distribution::{ContinuousCDF, StudentsT};
 
 /// Parts into which presses are cut for cross-validation; fewer presses are left out one by one.
 pub(super) const FOLDS: usize = 10;
@@ -34,19 +34,12 @@ fn folds(count: usize, most: usize) -> Vec<(Vec<usize>, Vec<usize>)> {
 
 /// Maps of every fold with what they leave over of its presses.
 fn cross_validate(choice: &Choice, presses: &Presses, most: usize) -> Option<(Vec<Fold<Maps>>, Residuals)> {
-    let channels = presses.changes.ncols();
-    let mut all = Residuals {
-        values: DMatrix::zeros(presses.len(), channels),
-        uncertainty: vec![0.0; presses.len()],
-    };
+    let mut all = Residuals::none(presses.len(), presses.changes.ncols());
     let mut list = Vec::new();
     for (out, rest) in folds(presses.len(), most) {
         let maps = choice.maps(&presses.select(&rest))?;
         let residuals = Residuals::of(&maps, &presses.select(&out));
-        for (row, k) in out.iter().enumerate() {
-            all.values.set_row(*k, &residuals.values.row(row));
-            all.uncertainty[*k] = residuals.uncertainty[row];
-        }
+        all.put(&out, &residuals);
         list.push(Fold {
             rows: out,
             of_others: maps,
@@ -55,7 +48,7 @@ fn cross_validate(choice: &Choice, presses: &Presses, most: usize) -> Option<(Ve
     Some((list, all))
 }
 
-/// Locators of every fold, and the residuals for a covariance of all. A fold's covariance comes from
+/// Locators of every fold, and the residuals for a covariance of all with the part of it that turns. A fold's covariance comes from
 /// residuals by maps that its own presses have no part in either: maps that have learned the noise of a press leave it in the
 /// residuals of others, whose covariance then expects it.
 pub(super) fn locators(
@@ -63,8 +56,14 @@ pub(super) fn locators(
     presses: &Presses,
     most: usize,
     steps: f64,
-) -> Option<(Vec<Fold<Locator>>, Residuals)> {
+) -> Option<(Vec<Fold<Locator>>, Residuals, f64)> {
     let (maps, residuals) = cross_validate(choice, presses, most)?;
+    // Where only a choice is to be made, none does.
+    let turning = if most == FOLDS {
+        residuals.turning(&choice.orbits)
+    } else {
+        0.0
+    };
     let rows: Vec<&[usize]> = maps.iter().map(|f| f.rows.as_slice()).collect();
     let mut of_others: Vec<Vec<Residuals>> = rows.iter().map(|_| Vec::new()).collect();
     for a in 0..rows.len() {
@@ -79,14 +78,14 @@ pub(super) fn locators(
     }
     let list = (maps.into_iter().zip(of_others))
         .map(|(fold, others)| {
-            let covariance = Residuals::joined(&others).covariance();
+            let rest = Residuals::joined(&others).rest(&choice.orbits, turning);
             Some(Fold {
                 rows: fold.rows,
-                of_others: Locator::new(fold.of_others, &covariance, steps)?,
+                of_others: Locator::new(fold.of_others, &rest, steps)?,
             })
         })
         .collect::<Option<Vec<_>>>()?;
-    Some((list, residuals))
+    Some((list, residuals, turning))
 }
 
 /// What the located presses are compared with.
@@ -135,7 +134,8 @@ impl Validation {
     }
 
     /// By how much standard deviations have to grow so that two of them hold what they should: of the coordinates' offsets
-    /// over them the quantile, and beside it the median, which few presses tell better.
+    /// over them the quantile, and beside it the median, which few presses tell better. What few presses tell is uncertain itself:
+    /// Student's distribution has so many degrees of freedom.
     pub(super) fn growth(&self) -> f64 {
         let mut over: Vec<f64> = (self.offsets.iter().zip(&self.deviations))
             .flat_map(|(o, d)| [0, 1].map(|a| (o[a] / d[a]).abs()))
@@ -143,7 +143,9 @@ impl Validation {
             .collect();
         over.sort_by(f64::total_cmp);
         let at = |part: f64| quantile(&over, part);
-        0.5 * (at(WITHIN_TWO) / 2.0 + at(0.6827))
+        let student = StudentsT::new(0.0, 1.0, (0.5 * over.len() as f64).max(1.0));
+        let wider = student.map_or(1.0, |s| s.inverse_cdf(0.5 + 0.5 * WITHIN_TWO) / 2.0);
+        0.5 * wider * (at(WITHIN_TWO) / 2.0 + at(0.6827))
     }
 }
 
@@ -169,6 +171,20 @@ pub(super) fn validate(locators: &[Fold<Locator>], presses: &Presses) -> (Valida
         validation = Validation::of(locators, presses, evidence);
     }
     (validation, evidence)
+}
+
+/// The gain that all but one frame in a hundred with a press exceed, by an exponential tail; none below that of an even chance. Maps
+/// that explain little gain little where there is a press.
+pub(super) fn first_evidence(validation: &Validation) -> f64 {
+    let mut gains: Vec<f64> = (validation.presences.iter())
+        .filter_map(|p| p.gains.first().copied())
+        .collect();
+    gains.sort_by(f64::total_cmp);
+    if gains.is_empty() {
+        return 0.0;
+    }
+    let (low, middle) = (quantile(&gains, 0.1), quantile(&gains, 0.5));
+    (middle - (middle - low) / 5.0_f64.ln() * (0.5 / FALSE_SECOND).ln()).max(0.0)
 }
 
 /// The gain that one frame in a hundred with a single press exceeds: an exponential tail through what frames show.
