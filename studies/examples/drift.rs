@@ -13,16 +13,23 @@ use studies::{Drift, Kind, MISSED_MM, Score, StudyError, TestSheet, imager, nois
 /// What drifts.
 trait Drifted {
     /// Frames with touches and without, V, without noise.
-    fn frames(&self, sheet: &mut TestSheet, touches: &[DiscTouch], rng: &mut StdRng) -> Result<[Vec<f64>; 2], StudyError>;
+    fn frames(
+        &self,
+        sheet: &mut TestSheet,
+        touches: &[DiscTouch],
+        rng: &mut StdRng,
+    ) -> Result<[Vec<f64>; 2], StudyError>;
 }
 
 impl<F: Fn(Drift, &mut StdRng) -> Drift> Drifted for F {
-    fn frames(&self, sheet: &mut TestSheet, touches: &[DiscTouch], rng: &mut StdRng) -> Result<[Vec<f64>; 2], StudyError> {
+    fn frames(
+        &self,
+        sheet: &mut TestSheet,
+        touches: &[DiscTouch],
+        rng: &mut StdRng,
+    ) -> Result<[Vec<f64>; 2], StudyError> {
         let drift = self(Drift::none(16), rng);
-        Ok([
-            sheet.drifted_frame(touches, &drift)?,
-            sheet.drifted_frame(&[], &drift)?,
-        ])
+        Ok([sheet.drifted_frame(touches, &drift)?, sheet.drifted_frame(&[], &drift)?])
     }
 }
 
@@ -30,7 +37,12 @@ impl<F: Fn(Drift, &mut StdRng) -> Drift> Drifted for F {
 struct Uneven(f64, f64);
 
 impl Drifted for Uneven {
-    fn frames(&self, sheet: &mut TestSheet, touches: &[DiscTouch], rng: &mut StdRng) -> Result<[Vec<f64>; 2], StudyError> {
+    fn frames(
+        &self,
+        sheet: &mut TestSheet,
+        touches: &[DiscTouch],
+        rng: &mut StdRng,
+    ) -> Result<[Vec<f64>; 2], StudyError> {
         let Self(sd, length) = *self;
         let field: Box<dyn Fn([f64; 2]) -> f64> = if length.is_finite() {
             Box::new(smooth_field(sd, length, rng))
@@ -39,10 +51,7 @@ impl Drifted for Uneven {
             let (sin, cos) = rng.random_range(0.0..std::f64::consts::TAU).sin_cos();
             Box::new(move |p| 2.0 * sd * (p[0] * cos + p[1] * sin) / 97.5)
         };
-        Ok([
-            sheet.uneven_frame(touches, &field)?,
-            sheet.uneven_frame(&[], &field)?,
-        ])
+        Ok([sheet.uneven_frame(touches, &field)?, sheet.uneven_frame(&[], &field)?])
     }
 }
 
@@ -113,25 +122,35 @@ fn main() -> anyhow::Result<()> {
         for gain in [0.9, 0.999, 1.0005, 1.1, 2.0] {
             let name = format!("gain {gain}");
             if wanted(&name) {
-                row(named(&name), drive, db, count, |d: Drift, _: &mut StdRng| Drift { gain, ..d })?;
+                row(named(&name), drive, db, count, |d: Drift, _: &mut StdRng| Drift {
+                    gain,
+                    ..d
+                })?;
             }
         }
         for resistance in [0.95, 1.05] {
             let name = format!("resistance {resistance}");
             if wanted(&name) {
-                row(named(&name), drive, db, count, |d: Drift, _: &mut StdRng| Drift { resistance, ..d })?;
+                row(named(&name), drive, db, count, |d: Drift, _: &mut StdRng| Drift {
+                    resistance,
+                    ..d
+                })?;
             }
         }
         for sd in [0.01, 0.1, 0.3] {
             let name = format!("contacts {sd}");
             if wanted(&name) {
-                row(named(&name), drive, db, count, |d: Drift, rng: &mut StdRng| d.with_contacts(sd, rng))?;
+                row(named(&name), drive, db, count, |d: Drift, rng: &mut StdRng| {
+                    d.with_contacts(sd, rng)
+                })?;
             }
         }
         for sd in [0.002, 0.01] {
             let name = format!("channels {sd}");
             if wanted(&name) {
-                row(named(&name), drive, db, count, |d: Drift, rng: &mut StdRng| d.with_channels(sd, rng))?;
+                row(named(&name), drive, db, count, |d: Drift, rng: &mut StdRng| {
+                    d.with_channels(sd, rng)
+                })?;
             }
         }
         for (sd, length) in [(0.015, f64::INFINITY), (0.01, 120.0), (0.01, 60.0), (0.03, 120.0)] {

@@ -182,7 +182,11 @@ impl TestSheet {
         let both = self.field_frame(|p| (1.0 + rise(p)) * (1.0 + pressed(p)) - 1.0)?;
         let discs = self.field_frame(pressed)?;
         let exact = self.clean_frame(touches)?;
-        Ok(exact.iter().zip(both.iter().zip(&discs)).map(|(e, (b, d))| e + b - d).collect())
+        Ok(exact
+            .iter()
+            .zip(both.iter().zip(&discs))
+            .map(|(e, (b, d))| e + b - d)
+            .collect())
     }
 
     /// The frame of any rises of the resistivity (a place in mm to the relative rise), V without noise.

@@ -315,7 +315,11 @@ impl DriftShapes {
             [common, common].into_iter().chain(sizes).collect()
         };
         let drifting_by = move |width: &f64| {
-            let lengths = if drifting == Drifting::Uneven && *width > 0.0 { LENGTHS.len() } else { 1 };
+            let lengths = if drifting == Drifting::Uneven && *width > 0.0 {
+                LENGTHS.len()
+            } else {
+                1
+            };
             let width = *width;
             (0..lengths).map(move |length| of(COMMON, width, length))
         };
@@ -384,7 +388,9 @@ impl Waves {
             let sd = waves.per_mm.iter().map(|k| (-0.25 * square(k) * length * length).exp());
             let sd: Vec<f64> = sd.collect();
             let mean: f64 = sd.iter().zip(&variances).map(|(sd, v)| sd * sd * v).sum();
-            sd.iter().map(|sd| sd / mean.sqrt().max(f64::MIN_POSITIVE)).collect::<Vec<f64>>()
+            sd.iter()
+                .map(|sd| sd / mean.sqrt().max(f64::MIN_POSITIVE))
+                .collect::<Vec<f64>>()
         });
         waves.of_lengths =
             std::array::from_fn(|l| sds[l].iter().zip(&sds[0]).map(|(own, first)| own / first).collect());
@@ -419,7 +425,10 @@ fn channels(imager: &Imager) -> DMatrix<f64> {
     let mut known: Vec<(bool, usize, usize)> = Vec::new();
     let mut columns: Vec<DVector<f64>> = Vec::new();
     for (k, m) in pairs.enumerate() {
-        for pair in [(false, m.sense.plus, m.sense.minus), (true, m.drive.plus, m.drive.minus)] {
+        for pair in [
+            (false, m.sense.plus, m.sense.minus),
+            (true, m.drive.plus, m.drive.minus),
+        ] {
             let place = known.iter().position(|p| *p == pair).unwrap_or_else(|| {
                 known.push(pair);
                 columns.push(DVector::zeros(imager.pattern.len()));
@@ -452,7 +461,9 @@ mod tests {
         for (k, field) in fields.into_iter().enumerate() {
             let mut frame = |size: f64| -> Vec<f64> {
                 let conductivity = forward::field::conductivity_of(imager.model.mesh(), |p| size * field(p));
-                let changed = imager.drive.frame_v(solver.solve(&conductivity).unwrap(), &imager.pattern);
+                let changed = imager
+                    .drive
+                    .frame_v(solver.solve(&conductivity).unwrap(), &imager.pattern);
                 changed.iter().zip(&imager.model_v).map(|(c, v)| c - v).collect()
             };
             for size in [0.01, 0.04] {
@@ -460,7 +471,11 @@ mod tests {
                 let norm = change.iter().map(|v| v * v).sum::<f64>().sqrt();
                 let left = basis.outside(&mut change).sqrt();
                 println!("field {k} of {size}: {:.5} of {norm:.5} V left", left / norm);
-                assert!(left < (0.5 * size + 0.002) * norm, "field {k} of {size}: {}", left / norm);
+                assert!(
+                    left < (0.5 * size + 0.002) * norm,
+                    "field {k} of {size}: {}",
+                    left / norm
+                );
             }
         }
     }

@@ -161,7 +161,9 @@ fn fit_whitened(
     let covariance = scratch.work.covariance(table.arch(), &best);
     let count = PARAMETERS * best.discs.len();
     let parameters = match &covariance {
-        Some(covariance) => occam(table, prior, &best.discs) - count as f64 * variance.ln() - covariance.log_determinant(),
+        Some(covariance) => {
+            occam(table, prior, &best.discs) - count as f64 * variance.ln() - covariance.log_determinant()
+        }
         None => count as f64,
     };
     out.covariance.clear();

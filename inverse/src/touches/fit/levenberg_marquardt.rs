@@ -165,7 +165,11 @@ pub struct Covariance<'a> {
 impl Covariance<'_> {
     /// Logarithm of the determinant of the covariance of all parameters.
     pub fn log_determinant(&self) -> f64 {
-        let diagonal = self.scale.iter().enumerate().map(|(k, s)| self.columns[k * self.rows + k] * s);
+        let diagonal = self
+            .scale
+            .iter()
+            .enumerate()
+            .map(|(k, s)| self.columns[k * self.rows + k] * s);
         diagonal.map(|d| 2.0 * d.ln()).sum()
     }
 

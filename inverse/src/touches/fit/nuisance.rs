@@ -141,7 +141,11 @@ impl Nuisances {
     pub(crate) fn linearisation_error(&self, sizes: &[f64]) -> f64 {
         // The first directions are those of gain and resistance.
         let along = sizes.iter().skip(2).map(|v| v * v).sum::<f64>();
-        if self.unit_square > 0.0 { along / self.unit_square.sqrt() } else { 0.0 }
+        if self.unit_square > 0.0 {
+            along / self.unit_square.sqrt()
+        } else {
+            0.0
+        }
     }
 
     /// Appends the sizes along the directions of a frame, V.
