@@ -237,8 +237,7 @@ impl ContactTest {
         let (before, mut best) = (self.drifting, evidence);
         for other in Drifting::ALL.into_iter().filter(|d| *d != before) {
             // What is hidden by more than contacts is asked for only where those leave something to explain.
-            let rare = !matches!(other, Drifting::Common | Drifting::Contacts);
-            if rare && !(self.leaves(result) || result.touches.len() > self.stood) {
+            if is_rare(other) && !(self.leaves(result) || result.touches.len() > self.stood) {
                 continue;
             }
             best = self.compare_with(other, best, solver, task, detectors, result);
@@ -274,13 +273,19 @@ impl ContactTest {
             ..task
         };
         let found = self.solve_with(solver, quick, detectors, result);
+        // An unevenness hides many touches, and many touches look like one: they pay for what they leave open.
+        let better = if is_rare(other) || is_rare(before) {
+            Evidence::more_probable_than
+        } else {
+            Evidence::cheaper_than
+        };
         let takes = evidence.zip(found).is_some_and(|(evidence, found)| {
             if other.index() < before.index() {
-                return !evidence.cheaper_than(found, self.options.margin);
+                return !better(evidence, found, self.options.margin);
             }
             // What drift alone explains, and no touches do, is drift.
             let alone = !result.changed && found.misfit <= self.options.explained && unexplained;
-            alone || found.cheaper_than(evidence, self.options.margin_accepted)
+            alone || better(found, evidence, self.options.margin_accepted)
         });
         if takes {
             return found;
@@ -400,4 +405,9 @@ impl ContactTest {
         solver.even_out(changed, difference);
         act(solver, Task { difference, ..task })
     }
+}
+
+/// Whether it drifts less often than contacts do.
+fn is_rare(drifting: Drifting) -> bool {
+    !matches!(drifting, Drifting::Nothing | Drifting::Common | Drifting::Contacts)
 }

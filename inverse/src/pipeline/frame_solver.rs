@@ -601,16 +601,17 @@ impl FrameSolver {
         let directions = self.contacts.as_ref().map_or(0, of_changed);
         let sigma = task.noise?.sigma;
         let power = self.power() * self.reduced.len() as f64;
-        let (cost, misfit) = if result.changed {
+        let (cost, open, misfit) = if result.changed {
             let fitted = self.fitter.as_ref()?.last();
-            (fitted.cost, fitted.misfit)
+            (fitted.cost, fitted.open, fitted.misfit)
         } else {
             let square = power / sigma.powi(2);
-            (square, square / self.reduced.len() as f64)
+            (square, 0.0, square / self.reduced.len() as f64)
         };
         let error = self.options.fit?.model_error;
         Some(Evidence {
             cost: cost + directions as f64 + result.drift.cost,
+            open,
             misfit,
             model: error * error * power / sigma.powi(2),
         })

@@ -2,7 +2,7 @@
 //!
 //! Sources, amplifiers and rubber drift by tenths of a percent within minutes, and touches weaker than that are to be seen.
 //! Kinds of drift that are linear and known from the model alone: the gain that all values have in common, the resistance of
-//! the whole sheet (temperature), the impedance of every contact, the gain of every channel and drive, and a smooth unevenness (a
+//! the whole sheet (temperature), the impedance of every contact, the gain of every channel, and a smooth unevenness (a
 //! sheet that was bent or stretched, or warmed on one side). Touches are looked for and fitted outside these
 //! directions, as if nothing were known of the sizes (marginalised nuisance parameters; Kaipio and Somersalo 2005, 5.8). What
 //! is known of them is then told by the frame itself ([`crate::touches::fit`], nuisances).
@@ -26,7 +26,7 @@ const COMMON: f64 = 0.1;
 /// The same of the contacts' impedances: none, warm contacts, those of an hour, and some that were clamped anew.
 const CONTACTS: [f64; 6] = [0.0, 0.003, 0.01, 0.03, 0.1, 0.3];
 
-/// The same of the gains of channels and drives: amplifiers that warm up drift by tenths of a percent.
+/// The same of the gains of channels: amplifiers that warm up drift by tenths of a percent.
 const CHANNELS: [f64; 5] = [0.0, 0.0003, 0.001, 0.003, 0.01];
 /// Root mean square of a smooth unevenness: none, a sheet warmed on one side, and one that was bent.
 const UNEVEN: [f64; 5] = [0.0, 0.003, 0.01, 0.03, 0.1];
@@ -199,7 +199,7 @@ pub(crate) enum Drifting {
     Contacts,
     /// A smooth unevenness as well. It hides half of a palm.
     Uneven,
-    /// The gain of every channel and of every drive as well. It hides a quarter of what tells touches.
+    /// The gain of every channel as well. It hides an eighth of what tells touches.
     Channels,
 }
 
@@ -225,7 +225,7 @@ pub(crate) struct DriftShapes {
     wave_squares: Vec<f64>,
     /// Standard deviations of the waves for every one of [`LENGTHS`], over those for the first.
     of_lengths: [Vec<f64>; LENGTHS.len()],
-    /// V, values by pairs: the gain of every sense pair and of every drive pair.
+    /// V, values by pairs: the gain of every sense pair.
     channels: DMatrix<f64>,
 }
 
@@ -470,7 +470,6 @@ mod tests {
                 let mut change = frame(size);
                 let norm = change.iter().map(|v| v * v).sum::<f64>().sqrt();
                 let left = basis.outside(&mut change).sqrt();
-                println!("field {k} of {size}: {:.5} of {norm:.5} V left", left / norm);
                 assert!(
                     left < (0.5 * size + 0.002) * norm,
                     "field {k} of {size}: {}",

@@ -53,10 +53,11 @@ pub struct Fitted {
     pub relative_residual: f64,
     /// Data minus model over the noise, of [`stride`](crate::touches::fit::responses::ResponseTable::stride) entries.
     pub residual_whitened: Vec<f64>,
-    /// Minus twice the logarithm of the frame's probability with so many touches somewhere, but for a constant: chi-square with the
-    /// priors' penalty, and what the priors are wider than what the frame leaves (Laplace's approximation; MacKay, Neural Computation
-    /// 4, 1992).
+    /// Chi-square with the priors' penalty, and the number of parameters.
     pub cost: f64,
+    /// What makes it minus twice the logarithm of the frame's probability with so many touches somewhere, but for a constant: by how much
+    /// the priors are wider than what the frame leaves (Laplace's approximation; MacKay, Neural Computation 4, 1992).
+    pub open: f64,
     /// Jacobian: derivatives of the whitened data by the parameters of all discs that were fitted
     /// ([`PARAMETERS`] each), a column of as many entries for each.
     pub slopes: Vec<f64>,
@@ -212,7 +213,8 @@ fn fit_whitened(
     out.relative_residual = best.square.sqrt() / norm.max(f64::MIN_POSITIVE);
     out.residual_whitened.clear();
     out.residual_whitened.extend_from_slice(&best.residual);
-    out.cost = best.objective + parameters;
+    out.cost = best.objective + count as f64;
+    out.open = parameters - count as f64;
     out.slopes.clear();
     out.slopes.extend_from_slice(&best.jacobian);
     scratch.work.put(best);
