@@ -5,12 +5,16 @@ use crate::filter::{Complex, low_pass, magnitude, times};
 use crate::wave::EXCITATION_HZ;
 use firmware::SAMPLES_PER_PERIOD;
 use std::f64::consts::TAU;
+use std::sync::LazyLock;
 
 /// Points of a period at which the circuit is computed. The corner where an amplifier stops follows in steps of a point:
 /// with twice as many a value changes by less than 1e-4 of itself.
 const POINTS: usize = 256;
 /// Harmonics of what is missing that are followed through the channel's low-pass: up to 118 kHz, where 1/8 is left.
 const HARMONICS: usize = 32;
+/// Sine and cosine of minus every point's angle.
+static CIRCLE: LazyLock<[(f64, f64); POINTS]> =
+    LazyLock::new(|| std::array::from_fn(|k| libm::sincos(-TAU * (k as f64 / POINTS as f64))));
 /// Rounding of volts is below 1e-14.
 const ROUNDING_V: f64 = 1e-12;
 
@@ -163,7 +167,7 @@ impl HeadRoom {
         let harmonics: Vec<Complex> = (0..=HARMONICS)
             .map(|h| {
                 let sum = period.iter().enumerate().fold((0.0, 0.0), |sum: Complex, (k, v)| {
-                    let (sin, cos) = libm::sincos(-TAU * turns(h * k % POINTS));
+                    let (sin, cos) = CIRCLE[h * k % POINTS];
                     (sum.0 + v * cos, sum.1 + v * sin)
                 });
                 let part = if h == 0 { 1.0 } else { 2.0 } / POINTS as f64;

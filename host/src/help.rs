@@ -6,7 +6,7 @@ use clap::Command;
 type Example = [&'static str; 2];
 
 /// Examples of every command.
-const EXAMPLES: [(&str, &[Example]); 20] = [
+const EXAMPLES: [(&str, &[Example]); 21] = [
     (
         "run",
         &[
@@ -52,6 +52,19 @@ const EXAMPLES: [(&str, &[Example]); 20] = [
             [
                 "skin export touches.mcap --to parquet --out fleet",
                 "tables of many recordings",
+            ],
+        ],
+    ),
+    (
+        "dataset",
+        &[
+            [
+                "skin dataset --scenes studies/scenes/touches.toml --count 100000 --out touches",
+                "labelled frames to learn from",
+            ],
+            [
+                "skin dataset --scenes s.toml --count 1000000 --out DIR --shard 3/16",
+                "one job of sixteen",
             ],
         ],
     ),

@@ -69,7 +69,7 @@ def main() -> None:
         mean = baseline.mean(axis=0)
         return np.asarray(values / mean - 1)
 
-    network = MLPRegressor((256, 128), early_stopping=True, max_iter=300, random_state=1)
+    network = MLPRegressor(hidden_layer_sizes=(256, 128), early_stopping=True, max_iter=300, random_state=1)
     model = TransformedTargetRegressor(make_pipeline(StandardScaler(), network), transformer=StandardScaler())
     begin = time.perf_counter()
     model.fit(change(values, baseline), places)

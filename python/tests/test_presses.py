@@ -20,7 +20,7 @@ radius_mm = { uniform = [10.0, 12.0] }
 rise = { uniform = [0.2, 0.3] }
 rim_mm = 5.0
 """
-LEARNED = 30
+LEARNED = 20
 
 
 class Presses:

@@ -29,6 +29,7 @@ mod support;
 #[path = "../../../forward/tests/suite/theory/mod.rs"]
 mod theory;
 mod times;
+mod values;
 mod visibility;
 mod watch;
 mod water;

@@ -8,6 +8,7 @@
 
 mod baseline;
 mod calibrate;
+mod dataset;
 mod doctor;
 #[cfg(target_os = "linux")]
 mod ending;

@@ -28,9 +28,10 @@ fn a_touch_keeps_its_number_and_the_baseline_stays_while_the_cable_is_pulled() {
         .flat_map(|p| p["touches"].as_array().unwrap())
         .map(|t| &t["id"])
         .collect();
-    // A touch has its number from its third frame on; where it only begins to press, its place may still jump and the count begins anew.
+    // A touch that is not clear has its number from its third frame on; where it only begins to press, its place may still jump and the count
+    // begins anew.
     let unnumbered = ids.iter().take_while(|id| id.is_null()).count();
-    assert!(ids.len() > 400 && (2..=6).contains(&unnumbered), "{ids:?}");
+    assert!(ids.len() > 400 && unnumbered <= 6, "{ids:?}");
     assert!(ids[unnumbered..].iter().all(|id| **id == 1), "{ids:?}");
     let replay = output(&["replay", text(&folder.path().join(file)), "--json", "--speed", "max"]);
     let lines = crate::program::lines(&replay);

@@ -162,7 +162,7 @@ fn a_skin_that_fails_leaves_the_others_alone() {
     assert_eq!((of("gone"), of("tapped")), (0, 250));
     let tapped: Vec<Value> = pictures.lines().map(|l| serde_json::from_str(l).unwrap()).collect();
     are_by_the_schema(&tapped);
-    assert!(is_on_the_robot(&tapped) > 10);
+    assert!(is_on_the_robot(&tapped) > 0);
     if cfg!(unix) {
         let told = std::fs::read_to_string(&told).unwrap();
         assert!(!told.is_empty() && told.lines().all(|l| l == "tapped"), "{told}");

@@ -8,6 +8,7 @@
 
 mod accuracy;
 mod contacts;
+mod dataset;
 mod drift;
 mod faults;
 mod hand;
