@@ -5,7 +5,6 @@ use crate::files::cdr::Cdr;
 use crate::skin_file::Place;
 use forward::CellGrid;
 use inverse::touches::touch::Touch;
-use nalgebra::UnitQuaternion;
 
 const M_PER_MM: f64 = 1e-3;
 const M2_PER_MM2: f64 = 1e-6;
@@ -131,9 +130,9 @@ impl Pose {
 
     /// The sheet's turn, as x, y, z, w.
     fn turn(&self) -> [f64; 4] {
-        let angles = self.0.as_ref().map_or([0.0; 3], |place| place.roll_pitch_yaw_deg);
-        let [roll, pitch, yaw] = angles.map(f64::to_radians);
-        UnitQuaternion::from_euler_angles(roll, pitch, yaw).coords.into()
+        self.0
+            .as_ref()
+            .map_or([0.0, 0.0, 0.0, 1.0], |place| place.pose().orientation)
     }
 }
 
