@@ -133,6 +133,17 @@ case "${PIPESTATUS[0]}" in
 esac
 rm -f "$python"
 took "the Python package" "$start"
+start=$SECONDS
+printf '\n== ROS 2, read by Cyclone DDS\n'
+ros2=$(mktemp)
+tests/ros2.sh 2>&1 | tee "$ros2"
+case "${PIPESTATUS[0]}" in
+    0) ;;
+    77) skip "ROS 2: $(tail -n 1 "$ros2")" ;;
+    *) failed+=("tests/ros2.sh") ;;
+esac
+rm -f "$ros2"
+took "ROS 2, read by Cyclone DDS" "$start"
 step "documentation examples" cargo test --workspace --locked --no-fail-fast --doc
 if ! $quick; then
     printf '\n== the firmware on emulated Cortex-M processors\n'

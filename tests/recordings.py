@@ -277,8 +277,20 @@ def bag(folder, whole, arrays, touches):
     assert [f.time_s for f in frames] == arrays["time_s"].tolist()
     assert numpy.array_equal([f.values_v for f in frames], arrays["v"], equal_nan=True)
     assert [m.frame for m in read["/skin/touches"]] == [t["frame"] for t in touches]
-    held = [(m.frame, m.time_s, x.id or None, *(getattr(x, key) for key in TOUCH[1:])) for m in read["/skin/touches"] for x in m.touches]
-    assert held == rows_of(touches)
+    held = [touch for m in read["/skin/touches"] for touch in m.touches]
+    rows = [x for t in touches for x in t["touches"]]
+    assert len(held) == len(rows) and {m.header.frame_id for m in read["/skin/touches"]} == {"skin_sheet"}
+    # Metres there, mm in the recording.
+    for touch, row in zip(held, rows):
+        variance = touch.position_covariance[0]
+        found = [touch.id or None, touch.rise, 1e6 * touch.area, 1e6 * touch.total, touch.force]
+        found += [1e3 * touch.position.x, 1e3 * touch.position.y, None if variance < 0 else 1e3 * variance**0.5]
+        keys = ["id", "rise", "area_mm2", "total_mm2", "force_n", "x_mm", "y_mm", "x_sd_mm"]
+        for f, key in zip(found, keys):
+            expected = row.get(key)
+            same = f is None or numpy.isnan(f) if expected is None else abs(f - expected) <= 1e-12 * abs(expected)
+            assert same, (key, f, expected)
+        assert touch.uncalibrated == row.get("uncalibrated", False)
     with open(whole, "rb") as file:
         pictures = [json.loads(m.data)["data"] for _, _, m in make_reader(file).iter_messages(topics=["/picture"])]
     assert [base64.b64decode(p) for p in pictures] == [m.data.tobytes() for m in read["/skin/picture"]] and pictures

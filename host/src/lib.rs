@@ -69,6 +69,7 @@ mod replay_index;
 mod replayed;
 mod report;
 mod rise;
+mod ros2;
 mod run;
 mod run_arguments;
 mod run_recording;
@@ -187,7 +188,10 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
     };
     // What the library has to say beside its results; RUST_LOG asks for more.
     let asked = std::env::var("RUST_LOG").ok().and_then(|levels| levels.parse().ok());
-    let levels = asked.unwrap_or_else(|| Targets::new().with_default(LevelFilter::WARN));
+    let usual = Targets::new().with_default(LevelFilter::WARN);
+    // It warns of every node that comes and goes.
+    let usual = usual.with_target("rustdds", LevelFilter::ERROR);
+    let levels = asked.unwrap_or(usual);
     let log = tracing_subscriber::fmt::layer()
         .with_writer(std::io::stderr)
         // A log that cannot be written is no reason to end.

@@ -3,7 +3,8 @@
 use crate::event::{Event, Said};
 use crate::files::baseline_file::unix_s;
 use crate::json_lines::{self, Beside};
-use crate::recorded::SessionRecord;
+use crate::recorded::{SessionRecord, pressed};
+use crate::ros2::Node;
 use crate::run_arguments::ShowArguments;
 use crate::say::{self, say};
 use crate::skin_file::Place;
@@ -39,6 +40,8 @@ const LINE_SHOWN_S: f64 = 1.0;
 /// Where pictures go, with what was shown before.
 pub(crate) struct Output {
     page: Option<LiveView>,
+    /// The skin as a node of ROS 2.
+    node: Option<Node>,
     /// Whether a JSON line is printed for every picture, and every cell in it.
     json: bool,
     cells: bool,
@@ -86,6 +89,7 @@ impl Output {
     pub(crate) fn new(page: Option<LiveView>, show: &ShowArguments, source: String) -> Self {
         Self {
             page,
+            node: None,
             json: show.json,
             cells: show.cells,
             now_unix_s: None,
@@ -111,6 +115,11 @@ impl Output {
         }
     }
 
+    /// From now on a node of ROS 2 is told, too.
+    pub(crate) fn set_node(&mut self, node: Node) {
+        self.node = Some(node);
+    }
+
     /// What the baseline was found to be worth: said with every picture from now on.
     pub(crate) fn left_out(&mut self, inspection: &Inspection) {
         self.left_out = inspection.left_out().cloned().collect();
@@ -123,9 +132,12 @@ impl Output {
         self.broken = findings.flat_map(|f| f.electrodes.iter().map(|l| l - 1)).collect();
     }
 
-    /// What somebody at the page asked for.
+    /// What somebody asked for at the page, or by ROS 2.
     pub(crate) fn command(&self) -> Option<Command> {
-        self.page.as_ref().and_then(LiveView::command)
+        let by_ros = self.node.as_ref().is_some_and(Node::wants_baseline);
+        by_ros
+            .then_some(Command::Tare)
+            .or_else(|| self.page.as_ref().and_then(LiveView::command))
     }
 
     /// A recording is played, and it is this time in it, s since 1970.
@@ -241,11 +253,16 @@ impl Output {
             .or_else(|| line.clone());
         let status = status.or_else(|| notice.map(|n| n.to_string()));
         self.show(imager, result, frame, counters, status)?;
+        let unix_s = self.unix_s();
+        if let Some(node) = &mut self.node {
+            let touches = pressed(result).into_iter().copied().collect();
+            node.picture(unix_s, imager, result, frame, touches);
+        }
         if self.json {
             let beside = Beside {
                 cells: self.cells,
                 events,
-                unix_s: self.unix_s(),
+                unix_s,
                 baseline: self.baseline.as_ref(),
                 line: line.as_deref(),
                 left_out: &self.left_out,
@@ -299,6 +316,9 @@ impl Output {
     /// Nobody reads it.
     pub(crate) fn event(&mut self, said: &Said) -> Result<()> {
         let last_s = self.times.back().copied();
+        if let Some(node) = &self.node {
+            node.event(said);
+        }
         if self.json {
             json_lines::event(said, last_s, self.unix_s())?;
         }
@@ -346,8 +366,16 @@ impl Output {
         picture.stats.away = why.map(str::to_owned);
         picture.stats.frames_per_s = 0.0;
         let picture = Arc::new(picture);
+        self.publish(picture)
+    }
+
+    /// Shows a picture on the page, and tells the node of it.
+    fn publish(&mut self, picture: Arc<Picture>) -> Result<()> {
         if let Some(page) = &self.page {
             page.publish(Arc::clone(&picture))?;
+        }
+        if let Some(node) = &self.node {
+            node.shown(&picture);
         }
         self.last = Some(picture);
         Ok(())
@@ -443,11 +471,7 @@ impl Output {
         // A dent that somebody left is in the picture, but it is no touch.
         picture.touches.retain(Touch::is_pressed);
         let picture = Arc::new(picture);
-        if let Some(page) = &self.page {
-            page.publish(Arc::clone(&picture))?;
-        }
-        self.last = Some(picture);
-        Ok(())
+        self.publish(picture)
     }
 
     /// A line on the terminal, written anew at most twice a second, when it says something else.

@@ -12,6 +12,7 @@ use crate::recorded::SessionRecord;
 use crate::replay_control::{Asked, Control};
 use crate::replay_index::{Index, Stretch};
 use crate::replayed::Replayed;
+use crate::ros2::{self, Described, Node, Ros2};
 use crate::run_arguments::ShowArguments;
 use crate::run_session::{imager, shown_source};
 use crate::say::{self, say};
@@ -64,8 +65,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let [(None, path)] = &asked[..] else {
         return several(arguments, &asked, with_page, stop, control);
     };
+    let ros = ros2::start(&arguments.show)?;
     let mut player = Player::open(path, arguments, stop, control)?;
     player.page = with_page.then(|| page(&arguments.show)).transpose()?;
+    player.node = ros.as_ref().map(|ros| player.node_of(ros)).transpose()?;
     player.run()
 }
 
@@ -88,6 +91,8 @@ fn several(
         Vec::new()
     }
     .into_iter();
+    let ros = ros2::start(&arguments.show)?;
+    let ros = ros.as_ref();
     let outcomes: Vec<Result<()>> = std::thread::scope(|scope| {
         let threads: Vec<_> = names
             .iter()
@@ -98,6 +103,7 @@ fn several(
                     say::set_skin(Some(Arc::from(*name)));
                     let mut player = Player::open(path, arguments, stop, control)?;
                     player.page = page;
+                    player.node = ros.map(|ros| player.node_of(ros)).transpose()?;
                     player.run()
                 };
                 let said = move || run().inspect_err(|why| say!("warning: {why:#}; the other skins go on"));
@@ -148,6 +154,7 @@ struct Player<'a> {
     learned: Option<PressCalibration>,
     /// Until it is shown.
     page: Option<LiveView>,
+    node: Option<Node>,
     /// Read beside the first pictures, where there is a page.
     index: Option<Index>,
     reading: Option<Receiver<Index>>,
@@ -179,6 +186,7 @@ impl<'a> Player<'a> {
             control,
             learned: record.presses()?,
             page: None,
+            node: None,
             index: None,
             reading: None,
             asked: control.asked(),
@@ -192,6 +200,16 @@ impl<'a> Player<'a> {
         })
     }
 
+    /// Its node of ROS 2.
+    fn node_of(&self, ros: &Ros2) -> Result<Node> {
+        ros.node(&Described {
+            skin: self.record.skin.as_deref(),
+            place: self.record.place.as_ref(),
+            serial: &self.record.board.serial,
+            live: false,
+        })
+    }
+
     /// Shows it, from place to place, until it is enough.
     fn run(mut self) -> Result<()> {
         let show = &self.arguments.show;
@@ -200,6 +218,9 @@ impl<'a> Player<'a> {
         let page = self.page.take();
         let with_page = page.is_some();
         let mut output = Output::new(page, show, source);
+        if let Some(node) = self.node.take() {
+            output.set_node(node);
+        }
         if with_page {
             self.read_index()?;
         }

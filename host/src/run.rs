@@ -4,7 +4,7 @@ use crate::recording_file::RecordTo;
 use crate::run_arguments::{ShowArguments, SourceArguments, Start};
 use crate::run_session::{Outputs, Within, one};
 use crate::usage::Usage;
-use crate::{ending, skins};
+use crate::{ending, ros2, skins};
 use anyhow::Result;
 use clap::Args;
 use std::path::PathBuf;
@@ -48,11 +48,13 @@ pub(crate) fn live(arguments: &SourceArguments, outputs: &Outputs<'_>) -> Result
         return skins::live(file, arguments, outputs);
     }
     let stop = ending::flag()?;
+    let ros = ros2::start(outputs.show)?;
     let within = Within {
         stop: &stop,
         recording: outputs.record.map(RecordTo::new).transpose()?,
         skin: None,
         page: None,
+        ros: ros.as_ref(),
     };
     one(arguments, outputs, within).map(|_| ())
 }

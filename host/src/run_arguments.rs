@@ -88,6 +88,10 @@ pub(crate) struct ShowArguments {
     /// With --json: the rise of every cell of the picture, too, in the order of the header's list.
     #[arg(long, requires = "json", hide_short_help = true)]
     pub(crate) cells: bool,
+    /// Publishes touches, points, pictures and how the skin is on ROS 2, without ROS on this computer; below a namespace such as
+    /// /robot1 where one is given (docs/ros2.md).
+    #[arg(long, value_name = "NAMESPACE", num_args = 0..=1)]
+    pub(crate) ros2: Option<Option<String>>,
     /// Runs a command of the shell whenever a touch does this: contact, lift, tap, double_tap, stroke, hold, slip or palm. What it did
     /// is in the environment (SKIN_X_MM, ...: docs/events.md). Can be given several times.
     #[arg(long, num_args = 2, value_names = ["EVENT", "CMD"])]

@@ -13,6 +13,7 @@ use crate::presses::locate;
 use crate::recordable::Recordable;
 use crate::recorded::{Notes, Recorded, SessionRecord};
 use crate::recording_file::RecordTo;
+use crate::ros2::{Described, Ros2};
 use crate::run_arguments::{ShowArguments, SourceArguments, Start};
 use crate::say::say;
 use crate::skin_file::Skin;
@@ -54,6 +55,8 @@ pub(crate) struct Within<'a> {
     pub(crate) skin: Option<&'a Skin>,
     /// Its page, which is served already.
     pub(crate) page: Option<LiveView>,
+    /// Where its node is.
+    pub(crate) ros: Option<&'a Ros2>,
 }
 
 /// What became of a session.
@@ -77,6 +80,7 @@ pub(crate) fn one(arguments: &SourceArguments, outputs: &Outputs<'_>, within: Wi
         recording,
         skin,
         page,
+        ros,
     } = within;
     let config = Config::load()?;
     let calibration = arguments.calibration.as_deref().or(config.calibration.as_deref());
@@ -133,6 +137,16 @@ pub(crate) fn one(arguments: &SourceArguments, outputs: &Outputs<'_>, within: Wi
         record.place = skin.place.clone();
     }
     let recorder = recording.map(|r| r.begin(&record)).transpose()?.flatten();
+    // Others find it while the sheet is modelled.
+    let node = ros.map(|ros| {
+        ros.node(&Described {
+            skin: record.skin.as_deref(),
+            place: record.place.as_ref(),
+            serial: &record.board.serial,
+            live: true,
+        })
+    });
+    let node = node.transpose()?;
     let nominal = modelled(&sheet, pattern)?;
     let anew = move || {
         let live = Live::new(Arc::clone(&nominal), options);
@@ -167,6 +181,9 @@ pub(crate) fn one(arguments: &SourceArguments, outputs: &Outputs<'_>, within: Wi
         recordable: Some(Recordable::new(switch, record.clone(), anew)),
         replayed: None,
     };
+    if let Some(node) = node {
+        run.output.set_node(node);
+    }
     run.output.header(&session, &record, &run.live.imager().grid)?;
     if let Some(baseline) = stored {
         if let Some(notes) = &run.notes {

@@ -3,6 +3,7 @@
 use crate::ending;
 use crate::page::pages;
 use crate::recording_file::{self, RecordTo};
+use crate::ros2;
 use crate::run_arguments::SourceArguments;
 use crate::run_session::{Outputs, Ran, Within, one};
 use crate::say::{self, say};
@@ -34,6 +35,7 @@ pub(crate) fn live(file: &Path, arguments: &SourceArguments, outputs: &Outputs<'
         .map(|skin| skin.arguments(arguments).with_context(|| skin.name.clone()))
         .collect::<Result<_>>()?;
     let stop = ending::flag()?;
+    let ros = ros2::start(outputs.show)?;
     let mut recorder = outputs
         .record
         .map(|to| RecordTo::new(to)?.begin_several(&SkinsRecord::of(&skins)))
@@ -46,7 +48,7 @@ pub(crate) fn live(file: &Path, arguments: &SourceArguments, outputs: &Outputs<'
     }
     .into_iter();
     let outcome = std::thread::scope(|scope| {
-        let stop = &*stop;
+        let (stop, ros) = (&*stop, ros.as_ref());
         let threads: Vec<ScopedJoinHandle<'_, Result<Ran>>> = skins
             .iter()
             .zip(&of_each)
@@ -56,6 +58,7 @@ pub(crate) fn live(file: &Path, arguments: &SourceArguments, outputs: &Outputs<'
                     recording: recorder.as_ref().map(|r| RecordTo::Skin(r.tap().named(&skin.name))),
                     skin: Some(skin),
                     page: served.next(),
+                    ros,
                 };
                 let run = move || {
                     say::set_skin(Some(Arc::from(skin.name.as_str())));

@@ -4,9 +4,13 @@ use crate::files::cdr::Cdr;
 use crate::files::replace::beside;
 use crate::recorded::SessionRecord;
 use crate::recorded_frames::{Part, RecordedFrame, RecordedFrames};
+use crate::ros2::SKIN;
+use crate::ros2::messages::{self, Header};
 use crate::skin_file;
 use anyhow::{Context, Result, bail};
+use inverse::touches::touch::Touch;
 use recording::{Reader, Topic, Writer};
+use serde::Deserialize;
 use serde_json::Value;
 use std::fmt::Write;
 use std::fs::File;
@@ -18,30 +22,50 @@ struct BagTopic {
     name: &'static str,
     kind: &'static str,
     definition: &'static str,
+    /// The types that it is made of.
+    parts: &'static [(&'static str, &'static str)],
 }
 
+const HEADER: (&str, &str) = ("std_msgs/Header", "builtin_interfaces/Time stamp\nstring frame_id\n");
+const TIME: (&str, &str) = ("builtin_interfaces/Time", "int32 sec\nuint32 nanosec\n");
+const POINT: (&str, &str) = ("geometry_msgs/Point", "float64 x\nfloat64 y\nfloat64 z\n");
+const TOUCH: (&str, &str) = ("skin_msgs/Touch", include_str!("ros/Touch.msg"));
+
+/// Definitions of `skin_msgs` are those of contrib/ros2, which a test holds.
 const TOPICS: [BagTopic; 3] = [
     BagTopic {
         name: "frames",
         kind: "skin_msgs/msg/Frame",
         definition: include_str!("ros/Frame.msg"),
+        parts: &[HEADER, TIME],
     },
     BagTopic {
         name: "touches",
         kind: "skin_msgs/msg/Touches",
         definition: include_str!("ros/Touches.msg"),
+        parts: &[HEADER, TIME, TOUCH, POINT],
     },
     BagTopic {
         name: "picture",
         kind: "sensor_msgs/msg/CompressedImage",
         definition: include_str!("ros/CompressedImage.msg"),
+        parts: &[HEADER, TIME],
     },
 ];
+
+impl BagTopic {
+    /// The definition with those of its parts behind it.
+    fn whole_definition(&self) -> String {
+        let mut out = self.definition.to_owned();
+        for (name, definition) in self.parts {
+            out += &format!("{}\nMSG: {name}\n{definition}", "=".repeat(80));
+        }
+        out
+    }
+}
 const FRAMES: usize = 0;
 const TOUCHES: usize = 1;
 const PICTURES: usize = 2;
-/// Where places are given in.
-const FRAME_ID: &str = "sheet";
 
 /// A topic of a bag that is written.
 struct Channel {
@@ -56,15 +80,20 @@ struct Bag {
     file: Writer<File>,
     /// Of the skins one after the other, as in [`TOPICS`].
     channels: Vec<Channel>,
+    /// The frame of the sheet whose messages are written.
+    sheet_frame: String,
     from_to_ns: Option<(u64, u64)>,
 }
 
 impl Bag {
-    /// Adds the topics of a skin.
-    fn add_skin(&mut self, name: &str) -> Result<()> {
+    /// Adds the topics of a skin, named as those of `--ros2`.
+    fn add_skin(&mut self, skin: &str) -> Result<()> {
+        let skin = messages::name(skin);
+        self.sheet_frame = messages::sheet_frame(&skin);
         for topic in &TOPICS {
-            let name = format!("/{name}/{}", topic.name);
-            let schema = (topic.kind, "ros2msg", topic.definition.as_bytes());
+            let name = format!("/{skin}/{}", topic.name);
+            let definition = topic.whole_definition();
+            let schema = (topic.kind, "ros2msg", definition.as_bytes());
             let id = self.file.channel(&name, "cdr", Some(schema))?;
             self.channels.push(Channel {
                 name,
@@ -98,43 +127,35 @@ impl Bag {
         Ok(())
     }
 
+    fn header(&self, unix_ns: u64) -> Header<'_> {
+        Header {
+            unix_ns,
+            frame: &self.sheet_frame,
+        }
+    }
+
     fn frame(&mut self, frame: &RecordedFrame) -> Result<()> {
-        let mut message = Cdr::new();
-        message
-            .header(frame.unix_ns, FRAME_ID)
-            .u32(frame.measured.sequence)
-            .f64(frame.measured.time_s)
-            .f64s(&frame.measured.values_v);
+        let of = &frame.measured;
+        let message = messages::frame(self.header(frame.unix_ns), of.sequence, of.time_s, &of.values_v);
         self.put(FRAMES, frame.unix_ns, message)
     }
 
     fn touches(&mut self, unix_ns: u64, line: &Value) -> Result<()> {
-        let number = |of: &Value| of.as_f64().unwrap_or(f64::NAN);
-        let mut message = Cdr::new();
-        let touches = line["touches"].as_array().map_or(&[][..], Vec::as_slice);
-        message
-            .header(unix_ns, FRAME_ID)
-            .u32(line["frame"].as_u64().unwrap_or(0) as u32)
-            .f64(number(&line["time_s"]))
-            .u32(touches.len() as u32);
-        for touch in touches {
-            // Numbers begin at 1.
-            message.u32(touch["id"].as_u64().unwrap_or(0) as u32);
-            for key in ["x_mm", "y_mm", "rise", "area_mm2", "total_mm2", "force_n"] {
-                message.f64(number(&touch[key]));
-            }
-            message.bool(touch["uncalibrated"].as_bool().unwrap_or(false));
-        }
+        let touches: Vec<Touch> = match &line["touches"] {
+            Value::Null => Vec::new(),
+            list => Vec::deserialize(list).context("the touches of the recording")?,
+        };
+        let sequence = line["frame"].as_u64().unwrap_or(0) as u32;
+        let time_s = line["time_s"].as_f64().unwrap_or(f64::NAN);
+        let doubt = line["doubt"].as_str().unwrap_or_default();
+        let message = messages::touches(self.header(unix_ns), sequence, time_s, &touches, doubt);
         self.put(TOUCHES, unix_ns, message)
     }
 
     fn picture(&mut self, unix_ns: u64, line: &Value) -> Result<()> {
         let png = recording::from_base64(line["data"].as_str().unwrap_or_default());
-        let mut message = Cdr::new();
-        message
-            .header(unix_ns, FRAME_ID)
-            .text("png")
-            .bytes(&png.context("a picture of the recording is damaged")?);
+        let png = png.context("a picture of the recording is damaged")?;
+        let message = messages::picture(self.header(unix_ns), &png);
         self.put(PICTURES, unix_ns, message)
     }
 }
@@ -172,11 +193,12 @@ fn write(from: &Path, folder: &Path) -> Result<[u32; TOPICS.len()]> {
     let mut bag = Bag {
         file: Writer::create_ros2(&folder.join(STORAGE))?,
         channels: Vec::new(),
+        sheet_frame: String::new(),
         from_to_ns: None,
     };
     for (name, skin) in skin_file::asked(from)? {
         SessionRecord::read(&skin)?;
-        bag.add_skin(name.as_deref().unwrap_or("skin"))?;
+        bag.add_skin(name.as_deref().unwrap_or(SKIN))?;
         write_skin(&mut bag, &skin)?;
     }
     let counts = [FRAMES, TOUCHES, PICTURES].map(|topic| bag.count(topic));

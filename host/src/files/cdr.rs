@@ -3,25 +3,29 @@
 /// A message that is encoded.
 pub(crate) struct Cdr(Vec<u8>);
 
-/// What says that CDR follows, and that it is little-endian. Places count from behind it.
-const HEAD: [u8; 4] = [0, 1, 0, 0];
-
 impl Cdr {
+    /// What says that CDR follows, and that it is little-endian. Places count from behind it.
+    pub(crate) const HEAD: [u8; 4] = [0, 1, 0, 0];
+
     /// An empty message.
     pub(crate) fn new() -> Self {
-        Self(HEAD.to_vec())
+        Self(Self::HEAD.to_vec())
     }
 
     /// A number at a place that its size divides.
     fn number<const N: usize>(&mut self, bytes: [u8; N]) -> &mut Self {
-        let place = self.0.len() - HEAD.len();
+        let place = self.0.len() - Self::HEAD.len();
         self.0.resize(self.0.len() + place.next_multiple_of(N) - place, 0);
         self.0.extend(bytes);
         self
     }
 
     pub(crate) fn bool(&mut self, value: bool) -> &mut Self {
-        self.number([u8::from(value)])
+        self.u8(u8::from(value))
+    }
+
+    pub(crate) fn u8(&mut self, value: u8) -> &mut Self {
+        self.number([value])
     }
 
     pub(crate) fn u32(&mut self, value: u32) -> &mut Self {
@@ -30,6 +34,11 @@ impl Cdr {
 
     pub(crate) fn f64(&mut self, value: f64) -> &mut Self {
         self.number(value.to_le_bytes())
+    }
+
+    /// Numbers in a row of a fixed length.
+    pub(crate) fn array(&mut self, values: &[f64]) -> &mut Self {
+        values.iter().fold(self, |cdr, value| cdr.f64(*value))
     }
 
     /// A text, with the zero that ends it.
@@ -46,12 +55,15 @@ impl Cdr {
         self
     }
 
-    pub(crate) fn f64s(&mut self, values: &[f64]) -> &mut Self {
-        self.u32(values.len() as u32);
-        for value in values {
-            self.f64(*value);
-        }
+    /// Octets in a row of a fixed length.
+    #[cfg(feature = "ros2")]
+    pub(crate) fn octets(&mut self, value: &[u8]) -> &mut Self {
+        self.0.extend_from_slice(value);
         self
+    }
+
+    pub(crate) fn f64s(&mut self, values: &[f64]) -> &mut Self {
+        self.u32(values.len() as u32).array(values)
     }
 
     /// `std_msgs/Header`: a time, ns since 1970, and where places are given in.
@@ -61,7 +73,7 @@ impl Cdr {
             .text(frame_id)
     }
 
-    /// Its bytes.
+    /// Its bytes, with the head of the encoding.
     pub(crate) fn into_bytes(self) -> Vec<u8> {
         self.0
     }

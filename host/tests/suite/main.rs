@@ -24,6 +24,7 @@ mod program;
 mod real_data;
 mod reconnect;
 mod recordings;
+mod ros2;
 mod skins;
 mod tables;
 mod transcripts;
