@@ -79,6 +79,10 @@ pub(crate) struct Arguments {
 enum What {
     /// Maps of a real skin, from presses at known places: for `reconstruct --calibration`.
     Presses(presses::calibrate::Arguments),
+    /// Where to press: a list, and a drawing to print at true scale.
+    Marks(presses::marks::Arguments),
+    /// G-code by which a 3D printer presses the marks, and the list of when and where.
+    Gcode(presses::gcode::Arguments),
 }
 
 #[derive(Serialize)]
@@ -98,8 +102,11 @@ struct Line {
 /// # Errors
 /// A recording that cannot be read or made, or that does not tell the parameters; a file that cannot be written.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
-    if let Some(What::Presses(of_presses)) = &arguments.what {
-        return presses::calibrate::run(of_presses);
+    match &arguments.what {
+        Some(What::Presses(of_presses)) => return presses::calibrate::run(of_presses),
+        Some(What::Marks(marks)) => return presses::marks::run(marks),
+        Some(What::Gcode(gcode)) => return presses::gcode::run(gcode),
+        None => {}
     }
     let samples = match (&arguments.file, &arguments.port, &arguments.scene, &arguments.from) {
         (Some(table), ..) => press_table::read(table, arguments.force_n)?,

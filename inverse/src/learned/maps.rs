@@ -20,13 +20,13 @@ const LARGEST: f64 = 6.0;
 /// Residuals beyond this many standard deviations are drawn in (Huber 1981).
 const HUBER: f64 = 3.0;
 /// Noise variance of a measurement before anything is known of it, over the mean square of its orbit.
-const FIRST_NOISE: f64 = 0.1;
+pub(super) const FIRST_NOISE: f64 = 0.1;
 /// Least noise variance: what no number of presses makes better.
 const LEAST_NOISE: f64 = 1e-4;
 /// Presses that the noise of all measurements weighs as, in the noise of one.
 const NOISE_WEIGHT: f64 = 8.0;
 /// Highest wave number of the maps, over the inverse of their length.
-const HIGHEST: f64 = 4.2;
+pub(super) const HIGHEST: f64 = 4.2;
 /// Presses nearer than this part of the reach are one: half of the length over which maps change.
 const NEAR: f64 = 0.22;
 /// Directions of which presses see less than this part of what they see of the largest are not seen.
@@ -36,7 +36,7 @@ const GAIN_SD: f64 = 0.3;
 /// Least variance of the gains: amplifiers agree no better.
 const LEAST_GAIN_VARIANCE: f64 = 1e-6;
 /// Half side of the square of the harmonics, over the reach of the presses.
-const SQUARE: f64 = 1.5;
+pub(super) const SQUARE: f64 = 1.5;
 
 /// What is expected of the maps before any press. Variances are over the mean square of the values of an orbit, lengths
 /// over the reach of the presses.

@@ -6,6 +6,7 @@
 
 mod choice;
 mod correction;
+mod design;
 mod follower;
 mod harmonics;
 pub mod kernel_ridge;
@@ -24,6 +25,7 @@ mod tests;
 
 pub use choice::Setting;
 pub use correction::StoredCorrection;
+pub use design::Marks;
 pub use follower::LearnedSheet;
 pub(crate) use follower::PressFollower;
 pub use learn::{FEWEST, Findings, LearnError, Learned, Press, Stored, learn};

@@ -14,7 +14,7 @@ const QUICK_STEPS: f64 = 10.0;
 /// Parts of the work, about equally long.
 pub(super) const PARTS: usize = 9;
 
-const PRIOR: Prior = Prior {
+pub(super) const PRIOR: Prior = Prior {
     length: 0.45,
     memory_length: 0.7,
     shared: 1.5,
