@@ -28,8 +28,8 @@ const CONTACTS: [f64; 6] = [0.0, 0.003, 0.01, 0.03, 0.1, 0.3];
 
 /// The same of the gains of channels: amplifiers that warm up drift by tenths of a percent.
 const CHANNELS: [f64; 5] = [0.0, 0.0003, 0.001, 0.003, 0.01];
-/// Root mean square of a smooth unevenness: none, a sheet warmed on one side, and one that was bent.
-const UNEVEN: [f64; 5] = [0.0, 0.003, 0.01, 0.03, 0.1];
+/// Root mean square of a smooth unevenness: none, a sheet warmed on one side, and one that was bent. More is an object on it.
+const UNEVEN: [f64; 4] = [0.0, 0.003, 0.01, 0.03];
 /// Correlation lengths of an unevenness over the sheet's reach: that of parts of the sheet, and of the whole. A palm has a quarter.
 /// Less hides touches.
 const LENGTHS: [f64; 2] = [0.6, 1.2];
