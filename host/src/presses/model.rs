@@ -7,6 +7,7 @@ use crate::progress::Progress;
 use crate::table_baseline::BaselineArguments;
 use crate::table_batch::{How, TableBatch};
 use crate::table_sheet::Geometry;
+use ::forward::Sheet;
 use ::forward::file::sheet_text;
 use anyhow::{Result, bail};
 use inverse::solvers::Method;
@@ -27,11 +28,13 @@ pub(super) fn tried(
     table: &MeasurementTable,
     list: &Path,
     known: &[KnownPress],
-    sheet: Option<&Path>,
+    sheet: Option<&Sheet>,
+    sheet_file: Option<&Path>,
     learned_mm: [f64; 2],
     no_progress: bool,
 ) -> Result<ModelKeys> {
-    let chosen = Geometry::of(sheet).choose(table, Method::Nnls)?;
+    let chosen =
+        Geometry::of(sheet_file).choose_with(table, Method::Nnls, sheet.filter(|_| sheet_file.is_none()).cloned())?;
     let way = (&chosen.sheet, chosen.pattern, chosen.cell_mm);
     let ready = TableBatch::new(
         table,
