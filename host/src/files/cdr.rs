@@ -50,13 +50,10 @@ impl Cdr {
     }
 
     pub(crate) fn bytes(&mut self, value: &[u8]) -> &mut Self {
-        self.u32(value.len() as u32);
-        self.0.extend_from_slice(value);
-        self
+        self.u32(value.len() as u32).octets(value)
     }
 
     /// Octets in a row of a fixed length.
-    #[cfg(feature = "ros2")]
     pub(crate) fn octets(&mut self, value: &[u8]) -> &mut Self {
         self.0.extend_from_slice(value);
         self
