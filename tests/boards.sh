@@ -39,7 +39,8 @@ clippy() {
         in_board stm32f4 clippy --locked --features "$features" -- -D warnings || return 1
     done
     in_board stm32f4 clippy --locked --features defmt -- -D warnings || return 1
-    in_board stm32h7 clippy --locked -- -D warnings || return 1
+    in_board stm32h7 clippy --locked --features laws -- -D warnings || return 1
+    in_board stm32h7 clippy --locked --features defmt -- -D warnings || return 1
     in_board template clippy --locked -- -D warnings || return 1
     in_board qemu-mps2 clippy --locked -- -D warnings
 }
@@ -63,9 +64,11 @@ cp "$boards_target/$TARGET/release/skin-board" "$programs/st-link"
 in_board stm32f4 build --release --locked --bin laws --features laws || fail "the laws do not build"
 cp "$boards_target/$TARGET/release/laws" "$programs/laws"
 
-say "the STM32H743's program"
+say "the STM32H743's program, and the laws of its front end"
 in_board stm32h7 build --release --locked || fail "stm32h7 does not build"
 cp "$boards_target/$TARGET/release/skin-board-h743" "$programs/h743"
+in_board stm32h7 build --release --locked --bin laws-h743 --features laws || fail "stm32h7: the laws do not build"
+cp "$boards_target/$TARGET/release/laws-h743" "$programs/h743-laws"
 
 say "the STM32F4's hot path links without a way to panic, and not with one planted"
 in_board stm32f4 build --release --locked --bin hot-path || fail "the hot path can panic"
@@ -81,32 +84,40 @@ for fault in routing break settling timer phase request panic hang; do
 done
 
 say "the STM32H743's with planted faults"
-for fault in routing break settling timer phase hang; do
-    in_board stm32h7 build --release --locked --features "fault-$fault" 2>/dev/null || fail "stm32h7: fault-$fault does not build"
+for fault in routing break settling timer phase request hang; do
+    in_board stm32h7 build --release --locked --bin skin-board-h743 --features "fault-$fault" 2>/dev/null || fail "stm32h7: fault-$fault does not build"
     cp "$boards_target/$TARGET/release/skin-board-h743" "$programs/h743-fault-$fault"
 done
 
 say "with its log over the debug probe"
 in_board stm32f4 build --release --locked --bin skin-board --features defmt || fail "stm32f4 (defmt) does not build"
 cp "$boards_target/$TARGET/release/skin-board" "$programs/defmt"
+in_board stm32h7 build --release --locked --bin skin-board-h743 --features defmt || fail "stm32h7 (defmt) does not build"
+cp "$boards_target/$TARGET/release/skin-board-h743" "$programs/h743-defmt"
 
-say "without the log it is, byte for byte, the image of sources that never heard of one"
+say "without the log both are, byte for byte, the images of sources that never heard of one"
 copy="$boards_target/without-log"
-copied_image() {
-    (cd "$copy/boards/stm32f4" && CARGO_TARGET_DIR="$boards_target" board_cargo build --release --bin skin-board) || fail "$1 does not build"
-    "$root/tests/image.py" "$boards_target/$TARGET/release/skin-board" >"$programs/$2.image" || fail "$1 has no image"
+# copied_images WHICH SUFFIX: builds both programs of the copy and keeps what of them goes into the chips.
+copied_images() {
+    for board in stm32f4:skin-board stm32h7:skin-board-h743; do
+        local folder="${board%:*}" name="${board#*:}"
+        (cd "$copy/boards/$folder" && CARGO_TARGET_DIR="$boards_target" board_cargo build --release --bin "$name") || fail "$1 does not build: $folder"
+        "$root/tests/image.py" "$boards_target/$TARGET/release/$name" >"$programs/$folder-$2.image" || fail "$1 has no image: $folder"
+    done
 }
 rm -rf "$copy"
 mkdir -p "$copy"
-tar -c --exclude target Cargo.toml protocol firmware boards/stm32f4 | tar -x -C "$copy"
+tar -c --exclude target Cargo.toml protocol firmware boards/stm32f4 boards/stm32h7 | tar -x -C "$copy"
 sed -i 's/^members = .*/members = ["protocol", "firmware"]/' "$copy/Cargo.toml"
-copied_image "the copy" with-log-off
+copied_images "the copy" with-log-off
 # Lines become empty ones: the places of panics stay the same.
 find "$copy" -name '*.rs' -exec sed -i -E 's/^.*(log!\(|feature = "defmt"|macro_use|mod log;|log::tell|\/log\.rs").*$//' {} +
 find "$copy" -name log.rs -delete
-if grep -rn defmt --include '*.rs' "$copy/protocol" "$copy/firmware" "$copy/boards/stm32f4/src"; then fail "these lines of the log could not be taken out"; fi
-copied_image "the copy without the log's lines" without-log
-cmp "$programs/with-log-off.image" "$programs/without-log.image" || fail "the log changes the image where it is off"
+if grep -rn defmt --include '*.rs' "$copy/protocol" "$copy/firmware" "$copy"/boards/*/src; then fail "these lines of the log could not be taken out"; fi
+copied_images "the copy without the log's lines" without-log
+for folder in stm32f4 stm32h7; do
+    cmp "$programs/$folder-with-log-off.image" "$programs/$folder-without-log.image" || fail "$folder: the log changes the image where it is off"
+done
 
 say "board programs for the emulated mps2-an386"
 in_board qemu-mps2 build --release --locked || fail "qemu-mps2 does not build"

@@ -1,7 +1,7 @@
 //! The chip with the models that it lacks, and what is around it.
 
 use crate::converter::Converter;
-use crate::counter::Counter;
+use crate::counter::{Capturing, Counter};
 use crate::line::Line;
 use crate::source::{DMA_REQUEST, Source};
 use crate::timer::Timer;
@@ -52,17 +52,17 @@ pub enum Wired {
 }
 
 impl Wired {
-    fn hz(self) -> u64 {
+    /// Its frequency; 0 where there is nothing.
+    pub(crate) fn hz(self) -> u64 {
         match self {
             Self::Nothing => 0,
             Self::Crystal(hz) | Self::Clock(hz) => hz,
         }
     }
 
-    /// Whether the input runs, by the clock controller's register: a crystal with its oscillator only, a clock from
-    /// outside without it only.
-    fn runs(self, control: u64) -> bool {
-        let bypassed = cr::HSEBYP.is_set(control);
+    /// Whether the input runs when its oscillator is bypassed or is not: a crystal with it only, a clock from outside without
+    /// it only.
+    pub(crate) fn runs(self, bypassed: bool) -> bool {
         match self {
             Self::Nothing => false,
             Self::Crystal(_) => !bypassed,
@@ -118,7 +118,7 @@ impl Chip {
             timer: Timer::default(),
             converter: Converter::new(world.clone()),
             source: Source::new(world.clone()),
-            counter: Counter::default(),
+            counter: Counter(Capturing::new(16_000_000)),
             slots,
             clocks,
             wired,
@@ -173,13 +173,13 @@ impl Mcu for Chip {
         if slot == self.clocks || slot == counter {
             let (_, registers) = self.inner.clocks();
             let control = registers.get(Register::Cr);
-            if !self.wired.runs(control) {
+            if !self.wired.runs(cr::HSEBYP.is_set(control)) {
                 // rigless's oscillator is ready some time after it was switched on, whatever is soldered to it.
                 registers.set(Register::Cr, cr::HSERDY.set(control, 0));
             }
             let ready = cr::HSERDY.is_set(registers.get(Register::Cr));
             let divider = cfgr::RTCPRE.get(registers.get(Register::Cfgr));
-            self.counter.input = (if ready { self.wired.hz() } else { 0 }, divider);
+            self.counter.0.input = (if ready { self.wired.hz() } else { 0 }, divider);
         }
         let (bus, model) = self.inner.split(slot);
         if slot == timer {

@@ -57,21 +57,54 @@ struct Ports {
     c: u32,
 }
 
-/// The fundamental of the DAC's steps behind the filter, over full scale: with the sine and with the cosine.
-pub(crate) fn fundamental(codes: &[u16; SAMPLES_PER_PERIOD]) -> (f64, f64) {
-    let (mut sine, mut cosine) = (0.0, 0.0);
-    for (k, code) in codes.iter().enumerate() {
-        let x = TAU * (k as f64 / SAMPLES_PER_PERIOD as f64 + lag_turns());
-        let value = (f64::from(*code) - 2048.0) / FULL_SCALE * 2.0 / SAMPLES_PER_PERIOD as f64;
-        sine += value * x.sin();
-        cosine += value * x.cos();
+/// The fundamental of the DAC's steps behind the filter.
+///
+/// A source that was started anew begins its period at any sample of the world's own time. Whole steps are therefore counted
+/// apart, and no law of the electronics depends on them.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Fundamental {
+    /// Steps by which it is ahead of the world's time.
+    pub steps: u64,
+    /// What is in phase then, over full scale, and a quarter period ahead of it.
+    pub in_phase: f64,
+    quadrature: f64,
+}
+
+impl Fundamental {
+    pub fn of(codes: &[u16; SAMPLES_PER_PERIOD]) -> Self {
+        let (mut sine, mut cosine) = (0.0, 0.0);
+        for (k, code) in codes.iter().enumerate() {
+            let x = TAU * (k as f64 / SAMPLES_PER_PERIOD as f64 + lag_turns());
+            let value = (f64::from(*code) - 2048.0) / FULL_SCALE * 2.0 / SAMPLES_PER_PERIOD as f64;
+            sine += value * x.sin();
+            cosine += value * x.cos();
+        }
+        let amplitude = sine.hypot(cosine);
+        if amplitude < EXACT {
+            return Self::default();
+        }
+        let ahead = cosine.atan2(sine) / TAU * SAMPLES_PER_PERIOD as f64;
+        let left = TAU * (ahead - ahead.round()) / SAMPLES_PER_PERIOD as f64;
+        let (in_phase, quadrature) = (amplitude * left.cos(), amplitude * left.sin());
+        let exact = (in_phase - 1.0).hypot(quadrature) < EXACT;
+        Self {
+            steps: (ahead.round() as i64).rem_euclid(SAMPLES_PER_PERIOD as i64) as u64,
+            in_phase: if exact { 1.0 } else { in_phase },
+            quadrature: if exact { 0.0 } else { quadrature },
+        }
     }
-    if (sine - 1.0).hypot(cosine) < EXACT {
-        (1.0, 0.0)
-    } else if sine.hypot(cosine) < EXACT {
-        (0.0, 0.0)
-    } else {
-        (sine, cosine)
+
+    /// What of it is not in phase, as a channel sees it at a time that has the steps in it, V.
+    pub fn quadrature_v(&self, analog: &Analog, time: u64, routing: &Routing, channel: usize) -> f64 {
+        if self.quadrature == 0.0 {
+            return 0.0;
+        }
+        let quiet = Routing {
+            residue_v: [0.0; MAX_CHANNELS],
+            ..routing.clone()
+        };
+        let quarter = SAMPLES_PER_PERIOD as u64 / 4;
+        analog.voltage_v(time + quarter, channel, &quiet) / self.in_phase * self.quadrature
     }
 }
 
@@ -92,8 +125,7 @@ pub struct World {
     routing: Routing,
     /// The DAC's last codes, by phase.
     codes: [u16; SAMPLES_PER_PERIOD],
-    /// Amplitude of the source over full scale, in phase and a quarter period ahead.
-    source: (f64, f64),
+    source: Fundamental,
     /// Conversions triggered since power-up: the time.
     pub triggers: u64,
     /// Address lines that changed while a switch was closed.
@@ -125,7 +157,7 @@ impl World {
             route: None,
             routing: Routing::default(),
             codes: [2048; SAMPLES_PER_PERIOD],
-            source: (0.0, 0.0),
+            source: Fundamental::default(),
             triggers: 0,
             without_break: 0,
             overrun_at: None,
@@ -201,9 +233,11 @@ impl World {
             return;
         };
         self.route = Some(route);
-        self.routing = self
-            .analog
-            .switched(self.triggers, &self.routing, self.amplitudes_v(&route));
+        self.routing = self.analog.switched(
+            self.triggers + self.source.steps,
+            &self.routing,
+            self.amplitudes_v(&route),
+        );
         self.wire(&route);
     }
 
@@ -217,12 +251,12 @@ impl World {
 
     fn amplitudes_v(&self, route: &Route) -> [f64; MAX_CHANNELS] {
         let full = self.analog.amplitudes_v(&self.sheet, route, &Broken::default());
-        full.unwrap_or_default().map(|v| v * self.source.0)
+        full.unwrap_or_default().map(|v| v * self.source.in_phase)
     }
 
     /// What a route has besides its amplitudes.
     fn wire(&mut self, route: &Route) {
-        let (broken, scale) = (Broken::default(), self.source.0);
+        let (broken, scale) = (Broken::default(), self.source.in_phase);
         self.analog.route(&mut self.routing, &self.sheet, route, &broken, scale);
     }
 
@@ -238,7 +272,7 @@ impl World {
         if phase != SAMPLES_PER_PERIOD - 1 {
             return;
         }
-        let source = fundamental(&self.codes);
+        let source = Fundamental::of(&self.codes);
         if source != self.source {
             self.source = source;
             self.refresh();
@@ -253,18 +287,9 @@ impl World {
             return firmware::FULL_SCALE / 2;
         }
         let mut code = [0];
+        let time = time + self.source.steps;
         self.analog.sample(time, &self.routing, &mut code);
-        // What of the source is not in phase, a quarter period ahead.
-        let ahead = if self.source.1 == 0.0 {
-            0.0
-        } else {
-            let quiet = Routing {
-                residue_v: [0.0; MAX_CHANNELS],
-                ..self.routing.clone()
-            };
-            let quarter = SAMPLES_PER_PERIOD as u64 / 4;
-            self.analog.voltage_v(time + quarter, 0, &quiet) / self.source.0 * self.source.1
-        };
+        let ahead = self.source.quadrature_v(&self.analog, time, &self.routing, 0);
         let level = f64::from(code[0]) + ahead * full_scale / self.analog.electronics().adc_span_v;
         level.round().clamp(0.0, full_scale) as u16
     }

@@ -1,12 +1,13 @@
 //! The chip's start (watchdog, clocks, analogue pins), and `firmware`'s clock, watchdog, store and word that outlives a
 //! reset.
 
+use crate::clock_search::{self, NO_CLOCK};
 use crate::clocks;
 use crate::flash;
 use crate::multiplexer;
 use crate::panic_record;
-use crate::sampler;
 use crate::supply::{self, supply_is_good, wait_for_supply};
+use crate::timebase;
 use core::sync::atomic::{AtomicU32, Ordering};
 use firmware::{Clock, Scratch, Sector, Store, Watchdog};
 use protocol::ResetCause;
@@ -21,8 +22,10 @@ pub struct Started {
     pub note: &'static str,
 }
 
-const NO_CLOCK: &str = "no clock of 8, 12, 16 or 25 MHz: on the internal one, 1 % off";
 const LOW_SUPPLY: &str = "the supply is below 3.0 V: settings cannot be stored";
+
+/// The chip's number, three words (RM0390 section 34.1, RM0090 section 39.1).
+pub const UNIQUE_ID: *const u32 = 0x1FFF_7A10 as *const u32;
 
 /// Processor cycles from one flash of the light to the next, 0.8 s. The cycle counter comes round after a whole number of
 /// these.
@@ -63,7 +66,7 @@ pub fn start(device: pac::Peripherals, mut core: cortex_m::Peripherals) -> Start
         reset_below_2_7_volt(&device.FLASH);
     }
 
-    let clock = clocks::find(&device.RCC, &device.TIM11);
+    let clock = clock_search::find(&device.RCC, &device.TIM11);
     log!(info, "clock: {}; supply good: {=bool}", clock, supplied);
     let rcc = device.RCC.freeze(clocks::config(clock));
     // From here on a clock that stops is a non-maskable interrupt, not a frequency that silently changes.
@@ -168,7 +171,7 @@ pub struct Chip;
 
 impl Clock for Chip {
     fn now(&mut self) -> u64 {
-        sampler::now()
+        timebase::now()
     }
 }
 
@@ -176,7 +179,7 @@ impl Watchdog for Chip {
     fn feed(&mut self) {
         // Reads the time every tenth of a second, also while nothing is measured: the cycle counter must not come round
         // unseen.
-        sampler::keep_up();
+        timebase::keep_up();
         feed();
         if supply::sags() {
             // Measurements are wrong now, and the supply may fall further. The sheet stays without voltage until the

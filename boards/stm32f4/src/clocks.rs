@@ -1,63 +1,32 @@
-//! The clock that the samples and the serial line run from: found by looking for it, and measured before it is used.
+//! The STM32F4's clocks: the counter of the search for one, and the way from what is found to 168 MHz.
 //!
-//! A Nucleo's debugger puts a clock on PH0, other boards have a crystal, some have neither, and not all have 8 MHz. Each
-//! way is tried. What then runs is counted against the internal oscillator, by TIM11, which captures edges of `HSE_RTC`
-//! ("Internal/external clock measurement using TIM5/TIM11" in RM0390 section 6.2, RM0090 sections 6.2 and 7.2).
+//! TIM11 captures edges of `HSE_RTC` ("Internal/external clock measurement using TIM5/TIM11" in RM0390 section 6.2, RM0090
+//! sections 6.2 and 7.2).
 
-use stm32f4xx_hal::pac;
+use crate::clock_search::{Found, Origin};
+use crate::pac;
 use stm32f4xx_hal::prelude::*;
 use stm32f4xx_hal::rcc::Config;
 
-/// How the high-speed input gets its clock.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Origin {
-    /// Something else makes it: the debugger of a Nucleo, an oscillator.
-    Outside,
-    /// The chip's own oscillator, with a crystal.
-    Crystal,
-}
+/// What counts the input.
+pub type Counter = pac::TIM11;
 
-/// A clock that was found.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Found {
-    /// Where it comes from.
-    pub origin: Origin,
-    /// Its frequency, MHz: one of [`KNOWN_MHZ`].
-    pub mhz: u32,
-}
+/// The internal oscillator's frequency, which the processor and the counter have at the start, MHz.
+pub const INTERNAL_MHZ: u32 = 16;
 
-/// Frequencies that boards have, and that the PLL makes 168 MHz of exactly.
-const KNOWN_MHZ: [u32; 4] = [8, 12, 16, 25];
-
-/// The internal oscillator's frequency, which the processor and TIM11 have at the start.
-const INTERNAL_HZ: u32 = 16_000_000;
-/// How far the internal oscillator can be off, in percent: 1 at 25 degrees, some 5 from -40 to 105 (data sheets). Half of
-/// the way between two known frequencies is 14 at least.
-const INTERNAL_PERCENT: u32 = 6;
-
-/// Edges of the input between two captures: the RTC's divider, then the capture's own.
-const RTC_DIVIDER: u8 = 31;
-const CAPTURE_DIVIDER: u32 = 8;
-const EDGES: u32 = RTC_DIVIDER as u32 * CAPTURE_DIVIDER;
 /// `HSE_RTC` in TIM11's option register, TI1_RMP.
 const HSE_RTC: u8 = 2;
 
-/// Looks for a clock from outside, then for a crystal. What is found runs on.
-pub fn find(rcc: &pac::RCC, timer: &pac::TIM11) -> Option<Found> {
-    let found = [Origin::Outside, Origin::Crystal].into_iter().find_map(|origin| {
-        if !starts(rcc, origin) {
-            return None;
-        }
-        let ticks = ticks_between_captures(rcc, timer)?;
-        known_mhz(ticks).map(|mhz| Found { origin, mhz })
-    });
-    if found.is_none() {
-        rcc.cr().modify(|_, w| w.hseon().off());
-        rcc.cr().modify(|_, w| w.hsebyp().not_bypassed());
-    }
-    found
+/// Lets the counter see the input.
+pub fn counter_on(rcc: &pac::RCC, counter: &Counter) {
+    rcc.apb2enr().modify(|_, w| w.tim11en().enabled());
+    // SAFETY: the field has two bits, and this value is one of its documented ones.
+    counter.or().write(|w| unsafe { w.rmp().bits(HSE_RTC) });
+}
+
+/// The counter is not needed any more.
+pub fn counter_off(rcc: &pac::RCC) {
+    rcc.apb2enr().modify(|_, w| w.tim11en().disabled());
 }
 
 /// What makes 168 MHz of it.
@@ -74,73 +43,4 @@ pub fn config(found: Option<Found>) -> Config {
         None => Config::hsi(),
     };
     source.sysclk(168.MHz()).pclk1(42.MHz()).pclk2(84.MHz())
-}
-
-/// Starts the input in one of its ways; whether it runs after 50 ms at most.
-fn starts(rcc: &pac::RCC, origin: Origin) -> bool {
-    let bypassed = origin == Origin::Outside;
-    // The way can only be changed while the input is off.
-    rcc.cr().modify(|_, w| w.hseon().off());
-    let mut patience = 100_000;
-    while rcc.cr().read().hserdy().is_ready() && patience > 0 {
-        patience -= 1;
-    }
-    rcc.cr().modify(|_, w| w.hsebyp().bit(bypassed));
-    rcc.cr().modify(|_, w| w.hseon().on());
-    patience = 100_000;
-    while !rcc.cr().read().hserdy().is_ready() && patience > 0 {
-        patience -= 1;
-    }
-    rcc.cr().read().hserdy().is_ready()
-}
-
-/// Ticks of the internal oscillator in [`EDGES`] periods of the input; `None` where no edge comes.
-fn ticks_between_captures(rcc: &pac::RCC, timer: &pac::TIM11) -> Option<u32> {
-    rcc.apb2enr().modify(|_, w| w.tim11en().enabled());
-    rcc.cfgr().modify(|_, w| w.rtcpre().set(RTC_DIVIDER));
-    // SAFETY: the field has two bits, and this value is one of its documented ones.
-    timer.or().write(|w| unsafe { w.rmp().bits(HSE_RTC) });
-    timer.ccmr1_input().write(|w| w.cc1s().ti1().ic1psc().eight_events());
-    timer.ccer().write(|w| w.cc1e().set_bit());
-    timer.arr().write(|w| w.arr().set(u16::MAX));
-    timer.cr1().write(|w| w.cen().enabled());
-    let ticks = two_captures(timer);
-    timer.cr1().write(|w| w.cen().disabled());
-    timer.ccer().write(|w| w.cc1e().clear_bit());
-    rcc.cfgr().modify(|_, w| w.rtcpre().set(0));
-    rcc.apb2enr().modify(|_, w| w.tim11en().disabled());
-    ticks
-}
-
-fn two_captures(timer: &pac::TIM11) -> Option<u32> {
-    /// The slowest known clock has 496 ticks between captures; an interrupted pair is tried again.
-    const TRIES: usize = 4;
-    let capture = || {
-        let mut patience = 10_000;
-        // Reading the value clears the flag.
-        while !timer.sr().read().cc1if().bit_is_set() {
-            patience -= 1;
-            if patience == 0 {
-                return None;
-            }
-        }
-        Some(timer.ccr1().read().ccr().bits())
-    };
-    for _ in 0..TRIES {
-        timer.sr().modify(|_, w| w.cc1if().clear_bit().cc1of().clear_bit());
-        let (first, second) = (capture()?, capture()?);
-        if !timer.sr().read().cc1of().bit_is_set() {
-            return Some(second.wrapping_sub(first).into());
-        }
-    }
-    None
-}
-
-/// The known frequency that so many ticks are; `None` where they are none's.
-fn known_mhz(ticks: u32) -> Option<u32> {
-    let of = |mhz: u32| EDGES * (INTERNAL_HZ / 1_000_000) / mhz;
-    // A capture is up to a tick late.
-    KNOWN_MHZ
-        .into_iter()
-        .find(|mhz| ticks.abs_diff(of(*mhz)) <= of(*mhz) * INTERNAL_PERCENT / 100 + 1)
 }

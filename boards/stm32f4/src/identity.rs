@@ -5,14 +5,12 @@ mod hexadecimal;
 
 pub use hexadecimal::hexadecimal;
 
-/// The chip's number, three words (RM0390 section 34.1, RM0090 section 39.1).
-const UNIQUE_ID: *const u32 = 0x1FFF_7A10 as *const u32;
+use crate::chip::UNIQUE_ID;
 
 /// The chip's number in hexadecimal.
 pub fn serial_number(out: &'static mut [u8; 24]) -> &'static str {
     for (word, digits) in (0..).zip(out.chunks_exact_mut(8)) {
-        // SAFETY: `out` has room for three words, so `word` is 0 to 2. Every STM32F4 has three words of read-only
-        // memory there.
+        // SAFETY: `out` has room for three words, so `word` is 0 to 2. The chip has three words of read-only memory there.
         let value = unsafe { UNIQUE_ID.add(word).read_volatile() };
         hexadecimal(value, digits);
     }

@@ -15,11 +15,14 @@
 mod log;
 
 mod chip;
+mod clock_search;
 mod clocks;
+mod dac;
 mod flash;
 mod front_end;
 mod identity;
 mod light;
+mod lines;
 mod multiplexer;
 mod panic_record;
 mod ring;
@@ -28,6 +31,7 @@ mod serial;
 mod sine;
 mod source;
 mod supply;
+mod timebase;
 
 use chip::Chip;
 use cortex_m_rt::entry;

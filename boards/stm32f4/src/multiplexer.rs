@@ -1,40 +1,28 @@
 //! The four 16-way multiplexers, each two 74HCT4051: three address lines and an enable line for each half.
 //!
-//! All twelve address lines are on port B. All eight enable lines (low: connected) are on port C. Each group therefore
-//! changes in one write. Every change of route is: all enables off, dead time, addresses, dead time, enables on.
+//! All twelve address lines are on one port, all eight enable lines (low: connected) on another: `lines` says which. Each group
+//! therefore changes in one write. Every change of route is: all enables off, dead time, addresses, dead time, enables on.
+//! Amplifiers that are always connected to their pairs need none.
+//!
+//! A 74HCT4051 lets go within 60 ns and connects within 70 ns at 4.5 V. The longest times in its data sheet are 47 ns and 55 ns,
+//! at 25 degrees.
 
+use crate::lines::{
+    ADDRESS_PINS, BUSY_PIN, DEAD_CYCLES, DRIVE_MINUS, DRIVE_PLUS, ENABLE_PINS, LIGHT_PIN, Port, SENSE_MINUS,
+    SENSE_PLUS, addresses, enables, senses_all, signals,
+};
 use firmware::{ErrorKind, Route, Sense};
-use stm32f4xx_hal::pac;
-
-/// Address lines: bit of the lowest of three, on port B.
-const SENSE_MINUS: Lines = Lines { address: 0, enable: 0 };
-const SENSE_PLUS: Lines = Lines { address: 3, enable: 2 };
-const DRIVE_PLUS: Lines = Lines { address: 6, enable: 4 };
-const DRIVE_MINUS: Lines = Lines { address: 12, enable: 6 };
-
-const ADDRESS_PINS: u32 = 0b0111_0001_1111_1111;
-const ENABLE_PINS: u32 = 0xFF;
-/// Port A, pin 8: high while the processor works on a block of samples; for an oscilloscope.
-const BUSY_PIN: u32 = 1 << 8;
-/// Port A, pin 5: the Nucleo's green light LD2, on when high.
-const LIGHT_PIN: u32 = 1 << 5;
-
-/// Processor cycles between two steps of a change: 0.12 us.
-///
-/// A 74HCT4051 lets go within 60 ns and connects within 70 ns at 4.5 V. The longest times in its data sheet are 47 ns
-/// and 55 ns, at 25 degrees.
-const DEAD_CYCLES: u32 = 20;
 
 /// Electrodes that the multiplexers have.
 const ELECTRODES: u8 = 16;
 
 /// Where one multiplexer is wired to.
 #[derive(Clone, Copy)]
-struct Lines {
-    /// Port B, lowest of three.
-    address: u32,
-    /// Port C: the half with electrodes 0 to 7; the other half is the next pin.
-    enable: u32,
+pub struct Lines {
+    /// The lowest of three address lines.
+    pub address: u32,
+    /// Enable line of the half with electrodes 0 to 7; the other half is the next pin.
+    pub enable: u32,
 }
 
 impl Lines {
@@ -49,35 +37,16 @@ impl Lines {
 
 /// Makes the pins outputs, with nothing connected.
 pub fn start() {
-    let [a, b, c] = ports();
-    set_levels(c, ENABLE_PINS, 0);
-    make_outputs(c, ENABLE_PINS);
-    make_outputs(b, ADDRESS_PINS);
-    make_outputs(a, BUSY_PIN | LIGHT_PIN);
-}
-
-/// The registers of a port.
-type Port = pac::gpioa::RegisterBlock;
-
-/// Ports A, B and C.
-fn ports() -> [&'static Port; 3] {
-    // SAFETY: the addresses are those of the ports' registers, which are the same ones in the same places for every
-    // port (RM0390 section 7.4, RM0090 section 8.4). This module changes its own pins only: at run time by a register
-    // that leaves all others alone, and in `start`, before interrupts are on, by reading, changing and writing the mode
-    // register.
-    unsafe {
-        [
-            &*pac::GPIOA::ptr(),
-            &*pac::GPIOB::ptr().cast(),
-            &*pac::GPIOC::ptr().cast(),
-        ]
-    }
+    set_levels(enables(), ENABLE_PINS, 0);
+    make_outputs(enables(), ENABLE_PINS);
+    make_outputs(addresses(), ADDRESS_PINS);
+    make_outputs(signals(), BUSY_PIN | LIGHT_PIN);
 }
 
 /// Sets some pins of a port and resets others, in one write.
 fn set_levels(port: &Port, set: u32, reset: u32) {
     // SAFETY: the register takes any value. A one in its lower half sets a pin, in its upper half it resets one; zeros
-    // do nothing (RM0390 section 7.4.7, RM0090 section 8.4.7).
+    // do nothing (RM0390 section 7.4.7, RM0090 section 8.4.7, RM0433 section 11.4.7).
     port.bsrr().write(|w| unsafe { w.bits(set | reset << 16) });
 }
 
@@ -95,6 +64,11 @@ fn make_outputs(port: &Port, pins: u32) {
 /// An electrode that is not there, or a way of sensing that this board has not.
 pub fn select(route: &Route) -> Result<(), ErrorKind> {
     let Route { drive, sense, .. } = *route;
+    #[cfg(feature = "fault-routing")]
+    let drive = protocol::Pair {
+        plus: drive.plus ^ u8::from(drive.minus == 9),
+        ..drive
+    };
     if drive.plus >= ELECTRODES || drive.minus >= ELECTRODES {
         return Err(ErrorKind::Route);
     }
@@ -102,46 +76,38 @@ pub fn select(route: &Route) -> Result<(), ErrorKind> {
     let mut enable = DRIVE_PLUS.enable_bit(drive.plus) | DRIVE_MINUS.enable_bit(drive.minus);
     match sense {
         Sense::One(pair) if pair.plus < ELECTRODES && pair.minus < ELECTRODES => {
-            #[cfg(feature = "fault-routing")]
-            let pair = protocol::Pair {
-                plus: pair.plus ^ u8::from(pair.minus == 9),
-                ..pair
-            };
             address |= SENSE_PLUS.address_bits(pair.plus) | SENSE_MINUS.address_bits(pair.minus);
             enable |= SENSE_PLUS.enable_bit(pair.plus) | SENSE_MINUS.enable_bit(pair.minus);
         }
         Sense::Source => {}
+        Sense::All { step } if senses_all(step) => {}
         _ => return Err(ErrorKind::Route),
     }
-    let [_, b, c] = ports();
     if !cfg!(feature = "fault-break") {
-        set_levels(c, ENABLE_PINS, 0);
+        set_levels(enables(), ENABLE_PINS, 0);
     }
     cortex_m::asm::delay(DEAD_CYCLES);
-    set_levels(b, address, ADDRESS_PINS & !address);
+    set_levels(addresses(), address, ADDRESS_PINS & !address);
     cortex_m::asm::delay(DEAD_CYCLES);
-    set_levels(c, ENABLE_PINS & !enable, enable);
+    set_levels(enables(), ENABLE_PINS & !enable, enable);
     Ok(())
 }
 
 /// Disconnects everything.
 pub fn release() {
-    let [.., c] = ports();
-    set_levels(c, ENABLE_PINS, 0);
+    set_levels(enables(), ENABLE_PINS, 0);
 }
 
 /// Says that work on a block begins.
 pub fn work() {
-    let [a, ..] = ports();
-    set_levels(a, BUSY_PIN, 0);
+    set_levels(signals(), BUSY_PIN, 0);
 }
 
 /// Says that there is nothing to do, and switches the light.
 pub fn rest(light: bool) {
-    let [a, ..] = ports();
     if light {
-        set_levels(a, LIGHT_PIN, BUSY_PIN);
+        set_levels(signals(), LIGHT_PIN, BUSY_PIN);
     } else {
-        set_levels(a, 0, BUSY_PIN | LIGHT_PIN);
+        set_levels(signals(), 0, BUSY_PIN | LIGHT_PIN);
     }
 }

@@ -1,15 +1,12 @@
 //! Samples in step with the excitation: TIM2 starts a conversion of ADC1 and steps the DAC with one and the same pulse,
 //! and DMA writes the codes round a ring. While a block of it is worked on, the next ones are filled.
 //!
-//! Nothing here needs an interrupt. The DMA stream tells how far the ring is filled. The processor's cycle counter,
-//! which runs from the same clock, tells how often the stream went round.
+//! Nothing here needs an interrupt: the DMA stream tells how far the ring is filled.
 
 use crate::ring::Shared;
 use crate::source::Source;
-use core::cell::Cell;
-use core::sync::atomic::{AtomicBool, Ordering};
-use cortex_m::interrupt::{self, Mutex};
-use cortex_m::peripheral::DWT;
+use crate::timebase::{self, now};
+use cortex_m::interrupt;
 use firmware::{Block, ErrorKind, QUARTER_SAMPLES, Rails, SAMPLES_PER_PERIOD, Window};
 use stm32f4xx_hal::pac;
 
@@ -18,10 +15,10 @@ pub const TIMER_HZ: u32 = 84_000_000;
 /// 84 MHz / (16 * 1425) = 3684.2 Hz of excitation.
 pub const TICKS_PER_SAMPLE: u32 = 1425;
 /// Processor cycles from one sample to the next.
-const CYCLES_PER_SAMPLE: u32 = 2 * TICKS_PER_SAMPLE;
+pub const CYCLES_PER_SAMPLE: u32 = 2 * TICKS_PER_SAMPLE;
 
 /// Samples in the ring: four periods, 1.1 ms.
-const RING: usize = 4 * SAMPLES_PER_PERIOD;
+pub const RING: usize = 4 * SAMPLES_PER_PERIOD;
 static SAMPLES: Shared<u16, RING> = Shared::new(0);
 
 /// Timer ticks after which a conversion is over and in memory: 28 cycles of sampling and 12 of conversion at 21 MHz are
@@ -40,22 +37,6 @@ struct Open {
     next: u64,
     end: u64,
 }
-
-/// Counts samples since power-up.
-#[derive(Clone, Copy)]
-struct Timebase {
-    /// Samples taken and in memory, as of `cycles` on the cycle counter.
-    total: u64,
-    position: usize,
-    cycles: u32,
-}
-
-/// There is one, so that all who ask agree.
-static TIME: Mutex<Cell<Timebase>> = Mutex::new(Cell::new(Timebase {
-    total: 0,
-    position: 0,
-    cycles: 0,
-}));
 
 /// What the converter can look at: the inputs of ADC1 that are wired, by their channel numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -86,69 +67,12 @@ fn registers() -> (
     unsafe { (&*pac::TIM2::ptr(), &*pac::ADC1::ptr(), &*pac::DMA2::ptr()) }
 }
 
-/// Samples taken and in memory since power-up.
-///
-/// The next call has to come within 25 s, in which the cycle counter goes round once. If the sampling stops, the time
-/// goes on, twice as fast: a wait for samples has an end.
-pub fn now() -> u64 {
-    interrupt::free(|key| {
-        let cell = TIME.borrow(key);
-        let mut time = cell.get();
-        if time.advance() {
-            cell.set(time);
-        }
-        time.total
-    })
-}
-
-/// Calls [`now`] every tenth of a second, so that nobody else has to.
-pub fn keep_up() {
-    static TENTH: AtomicBool = AtomicBool::new(false);
-    let tenth = DWT::cycle_count() & 1 << 24 != 0;
-    if TENTH.load(Ordering::Relaxed) != tenth {
-        TENTH.store(tenth, Ordering::Relaxed);
-        now();
-    }
-}
-
-/// Brings the time up to date, and lets it be looked at and changed.
-fn timed<R>(f: impl FnOnce(&mut Timebase) -> R) -> R {
-    interrupt::free(|key| {
-        let cell = TIME.borrow(key);
-        let mut time = cell.get();
-        time.advance();
-        let result = f(&mut time);
-        cell.set(time);
-        result
-    })
-}
-
-impl Timebase {
-    /// Whether anything changed.
-    #[inline]
-    fn advance(&mut self) -> bool {
-        let (.., dma) = registers();
-        let cycles = DWT::cycle_count();
-        let left = dma.st(0).ndtr().read().bits() as usize;
-        let position = (2 * RING - left) % RING;
-        // The usual case: this is called some ten times a sample.
-        if position == self.position && cycles.wrapping_sub(self.cycles) < RING as u32 / 2 * CYCLES_PER_SAMPLE {
-            return false;
-        }
-        let further = (RING + position - self.position) % RING;
-        // The cycle counter tells how many whole rounds that leaves out; it may be off by a few samples, not by half a
-        // ring.
-        let about = (cycles.wrapping_sub(self.cycles) / CYCLES_PER_SAMPLE) as usize;
-        let rounds = (about + RING / 2).saturating_sub(further) / RING;
-        let samples = further + rounds * RING;
-        // Parts of a sample are not counted, and so must not be forgotten.
-        if samples > 0 {
-            self.total += samples as u64;
-            self.position = position;
-            self.cycles = cycles;
-        }
-        samples > 0
-    }
+/// Samples of this round that are in memory.
+#[inline]
+pub fn position() -> usize {
+    let (.., dma) = registers();
+    let left = dma.st(0).ndtr().read().bits() as usize;
+    (2 * RING - left) % RING
 }
 
 impl Sampler {
@@ -163,10 +87,7 @@ impl Sampler {
     pub fn start(&mut self, source: &Source) {
         let (timer, adc, dma) = registers();
         timer.cr1().write(|w| w.cen().disabled());
-        timed(|time| {
-            time.total = time.total.next_multiple_of(RING as u64);
-            time.position = 0;
-        });
+        timebase::stopped();
         self.open = None;
 
         adc.cr2().write(|w| w.adon().disabled());
@@ -215,14 +136,7 @@ impl Sampler {
         timer.cnt().write(|w| w.cnt().set(0));
         timer.cr2().write(|w| w.mms().update());
         timer.cr1().write(|w| w.cen().enabled());
-        // The first sample is a sample's time away, and written to memory a moment later.
-        interrupt::free(|key| {
-            let cell = TIME.borrow(key);
-            cell.set(Timebase {
-                cycles: DWT::cycle_count(),
-                ..cell.get()
-            });
-        });
+        timebase::started();
     }
 
     /// Which of the converter's inputs is sampled from the next sample on.

@@ -1,8 +1,11 @@
 //! The chip's start (watchdog, supply, clocks), and `firmware`'s clock, watchdog, store and word that outlives a reset.
 
+use crate::clock_search::{self, NO_CLOCK};
+use crate::clocks;
 use crate::pac;
 use crate::supply::{self, supply_is_good, wait_for_supply};
-use crate::{converter, dma, flash, multiplexer, panic_record, sampler};
+use crate::timebase;
+use crate::{converter, dma, flash, multiplexer, panic_record};
 use core::sync::atomic::{AtomicU32, Ordering};
 use firmware::{Clock, Scratch, Sector, Store, Watchdog};
 use protocol::ResetCause;
@@ -15,8 +18,10 @@ pub struct Started {
     pub note: &'static str,
 }
 
-const NO_CLOCK: &str = "no clock of 8 MHz: on the internal one, 1 % off";
 const LOW_SUPPLY: &str = "the supply is below 2.85 V: settings cannot be stored";
+
+/// The chip's number, three words (RM0433 section 61.1).
+pub const UNIQUE_ID: *const u32 = 0x1FF1_E800 as *const u32;
 
 /// Processor cycles from one flash of the light to the next, 0.7 s. The cycle counter comes round after a whole number of
 /// these.
@@ -39,7 +44,10 @@ pub fn start(device: &pac::Peripherals, core: &mut cortex_m::Peripherals) -> Sta
     let cause = reset_cause(&device.RCC.rsr().read());
     device.RCC.rsr().modify(|_, w| w.rmvf().set_bit());
     let supplied = wait_for_supply(&device.PWR);
-    let found = clocks(device);
+    clocks::raise_voltage(&device.PWR);
+    let clock = clock_search::find(&device.RCC, &device.TIM17);
+    log!(info, "clock: {}; supply good: {=bool}", clock, supplied);
+    clocks::run(&device.RCC, &device.FLASH, clock);
     device
         .RCC
         .ahb1enr()
@@ -68,73 +76,12 @@ pub fn start(device: &pac::Peripherals, core: &mut cortex_m::Peripherals) -> Sta
     converter::start();
     Started {
         cause,
-        note: match (found, supplied) {
-            (false, _) => NO_CLOCK,
-            (true, false) => LOW_SUPPLY,
-            (true, true) => "",
+        note: match (clock, supplied) {
+            (None, _) => NO_CLOCK,
+            (Some(_), false) => LOW_SUPPLY,
+            (Some(_), true) => "",
         },
     }
-}
-
-/// 400 MHz for the processor, 200 MHz for buses and TIM2, 100 MHz for the serial port and 50 MHz for the converters; from
-/// the debugger's clock of 8 MHz (PH0), or from the internal one. Whether the debugger's runs.
-fn clocks(device: &pac::Peripherals) -> bool {
-    let (rcc, pwr) = (&device.RCC, &device.PWR);
-    // The supply is the chip's own linear regulator, told once after power came. Then the voltage that 400 MHz need.
-    pwr.cr3()
-        .modify(|_, w| w.scuen().set_bit().ldoen().set_bit().bypass().clear_bit());
-    while pwr.csr1().read().actvosrdy().bit_is_clear() {}
-    // SAFETY: three, scale 1, is a value of the field.
-    pwr.d3cr().modify(|_, w| unsafe { w.vos().bits(3) });
-    while pwr.d3cr().read().vosrdy().bit_is_clear() {}
-
-    rcc.cr().modify(|_, w| w.hsebyp().bypassed());
-    rcc.cr().modify(|_, w| w.hseon().on());
-    // Some 0.1 s of the internal oscillator's.
-    let mut patience = 1_000_000;
-    while !rcc.cr().read().hserdy().is_ready() && patience > 0 {
-        patience -= 1;
-    }
-    let found = rcc.cr().read().hserdy().is_ready();
-    // Both loops get 8 MHz.
-    rcc.pllckselr().write(|w| {
-        if found {
-            w.pllsrc().hse().divm1().set(1).divm2().set(1)
-        } else {
-            w.pllsrc().hsi().divm1().set(8).divm2().set(8)
-        }
-    });
-    rcc.pllcfgr().write(|w| {
-        w.pll1rge().range8().pll1vcosel().wide_vco().divp1en().enabled();
-        w.pll2rge().range8().pll2vcosel().wide_vco().divp2en().enabled()
-    });
-    // 8 MHz * 100 / 2 and 8 MHz * 25 / 4: the fields hold one less.
-    // SAFETY: all values are ones that the fields take (RM0433 sections 8.7.13 and 8.7.15).
-    unsafe {
-        rcc.pll1divr().write(|w| w.divn1().bits(99).divp1().bits(1));
-        rcc.pll2divr().write(|w| w.divn2().bits(24).divp2().bits(3));
-    }
-    rcc.cr().modify(|_, w| w.pll1on().on().pll2on().on());
-    while !rcc.cr().read().pll1rdy().is_ready() || !rcc.cr().read().pll2rdy().is_ready() {}
-    // For 200 MHz on the bus of the flash memory (RM0433 table 17).
-    // SAFETY: values that the fields take.
-    device
-        .FLASH
-        .acr()
-        .write(|w| unsafe { w.latency().bits(2).wrhighfreq().bits(2) });
-    while device.FLASH.acr().read().latency().bits() != 2 {}
-    rcc.d1cfgr()
-        .modify(|_, w| w.d1cpre().div1().hpre().div2().d1ppre().div2());
-    rcc.d2cfgr().modify(|_, w| w.d2ppre1().div2().d2ppre2().div2());
-    rcc.d3cfgr().modify(|_, w| w.d3ppre().div2());
-    rcc.cfgr().modify(|_, w| w.sw().pll1());
-    while !rcc.cfgr().read().sws().is_pll1() {}
-    rcc.d3ccipr().modify(|_, w| w.adcsel().pll2_p());
-    // From here on a clock that stops is a non-maskable interrupt, not a frequency that silently changes.
-    if found {
-        rcc.cr().modify(|_, w| w.hsecsson().on());
-    }
-    found
 }
 
 /// Feeds the watchdog.
@@ -176,14 +123,14 @@ pub struct Chip;
 
 impl Clock for Chip {
     fn now(&mut self) -> u64 {
-        sampler::now()
+        timebase::now()
     }
 }
 
 impl Watchdog for Chip {
     fn feed(&mut self) {
         // Also while nothing is measured: the cycle counter must not come round unseen.
-        sampler::keep_up();
+        timebase::keep_up();
         feed();
         if supply::sags() {
             // Measurements are wrong now, and the supply may fall further. The sheet stays without voltage until the

@@ -1,5 +1,6 @@
 //! Multiplexers, source and sampler as `firmware`'s front end.
 
+use crate::lines;
 use crate::multiplexer;
 use crate::sampler::{Input, Sampler};
 use crate::source::Source;
@@ -41,7 +42,7 @@ impl Router for FrontEnd {
     }
 
     fn senses_all(&self, step: u8, gain: u8) -> bool {
-        multiplexer::senses_all(step) && gain == 0
+        lines::senses_all(step) && gain == 0
     }
 }
 

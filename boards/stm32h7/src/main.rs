@@ -18,13 +18,20 @@ use stm32h7_pac::stm32h743v as pac;
 mod log;
 
 mod chip;
+#[path = "../../stm32f4/src/clock_search.rs"]
+mod clock_search;
+mod clocks;
 mod converter;
+mod dac;
 mod dma;
 mod flash;
 mod front_end;
+#[path = "../../stm32f4/src/identity.rs"]
 mod identity;
 #[path = "../../stm32f4/src/light.rs"]
 mod light;
+mod lines;
+#[path = "../../stm32f4/src/multiplexer.rs"]
 mod multiplexer;
 #[path = "../../stm32f4/src/panic_record.rs"]
 mod panic_record;
@@ -34,8 +41,11 @@ mod sampler;
 mod serial;
 #[path = "../../stm32f4/src/sine.rs"]
 mod sine;
+#[path = "../../stm32f4/src/source.rs"]
 mod source;
 mod supply;
+#[path = "../../stm32f4/src/timebase.rs"]
+mod timebase;
 
 use chip::Chip;
 use cortex_m_rt::entry;
@@ -89,6 +99,8 @@ fn main() -> ! {
     core::hint::black_box(IMAGE_TAG);
     panic_record::planted();
     loop {
+        #[cfg(feature = "defmt")]
+        log::tell(board.counters());
         #[cfg(feature = "fault-hang")]
         panic_record::hang_later(firmware::Clock::now(board.support_mut()));
         if board.poll() == Activity::Idle {
@@ -137,6 +149,7 @@ fn start(
         Some(Past::Sag) => info.reset = ResetCause::BrownOut,
         None => {}
     }
+    log!(info, "reset: {}; {=str}", info.reset, info.last_panic);
     // All pairs of a drive at once, a period to settle and one to integrate, until the host says otherwise.
     Controller::asleep(info, Plan::fast(), FrontEnd::start(), Serial::start(), Chip, memory)
 }

@@ -6,18 +6,14 @@
 //! difference amplifier, and the source. All three always run; a block takes the columns that its route asks for. A
 //! regular sequence cannot be changed while a converter waits for triggers (RM0433 section 25.4.10).
 //!
-//! Nothing here needs an interrupt. The DMA streams tell how far the rings are filled. The processor's cycle counter, which
-//! runs from the same clock, tells how often they went round.
+//! Nothing here needs an interrupt: the DMA streams tell how far the rings are filled.
 
 use crate::converter::{self, Converter};
 use crate::dma::{self, Stream};
 use crate::pac;
 use crate::ring::Shared;
 use crate::source::Source;
-use core::cell::Cell;
-use core::sync::atomic::{AtomicBool, Ordering};
-use cortex_m::interrupt::{self, Mutex};
-use cortex_m::peripheral::DWT;
+use crate::timebase::{self, now};
 use firmware::{Block, ErrorKind, MAX_CHANNELS, QUARTER_SAMPLES, Rails, SAMPLES_PER_PERIOD, Window};
 
 /// Clock of TIM2, Hz.
@@ -27,13 +23,13 @@ pub const TICKS_PER_SAMPLE: u32 = 3392;
 /// From one conversion to the next of the same converter: 16.5 cycles of sampling and 8.5 of conversion at 25 MHz.
 pub const SKEW_TICKS: u16 = 200;
 /// Processor cycles from one sample to the next.
-const CYCLES_PER_SAMPLE: u32 = 2 * TICKS_PER_SAMPLE;
+pub const CYCLES_PER_SAMPLE: u32 = 2 * TICKS_PER_SAMPLE;
 
 /// Columns of a row that a converter writes: half of the channels, and of the third one.
 const HALF_ROW: usize = MAX_CHANNELS / 2;
 const SINGLES: usize = 3;
 /// Rows in a ring: four periods, 1.1 ms.
-const RING: usize = 4 * SAMPLES_PER_PERIOD;
+pub const RING: usize = 4 * SAMPLES_PER_PERIOD;
 
 // SAFETY (of the three sections): they are in memory that DMA reaches, and any codes are as good as none until a stream has
 // written them.
@@ -72,22 +68,6 @@ struct Open {
     end: u64,
 }
 
-/// Counts rows since power-up.
-#[derive(Clone, Copy)]
-struct Timebase {
-    /// Rows taken and in memory, as of `cycles` on the cycle counter.
-    total: u64,
-    position: usize,
-    cycles: u32,
-}
-
-/// There is one, so that all who ask agree.
-static TIME: Mutex<Cell<Timebase>> = Mutex::new(Cell::new(Timebase {
-    total: 0,
-    position: 0,
-    cycles: 0,
-}));
-
 /// The sampler; it runs from power-up on.
 pub struct Sampler {
     sequence: u32,
@@ -102,31 +82,6 @@ fn timer() -> &'static pac::tim2::RegisterBlock {
     unsafe { &*pac::TIM2::ptr() }
 }
 
-/// Samples taken and in memory since power-up.
-///
-/// The next call has to come within 10 s, in which the cycle counter goes round once. If the sampling stops, the time goes
-/// on: a wait for samples has an end.
-pub fn now() -> u64 {
-    interrupt::free(|key| {
-        let cell = TIME.borrow(key);
-        let mut time = cell.get();
-        if time.advance() {
-            cell.set(time);
-        }
-        time.total
-    })
-}
-
-/// Calls [`now`] every few hundredths of a second, so that nobody else has to.
-pub fn keep_up() {
-    static LAST: AtomicBool = AtomicBool::new(false);
-    let bit = DWT::cycle_count() & 1 << 24 != 0;
-    if LAST.load(Ordering::Relaxed) != bit {
-        LAST.store(bit, Ordering::Relaxed);
-        now();
-    }
-}
-
 /// Whole rows of a ring that its stream has filled in this round.
 fn filled(stream: Stream, columns: usize) -> usize {
     let left = usize::from(dma::stream(stream).ndtr().read().ndt().bits());
@@ -134,7 +89,7 @@ fn filled(stream: Stream, columns: usize) -> usize {
 }
 
 /// Rows of this round that are in memory in full. The three streams are a row apart at most; the last one counts.
-fn position() -> usize {
+pub fn position() -> usize {
     let second = filled(Stream::Second, HALF_ROW);
     [filled(Stream::First, HALF_ROW), filled(Stream::Third, SINGLES)]
         .into_iter()
@@ -142,29 +97,6 @@ fn position() -> usize {
             let behind = (last + RING - other) % RING;
             if behind < RING / 2 { other } else { last }
         })
-}
-
-impl Timebase {
-    /// Brings it up to date; false if nothing has changed.
-    fn advance(&mut self) -> bool {
-        let (position, cycles) = (position(), DWT::cycle_count());
-        if position == self.position && cycles.wrapping_sub(self.cycles) < RING as u32 / 2 * CYCLES_PER_SAMPLE {
-            return false;
-        }
-        let further = (RING + position - self.position) % RING;
-        // The cycle counter tells how many whole rounds that leaves out; it may be off by a few samples, not by half a
-        // ring.
-        let about = (cycles.wrapping_sub(self.cycles) / CYCLES_PER_SAMPLE) as usize;
-        let rounds = (about + RING / 2).saturating_sub(further) / RING;
-        let rows = further + rounds * RING;
-        // Parts of a sample are not counted, and so must not be forgotten.
-        if rows > 0 {
-            self.total += rows as u64;
-            self.position = position;
-            self.cycles = cycles;
-        }
-        rows > 0
-    }
 }
 
 impl Sampler {
@@ -181,16 +113,7 @@ impl Sampler {
     pub fn start(&mut self, source: &Source) {
         let timer = timer();
         timer.cr1().write(|w| w.cen().disabled());
-        now();
-        interrupt::free(|key| {
-            let cell = TIME.borrow(key);
-            let time = cell.get();
-            cell.set(Timebase {
-                total: time.total.next_multiple_of(RING as u64),
-                position: 0,
-                ..time
-            });
-        });
+        timebase::stopped();
         self.open = None;
         for (converter, stream, ring, len) in [
             (Converter::First, Stream::First, FIRST.address(), RING * HALF_ROW),
@@ -219,14 +142,7 @@ impl Sampler {
         timer.cnt().write(|w| w.cnt().set(0));
         timer.cr2().write(|w| w.mms().update());
         timer.cr1().write(|w| w.cen().enabled());
-        // The first row is a sample's time away, and written to memory a moment later.
-        interrupt::free(|key| {
-            let cell = TIME.borrow(key);
-            cell.set(Timebase {
-                cycles: DWT::cycle_count(),
-                ..cell.get()
-            });
-        });
+        timebase::started();
     }
 
     /// What the next blocks are made of.

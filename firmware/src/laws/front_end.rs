@@ -71,8 +71,8 @@ pub enum Violation {
 const PATIENCE: u32 = 50_000_000;
 
 /// Runs every law on a front end that lends samples. `route` must put a voltage on its first channel in phase with the excitation, of at least
-/// half the converter's range from peak to peak. `channels` is how many channels `route` has. `stall` must let more time
-/// pass than the front end has room for blocks.
+/// half the converter's range from peak to peak. `channels` is how many channels `route` has, `bits` how many a code has.
+/// `stall` must let more time pass than the front end has room for blocks.
 ///
 /// # Errors
 /// The first duty found broken. The excitation is then left on.
@@ -80,6 +80,7 @@ pub fn check<F: FrontEnd + Capture>(
     front: &mut F,
     route: &Route,
     channels: u8,
+    bits: u8,
     mut stall: impl FnMut(&mut F),
 ) -> Result<(), Violation> {
     let refused = |e: F::Error| Violation::Refused(e.kind());
@@ -89,7 +90,11 @@ pub fn check<F: FrontEnd + Capture>(
     };
     front.switch_on().map_err(refused)?;
     front.select(route).map_err(refused)?;
-    let mut ledger = Ledger::default();
+    let mut ledger = Ledger {
+        bits,
+        next: None,
+        end: 0,
+    };
     for (settle_quarters, periods) in [(0, 1), (4, 1), (1, 2), (13, 4), (0, 5), (3, 1), (6, 40)] {
         let window = Window {
             settle_quarters,
@@ -97,14 +102,7 @@ pub fn check<F: FrontEnd + Capture>(
             channels,
         };
         Capture::begin(front, window).map_err(refused)?;
-        let folded = ledger.read(front, window)?;
-        let (p, _) = folded.correlate(0);
-        if p.in_phase <= 0 || p.quadrature.abs() > p.in_phase / 4 {
-            return Err(Violation::Signal {
-                in_phase: p.in_phase,
-                quadrature: p.quadrature,
-            });
-        }
+        in_phase(&ledger.read(front, window)?)?;
     }
 
     // A window begun anew lends its own periods only.
@@ -127,14 +125,32 @@ pub fn check<F: FrontEnd + Capture>(
         Ok(_) => return Err(Violation::SilentOverrun),
     }
     ledger.next = None;
-    Capture::begin(front, short).map_err(refused)?;
-    ledger.read(front, short)?;
+    // What the source is filtered by may have to swing in again.
+    let after = Window {
+        settle_quarters: 2 * QUARTERS as u16,
+        ..short
+    };
+    Capture::begin(front, after).map_err(refused)?;
+    in_phase(&ledger.read(front, after)?)?;
     front.switch_off().map_err(refused)
 }
 
+/// The first channel is in phase with the excitation.
+fn in_phase(folded: &Folded) -> Result<(), Violation> {
+    let (p, _) = folded.correlate(0);
+    if p.in_phase <= 0 || p.quadrature.abs() > p.in_phase / 4 {
+        return Err(Violation::Signal {
+            in_phase: p.in_phase,
+            quadrature: p.quadrature,
+        });
+    }
+    Ok(())
+}
+
 /// What the blocks so far lead one to expect.
-#[derive(Default)]
 struct Ledger {
+    /// Bits of a code.
+    bits: u8,
     /// Number of the next block.
     next: Option<u32>,
     /// Time after the last block, in samples.
@@ -144,7 +160,7 @@ struct Ledger {
 impl Ledger {
     /// Reads a window that was just opened.
     fn read<F: FrontEnd + Capture>(&mut self, front: &mut F, window: Window) -> Result<Folded, Violation> {
-        let mut folded = Folded::new();
+        let mut folded = Folded::of_bits(self.bits);
         folded.reset(window.channels);
         let wanted = QUARTERS * u32::from(window.periods);
         let mut earliest = self.end + u64::from(window.settle_quarters) * QUARTER_SAMPLES as u64;

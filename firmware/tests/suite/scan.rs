@@ -90,7 +90,7 @@ fn the_fake_keeps_the_laws() {
         gain: 0,
     };
     let stall = |f: &mut &mut Fake| f.now += 100_000;
-    assert_eq!(laws::check(&mut &mut Fake::new(), &route, 16, stall), Ok(()));
+    assert_eq!(laws::check(&mut &mut Fake::new(), &route, 16, 12, stall), Ok(()));
 }
 
 #[test]
@@ -103,7 +103,7 @@ fn a_front_end_that_breaks_a_law_is_found_out() {
         };
         let mut fake = Fake::new();
         fake.flaw = Some(flaw);
-        laws::check(&mut fake, &route, 16, |f| f.now += 100_000)
+        laws::check(&mut fake, &route, 16, 12, |f| f.now += 100_000)
     };
     assert!(matches!(found(Flaw::Late), Err(Violation::Phase { .. })));
     assert!(matches!(found(Flaw::Skips), Err(Violation::Gap { .. })));
@@ -112,6 +112,7 @@ fn a_front_end_that_breaks_a_law_is_found_out() {
     assert!(matches!(found(Flaw::Cut), Err(Violation::Shape { .. })));
     assert!(matches!(found(Flaw::Surplus), Err(Violation::Quarters { .. })));
     assert!(matches!(found(Flaw::Reversed), Err(Violation::Signal { .. })));
+    assert!(matches!(found(Flaw::Ahead), Err(Violation::Signal { .. })));
     assert_eq!(found(Flaw::Silent), Err(Violation::SilentOverrun));
     assert_eq!(found(Flaw::Mute), Err(Violation::Stuck));
 }

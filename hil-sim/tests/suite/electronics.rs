@@ -49,14 +49,14 @@ fn the_front_end_keeps_the_laws() {
         ..route(Sense::One(Pair { plus: 0, minus: 1 }))
     };
     let (clock, mut one) = front(Electronics::default());
-    assert_eq!(laws::check(&mut one, &own, 16, |_| clock.advance(1000)), Ok(()));
+    assert_eq!(laws::check(&mut one, &own, 16, 12, |_| clock.advance(1000)), Ok(()));
     let all = Route {
         drive: Pair { plus: 1, minus: 0 },
         gain: 1,
         ..route(Sense::All { step: 1 })
     };
     let (clock, mut many) = front(Electronics::default());
-    assert_eq!(laws::check(&mut many, &all, 16, |_| clock.advance(1000)), Ok(()));
+    assert_eq!(laws::check(&mut many, &all, 16, 12, |_| clock.advance(1000)), Ok(()));
 }
 
 #[test]

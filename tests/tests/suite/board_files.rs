@@ -98,7 +98,7 @@ fn the_program_and_the_emulated_board_have_the_pins_of_the_description() {
             .map_or("nothing", |row| row["function"].as_str())
             .to_owned()
     };
-    for path in ["boards/stm32f4/src/multiplexer.rs", "boards/emulator/src/world.rs"] {
+    for path in ["boards/stm32f4/src/lines.rs", "boards/emulator/src/world.rs"] {
         let program = text(path);
         for (name, _, constant) in MULTIPLEXERS {
             let [address, enable] = lines_of(&program, constant);
@@ -129,7 +129,7 @@ fn the_program_and_the_emulated_board_have_the_pins_of_the_description() {
         let channel: String = sampler[from..].chars().take_while(char::is_ascii_digit).collect();
         assert_eq!(function(&format!("PA{channel}")), wanted);
     }
-    let busy = text("boards/stm32f4/src/multiplexer.rs");
+    let busy = text("boards/stm32f4/src/lines.rs");
     assert!(busy.contains("const BUSY_PIN: u32 = 1 << 8;"));
     assert_eq!(function("PA8"), "busy");
 }
@@ -202,7 +202,7 @@ fn the_board_with_sixteen_channels_has_the_pins_of_its_description() {
             .map_or("nothing", |row| row["function"].as_str())
             .to_owned()
     };
-    for path in ["boards/stm32h7/src/multiplexer.rs", "boards/emulator/src/h743/world.rs"] {
+    for path in ["boards/stm32h7/src/lines.rs", "boards/emulator/src/h743/world.rs"] {
         let program = text(path);
         for (name, _, constant) in MULTIPLEXERS {
             let [address, enable] = lines_of(&program, constant);
@@ -217,7 +217,7 @@ fn the_board_with_sixteen_channels_has_the_pins_of_its_description() {
             }
         }
     }
-    assert!(text("boards/stm32h7/src/multiplexer.rs").contains("const BUSY_PIN: u32 = 1 << 14;"));
+    assert!(text("boards/stm32h7/src/lines.rs").contains("const BUSY_PIN: u32 = 1 << 14;"));
     assert_eq!(function("PE14".to_owned()), "busy");
 
     // Inputs of the converters by pin (DS12110 table 8).

@@ -5,6 +5,8 @@ use super::memory::Memory;
 use super::source::Source;
 use super::watchdog::Watchdog;
 use super::world::{Shared, World};
+use crate::board::Wired;
+use crate::counter::{Capturing, CounterH743};
 use crate::line::Line;
 use crate::run::{Emulated, Outcome, Setup, Sign, run_machine};
 use crate::timer::TimerH743;
@@ -15,6 +17,7 @@ use rigless::machine::{Board, Target};
 use rigless::mcu::{Mcu, Operate};
 use rigless::snapshot::Store;
 use rigless::soc::stm32h743::Stm32h743;
+use rigless::soc::stm32h743::generated::rcc::{Register, cfgr, cr};
 use rigless::soc::{Bus, Error as SocError};
 use rigless::time::VirtualNanos;
 use std::error::Error;
@@ -38,16 +41,20 @@ pub struct Chip {
     source: Source,
     memory: Memory,
     watchdog: Watchdog,
-    slots: [usize; 7],
+    counter: CounterH743,
+    slots: [usize; 8],
+    /// Of the clock controller, and what its input has.
+    clocks: usize,
+    wired: Wired,
     world: Shared,
 }
 
 impl Chip {
-    /// Powered up, with this world on its pins, this line on its serial port, and the debugger's clock of 8 MHz.
+    /// Powered up, with this world on its pins, this line on its serial port, and this at its clock input.
     ///
     /// # Errors
     /// rigless's, when the chip does not fit together.
-    pub fn new(world: Shared, line: Line) -> Result<Self, SocError> {
+    pub fn new(world: Shared, line: Line, wired: Wired) -> Result<Self, SocError> {
         let mut inner = Stm32h743::new()?;
         let slots = [
             inner.bus().slot("TIM2")?,
@@ -57,8 +64,10 @@ impl Chip {
             inner.bus().slot("DAC")?,
             inner.bus().slot("Flash")?,
             inner.bus().slot("IWDG")?,
+            inner.bus().slot("TIM17")?,
         ];
-        inner.rcc.attach_crystals(8_000_000, 0);
+        let clocks = inner.bus().slot("RCC")?;
+        inner.rcc.attach_crystals(wired.hz(), 0);
         inner.set_supply(3300);
         inner.set_analog_supply(3300);
         inner.usart[USART3].attach(line);
@@ -69,7 +78,10 @@ impl Chip {
             source: Source::new(world.clone()),
             memory: Memory::default(),
             watchdog: Watchdog::default(),
+            counter: CounterH743(Capturing::new(64_000_000)),
             slots,
+            clocks,
+            wired,
             world,
         })
     }
@@ -91,6 +103,7 @@ impl Mcu for Chip {
         Device::reset(&mut self.source);
         Device::reset(&mut self.memory);
         Device::reset(&mut self.watchdog);
+        Device::reset(&mut self.counter);
         locked(&self.world).reset();
     }
 
@@ -99,9 +112,21 @@ impl Mcu for Chip {
     }
 
     fn split(&mut self, slot: usize) -> (&mut Bus, Option<&mut dyn ErasedDevice>) {
+        let [.., counter] = self.slots;
+        if slot == self.clocks || slot == counter {
+            let (_, registers) = self.inner.clocks();
+            let control = registers.get(Register::Cr);
+            if !self.wired.runs(cr::HSEBYP.is_set(control)) {
+                // rigless's oscillator is ready some time after it was switched on, whatever is soldered to it.
+                registers.set(Register::Cr, cr::HSERDY.set(control, 0));
+            }
+            let ready = cr::HSERDY.is_set(registers.get(Register::Cr));
+            let divider = cfgr::RTCPRE.get(registers.get(Register::Cfgr));
+            self.counter.0.input = (if ready { self.wired.hz() } else { 0 }, divider);
+        }
         let (bus, model) = self.inner.split(slot);
         let [first, second, third] = &mut self.converters;
-        let own: [&mut dyn ErasedDevice; 7] = [
+        let own: [&mut dyn ErasedDevice; 8] = [
             &mut self.timer,
             first,
             second,
@@ -109,6 +134,7 @@ impl Mcu for Chip {
             &mut self.source,
             &mut self.memory,
             &mut self.watchdog,
+            &mut self.counter,
         ];
         let own = own.into_iter().zip(self.slots).find(|(_, s)| *s == slot);
         (bus, own.map(|(model, _)| model).or(model))
@@ -208,7 +234,7 @@ pub fn run_in(
     let world: Shared = Arc::new(Mutex::new(world));
     let line = Line::default();
     let machine = Machine {
-        chip: Chip::new(world.clone(), line.clone())?,
+        chip: Chip::new(world.clone(), line.clone(), setup.clock)?,
     };
     let (outcome, _) = run_machine(machine, line, program, setup, frames, until_ns)?;
     let world = locked(&world);

@@ -10,6 +10,8 @@ use rigless::soc::stm32h743::generated::dac::Register;
 const UNDERRUN: u64 = 1 << 13;
 /// Control bit: values come by DMA.
 const BY_DMA: u64 = 1 << 12;
+/// Control bits: the channel is on, and asks for values by DMA.
+const ON: u64 = 1 | BY_DMA;
 /// The request output that asks for the next value.
 const DMA_REQUEST: usize = 0;
 
@@ -41,6 +43,15 @@ impl Device for Source {
             Register::Dhr12r1 if self.asking => {
                 self.asking = false;
                 context.request(DMA_REQUEST, Level::Low);
+            }
+            Register::Cr if control & ON == ON && !self.asking => {
+                // A request of before the stop is served as soon as the DAC is started again, as on the STM32F4.
+                let mut world = locked(&self.world);
+                let triggers = world.triggers;
+                if world.stale_request_at.take_if(|at| *at <= triggers).is_some() {
+                    self.asking = true;
+                    context.request(DMA_REQUEST, Level::High);
+                }
             }
             Register::Sr => {
                 // Cleared by writing 1; the hardware alone sets it.

@@ -1,6 +1,6 @@
 //! What is soldered to the pins of the board with sixteen channels.
 
-use crate::world::{Multiplexer, fundamental};
+use crate::world::{Fundamental, Multiplexer};
 use firmware::{MAX_CHANNELS, Route, SAMPLES_PER_PERIOD, Sense, full_scale};
 use forward::ElectrodeMatrix;
 use hil_sim::{Analog, Broken, Electronics, Routing};
@@ -45,9 +45,9 @@ pub struct World {
     connected: Option<(Pair, Option<Pair>)>,
     /// All amplifiers, each gain behind the multiplexers, and the source; empty while nothing is connected.
     views: Vec<View>,
-    /// The DAC's last codes, by phase, and the amplitude that they make, over full scale.
+    /// The DAC's last codes, by phase.
     codes: [u16; SAMPLES_PER_PERIOD],
-    source: f64,
+    source: Fundamental,
     /// The amplifiers' codes of a time.
     row: (u64, [u16; MAX_CHANNELS]),
     /// Conversions triggered since power-up: the time.
@@ -56,6 +56,8 @@ pub struct World {
     pub without_break: u32,
     /// The trigger from which on a converter overruns, once.
     pub overrun_at: Option<u64>,
+    /// The trigger after which the next start of the DAC finds a request left over, once.
+    pub stale_request_at: Option<u64>,
 }
 
 /// The world as everything around the chip shares it.
@@ -73,11 +75,12 @@ impl World {
             connected: None,
             views: Vec::new(),
             codes: [2048; SAMPLES_PER_PERIOD],
-            source: 0.0,
+            source: Fundamental::default(),
             row: (u64::MAX, [0; MAX_CHANNELS]),
             triggers: 0,
             without_break: 0,
             overrun_at: None,
+            stale_request_at: None,
         }
     }
 
@@ -142,7 +145,9 @@ impl World {
             let amplitudes_v = self.amplitudes_v(&route);
             let mut view = View {
                 route,
-                routing: self.analog.switched(self.triggers, &old, amplitudes_v),
+                routing: self
+                    .analog
+                    .switched(self.triggers + self.source.steps, &old, amplitudes_v),
             };
             self.wire(&mut view);
             self.views.push(view);
@@ -151,14 +156,19 @@ impl World {
 
     fn amplitudes_v(&self, route: &Route) -> [f64; MAX_CHANNELS] {
         let full = self.analog.amplitudes_v(&self.sheet, route, &Broken::default());
-        full.unwrap_or_default().map(|v| v * self.source)
+        full.unwrap_or_default().map(|v| v * self.source.in_phase)
     }
 
     /// What a route has besides its amplitudes.
     fn wire(&mut self, view: &mut View) {
         let broken = Broken::default();
-        self.analog
-            .route(&mut view.routing, &self.sheet, &view.route, &broken, self.source);
+        self.analog.route(
+            &mut view.routing,
+            &self.sheet,
+            &view.route,
+            &broken,
+            self.source.in_phase,
+        );
     }
 
     /// The amplitudes of the present routes, whatever is on its way there.
@@ -182,8 +192,7 @@ impl World {
         if phase != SAMPLES_PER_PERIOD - 1 {
             return;
         }
-        // What is not in phase is no source of this circuit: it shows as one that is too weak.
-        let (source, _) = fundamental(&self.codes);
+        let source = Fundamental::of(&self.codes);
         if source != self.source {
             self.source = source;
             self.refresh();
@@ -192,6 +201,7 @@ impl World {
 
     /// A converter's code for the sample of a time.
     pub fn sample(&mut self, time: u64, wire: Wire) -> u16 {
+        let time = time + self.source.steps;
         let wanted = match wire {
             Wire::Amplifier(_) => (0, 0),
             Wire::Source => (1, 0),
@@ -205,13 +215,23 @@ impl World {
         let Wire::Amplifier(channel) = wire else {
             let mut code = [0];
             self.analog.sample(time, &view.routing, &mut code);
-            return code[0];
+            return self.with_quadrature(time, &view.routing, 0, code[0]);
         };
         if self.row.0 != time {
             self.row.0 = time;
             self.analog.sample(time, &view.routing, &mut self.row.1);
         }
-        self.row.1.get(usize::from(channel)).copied().unwrap_or(0)
+        let code = self.row.1.get(usize::from(channel)).copied().unwrap_or(0);
+        self.with_quadrature(time, &view.routing, channel.into(), code)
+    }
+
+    /// A code with what of the source is not in phase, a quarter period ahead.
+    fn with_quadrature(&self, time: u64, routing: &Routing, channel: usize, code: u16) -> u16 {
+        let electronics = self.analog.electronics();
+        let ahead_v = self.source.quadrature_v(&self.analog, time, routing, channel);
+        let full_scale = f64::from(full_scale(electronics.code_bits()));
+        let level = f64::from(code) + ahead_v * full_scale / electronics.adc_span_v;
+        level.round().clamp(0.0, full_scale) as u16
     }
 }
 

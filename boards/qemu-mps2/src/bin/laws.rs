@@ -19,7 +19,7 @@ fn main() -> ! {
             sense,
             gain: 0,
         };
-        if let Err(e) = laws::check(&mut front, &route, 16, |f| {
+        if let Err(e) = laws::check(&mut front, &route, 16, 12, |f| {
             let _ = f.stall();
         }) {
             panic!("{sense:?}: {e:?}");

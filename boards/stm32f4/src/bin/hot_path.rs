@@ -6,8 +6,12 @@
 #![no_main]
 #![allow(dead_code, reason = "parts of the board")]
 
+#[path = "../dac.rs"]
+mod dac;
 #[path = "../front_end.rs"]
 mod front_end;
+#[path = "../lines.rs"]
+mod lines;
 #[path = "../multiplexer.rs"]
 mod multiplexer;
 #[path = "../ring.rs"]
@@ -18,6 +22,10 @@ mod sampler;
 mod sine;
 #[path = "../source.rs"]
 mod source;
+#[path = "../timebase.rs"]
+mod timebase;
+
+use stm32f4xx_hal::pac;
 
 use core::hint::black_box;
 use firmware::{Pace, Scan};

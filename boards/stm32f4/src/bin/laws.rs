@@ -11,14 +11,22 @@ mod log;
 
 #[path = "../chip.rs"]
 mod chip;
+#[path = "../clock_search.rs"]
+mod clock_search;
 #[path = "../clocks.rs"]
 mod clocks;
+#[path = "../dac.rs"]
+mod dac;
+#[path = "../duties.rs"]
+mod duties;
 #[path = "../flash.rs"]
 mod flash;
 #[path = "../front_end.rs"]
 mod front_end;
 #[path = "../identity.rs"]
 mod identity;
+#[path = "../lines.rs"]
+mod lines;
 #[path = "../multiplexer.rs"]
 mod multiplexer;
 #[path = "../panic_record.rs"]
@@ -35,13 +43,14 @@ mod sine;
 mod source;
 #[path = "../supply.rs"]
 mod supply;
+#[path = "../timebase.rs"]
+mod timebase;
 
 use chip::Chip;
-use core::fmt::Write;
-use embedded_hal_nb::serial::Write as _;
-use firmware::{Blocking, BoardInfo, Excitation, Route, Sense, Window, laws};
+use duties::Both;
+use firmware::{BoardInfo, Route, Sense};
 use front_end::FrontEnd;
-use protocol::{Outgoing, Pair, PanicText, ResetCause};
+use protocol::{Pair, PanicText, ResetCause};
 use serial::Serial;
 use stm32f4xx_hal::pac;
 
@@ -69,8 +78,6 @@ const INFO: BoardInfo<'static> = BoardInfo {
 /// More than the ring of four periods holds: 2 ms.
 const STALL_CYCLES: u32 = 336_000;
 
-struct Both(FrontEnd, Chip);
-
 #[cortex_m_rt::entry]
 fn main() -> ! {
     let (Some(core), Some(device)) = (cortex_m::Peripherals::take(), pac::Peripherals::take()) else {
@@ -80,61 +87,20 @@ fn main() -> ! {
     let mut both = Both(FrontEnd::start(), Chip);
     let mut link = Serial::start();
     let mut found = PanicText::new();
-    front_end(&mut both, &mut found);
-    clock(&mut both, &mut found);
+    // The source itself: the strongest signal, in phase whatever is on the sheet.
+    let route = Route {
+        drive: Pair { plus: 0, minus: 1 },
+        sense: Sense::Source,
+        gain: 0,
+    };
+    duties::front_end(&mut both, &route, &INFO, STALL_CYCLES, &mut found);
+    duties::clock(&mut both, &mut found);
     let info = BoardInfo {
         last_panic: &found,
         ..INFO
     };
-    say(&info, &mut link);
+    duties::say(&info, &mut link);
     loop {
         firmware::Watchdog::feed(&mut both.1);
-    }
-}
-
-#[inline(never)]
-fn front_end(both: &mut Both, found: &mut PanicText) {
-    // The source itself: the strongest signal, in phase whatever is on the sheet. Then a pair of the sheet.
-    let drive = Pair { plus: 0, minus: 1 };
-    let route = Route {
-        drive,
-        sense: Sense::Source,
-        gain: 0,
-    };
-    // The filter behind the DAC has to swing in before its phase can be tried.
-    let settle = Window {
-        settle_quarters: 8,
-        periods: 1,
-        channels: 1,
-    };
-    if let Err(e) = both
-        .0
-        .switch_on()
-        .and_then(|()| Blocking(&mut both.0).capture(settle, |_| {}))
-    {
-        let _ = write!(found, "{e:?}");
-    }
-    // The watchdog must not bite: a stall is short, all else polls.
-    if let Err(e) = laws::check(&mut both.0, &route, 1, |_| cortex_m::asm::delay(STALL_CYCLES)) {
-        let _ = write!(found, "{e:?}");
-    }
-}
-
-#[inline(never)]
-fn clock(both: &mut Both, found: &mut PanicText) {
-    if let Err(e) = laws::clock(both, |b| &mut b.0, |b| &mut b.1) {
-        let _ = write!(found, "{e:?}");
-    }
-}
-
-#[inline(never)]
-fn say(info: &BoardInfo<'_>, link: &mut Serial) {
-    let hello = info.hello();
-    let mut bytes = [0; 256];
-    if let Ok(framed) = protocol::encode(&Outgoing::Hello(&hello), &mut bytes) {
-        for byte in [0].iter().chain(framed.iter()) {
-            while link.write(*byte).is_err() {}
-        }
-        while link.flush().is_err() {}
     }
 }

@@ -7,7 +7,7 @@ use cortex_m_rt::entry;
 use cortex_m_semihosting::{debug, hprintln};
 use firmware::{Route, Sense, laws};
 use protocol::Pair;
-use template::{Chip, FrontEnd, Port, Ram};
+use template::{Chip, FrontEnd, INFO, Port, Ram};
 
 #[entry]
 fn main() -> ! {
@@ -22,7 +22,7 @@ fn main() -> ! {
         sense: Sense::Source,
         gain: 0,
     };
-    if let Err(e) = laws::check(&mut front, &route, 1, FrontEnd::stall) {
+    if let Err(e) = laws::check(&mut front, &route, 1, INFO.adc_bits, FrontEnd::stall) {
         panic!("front end: {e:?}");
     }
     if let Err(e) = laws::clock(&mut (front, &mut chip), |b| &mut b.0, |b| &mut b.1) {

@@ -44,6 +44,8 @@ pub(crate) enum Flaw {
     Silent,
     /// The excitation is the other way round.
     Reversed,
+    /// After lost samples the source runs a step ahead.
+    Ahead,
     /// No block ever comes.
     Mute,
 }
@@ -195,6 +197,7 @@ impl Capture for Fake {
         }
         if self.now >= start + length + 4 * n && !silent {
             self.open = None;
+            self.source_late -= f64::from(u8::from(flaw(Flaw::Ahead)));
             return Err(nb::Error::Other(ErrorKind::Overrun));
         }
         let mut samples = std::mem::take(&mut self.samples);

@@ -1,10 +1,7 @@
 //! The board's programs on the emulated chip, against the same firmware in process on the same simulated electronics.
 //! `tests/boards.sh` builds the programs and says where they are.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
-mod common;
-
-use common::{AWAKE_NS, frames, hellos, in_process, program, sheet};
+use crate::common::{AWAKE_NS, frames, hellos, in_process, program, sheet};
 use emulator::run::{Outcome, Setup, run, run_in};
 use emulator::world::World;
 use hil_sim::Electronics;

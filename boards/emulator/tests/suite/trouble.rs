@@ -1,10 +1,7 @@
 //! The board's program where something around it is not as it should be, and with one channel's watch: on the emulated
 //! chip. `tests/boards.sh` builds the programs and says where they are.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
-mod common;
-
-use common::{AWAKE_NS, frames, hellos, program, sheet, touched};
+use crate::common::{AWAKE_NS, frames, hellos, program, sheet, touched};
 use emulator::run::{Outcome, Setup, run_in};
 use emulator::world::World;
 use firmware::settings::Settings;
@@ -72,7 +69,7 @@ fn with_one_channel_it_learns_sleeps_and_wakes_with_the_next_value() {
     // And shows it, value for value, as the one after the watch's next scan does; but for the first, which may still
     // ring.
     for there in &list {
-        let here = &common::in_process_on(touched(), &plan, there.time, 1)[0];
+        let here = &crate::common::in_process_on(touched(), &plan, there.time, 1)[0];
         let different = here.values.iter().zip(&there.values).filter(|(a, b)| a != b).count();
         assert!(different <= 1, "{different} of 208 values differ");
     }
@@ -98,7 +95,7 @@ fn it_starts_from_stored_settings() {
     };
     let setup = Setup {
         commands: vec![(AWAKE_NS, ToBoard::GetStatus)],
-        flash: vec![(0x0800_8000, common::stored(&[older, stored]))],
+        flash: vec![(0x0800_8000, crate::common::stored(&[older, stored]))],
         ..Setup::default()
     };
     let outcome = run_in(

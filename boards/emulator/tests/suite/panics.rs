@@ -1,10 +1,7 @@
 //! In the very program that is flashed, no chain of calls leads to the panic handler from what runs for every block of
 //! samples and for every frame. The calls are read from its instructions (ARM DDI 0403, A7.7: B, BL, BLX, BX).
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
-mod common;
-
-use common::program;
+use crate::common::program;
 use object::{Object, ObjectSection, ObjectSymbol, SymbolKind};
 use std::collections::{BTreeMap, BTreeSet};
 

@@ -1,5 +1,4 @@
 //! What the tests of the emulated board share.
-#![allow(dead_code, reason = "each test its own part")]
 
 pub(crate) mod sixteen;
 

@@ -1,10 +1,7 @@
 //! The board's program after faults of its own, and with a memory that is hostile or keeps nothing, on the emulated chip.
 //! `tests/boards.sh` builds the programs and says where they are.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
-mod common;
-
-use common::{AWAKE_NS, frames, hellos, program, sheet, stored};
+use crate::common::{AWAKE_NS, frames, hellos, program, sheet, stored};
 use emulator::run::{Setup, run_in};
 use emulator::world::World;
 use firmware::settings::Settings;

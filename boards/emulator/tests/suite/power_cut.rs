@@ -1,11 +1,8 @@
 //! The power of the board with sixteen channels is cut before and within every step of a saving of its settings: every word
 //! that is written, and the erasure of a sector. `tests/boards.sh` builds the program and says where it is.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
-mod common;
-
-use common::program;
-use common::sixteen::{AWAKE_NS, SECTOR_LEN, SECTORS, WORD_LEN, Words, world};
+use crate::common::program;
+use crate::common::sixteen::{AWAKE_NS, SECTOR_LEN, SECTORS, WORD_LEN, Words, world};
 use emulator::h743::chip::run_in;
 use emulator::run::{Life, Lived, Setup};
 use firmware::settings::{self, Settings};

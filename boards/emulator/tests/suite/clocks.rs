@@ -1,11 +1,10 @@
-//! The board's clock and source: which clock the program finds and how fast it then is, and a source that starts with a
+//! The boards' clock and source: which clock the program finds and how fast it then is, and a source that starts with a
 //! request left over. On the emulated chip; `tests/boards.sh` builds the programs and says where they are.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
-mod common;
-
-use common::{AWAKE_NS, frames, hellos, in_process, program, sheet};
+use crate::common::sixteen;
+use crate::common::{AWAKE_NS, frames, hellos, in_process, program, sheet};
 use emulator::board::Wired;
+use emulator::h743::chip as h743;
 use emulator::run::{Outcome, Setup, run_in};
 use emulator::world::World;
 use hil_sim::Electronics;
@@ -28,8 +27,21 @@ fn clocked(name: &str, clock: Wired) -> Outcome {
     run_in(&program(name), world(), setup, 2, 1_000_000_000).unwrap()
 }
 
-/// The time of the second frame against what the plan takes, at 84 MHz / 1425 samples a second.
-fn frame_time(outcome: &Outcome) -> f64 {
+/// Two frames of the board with sixteen channels.
+fn sixteen_clocked(clock: Wired) -> Outcome {
+    let setup = Setup {
+        commands: vec![
+            (3 * sixteen::AWAKE_NS, ToBoard::SetPlan(Plan::fast())),
+            (3 * sixteen::AWAKE_NS + 10_000_000, ToBoard::Start),
+        ],
+        clock,
+        ..Setup::default()
+    };
+    h743::run_in(&program("h743"), sixteen::world(), setup, 2, 1_000_000_000).unwrap()
+}
+
+/// The time from the first frame to the second, ns.
+fn between_frames(outcome: &Outcome) -> f64 {
     let ends: Vec<u64> = outcome
         .messages
         .iter()
@@ -38,7 +50,17 @@ fn frame_time(outcome: &Outcome) -> f64 {
     let [first, second] = ends[..] else {
         panic!("{:?}", outcome.messages);
     };
-    (second - first) as f64 / (f64::from(Plan::sequential_fast().quarters()) * 4.0 * 1425.0 / 84e-3)
+    (second - first) as f64
+}
+
+/// The time of the second frame against what the plan takes, at 84 MHz / 1425 samples a second.
+fn frame_time(outcome: &Outcome) -> f64 {
+    between_frames(outcome) / (f64::from(Plan::sequential_fast().quarters()) * 4.0 * 1425.0 / 84e-3)
+}
+
+/// The same of the board with sixteen channels, at 200 MHz / 3392.
+fn sixteen_frame_time(outcome: &Outcome) -> f64 {
+    between_frames(outcome) / (f64::from(Plan::fast().quarters()) * 4.0 * 3392.0 / 0.2)
 }
 
 #[test]
@@ -65,6 +87,21 @@ fn a_crystal_and_a_clock_from_outside_of_every_known_frequency_are_run_right() {
         // It disturbs the converter.
         assert!(!outcome.prefetch);
     }
+    for clock in [
+        Crystal(8_000_000),
+        Clock(12_000_000),
+        Crystal(16_000_000),
+        Clock(25_000_000),
+    ] {
+        let outcome = sixteen_clocked(clock);
+        let hellos = hellos(&outcome);
+        assert_eq!(hellos.len(), 1, "{clock:?}: {:?}", outcome.messages);
+        assert_eq!(hellos[0].last_panic, "", "{clock:?}");
+        assert_eq!((outcome.damaged, outcome.resets), (0, 0));
+        let time = sixteen_frame_time(&outcome);
+        assert!((time - 1.0).abs() < 4e-4, "{clock:?}: {time}");
+        assert_eq!(outcome.gaps, Vec::<String>::new());
+    }
 }
 
 #[test]
@@ -88,6 +125,19 @@ fn without_a_clock_or_with_a_strange_one_it_works_on_the_internal_one_and_says_s
         );
         assert_eq!((outcome.damaged, outcome.resets), (0, 0));
         let time = frame_time(&outcome);
+        assert!((time - 1.0).abs() < 4e-4, "{clock:?}: {time}");
+    }
+    for clock in [Wired::Nothing, Wired::Crystal(20_000_000), Wired::Clock(4_000_000)] {
+        let outcome = sixteen_clocked(clock);
+        let hellos = hellos(&outcome);
+        assert_eq!(hellos.len(), 1, "{clock:?}: {:?}", outcome.messages);
+        assert!(
+            hellos[0].last_panic.starts_with("no clock of 8, 12, 16 or 25 MHz"),
+            "{}",
+            hellos[0].last_panic
+        );
+        assert_eq!((outcome.damaged, outcome.resets), (0, 0));
+        let time = sixteen_frame_time(&outcome);
         assert!((time - 1.0).abs() < 4e-4, "{clock:?}: {time}");
     }
 }
