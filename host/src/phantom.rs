@@ -2,8 +2,8 @@
 
 use anyhow::Result;
 use link::phantom::{
-    Finding, GAIN_LIMIT, OFFSET_LIMIT, PHASE_LIMIT_DEG, SIGMA_LIMIT, SPREAD_LIMIT, SWITCH_LIMITS_OHM, Verdict, judge,
-    read,
+    Finding, GAIN_LIMIT, OFFSET_LIMIT, PHASE_LIMIT_DEG, SIGMA_LIMIT, SPREAD_LIMIT, SWITCH_LIMITS_OHM, SWITCH_OHM,
+    Verdict, judge, read,
 };
 use link::{Link, LinkError};
 use protocol::{Check, Hello, SelfTest};
@@ -79,6 +79,11 @@ pub(crate) fn describe(tried: &Tried) {
         format!("{least:.0} to {most:.0}"),
     );
     row(
+        "or else a resistor, ohm",
+        number(verdict.ring_ohm, 0),
+        format!("if a switch has its typical {SWITCH_OHM:.0}: the ring shows their ratio only"),
+    );
+    row(
         "gain against the drive pairs'",
         number(verdict.gain_ratio, 4),
         format!("{:.2} to {:.2}", 1.0 - GAIN_LIMIT, 1.0 + GAIN_LIMIT),
@@ -129,6 +134,7 @@ pub(crate) fn as_json(tried: &Tried) -> serde_json::Value {
         "mean_codes": verdict.mean_codes,
         "expected_codes": verdict.expected_codes,
         "switch_ohm": verdict.switch_ohm,
+        "ring_ohm_by_typical_switches": verdict.ring_ohm,
         "gain_ratio": verdict.gain_ratio,
         "spread": verdict.spread,
         "sigma_codes": verdict.sigma,

@@ -125,27 +125,27 @@ impl Shown {
 #[cfg(target_os = "linux")]
 #[test]
 fn a_board_that_is_unplugged_is_waited_for() {
-    let folder = tempfile::tempdir().unwrap();
-    let port = folder.path().join("port");
-    let mut board = simulated(&port);
-    let mut shown = Shown::new(text(&port));
-    shown.pictures(30);
-    board.kill();
-    shown.event("board_away");
-    let _board = simulated(&port);
-    assert!(shown.event("board_back")["away_s"].as_f64().unwrap() > 0.0);
-    shown.pictures(30);
-    let seen = shown.end();
-    are_by_the_schema(&seen);
-    let baselines = seen.iter().filter(|l| l["event"] == "baseline_in_force");
-    assert_eq!(baselines.count(), 1);
+    on_both(|port, address| {
+        let mut board = simulated(port);
+        let mut shown = Shown::new(address);
+        shown.pictures(30);
+        board.kill();
+        shown.event("board_away");
+        let _board = simulated(port);
+        assert!(shown.event("board_back")["away_s"].as_f64().unwrap() > 0.0);
+        shown.pictures(30);
+        let seen = shown.end();
+        are_by_the_schema(&seen);
+        let baselines = seen.iter().filter(|l| l["event"] == "baseline_in_force");
+        assert_eq!(baselines.count(), 1);
+    });
 }
 
-/// A bridge on another computer, as ser2net or socat are; its connections can be cut.
+/// A bridge on another computer, as ser2net or socat are; its connections can be cut, and end where the board's port does.
 #[cfg(target_os = "linux")]
 struct Bridge {
     address: String,
-    cut: std::sync::mpsc::Sender<()>,
+    connected: std::sync::Arc<std::sync::Mutex<Option<std::net::TcpStream>>>,
 }
 
 #[cfg(target_os = "linux")]
@@ -153,27 +153,56 @@ impl Bridge {
     fn to(port: &Path) -> Self {
         let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
         let address = format!("tcp://{}", listener.local_addr().unwrap());
-        let (cut, cuts) = std::sync::mpsc::channel();
-        let port = port.to_owned();
+        let bridge = Self {
+            address,
+            connected: Default::default(),
+        };
+        let (port, connected) = (port.to_owned(), bridge.connected.clone());
         std::thread::spawn(move || {
             for stream in listener.incoming() {
                 let mut stream = stream.unwrap();
-                let mut serial = std::fs::OpenOptions::new().read(true).write(true).open(&port).unwrap();
+                // Without the port the connection ends at once.
+                let Ok(mut serial) = std::fs::OpenOptions::new().read(true).write(true).open(&port) else {
+                    continue;
+                };
                 let (mut back, mut from_board) = (stream.try_clone().unwrap(), serial.try_clone().unwrap());
-                std::thread::spawn(move || std::io::copy(&mut from_board, &mut back));
-                let ended = stream.try_clone().unwrap();
+                *connected.lock().unwrap() = Some(stream.try_clone().unwrap());
+                std::thread::spawn(move || {
+                    let _ = std::io::copy(&mut from_board, &mut back);
+                    let _ = back.shutdown(std::net::Shutdown::Both);
+                });
                 std::thread::spawn(move || {
                     // The client may close it, too.
                     let _ = std::io::copy(&mut stream, &mut serial);
                 });
-                if cuts.recv().is_err() {
-                    return;
-                }
-                ended.shutdown(std::net::Shutdown::Both).unwrap();
             }
         });
-        Self { address, cut }
+        bridge
     }
+
+    fn cut(&self) {
+        let connected = self.connected.lock().unwrap();
+        connected.as_ref().unwrap().shutdown(std::net::Shutdown::Both).unwrap();
+    }
+}
+
+/// Runs a test on a board's own port and on a bridge to it, beside each other.
+#[cfg(target_os = "linux")]
+fn on_both(test: impl Fn(&Path, &str) + Sync) {
+    std::thread::scope(|scope| {
+        for bridged in [false, true] {
+            let test = &test;
+            scope.spawn(move || {
+                let folder = tempfile::tempdir().unwrap();
+                let port = folder.path().join("port");
+                if bridged {
+                    test(&port, &Bridge::to(&port).address);
+                } else {
+                    test(&port, text(&port));
+                }
+            });
+        }
+    });
 }
 
 #[cfg(target_os = "linux")]
@@ -198,7 +227,7 @@ fn a_board_behind_a_bridge_is_shown_and_waited_for() {
     let mut shown = Shown::new(&bridge.address);
     for _ in 0..3 {
         shown.pictures(20);
-        bridge.cut.send(()).unwrap();
+        bridge.cut();
         shown.event("board_away");
         shown.event("board_back");
     }
@@ -209,11 +238,9 @@ fn a_board_behind_a_bridge_is_shown_and_waited_for() {
 
 /// A program that is stopped for so long goes on: no board is blamed, and what was lost meanwhile is counted.
 #[cfg(target_os = "linux")]
-fn stopped(stop_s: f64) {
-    let folder = tempfile::tempdir().unwrap();
-    let port = folder.path().join("port");
-    let _board = simulated(&port);
-    let mut shown = Shown::new(text(&port));
+fn stopped(stop_s: f64, port: &Path, address: &str) {
+    let _board = simulated(port);
+    let mut shown = Shown::new(address);
     let before = shown.pictures(50);
     shown.signal("-STOP");
     std::thread::sleep(std::time::Duration::from_secs_f64(stop_s));
@@ -248,7 +275,7 @@ fn stopped(stop_s: f64) {
 #[cfg(target_os = "linux")]
 #[test]
 fn a_program_that_was_stopped_blames_no_board() {
-    stopped(3.5);
+    on_both(|port, address| stopped(3.5, port, address));
 }
 
 /// The figure of docs/reliability.md.
@@ -257,6 +284,6 @@ fn a_program_that_was_stopped_blames_no_board() {
 #[ignore = "half a minute"]
 fn a_program_that_was_stopped_for_longer_blames_no_board() {
     for stop_s in [3.5, 5.0, 10.0] {
-        stopped(stop_s);
+        on_both(|port, address| stopped(stop_s, port, address));
     }
 }

@@ -215,6 +215,8 @@ pub struct Verdict {
     pub expected_codes: f64,
     /// One closed switch, ohm, mean of all.
     pub switch_ohm: f64,
+    /// A resistor of the ring, ohm, if a switch has [`SWITCH_OHM`] instead. The values show the ratio of the two only.
+    pub ring_ohm: f64,
     /// The sense pairs' gain against the drive pairs', over what it should be.
     pub gain_ratio: f64,
     /// Largest departure of a value from its drive's and its pair's, in parts.
@@ -273,6 +275,7 @@ impl Bench<'_> {
             mean_codes: self.sense().map(|r| r.in_phase).sum::<f64>() / count,
             expected_codes: f64::NAN,
             switch_ohm: f64::NAN,
+            ring_ohm: f64::NAN,
             gain_ratio: f64::NAN,
             spread: f64::NAN,
             sigma: self.readings.sigma,
@@ -402,6 +405,7 @@ impl Bench<'_> {
             .map(|v| self.ring.between_ohm(1) * (self.ring.source_v / v - 1.0))
             .collect();
         verdict.switch_ohm = both.iter().sum::<f64>() / (2 * n) as f64;
+        verdict.ring_ohm = self.ring.ohm * SWITCH_OHM / verdict.switch_ohm;
         verdict.expected_codes = self.expected_v(verdict.switch_ohm) / self.sense_v;
         // Each value over its drive's own, where all are 1 by theory.
         let parts: Vec<(usize, usize, f64)> = self

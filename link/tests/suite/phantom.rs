@@ -274,6 +274,14 @@ fn another_ring_than_said_is_no_good_board() {
     );
     let verdict = tested(Electronics::drawn_board(), FixedSheet::ring(16, 2000.0), &[]).unwrap();
     assert!(!verdict.findings.is_empty(), "{verdict:?}");
+    // Where such switches exist it passes, and tells what else it may be.
+    let verdict = tested(Electronics::drawn_board(), FixedSheet::ring(16, 330.0), &[]).unwrap();
+    assert_eq!(verdict.findings, [], "{verdict:?}");
+    assert!(
+        (verdict.switch_ohm / (47000.0 / 330.0) - 1.0).abs() < 0.01,
+        "{verdict:?}"
+    );
+    assert!((verdict.ring_ohm / 330.0 - 1.0).abs() < 0.01, "{verdict:?}");
 }
 
 #[test]

@@ -54,6 +54,27 @@ fn frames(session: &Session, until_s: f64) -> Result<Vec<MeasuredFrame>, LinkErr
     Ok(out)
 }
 
+/// A bridge to a port, one connection at a time; its address.
+#[cfg(target_os = "linux")]
+fn bridge(path: &str) -> String {
+    let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = format!("tcp://{}", listener.local_addr().unwrap());
+    let path = path.to_owned();
+    std::thread::spawn(move || {
+        for stream in listener.incoming() {
+            let mut stream = stream.unwrap();
+            let mut serial = std::fs::OpenOptions::new().read(true).write(true).open(&path).unwrap();
+            let (mut back, mut from_board) = (stream.try_clone().unwrap(), serial.try_clone().unwrap());
+            let out = std::thread::spawn(move || std::io::copy(&mut from_board, &mut back));
+            // Until the client closes it; the board's next byte ends the way back.
+            let _ = std::io::copy(&mut stream, &mut serial);
+            let _ = stream.shutdown(std::net::Shutdown::Both);
+            let _ = out.join();
+        }
+    });
+    address
+}
+
 #[cfg(target_os = "linux")]
 #[test]
 fn a_session_over_a_pseudo_terminal_gets_what_one_over_the_simulated_port_gets() {
@@ -67,8 +88,10 @@ fn a_session_over_a_pseudo_terminal_gets_what_one_over_the_simulated_port_gets()
     let pty = Pty::start(board(quiet(), vec![], &[]), PtyOptions::default()).unwrap();
     let path = pty.path().unwrap().to_string_lossy().into_owned();
     let mut last = None;
-    for _ in 0..3 {
-        let session = Session::start(ports::open(&path).unwrap(), adjacent_plan).unwrap();
+    // The last three times through a bridge.
+    let bridged = bridge(&path);
+    for address in [&path, &path, &path, &bridged, &bridged, &bridged] {
+        let session = Session::start(ports::open(address).unwrap(), adjacent_plan).unwrap();
         assert_eq!(session.hello(), direct.hello());
         assert_eq!(session.plan(), direct.plan());
         for frame in frames(&session, 0.0)
