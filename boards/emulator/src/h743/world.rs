@@ -188,8 +188,8 @@ impl World {
         }
         // The trigger was counted before.
         let phase = (self.triggers.wrapping_sub(1) % SAMPLES_PER_PERIOD as u64) as usize;
-        self.codes[phase] = code;
-        if phase != SAMPLES_PER_PERIOD - 1 {
+        // A source that goes on as it was is the same source.
+        if std::mem::replace(&mut self.codes[phase], code) == code {
             return;
         }
         let source = Fundamental::of(&self.codes);
