@@ -6,6 +6,7 @@ use crate::{number, phantom, simulated_skin};
 use anyhow::{Result, bail};
 use clap::Args;
 use hil_sim::{Fault, Preset};
+use link::phantom::Known;
 use link::{Link, settings};
 use protocol::{Check, FromBoard, Hello, SelfTest, ToBoard};
 use serde_json::json;
@@ -26,12 +27,26 @@ pub(crate) struct Arguments {
     /// electrodes. Every value is held against theory, and what is wrong is named (docs/board.md).
     #[arg(long, value_name = "OHM", conflicts_with = "no_test", value_parser = number::positive("a resistance in ohm above 0"))]
     phantom: Option<f64>,
+    /// What an ohmmeter shows between two neighbouring electrodes of that ring, unplugged, ohm. The values alone cannot tell a
+    /// ring of smaller resistors from switches of more.
+    #[arg(long, value_name = "OHM", requires = "phantom", value_parser = number::positive("a resistance in ohm above 0"))]
+    measured: Option<f64>,
     /// The electronics of the simulated board: sixteen_channels, ideal, drawn_board or drawn_sixteen (docs/simulator.md).
     #[arg(long, value_name = "NAME", requires = "simulate")]
     preset: Option<Preset>,
     /// Something that breaks on the simulated board, as for `skin sim`, such as amplifier_dead@0 or wires_swapped:5,6@0; repeatable.
     #[arg(long, value_name = "KIND@AT[+FOR]", requires = "simulate")]
     fault: Vec<Fault>,
+}
+
+impl Arguments {
+    /// The ring in the place of the sheet, if there is one.
+    fn ring(&self) -> Option<Known> {
+        self.phantom.map(|said_ohm| Known {
+            said_ohm,
+            between_ohm: self.measured,
+        })
+    }
 }
 
 /// Longest that a self-test takes, the drive pairs of a sequential board included.
@@ -111,8 +126,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         .filter(|(check, ..)| test.as_ref().is_some_and(|t| !t.passed(*check)))
         .collect();
     let reference = test.as_ref().and_then(|test| lost_reference(test, &hello));
-    let tried = match (arguments.phantom, &test) {
-        (Some(ohm), Some(test)) => Some(phantom::test(&link, &hello, ohm, test)?),
+    let tried = match (arguments.ring(), &test) {
+        (Some(known), Some(test)) => Some(phantom::test(&link, &hello, known, test)?),
         _ => None,
     };
     if arguments.json {
@@ -165,7 +180,7 @@ fn connected(arguments: &Arguments) -> Result<Connected> {
     }
     let preset = arguments.preset.unwrap_or_default();
     arguments.board.connect_or(None, |sheet| {
-        simulated_skin::bench(&sheet, preset, &arguments.fault, arguments.phantom)
+        simulated_skin::bench(&sheet, preset, &arguments.fault, arguments.ring())
     })
 }
 

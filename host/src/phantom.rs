@@ -2,8 +2,8 @@
 
 use anyhow::Result;
 use link::phantom::{
-    Finding, GAIN_LIMIT, OFFSET_LIMIT, PHASE_LIMIT_DEG, SIGMA_LIMIT, SPREAD_LIMIT, SWITCH_LIMITS_OHM, SWITCH_OHM,
-    Verdict, judge, read,
+    Finding, GAIN_LIMIT, Known, OFFSET_LIMIT, PHASE_LIMIT_DEG, RING_LIMIT, SIGMA_LIMIT, SPREAD_LIMIT, SWITCH_LIMIT_UNMEASURED_OHM,
+    SWITCH_LIMITS_OHM, SWITCH_OHM, Verdict, judge, read,
 };
 use link::{Link, LinkError};
 use protocol::{Check, Hello, SelfTest};
@@ -11,15 +11,15 @@ use serde_json::json;
 
 /// What a board showed on the ring.
 pub(crate) enum Tried {
-    /// It was measured.
-    Measured(Verdict),
+    /// It was measured: the ring as it is known, and what was seen.
+    Measured(Known, Verdict),
     /// It was not, and why.
     Not(String),
 }
 
 impl Tried {
     pub(crate) fn passed(&self) -> bool {
-        matches!(self, Self::Measured(verdict) if verdict.findings.is_empty())
+        matches!(self, Self::Measured(_, verdict) if verdict.findings.is_empty())
     }
 }
 
@@ -28,7 +28,7 @@ impl Tried {
 ///
 /// # Errors
 /// No answer, a lost port.
-pub(crate) fn test(link: &Link, hello: &Hello, ohm: f64, test: &SelfTest) -> Result<Tried> {
+pub(crate) fn test(link: &Link, hello: &Hello, known: Known, test: &SelfTest) -> Result<Tried> {
     if !test.passed(Check::Source) || !test.passed(Check::Offset) {
         return Ok(Tried::Not("mend what the self-test found first".to_owned()));
     }
@@ -36,7 +36,7 @@ pub(crate) fn test(link: &Link, hello: &Hello, ohm: f64, test: &SelfTest) -> Res
         Ok(readings) => {
             let set = 1000.0 * readings.excitation;
             let source = f64::from(test.source_permille) / set;
-            Ok(Tried::Measured(judge(hello, ohm, source, &readings)))
+            Ok(Tried::Measured(known, judge(hello, known, source, &readings)))
         }
         Err(LinkError::Refused(why)) => Ok(Tried::Not(why)),
         Err(e) => Err(e.into()),
@@ -45,12 +45,12 @@ pub(crate) fn test(link: &Link, hello: &Hello, ohm: f64, test: &SelfTest) -> Res
 
 /// On stdout, in words.
 pub(crate) fn describe(tried: &Tried) {
-    let verdict = match tried {
+    let (known, verdict) = match tried {
         Tried::Not(why) => {
             println!("phantom     FAILED: not measured: {why}");
             return;
         }
-        Tried::Measured(verdict) => verdict,
+        Tried::Measured(known, verdict) => (known, verdict),
     };
     let number = |v: f64, digits: usize| {
         if v.is_nan() {
@@ -72,17 +72,22 @@ pub(crate) fn describe(tried: &Tried) {
         number(verdict.mean_codes, 1),
         format!("theory {expected} with these switches"),
     );
-    let [least, most] = SWITCH_LIMITS_OHM;
+    let [least, mut most] = SWITCH_LIMITS_OHM;
+    let said = known.said_ohm;
+    let (resistor, limit) = if known.between_ohm.is_some() {
+        let [least, most] = [1.0 - RING_LIMIT, 1.0 + RING_LIMIT].map(|part| said * part);
+        ("a resistor as measured, ohm", format!("{least:.0} to {most:.0}"))
+    } else {
+        most = SWITCH_LIMIT_UNMEASURED_OHM;
+        let told = format!("if a switch has its typical {SWITCH_OHM:.0}: only their ratio is seen; see --measured");
+        ("or else a resistor, ohm", told)
+    };
     row(
         "a closed switch, ohm",
         number(verdict.switch_ohm, 1),
         format!("{least:.0} to {most:.0}"),
     );
-    row(
-        "or else a resistor, ohm",
-        number(verdict.ring_ohm, 0),
-        format!("if a switch has its typical {SWITCH_OHM:.0}: the ring shows their ratio only"),
-    );
+    row(resistor, number(verdict.ring_ohm, 0), limit);
     row(
         "gain against the drive pairs'",
         number(verdict.gain_ratio, 4),
@@ -123,9 +128,9 @@ pub(crate) fn describe(tried: &Tried) {
 
 /// For programs. A figure that could not be told is null.
 pub(crate) fn as_json(tried: &Tried) -> serde_json::Value {
-    let verdict = match tried {
+    let (known, verdict) = match tried {
         Tried::Not(why) => return json!({ "passed": false, "not_measured": why }),
-        Tried::Measured(verdict) => verdict,
+        Tried::Measured(known, verdict) => (known, verdict),
     };
     let finding = |f: &Finding| json!({ "name": f.name(), "what": f.to_string() });
     json!({
@@ -134,7 +139,8 @@ pub(crate) fn as_json(tried: &Tried) -> serde_json::Value {
         "mean_codes": verdict.mean_codes,
         "expected_codes": verdict.expected_codes,
         "switch_ohm": verdict.switch_ohm,
-        "ring_ohm_by_typical_switches": verdict.ring_ohm,
+        "ring_ohm": verdict.ring_ohm,
+        "ring_measured": known.between_ohm.is_some(),
         "gain_ratio": verdict.gain_ratio,
         "spread": verdict.spread,
         "sigma_codes": verdict.sigma,

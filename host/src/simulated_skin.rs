@@ -4,6 +4,7 @@ use ::forward::Sheet;
 use anyhow::{Context, Result};
 use hil_sim::{Fault, FixedSheet, Pace, Preset, Rubber, Scene, SceneFile, SimBoard, SimConfig, SimPort};
 use link::Port;
+use link::phantom::Known;
 use std::time::Duration;
 
 /// The demo on a sheet.
@@ -14,20 +15,21 @@ pub(crate) fn demo(sheet: Sheet) -> Result<Box<dyn Port>> {
     start(&SceneFile::demo(sheet))
 }
 
-/// A board with these faults on an untouched sheet, or on a ring of resistors of so many ohm. Its time passes as fast as
+/// A board with these faults on an untouched sheet, or on such a ring of resistors. Its time passes as fast as
 /// it is listened to.
 ///
 /// # Errors
 /// A fault that cannot be.
-pub(crate) fn bench(sheet: &Sheet, preset: Preset, faults: &[Fault], ring_ohm: Option<f64>) -> Result<Box<dyn Port>> {
+pub(crate) fn bench(sheet: &Sheet, preset: Preset, faults: &[Fault], ring: Option<Known>) -> Result<Box<dyn Port>> {
     let config = SimConfig {
         electronics: preset.electronics(),
         faults: faults.to_vec(),
         ..SimConfig::default()
     };
-    Ok(match ring_ohm {
-        Some(ohm) => {
-            let ring = FixedSheet::ring(sheet.electrodes.len(), ohm);
+    Ok(match ring {
+        Some(known) => {
+            let electrodes = sheet.electrodes.len();
+            let ring = FixedSheet::ring(electrodes, known.resistor_ohm(electrodes));
             Box::new(SimPort::new(SimBoard::new(config, ring)?, Pace::Unpaced)?)
         }
         None => {

@@ -78,6 +78,18 @@ fn every_planted_fault_is_found_and_named_on_the_phantom() {
     }
 }
 
+/// Without a board the ring is simulated as it was measured.
+#[test]
+fn a_ring_that_was_measured_is_the_one_that_is_judged() {
+    let (board, code) = json(&["--phantom", "470", "--measured", "309.4"]);
+    assert_eq!(board["phantom"]["findings"][0]["name"], "other_ring", "{board}");
+    assert_eq!((code, &board["phantom"]["ring_measured"]), (Some(1), &Value::Bool(true)));
+    let (board, code) = json(&["--phantom", "470", "--measured", "441"]);
+    assert_eq!((code, &board["phantom"]["passed"]), (Some(0), &Value::Bool(true)), "{board}");
+    let said = text(&["--phantom", "470", "--measured", "441"]);
+    assert!(said.contains("a resistor as measured, ohm") && said.contains("456 to 484"), "{said}");
+}
+
 /// What the self-test itself names, on a sheet.
 #[test]
 fn faults_of_the_circuit_are_named_on_a_sheet() {
@@ -119,6 +131,7 @@ fn what_makes_no_sense_is_refused() {
         (&["--phantom=-5"][..], "a resistance in ohm above 0"),
         (&["--fault", "electrode_open:17@0"][..], "there is no electrode 17"),
         (&["--phantom", "470", "--no-test"][..], "cannot be used with"),
+        (&["--measured", "441"][..], "--phantom"),
     ] {
         let output = hello(arguments);
         let said = String::from_utf8(output.stderr).unwrap();

@@ -14,6 +14,11 @@ use std::fmt;
 pub const SWITCH_OHM: f64 = 100.0;
 /// What one of them may have, ohm. 180 is the data sheet's most; the source's gain may be off by 2 %, which are 6 ohm.
 pub const SWITCH_LIMITS_OHM: [f64; 2] = [50.0, 190.0];
+/// The same while nobody has measured the ring, at most: typical switches, a low supply and a warm room. Switches of more look
+/// like a ring of smaller resistors.
+pub const SWITCH_LIMIT_UNMEASURED_OHM: f64 = 130.0;
+/// How far the ring may be from what it is said to be, in parts: an ohmmeter, its leads and resistors of 1 %.
+pub const RING_LIMIT: f64 = 0.03;
 /// How far the two switches of a drive may be from the median of all drives, ohm: 9 between switches of a chip, 3 by resistors
 /// of 1 %, twice.
 pub const SWITCHES_APART_OHM: f64 = 24.0;
@@ -76,6 +81,22 @@ pub enum Finding {
         /// One, ohm.
         ohm: f64,
     },
+    /// Switches that are seldom so poor, or a ring of smaller resistors than said. Only an ohmmeter can tell.
+    RingOrSwitches {
+        /// One switch if the ring is as said, ohm.
+        switch_ohm: f64,
+        /// A resistor of the ring if the switches are typical, ohm.
+        ring_ohm: f64,
+        /// What an ohmmeter shows between neighbours if the ring is as said, ohm.
+        between_ohm: f64,
+    },
+    /// The ring as measured is not the one that was said.
+    OtherRing {
+        /// A resistor of it, ohm, as measured and as said.
+        ohm: f64,
+        /// As said.
+        said_ohm: f64,
+    },
     /// One resistor of the ring, or a contact at it.
     Resistor {
         /// It lies between this electrode, from 0, and the next.
@@ -127,6 +148,8 @@ impl Finding {
             Self::Saturation { .. } => "saturation",
             Self::Clipped { .. } => "clipped",
             Self::Switches { .. } | Self::AllSwitches { .. } => "switch_resistance",
+            Self::RingOrSwitches { .. } => "ring_or_switches",
+            Self::OtherRing { .. } => "other_ring",
             Self::Resistor { .. } => "resistor",
             Self::Gain { .. } => "gain",
             Self::Values { .. } => "spread",
@@ -167,6 +190,15 @@ impl fmt::Display for Finding {
             Self::AllSwitches { ohm } => write!(
                 f,
                 "a closed switch has {ohm:.0} ohm, where a 74HCT4051 has 180 at most: is the ring of these resistors?"
+            ),
+            Self::RingOrSwitches { switch_ohm, ring_ohm, between_ohm } => write!(
+                f,
+                "either the ring has resistors of about {ring_ohm:.0} ohm, or a closed switch has {switch_ohm:.0}. Unplug the ring, \
+                 measure between two neighbouring electrodes ({between_ohm:.0} ohm if it is as said), and tell it with --measured"
+            ),
+            Self::OtherRing { ohm, said_ohm } => write!(
+                f,
+                "as measured the ring has resistors of {ohm:.0} ohm, not of {said_ohm:.0}"
             ),
             Self::Resistor { electrode, ohm } => write!(
                 f,
@@ -215,7 +247,8 @@ pub struct Verdict {
     pub expected_codes: f64,
     /// One closed switch, ohm, mean of all.
     pub switch_ohm: f64,
-    /// A resistor of the ring, ohm, if a switch has [`SWITCH_OHM`] instead. The values show the ratio of the two only.
+    /// A resistor of the ring, ohm: as measured, or if a switch has [`SWITCH_OHM`] instead. The values show the ratio of the two
+    /// only.
     pub ring_ohm: f64,
     /// The sense pairs' gain against the drive pairs', over what it should be.
     pub gain_ratio: f64,
@@ -229,18 +262,36 @@ pub struct Verdict {
     pub offset_codes: f64,
 }
 
-/// Judges the readings of a ring of such resistors. `source` is the source's amplitude as the board measures it, over what
-/// it is set to.
-pub fn judge(hello: &Hello, ohm: f64, source: f64, readings: &Readings) -> Verdict {
+/// The ring as whoever connected it knows it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Known {
+    /// What one resistor is said to be, ohm.
+    pub said_ohm: f64,
+    /// What an ohmmeter showed between two neighbouring electrodes with the board unplugged, ohm; `None`: nobody looked.
+    pub between_ohm: Option<f64>,
+}
+
+impl Known {
+    /// One resistor of so many, ohm: as measured, else as said. Between neighbours one is beside all others.
+    pub fn resistor_ohm(self, electrodes: usize) -> f64 {
+        let n = electrodes as f64;
+        self.between_ohm.map_or(self.said_ohm, |between| between * n / (n - 1.0))
+    }
+}
+
+/// Judges the readings of such a ring. `source` is the source's amplitude as the board measures it, over what it is set to.
+pub fn judge(hello: &Hello, known: Known, source: f64, readings: &Readings) -> Verdict {
     let gain = |k: Option<&u32>| f64::from(k.copied().unwrap_or(0)) / 1000.0;
     let per_code = f64::from(hello.adc_span_uv) * 1e-6 / hello.range_codes();
+    let electrodes = hello.electrodes.into();
     let bench = Bench {
         ring: Ring {
-            electrodes: hello.electrodes.into(),
-            ohm,
+            electrodes,
+            ohm: known.resistor_ohm(electrodes),
             switch_ohm: SWITCH_OHM,
             source_v: f64::from(hello.excitation_uv) * 1e-6 * readings.excitation * source,
         },
+        known,
         own_v: per_code / gain(hello.gains_milli.last()),
         sense_v: per_code / gain(hello.gains_milli.first()),
         readings,
@@ -251,6 +302,7 @@ pub fn judge(hello: &Hello, ohm: f64, source: f64, readings: &Readings) -> Verdi
 /// Readings with what they are compared with.
 struct Bench<'a> {
     ring: Ring,
+    known: Known,
     /// Volts of a code of a drive pair's own voltage, and of a sense pair's.
     own_v: f64,
     sense_v: f64,
@@ -405,7 +457,9 @@ impl Bench<'_> {
             .map(|v| self.ring.between_ohm(1) * (self.ring.source_v / v - 1.0))
             .collect();
         verdict.switch_ohm = both.iter().sum::<f64>() / (2 * n) as f64;
-        verdict.ring_ohm = self.ring.ohm * SWITCH_OHM / verdict.switch_ohm;
+        let measured = self.known.between_ohm.is_some();
+        let ratio = if measured { 1.0 } else { SWITCH_OHM / verdict.switch_ohm };
+        verdict.ring_ohm = self.ring.ohm * ratio;
         verdict.expected_codes = self.expected_v(verdict.switch_ohm) / self.sense_v;
         // Each value over its drive's own, where all are 1 by theory.
         let parts: Vec<(usize, usize, f64)> = self
@@ -444,9 +498,20 @@ impl Bench<'_> {
                 found.push(Finding::Switches { drive, ohm, median_ohm });
             }
         }
-        let [least, most] = SWITCH_LIMITS_OHM;
-        if !(least..=most).contains(&(0.5 * median_ohm)) {
-            found.push(Finding::AllSwitches { ohm: 0.5 * median_ohm });
+        let Known { said_ohm, .. } = self.known;
+        if (self.ring.ohm / said_ohm - 1.0).abs() > RING_LIMIT {
+            let ohm = self.ring.ohm;
+            found.push(Finding::OtherRing { ohm, said_ohm });
+        }
+        let ([least, most], one_ohm) = (SWITCH_LIMITS_OHM, 0.5 * median_ohm);
+        if !(least..=most).contains(&one_ohm) {
+            found.push(Finding::AllSwitches { ohm: one_ohm });
+        } else if !measured && one_ohm > SWITCH_LIMIT_UNMEASURED_OHM {
+            found.push(Finding::RingOrSwitches {
+                switch_ohm: one_ohm,
+                ring_ohm: said_ohm * SWITCH_OHM / one_ohm,
+                between_ohm: self.ring.between_ohm(1),
+            });
         }
         if bent > 0 || clipped > 0 {
             return;

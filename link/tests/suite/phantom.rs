@@ -1,11 +1,21 @@
 //! The production test on the simulated board with a ring of resistors: good boards pass, planted faults are named.
 
 use hil_sim::{Electronics, FixedSheet, Pace, SimBoard, SimConfig, SimPort};
-use link::phantom::{Finding, Multiplexer, Ring, Verdict, Wiring, judge, read};
+use link::phantom::{Finding, Known, Multiplexer, Ring, Verdict, Wiring, judge, read};
 use link::{Link, LinkError, greet};
 use nalgebra::{DMatrix, DVector};
 
+/// A ring that nobody has measured.
+const SAID: Known = Known {
+    said_ohm: 470.0,
+    between_ohm: None,
+};
+
 fn tested(electronics: Electronics, sheet: FixedSheet, faults: &[&str]) -> Result<Verdict, LinkError> {
+    tested_as(SAID, electronics, sheet, faults)
+}
+
+fn tested_as(known: Known, electronics: Electronics, sheet: FixedSheet, faults: &[&str]) -> Result<Verdict, LinkError> {
     let config = SimConfig {
         electronics,
         faults: faults.iter().map(|f| f.parse().unwrap()).collect(),
@@ -15,7 +25,7 @@ fn tested(electronics: Electronics, sheet: FixedSheet, faults: &[&str]) -> Resul
     let link = Link::open(Box::new(port))?;
     let hello = greet(&link)?;
     let readings = read(&link, &hello)?;
-    Ok(judge(&hello, 470.0, 1.0, &readings))
+    Ok(judge(&hello, known, 1.0, &readings))
 }
 
 fn drawn(faults: &[&str]) -> Verdict {
@@ -274,14 +284,40 @@ fn another_ring_than_said_is_no_good_board() {
     );
     let verdict = tested(Electronics::drawn_board(), FixedSheet::ring(16, 2000.0), &[]).unwrap();
     assert!(!verdict.findings.is_empty(), "{verdict:?}");
-    // Where such switches exist it passes, and tells what else it may be.
-    let verdict = tested(Electronics::drawn_board(), FixedSheet::ring(16, 330.0), &[]).unwrap();
+}
+
+/// 330 ohm with switches of 100 give the very values of 470 with switches of 142.
+#[test]
+fn a_ring_of_330_ohm_does_not_pass_as_one_of_470_and_switches_of_142_do_where_the_ring_was_measured() {
+    let typical = Electronics::drawn_board;
+    let poor = || Electronics {
+        switch_ohm: 47000.0 / 330.0,
+        ..typical()
+    };
+    let measured = |ohm: f64| Known {
+        // One beside fifteen.
+        between_ohm: Some(ohm * 15.0 / 16.0),
+        ..SAID
+    };
+    for (electronics, ring) in [(typical(), 330.0), (poor(), 470.0)] {
+        let verdict = tested(electronics, FixedSheet::ring(16, ring), &[]).unwrap();
+        assert!(
+            matches!(verdict.findings[..], [Finding::RingOrSwitches { switch_ohm, ring_ohm, between_ohm }]
+                if (switch_ohm / 142.4 - 1.0).abs() < 0.01 && (ring_ohm / 330.0 - 1.0).abs() < 0.01
+                    && (between_ohm - 440.6).abs() < 0.1),
+            "{verdict:?}"
+        );
+    }
+    let verdict = tested_as(measured(330.0), typical(), FixedSheet::ring(16, 330.0), &[]).unwrap();
+    let other = Finding::OtherRing {
+        ohm: 330.0,
+        said_ohm: 470.0,
+    };
+    assert_eq!(verdict.findings, [other], "{verdict:?}");
+    assert!((verdict.switch_ohm - 100.0).abs() < 1.0, "{verdict:?}");
+    let verdict = tested_as(measured(470.0), poor(), FixedSheet::ring(16, 470.0), &[]).unwrap();
     assert_eq!(verdict.findings, [], "{verdict:?}");
-    assert!(
-        (verdict.switch_ohm / (47000.0 / 330.0) - 1.0).abs() < 0.01,
-        "{verdict:?}"
-    );
-    assert!((verdict.ring_ohm / 330.0 - 1.0).abs() < 0.01, "{verdict:?}");
+    assert!((verdict.switch_ohm / 142.4 - 1.0).abs() < 0.01, "{verdict:?}");
 }
 
 #[test]
