@@ -1,7 +1,7 @@
 //! Which few measurements show a touch anywhere: the choice behind [`protocol::Watch::sequential`].
 //!
 //! All designs of one drive with one sense step, turned round the sheet, are tried: for each the sense pairs are taken that
-//! make the least visible touch most visible, inside the converter's range.
+//! make the least visible touch most visible, inside the converter's range. The board is the drawn one with one channel.
 //!
 //! `cargo run --release -p skin-hil-sim --example watch`
 
@@ -46,7 +46,7 @@ fn choices(list: &[u8], count: usize) -> Vec<Vec<u8>> {
 }
 
 fn main() {
-    let bench = Bench::new();
+    let bench = Bench::new(&hil_sim::Electronics::drawn_board());
     println!(
         "| drives | of each | values | drive pair | sense step | sense pairs | least visible touch of 25 N, over noise |"
     );

@@ -2,8 +2,8 @@
 
 use anyhow::Result;
 use link::phantom::{
-    Finding, GAIN_LIMIT, Known, OFFSET_LIMIT, PHASE_LIMIT_DEG, RING_LIMIT, SIGMA_LIMIT, SPREAD_LIMIT, SWITCH_LIMIT_UNMEASURED_OHM,
-    SWITCH_LIMITS_OHM, SWITCH_OHM, Verdict, judge, read,
+    Finding, GAIN_LIMIT, Known, OFFSET_LIMIT, PHASE_LIMIT_DEG, RING_LIMIT, SIGMA_LIMIT, SPREAD_LIMIT,
+    SWITCH_LIMIT_UNMEASURED_OHM, SWITCH_LIMITS_OHM, SWITCH_OHM, Verdict, judge, read,
 };
 use link::{Link, LinkError};
 use protocol::{Check, Hello, SelfTest};

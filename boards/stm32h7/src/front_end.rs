@@ -65,10 +65,13 @@ impl Excitation for FrontEnd {
 
 impl Capture for FrontEnd {
     fn begin(&mut self, window: Window) -> Result<(), ErrorKind> {
+        // The time first: the window has to begin within a sample of the last one's end.
+        self.sampler.begin(window)?;
         if self.sampler.lost() || self.source.underrun() {
             self.sampler.start(&self.source);
+            self.sampler.begin(window)?;
         }
-        self.sampler.begin(window)
+        Ok(())
     }
 
     fn poll_block<R>(&mut self, f: impl FnOnce(&Block<'_>) -> R) -> nb::Result<R, ErrorKind> {

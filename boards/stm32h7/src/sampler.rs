@@ -183,13 +183,14 @@ impl Sampler {
         let Some(open) = self.open.filter(|o| o.next < o.end) else {
             return Err(nb::Error::WouldBlock);
         };
-        // After a loss no more samples come: do not wait for a whole period.
-        if self.lost() {
-            self.open = None;
-            return Err(nb::Error::Other(ErrorKind::Overrun));
-        }
         let period = SAMPLES_PER_PERIOD as u64;
         if now() < open.next + period {
+            // After a loss no more samples come: do not wait for a whole period. Where they are all there it is looked at below,
+            // since the next drive has to be switched within a sample.
+            if self.lost() {
+                self.open = None;
+                return Err(nb::Error::Other(ErrorKind::Overrun));
+            }
             return Err(nb::Error::WouldBlock);
         }
         crate::multiplexer::work();

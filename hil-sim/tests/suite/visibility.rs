@@ -1,15 +1,16 @@
 //! Which touches the watch sees: its visibility by the forward model, all over the sheet.
 
 use crate::common::visibility::{Bench, least};
+use hil_sim::Electronics;
 use protocol::{Plan, Watch};
 
 #[test]
 fn the_watch_sees_a_touch_anywhere_nearly_as_well_as_the_whole_plan() {
-    let bench = Bench::new();
+    let bench = Bench::new(&Electronics::drawn_sixteen());
     let (watch, plan) = (Watch::paper(), Plan::fastest());
     let (few, all) = (bench.visibility(watch.recipe()), bench.visibility(plan.recipe()));
     println!(
-        "least visible touch of 25 N, in noise: watch {:.0}, whole plan {:.0}; medians {:.0}, {:.0}",
+        "drawn_sixteen: least visible touch of 25 N, in noise: watch {:.0}, whole plan {:.0}; medians {:.0}, {:.0}",
         least(&few),
         least(&all),
         median(&few),
@@ -36,7 +37,7 @@ fn median(list: &[f64]) -> f64 {
 
 #[test]
 fn the_watch_stays_inside_the_converters_range() {
-    let bench = Bench::new();
+    let bench = Bench::new(&Electronics::drawn_sixteen());
     for codes in bench.resting_codes(&Bench::pattern(Watch::paper().recipe().measurements(16))) {
         assert!(codes > 200.0 && codes < 0.9 * 2047.5, "{codes}");
     }
@@ -44,11 +45,11 @@ fn the_watch_stays_inside_the_converters_range() {
 
 #[test]
 fn the_sequential_watch_sees_a_touch_anywhere_better_than_all_neighbouring_pairs() {
-    let bench = Bench::new();
+    let bench = Bench::new(&Electronics::drawn_board());
     let (watch, plan) = (Watch::sequential(), Plan::sequential());
     let (few, all) = (bench.visibility(watch.recipe()), bench.visibility(plan.recipe()));
     println!(
-        "least visible touch of 25 N, in noise: sequential watch {:.0}, whole plan {:.0}; medians {:.0}, {:.0}",
+        "drawn_board: least visible touch of 25 N, in noise: sequential watch {:.0}, whole plan {:.0}; medians {:.0}, {:.0}",
         least(&few),
         least(&all),
         median(&few),
@@ -59,7 +60,7 @@ fn the_sequential_watch_sees_a_touch_anywhere_better_than_all_neighbouring_pairs
     assert_eq!((watch.recipe().value_count(), watch.recipe().quarters()), (8, 40));
     let values = watch.recipe().value_count() as f64;
     let threshold = ((f64::from(watch.threshold) / 256.0 - 1.0) * values).sqrt();
-    assert!(least(&few) > 25.0 * threshold, "{} {threshold}", least(&few));
+    assert!(least(&few) > 20.0 * threshold, "{} {threshold}", least(&few));
     for codes in bench.resting_codes(&Bench::pattern(watch.recipe().measurements(16))) {
         assert!(codes.abs() < 0.9 * 2047.5, "{codes}");
     }

@@ -51,22 +51,21 @@ struct Bench {
 }
 
 impl Bench {
-    /// A board that watches, after it was told to start.
+    /// The drawn board with sixteen channels, which watches, after it was told to start.
     fn new(sheet: Pressed, seed: u64) -> Self {
-        Self::watching(Watch::paper(), Plan::fastest(), sheet, seed)
+        let electronics = Electronics::drawn_sixteen();
+        Self::watching(electronics, Watch::paper(), Plan::fastest(), sheet, seed)
     }
 
-    /// The same by a single channel.
+    /// The same of the one with a single channel.
     fn sequential(sheet: Pressed, seed: u64) -> Self {
-        Self::watching(Watch::sequential(), Plan::sequential_fast(), sheet, seed)
+        let electronics = Electronics::drawn_board();
+        Self::watching(electronics, Watch::sequential(), Plan::sequential_fast(), sheet, seed)
     }
 
-    fn watching(watch: Watch, plan: Plan, sheet: Pressed, seed: u64) -> Self {
+    fn watching(electronics: Electronics, watch: Watch, plan: Plan, sheet: Pressed, seed: u64) -> Self {
         let config = SimConfig {
-            electronics: Electronics {
-                seed,
-                ..Electronics::default()
-            },
+            electronics: Electronics { seed, ..electronics },
             plan: Some(plan),
             look_samples: Some(4),
             ..SimConfig::default()
@@ -306,8 +305,8 @@ fn a_baseline_taken_under_a_touch_is_taken_anew_on_command() {
     });
     let baseline = baseline.unwrap();
     assert_eq!((baseline.scans, baseline.values.len()), (64, 12));
-    // White noise and rounding of 16 samples, in sixteenths of squared sixteenths of a code.
-    let noise = (0.365f64.powi(2) + 1.0 / 12.0) * 2.0 / 16.0 * 256.0 * 16.0 + 16.0 / 12.0;
+    // White noise and rounding to 16 bits of 16 samples, in sixteenths of squared sixteenths of a code.
+    let noise = (0.4f64.powi(2) + 1.0 / 256.0 / 12.0) * 2.0 / 16.0 * 256.0 * 16.0 + 16.0 / 12.0;
     for v in &baseline.variance {
         assert!((0.6..1.8).contains(&(f64::from(*v) / noise)), "{v} {noise}");
     }

@@ -83,11 +83,21 @@ fn every_planted_fault_is_found_and_named_on_the_phantom() {
 fn a_ring_that_was_measured_is_the_one_that_is_judged() {
     let (board, code) = json(&["--phantom", "470", "--measured", "309.4"]);
     assert_eq!(board["phantom"]["findings"][0]["name"], "other_ring", "{board}");
-    assert_eq!((code, &board["phantom"]["ring_measured"]), (Some(1), &Value::Bool(true)));
+    assert_eq!(
+        (code, &board["phantom"]["ring_measured"]),
+        (Some(1), &Value::Bool(true))
+    );
     let (board, code) = json(&["--phantom", "470", "--measured", "441"]);
-    assert_eq!((code, &board["phantom"]["passed"]), (Some(0), &Value::Bool(true)), "{board}");
+    assert_eq!(
+        (code, &board["phantom"]["passed"]),
+        (Some(0), &Value::Bool(true)),
+        "{board}"
+    );
     let said = text(&["--phantom", "470", "--measured", "441"]);
-    assert!(said.contains("a resistor as measured, ohm") && said.contains("456 to 484"), "{said}");
+    assert!(
+        said.contains("a resistor as measured, ohm") && said.contains("456 to 484"),
+        "{said}"
+    );
 }
 
 /// What the self-test itself names, on a sheet.

@@ -191,7 +191,11 @@ impl fmt::Display for Finding {
                 f,
                 "a closed switch has {ohm:.0} ohm, where a 74HCT4051 has 180 at most: is the ring of these resistors?"
             ),
-            Self::RingOrSwitches { switch_ohm, ring_ohm, between_ohm } => write!(
+            Self::RingOrSwitches {
+                switch_ohm,
+                ring_ohm,
+                between_ohm,
+            } => write!(
                 f,
                 "either the ring has resistors of about {ring_ohm:.0} ohm, or a closed switch has {switch_ohm:.0}. Unplug the ring, \
                  measure between two neighbouring electrodes ({between_ohm:.0} ohm if it is as said), and tell it with --measured"
@@ -275,7 +279,8 @@ impl Known {
     /// One resistor of so many, ohm: as measured, else as said. Between neighbours one is beside all others.
     pub fn resistor_ohm(self, electrodes: usize) -> f64 {
         let n = electrodes as f64;
-        self.between_ohm.map_or(self.said_ohm, |between| between * n / (n - 1.0))
+        self.between_ohm
+            .map_or(self.said_ohm, |between| between * n / (n - 1.0))
     }
 }
 

@@ -22,7 +22,11 @@ pub struct Watchdog {
     /// Prescaler and reload value, as they count.
     prescaler: u64,
     reload: u64,
-    end: Option<EventId>,
+    /// When the count ends.
+    end: VirtualNanos,
+    /// The event by which that is looked at, and when it comes. It is fed a million times a second, so that not every load can
+    /// have an event.
+    look: Option<(EventId, VirtualNanos)>,
 }
 
 impl Default for Watchdog {
@@ -33,7 +37,8 @@ impl Default for Watchdog {
             unlocked: false,
             prescaler: 0,
             reload: 0xFFF,
-            end: None,
+            end: VirtualNanos(0),
+            look: None,
         }
     }
 }
@@ -47,7 +52,14 @@ impl Watchdog {
         // RM0433 section 45.4.2: 4 at zero, 256 at six and more.
         let divider = 4 << self.prescaler.min(6);
         let ns = (self.reload + 1) * divider * 1_000_000_000 / self.hz;
-        self.end = Some(context.schedule(VirtualNanos(context.now().0 + ns)));
+        self.end = VirtualNanos(context.now().0 + ns);
+        if self.look.is_none_or(|(_, at)| at.0 > self.end.0) {
+            self.look_at_end(context);
+        }
+    }
+
+    fn look_at_end(&mut self, context: &mut DeviceContext<'_>) {
+        self.look = Some((context.schedule(self.end), self.end));
     }
 }
 
@@ -83,8 +95,13 @@ impl Device for Watchdog {
     }
 
     fn on_event(&mut self, event: EventId, _: &mut RegisterFile, context: &mut DeviceContext<'_>) {
-        if self.end.take_if(|end| *end == event).is_some() {
+        if self.look.take_if(|(look, _)| *look == event).is_none() {
+            return;
+        }
+        if context.now().0 >= self.end.0 {
             context.request_reset();
+        } else {
+            self.look_at_end(context);
         }
     }
 

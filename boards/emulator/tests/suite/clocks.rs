@@ -31,8 +31,8 @@ fn clocked(name: &str, clock: Wired) -> Outcome {
 fn sixteen_clocked(clock: Wired) -> Outcome {
     let setup = Setup {
         commands: vec![
-            (3 * sixteen::AWAKE_NS, ToBoard::SetPlan(Plan::fast())),
-            (3 * sixteen::AWAKE_NS + 10_000_000, ToBoard::Start),
+            (2 * sixteen::AWAKE_NS, ToBoard::SetPlan(Plan::fast())),
+            (2 * sixteen::AWAKE_NS + 5_000_000, ToBoard::Start),
         ],
         clock,
         ..Setup::default()
@@ -57,6 +57,10 @@ fn between_frames(outcome: &Outcome) -> f64 {
 fn frame_time(outcome: &Outcome) -> f64 {
     between_frames(outcome) / (f64::from(Plan::sequential_fast().quarters()) * 4.0 * 1425.0 / 84e-3)
 }
+
+/// How far the time of a frame of the board with sixteen channels may be off: it may be a byte longer than the one before,
+/// 10 us of 8.7 ms.
+const SIXTEEN_BYTE: f64 = 1.3e-3;
 
 /// The same of the board with sixteen channels, at 200 MHz / 3392.
 fn sixteen_frame_time(outcome: &Outcome) -> f64 {
@@ -99,7 +103,7 @@ fn a_crystal_and_a_clock_from_outside_of_every_known_frequency_are_run_right() {
         assert_eq!(hellos[0].last_panic, "", "{clock:?}");
         assert_eq!((outcome.damaged, outcome.resets), (0, 0));
         let time = sixteen_frame_time(&outcome);
-        assert!((time - 1.0).abs() < 4e-4, "{clock:?}: {time}");
+        assert!((time - 1.0).abs() < SIXTEEN_BYTE, "{clock:?}: {time}");
         assert_eq!(outcome.gaps, Vec::<String>::new());
     }
 }
@@ -138,7 +142,7 @@ fn without_a_clock_or_with_a_strange_one_it_works_on_the_internal_one_and_says_s
         );
         assert_eq!((outcome.damaged, outcome.resets), (0, 0));
         let time = sixteen_frame_time(&outcome);
-        assert!((time - 1.0).abs() < 4e-4, "{clock:?}: {time}");
+        assert!((time - 1.0).abs() < SIXTEEN_BYTE, "{clock:?}: {time}");
     }
 }
 

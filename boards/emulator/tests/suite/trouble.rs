@@ -190,7 +190,7 @@ fn a_supply_that_never_is_good_is_told_and_does_not_stop_it() {
 
 #[test]
 fn the_front_end_and_the_clock_keep_their_duties_on_the_chip() {
-    let outcome = run_in(&program("laws"), world(), Setup::default(), 1, 1_000_000_000).unwrap();
+    let outcome = run_in(&program("laws"), world(), Setup::default(), 1, 250_000_000).unwrap();
     let [hello] = &hellos(&outcome)[..] else {
         panic!("{:?} {}", outcome.messages, outcome.resets);
     };

@@ -14,7 +14,8 @@ pub(crate) const RADIUS_MM: f64 = 12.5;
 
 /// Noise of one value of one period, codes: 16 samples with white noise and rounding, and the rounding of the value.
 fn noise_codes(electronics: &Electronics) -> f64 {
-    let sample = electronics.noise_codes.powi(2) + 1.0 / 12.0;
+    let least = 2f64.powi(12 - i32::from(electronics.code_bits()));
+    let sample = electronics.noise_codes.powi(2) + least * least / 12.0;
     let step = 1.0 / f64::from(Value::PER_CODE);
     (sample * 2.0 / 16.0 + step * step / 12.0).sqrt()
 }
@@ -25,22 +26,27 @@ pub(crate) struct Bench {
     centres: Vec<[f64; 2]>,
     pub(crate) codes_per_volt: f64,
     noise: f64,
+    drive: Drive,
 }
 
 impl Bench {
-    pub(crate) fn new() -> Self {
+    /// A board with this electronics at the paper's sheet.
+    pub(crate) fn new(electronics: &Electronics) -> Self {
         let sheet = Sheet::paper();
         let model = Arc::new(Model::new(&sheet, &ModelOptions::default()).unwrap());
         let solver = Solver::new(model).unwrap();
         let grid = CellGrid::new(&Geometry::new(&sheet).unwrap(), 5.0).unwrap();
-        let electronics = Electronics::default();
         let gain = f64::from(electronics.gains_milli[0]) / 1000.0;
         Self {
             sensitivity: Sensitivity::by_cell(&solver, &grid),
             centres: (0..grid.len()).map(|k| grid.centre(k)).collect(),
             solver,
             codes_per_volt: gain / electronics.adc_span_v * 4095.0,
-            noise: noise_codes(&electronics),
+            noise: noise_codes(electronics),
+            drive: Drive::Voltage {
+                amplitude_v: electronics.excitation_v,
+                switch_ohm: electronics.switch_ohm,
+            },
         }
     }
 
@@ -62,7 +68,7 @@ impl Bench {
     /// The change of every value (row) over its noise, for the paper's touch at every place (column).
     pub(crate) fn changes(&self, pattern: &Pattern) -> nalgebra::DMatrix<f64> {
         let z = self.solver.electrode_matrix();
-        let matrix = self.sensitivity.matrix_v(Drive::PAPER, z, pattern) * (self.codes_per_volt / self.noise);
+        let matrix = self.sensitivity.matrix_v(self.drive, z, pattern) * (self.codes_per_volt / self.noise);
         let column = |p: &[f64; 2]| {
             let mut sum = nalgebra::DVector::zeros(pattern.len());
             for (k, c) in self.centres.iter().enumerate() {
@@ -83,7 +89,7 @@ impl Bench {
 
     /// The resting value of every measurement, codes of amplitude.
     pub(crate) fn resting_codes(&self, pattern: &Pattern) -> Vec<f64> {
-        let frame = Drive::PAPER.frame_v(self.solver.electrode_matrix(), pattern);
+        let frame = self.drive.frame_v(self.solver.electrode_matrix(), pattern);
         frame.iter().map(|v| v * self.codes_per_volt).collect()
     }
 }
