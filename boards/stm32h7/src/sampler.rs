@@ -44,6 +44,10 @@ static THIRD: Shared<u16, { RING * SINGLES }> = Shared::new(0);
 const CONVERTED_TICKS: u32 = SKEW_TICKS as u32 * HALF_ROW as u32 + 100;
 const _: () = assert!(CONVERTED_TICKS < TICKS_PER_SAMPLE);
 
+/// Rows of the first block of each period. The second has the rest: the less is left to do when a window ends, the sooner the
+/// next route is set.
+const EARLY_ROWS: u64 = 3 * QUARTER_SAMPLES as u64;
+
 /// Rows by which a stream must still be away from a block when it has been copied.
 const SPARE: u64 = 2;
 
@@ -158,14 +162,12 @@ impl Sampler {
         if usize::from(window.channels) != self.columns() {
             return Err(ErrorKind::Other);
         }
-        // Lets a row under way end: 9 us at most.
-        while timer().cnt().read().bits() < CONVERTED_TICKS {}
-        let now = now();
+        // A route that was set before the first row after a quarter was in memory counts as one at its end. A later one has less
+        // time to settle than others, and begins with the next quarter.
         let quarter = QUARTER_SAMPLES as u64;
-        // A call at most one sample after the end of a quarter still counts as one at that end.
-        let from = (now + quarter - 2) / quarter;
+        let from = now().div_ceil(quarter);
         let settled = from + u64::from(window.settle_quarters) - u64::from(cfg!(feature = "fault-settling"));
-        let start = settled.max(now.div_ceil(quarter)) * quarter;
+        let start = settled.max(from) * quarter;
         self.open = Some(Open {
             next: start,
             end: start + u64::from(window.periods) * SAMPLES_PER_PERIOD as u64,
@@ -178,14 +180,19 @@ impl Sampler {
         if self.input == Input::All { MAX_CHANNELS } else { 1 }
     }
 
-    /// Lends what there is of the window, a period at a time.
+    /// Lends what there is of the window, a period in two blocks.
     pub fn poll<R>(&mut self, f: impl FnOnce(&Block<'_>) -> R) -> nb::Result<R, ErrorKind> {
         let Some(open) = self.open.filter(|o| o.next < o.end) else {
             return Err(nb::Error::WouldBlock);
         };
         let period = SAMPLES_PER_PERIOD as u64;
-        if now() < open.next + period {
-            // After a loss no more samples come: do not wait for a whole period. Where they are all there it is looked at below,
+        let rows = if (open.end - open.next).is_multiple_of(period) {
+            EARLY_ROWS
+        } else {
+            period - EARLY_ROWS
+        };
+        if now() < open.next + rows {
+            // After a loss no more samples come: do not wait for a whole block. Where they are all there it is looked at below,
             // since the next drive has to be switched within a sample.
             if self.lost() {
                 self.open = None;
@@ -194,7 +201,7 @@ impl Sampler {
             return Err(nb::Error::WouldBlock);
         }
         crate::multiplexer::work();
-        self.copy((open.next % RING as u64) as usize);
+        self.copy((open.next % RING as u64) as usize, rows as usize);
         // What was overwritten meanwhile is found out afterwards; then nothing that was copied is used.
         if self.lost() || now() + SPARE > open.next + RING as u64 {
             self.open = None;
@@ -202,7 +209,7 @@ impl Sampler {
         }
         let columns = self.columns();
         let result = f(&Block {
-            samples: self.rows.get(..columns * SAMPLES_PER_PERIOD).unwrap_or_default(),
+            samples: self.rows.get(..columns * rows as usize).unwrap_or_default(),
             channels: columns as u8,
             sequence: self.sequence,
             time: open.next,
@@ -210,18 +217,18 @@ impl Sampler {
         });
         self.sequence = self.sequence.wrapping_add(1);
         self.open = Some(Open {
-            next: open.next + period,
+            next: open.next + rows,
             end: open.end,
         });
         Ok(result)
     }
 
-    /// Puts a period of rows together, from a row of the rings on, which go round on the way.
-    fn copy(&mut self, from: usize) {
-        let until_end = (RING - from).min(SAMPLES_PER_PERIOD);
+    /// Puts so many rows together, from a row of the rings on, which go round on the way.
+    fn copy(&mut self, from: usize, rows: usize) {
+        let until_end = (RING - from).min(rows);
         let columns = self.columns();
         let (early, late) = self.rows.split_at_mut(until_end * columns);
-        for (place, start, rows) in [(early, from, until_end), (late, 0, SAMPLES_PER_PERIOD - until_end)] {
+        for (place, start, rows) in [(early, from, until_end), (late, 0, rows - until_end)] {
             match self.input {
                 Input::All => {
                     // SAFETY: whether a stream wrote to it meanwhile is found out by `poll`, which then uses nothing of it.
