@@ -53,11 +53,17 @@ fn state_folder() -> Option<PathBuf> {
     state.map(|folder| folder.join("skin"))
 }
 
+/// Where what is known of boards is stored: in the folder that is named, else in that of the system, but for simulated ones.
+pub(crate) fn state(named: Option<&Path>, simulated: bool) -> Option<PathBuf> {
+    named
+        .map(Path::to_owned)
+        .or_else(|| state_folder().filter(|_| !simulated))
+}
+
 /// Where the baselines of a board are stored: in the folder that is named, else in that of the system, if the board is no simulated
 /// one: that has no serial number of its own, and nobody comes back to it.
 pub(crate) fn folder(named: Option<&Path>, hello: &Hello) -> Option<PathBuf> {
-    let own = hello.board != BOARD_NAME;
-    named.map(Path::to_owned).or_else(|| state_folder().filter(|_| own))
+    state(named, hello.board == BOARD_NAME)
 }
 
 /// A time in its largest unit: 50 s, 3 min, 3 h, 2 days.

@@ -1,10 +1,13 @@
 //! `skin calibrate`: the rubber's parameters from a press-and-hold; maps of a real skin from presses at known places.
 
-use crate::files::{calibration_file, press_table};
+use crate::files::calibration_file::{self, RubberKeys};
+use crate::files::press_table;
 use crate::played_board::PlayedBoard;
+use crate::presses::file::{self, Of};
+use crate::presses::store;
 use crate::progress::Progress;
 use crate::recorded::SessionRecord;
-use crate::{number, presses, scene, sheet};
+use crate::{baselines, number, presses, scene, sheet};
 use ::forward::{Drive, Geometry, Pattern, Sheet};
 use ::recording::Speed;
 use anyhow::{Context, Result, anyhow, bail};
@@ -77,8 +80,8 @@ pub(crate) struct Arguments {
 /// What else can be calibrated.
 #[derive(Debug, Subcommand)]
 enum What {
-    /// Maps of a real skin, from presses at known places: for `reconstruct --calibration`.
-    Presses(presses::calibrate::Arguments),
+    /// Maps of a real skin, from presses at known places: guided through now, by a robot's list, or of a table.
+    Presses(Box<presses::calibrate::Arguments>),
     /// Where to press: a list, and a drawing to print at true scale.
     Marks(presses::marks::Arguments),
     /// G-code by which a 3D printer presses the marks, and the list of when and where.
@@ -108,8 +111,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         Some(What::Gcode(gcode)) => return presses::gcode::run(gcode),
         None => {}
     }
-    let samples = match (&arguments.file, &arguments.port, &arguments.scene, &arguments.from) {
-        (Some(table), ..) => press_table::read(table, arguments.force_n)?,
+    let (samples, of) = match (&arguments.file, &arguments.port, &arguments.scene, &arguments.from) {
+        (Some(table), ..) => (press_table::read(table, arguments.force_n)?, Of::default()),
         (_, Some(port), ..) => record(arguments, port)?,
         (.., Some(file), _) => play(arguments, file)?,
         (.., Some(recording)) => replay(arguments, recording)?,
@@ -119,10 +122,16 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         calibration_file::write(path, &press_table::text(&samples))?;
     }
     let fit = calibration::fit(&samples, arguments.exponent)?;
-    calibration_file::write(
-        &arguments.out,
-        &calibration_file::text(&fit.calibration, Some(fit.errors))?,
-    )?;
+    let rubber = RubberKeys::of(&fit.calibration, Some(fit.errors));
+    let with_presses = file::put_rubber(&arguments.out, rubber.clone(), of.clone())?;
+    // Of a board, and not of a simulated one.
+    let stored = match (&arguments.port, &of.serial, baselines::state(None, false)) {
+        (Some(_), Some(serial), Some(folder)) => Some(store::place(&folder, serial)?),
+        _ => None,
+    };
+    if let Some(path) = &stored {
+        file::put_rubber(path, rubber, of)?;
+    }
     let mut out = std::io::stdout().lock();
     if arguments.json {
         serde_json::to_writer(&mut out, &line(&fit, samples.len()))?;
@@ -135,6 +144,15 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         arguments.out.display(),
         arguments.out.display()
     );
+    if with_presses {
+        eprintln!("{}: the presses that were in it are kept", arguments.out.display());
+    }
+    if let Some(path) = &stored {
+        eprintln!(
+            "{}: stored; skin run loads it by itself, --calibration none does without",
+            path.display()
+        );
+    }
     Ok(())
 }
 
@@ -181,7 +199,7 @@ const DOWN_S: f64 = 1.5;
 const RAMP_S: f64 = 0.5;
 const HELD: f64 = 0.6;
 
-fn simulate(arguments: &Arguments) -> Result<Vec<Sample>> {
+fn simulate(arguments: &Arguments) -> Result<(Vec<Sample>, Of)> {
     let (sheet, _) = sheet::load(arguments.sheet.as_deref())?;
     let (low, high) = Geometry::new(&sheet)?.bounding_box();
     let at = [0, 1].map(|k| 0.5 * (low[k] + high[k]));
@@ -209,10 +227,11 @@ fn simulate(arguments: &Arguments) -> Result<Vec<Sample>> {
         .mount(&[Press::tip(at, &path)], true, arguments.seed)
         .map_err(|e| anyhow!(e))?;
     let session = Session::start(port, adjacent_plan)?;
-    take(&session, || live(&session), &sheet, Some(at), end, gauge, |_| ())
+    let samples = take(&session, || live(&session), &sheet, Some(at), end, gauge, |_| ())?;
+    Ok((samples, Of::sheet(&sheet)?))
 }
 
-fn play(arguments: &Arguments, file: &Path) -> Result<Vec<Sample>> {
+fn play(arguments: &Arguments, file: &Path) -> Result<(Vec<Sample>, Of)> {
     let mut file = scene::load(file)?;
     file.config.electronics.seed = arguments.seed;
     let most = (0..=1000)
@@ -227,7 +246,7 @@ fn play(arguments: &Arguments, file: &Path) -> Result<Vec<Sample>> {
     }
     let session = Session::start(Box::new(SimPort::new(file.board()?, Pace::Unpaced)?), adjacent_plan)?;
     let gauge = |t_s: f64| file.scene.truth(t_s).iter().map(|t| t.force_n).sum();
-    take(
+    let samples = take(
         &session,
         || live(&session),
         &file.sheet,
@@ -235,7 +254,8 @@ fn play(arguments: &Arguments, file: &Path) -> Result<Vec<Sample>> {
         file.duration_s,
         gauge,
         |_| (),
-    )
+    )?;
+    Ok((samples, Of::sheet(&file.sheet)?))
 }
 
 fn held(arguments: &Arguments) -> Result<f64> {
@@ -244,7 +264,7 @@ fn held(arguments: &Arguments) -> Result<f64> {
 }
 
 /// The press-and-hold of a recording, as it is recorded of a board.
-fn replay(arguments: &Arguments, path: &Path) -> Result<Vec<Sample>> {
+fn replay(arguments: &Arguments, path: &Path) -> Result<(Vec<Sample>, Of)> {
     let force_n = held(arguments)?;
     let sheet = SessionRecord::read(path)?.sheet()?;
     let board = PlayedBoard::open(path, Speed::Unpaced)?;
@@ -252,7 +272,7 @@ fn replay(arguments: &Arguments, path: &Path) -> Result<Vec<Sample>> {
     let mut samples = take(&board.session, next, &sheet, None, arguments.seconds, |_| 0.0, |_| ())
         .with_context(|| path.display().to_string())?;
     recording::hold(&mut samples, force_n)?;
-    Ok(samples)
+    Ok((samples, Of::sheet(&sheet)?))
 }
 
 /// The next frame of a board.
@@ -265,7 +285,7 @@ fn live(session: &Session) -> Result<Option<MeasuredFrame>> {
     }
 }
 
-fn record(arguments: &Arguments, path: &str) -> Result<Vec<Sample>> {
+fn record(arguments: &Arguments, path: &str) -> Result<(Vec<Sample>, Of)> {
     let force_n = held(arguments)?;
     let (sheet, _) = sheet::load(arguments.sheet.as_deref())?;
     let port = ports::open(path).map_err(|e| anyhow!(e))?;
@@ -290,7 +310,8 @@ fn record(arguments: &Arguments, path: &str) -> Result<Vec<Sample>> {
         },
     )?;
     recording::hold(&mut samples, force_n)?;
-    Ok(samples)
+    let hello = session.hello();
+    Ok((samples, Of::sheet(&sheet)?.with_board(&hello.board, &hello.serial)))
 }
 
 /// How often the loop looks up while no frame comes.

@@ -2,7 +2,7 @@
 //! docs/live.schema.json.
 
 use crate::event::Said;
-use crate::recorded::{BoardRecord, SessionRecord, pressed};
+use crate::recorded::{BoardRecord, CalibrationNote, SessionRecord, pressed};
 use crate::say;
 use crate::skin_file::Place;
 use ::forward::CellGrid;
@@ -47,6 +47,9 @@ struct Header<'a> {
     /// Presses that taught what a touch does, where that takes the place of the sheet's model.
     #[serde(skip_serializing_if = "Option::is_none")]
     learned_from: Option<usize>,
+    /// The calibration, where there is one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    calibration: Option<&'a CalibrationNote>,
     /// Where the cells of a picture are.
     #[serde(skip_serializing_if = "Option::is_none")]
     cells: Option<CellsLine>,
@@ -172,9 +175,10 @@ pub(crate) fn header(session: &Session, record: &SessionRecord, cells: Option<&C
         plan: PlanLine::of(session),
         sheet: &record.sheet,
         wires: &record.wires,
-        calibrated: record.calibration.is_some(),
+        calibrated: record.calibration.is_some() || record.calibrated_by.as_ref().is_some_and(|note| note.force),
         place: record.place.as_ref().map(PlaceLine::from),
         learned_from: record.learned_from,
+        calibration: record.calibrated_by.as_ref(),
         cells: cells.map(|grid| CellsLine::of(grid, record.place.as_ref())),
         units: units(record.learned_from.is_some()),
     })

@@ -223,6 +223,8 @@ impl Run<'_> {
             }
             PageCommand::StartRecording => self.start_recording(),
             PageCommand::StopRecording => self.stop_recording(),
+            // Of a guided calibration, which this is not.
+            PageCommand::RepeatPress | PageCommand::SkipPress => {}
             // A board cannot go back; the page of one does not ask.
             PageCommand::Seek { .. } | PageCommand::Pause | PageCommand::Play => {}
         }

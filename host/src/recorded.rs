@@ -54,6 +54,21 @@ impl From<&Hello> for BoardRecord {
     }
 }
 
+/// What is told of a session's calibration.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct CalibrationNote {
+    pub(crate) file: String,
+    /// Whether it is the one that is stored for the board, and was loaded by itself.
+    pub(crate) stored: bool,
+    /// Presses that taught it, where that takes the place of the model.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) presses: Option<usize>,
+    /// Whether forces are in newtons of this skin.
+    pub(crate) force: bool,
+    /// Whether the rubber's creep is taken out of them.
+    pub(crate) creep: bool,
+}
+
 /// What was recorded, and how: the first message of a file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct SessionRecord {
@@ -81,6 +96,9 @@ pub(crate) struct SessionRecord {
     /// How many they were.
     #[serde(default)]
     pub(crate) learned_from: Option<usize>,
+    /// What the calibration was; none without, and in recordings of a program that did not tell.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) calibrated_by: Option<CalibrationNote>,
     /// None where it is calibrated, and in recordings of a program that gave no such forces.
     #[serde(default)]
     pub(crate) uncalibrated_n_per_mm2: Option<f64>,
@@ -139,6 +157,7 @@ impl SessionRecord {
             calibration: calibration.transpose()?,
             presses: of.presses.map(|presses| presses.text.clone()),
             learned_from: of.presses.map(|presses| presses.presses),
+            calibrated_by: None,
             uncalibrated_n_per_mm2: options.uncalibrated_n_per_mm2.filter(|_| options.calibration.is_none()),
             find_electrodes: options.find_electrodes,
             baseline_frames: options.baseline_frames,

@@ -214,7 +214,7 @@ impl<'a> Player<'a> {
     fn run(mut self) -> Result<()> {
         let show = &self.arguments.show;
         let mut commands = Commands::new(&show.on)?;
-        let source = shown_source(&format!("recording of {}", self.record.source), self.learned.as_ref());
+        let source = shown_source(&format!("recording of {}", self.record.source), &self.record);
         let page = self.page.take();
         let with_page = page.is_some();
         let mut output = Output::new(page, show, source);
@@ -467,7 +467,11 @@ impl<'a> Player<'a> {
                 let ended = self.index.as_ref().is_some_and(|index| self.at_ns >= index.ended_ns);
                 self.control.go(if ended { began_ns } else { self.at_ns }, false);
             }
-            (Some(Command::Seek { .. } | Command::Pause | Command::Play) | None, _) => {}
+            (
+                Some(Command::Seek { .. } | Command::Pause | Command::Play | Command::RepeatPress | Command::SkipPress)
+                | None,
+                _,
+            ) => {}
         }
     }
 

@@ -67,11 +67,11 @@ pub(crate) struct SourceArguments {
     /// The baseline to start with. The last good one of each board is stored.
     #[arg(long, value_enum, value_name = "WHICH", default_value_t = Start::New)]
     pub(crate) baseline: Start,
-    /// Folder of the stored baselines [default: $XDG_STATE_HOME/skin or ~/.local/state/skin, and none for a simulated skin].
+    /// Folder of the stored baselines and calibrations [default: $XDG_STATE_HOME/skin or ~/.local/state/skin, and none for a simulated skin].
     #[arg(long, value_name = "DIR", hide_short_help = true)]
     pub(crate) state_dir: Option<PathBuf>,
     /// What `skin calibrate` wrote: forces in newtons with the creep of the rubber taken out; or, by `skin calibrate presses`, the touches of a
-    /// sheet that no model describes.
+    /// sheet that no model describes; or none [default: the one that is stored for the board].
     #[arg(long, value_name = "FILE")]
     pub(crate) calibration: Option<PathBuf>,
 }

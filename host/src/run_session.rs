@@ -7,7 +7,6 @@ use crate::files::baseline_file::{Subject, unix_s};
 use crate::live_output::Output;
 use crate::live_run::Run;
 use crate::page::page;
-use crate::presses::file::PressCalibration;
 use crate::presses::live::Chosen;
 use crate::presses::locate;
 use crate::recordable::Recordable;
@@ -91,7 +90,8 @@ pub(crate) fn one(arguments: &SourceArguments, outputs: &Outputs<'_>, within: Wi
         (None, Some(path)) => Some(sheet::load(Some(path))?.0),
         (None, None) => None,
     };
-    let sheet = calibration.sheet(given)?.unwrap_or_else(Sheet::paper);
+    let is_given = given.is_some();
+    let mut sheet = calibration.sheet(given)?.unwrap_or_else(Sheet::paper);
     let tap = recording.as_ref().map(|recording| recording.tap().clone());
     let switch = Switch::default();
     switch.set(tap.clone());
@@ -104,6 +104,10 @@ pub(crate) fn one(arguments: &SourceArguments, outputs: &Outputs<'_>, within: Wi
     drop(looking);
     let connected = Instant::now();
     ending::stops(session.link())?;
+    // A simulated skin is simulated by now.
+    let known = is_given || session.hello().board == BOARD_NAME;
+    let calibration = calibration.or_stored(arguments, &session, known.then_some(&sheet));
+    sheet = calibration.sheet(known.then(|| sheet.clone()))?.unwrap_or(sheet);
     if arguments.every_frame {
         session.link().hold(live_run::HELD);
     }
@@ -132,6 +136,7 @@ pub(crate) fn one(arguments: &SourceArguments, outputs: &Outputs<'_>, within: Wi
         presses: learned,
     };
     let mut record = SessionRecord::new(&recorded, &options, started_unix_s)?;
+    record.calibrated_by = calibration.note.clone();
     if let Some(skin) = skin {
         record.skin = Some(skin.name.clone());
         record.place = skin.place.clone();
@@ -170,7 +175,7 @@ pub(crate) fn one(arguments: &SourceArguments, outputs: &Outputs<'_>, within: Wi
         output: &mut Output::new(
             page.map_or_else(|| open_page(outputs, skin), |page| Ok(Some(page)))?,
             outputs.show,
-            shown_source(&source, learned),
+            shown_source(&source, &record),
         ),
         baselines: &mut baselines,
         watch: watch_of(arguments, &session)?,
@@ -254,13 +259,17 @@ pub(crate) fn imager(session: &Session, sheet: &Sheet, wires: &[usize]) -> Resul
 }
 
 /// The source as it is shown: of a learned sheet a touch is a part of its usual press.
-pub(crate) fn shown_source(source: &str, learned: Option<&PressCalibration>) -> String {
-    match learned {
-        Some(learned) => format!(
-            "{source}, taught by {} presses: 100 % is the usual one",
-            learned.presses
-        ),
-        None => source.to_owned(),
+pub(crate) fn shown_source(source: &str, record: &SessionRecord) -> String {
+    let note = record.calibrated_by.as_ref();
+    let stored = if note.is_some_and(|note| note.stored) {
+        ", by its stored calibration"
+    } else {
+        ""
+    };
+    match (record.learned_from, note) {
+        (Some(presses), _) => format!("{source}{stored}, taught by {presses} presses: 100 % is the usual one"),
+        (None, Some(note)) if note.force => format!("{source}{stored}, calibrated for force"),
+        _ => format!("{source}{stored}"),
     }
 }
 

@@ -33,9 +33,17 @@ impl Taught {
             turn: turn(frames.sheet)?,
         };
         let (learned, found) = learn(presses, &setting, |_, _| {})?;
-        let of = (setting.measurements, setting.electrodes);
         // Read again: what a file holds is what locates, digits cut and all.
-        let text = file::text(&learned, &found, None, of, difference)?;
+        let text = file::text(&file::Taught {
+            learned: &learned,
+            found: &found,
+            model: None,
+            gain: None,
+            measurements: setting.measurements,
+            electrodes: setting.electrodes,
+            difference,
+            of: file::Of::new(Some(frames.sheet), setting.measurements)?,
+        })?;
         Ok((Self(file::parse("the calibration".to_owned(), text)?), found))
     }
 

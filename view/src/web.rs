@@ -27,6 +27,7 @@ mod app;
 mod connections;
 mod drawn;
 mod guard;
+mod guide;
 mod keys;
 mod recording;
 mod refused;
@@ -34,6 +35,7 @@ mod replay;
 mod server;
 mod watcher;
 
+pub use guide::Guide;
 pub use recording::Recording;
 pub use replay::Replay;
 
@@ -76,6 +78,10 @@ pub enum Command {
     StartRecording,
     /// Close the recording.
     StopRecording,
+    /// Press the last mark of a guided calibration once more.
+    RepeatPress,
+    /// Leave out the mark that is to be pressed.
+    SkipPress,
     /// Show what a recording holds from this time on, ms after its first step.
     Seek {
         /// The time.
@@ -109,6 +115,7 @@ struct Shared {
     floor: f32,
     latest: watch::Sender<Option<Published>>,
     recording: watch::Sender<Recording>,
+    guide: watch::Sender<Guide>,
     /// None of a board that is there.
     replay: watch::Sender<Option<Replay>>,
     clients: AtomicUsize,
@@ -238,6 +245,7 @@ impl LiveView {
                     floor: options.floor,
                     latest: watch::Sender::new(None),
                     recording: watch::Sender::default(),
+                    guide: watch::Sender::default(),
                     replay: watch::Sender::new(None),
                     clients: AtomicUsize::new(0),
                     encoded: AtomicUsize::new(0),
@@ -313,6 +321,15 @@ impl LiveView {
         self.shared.recording.send_if_modified(|now| {
             let news = *now != recording;
             *now = recording;
+            news
+        });
+    }
+
+    /// Tells the pages where to press next, where that is news. Never waits.
+    pub fn set_guide(&self, guide: Guide) {
+        self.shared.guide.send_if_modified(|now| {
+            let news = *now != guide;
+            *now = guide;
             news
         });
     }

@@ -1,7 +1,7 @@
 //! The messages between the program and the live page.
 //!
 //! To the page: a *scene* (JSON text) whenever the sheet, its broken electrodes, the source, the baseline or the board's presence change;
-//! a *recording* and, of a replay, its place (*replay*; JSON texts) whenever there is news of them; and a *frame* (binary) per picture. From
+//! a *recording*, a *guide* and, of a replay, its place (*replay*; JSON texts) whenever there is news of them; and a *frame* (binary) per picture. From
 //! the page: one binary byte for every frame it has taken, and small JSON texts for the rest.
 //!
 //! A frame tells the cells that changed since the frame that this page was sent before; what is a change, [`Shown`] decides. A
@@ -129,6 +129,10 @@ pub enum Request {
     StartRecording,
     /// Close the recording.
     StopRecording,
+    /// Press the last mark once more.
+    RepeatPress,
+    /// Leave out the mark that is to be pressed.
+    SkipPress,
     /// Show a recording from here on.
     Seek {
         /// Since its first step, ms.

@@ -11,10 +11,12 @@ use std::io::Write;
 use std::path::Path;
 use thiserror::Error;
 
-/// What a calibration from presses says that it is.
+/// What a calibration says that it is.
+pub(crate) const SKIN: &str = "skin";
+/// What one of presses alone said, as older programs wrote it.
 pub(crate) const PRESSES: &str = "presses";
 
-/// What a calibration says that it is; that of the rubber says nothing.
+/// What a calibration says that it is; one of the rubber alone, as older programs wrote it, says nothing.
 pub(crate) fn kind(text: &str) -> Option<String> {
     #[derive(Deserialize)]
     struct Kind {
@@ -44,10 +46,10 @@ pub(crate) enum CalibrationFileError {
     },
 }
 
-/// The keys of the file.
-#[derive(Debug, Serialize, Deserialize)]
+/// The rubber's keys: a table of the file, or all of one that older programs wrote and recordings hold.
+#[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Keys {
+pub(crate) struct RubberKeys {
     delayed_ratio: f64,
     tau_s: f64,
     exponent: f64,
@@ -56,6 +58,57 @@ struct Keys {
     /// Standard errors of the above, for people.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     standard_error: Option<StandardErrors>,
+}
+
+impl RubberKeys {
+    /// Of a calibration and the errors of its fit.
+    pub(crate) fn of(calibration: &Calibration, errors: Option<StandardErrors>) -> Self {
+        let solid = calibration.solid;
+        Self {
+            delayed_ratio: solid.delayed_ratio,
+            tau_s: solid.tau_s,
+            exponent: solid.exponent,
+            unit_rise_mpa: solid.unit_rise_mpa,
+            force_sd_n: calibration.force_sd_n,
+            standard_error: errors,
+        }
+    }
+
+    /// What they say; `file` is named in messages.
+    ///
+    /// # Errors
+    /// [`CalibrationFileError::Malformed`] with the parameter that no rubber has.
+    pub(crate) fn calibration(&self, file: &str) -> Result<Calibration, CalibrationFileError> {
+        let malformed = |message: String| CalibrationFileError::Malformed {
+            file: file.to_owned(),
+            message,
+        };
+        let solid = Solid {
+            delayed_ratio: self.delayed_ratio,
+            tau_s: self.tau_s,
+            exponent: self.exponent,
+            unit_rise_mpa: self.unit_rise_mpa,
+        };
+        solid.check().map_err(|e| malformed(e.to_string()))?;
+        if !(self.force_sd_n.is_finite() && self.force_sd_n >= 0.0) {
+            return Err(malformed(format!(
+                "force_sd_n is {}; give 0 or a positive number",
+                self.force_sd_n
+            )));
+        }
+        Ok(Calibration {
+            solid,
+            force_sd_n: self.force_sd_n,
+        })
+    }
+}
+
+/// The keys of a file that holds the rubber alone.
+///
+/// # Errors
+/// It is another one.
+pub(crate) fn old_keys(text: &str) -> Result<RubberKeys, toml::de::Error> {
+    toml::from_str(text)
 }
 
 const HEAD: &str = "\
@@ -71,15 +124,7 @@ const HEAD: &str = "\
 /// # Errors
 /// What the format cannot hold, which no calibration has.
 pub(crate) fn text(calibration: &Calibration, errors: Option<StandardErrors>) -> Result<String, toml::ser::Error> {
-    let solid = calibration.solid;
-    let keys = Keys {
-        delayed_ratio: solid.delayed_ratio,
-        tau_s: solid.tau_s,
-        exponent: solid.exponent,
-        unit_rise_mpa: solid.unit_rise_mpa,
-        force_sd_n: calibration.force_sd_n,
-        standard_error: errors,
-    };
+    let keys = RubberKeys::of(calibration, errors);
     Ok(format!("{HEAD}{}", toml::to_string(&keys)?))
 }
 
@@ -92,29 +137,24 @@ pub(crate) fn parse(file: &str, text: &str) -> Result<Calibration, CalibrationFi
         file: file.to_owned(),
         message,
     };
-    if kind(text).as_deref() == Some(PRESSES) {
-        let message =
-            "it is a calibration from presses, which skin run and skin reconstruct use; the rubber's is needed here";
-        return Err(malformed(message.to_owned()));
-    }
-    let keys: Keys = toml::from_str(text).map_err(|e| malformed(e.to_string().trim_end().to_owned()))?;
-    let solid = Solid {
-        delayed_ratio: keys.delayed_ratio,
-        tau_s: keys.tau_s,
-        exponent: keys.exponent,
-        unit_rise_mpa: keys.unit_rise_mpa,
+    let message = |e: toml::de::Error| malformed(e.to_string().trim_end().to_owned());
+    let keys = match kind(text).as_deref() {
+        Some(SKIN) => {
+            #[derive(Deserialize)]
+            struct Whole {
+                rubber: Option<RubberKeys>,
+            }
+            let whole: Whole = toml::from_str(text).map_err(message)?;
+            let none = "it holds no creep of the rubber, which skin calibrate adds from a press-and-hold";
+            whole.rubber.ok_or_else(|| malformed(none.to_owned()))?
+        }
+        Some(PRESSES) => {
+            let none = "it is a calibration from presses, which skin run and skin reconstruct use; the rubber's is needed here";
+            return Err(malformed(none.to_owned()));
+        }
+        _ => old_keys(text).map_err(message)?,
     };
-    solid.check().map_err(|e| malformed(e.to_string()))?;
-    if !(keys.force_sd_n.is_finite() && keys.force_sd_n >= 0.0) {
-        return Err(malformed(format!(
-            "force_sd_n is {}; give 0 or a positive number",
-            keys.force_sd_n
-        )));
-    }
-    Ok(Calibration {
-        solid,
-        force_sd_n: keys.force_sd_n,
-    })
+    keys.calibration(file)
 }
 
 /// Reads a calibration from a file.

@@ -11,6 +11,7 @@ pub(crate) mod measurements;
 pub(crate) mod order;
 pub(crate) mod ordered;
 pub(crate) mod parquet;
+pub(crate) mod positions;
 pub(crate) mod press_table;
 pub(crate) mod sheet_line;
 pub(crate) mod zip;

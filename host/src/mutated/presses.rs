@@ -66,7 +66,16 @@ fn calibrations() -> [Vec<u8>; 2] {
         sheet: sheet.to_owned(),
     };
     [Some(&model), None].map(|model| {
-        let text = file::text(&learned, &found, model, (&measurements, ELECTRODES), model.is_none());
+        let text = file::text(&file::Taught {
+            learned: &learned,
+            found: &found,
+            model,
+            gain: None,
+            measurements: &measurements,
+            electrodes: ELECTRODES,
+            difference: model.is_none(),
+            of: file::Of::default(),
+        });
         text.unwrap().into_bytes()
     })
 }

@@ -1,13 +1,17 @@
 //! `skin calibrate presses`: maps of a real skin from presses at known places.
 
-use super::file::ModelKeys;
-use super::{changes, file, model, truth};
+use super::file::{ModelKeys, Of, Taught};
+use super::guided::{self, Gathered};
+use super::{changes, file, model, store, truth};
+use crate::baselines;
 use crate::files::measurements::MeasurementTable;
 use crate::progress::Progress;
+use crate::usage::Usage;
 use ::forward::Sheet;
 use anyhow::{Context, Result, bail};
-use clap::Args;
-use inverse::learned::{Findings, Press, Setting, learn, turn};
+use clap::{ArgGroup, Args};
+use hil_sim::BOARD_NAME;
+use inverse::learned::{Findings, Gain, Learned, Press, Setting, StoredGain, learn, turn};
 use serde::Serialize;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -17,22 +21,32 @@ const MORE: usize = 30;
 
 /// Arguments of `skin calibrate presses`.
 #[derive(Debug, Args)]
+#[command(group(ArgGroup::new("source").required(true)))]
 pub(crate) struct Arguments {
     /// Table of measurements (CSV: drive_a, drive_b, sense_a, sense_b, then a column for every frame).
-    table: PathBuf,
-    /// Where the presses were: a CSV with the columns frame, before, x_mm and y_mm, a line a press in order of time.
-    #[arg(long, value_name = "FILE")]
-    truth: PathBuf,
+    #[arg(group = "source", requires = "truth")]
+    table: Option<PathBuf>,
+    /// Where the presses of the table were: a CSV with the columns frame, before, x_mm, y_mm and perhaps force_n, a line a press in order of time.
+    #[arg(long, value_name = "FILE", requires = "table")]
+    truth: Option<PathBuf>,
+    #[command(flatten)]
+    guided: guided::Arguments,
     /// The columns hold changes, pressed less unpressed; the column before is empty.
-    #[arg(long)]
+    #[arg(long, requires = "table")]
     difference: bool,
     /// The sheet, a TOML file as for `skin forward`: it says by what turns it is mapped onto itself, and its model is tried beside what
     /// is learned [default: the paper's disc, which any turn from electrode to electrode maps onto itself].
     #[arg(long, value_name = "FILE")]
     sheet: Option<PathBuf>,
-    /// Where to write the calibration.
+    /// Where to write the calibration. What is there of the rubber's creep is kept.
     #[arg(long, default_value = "skin.cal", value_name = "FILE")]
     out: PathBuf,
+    /// Stores it for the board of this serial number, too, for skin run to load by itself; what is taken from a board is stored for that one.
+    #[arg(long, value_name = "SERIAL")]
+    store: Option<String>,
+    /// Folder of the stored calibrations [default: that of the stored baselines, and none for a simulated skin].
+    #[arg(long, value_name = "DIR")]
+    state_dir: Option<PathBuf>,
     /// One JSON object on stdout.
     #[arg(long)]
     json: bool,
@@ -63,10 +77,35 @@ struct Line<'a> {
     error_95th_percentile_mm: f64,
     uncertainty_factor: f64,
     expected_mm: Option<f64>,
+    /// Newtons over the sheet; none where fewer than five forces are known.
+    force: Option<ForceLine>,
+    /// Presses with a force.
+    forces_known: usize,
     #[serde(skip_serializing_if = "Option::is_none")]
     model: Option<ModelLine>,
     #[serde(skip_serializing_if = "Option::is_none")]
     model_not_tried: Option<String>,
+}
+
+/// Newtons over the sheet.
+#[derive(Serialize)]
+struct ForceLine {
+    /// Force of a press of the usual strength, where the place tells nothing.
+    usual_n: f64,
+    /// Largest over smallest among the places of the presses.
+    range: f64,
+    /// Standard deviation of the force of one press, over the force.
+    relative_sd: f64,
+}
+
+impl ForceLine {
+    const fn of(gain: &StoredGain) -> Self {
+        Self {
+            usual_n: gain.usual_n,
+            range: gain.range,
+            relative_sd: gain.relative_sd,
+        }
+    }
 }
 
 /// The sheet's model on the same presses.
@@ -88,40 +127,65 @@ impl ModelLine {
     }
 }
 
+/// What is learned from.
+struct Input {
+    table: PathBuf,
+    truth: PathBuf,
+    sheet: Option<Sheet>,
+    /// A board whose frames they are.
+    gathered: Option<Gathered>,
+}
+
 /// Runs the command.
 ///
 /// # Errors
-/// A table or a list of presses that makes no sense, too few presses, a file that cannot be written.
+/// A table or a list of presses that makes no sense, too few presses, a board that does not answer, a file that cannot be written.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
-    let table = MeasurementTable::read(&arguments.table, &mut Progress::new("reading", arguments.no_progress))?;
+    let mut input = input(arguments)?;
+    let table = MeasurementTable::read(&input.table, &mut Progress::new("reading", arguments.no_progress))?;
     for note in &table.notes {
         eprintln!("{}: {note}", table.file);
     }
-    let known = truth::read(&arguments.truth)?;
-    let list = arguments.truth.display().to_string();
+    let known = truth::read(&input.truth)?;
+    let list = input.truth.display().to_string();
     let presses = changes::presses(&table, &list, &known, arguments.difference)?;
-    let sheet = arguments.sheet.as_deref().map(sheet_of).transpose()?;
     let setting = Setting {
         measurements: &table.measurements,
         electrodes: table.electrodes,
-        turn: sheet.as_ref().map_or(Ok(1), turn)?,
+        turn: input.sheet.as_ref().map_or(Ok(1), turn)?,
     };
     let mut progress = Progress::new("learning", arguments.no_progress);
     let (learned, found) = learn(&presses, &setting, |done, whole| progress.at(done, whole))
         .with_context(|| format!("{}: no calibration can be made", table.file))?;
     drop(progress);
-    let model = by_model(arguments, &table, &known, &found);
-    let text = file::text(
-        &learned,
-        &found,
-        model.as_ref().ok(),
-        (&table.measurements, table.electrodes),
-        arguments.difference,
-    )?;
-    file::write(&arguments.out, &text)?;
+    let model = by_model(arguments, &input, &table, &known, &found);
+    let gain = gain(&learned, &presses, &known);
+    let mut of = Of::new(input.sheet.as_ref(), &table.measurements)?;
+    if let Some(gathered) = &input.gathered {
+        of = of.with_board(&gathered.hello.board, &gathered.hello.serial);
+    } else if let Some(serial) = &arguments.store {
+        of.serial = Some(serial.clone());
+    }
+    let taught = Taught {
+        learned: &learned,
+        found: &found,
+        model: model.as_ref().ok(),
+        gain: gain.as_ref(),
+        measurements: &table.measurements,
+        electrodes: table.electrodes,
+        difference: arguments.difference,
+        of,
+    };
+    let with_rubber = file::put_presses(&arguments.out, &taught)?;
+    let stored = stored(arguments, &input)?;
+    if let Some(path) = &stored {
+        file::put_presses(path, &taught)?;
+    }
     let line = Line {
         model: model.as_ref().ok().map(ModelLine::of),
         model_not_tried: model.as_ref().err().map(|why| format!("{why:#}")),
+        force: gain.as_ref().map(|gain| ForceLine::of(gain.stored())),
+        forces_known: known.iter().filter(|press| press.force_n.is_some()).count(),
         ..line(&found, &known, &table, &presses)
     };
     let mut out = std::io::stdout().lock();
@@ -135,12 +199,103 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         "{0}: written; skin run --calibration {0} and skin reconstruct TABLE --calibration {0} locate touches with it",
         arguments.out.display()
     );
+    if with_rubber {
+        eprintln!("{}: the rubber's creep that was in it is kept", arguments.out.display());
+    }
+    if let Some(path) = &stored {
+        eprintln!(
+            "{}: stored; skin run loads it by itself, --calibration none does without",
+            path.display()
+        );
+    }
+    if let Some(gathered) = &mut input.gathered {
+        let used = match &line.model {
+            Some(model) if model.better => format!(
+                "the sheet's model is better, {:.1} mm median error, and used",
+                model.error_median_mm
+            ),
+            _ => format!("{:.1} mm median error", line.error_median_mm),
+        };
+        gathered.end(&format!(
+            "{}: written; {used}; the program has ended",
+            arguments.out.display()
+        ));
+    }
     Ok(())
+}
+
+/// A table and a list: those that are given, or what is taken now.
+fn input(arguments: &Arguments) -> Result<Input> {
+    if !arguments.guided.is_asked() {
+        let missing = || Usage("give a table with --truth, or a board with --port, --serial or --simulate".to_owned());
+        return Ok(Input {
+            table: arguments.table.clone().ok_or_else(missing)?,
+            truth: arguments.truth.clone().ok_or_else(missing)?,
+            sheet: arguments.sheet.as_deref().map(sheet_of).transpose()?,
+            gathered: None,
+        });
+    }
+    if arguments.sheet.is_some() && (arguments.guided.scene.is_some() || arguments.guided.from.is_some()) {
+        return Err(Usage("a scene and a recording have a sheet of their own; leave --sheet out".to_owned()).into());
+    }
+    let gathered = guided::gather(&arguments.guided, arguments.sheet.as_deref())?;
+    let (table, truth) = (
+        arguments.out.with_extension("table.csv"),
+        arguments.out.with_extension("presses.csv"),
+    );
+    gathered.write(&table, &truth)?;
+    eprintln!(
+        "{0}, {1}: what was taken; skin calibrate presses {0} --truth {1} learns from it again",
+        table.display(),
+        truth.display()
+    );
+    Ok(Input {
+        sheet: Some(gathered.sheet.clone()),
+        table,
+        truth,
+        gathered: Some(gathered),
+    })
+}
+
+/// Where it is stored for its board; none where it is of no board.
+fn stored(arguments: &Arguments, input: &Input) -> Result<Option<PathBuf>> {
+    let hello = input.gathered.as_ref().map(|gathered| &gathered.hello);
+    let serial = match (&arguments.store, hello) {
+        (Some(serial), _) => serial.clone(),
+        (None, Some(hello)) => hello.serial.to_string(),
+        (None, None) => return Ok(None),
+    };
+    let simulated = arguments.store.is_none() && hello.is_some_and(|hello| hello.board == BOARD_NAME);
+    let Some(folder) = baselines::state(arguments.state_dir.as_deref(), simulated) else {
+        if !simulated {
+            eprintln!("it is not stored: neither XDG_STATE_HOME nor HOME is set; name a folder with --state-dir");
+        }
+        return Ok(None);
+    };
+    let place = store::place(&folder, &serial);
+    place
+        .map(Some)
+        .with_context(|| format!("{}: cannot be made", folder.display()))
+}
+
+/// Newtons over the sheet, of the presses whose force is known.
+fn gain(learned: &Learned, presses: &[Press], known: &[truth::KnownPress]) -> Option<Gain> {
+    let mut before_mm = None;
+    let mut list = Vec::new();
+    for (press, known) in presses.iter().zip(known) {
+        let presence = learned.locate(&press.change, before_mm);
+        before_mm = Some(press.place_mm);
+        if let (Some(force_n), Some(located)) = (known.force_n, presence.presses.first()) {
+            list.push((press.place_mm, located.strength, force_n));
+        }
+    }
+    Gain::learn(&list)
 }
 
 /// How well the sheet's model locates the presses, or why it was not tried.
 fn by_model(
     arguments: &Arguments,
+    input: &Input,
     table: &MeasurementTable,
     known: &[truth::KnownPress],
     found: &Findings,
@@ -148,12 +303,12 @@ fn by_model(
     if arguments.difference {
         bail!("changes alone do not tell what they are a part of");
     }
-    let sheet = arguments.sheet.as_deref();
     model::tried(
         table,
-        &arguments.truth,
+        &input.truth,
         known,
-        sheet,
+        input.sheet.as_ref(),
+        arguments.sheet.as_deref(),
         found.error_mm,
         arguments.no_progress,
     )
@@ -189,6 +344,8 @@ fn line<'a>(found: &Findings, known: &'a [truth::KnownPress], table: &Measuremen
         error_95th_percentile_mm: found.error_mm[1],
         uncertainty_factor: found.tempering.sqrt(),
         expected_mm: found.expected_mm(MORE),
+        force: None,
+        forces_known: 0,
         model: None,
         model_not_tried: None,
     }
@@ -267,6 +424,18 @@ fn words(line: &Line<'_>) -> String {
     text += &match line.expected_mm {
         Some(mm) => format!("\nmore presses    {MORE} more: about {mm:.1} mm median expected"),
         None => "\nmore presses    nothing says that they would help".to_owned(),
+    };
+    text += &match &line.force {
+        Some(force) => format!(
+            "\nforce           {:.1} N is the usual press, {:.2} times from place to place; one press ± {:.0} %",
+            force.usual_n,
+            force.range,
+            100.0 * force.relative_sd
+        ),
+        None => format!(
+            "\nforce           not calibrated: {} presses have a force (force_n); five that are found are needed",
+            line.forces_known
+        ),
     };
     if let Some(model) = &line.model {
         text += &format!(

@@ -46,7 +46,7 @@ pub(crate) struct Arguments {
     /// Writes the G-code into this file.
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// Writes when and where it presses, as a CSV [default: the same name with .csv].
+    /// Writes when and where it presses, for skin calibrate presses --positions [default: the same name with .csv].
     #[arg(long, value_name = "FILE")]
     positions: Option<PathBuf>,
 }
@@ -81,7 +81,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     write(&arguments.out, &code)?;
     write(&positions, &list)?;
     eprintln!(
-        "{}: written, {} presses; {}: when and where",
+        "{}: written, {} presses; {}: when and where, for skin calibrate presses --positions",
         arguments.out.display(),
         marks.len(),
         positions.display()
@@ -114,7 +114,7 @@ fn program(a: &Arguments, middle: [f64; 2], marks: &[[f64; 2]]) -> Result<(Strin
          ; The tip touches the sheet at Z{:.2}. Between presses it is at Z{safe:.2}.\n\
          ; BEFORE: home the printer with no sheet on the bed, fix the sheet, drive the tip by hand to its middle and check Z.\n\
          ; Heaters stay off. Keep a hand at the switch at the first press.\n\
-         ; Start skin record before, this program then.\n",
+         ; Start skin calibrate presses --positions with the list of this run before, this program then.\n",
         marks.len(),
         a.depth_mm,
         a.dwell_s,

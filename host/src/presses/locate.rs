@@ -4,10 +4,11 @@ use super::changes::{self, Frame};
 use super::file::PressCalibration;
 use crate::files::before;
 use crate::files::measurements::MeasurementTable;
+use crate::files::sheet_line::SheetLine;
 use crate::progress::Progress;
 use ::forward::Measurement;
 use anyhow::{Result, bail};
-use inverse::learned::{Located, Order, Presence};
+use inverse::learned::{Gain, Located, Order, Presence};
 use serde::Serialize;
 use std::io::{BufWriter, Write};
 use std::path::Path;
@@ -31,6 +32,9 @@ struct TouchLine {
     /// Over the usual strength of the presses that were learned from.
     strength: f64,
     strength_sd: f64,
+    /// N, where the calibration knows forces.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    force_n: Option<f64>,
 }
 
 #[derive(Serialize)]
@@ -95,6 +99,15 @@ pub(crate) fn run(
     no_progress: bool,
 ) -> Result<()> {
     let file = &calibration.file;
+    if let (Some(named), Some(sheet)) = (&table.sheet, &calibration.sheet)
+        && let Some(difference) = named.differs(&SheetLine::of(sheet)?)
+    {
+        bail!(
+            "{}: its header names another sheet than that of {file}: {difference}; calibrate on this sheet, or correct the header",
+            table.file
+        );
+    }
+    let gain = calibration.gain.as_deref();
     let order = order(calibration, &table.file, &table.measurements)?;
     if calibration.difference != comparison.difference {
         eprintln!(
@@ -125,7 +138,7 @@ pub(crate) fn run(
         if json {
             let line = FrameLine {
                 frame: &frame.name,
-                touches: presence.presses.iter().map(touch).collect(),
+                touches: presence.presses.iter().map(|press| touch(press, gain)).collect(),
                 residual: digits(1.0 - presence.explained),
                 misfit: digits(presence.misfit),
                 used,
@@ -137,7 +150,7 @@ pub(crate) fn run(
             serde_json::to_writer(&mut out, &line)?;
             writeln!(out)?;
         } else {
-            write!(out, "{}", words(frame, &presence))?;
+            write!(out, "{}", words(frame, &presence, gain))?;
         }
         progress.at(k + 1, frames.len());
     }
@@ -183,7 +196,7 @@ fn digits(value: f64) -> f64 {
     format!("{value:.3e}").parse().unwrap_or(value)
 }
 
-fn touch(press: &Located) -> TouchLine {
+fn touch(press: &Located, gain: Option<&Gain>) -> TouchLine {
     TouchLine {
         x_mm: hundredths(press.place_mm[0]),
         y_mm: hundredths(press.place_mm[1]),
@@ -191,6 +204,7 @@ fn touch(press: &Located) -> TouchLine {
         y_sd_mm: hundredths(press.covariance_mm2[1][1].sqrt()),
         strength: digits(press.strength),
         strength_sd: digits(press.strength_sd),
+        force_n: gain.map(|gain| hundredths(gain.newtons(press.place_mm, press.strength))),
     }
 }
 
@@ -198,7 +212,7 @@ fn hundredths(value: f64) -> f64 {
     (100.0 * value).round() / 100.0
 }
 
-fn words(frame: &Frame, presence: &Presence) -> String {
+fn words(frame: &Frame, presence: &Presence, gain: Option<&Gain>) -> String {
     let count = match presence.presses.len() {
         0 => "no touch".to_owned(),
         1 => "1 touch".to_owned(),
@@ -210,9 +224,10 @@ fn words(frame: &Frame, presence: &Presence) -> String {
         100.0 * (1.0 - presence.explained)
     );
     for press in &presence.presses {
-        let t = touch(press);
+        let t = touch(press, gain);
+        let force = t.force_n.map_or(String::new(), |force| format!("  force {force:.1} N"));
         text += &format!(
-            "    x {:7.1} ± {:.1} mm  y {:7.1} ± {:.1} mm  strength {:5.2}\n",
+            "    x {:7.1} ± {:.1} mm  y {:7.1} ± {:.1} mm  strength {:5.2}{force}\n",
             t.x_mm, t.x_sd_mm, t.y_mm, t.y_sd_mm, t.strength
         );
     }

@@ -70,7 +70,7 @@ pub(crate) struct Arguments {
     /// Writes a drawing at true scale, in millimetres, with electrode 1 marked: print it at 100 %.
     #[arg(long, value_name = "FILE")]
     svg: Option<PathBuf>,
-    /// Writes the list into a file [default: stdout].
+    /// Writes the list into a file, for skin calibrate presses --marks [default: stdout].
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
 }
@@ -100,7 +100,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
 }
 
 /// A place in words: how far from the middle, towards which electrode, how far from the rim.
-fn words(geometry: &Geometry, place_mm: [f64; 2]) -> String {
+pub(crate) fn words(geometry: &Geometry, place_mm: [f64; 2]) -> String {
     let (low, high) = geometry.bounding_box();
     let middle = [0, 1].map(|k| 0.5 * (low[k] + high[k]));
     let [x, y] = [0, 1].map(|k| place_mm[k] - middle[k]);

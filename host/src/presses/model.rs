@@ -28,7 +28,8 @@ pub(super) fn tried(
     table: &MeasurementTable,
     list: &Path,
     known: &[KnownPress],
-    sheet: Option<&Path>,
+    sheet: Option<&Sheet>,
+    sheet_file: Option<&Path>,
     learned_mm: [f64; 2],
     no_progress: bool,
 ) -> Result<ModelKeys> {
@@ -41,7 +42,7 @@ pub(super) fn tried(
     let some: Vec<&str> = (known.iter().step_by(known.len().div_ceil(MOST)))
         .map(|p| p.frame.as_str())
         .collect();
-    let (sheet, found) = of_frames(table, (list, false), &some, sheet, no_progress)?;
+    let (sheet, found) = of_frames(table, (list, false), &some, (sheet, sheet_file), no_progress)?;
     let mut errors: Vec<f64> = (found.iter().zip(&some))
         .map(|(found, name)| {
             let place = places[name];
@@ -81,10 +82,11 @@ pub(super) fn of_frames(
     table: &MeasurementTable,
     (list, difference): (&Path, bool),
     names: &[&str],
-    sheet: Option<&Path>,
+    (sheet, sheet_file): (Option<&Sheet>, Option<&Path>),
     no_progress: bool,
 ) -> Result<(Sheet, Vec<AtPress>)> {
-    let chosen = Geometry::of(sheet).choose(table, Method::Nnls)?;
+    let given = sheet.filter(|_| sheet_file.is_none()).cloned();
+    let chosen = Geometry::of(sheet_file).choose_with(table, Method::Nnls, given)?;
     let way = (&chosen.sheet, chosen.pattern, chosen.cell_mm);
     let baseline = BaselineArguments::of_presses(list, difference);
     let ready = TableBatch::new(table, way, &baseline, &How::plain(no_progress))?;

@@ -15,9 +15,12 @@ pub(crate) struct KnownPress {
     pub before: Option<String>,
     /// Its place, mm.
     pub place_mm: [f64; 2],
+    /// Its force, N, where it is known.
+    pub force_n: Option<f64>,
 }
 
-/// Reads a CSV with the columns `frame`, `before`, `x_mm` and `y_mm`, a line a press in order of time; others are passed over.
+/// Reads a CSV with the columns `frame`, `before`, `x_mm` and `y_mm`, a line a press in order of time, and perhaps `force_n`, which may be empty;
+/// others are passed over.
 ///
 /// # Errors
 /// [`FileError`] with line and column.
@@ -48,6 +51,7 @@ pub(crate) fn parse(file: &str, text: &str) -> Result<Vec<KnownPress>, FileError
             .position(|h| h == name)
             .ok_or_else(|| FileError::malformed(file, 1, name, "a column of this name", &there.join(",")))
     };
+    let force = header.iter().position(|h| h == "force_n");
     let columns = [("x_mm", column("x_mm")?), ("y_mm", column("y_mm")?)];
     let mut list = Vec::with_capacity(frames.len());
     // Both readings see the same lines: the first has checked them.
@@ -59,7 +63,19 @@ pub(crate) fn parse(file: &str, text: &str) -> Result<Vec<KnownPress>, FileError
                 FileError::malformed(file, frame.line, name, "a place in millimetres", &format!("'{text}'"))
             })
         };
+        let force_n =
+            match force.and_then(|c| record.get(c)).unwrap_or_default() {
+                "" => None,
+                text => {
+                    let force = text.parse::<f64>().ok().filter(|f| f.is_finite() && *f > 0.0);
+                    let wanted = "a force in newtons above 0, or nothing";
+                    Some(force.ok_or_else(|| {
+                        FileError::malformed(file, frame.line, "force_n", wanted, &format!("'{text}'"))
+                    })?)
+                }
+            };
         list.push(KnownPress {
+            force_n,
             line: frame.line,
             place_mm: [number(columns[0])?, number(columns[1])?],
             frame: frame.frame,
@@ -81,6 +97,7 @@ mod tests {
         )
         .unwrap();
         assert_eq!((list[0].place_mm, list[0].before.as_deref()), ([1.5, -2.0], Some("u0")));
+        assert_eq!((list[0].force_n, list[1].force_n), (Some(3.0), None));
         assert_eq!(
             (list[1].frame.as_str(), &list[1].before, list[1].line),
             ("p1", &None, 4)
@@ -89,6 +106,7 @@ mod tests {
             ("frame,before,x_mm\np0,,1\n", ["t:1", "y_mm"]),
             ("frame,before,x_mm,y_mm\np0,,1,far\n", ["t:2", "'far'"]),
             ("frame,before,x_mm,y_mm\np0,,inf,1\n", ["t:2", "x_mm"]),
+            ("frame,before,x_mm,y_mm,force_n\np0,,1,1,-2\n", ["t:2", "force_n"]),
         ] {
             let message = parse("t", text).unwrap_err().to_string();
             assert!(words.iter().all(|w| message.contains(w)), "{message}");

@@ -195,7 +195,7 @@ fn calibrate_tells_the_simulated_rubber_and_from_its_table_the_same_again() {
         "from the table",
     );
     assert!(
-        toml.contains("[standard_error]") && toml.contains("unit_rise_mpa"),
+        toml.contains("[rubber.standard_error]") && toml.contains("unit_rise_mpa"),
         "{toml}"
     );
     // Without the gauge's column: the hold is found in the rises.

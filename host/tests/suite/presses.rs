@@ -172,12 +172,27 @@ fn what_cannot_be_calibrated_from_says_what_to_do() {
         code == Some(1) && said.contains("calibrate with this pattern"),
         "{said}"
     );
+    // The simulated board measures adjacent pairs, this calibration is of opposite ones.
+    let live = ["run", "--simulate", "--json", "--frames", "2", "--calibration"];
+    let (code, said) = run(&[&live[..], &["skin.cal"]].concat());
+    assert!(
+        code == Some(1) && said.contains("calibrate with this pattern"),
+        "{said}"
+    );
+    std::fs::create_dir(folder.path().join("state")).unwrap();
+    let stored = folder.path().join("state/calibration-sim.toml");
+    std::fs::copy(folder.path().join("skin.cal"), stored).unwrap();
+    let (code, said) = run(&[&live[..5], &["--state-dir", "state"]].concat());
+    assert!(
+        code == Some(0) && said.contains("is not used: ") && said.contains("calibrate with this pattern"),
+        "{said}"
+    );
     let (code, said) = run(&[&["reconstruct", "table.csv", "--png", "pictures"][..], &with].concat());
     assert!(code == Some(2) && said.contains("--png"), "{said}");
     let text = std::fs::read_to_string(folder.path().join("skin.cal")).unwrap();
     std::fs::write(
         folder.path().join("skin.cal"),
-        text.replace("version = 1", "version = 9"),
+        text.replace("version = 2", "version = 9"),
     )
     .unwrap();
     let (code, said) = run(&[&["reconstruct", "table.csv"][..], &with].concat());

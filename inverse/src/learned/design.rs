@@ -23,6 +23,7 @@ const EXCHANGES: usize = 12_000;
 const ROUNDING: f64 = 1e-3;
 
 /// Chooses marks on a sheet, one after the other.
+#[derive(Clone)]
 pub struct Marks {
     places_mm: Vec<[f64; 2]>,
     /// Features of the maps that a measurement has of its own, harmonics x places, times the root of their prior.

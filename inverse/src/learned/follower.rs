@@ -1,6 +1,7 @@
 //! A stream of frames to touches by what presses taught: each frame is compared with the sheet just before it was touched, as the
 //! presses were.
 
+use super::gain::Gain;
 use super::learn::Learned;
 use super::locator::{Located, Presence};
 use super::order::Order;
@@ -18,6 +19,8 @@ pub struct LearnedSheet {
     pub learned: Arc<Learned>,
     /// The measurements, in the order of its values.
     pub measurements: Vec<Measurement>,
+    /// What force a press has, where it is known.
+    pub gain: Option<Arc<Gain>>,
 }
 
 /// How fast the sheet at rest is followed, s: rubber that was pressed and what warms up take longer, the press of a finger does not
@@ -29,6 +32,7 @@ const WIDTH: f64 = 2.354_82;
 /// Locates the presses of frame after frame.
 pub(crate) struct PressFollower {
     learned: Arc<Learned>,
+    gain: Option<Arc<Gain>>,
     order: Order,
     imager: Arc<Imager>,
     /// The sheet while nothing touches.
@@ -44,6 +48,7 @@ impl PressFollower {
     pub(crate) fn new(sheet: &LearnedSheet, imager: Arc<Imager>, baseline_v: &[f64]) -> Self {
         Self {
             learned: Arc::clone(&sheet.learned),
+            gain: sheet.gain.clone(),
             order: Order::new(&sheet.measurements, imager.pattern.measurements()),
             rest_v: baseline_v.to_vec(),
             before_mm: None,
@@ -116,9 +121,12 @@ impl PressFollower {
             }
         }
         result.touches.clear();
-        result
-            .touches
-            .extend(presence.presses.iter().map(|press| touch(press, sd_mm)));
+        result.touches.extend(
+            presence
+                .presses
+                .iter()
+                .map(|press| touch(press, sd_mm, self.gain.as_deref())),
+        );
         result.changed = !presence.presses.is_empty();
         result.residual = 1.0 - presence.explained;
         result.misfit = result.changed.then_some(presence.misfit);
@@ -128,7 +136,7 @@ impl PressFollower {
 }
 
 /// A press as a touch: its rise is its strength over the usual one, and its area that of the spot that is drawn.
-fn touch(press: &Located, sd_mm: f64) -> Touch {
+fn touch(press: &Located, sd_mm: f64, gain: Option<&Gain>) -> Touch {
     let area_mm2 = std::f64::consts::TAU * sd_mm * sd_mm;
     Touch {
         x_mm: press.place_mm[0],
@@ -139,6 +147,7 @@ fn touch(press: &Located, sd_mm: f64) -> Touch {
         x_sd_mm: Some(press.covariance_mm2[0][0].sqrt()),
         y_sd_mm: Some(press.covariance_mm2[1][1].sqrt()),
         total_sd_mm2: Some(press.strength_sd * area_mm2),
+        force_n: gain.map(|gain| gain.newtons(press.place_mm, press.strength)),
         ..Touch::default()
     }
 }

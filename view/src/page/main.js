@@ -40,6 +40,7 @@ const page = {
   away: null,
   preparing: false,
   recording: NOT_RECORDED,
+  guide: null,
   // Where a recording is that is played; null for a board.
   replay: null,
   seek: { to: null, timer: null },
@@ -52,9 +53,10 @@ const page = {
 const connection = new Connection({
   state(name, seconds) {
     page.state = { name, until: performance.now() + 1000 * seconds };
-    // A program that has just begun records nothing until it says so.
-    if (name === "live") [page.recording, page.replay] = [NOT_RECORDED, null];
+    // A program that has just begun records nothing until it says so, and guides nobody.
+    if (name === "live") [page.recording, page.replay, page.guide, sheet.guide] = [NOT_RECORDED, null, null, null];
     showRecording();
+    showGuide();
     showState();
     request();
   },
@@ -81,6 +83,13 @@ const connection = new Connection({
     page.recording = recording;
     showRecording();
     showState();
+  },
+  guide(guide) {
+    page.guide = guide;
+    sheet.guide = guide;
+    showGuide();
+    showState();
+    request();
   },
   replay(replay) {
     const began = !page.replay;
@@ -187,9 +196,13 @@ function showState() {
     request();
   }
   const commands = name === "live" && page.commands && page.away === null && !page.replay;
-  $("tare").disabled = !commands;
-  $("record").disabled = !commands && !(name === "live" && page.commands && page.recording.file);
-  $("undo").disabled = !commands || !page.baseline?.earlier;
+  const guided = Boolean(page.guide?.count);
+  // The presses of a calibration are compared with the frame before each; there is nothing to take or to record.
+  $("tare").disabled = !commands || guided;
+  $("record").disabled = guided || !commands && !(name === "live" && page.commands && page.recording.file);
+  $("undo").disabled = !commands || guided || !page.baseline?.earlier;
+  $("again").disabled = !commands || !page.guide?.mark_mm || !page.guide.taken_mm.length;
+  $("skip").disabled = !commands || !page.guide?.mark_mm;
   showBaseline();
 }
 
@@ -200,6 +213,16 @@ function showRecording() {
   $("recording").hidden = !file && !note;
   $("recording").classList.toggle("on", file !== null);
   set("recording", file ? (note ?? `${file}: ${number(bytes / 1e6, 1)} MB, ${clock(seconds)}`) : (note ?? ""));
+}
+
+function showGuide() {
+  const { guide } = page;
+  $("guide").hidden = !guide?.count;
+  if (!guide?.count) return;
+  const taken = guide.taken_mm.length;
+  set("guide-count", taken < guide.count ? `press ${taken + 1} of ${guide.count}` : `all ${guide.count} presses taken`);
+  set("guide-text", guide.text);
+  set("guide-note", guide.note);
 }
 
 function showBaseline() {
@@ -253,6 +276,10 @@ function settle() {
   delete button.dataset.sure;
   button.firstChild.textContent = "Take baseline";
 }
+
+const pressAgain = () => ask("again", "repeat_press");
+
+const skipMark = () => ask("skip", "skip_press");
 
 const undoBaseline = () => ask("undo", "undo_baseline");
 
@@ -415,6 +442,8 @@ function choose(palette) {
 
 $("tare").addEventListener("click", takeBaseline);
 $("undo").addEventListener("click", undoBaseline);
+$("again").addEventListener("click", pressAgain);
+$("skip").addEventListener("click", skipMark);
 $("record").addEventListener("click", record);
 $("hold").addEventListener("click", hold);
 $("save").addEventListener("click", save);
@@ -460,6 +489,8 @@ document.addEventListener("keydown", (event) => {
   const actions = {
     b: takeBaseline,
     u: undoBaseline,
+    a: pressAgain,
+    n: skipMark,
     r: record,
     h: hold,
     l: () => page.replay || showNewest(),

@@ -24,6 +24,8 @@ export class Sheet {
     this.below = 0;
     // Whether the cells are drawn as they are, without what is between them.
     this.plain = false;
+    // Where to press next, in a guided calibration.
+    this.guide = null;
   }
 
   setScene(scene) {
@@ -116,7 +118,10 @@ export class Sheet {
     const rings = this.rings(c, frame.touches);
     const places = rings.length ? this.labels.place(rings, this.bounds, this.keepOff) : [];
     const marks = rings.map((ring, k) => this.touchMark(ring, places[k]));
-    if (live && !frame.status && !rings.length) marks.push(this.quietMark());
+    const guided = Boolean(this.guide?.count);
+    if (live && !frame.status && !rings.length && !guided) marks.push(this.quietMark());
+    if (guided) marks.unshift(...this.guide.taken_mm.map((p) => this.pressedMark(p)));
+    if (guided && this.guide.mark_mm) marks.push(this.nextMark(this.guide.mark_mm));
     while (this.pool.length < marks.length) {
       const canvas = document.createElement("canvas");
       this.pool.push({ canvas, drawn: "" });
@@ -290,6 +295,33 @@ export class Sheet {
     c.font = plainFont(t);
     c.fillStyle = theme.colour("text");
     c.fillText(ring.second, x + 0.6 * t, y + 2.65 * t);
+  }
+
+  /** A mark that was pressed. */
+  pressedMark(p) {
+    const [[x, y], r] = [this.px(p), 0.28 * this.text];
+    const draw = (c) => {
+      const dot = new Path2D();
+      dot.arc(x, y, r, 0, 2 * Math.PI);
+      twice(c, dot, 3.5, 1.2);
+    };
+    return { area: around([{ x: x - r, y: y - r, w: 2 * r, h: 2 * r }], 3), looks: "pressed", draw };
+  }
+
+  /** The mark that is to be pressed: a cross in a ring. */
+  nextMark(p) {
+    const [[x, y], r] = [this.px(p), Math.max(12, 1.1 * this.text)];
+    const draw = (c) => {
+      const cross = new Path2D();
+      cross.arc(x, y, r, 0, 2 * Math.PI);
+      for (const [dx, dy] of [[1, 0], [0, 1]]) {
+        cross.moveTo(x - 1.5 * r * dx, y - 1.5 * r * dy);
+        cross.lineTo(x + 1.5 * r * dx, y + 1.5 * r * dy);
+      }
+      c.lineCap = "round";
+      twice(c, cross, 6, 2.5);
+    };
+    return { area: around([{ x: x - 1.5 * r, y: y - 1.5 * r, w: 3 * r, h: 3 * r }], 4), looks: "next", draw };
   }
 
   quietMark() {

@@ -85,7 +85,8 @@ export class Cells {
 /**
  * Keeps a connection to the program.
  * `on.state("live" | "wait" | "lost", seconds to the next try)`, `on.scene(scene)`, `on.frame(frame)`, `on.rights(whether this page may
- * command)`, `on.recording(what is recorded)`, `on.replay(where the recording is that is played)`; the cells are in `cells`.
+ * command)`, `on.recording(what is recorded)`, `on.replay(where the recording is that is played)`, `on.guide(where to press next)`; the cells are in
+ * `cells`.
  */
 export class Connection {
   constructor(on) {
@@ -157,6 +158,8 @@ export class Connection {
       this.on.rights(message.token !== null);
     } else if (message.kind === "recording") {
       this.on.recording(message);
+    } else if (message.kind === "guide") {
+      this.on.guide(message);
     } else if (message.kind === "replay") {
       this.on.replay(message);
     } else if (message.kind === "clock") {

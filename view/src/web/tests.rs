@@ -438,3 +438,52 @@ fn one_frame_is_the_same_for_the_page_and_for_us() {
 
 #[path = "hostile_tests.rs"]
 mod hostile;
+
+#[test]
+fn a_page_is_told_where_to_press_and_only_one_with_the_token_repeats_or_skips() {
+    let view = view();
+    let guide = Guide {
+        mark_mm: Some([12.5, -30.0]),
+        taken_mm: vec![[1.0, 2.0]],
+        count: 20,
+        text: "press 2 of 20".to_owned(),
+        note: String::new(),
+    };
+    view.set_guide(guide);
+    let mut page = connect(view.server.address);
+    view.publish(picture(1)).unwrap();
+    // A page that comes later is told, too.
+    let told = next_frame(&mut page).1.into_iter().find(|text| text["kind"] == "guide");
+    let told = told.unwrap_or_else(|| {
+        acknowledge(&mut page);
+        view.publish(picture(2)).unwrap();
+        let texts = next_frame(&mut page).1;
+        texts.into_iter().find(|text| text["kind"] == "guide").unwrap()
+    });
+    assert_eq!(told["mark_mm"], serde_json::json!([12.5, -30.0]));
+    assert_eq!((&told["count"], &told["text"]), (&20.into(), &"press 2 of 20".into()));
+    page.send(Message::Text(r#"{"kind":"repeat_press"}"#.into())).unwrap();
+    let refused = loop {
+        if let Message::Text(text) = page.read().unwrap() {
+            let answer: serde_json::Value = serde_json::from_str(&text).unwrap();
+            if answer["kind"] == "rights" {
+                break answer;
+            }
+        }
+    };
+    assert!(refused["token"].is_null() && view.command().is_none(), "{refused}");
+    enter(&mut page, key_of(&view.url()));
+    for (kind, command) in [
+        ("repeat_press", Command::RepeatPress),
+        ("skip_press", Command::SkipPress),
+    ] {
+        page.send(Message::Text(format!(r#"{{"kind":"{kind}"}}"#).into()))
+            .unwrap();
+        let mut taken = None;
+        eventually("the command arrives", || {
+            taken = view.command();
+            taken.is_some()
+        });
+        assert_eq!(taken, Some(command));
+    }
+}

@@ -10,6 +10,7 @@ use serde::Serialize;
 use tokio::sync::watch;
 
 use crate::web::app::{App, ended};
+use crate::web::guide::{self, Guide};
 use crate::web::recording::{Recording, Told};
 use crate::web::refused::Refused;
 use crate::web::replay;
@@ -80,6 +81,10 @@ impl Watcher<'_> {
         if *recording.borrow() != Recording::default() {
             recording.mark_changed();
         }
+        let mut guide = self.shared.guide.subscribe();
+        if *guide.borrow() != Guide::default() {
+            guide.mark_changed();
+        }
         let mut replay = self.shared.replay.subscribe();
         if replay.borrow().is_some() {
             replay.mark_changed();
@@ -111,6 +116,13 @@ impl Watcher<'_> {
                     }
                     let now = recording.borrow_and_update().clone();
                     self.tell(&Told::from(&now)).await?;
+                }
+                changed = guide.changed() => {
+                    if changed.is_err() {
+                        return Ok(());
+                    }
+                    let now = guide.borrow_and_update().clone();
+                    self.tell(&guide::Told::from(&now)).await?;
                 }
                 changed = replay.changed() => {
                     if changed.is_err() {
@@ -172,6 +184,8 @@ impl Watcher<'_> {
             Ok(Request::UndoBaseline) => self.command(Command::UndoBaseline).await,
             Ok(Request::StartRecording) => self.command(Command::StartRecording).await,
             Ok(Request::StopRecording) => self.command(Command::StopRecording).await,
+            Ok(Request::RepeatPress) => self.command(Command::RepeatPress).await,
+            Ok(Request::SkipPress) => self.command(Command::SkipPress).await,
             Ok(Request::Seek { at_ms }) => self.command(Command::Seek { at_ms }).await,
             Ok(Request::Pause) => self.command(Command::Pause).await,
             Ok(Request::Play) => self.command(Command::Play).await,

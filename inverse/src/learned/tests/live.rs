@@ -28,6 +28,7 @@ impl Rig {
         let sheet = LearnedSheet {
             learned: Arc::new(learned),
             measurements: skin.measurements.clone(),
+            gain: None,
         };
         let imager = Imager::new(&Sheet::paper(), Drive::PAPER, Pattern::opposite(16).unwrap(), 10.0).unwrap();
         let options = LiveOptions {

@@ -1,0 +1,266 @@
+//! `skin calibrate presses` on the simulated skin, with a simulated finger or robot; nothing here depends on how fast the machine is.
+
+use serde_json::Value;
+use std::io::Write;
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+struct Ran {
+    out: String,
+    said: String,
+    code: Option<i32>,
+}
+
+/// Runs the program in a folder, with these keys pressed.
+fn skin(folder: &Path, arguments: &[&str], keys: &str) -> Ran {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_skin"))
+        .current_dir(folder)
+        .args(arguments)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    // Dropped, so that its end is seen.
+    child.stdin.take().unwrap().write_all(keys.as_bytes()).unwrap();
+    let out = child.wait_with_output().unwrap();
+    let text = |bytes: Vec<u8>| String::from_utf8(bytes).unwrap();
+    Ran {
+        code: out.status.code(),
+        out: text(out.stdout),
+        said: text(out.stderr),
+    }
+}
+
+/// A scene of rubber that does not creep, which nobody touches.
+fn folder() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let text = "duration_s = 1.0\n[material]\nkind = \"elastic\"\n";
+    std::fs::write(folder.path().join("rubber.toml"), text).unwrap();
+    folder
+}
+
+/// Columns of a CSV by their names.
+fn columns<const N: usize>(path: &Path, names: [&str; N]) -> Vec<[f64; N]> {
+    let text = std::fs::read_to_string(path).unwrap();
+    let mut lines = text.lines().filter(|line| !line.starts_with('#'));
+    let header: Vec<&str> = lines.next().unwrap().split(',').collect();
+    let at = names.map(|name| header.iter().position(|h| *h == name).unwrap());
+    lines
+        .map(|line| {
+            let fields: Vec<&str> = line.split(',').collect();
+            at.map(|k| fields[k].parse().unwrap())
+        })
+        .collect()
+}
+
+/// A finger that is guided over the simulated skin gives a calibration that locates the presses of another run, and their forces.
+#[test]
+fn a_guided_run_gives_a_calibration_that_finds_other_presses_and_their_forces() {
+    let folder = folder();
+    let path = folder.path();
+    let guided = [
+        "calibrate",
+        "presses",
+        "--scene",
+        "rubber.toml",
+        "--count",
+        "20",
+        "--json",
+        "--state-dir",
+        "state",
+    ];
+    let taught = skin(path, &guided, "n\n");
+    assert_eq!(taught.code, Some(0), "{}", taught.said);
+    for said in [
+        "taking the baseline, do not touch",
+        "skipped: x ",
+        "mm from the middle towards electrode",
+        "press 1 of 20 at x ",
+        "press 20 taken: ",
+        " before put it at ",
+        "skin.table.csv, skin.presses.csv: what was taken",
+        "stored; skin run loads it by itself",
+    ] {
+        assert!(taught.said.contains(said), "{said}: {}", taught.said);
+    }
+    let found: Value = serde_json::from_str(&taught.out).unwrap();
+    assert_eq!(
+        (&found["presses"], &found["forces_known"]),
+        (&20.into(), &20.into()),
+        "{found}"
+    );
+    let skipped = taught.said.lines().find(|line| line.starts_with("skipped: ")).unwrap();
+    let places = columns(&path.join("skin.presses.csv"), ["x_mm", "y_mm"]);
+    assert_eq!(places.len(), 20);
+    assert!(
+        places
+            .iter()
+            .all(|[x, y]| !skipped.contains(&format!("x {x:.1}, y {y:.1} mm"))),
+        "{skipped}"
+    );
+    // The rim is among them.
+    assert!(places.iter().any(|[x, y]| x.hypot(*y) > 97.5 - 7.0), "{places:?}");
+
+    let marks = "x_mm,y_mm\n20,31\n-42,8\n3,-25\n-18,47\n50,-12\n-60,-35\n";
+    std::fs::write(path.join("others.csv"), marks).unwrap();
+    let others = [
+        "calibrate",
+        "presses",
+        "--scene",
+        "rubber.toml",
+        "--marks",
+        "others.csv",
+        "--count",
+        "6",
+        "--seed",
+        "7",
+        "--out",
+        "others.cal",
+    ];
+    let others = skin(path, &others, "");
+    assert_eq!(others.code, Some(0), "{}", others.said);
+    // On a sheet as the model has it the model is better; told that it is not, the presses have to do.
+    let file = path.join("skin.cal");
+    let text = std::fs::read_to_string(&file).unwrap();
+    assert!(
+        text.contains("kind = \"skin\"\nversion = 2\n") && text.contains("sheet_sha256 = "),
+        "{}",
+        &text[..900]
+    );
+    std::fs::write(&file, text.replace("better = true", "better = false")).unwrap();
+    let located = [
+        "reconstruct",
+        "others.table.csv",
+        "--before",
+        "others.presses.csv",
+        "--calibration",
+        "skin.cal",
+        "--json",
+    ];
+    let located = skin(path, &located, "");
+    assert_eq!(located.code, Some(0), "{}", located.said);
+    let truth = columns(&path.join("others.presses.csv"), ["x_mm", "y_mm", "force_n"]);
+    assert_eq!((truth.len(), located.out.lines().count()), (6, 6));
+    let mut off: Vec<f64> = Vec::new();
+    for (line, [x, y, force_n]) in located.out.lines().zip(&truth) {
+        let frame: Value = serde_json::from_str(line).unwrap();
+        let touches = frame["touches"].as_array().unwrap();
+        assert_eq!(touches.len(), 1, "{line}");
+        let at = |name: &str| touches[0][name].as_f64().unwrap();
+        off.push((at("x_mm") - x).hypot(at("y_mm") - y));
+        assert!((at("force_n") / force_n - 1.0).abs() < 0.35, "{line}: {force_n} N");
+    }
+    off.sort_by(f64::total_cmp);
+    assert!(off[2] < 5.0 && off[5] < 12.0, "{off:?}");
+
+    // Whatever happens to the file, it is of this sheet.
+    let other = "sheet_resistance_ohm = 1000.0\noutline = { kind = \"disc\", diameter_mm = 150.0 }\n[electrode_ring]\ncount = 16\nwidth_mm = 8.0\ncontact_mm = 1.0\n";
+    std::fs::write(path.join("other.toml"), other).unwrap();
+    let run = ["run", "--simulate", "--json", "--frames", "2", "--state-dir", "state"];
+    let refused = skin(
+        path,
+        &[&run[..], &["--sheet", "other.toml", "--calibration", "skin.cal"]].concat(),
+        "",
+    );
+    assert_eq!(refused.code, Some(1), "{}", refused.said);
+    assert!(
+        refused.said.contains("made on another sheet") && refused.said.contains("--calibration none"),
+        "{}",
+        refused.said
+    );
+    // The one that is stored for the board is loaded by itself, and said.
+    let header = |ran: &Ran| -> Value { serde_json::from_str(ran.out.lines().next().unwrap()).unwrap() };
+    let by_itself = skin(path, &run, "");
+    assert_eq!(by_itself.code, Some(0), "{}", by_itself.said);
+    assert!(
+        by_itself.said.contains("--calibration none does without"),
+        "{}",
+        by_itself.said
+    );
+    assert_eq!(header(&by_itself)["calibration"]["stored"], true);
+    let without = skin(path, &[&run[..], &["--calibration", "none"]].concat(), "");
+    assert!(
+        header(&without).get("calibration").is_none() && without.code == Some(0),
+        "{}",
+        without.said
+    );
+    let elsewhere = skin(path, &[&run[..], &["--sheet", "other.toml"]].concat(), "");
+    assert!(
+        elsewhere.said.contains("is not used: ") && elsewhere.said.contains("another sheet"),
+        "{}",
+        elsewhere.said
+    );
+    assert!(header(&elsewhere).get("calibration").is_none());
+
+    // The rubber's creep goes into the same file, and the presses stay in it.
+    let mut hold = "time_s,rise_mm2,force_n\n".to_owned();
+    for k in 0..300 {
+        let t = 0.1 * f64::from(k);
+        let (on, off) = ((t - 2.0).max(0.0), (t - 20.0).max(0.0));
+        let grown = |t: f64| 1.0 - (-t / 5.0).exp();
+        let force = if (2.0..20.0).contains(&t) { 20.0 } else { 0.0 };
+        let rise = 4.0 * (force + 20.0 * 0.3 * (grown(on) - grown(off)));
+        hold += &format!("{t:.2},{rise:.4},{force}\n");
+    }
+    std::fs::write(path.join("hold.csv"), hold).unwrap();
+    let creep = skin(path, &["calibrate", "hold.csv", "--out", "skin.cal"], "");
+    assert_eq!(creep.code, Some(0), "{}", creep.said);
+    assert!(
+        creep.said.contains("the presses that were in it are kept"),
+        "{}",
+        creep.said
+    );
+    let text = std::fs::read_to_string(&file).unwrap();
+    assert!(text.contains("[rubber]") && text.contains("[presses.learned") && text.contains("[force]"));
+}
+
+/// G-code's list of positions leads a simulated robot, whose presses are found in the stream by their times.
+#[test]
+fn a_robots_list_says_where_the_presses_of_a_stream_were() {
+    let folder = folder();
+    let path = folder.path();
+    let gcode = [
+        "calibrate",
+        "gcode",
+        "--count",
+        "6",
+        "--out",
+        "press.gcode",
+        "--bed-mm",
+        "250,250",
+        "--origin-mm",
+        "125,125",
+    ];
+    let made = skin(path, &gcode, "");
+    assert_eq!(made.code, Some(0), "{}", made.said);
+    let robot = [
+        "calibrate",
+        "presses",
+        "--scene",
+        "rubber.toml",
+        "--positions",
+        "press.csv",
+        "--out",
+        "robot.cal",
+    ];
+    let ran = skin(path, &robot, "");
+    assert_eq!(ran.code, Some(0), "{}", ran.said);
+    let listed = columns(&path.join("press.csv"), ["x_mm", "y_mm"]);
+    let found = columns(&path.join("robot.presses.csv"), ["x_mm", "y_mm"]);
+    assert_eq!(found, listed);
+    let wrong = [
+        "calibrate",
+        "presses",
+        "--scene",
+        "rubber.toml",
+        "--positions",
+        "nowhere.csv",
+    ];
+    let wrong = skin(path, &wrong, "");
+    assert!(
+        wrong.code == Some(1) && wrong.said.contains("nowhere.csv"),
+        "{}",
+        wrong.said
+    );
+}
