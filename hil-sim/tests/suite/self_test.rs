@@ -2,7 +2,7 @@
 
 use crate::common::{Bench, disc};
 use forward::ElectrodeMatrix;
-use hil_sim::{Electronics, FixedSheet, SimConfig};
+use hil_sim::{Electronics, FixedSheet, SimConfig, TICKS_PER_SAMPLE, TIMER_HZ};
 use protocol::{Check, FromBoard, SelfTest, ToBoard};
 
 fn tested(electronics: Electronics, faults: &[&str], sheet: ElectrodeMatrix) -> SelfTest {
@@ -42,6 +42,22 @@ fn the_drawn_board_passes_on_sheets_from_100_ohm_to_100_kilohm_a_square() {
         assert_eq!(failed(&report), [], "{factor}: {report:?}");
         assert_eq!((report.drive_pairs.len(), report.sense_pairs.len()), (16, 16));
     }
+}
+
+/// 490 periods of 16 samples, as docs/firmware.md says. A heartbeat may come before it, and the report takes a millisecond of the line.
+#[test]
+fn it_takes_490_periods() {
+    let config = SimConfig {
+        electronics: Electronics::drawn_board(),
+        ..SimConfig::default()
+    };
+    let mut bench = Bench::new(config, FixedSheet(disc(16)));
+    bench.run(0.02);
+    bench.send(&ToBoard::SelfTest);
+    let period_s = 16.0 * f64::from(TICKS_PER_SAMPLE) / f64::from(TIMER_HZ);
+    let is_report = |m: &FromBoard| matches!(m, FromBoard::SelfTest(_));
+    let periods = (1..1000).find(|_| bench.run(period_s).iter().any(is_report)).unwrap();
+    assert!((490..=500).contains(&periods), "{periods}");
 }
 
 #[test]
