@@ -333,7 +333,7 @@ fn stored_settings_that_its_amplifiers_are_not_wired_for_do_not_stop_its_start()
 
 #[test]
 fn its_watch_learns_sleeps_and_wakes_at_a_touch() {
-    let contact = 40_000;
+    let (contact, count) = (40_000, 40);
     let setup = Setup {
         commands: vec![
             (AWAKE_NS, ToBoard::SetPlan(Plan::fast())),
@@ -346,7 +346,7 @@ fn its_watch_learns_sleeps_and_wakes_at_a_touch() {
         &program("h743"),
         world().touched_at(contact, touched()),
         setup,
-        4,
+        count,
         3_000_000_000,
     )
     .unwrap();
@@ -366,7 +366,19 @@ fn its_watch_learns_sleeps_and_wakes_at_a_touch() {
         outcome.messages
     );
     let list = frames(&outcome);
-    assert_eq!(list.len(), 4);
+    assert_eq!(list.len(), count);
+    let ends: Vec<u64> = outcome
+        .messages
+        .iter()
+        .filter_map(|(at, m)| matches!(m, FromBoard::Frame(_)).then_some(*at))
+        .collect();
+    // Awake, the watch looks at every frame besides. There is work on every period.
+    let seconds = (ends[count - 1] - ends[0]) as f64 * 1e-9;
+    let blocks = (seconds * 1e9 / PERIOD_NS).round() as usize;
+    let work: u64 = outcome.work[outcome.work.len() - blocks..].iter().sum();
+    let share = work as f64 / (INSTRUCTIONS_PER_SECOND as f64 * seconds);
+    println!("awake: {:.1} % of the time", 100.0 * share);
+    assert!(share < 0.3, "{share}");
     // A rest of 10 periods and a scan of two drives at most after the contact.
     let latest = contact + ((10.0 + 2.0 * 1.25 + 2.0) * 16.0) as u64;
     assert!(
