@@ -279,9 +279,14 @@ impl ContactTest {
         } else {
             Evidence::cheaper_than
         };
+        // What is rare is taken only where it explains the frame. The error of the model of touches looks like anything smooth.
+        let explains = |drifting, found: Evidence| !is_rare(drifting) || found.misfit <= self.options.explained;
         let takes = evidence.zip(found).is_some_and(|(evidence, found)| {
             if other.index() < before.index() {
-                return !better(evidence, found, self.options.margin);
+                return !(explains(before, evidence) && better(evidence, found, self.options.margin));
+            }
+            if !explains(other, found) {
+                return false;
             }
             // What drift alone explains, and no touches do, is drift.
             let alone = !result.changed && found.misfit <= self.options.explained && unexplained;
