@@ -199,7 +199,7 @@ pub(crate) enum Drifting {
     Contacts,
     /// A smooth unevenness as well. It hides half of a palm.
     Uneven,
-    /// The gain of every channel as well. It hides an eighth of what tells touches.
+    /// The gain of every sense and drive pair as well. It hides an eighth of what tells touches.
     Channels,
 }
 
@@ -225,7 +225,7 @@ pub(crate) struct DriftShapes {
     wave_squares: Vec<f64>,
     /// Standard deviations of the waves for every one of [`LENGTHS`], over those for the first.
     of_lengths: [Vec<f64>; LENGTHS.len()],
-    /// V, values by pairs: the gain of every sense pair.
+    /// V, values by pairs: the gain of every sense and of every drive pair.
     channels: DMatrix<f64>,
 }
 
