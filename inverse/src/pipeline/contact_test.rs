@@ -280,7 +280,7 @@ impl ContactTest {
             Evidence::cheaper_than
         };
         // What is rare is taken only where it explains the frame. The error of the model of touches looks like anything smooth.
-        let explains = |drifting, found: Evidence| !is_rare(drifting) || found.misfit <= self.options.explained;
+        let explains = |drifting, found: Evidence| !is_rare(drifting) || found.explains(&self.options);
         let takes = evidence.zip(found).is_some_and(|(evidence, found)| {
             if other.index() < before.index() {
                 return !(explains(before, evidence) && better(evidence, found, self.options.margin));
@@ -289,7 +289,7 @@ impl ContactTest {
                 return false;
             }
             // What drift alone explains, and no touches do, is drift.
-            let alone = !result.changed && found.misfit <= self.options.explained && unexplained;
+            let alone = !result.changed && found.explains(&self.options) && unexplained;
             alone || better(found, evidence, self.options.margin_accepted)
         });
         if takes {

@@ -596,7 +596,7 @@ impl FrameSolver {
     }
 
     /// What the last solve came to, to be compared with one with other contacts; none where nothing tells the noise.
-    pub(crate) fn evidence(&self, task: Task, result: &FrameResult) -> Option<Evidence> {
+    pub(crate) fn evidence(&mut self, task: Task, result: &FrameResult) -> Option<Evidence> {
         let of_changed = |c: &Contacts| task.changed.iter().map(|l| c.directions(*l)).sum::<usize>();
         let directions = self.contacts.as_ref().map_or(0, of_changed);
         let sigma = task.noise?.sigma;
@@ -609,10 +609,20 @@ impl FrameSolver {
             (square, 0.0, square / self.reduced.len() as f64)
         };
         let error = self.options.fit?.model_error;
+        let nuisances = self
+            .weightings
+            .current()
+            .and_then(|w| w.tables.as_ref()?.nuisances.as_ref());
+        let of_drift = nuisances.map_or(0.0, |nuisances| {
+            self.sizes.clear();
+            nuisances.along(task.difference.y.as_slice(), &mut self.sizes);
+            (nuisances.linearisation_error(&self.sizes) / sigma).powi(2) / self.reduced.len() as f64
+        });
         Some(Evidence {
             cost: cost + directions as f64 + result.drift.cost,
             open,
             misfit,
+            of_drift,
             model: error * error * power / sigma.powi(2),
         })
     }

@@ -199,7 +199,7 @@ pub(crate) enum Drifting {
     Contacts,
     /// A smooth unevenness as well. It hides half of a palm.
     Uneven,
-    /// The gain of every sense and drive pair as well. It hides an eighth of what tells touches.
+    /// The gain of every sense pair as well. It hides an eighth of what tells touches.
     Channels,
 }
 
@@ -225,7 +225,7 @@ pub(crate) struct DriftShapes {
     wave_squares: Vec<f64>,
     /// Standard deviations of the waves for every one of [`LENGTHS`], over those for the first.
     of_lengths: [Vec<f64>; LENGTHS.len()],
-    /// V, values by pairs: the gain of every sense and of every drive pair.
+    /// V, values by pairs: the gain of every sense pair.
     channels: DMatrix<f64>,
 }
 
@@ -419,23 +419,18 @@ impl Waves {
     }
 }
 
-/// What a relative change of the gain does, of every sense pair and of every drive pair in the pattern.
+/// What a relative change of the gain does, of every sense pair. A drive pair's is what its contacts do.
 fn channels(imager: &Imager) -> DMatrix<f64> {
-    let pairs = imager.pattern.measurements().iter();
-    let mut known: Vec<(bool, usize, usize)> = Vec::new();
+    let mut known = Vec::new();
     let mut columns: Vec<DVector<f64>> = Vec::new();
-    for (k, m) in pairs.enumerate() {
-        for pair in [
-            (false, m.sense.plus, m.sense.minus),
-            (true, m.drive.plus, m.drive.minus),
-        ] {
-            let place = known.iter().position(|p| *p == pair).unwrap_or_else(|| {
-                known.push(pair);
-                columns.push(DVector::zeros(imager.pattern.len()));
-                known.len() - 1
-            });
-            columns[place][k] = imager.model_v[k];
-        }
+    for (k, m) in imager.pattern.measurements().iter().enumerate() {
+        let pair = (m.sense.plus, m.sense.minus);
+        let place = known.iter().position(|p| *p == pair).unwrap_or_else(|| {
+            known.push(pair);
+            columns.push(DVector::zeros(imager.pattern.len()));
+            known.len() - 1
+        });
+        columns[place][k] = imager.model_v[k];
     }
     DMatrix::from_columns(&columns)
 }

@@ -11,6 +11,8 @@ pub(crate) struct Evidence {
     pub(crate) open: f64,
     /// Mean square of the residual, in variances of the noise.
     pub(crate) misfit: f64,
+    /// The part of it by which the linear model of what drifted may be wrong.
+    pub(crate) of_drift: f64,
     /// Chi-square that the model of touches may be wrong by.
     pub(crate) model: f64,
 }
@@ -23,6 +25,7 @@ impl std::ops::Add for Evidence {
             cost: self.cost + other.cost,
             open: self.open + other.open,
             misfit: self.misfit + other.misfit,
+            of_drift: self.of_drift + other.of_drift,
             model: self.model + other.model,
         }
     }
@@ -36,6 +39,7 @@ impl Evidence {
             cost: part * self.cost,
             open: part * self.open,
             misfit: part * self.misfit,
+            of_drift: part * self.of_drift,
             model: part * self.model,
         }
     }
@@ -49,6 +53,11 @@ impl Evidence {
     /// more than the model of touches may be wrong.
     pub(crate) fn more_probable_than(self, other: Self, margin: f64) -> bool {
         self.cost + self.open + margin + self.model < other.cost + other.open
+    }
+
+    /// Whether it leaves no more than noise, and what the linear model of a drift is wrong by.
+    pub(crate) fn explains(self, options: &ContactOptions) -> bool {
+        self.misfit <= options.explained + self.of_drift
     }
 
     /// Whether a contact that was accepted stays so: this is with it.
