@@ -193,7 +193,7 @@ impl ContactTest {
         let before = self.polarity.now();
         self.kept.copy_from(result);
         self.polarity.widen();
-        solver.begin_other();
+        solver.begin_other(self.drifting);
         let other = self.solve_with(solver, task, detectors, result);
         let better = evidence
             .zip(other)
@@ -280,16 +280,17 @@ impl ContactTest {
             Evidence::cheaper_than
         };
         // What is rare is taken only where it explains the frame. The error of the model of touches looks like anything smooth.
-        let explains = |drifting, found: Evidence| !is_rare(drifting) || found.explains(&self.options);
+        let explains =
+            |drifting, with: Evidence, without| !is_rare(drifting) || with.explains_of(without, &self.options);
         let takes = evidence.zip(found).is_some_and(|(evidence, found)| {
             if other.index() < before.index() {
-                return !(explains(before, evidence) && better(evidence, found, self.options.margin));
+                return !(explains(before, evidence, found) && better(evidence, found, self.options.margin));
             }
-            if !explains(other, found) {
+            if !explains(other, found, evidence) {
                 return false;
             }
             // What drift alone explains, and no touches do, is drift.
-            let alone = !result.changed && found.explains(&self.options) && unexplained;
+            let alone = !result.changed && found.misfit <= self.options.explained && unexplained;
             alone || better(found, evidence, self.options.margin_accepted)
         });
         if takes {

@@ -254,7 +254,8 @@ impl FrameSolver {
     }
 
     /// Begins a fit with touches of other signs.
-    pub(crate) fn begin_other(&mut self) {
+    pub(crate) fn begin_other(&mut self, drifting: Drifting) {
+        self.fit_beside(drifting);
         self.fitter.iter_mut().for_each(Fitter::begin_other);
     }
 
@@ -408,10 +409,17 @@ impl FrameSolver {
         of_frame.hypot(self.options.model_error * self.power().sqrt())
     }
 
+    /// Goes on from the touches that were fitted last beside this drift.
+    fn fit_beside(&mut self, drifting: Drifting) {
+        if self.fitting != drifting {
+            let before = std::mem::replace(&mut self.fitting, drifting);
+            self.fitter.iter_mut().for_each(|f| f.exchange(before, drifting));
+        }
+    }
+
     fn weigh(&mut self, difference: &Difference, left_out: (Drifting, &[usize])) {
-        if self.fitting != left_out.0 && left_out.0 != Drifting::Nothing {
-            let before = std::mem::replace(&mut self.fitting, left_out.0);
-            self.fitter.iter_mut().for_each(|f| f.exchange(before, left_out.0));
+        if left_out.0 != Drifting::Nothing {
+            self.fit_beside(left_out.0);
         }
         let (drift, contacts) = (self.drift.as_ref(), self.contacts.as_mut());
         self.work.problems +=
@@ -596,7 +604,7 @@ impl FrameSolver {
     }
 
     /// What the last solve came to, to be compared with one with other contacts; none where nothing tells the noise.
-    pub(crate) fn evidence(&mut self, task: Task, result: &FrameResult) -> Option<Evidence> {
+    pub(crate) fn evidence(&self, task: Task, result: &FrameResult) -> Option<Evidence> {
         let of_changed = |c: &Contacts| task.changed.iter().map(|l| c.directions(*l)).sum::<usize>();
         let directions = self.contacts.as_ref().map_or(0, of_changed);
         let sigma = task.noise?.sigma;
@@ -609,20 +617,10 @@ impl FrameSolver {
             (square, 0.0, square / self.reduced.len() as f64)
         };
         let error = self.options.fit?.model_error;
-        let nuisances = self
-            .weightings
-            .current()
-            .and_then(|w| w.tables.as_ref()?.nuisances.as_ref());
-        let of_drift = nuisances.map_or(0.0, |nuisances| {
-            self.sizes.clear();
-            nuisances.along(task.difference.y.as_slice(), &mut self.sizes);
-            (nuisances.linearisation_error(&self.sizes) / sigma).powi(2) / self.reduced.len() as f64
-        });
         Some(Evidence {
             cost: cost + directions as f64 + result.drift.cost,
             open,
             misfit,
-            of_drift,
             model: error * error * power / sigma.powi(2),
         })
     }

@@ -11,8 +11,6 @@ pub(crate) struct Evidence {
     pub(crate) open: f64,
     /// Mean square of the residual, in variances of the noise.
     pub(crate) misfit: f64,
-    /// The part of it by which the linear model of what drifted may be wrong.
-    pub(crate) of_drift: f64,
     /// Chi-square that the model of touches may be wrong by.
     pub(crate) model: f64,
 }
@@ -25,7 +23,6 @@ impl std::ops::Add for Evidence {
             cost: self.cost + other.cost,
             open: self.open + other.open,
             misfit: self.misfit + other.misfit,
-            of_drift: self.of_drift + other.of_drift,
             model: self.model + other.model,
         }
     }
@@ -39,7 +36,6 @@ impl Evidence {
             cost: part * self.cost,
             open: part * self.open,
             misfit: part * self.misfit,
-            of_drift: part * self.of_drift,
             model: part * self.model,
         }
     }
@@ -55,11 +51,6 @@ impl Evidence {
         self.cost + self.open + margin + self.model < other.cost + other.open
     }
 
-    /// Whether it leaves no more than noise, and what the linear model of a drift is wrong by.
-    pub(crate) fn explains(self, options: &ContactOptions) -> bool {
-        self.misfit <= options.explained + self.of_drift
-    }
-
     /// Whether a contact that was accepted stays so: this is with it.
     pub(crate) fn stays(self, without: Self, options: &ContactOptions) -> bool {
         self.cost + options.margin + self.model < without.cost
@@ -67,8 +58,12 @@ impl Evidence {
 
     /// Whether this, with a contact, is accepted rather than that without.
     pub(crate) fn instead_of(self, without: Self, options: &ContactOptions) -> bool {
+        self.cost + options.margin_accepted + self.model < without.cost && self.explains_of(without, options)
+    }
+
+    /// Whether this leaves little of what another leaves unexplained. What only lessens it fits the error of the model of touches.
+    pub(crate) fn explains_of(self, without: Self, options: &ContactOptions) -> bool {
         let unexplained = |evidence: Self| (evidence.misfit - options.explained).max(0.0);
-        self.cost + options.margin_accepted + self.model < without.cost
-            && unexplained(self) <= options.of_unexplained * unexplained(without)
+        unexplained(self) <= options.of_unexplained * unexplained(without)
     }
 }

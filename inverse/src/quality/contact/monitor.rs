@@ -226,14 +226,12 @@ mod tests {
         cost: 100.0,
         open: 0.0,
         misfit: 1.0,
-        of_drift: 0.0,
         model: 5.0,
     };
     const WORSE: Evidence = Evidence {
         cost: 300.0,
         open: 0.0,
         misfit: 2.5,
-        of_drift: 0.0,
         model: 5.0,
     };
 
