@@ -1,5 +1,6 @@
 //! A baseline of its own for every frame: which column was taken just before it.
 
+use super::columns::{self, Columns};
 use super::malformed::FileError;
 use std::collections::HashMap;
 use std::path::Path;
@@ -20,11 +21,7 @@ pub(crate) struct Before {
 /// # Errors
 /// [`FileError`] with line and column: a column that is not there, a frame twice, a frame that is its own baseline.
 pub(crate) fn read(path: &Path) -> Result<Vec<Before>, FileError> {
-    let file = path.display().to_string();
-    match ::forward::whole::text(path) {
-        Ok(text) => parse(&file, &text),
-        Err(cause) => Err(FileError::Io { file, cause }),
-    }
+    columns::read(path, parse)
 }
 
 /// The same from text; `file` is its name in messages.
@@ -32,53 +29,24 @@ pub(crate) fn read(path: &Path) -> Result<Vec<Before>, FileError> {
 /// # Errors
 /// As for [`read`].
 pub(crate) fn parse(file: &str, text: &str) -> Result<Vec<Before>, FileError> {
-    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
-    let mut reader = csv::ReaderBuilder::new()
-        .comment(Some(b'#'))
-        .trim(csv::Trim::All)
-        .from_reader(text.as_bytes());
-    let broken = |cause: &csv::Error| {
-        let line = cause.position().map_or(1, csv::Position::line);
-        FileError::malformed(file, line, "1", "as many fields as in the header", &cause.to_string())
-    };
-    let header = reader.headers().map_err(|cause| broken(&cause))?.clone();
-    let column = |name: &str| {
-        let found = header.iter().position(|h| h == name);
-        let there: Vec<&str> = header.iter().collect();
-        found.ok_or_else(|| FileError::malformed(file, 1, name, "a column of this name", &there.join(",")))
-    };
-    let (frame, before) = (column("frame")?, column("before")?);
+    let columns = Columns::parse(file, text)?;
+    let (frame, before) = (columns.column("frame")?, columns.column("before")?);
     let mut seen = HashMap::new();
     let mut list = Vec::new();
-    for record in reader.records() {
-        let record = record.map_err(|cause| broken(&cause))?;
-        let line = record.position().map_or(1, csv::Position::line);
-        let name = record.get(frame).unwrap_or_default();
+    for line in columns.lines() {
+        let name = line.text(frame);
         if name.is_empty() {
-            return Err(FileError::malformed(
-                file,
-                line,
-                "frame",
-                "the name of a frame",
-                "nothing",
-            ));
+            return Err(line.malformed("frame", "the name of a frame", "nothing"));
         }
-        if let Some(first) = seen.insert(name.to_owned(), line) {
-            let again = format!("the frame of line {first} again");
-            return Err(FileError::malformed(file, line, "frame", "every frame once", &again));
+        if let Some(first) = seen.insert(name, line.number()) {
+            return Err(line.malformed("frame", "every frame once", &format!("the frame of line {first} again")));
         }
-        let own = record.get(before).filter(|b| !b.is_empty());
+        let own = Some(line.text(before)).filter(|b| !b.is_empty());
         if own == Some(name) {
-            return Err(FileError::malformed(
-                file,
-                line,
-                "before",
-                "another frame",
-                &format!("'{name}'"),
-            ));
+            return Err(line.malformed("before", "another frame", &format!("'{name}'")));
         }
         list.push(Before {
-            line,
+            line: line.number(),
             frame: name.to_owned(),
             before: own.map(str::to_owned),
         });

@@ -1,5 +1,6 @@
 //! What a robot, a printer or a gauge wrote down: times with positions, forces, or both; a line a press, or many lines a second.
 
+use crate::files::columns::{self, Columns};
 use crate::files::malformed::FileError;
 use std::path::Path;
 
@@ -42,11 +43,7 @@ pub(crate) struct Listed {
 /// # Errors
 /// [`FileError`] with line and column.
 pub(crate) fn read(path: &Path) -> Result<Vec<Listed>, FileError> {
-    let file = path.display().to_string();
-    match ::forward::whole::text(path) {
-        Ok(text) => parse(&file, &text),
-        Err(cause) => Err(FileError::Io { file, cause }),
-    }
+    columns::read(path, parse)
 }
 
 /// The same from text; `file` is its name in messages.
@@ -54,56 +51,34 @@ pub(crate) fn read(path: &Path) -> Result<Vec<Listed>, FileError> {
 /// # Errors
 /// As for [`read`].
 pub(crate) fn parse(file: &str, text: &str) -> Result<Vec<Listed>, FileError> {
-    Ok(presses(&rows(file, text)?))
+    Ok(presses(&rows(&Columns::parse(file, text)?)?))
 }
 
-fn rows(file: &str, text: &str) -> Result<Vec<Row>, FileError> {
-    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
-    let mut reader = csv::ReaderBuilder::new()
-        .comment(Some(b'#'))
-        .trim(csv::Trim::All)
-        .from_reader(text.as_bytes());
-    let broken = |cause: &csv::Error| {
-        let line = cause.position().map_or(1, csv::Position::line);
-        FileError::malformed(file, line, "1", "as many fields as in the header", &cause.to_string())
-    };
-    let header = reader.headers().map_err(|cause| broken(&cause))?.clone();
-    let column = |names: &[&str]| names.iter().find_map(|name| header.iter().position(|h| h == *name));
-    let there = header.iter().collect::<Vec<_>>().join(",");
-    let missing = |names: &[&str], what: &str| FileError::malformed(file, 1, names[0], what, &there);
-    let time = column(&TIME).ok_or_else(|| missing(&TIME, "a column t_s, time_s or t"))?;
-    let place = match (column(&X), column(&Y)) {
+fn rows(columns: &Columns) -> Result<Vec<Row>, FileError> {
+    let missing = |name, what| columns.missing(name, what);
+    let time = columns
+        .find(&TIME)
+        .ok_or_else(|| missing(TIME[0], "a column t_s, time_s or t"))?;
+    let place = match (columns.find(&X), columns.find(&Y)) {
         (Some(x), Some(y)) => Some([x, y]),
         (None, None) => None,
-        (Some(_), None) => return Err(missing(&Y, "a column y_mm or y beside that of x")),
-        (None, Some(_)) => return Err(missing(&X, "a column x_mm or x beside that of y")),
+        (Some(_), None) => return Err(missing(Y[0], "a column y_mm or y beside that of x")),
+        (None, Some(_)) => return Err(missing(X[0], "a column x_mm or x beside that of y")),
     };
-    let force = column(&FORCE);
+    let force = columns.find(&FORCE);
     if place.is_none() && force.is_none() {
-        return Err(missing(&X, "positions (x_mm, y_mm), forces (force_n) or both"));
+        return Err(missing(X[0], "positions (x_mm, y_mm), forces (force_n) or both"));
     }
     let mut list: Vec<Row> = Vec::new();
-    for record in reader.records() {
-        let record = record.map_err(|cause| broken(&cause))?;
-        let line = record.position().map_or(1, csv::Position::line);
-        let number = |column: usize, name: &str| {
-            let text = record.get(column).unwrap_or_default();
-            let value = text.parse::<f64>().ok().filter(|v| v.is_finite());
-            value.ok_or_else(|| FileError::malformed(file, line, name, "a finite number", &format!("'{text}'")))
-        };
+    for line in columns.lines() {
+        let number = |column: usize, name: &str| line.value(column, name, "a finite number");
         let time_s = number(time, TIME[0])?;
         if list.last().is_some_and(|before| time_s < before.time_s) {
-            let found = time_s.to_string();
-            return Err(FileError::malformed(
-                file,
-                line,
-                TIME[0],
-                "a time that is not before the last",
-                &found,
-            ));
+            let wanted = "a time that is not before the last";
+            return Err(line.malformed(TIME[0], wanted, &time_s.to_string()));
         }
         list.push(Row {
-            line,
+            line: line.number(),
             time_s,
             place_mm: match place {
                 Some([x, y]) => Some([number(x, X[0])?, number(y, Y[0])?]),

@@ -1,6 +1,7 @@
 //! Where presses were: a CSV that names the frame of each, the frame before it, and its place.
 
 use crate::files::before;
+use crate::files::columns::{self, Columns};
 use crate::files::malformed::FileError;
 use std::path::Path;
 
@@ -25,11 +26,7 @@ pub(crate) struct KnownPress {
 /// # Errors
 /// [`FileError`] with line and column.
 pub(crate) fn read(path: &Path) -> Result<Vec<KnownPress>, FileError> {
-    let file = path.display().to_string();
-    match ::forward::whole::text(path) {
-        Ok(text) => parse(&file, &text),
-        Err(cause) => Err(FileError::Io { file, cause }),
-    }
+    columns::read(path, parse)
 }
 
 /// Reads the text of such a list; `file` is its name in messages.
@@ -38,46 +35,24 @@ pub(crate) fn read(path: &Path) -> Result<Vec<KnownPress>, FileError> {
 /// As for [`read`].
 pub(crate) fn parse(file: &str, text: &str) -> Result<Vec<KnownPress>, FileError> {
     let frames = before::parse(file, text)?;
-    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
-    let mut reader = csv::ReaderBuilder::new()
-        .comment(Some(b'#'))
-        .trim(csv::Trim::All)
-        .from_reader(text.as_bytes());
-    let header = reader.headers().cloned().unwrap_or_default();
-    let column = |name: &str| {
-        let there: Vec<&str> = header.iter().collect();
-        header
-            .iter()
-            .position(|h| h == name)
-            .ok_or_else(|| FileError::malformed(file, 1, name, "a column of this name", &there.join(",")))
-    };
-    let force = header.iter().position(|h| h == "force_n");
-    let columns = [("x_mm", column("x_mm")?), ("y_mm", column("y_mm")?)];
+    let columns = Columns::parse(file, text)?;
+    let force = columns.find(&["force_n"]);
+    let (x, y) = (columns.column("x_mm")?, columns.column("y_mm")?);
     let mut list = Vec::with_capacity(frames.len());
-    // Both readings see the same lines: the first has checked them.
-    for (frame, record) in frames.into_iter().zip(reader.records().filter_map(Result::ok)) {
-        let number = |(name, column): (&str, usize)| {
-            let text = record.get(column).unwrap_or_default();
-            let value = text.parse::<f64>().ok().filter(|v| v.is_finite());
-            value.ok_or_else(|| {
-                FileError::malformed(file, frame.line, name, "a place in millimetres", &format!("'{text}'"))
-            })
+    for (frame, line) in frames.into_iter().zip(columns.lines()) {
+        let place = |column, name| line.value(column, name, "a place in millimetres");
+        let force_n = match force.map(|c| line.text(c)).unwrap_or_default() {
+            "" => None,
+            text => {
+                let force = text.parse::<f64>().ok().filter(|f| f.is_finite() && *f > 0.0);
+                let wanted = "a force in newtons above 0, or nothing";
+                Some(force.ok_or_else(|| line.malformed("force_n", wanted, &format!("'{text}'")))?)
+            }
         };
-        let force_n =
-            match force.and_then(|c| record.get(c)).unwrap_or_default() {
-                "" => None,
-                text => {
-                    let force = text.parse::<f64>().ok().filter(|f| f.is_finite() && *f > 0.0);
-                    let wanted = "a force in newtons above 0, or nothing";
-                    Some(force.ok_or_else(|| {
-                        FileError::malformed(file, frame.line, "force_n", wanted, &format!("'{text}'"))
-                    })?)
-                }
-            };
         list.push(KnownPress {
             force_n,
             line: frame.line,
-            place_mm: [number(columns[0])?, number(columns[1])?],
+            place_mm: [place(x, "x_mm")?, place(y, "y_mm")?],
             frame: frame.frame,
             before: frame.before,
         });

@@ -1,6 +1,7 @@
 //! The files of a guided calibration: the table of frames, the list of presses, the list of marks.
 
 use super::Gathered;
+use crate::files::columns::{self, Columns, Line};
 use crate::files::malformed::FileError;
 use crate::files::sheet_line::SheetLine;
 use crate::presses::marks::write as write_text;
@@ -49,36 +50,11 @@ pub(super) fn write(gathered: &Gathered, table: &Path, list: &Path) -> Result<()
 /// # Errors
 /// [`FileError`] with line and column.
 pub(super) fn marks(path: &Path) -> Result<Vec<[f64; 2]>, FileError> {
-    let file = path.display().to_string();
-    let text = match ::forward::whole::text(path) {
-        Ok(text) => text,
-        Err(cause) => return Err(FileError::Io { file, cause }),
-    };
-    let text = text.strip_prefix('\u{feff}').unwrap_or(&text);
-    let mut reader = csv::ReaderBuilder::new()
-        .comment(Some(b'#'))
-        .trim(csv::Trim::All)
-        .from_reader(text.as_bytes());
-    let header = reader.headers().cloned().unwrap_or_default();
-    let column = |name: &str| {
-        let there = header.iter().collect::<Vec<_>>().join(",");
-        let found = header.iter().position(|h| h == name);
-        found.ok_or_else(|| FileError::malformed(&file, 1, name, "a column of this name", &there))
-    };
-    let columns = [("x_mm", column("x_mm")?), ("y_mm", column("y_mm")?)];
-    let mut list = Vec::new();
-    for record in reader.records() {
-        let record = record.map_err(|cause| {
-            let line = cause.position().map_or(1, csv::Position::line);
-            FileError::malformed(&file, line, "1", "as many fields as in the header", &cause.to_string())
-        })?;
-        let line = record.position().map_or(1, csv::Position::line);
-        let number = |(name, column): (&str, usize)| {
-            let text = record.get(column).unwrap_or_default();
-            let value = text.parse::<f64>().ok().filter(|v| v.is_finite());
-            value.ok_or_else(|| FileError::malformed(&file, line, name, "a place in millimetres", &format!("'{text}'")))
-        };
-        list.push([number(columns[0])?, number(columns[1])?]);
-    }
-    Ok(list)
+    columns::read(path, |file, text| {
+        let columns = Columns::parse(file, text)?;
+        let (x, y) = (columns.column("x_mm")?, columns.column("y_mm")?);
+        let place = |line: Line, column, name| line.value(column, name, "a place in millimetres");
+        let both = |line| Ok([place(line, x, "x_mm")?, place(line, y, "y_mm")?]);
+        columns.lines().map(both).collect()
+    })
 }
