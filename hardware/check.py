@@ -668,6 +668,15 @@ def assumed_in_sources(figures):
     own = figures["noise_pa0_codes"]
     good &= show(own <= 0.3 * assumed, "hil-sim noise_codes", number(assumed),
                  f"hil-sim/src/electronics.rs; the circuit without converter: {number(own)}, at most 0.3 of it")
+    # Head room, in the words of the models: how near to the rails, and how far above the inputs.
+    models = (HERE / "spice/models.inc").read_text(encoding="utf-8")
+    preset = text[text.find("fn drawn_board"):]
+    for field, pattern in (("inner_shift_v", r"Ba1 .*V\(inn\)\+([\d.]+)\+"), ("inner_margin_v", r"Ba1 a1 0 V = max\(V\(vn\)\+([\d.]+),"),
+                           ("op_amp_margin_v", r"Bclip .*V\(vp\)-([\d.]+)m,")):
+        said, is_ = re.search(rf"{field}: ([\d.]+)", preset), re.search(pattern, models)
+        circuit = float(is_.group(1)) * (1e-3 if field == "op_amp_margin_v" else 1) if is_ else float("nan")
+        value = float(said.group(1)) if said else float("nan")
+        good &= show(abs(value - circuit) < 1e-9, f"hil-sim {field}", number(value), f"hil-sim/src/electronics.rs; the models: {number(circuit)}")
     return good
 
 

@@ -327,6 +327,39 @@ def faults(circuit_text):
     return wrong, figures
 
 
+# What firmware and hil-sim assume of this board: file, where in it to begin, pattern, unit, figure, allowed relative difference
+# (absolute for degrees).
+ASSUMED = (
+    *((f"{path}, {name}", path, "const INFO", pattern, unit, figure, 0.01)
+      for path in ("boards/stm32h7/src/main.rs", "boards/stm32h7/src/bin/laws.rs")
+      for name, pattern, unit, figure in (
+          ("excitation_uv", r"excitation_uv: ([\d_]+)", 1e-6, "drive between neighbours, V"),
+          ("gains_milli[0]", r"gains_milli: \[([\d_]+),", 1e-3, "gain of channels 2 to 14"),
+          ("gains_milli[1]", r"gains_milli: \[[\d_]+, ([\d_]+)", 1e-3, "difference amplifier: gain"),
+          ("source_gain_milli", r"source_gain_milli: ([\d_]+)", 1e-3, "source: gain"))),
+    ("LEAD_TURNS, degrees", "boards/stm32f4/src/sine.rs", "", r"([\d.]+) / 360\.0", 1.0, "lag of channels 2 to 14, degrees", 1.0),
+    *((f"hil-sim {name}", "hil-sim/src/electronics.rs", "fn drawn_sixteen", pattern, 1e-3, figure, 0.01)
+      for name, pattern, figure in (
+          ("gains_milli[0]", r"gains_milli: vec!\[([\d_]+),", "gain of channels 2 to 14"),
+          ("gains_milli[1]", r"gains_milli: vec!\[[\d_]+, ([\d_]+)", "difference amplifier: gain"),
+          ("source_gain_milli", r"source_gain_milli: ([\d_]+)", "source: gain"))),
+)
+
+
+def assumed(figures):
+    """What is said of each assumption, and whether all are the circuit's."""
+    good = True
+    for name, path, begin, pattern, unit, figure, allowed in ASSUMED:
+        text = (HERE.parent / path).read_text(encoding="utf-8")
+        found = re.search(pattern, text[text.find(begin):]) if begin in text else None
+        value = float(found.group(1).replace("_", "")) * unit if found else math.nan
+        low, high = figures[figure][:2]
+        off = max(abs(value - low), abs(value - high)) / (1 if "degrees" in name else low)
+        good &= off <= allowed
+        print(f"{'ok ' if off <= allowed else 'BAD'} {name}: {value:.4g}; the circuit: {low:.4g} to {high:.4g}")
+    return good
+
+
 # Planted, each must be found.
 PLANTED = (
     ("no capacitor in a channel's filter", lambda text: re.sub(r"\nC47 [^\n]*", "", text)),
@@ -343,6 +376,7 @@ def simulate():
     for name, (low, high, least, most) in figures.items():
         print(f"{'ok ' if least <= low <= high <= most else 'BAD'} {name}: {low:.4g} to {high:.4g} [{least} to {most}]")
     good &= not wrong
+    good &= assumed(figures)
     for words, plant in PLANTED:
         planted = plant(text)
         found = planted != text and faults(planted)[0]
