@@ -5,6 +5,7 @@ use crate::counter::{Capturing, Counter};
 use crate::line::Line;
 use crate::source::{DMA_REQUEST, Source};
 use crate::timer::Timer;
+use crate::unused::unused;
 use crate::world::{Shared, locked};
 use rigless::device::{Device, ErasedDevice, ResetCause};
 use rigless::machine::armv7m::{Core, Fpu, MpuRegions, Variant};
@@ -87,6 +88,7 @@ pub struct Chip {
     source: Source,
     counter: Counter,
     slots: [usize; 4],
+    unused: Box<[bool]>,
     /// Of the clock controller, and what its input has.
     clocks: usize,
     wired: Wired,
@@ -113,6 +115,8 @@ impl Chip {
         inner.usart[1].attach(line);
         let clocks = inner.bus().slot("RCC")?;
         inner.dma[0] = Dma::new(&DMA1_WIRES, &[], false);
+        let used = ["TIM2", "TIM11", "USART1", "USART2", "DMA1", "DMA2"];
+        let unused = unused(inner.bus(), &used);
         Ok(Self {
             inner,
             timer: Timer::default(),
@@ -120,6 +124,7 @@ impl Chip {
             source: Source::new(world.clone()),
             counter: Counter(Capturing::new(16_000_000)),
             slots,
+            unused,
             clocks,
             wired,
             world,
@@ -181,18 +186,20 @@ impl Mcu for Chip {
             let divider = cfgr::RTCPRE.get(registers.get(Register::Cfgr));
             self.counter.0.input = (if ready { self.wired.hz() } else { 0 }, divider);
         }
-        let (bus, model) = self.inner.split(slot);
-        if slot == timer {
-            (bus, Some(&mut self.timer))
+        let own: &mut dyn ErasedDevice = if slot == timer {
+            &mut self.timer
         } else if slot == converter {
-            (bus, Some(&mut self.converter))
+            &mut self.converter
         } else if slot == source {
-            (bus, Some(&mut self.source))
+            &mut self.source
         } else if slot == counter {
-            (bus, Some(&mut self.counter))
+            &mut self.counter
+        } else if self.unused.get(slot).copied().unwrap_or(false) {
+            return (self.inner.bus_mut(), None);
         } else {
-            (bus, model)
-        }
+            return self.inner.split(slot);
+        };
+        (self.inner.bus_mut(), Some(own))
     }
 }
 

@@ -47,4 +47,5 @@ pub mod line;
 pub mod run;
 pub mod source;
 pub mod timer;
+mod unused;
 pub mod world;

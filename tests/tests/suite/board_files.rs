@@ -293,10 +293,10 @@ fn every_channel_is_wired_to_its_electrodes_and_its_pin() {
     }
 }
 
-/// Pins by net, put together from the single wires of wiring.csv.
-fn nets() -> BTreeMap<String, BTreeSet<String>> {
+/// Pins by net, put together from the single wires of a folder's wiring.csv.
+fn nets(folder: &str) -> BTreeMap<String, BTreeSet<String>> {
     let mut nets: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
-    for wire in list("hardware/generated/wiring.csv") {
+    for wire in list(&format!("{folder}/wiring.csv")) {
         let net = nets.entry(wire["net"].clone()).or_default();
         // Each wire goes on where one before it ended.
         assert!(net.is_empty() || net.contains(&wire["from"]), "{wire:?}");
@@ -317,7 +317,7 @@ fn every_electrode_has_its_wire_to_every_multiplexer() {
         ("drive_minus", ["U10", "U11"]),
     ];
     let rows = list("hardware/generated/electrodes.csv");
-    let nets = nets();
+    let nets = nets("hardware/generated");
     assert_eq!(rows.len(), 16);
     let mut used = BTreeSet::new();
     for (k, row) in rows.iter().enumerate() {
@@ -339,13 +339,13 @@ fn every_electrode_has_its_wire_to_every_multiplexer() {
     assert_eq!(used.len(), 64);
 }
 
-#[test]
-fn the_parts_list_has_every_part_once_and_what_the_page_says() {
-    let rows = list("hardware/generated/bom.csv");
+/// Parts that a folder's bom.csv has, each once, are those that its wiring.csv has.
+fn parts(folder: &str) -> Vec<BTreeMap<String, String>> {
+    let rows = list(&format!("{folder}/bom.csv"));
     let mut references = BTreeSet::new();
     for row in &rows {
         for field in ["package", "mpn", "maker", "second_mpn", "seen"] {
-            assert!(!row[field].is_empty(), "{field} of {}", row["references"]);
+            assert!(!row[field].is_empty(), "{folder}: {field} of {}", row["references"]);
         }
         if row["references"] == "-" {
             continue;
@@ -353,23 +353,36 @@ fn the_parts_list_has_every_part_once_and_what_the_page_says() {
         let parts: Vec<&str> = row["references"].split(' ').collect();
         assert_eq!(row["quantity"], parts.len().to_string(), "{}", row["references"]);
         for part in parts {
-            assert!(references.insert(part.to_owned()), "{part} twice");
+            assert!(references.insert(part.to_owned()), "{folder}: {part} twice");
         }
     }
-    let wired: BTreeSet<String> = nets()
+    let wired: BTreeSet<String> = nets(folder)
         .into_values()
         .flatten()
         .map(|pin| pin.split('-').next().unwrap().to_owned())
         .filter(|part| !part.starts_with("TP"))
         .collect();
-    assert_eq!(references, wired, "parts bought and parts wired");
+    assert_eq!(references, wired, "{folder}: parts bought and parts wired");
+    rows
+}
+
+/// Pieces of a value in a parts list.
+fn pieces(rows: &[BTreeMap<String, String>], value: &str) -> u32 {
+    let of_value = rows.iter().filter(|r| r["value"] == value);
+    of_value.map(|r| r["quantity"].parse::<u32>().unwrap()).sum()
+}
+
+#[test]
+fn the_parts_lists_have_every_part_once_and_what_the_page_says() {
+    let rows = parts("hardware/generated");
     for row in table("| part | quantity | package |") {
-        let found = rows
-            .iter()
-            .find(|r| r["value"] == row[0])
-            .unwrap_or_else(|| panic!("{} is not in the parts list", row[0]));
-        assert_eq!(found["quantity"], row[1], "{}", row[0]);
+        assert_eq!(pieces(&rows, &row[0]).to_string(), row[1], "{}", row[0]);
     }
+    let rows = parts("hardware/generated/sixteen");
+    let said = ["INA826", "BAT85"]
+        .map(|part| format!("{} {part}", pieces(&rows, part)))
+        .join(", ");
+    assert!(text("docs/board.md").contains(&format!(": {said},\n")), "{said}");
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! The board's programs on the emulated chip, against the same firmware in process on the same simulated electronics.
 //! `tests/boards.sh` builds the programs and says where they are.
 
-use crate::common::{AWAKE_NS, frames, hellos, in_process, program, sheet};
+use crate::common::{AWAKE_NS, frames, hellos, in_process, in_process_with, program, sheet};
 use emulator::run::{Outcome, Setup, run, run_in};
 use emulator::world::World;
 use hil_sim::Electronics;
@@ -106,6 +106,30 @@ fn every_chips_program_measures_what_the_firmware_measures_in_process_value_for_
             assert_eq!(faults(name, &plan), Vec::<String>::new(), "{name}, {:?}", plan.id);
         }
     }
+}
+
+/// The ideal electronics with the drawn circuit's gains: without noise and transients every frame is the one before.
+#[test]
+fn on_ideal_electronics_it_measures_the_same_again_and_again() {
+    let drawn = Electronics::drawn_board();
+    let ideal = Electronics {
+        one_channel: true,
+        source_gain_milli: drawn.source_gain_milli,
+        gains_milli: drawn.gains_milli,
+        skew_ticks: drawn.skew_ticks,
+        ..Electronics::ideal()
+    };
+    let [plan, _] = plans();
+    let commands = vec![
+        (AWAKE_NS, ToBoard::SetPlan(plan.clone())),
+        (AWAKE_NS + 10_000_000, ToBoard::Start),
+    ];
+    let outcome = run(&program("f446"), ideal.clone(), sheet(), commands, 2, 1_000_000_000).unwrap();
+    let there = frames(&outcome);
+    assert_eq!(there, in_process_with(ideal, sheet(), &plan, there[0].time, 2));
+    assert_eq!(there[0].values, there[1].values);
+    let drawn = in_process(&plan, there[0].time, 2);
+    assert_ne!(drawn[0].values, drawn[1].values);
 }
 
 #[test]

@@ -81,9 +81,20 @@ pub(crate) fn in_process(plan: &Plan, first: u64, count: usize) -> Vec<Frame> {
 
 /// The same on another sheet.
 pub(crate) fn in_process_on(sheet: ElectrodeMatrix, plan: &Plan, first: u64, count: usize) -> Vec<Frame> {
+    in_process_with(Electronics::drawn_board(), sheet, plan, first, count)
+}
+
+/// The same with other electronics.
+pub(crate) fn in_process_with(
+    electronics: Electronics,
+    sheet: ElectrodeMatrix,
+    plan: &Plan,
+    first: u64,
+    count: usize,
+) -> Vec<Frame> {
     let clock = Clock::new();
     clock.advance(first - u64::from(plan.settle_quarters) * 4);
-    let mut front = SimFrontEnd::new(Electronics::drawn_board(), FixedSheet(sheet), clock)
+    let mut front = SimFrontEnd::new(electronics, FixedSheet(sheet), clock)
         .unwrap()
         .self_clocked();
     front.switch_on().unwrap();
