@@ -6,13 +6,13 @@ use crate::world::{Shared, World, locked};
 use forward::ElectrodeMatrix;
 use hil_sim::Electronics;
 use protocol::{Decoder, FromBoard, MAX_FROM_BOARD_LEN, MAX_TO_BOARD_LEN, ToBoard, encode};
-use rigless::emulator::{Driver, Host, Settled, Start, Stop};
+use rigless::emulator::{Access, AccessKind, Driver, Host, Settled, Start, Stop};
 use rigless::image::Image;
 use rigless::machine::Board;
 use rigless::session::Session;
 use rigless::soc::Width;
 use rigless::time::VirtualNanos;
-use std::collections::VecDeque;
+use std::collections::{BTreeSet, VecDeque};
 use std::error::Error;
 use std::path::Path;
 use std::sync::{Arc, Mutex};
@@ -131,6 +131,24 @@ pub trait Emulated: Board + 'static {
     fn steps(&self) -> usize {
         0
     }
+
+    /// What a memory with check bits holds there, if it is one.
+    fn keeps(&self, _address: u64, _len: usize) -> Option<Vec<u8>> {
+        None
+    }
+
+    /// Addresses of its words that read as a bus fault.
+    fn broken(&self) -> BTreeSet<u64> {
+        BTreeSet::new()
+    }
+
+    /// Whether an access there may change which.
+    fn may_break(_address: u64) -> bool {
+        false
+    }
+
+    /// One of these was read.
+    fn found_broken(&mut self) {}
 }
 
 impl Emulated for Machine {
@@ -168,6 +186,8 @@ struct Watcher {
     life_ns: u64,
     lives: VecDeque<Life>,
     lived: Vec<Lived>,
+    /// The words whose next access fails.
+    armed: BTreeSet<u64>,
     busy_since: Option<u64>,
     work: Vec<u64>,
     light: Vec<(u64, bool)>,
@@ -191,7 +211,27 @@ fn drain(block: u64, host: &mut dyn Host) -> Option<Vec<u8>> {
     Some(out)
 }
 
+/// Bytes of a word with check bits.
+const WORD_LEN: u64 = 32;
+
 impl Watcher {
+    /// Words that are broken now fail, and no others.
+    fn arm<M: Emulated>(&mut self, session: &mut Session<M>, host: &mut dyn Host) {
+        let broken = session.board().broken();
+        for word in broken.difference(&self.armed) {
+            session.fail_next(*word, word + WORD_LEN);
+        }
+        for word in self.armed.difference(&broken) {
+            // An access that is made to fail is the one way to take it back.
+            session.access(
+                Access::new(AccessKind::Read, *word, Width::W8, 0).by_instruction(0),
+                host,
+            );
+            session.take_failure();
+        }
+        self.armed = broken;
+    }
+
     /// The life ends, and another one begins: with other contents of the flash memory, and as the reset pin restarts it.
     fn begin<M: Emulated>(&mut self, life: Life, session: &mut Session<M>, stop: Stop, host: &mut dyn Host) {
         self.lived.push(Lived {
@@ -209,15 +249,23 @@ impl Watcher {
         session
             .board_mut()
             .power_for(life.power.unwrap_or(usize::MAX), life.flash);
+        self.arm(session, host);
         session.reset_by_pin(stop.at, stop.instruction_count, host);
     }
 }
 
 impl<M: Emulated> Driver<M> for Watcher {
-    fn on_settled(&mut self, _: &mut Session<M>, _: &mut dyn Host, settled: Settled) {
+    fn on_settled(&mut self, session: &mut Session<M>, host: &mut dyn Host, settled: Settled) {
         let Settled::Access { access, value, .. } = settled else {
             return;
         };
+        let word = access.address / WORD_LEN * WORD_LEN;
+        if self.armed.remove(&word) {
+            session.board_mut().found_broken();
+        }
+        if M::may_break(access.address) {
+            self.arm(session, host);
+        }
         let (sign, at) = (M::sign(access.address, value), access.instruction_count);
         if let Some(on) = sign
             .light
@@ -278,6 +326,9 @@ impl<M: Emulated> Driver<M> for Watcher {
             .read_back
             .iter()
             .map(|(start, len)| {
+                if let Some(bytes) = session.board().keeps(*start, *len) {
+                    return bytes;
+                }
                 let mut word = |a: usize| host.read(start + a as u64, Width::W32).unwrap_or(0) as u32;
                 (0..*len).step_by(4).flat_map(|a| word(a).to_le_bytes()).collect()
             })
@@ -385,7 +436,9 @@ pub fn run_machine<M: Emulated>(
     if let Some((_, millivolts)) = supply.pop_front_if(|(at, _)| *at == 0) {
         machine.supply(millivolts);
     }
-    machine.power_for(setup.power.unwrap_or(usize::MAX), Vec::new());
+    let (kept, flash): (Vec<_>, Vec<_>) =
+        (setup.flash.into_iter()).partition(|(a, b)| machine.keeps(*a, b.len()).is_some());
+    machine.power_for(setup.power.unwrap_or(usize::MAX), kept);
     let look_ns = if setup.look_ns == 0 { LOOK_NS } else { setup.look_ns };
     let mut commands = setup.commands.into_iter();
     let watcher = Watcher {
@@ -407,6 +460,7 @@ pub fn run_machine<M: Emulated>(
         life_ns: until_ns,
         lives: setup.lives.into(),
         lived: Vec::new(),
+        armed: BTreeSet::new(),
         busy_since: None,
         work: Vec::new(),
         light: Vec::new(),
@@ -415,7 +469,7 @@ pub fn run_machine<M: Emulated>(
         stack: (0, 0),
     };
     let mut images = vec![Image::read(program, None)?];
-    for (address, bytes) in setup.flash {
+    for (address, bytes) in flash {
         images.push(Image::new(Path::new("settings"), bytes, Some(address))?);
     }
     let session = Session::new(Box::new(machine), 0, VirtualNanos(look_ns))?;

@@ -1,5 +1,6 @@
 //! The chip with the models that it lacks, and a run of a program on it.
 
+use super::cells::{self, Cells};
 use super::converter::{Converter, Which};
 use super::memory::Memory;
 use super::source::Source;
@@ -10,6 +11,7 @@ use crate::counter::{Capturing, CounterH743};
 use crate::line::Line;
 use crate::run::{Emulated, Outcome, Setup, Sign, run_machine};
 use crate::timer::TimerH743;
+use crate::unused::unused;
 use crate::world::locked;
 use rigless::device::{Device, ErasedDevice, ResetCause};
 use rigless::machine::armv7m::{BranchPrediction, Caches, Config, Core, Fpu, MpuRegions, Variant};
@@ -17,11 +19,14 @@ use rigless::machine::{Board, Target};
 use rigless::mcu::{Mcu, Operate};
 use rigless::snapshot::Store;
 use rigless::soc::stm32h743::Stm32h743;
+use rigless::soc::stm32h743::generated::flash::{Register as FlashRegister, sr2};
 use rigless::soc::stm32h743::generated::rcc::{Register, cfgr, cr};
-use rigless::soc::{Bus, Error as SocError};
+use rigless::soc::{Bus, Error as SocError, Window};
 use rigless::time::VirtualNanos;
+use std::collections::BTreeSet;
 use std::error::Error;
 use std::num::{NonZeroU32, NonZeroU64};
+use std::ops::Range;
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 
@@ -40,9 +45,13 @@ pub struct Chip {
     converters: [Converter; 3],
     source: Source,
     memory: Memory,
+    cells: Cells,
+    /// Slot of the cells.
+    window: usize,
     watchdog: Watchdog,
     counter: CounterH743,
     slots: [usize; 8],
+    unused: Box<[bool]>,
     /// Of the clock controller, and what its input has.
     clocks: usize,
     wired: Wired,
@@ -67,23 +76,45 @@ impl Chip {
             inner.bus().slot("TIM17")?,
         ];
         let clocks = inner.bus().slot("RCC")?;
+        let len = NonZeroU64::new(cells::LEN).unwrap_or(NonZeroU64::MIN);
+        let window = inner.bus_mut().add_window(Window::new("Cells", cells::BASE, len))?;
+        let shared = cells::Shared::default();
+        let layout = inner.bus_mut().slot_mut(window).peripheral().registers;
         inner.rcc.attach_crystals(wired.hz(), 0);
         inner.set_supply(3300);
         inner.set_analog_supply(3300);
         inner.usart[USART3].attach(line);
+        let unused = unused(inner.bus(), &["TIM2", "TIM17", "USART3", "DMA1", "DMAMUX1"]);
         Ok(Self {
             inner,
             timer: TimerH743::default(),
             converters: [Which::First, Which::Second, Which::Third].map(|w| Converter::new(w, world.clone())),
             source: Source::new(world.clone()),
-            memory: Memory::default(),
+            memory: Memory::new(shared.clone()),
+            cells: Cells { state: shared, layout },
+            window,
             watchdog: Watchdog::default(),
             counter: CounterH743(Capturing::new(64_000_000)),
             slots,
+            unused,
             clocks,
             wired,
             world,
         })
+    }
+}
+
+impl Chip {
+    /// Slot of the flash memory's controller.
+    fn flash(&self) -> usize {
+        self.slots[5]
+    }
+
+    /// Sets bits of the second bank's status.
+    fn set_flash_status(&mut self, bits: u64) {
+        let (_, registers) = self.inner.program();
+        let status = registers.get(FlashRegister::Sr2);
+        registers.set(FlashRegister::Sr2, status | bits);
     }
 }
 
@@ -102,6 +133,7 @@ impl Mcu for Chip {
         self.converters.iter_mut().for_each(Device::reset);
         Device::reset(&mut self.source);
         Device::reset(&mut self.memory);
+        ErasedDevice::reset(&mut self.cells);
         Device::reset(&mut self.watchdog);
         Device::reset(&mut self.counter);
         locked(&self.world).reset();
@@ -124,9 +156,21 @@ impl Mcu for Chip {
             let divider = cfgr::RTCPRE.get(registers.get(Register::Cfgr));
             self.counter.0.input = (if ready { self.wired.hz() } else { 0 }, divider);
         }
-        let (bus, model) = self.inner.split(slot);
+        if self.unused.get(slot).copied().unwrap_or(false) {
+            return (self.inner.bus_mut(), None);
+        }
+        if slot == self.window {
+            return (self.inner.bus_mut(), Some(&mut self.cells));
+        }
+        if slot == self.flash() && !self.memory.powered() {
+            // A program whose word in the cells was cut off waits for its end until the run ends.
+            self.set_flash_status(sr2::QW2.mask());
+        }
+        let Some(own) = self.slots.iter().position(|s| *s == slot) else {
+            return self.inner.split(slot);
+        };
         let [first, second, third] = &mut self.converters;
-        let own: [&mut dyn ErasedDevice; 8] = [
+        let models: [&mut dyn ErasedDevice; 8] = [
             &mut self.timer,
             first,
             second,
@@ -136,8 +180,7 @@ impl Mcu for Chip {
             &mut self.watchdog,
             &mut self.counter,
         ];
-        let own = own.into_iter().zip(self.slots).find(|(_, s)| *s == slot);
-        (bus, own.map(|(model, _)| model).or(model))
+        (self.inner.bus_mut(), models.into_iter().nth(own))
     }
 }
 
@@ -217,6 +260,24 @@ impl Emulated for Machine {
 
     fn steps(&self) -> usize {
         self.chip.memory.steps()
+    }
+
+    fn keeps(&self, address: u64, len: usize) -> Option<Vec<u8>> {
+        locked(&self.chip.cells.state).read(address, len)
+    }
+
+    fn broken(&self) -> BTreeSet<u64> {
+        locked(&self.chip.cells.state).broken()
+    }
+
+    fn may_break(address: u64) -> bool {
+        // The cells, and the second bank's registers.
+        const REGISTERS: Range<u64> = 0x5200_2100..0x5200_2200;
+        (cells::BASE..cells::BASE + cells::LEN).contains(&address) || REGISTERS.contains(&address)
+    }
+
+    fn found_broken(&mut self) {
+        self.chip.set_flash_status(sr2::DBECCERR2.mask());
     }
 }
 

@@ -3,6 +3,8 @@
 //! A step is a word of 32 bytes that is written, or the erasure of a sector. Counting them makes a cut the same in every run,
 //! however long a step takes.
 
+use super::cells::Shared;
+use crate::world::locked;
 use rigless::device::{Device, DeviceContext, RegisterFile};
 use rigless::soc::Width;
 use rigless::soc::stm32h743::generated::flash::{Register, cr2, sr2};
@@ -23,49 +25,47 @@ pub struct Memory {
     inner: Flash,
     /// Bytes of a word that is not whole yet.
     filled: u64,
-    /// Steps begun since power came.
-    steps: usize,
-    /// The power lasts for so many.
-    power: usize,
+    /// The memory with check bits, and the steps since power came of either.
+    cells: Shared,
     /// What the memory holds from the program's first access to the controller on, if that is to be other than before.
     holds: Vec<(u64, Vec<u8>)>,
 }
 
-impl Default for Memory {
-    fn default() -> Self {
+impl Memory {
+    /// One without anything in it, which shares its power with these cells.
+    pub(super) fn new(cells: Shared) -> Self {
         Self {
             inner: Flash::new(),
             filled: 0,
-            steps: 0,
-            power: usize::MAX,
+            cells,
             holds: Vec::new(),
         }
     }
-}
 
-impl Memory {
     /// Power comes, and lasts for so many steps. The program finds this in the memory.
     pub fn power_for(&mut self, steps: usize, holds: Vec<(u64, Vec<u8>)>) {
-        (self.steps, self.power, self.holds) = (0, steps, holds);
+        let mut cells = locked(&self.cells);
+        (cells.steps, cells.power) = (0, steps);
+        self.holds = holds.into_iter().filter(|(a, bytes)| !cells.place(*a, bytes)).collect();
     }
 
     /// Steps since power came, with the one that was cut off.
     pub fn steps(&self) -> usize {
-        self.steps
+        locked(&self.cells).steps
     }
 
     /// Whether the power is there.
     pub fn powered(&self) -> bool {
-        self.steps <= self.power
+        locked(&self.cells).powered()
     }
 
     /// Begins a step, if the power lasts. Otherwise the program waits for its end until the run ends.
     fn step(&mut self, registers: &mut RegisterFile) -> bool {
-        self.steps += 1;
-        if !self.powered() {
+        let powered = locked(&self.cells).step();
+        if !powered {
             registers.set(Register::Sr2, sr2::QW2.mask());
         }
-        self.powered()
+        powered
     }
 }
 
@@ -84,9 +84,14 @@ impl Device for Memory {
         let control = registers.get(Register::Cr2);
         let erases = register == Register::Cr2 && cr2::SER2.is_set(control) && cr2::START2.is_set(control);
         if !erases || cr2::LOCK2.is_set(control) {
-            return self.inner.write(register, value, registers, context);
+            self.inner.write(register, value, registers, context);
+            let control = registers.get(Register::Cr2);
+            locked(&self.cells).programming = cr2::PG2.is_set(control) && !cr2::LOCK2.is_set(control);
+            return;
         }
-        if self.step(registers) {
+        let powered = self.step(registers);
+        locked(&self.cells).erase(cr2::SNB2.get(control), powered);
+        if powered {
             // Over at once, as by the program that waits for its end: the second or so that it takes has nothing to show.
             let start = BANK + cr2::SNB2.get(control) * SECTOR_LEN;
             for address in (start..start + SECTOR_LEN).step_by(8) {

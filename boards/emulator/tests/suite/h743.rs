@@ -4,12 +4,13 @@
 use crate::common::sixteen::{AWAKE_NS, Words, electronics, world};
 use crate::common::{frames, hellos, program, sheet, touched};
 use emulator::h743::chip::{INSTRUCTIONS_PER_SECOND, run_in};
-use emulator::run::{Outcome, Setup};
+use emulator::run::{Life, Outcome, Setup};
 use firmware::settings::{self, Settings};
 use firmware::{Excitation, Pace, Progress, Scan, Wiring};
 use hil_sim::{Clock, FixedSheet, SimFrontEnd};
 use protocol::{
-    BoardError, Frame, FromBoard, Outgoing, Plan, PlanError, ResetCause, Sampling, Stored, ToBoard, Watch, Watching,
+    BoardError, Command, Frame, FromBoard, Outgoing, Plan, PlanError, Refusal, ResetCause, Sampling, Stored, ToBoard,
+    Watch, Watching,
 };
 
 /// One period of the excitation, ns: 16 samples of 3392 ticks of 200 MHz.
@@ -332,14 +333,26 @@ fn stored_settings_that_its_amplifiers_are_not_wired_for_do_not_stop_its_start()
 }
 
 #[test]
-fn its_watch_learns_sleeps_and_wakes_at_a_touch() {
+fn it_starts_from_what_it_stored_watches_and_wakes_within_30_percent_of_the_time() {
     let (contact, count) = (40_000, 40);
+    let save = AWAKE_NS + 30_000_000;
     let setup = Setup {
         commands: vec![
             (AWAKE_NS, ToBoard::SetPlan(Plan::fast())),
             (AWAKE_NS + 10_000_000, ToBoard::SetWatch(Some(Watch::paper()))),
-            (AWAKE_NS + 20_000_000, ToBoard::Start),
+            (AWAKE_NS + 20_000_000, ToBoard::SetAutostart(true)),
+            (save, ToBoard::SaveSettings),
         ],
+        last: Some(FromBoard::Ack(Command::SaveSettings)),
+        // What is asked for while it sleeps and while it is awake: only a board at rest saves.
+        lives: vec![Life {
+            commands: vec![
+                (AWAKE_NS, ToBoard::GetStatus),
+                (600_000_000, ToBoard::SaveSettings),
+                (800_000_000, ToBoard::SaveSettings),
+            ],
+            ..Life::default()
+        }],
         ..Setup::default()
     };
     let outcome = run_in(
@@ -350,6 +363,19 @@ fn its_watch_learns_sleeps_and_wakes_at_a_touch() {
         3_000_000_000,
     )
     .unwrap();
+    assert_eq!(outcome.lived[0].steps, 5, "{:?}", outcome.lived);
+    let status = outcome.messages.iter().find_map(|(_, m)| match m {
+        FromBoard::Status(s) => Some((s.running, s.autostart, s.stored)),
+        _ => None,
+    });
+    assert_eq!(status, Some((true, true, Stored::InForce)));
+    let refused = outcome
+        .messages
+        .iter()
+        .filter(|(_, m)| matches!(m, FromBoard::Error(_)));
+    let busy = FromBoard::Error(BoardError::Refused(Refusal::Busy));
+    let refused: Vec<&FromBoard> = refused.map(|(_, m)| m).collect();
+    assert_eq!(refused, [&busy, &busy], "{:?}", outcome.messages);
     let mut states: Vec<Watching> = outcome
         .messages
         .iter()
@@ -367,12 +393,13 @@ fn its_watch_learns_sleeps_and_wakes_at_a_touch() {
     );
     let list = frames(&outcome);
     assert_eq!(list.len(), count);
+    assert!(list.windows(2).all(|w| w[1].sequence == w[0].sequence + 1));
     let ends: Vec<u64> = outcome
         .messages
         .iter()
         .filter_map(|(at, m)| matches!(m, FromBoard::Frame(_)).then_some(*at))
         .collect();
-    // Awake, the watch looks at every frame besides. There is work on every period.
+    // Awake, the watch looks at every eighth frame besides. There is work on every period.
     let seconds = (ends[count - 1] - ends[0]) as f64 * 1e-9;
     let blocks = (seconds * 1e9 / PERIOD_NS).round() as usize;
     let work: u64 = outcome.work[outcome.work.len() - blocks..].iter().sum();

@@ -3,6 +3,7 @@
 
 use crate::common::program;
 use crate::common::sixteen::{AWAKE_NS, SECTOR_LEN, SECTORS, WORD_LEN, Words, world};
+use emulator::h743::cells;
 use emulator::h743::chip::run_in;
 use emulator::run::{Life, Lived, Setup};
 use firmware::settings::{self, Settings};
@@ -36,8 +37,8 @@ fn states(start: &Words) -> Vec<Words> {
     std::iter::once(start.clone()).chain(after).collect()
 }
 
-/// What a memory may hold when the power went within the step from one state to the next: what changes has changed by half,
-/// is zero (what the program reads in place of a word whose check bits are wrong), or has bits of both.
+/// What a memory may hold when the power went within the step from one state to the next, and its check bits happen to be
+/// right: what changes has changed by half, or has bits of both.
 fn torn(before: &Words, after: &Words) -> Vec<Words> {
     let changed: Vec<(usize, usize)> = (0..2)
         .flat_map(|s| (0..SECTOR_LEN).map(move |k| (s, k)))
@@ -56,7 +57,6 @@ fn torn(before: &Words, after: &Words) -> Vec<Words> {
     let half = changed.len() / 2;
     vec![
         with(&|n, old, new| if n < half { new } else { old }),
-        with(&|_, _, _| 0),
         with(&|n, old, new| {
             let mask = (n as u8).wrapping_mul(0x9D) ^ 0x5A;
             old & mask | new & !mask
@@ -78,19 +78,24 @@ fn life(memory: &Words, permille: u16, power: Option<usize>) -> Life {
 }
 
 /// The board's lives one after the other.
-fn live(mut lives: Vec<Life>) -> Vec<Lived> {
+fn live(lives: Vec<Life>) -> Vec<Lived> {
+    // Erasing takes a second or two.
+    live_as("h743", SECTORS, AWAKE_NS + 4_000_000_000, lives)
+}
+
+/// Those of a program with its settings in these sectors, of so many ns each at most.
+fn live_as(name: &str, sectors: [u64; 2], life_ns: u64, mut lives: Vec<Life>) -> Vec<Lived> {
     let first = lives.remove(0);
     let setup = Setup {
         commands: first.commands,
         flash: first.flash,
         power: first.power,
         lives,
-        read_back: SECTORS.map(|s| (s, SECTOR_LEN)).to_vec(),
+        read_back: sectors.map(|s| (s, SECTOR_LEN)).to_vec(),
         last: Some(FromBoard::Ack(Command::SaveSettings)),
         ..Setup::default()
     };
-    // Erasing takes a second or two.
-    let outcome = run_in(&program("h743"), world(), setup, usize::MAX, AWAKE_NS + 4_000_000_000).unwrap();
+    let outcome = run_in(&program(name), world(), setup, usize::MAX, life_ns).unwrap();
     let mut lived = outcome.lived;
     lived.push(Lived {
         messages: outcome.messages,
@@ -100,12 +105,15 @@ fn live(mut lives: Vec<Life>) -> Vec<Lived> {
     lived
 }
 
-fn status(lived: &Lived) -> &Status {
-    let found = lived.messages.iter().find_map(|(_, m)| match m {
+fn told(lived: &Lived) -> Option<&Status> {
+    lived.messages.iter().find_map(|(_, m)| match m {
         FromBoard::Status(s) => Some(s),
         _ => None,
-    });
-    found.unwrap_or_else(|| panic!("{:?}", lived.messages))
+    })
+}
+
+fn status(lived: &Lived) -> &Status {
+    told(lived).unwrap_or_else(|| panic!("{:?}", lived.messages))
 }
 
 fn acknowledged(lived: &Lived) -> bool {
@@ -163,8 +171,8 @@ fn a_power_cut_at_any_word_of_a_record_leaves_the_old_settings_or_the_new() {
     cut_everywhere(&memory, usize::MAX);
 }
 
-#[test]
-fn a_power_cut_at_any_step_with_an_erasure_leaves_the_old_settings_or_the_new() {
+/// A memory whose next saving erases a sector.
+fn before_an_erasure() -> Words {
     // The sector of the last record is full, and the other one has old records: it is erased for the next.
     let used = |m: &Words| m.sectors.iter().flatten().filter(|b| **b != 0xFF).count();
     let (mut memory, mut next) = (Words::erased(), Words::erased());
@@ -172,6 +180,66 @@ fn a_power_cut_at_any_step_with_an_erasure_leaves_the_old_settings_or_the_new() 
         memory = next.clone();
         settings::save(&mut next, &settings(OLD)).unwrap();
     }
+    memory
+}
+
+#[test]
+fn a_power_cut_at_any_step_with_an_erasure_leaves_the_old_settings_or_the_new() {
     // The words behind the erasure are as those of the other test.
-    cut_everywhere(&memory, 1);
+    cut_everywhere(&before_an_erasure(), 1);
+}
+
+/// Cuts these steps of a saving on memory with check bits, and lives on with what that left: a word, or a sector, that reads as
+/// a bus fault. The second life of each.
+fn cut_with_check_bits(name: &str, start: &Words, cuts: &[usize]) -> Vec<Lived> {
+    let sectors = [cells::BASE, cells::BASE + cells::SECTOR_LEN];
+    let lives = cuts.iter().flat_map(|k| {
+        let before = Life {
+            flash: sectors.into_iter().zip(start.sectors.clone()).collect(),
+            ..life(start, NEW, Some(*k))
+        };
+        let after = Life {
+            flash: Vec::new(),
+            ..life(start, LATER, None)
+        };
+        [before, after]
+    });
+    // On these cells an erasure is over at once.
+    let lived = live_as(name, sectors, 4 * AWAKE_NS, lives.collect());
+    let steps = states(start).len() - 1;
+    for (k, cut) in cuts.iter().zip(lived.iter().step_by(2)) {
+        assert_eq!(acknowledged(cut), *k == steps, "{k}: {:?}", cut.messages);
+        assert_eq!(cut.steps, (k + 1).min(steps), "{k}");
+    }
+    lived.into_iter().skip(1).step_by(2).collect()
+}
+
+/// The law after a cut: old settings or new, and others can be saved.
+fn keeps_the_law(lived: &Lived, wanted: u16) {
+    let found = status(lived);
+    assert_eq!((found.stored, found.excitation_permille), (Stored::InForce, wanted));
+    assert!(acknowledged(lived), "{:?}", lived.messages);
+    assert_eq!(permille(&Words::read_back(&lived.memory)), Some(LATER));
+}
+
+#[test]
+fn a_word_that_reads_as_a_bus_fault_leaves_the_old_settings() {
+    let mut memory = Words::erased();
+    settings::save(&mut memory, &settings(OLD)).unwrap();
+    let steps = states(&memory).len() - 1;
+    let cuts: Vec<usize> = (0..steps).collect();
+    for lived in cut_with_check_bits("h743-check-bits", &memory, &cuts) {
+        keeps_the_law(&lived, OLD);
+    }
+    // A program that does not expect such a fault lives until it meets one, and then never says a word.
+    let planted = cut_with_check_bits("h743-fault-read", &memory, &[steps, 2]);
+    keeps_the_law(&planted[0], NEW);
+    assert_eq!(told(&planted[1]), None, "{:?}", planted[1].messages);
+}
+
+#[test]
+fn a_sector_that_reads_as_a_bus_fault_leaves_the_old_settings() {
+    for lived in cut_with_check_bits("h743-check-bits", &before_an_erasure(), &[0, 1]) {
+        keeps_the_law(&lived, OLD);
+    }
 }
