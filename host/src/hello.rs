@@ -2,12 +2,13 @@
 
 use crate::board::{Choice, Connected};
 use crate::event::Said;
+use crate::say::say;
 use crate::{number, phantom, simulated_skin};
 use anyhow::{Result, bail};
 use clap::Args;
 use hil_sim::{Fault, Preset};
-use link::phantom::Known;
-use link::{Link, settings};
+use link::phantom::{Known, channels, read};
+use link::{Link, LinkError, settings};
 use protocol::{Check, FromBoard, Hello, SelfTest, ToBoard};
 use serde_json::json;
 use std::time::Duration;
@@ -130,10 +131,23 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         (Some(known), Some(test)) => Some(phantom::test(&link, &hello, known, test)?),
         _ => None,
     };
+    // The self-test sees the amplifier behind the multiplexers; a ring shows the others as well.
+    let channels = match (&tried, &test) {
+        (None, Some(_)) if failed.is_empty() && hello.limits.channels > 1 => match read(&link, &hello) {
+            Ok(readings) => channels(&readings, usize::from(hello.electrodes)),
+            Err(LinkError::Refused(why)) => {
+                say!("the channels were not tried: {why}");
+                Vec::new()
+            }
+            Err(e) => return Err(e.into()),
+        },
+        _ => Vec::new(),
+    };
     if arguments.json {
         let mut json = as_json(&hello, test.as_ref(), &source);
         json["careful"] = json!(careful.map(|notice| Said::from(&notice)));
         json["lost_reference"] = json!(reference);
+        json["channels"] = json!(channels.iter().map(phantom::finding).collect::<Vec<_>>());
         json["phantom"] = json!(tried.as_ref().map(phantom::as_json));
         println!("{json}");
     } else {
@@ -159,6 +173,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
                 );
             }
         }
+        if !channels.is_empty() {
+            println!("channels    FAILED:");
+        }
+        for finding in &channels {
+            println!("            {}: {finding}", finding.name());
+        }
         if let Some(tried) = &tried {
             phantom::describe(tried);
         }
@@ -166,7 +186,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     if tried.is_some_and(|tried| !tried.passed()) {
         bail!("the board does not pass on the phantom; docs/board.md says what to look at");
     }
-    if !failed.is_empty() {
+    if !failed.is_empty() || !channels.is_empty() {
         bail!("the board does not pass its self-test; see docs/board.md for what to look at");
     }
     Ok(())

@@ -7,7 +7,7 @@ use link::phantom::{
 };
 use link::{Link, LinkError};
 use protocol::{Check, Hello, SelfTest};
-use serde_json::json;
+use serde_json::{Value, json};
 
 /// What a board showed on the ring.
 pub(crate) enum Tried {
@@ -132,7 +132,6 @@ pub(crate) fn as_json(tried: &Tried) -> serde_json::Value {
         Tried::Not(why) => return json!({ "passed": false, "not_measured": why }),
         Tried::Measured(known, verdict) => (known, verdict),
     };
-    let finding = |f: &Finding| json!({ "name": f.name(), "what": f.to_string() });
     json!({
         "passed": verdict.findings.is_empty(),
         "findings": verdict.findings.iter().map(finding).collect::<Vec<_>>(),
@@ -147,4 +146,9 @@ pub(crate) fn as_json(tried: &Tried) -> serde_json::Value {
         "phase_deg": verdict.phase_deg,
         "offset_codes": verdict.offset_codes,
     })
+}
+
+/// Something that is wrong.
+pub(crate) fn finding(f: &Finding) -> Value {
+    json!({ "name": f.name(), "what": f.to_string() })
 }

@@ -100,6 +100,29 @@ fn a_ring_that_was_measured_is_the_one_that_is_judged() {
     );
 }
 
+/// On a sheet, a board with sixteen channels: each is held against the amplifier behind the multiplexers.
+#[test]
+fn a_channels_amplifier_is_tried_on_a_sheet_too() {
+    let tried = |arguments: &[&str]| {
+        let always = ["hello", "--simulate", "--preset", "drawn_sixteen", "--json"];
+        let mut command = Command::new(env!("CARGO_BIN_EXE_skin"));
+        let output = command.args(always).args(arguments).output().unwrap();
+        let board: Value = serde_json::from_slice(&output.stdout).unwrap();
+        (board["channels"].clone(), output.status.code())
+    };
+    assert_eq!(tried(&[]), (serde_json::json!([]), Some(0)));
+    for (fault, name) in [
+        ("channel_dead:6@0", "channel_dead"),
+        ("channel_saturating:6,1.2@0", "channel"),
+    ] {
+        let (found, code) = tried(&["--fault", fault]);
+        assert_eq!(found.as_array().unwrap().len(), 1, "{fault}: {found}");
+        assert_eq!((&found[0]["name"], code), (&Value::from(name), Some(1)), "{found}");
+        let what = found[0]["what"].as_str().unwrap();
+        assert!(what.contains("channel 7"), "{fault}: {what}");
+    }
+}
+
 /// What the self-test itself names, on a sheet.
 #[test]
 fn faults_of_the_circuit_are_named_on_a_sheet() {

@@ -284,6 +284,31 @@ impl Known {
     }
 }
 
+/// Holds every channel of a board that senses all pairs at once against the amplifier behind the multiplexers, on the same
+/// drives and pairs. It takes no ring: any sheet will do. Nothing of a board that senses one pair at a time.
+#[must_use]
+pub fn channels(readings: &Readings, electrodes: usize) -> Vec<Finding> {
+    let Some(at_once) = &readings.at_once else {
+        return Vec::new();
+    };
+    let of_channel = |channel: usize| {
+        let both = || {
+            let pairs = readings.list.iter().filter(|r| !r.own).zip(at_once);
+            pairs.filter_map(move |(r, v)| (r.sense[1] == channel && !r.clipped).then_some((r.in_phase, *v)))
+        };
+        let square: f64 = both().map(|(one, _)| one * one).sum();
+        let ratio = both().map(|(one, all)| one * all).sum::<f64>() / square;
+        if ratio.abs() < DEAD {
+            return Some(Finding::ChannelDead { channel });
+        }
+        let apart = both().map(|(one, all)| (all / one / ratio - 1.0).abs());
+        let worst = apart.fold(0.0, f64::max);
+        let wrong = (ratio - 1.0).abs() > GAIN_LIMIT || worst > SPREAD_LIMIT;
+        wrong.then_some(Finding::Channel { channel, ratio, worst })
+    };
+    (0..electrodes).filter_map(of_channel).collect()
+}
+
 /// Judges the readings of such a ring. `source` is the source's amplitude as the board measures it, over what it is set to.
 pub fn judge(hello: &Hello, known: Known, source: f64, readings: &Readings) -> Verdict {
     let gain = |k: Option<&u32>| f64::from(k.copied().unwrap_or(0)) / 1000.0;
@@ -351,7 +376,7 @@ impl Bench<'_> {
             return verdict;
         }
         self.figures(&mut verdict);
-        self.channels(&mut verdict.findings);
+        verdict.findings.extend(channels(self.readings, self.ring.electrodes));
         let limits = [
             (verdict.sigma > SIGMA_LIMIT, Finding::Noise),
             (verdict.phase_deg > PHASE_LIMIT_DEG, Finding::Phase),
@@ -422,29 +447,6 @@ impl Bench<'_> {
     fn bent(&self) -> usize {
         let is_bent = |r: &&Reading| !r.clipped && r.bent > BENT.0 + BENT.1 * r.in_phase.abs();
         self.sense().filter(is_bent).count()
-    }
-
-    /// Holds every channel of a board that senses all pairs at once against the amplifier behind the multiplexers, on the same
-    /// drives and pairs.
-    fn channels(&self, found: &mut Vec<Finding>) {
-        let Some(at_once) = &self.readings.at_once else { return };
-        for channel in 0..self.ring.electrodes {
-            let both = || {
-                let pairs = self.sense().zip(at_once);
-                pairs.filter_map(|(r, v)| (r.sense[1] == channel && !r.clipped).then_some((r.in_phase, *v)))
-            };
-            let square: f64 = both().map(|(one, _)| one * one).sum();
-            let ratio = both().map(|(one, all)| one * all).sum::<f64>() / square;
-            if ratio.abs() < DEAD {
-                found.push(Finding::ChannelDead { channel });
-                continue;
-            }
-            let apart = both().map(|(one, all)| (all / one / ratio - 1.0).abs());
-            let worst = apart.fold(0.0, f64::max);
-            if (ratio - 1.0).abs() > GAIN_LIMIT || worst > SPREAD_LIMIT {
-                found.push(Finding::Channel { channel, ratio, worst });
-            }
-        }
     }
 
     /// Switches, gain, resistors and spread of a board whose wires are right.
