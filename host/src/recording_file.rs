@@ -1,5 +1,6 @@
 //! Files to record into: their names, and what is said of one that is closed.
 
+use crate::ending;
 use crate::recorded::SessionRecord;
 use crate::say::{self, say};
 use anyhow::{Context, Result, bail};
@@ -124,6 +125,7 @@ impl RecordTo {
             Self::Skin(_) => bail!("the recording is another skin's"),
         };
         say::record_to(recorder.tap());
+        ending::closes(&recorder);
         if let Some(file) = file {
             say!("recording into {file}");
         }

@@ -23,7 +23,7 @@ pub use clock::{BoardClock, ClockFit, HostClock};
 pub use error::RecordingError;
 pub use playback::{Pace, Playback, Speed};
 pub use reader::{Ended, Known, Message, Reader, split};
-pub use recorder::{Counts, Recorder, WaitingRecorder};
+pub use recorder::{Closer, Counts, Recorder, WaitingRecorder};
 pub use recover::{Recovered, recover};
 pub use sink::Target;
 pub use switch::{Switch, Switched};

@@ -82,6 +82,8 @@ pub(crate) struct Shared {
     pub(crate) first_frame: FirstFrame,
     /// Why nothing is recorded any more.
     pub(crate) failed: Mutex<Option<String>>,
+    /// Whether the file is closed.
+    pub(crate) closed: AtomicBool,
 }
 
 /// Hands to the recorder what there is to record. Clones are the same tap. It never waits: what finds the queue full is lost, and
@@ -312,6 +314,11 @@ impl Tap {
             self.queue.try_send((self.skin.clone(), item)),
             Err(TrySendError::Full(_))
         )
+    }
+
+    /// Asks for the end without waiting for a place; whether it has one.
+    pub(crate) fn try_end(&self) -> bool {
+        self.give(Item::End)
     }
 
     /// Waits for its place in the queue.
