@@ -53,6 +53,8 @@ pub(crate) struct Run<'a> {
     /// What is recorded of it, and by whom.
     pub(crate) notes: Option<Notes>,
     pub(crate) recorder: Option<Recorder>,
+    /// What became of the first recording that somebody ended at the page and that is not complete.
+    pub(crate) not_recorded: Result<()>,
     /// What recordings from the page begin with; none in a replay.
     pub(crate) recordable: Option<Recordable<'a>>,
     /// A recording that is played.
@@ -188,7 +190,7 @@ impl Run<'_> {
         let png = self.show.png.as_deref();
         let written = png.map_or(Ok(()), |path| self.output.write_png(path));
         // Why it ended comes first.
-        outcome.and(recorded).and(written)
+        outcome.and(self.not_recorded).and(recorded).and(written)
     }
 
     /// What somebody at the page asks for.

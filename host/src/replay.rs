@@ -344,6 +344,7 @@ impl<'a> Player<'a> {
             wanted: None,
             notes: None,
             recorder: None,
+            not_recorded: Ok(()),
             recordable: None,
             replayed: Some(std::mem::take(&mut self.replayed)),
         };

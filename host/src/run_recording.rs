@@ -109,7 +109,12 @@ impl Run<'_> {
             Ok(()) => format!("recorded: {file}"),
             Err(why) => {
                 say!("warning: {why:#}");
-                format!("{file}: {why:#}")
+                let note = format!("{file}: {why:#}");
+                // The program goes on, and its exit code will tell.
+                if self.not_recorded.is_ok() {
+                    self.not_recorded = Err(why);
+                }
+                note
             }
         };
         say::record_no_more();

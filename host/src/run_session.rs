@@ -183,6 +183,7 @@ pub(crate) fn one(arguments: &SourceArguments, outputs: &Outputs<'_>, within: Wi
         wanted: None,
         notes: tap.map(|tap| Notes::new(tap, &record)),
         recorder,
+        not_recorded: Ok(()),
         recordable: Some(Recordable::new(switch, record.clone(), anew)),
         replayed: None,
     };

@@ -90,7 +90,7 @@ impl Shown {
 }
 
 /// Waits until a pipe that nobody reads is full: the program hangs in a write.
-fn until_it_hangs(id: u32) {
+pub(crate) fn until_it_hangs(id: u32) {
     let start = Instant::now();
     let hangs = || std::fs::read_to_string(format!("/proc/{id}/wchan")).unwrap();
     while !hangs().contains("pipe_write") && start.elapsed() < Duration::from_secs(10) {

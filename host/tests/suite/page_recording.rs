@@ -1,12 +1,15 @@
 //! Recordings that somebody asks for at the page.
 
+use crate::ending::until_it_hangs;
 use crate::program::{Started, output, program, said, text};
-use recording::{Reader, Topic};
+use recording::{Ended, Reader, Topic};
 use serde_json::{Value, json};
 use std::io::{BufRead, BufReader, Read};
 use std::net::TcpStream;
 use std::path::Path;
-use std::process::{ChildStderr, Stdio};
+use std::process::{ChildStderr, Command, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 use tungstenite::{Message, WebSocket};
 use view::wire::{Frame, decode};
@@ -28,8 +31,14 @@ impl Page {
     /// One that may command.
     fn of(folder: &Path, arguments: &[&str]) -> Self {
         let mut command = program(arguments);
-        command.current_dir(folder).args(["--no-open", "--listen", "0"]);
-        let mut program = Started::new(command.stdout(Stdio::null()).stderr(Stdio::piped()));
+        command.arg("--no-open").stdout(Stdio::null());
+        Self::started(folder, command)
+    }
+
+    /// The same of a command that writes to somewhere.
+    fn started(folder: &Path, mut command: Command) -> Self {
+        command.current_dir(folder).args(["--listen", "0"]);
+        let mut program = Started::new(command.stderr(Stdio::piped()));
         let mut stderr = BufReader::new(program.0.stderr.take().unwrap());
         let mut line = String::new();
         let url = loop {
@@ -104,14 +113,20 @@ impl Page {
     }
 
     /// Ends it in order; what it said.
-    fn end(mut self) -> String {
+    fn end(self) -> String {
+        let (code, said) = self.ended();
+        assert_eq!(code, Some(0), "{said}");
+        said
+    }
+
+    /// Tells it to end; its exit code, and what it said.
+    fn ended(mut self) -> (Option<i32>, String) {
         let id = self.program.0.id().to_string();
-        let killed = std::process::Command::new("kill").args(["-TERM", &id]).status();
+        let killed = Command::new("kill").args(["-TERM", &id]).status();
         assert!(killed.unwrap().success());
         let mut said = String::new();
         self.stderr.read_to_string(&mut said).unwrap();
-        assert!(self.program.0.wait().unwrap().success(), "{said}");
-        said
+        (self.program.0.wait().unwrap().code(), said)
     }
 }
 
@@ -162,6 +177,73 @@ fn what_the_page_records_is_replayed_with_every_touch() {
     assert!(refused["note"].as_str().unwrap().contains("replay"), "{refused}");
     page.end();
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2);
+}
+
+/// How a recording ends, and how many messages of the board are in it.
+fn whole(file: &Path) -> (Option<Ended>, usize) {
+    let mut reader = Reader::open(file).unwrap();
+    let mut messages = 0;
+    while let Some(message) = reader.next().unwrap() {
+        messages += usize::from(message.topic == Some(Topic::Board));
+    }
+    (reader.ended(), messages)
+}
+
+/// Nobody reads the output: the program hangs in a write when it is told to end, and the recording is closed all the same.
+#[test]
+fn what_the_page_records_is_closed_whatever_hangs() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut command = program(&["run", "--scene", "one-touch", "--json", "--every-frame"]);
+    command.stdout(Stdio::piped());
+    let mut page = Page::started(folder.path(), command);
+    let mut lines = page.program.0.stdout.take().unwrap();
+    let enough = Arc::new(AtomicBool::new(false));
+    let read = {
+        let enough = Arc::clone(&enough);
+        std::thread::spawn(move || {
+            let mut some = [0; 4096];
+            while !enough.load(Ordering::Relaxed) && lines.read(&mut some).unwrap() > 0 {}
+            lines
+        })
+    };
+    page.until(|m| m["kind"] == "scene" && m["preparing"] == false && !m["baseline"].is_null());
+    page.send("start_recording");
+    let shown = page.recording(|m| m["file"].is_string() && m["bytes"].as_u64() >= Some(50_000));
+    enough.store(true, Ordering::Relaxed);
+    // It is open, and nobody reads it any more.
+    let _lines = read.join().unwrap();
+    until_it_hangs(page.program.0.id());
+    let (code, said) = page.ended();
+    assert_eq!(code, Some(1), "{said}");
+    assert!(said.contains("what hangs") && !said.contains("is not closed"), "{said}");
+    let (ended, messages) = whole(&folder.path().join(shown["file"].as_str().unwrap()));
+    assert!(ended == Some(Ended::Whole) && messages > 20, "{ended:?} {messages}");
+}
+
+/// The disk is full while somebody records at the page: the picture goes on, the page is told, and so is who started the program.
+#[test]
+fn a_recording_of_the_page_that_failed_is_in_the_exit_code() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut command = Command::new("sh");
+    command.args(["-c", "ulimit -f 200; trap '' XFSZ; exec \"$0\" \"$@\""]);
+    command
+        .arg(env!("CARGO_BIN_EXE_skin"))
+        .args(["run", "--scene", "one-touch", "--no-open"]);
+    command.stdout(Stdio::null());
+    let mut page = Page::started(folder.path(), command);
+    page.until(|m| m["kind"] == "scene" && m["preparing"] == false && !m["baseline"].is_null());
+    page.send("start_recording");
+    let failed = page.recording(|m| m["file"].is_string() && !m["note"].is_null());
+    assert!(failed["note"].as_str().unwrap().contains("File too large"), "{failed}");
+    let before = page.shown.as_ref().map_or(0, |frame| frame.sequence);
+    page.send("stop_recording");
+    page.recording(|m| m["file"].is_null());
+    page.shows(|frame, _| frame.sequence > before + 20);
+    let (code, said) = page.ended();
+    assert!(
+        code == Some(1) && said.contains("skin: the recording is not complete"),
+        "{said}"
+    );
 }
 
 /// A picture of a recording: when it was recorded, ns, its frame, and the place of its only touch.
