@@ -94,7 +94,7 @@ const COLUMNS: &[Column] = &[
 /// A file of scenes that makes no sense, a folder of other scenes, files that cannot be written.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let path = &arguments.scenes;
-    let text = std::fs::read_to_string(path).with_context(|| format!("{}: cannot be read", path.display()))?;
+    let text = ::forward::whole::text(path).with_context(|| format!("{}: cannot be read", path.display()))?;
     let file: DatasetFile = toml::from_str(&text).with_context(|| format!("{}", path.display()))?;
     let folder = path.parent().unwrap_or(Path::new(""));
     let of_sheet = file.sheet.file.as_ref().map(|name| folder.join(name));
@@ -152,7 +152,7 @@ fn say(path: &Path, shard: &Shard, took_s: f64) {
 /// Keeps a text beside the shards, or holds it against the one that is there.
 fn keep(folder: &Path, name: &str, text: &str) -> Result<()> {
     let path = folder.join(name);
-    match std::fs::read_to_string(&path) {
+    match ::forward::whole::text(&path) {
         Ok(there) if there == text => Ok(()),
         Ok(_) => bail!(
             "{}: the folder has shards of another {name}; name another folder with --out",

@@ -3,6 +3,7 @@
 use crate::program::{output, said, text};
 use std::collections::BTreeMap;
 use std::path::Path;
+use std::process::Command;
 
 const SCENES: &str = "
 frames_per_sheet = 3
@@ -114,4 +115,43 @@ fn what_is_wrong_is_said_with_its_place() {
     let (code, said) = make("", &["--shard", "0/2"]);
     assert_eq!(code, Some(2));
     assert!(said.contains("such as 3/8"), "{said}");
+}
+
+/// The disk is full in the middle of a shard: it is named, no part of it stays, and a run after that goes on.
+#[test]
+fn a_full_disk_leaves_whole_shards_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let (scenes, out) = (folder.path().join("scenes.toml"), folder.path().join("out"));
+    std::fs::write(&scenes, SCENES).unwrap();
+    for format in ["parquet", "npz"] {
+        let arguments = [
+            "dataset",
+            "--scenes",
+            text(&scenes),
+            "--count",
+            "3",
+            "--out",
+            text(&out),
+            "--format",
+            format,
+        ];
+        // Enough for the copies of scenes and sheet.
+        let limited = Command::new("sh")
+            .args(["-c", "ulimit -f 8; trap '' XFSZ; exec \"$0\" \"$@\""])
+            .arg(env!("CARGO_BIN_EXE_skin"))
+            .args(arguments)
+            .output()
+            .unwrap();
+        let told = said(&limited);
+        let shard = out.join(format!("shard-00000.{format}"));
+        let named = format!("{}: cannot be written: File too large", text(&shard));
+        assert!(limited.status.code() == Some(1) && told.contains(&named), "{told}");
+        assert!(limited.stdout.is_empty());
+        let names = std::fs::read_dir(&out).unwrap().map(|e| e.unwrap().file_name());
+        let mut names: Vec<_> = names.collect();
+        names.sort();
+        assert_eq!(names, ["scenes.toml", "sheet.toml"]);
+        assert!(output(&arguments).status.success());
+        std::fs::remove_file(shard).unwrap();
+    }
 }

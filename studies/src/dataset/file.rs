@@ -10,8 +10,10 @@ use serde::Deserialize;
 use serde_json::Value;
 use std::collections::BTreeMap;
 
-/// Most frames of a shard: its numbers are in memory.
+/// Most frames of a shard.
 const MOST_FRAMES: u64 = 1_000_000;
+/// Most values of a shard's frames: they are in memory, with 8 bytes each.
+const MOST_VALUES: u64 = 64_000_000;
 
 /// The file.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -269,6 +271,20 @@ impl DatasetFile {
             );
         }
         self.fault.iter().try_for_each(FaultTable::check)
+    }
+}
+
+impl DatasetFile {
+    /// Refuses more than memory should have to hold, of frames of so many values.
+    pub(super) fn check_values(&self, values: usize) -> Result<(), DatasetError> {
+        let frames = (self.frames_per_sheet + self.baseline_frames) * self.sheets_per_shard;
+        if frames.saturating_mul(values as u64) > MOST_VALUES {
+            let text = format!(
+                "a shard has {frames} frames of {values} values, and {MOST_VALUES} values are the most; give fewer sheets or frames and make more shards"
+            );
+            return Err(DatasetError::Key("sheets_per_shard", text));
+        }
+        Ok(())
     }
 }
 

@@ -143,6 +143,7 @@ impl Dataset {
         let pair = |p: protocol::Pair| [p.plus, p.minus].map(usize::from);
         let pattern = Pattern::from_pairs(electrodes, pairs.map(|(drive, sense)| [pair(drive), pair(sense)]))?;
         out.measurements = pattern.measurements().to_vec();
+        self.file.check_values(pattern.len())?;
         let geometry = Geometry::new(&sheet).map_err(forward::ForwardError::from)?;
         for _ in 0..self.file.baseline_frames {
             let untouched = rubber.untouched().clone();

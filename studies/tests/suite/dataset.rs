@@ -203,6 +203,12 @@ fn what_cannot_be_is_said_with_its_key() {
     }
     let wrong = toml::from_str::<DatasetFile>("[touch]\nrise = { around = 3 }").unwrap_err();
     assert!(wrong.to_string().contains("log_uniform"), "{wrong}");
+    // As many frames as may be, and with 208 values too much for memory: 1.7 GB.
+    let large = dataset("frames_per_sheet = 999_000").shard(0).unwrap_err().to_string();
+    assert!(
+        large.contains("sheets_per_shard: a shard has 999024 frames of 208 values"),
+        "{large}"
+    );
     let full = dataset("[touch]\ncount = [0, 1]\nradius_mm = 90\nrim_mm = 20");
     let failed = full.shard(0).unwrap_err().to_string();
     assert!(failed.contains("no room was found for 1 touches"), "{failed}");

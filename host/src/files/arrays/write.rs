@@ -113,8 +113,9 @@ impl<W: Write + Seek> ArrayFile for Npz<W> {
 
 /// What to do where an archive is too large.
 fn advised(error: io::Error) -> io::Error {
+    // The system says it of a file that may not grow, whatever the format can hold.
     match error.kind() {
-        ErrorKind::FileTooLarge => too_large("the archive"),
+        ErrorKind::FileTooLarge if error.raw_os_error().is_none() => too_large("the archive"),
         _ => error,
     }
 }
