@@ -4,6 +4,7 @@
 //! many were taken, the slowest by the processor's time of its thread, and the most memory that the process had until then.
 //! docs/reliability.md has its figures.
 
+mod datasets;
 mod presses;
 
 use crate::config::Config;

@@ -1,15 +1,19 @@
 //! What presses at known places are kept in: the list of places, and the calibration made of them.
 
 use super::{feed, utf8};
-use crate::presses::file::{self, ModelKeys};
+use crate::presses::file::{self, ModelKeys, Of};
 use crate::presses::truth;
+use ::forward::file::parse_sheet;
 use ::forward::{Measurement, Pair};
-use inverse::learned::{Press, Setting, learn};
+use inverse::learned::{Gain, Press, Setting, learn};
 use std::f64::consts::TAU;
 use std::fmt::Write;
+use std::sync::Arc;
 
 const ELECTRODES: usize = 8;
 const RADIUS_MM: f64 = 50.0;
+const RUBBER: &str =
+    "\n[rubber]\ndelayed_ratio = 0.3\ntau_s = 5.0\nexponent = 1.0\nunit_rise_mpa = 0.25\nforce_sd_n = 0.1\n";
 
 /// Places by the golden angle, in an order that jumps.
 fn place(k: usize) -> [f64; 2] {
@@ -42,8 +46,8 @@ fn measurements() -> Vec<Measurement> {
     (0..ELECTRODES).flat_map(of).collect()
 }
 
-/// Calibrations of the same presses: with the model's row, and as changes alone.
-fn calibrations() -> [Vec<u8>; 2] {
+/// Calibrations of the same presses: with the model's row, as changes alone, and with all parts that a file may have.
+fn calibrations() -> Vec<Vec<u8>> {
     let measurements = measurements();
     let presses: Vec<Press> = (0..24)
         .map(|k| Press {
@@ -65,23 +69,32 @@ fn calibrations() -> [Vec<u8>; 2] {
         better: true,
         sheet: sheet.to_owned(),
     };
-    [Some(&model), None].map(|model| {
+    let forces: Vec<_> = (0..24).map(|k| (place(k), 1.0, 5.0 + 0.1 * k as f64)).collect();
+    let gain = Gain::learn(&forces).unwrap();
+    let of = Of::new(Some(&parse_sheet(sheet).unwrap().0), &measurements).unwrap();
+    let all = of.with_board("b", "A7");
+    let kinds = [
+        (Some(&model), None, Of::default(), ""),
+        (None, None, Of::default(), ""),
+        (None, Some(&gain), all, RUBBER),
+    ];
+    let text = |(model, gain, of, more): (Option<&ModelKeys>, Option<&Gain>, Of, &str)| {
         let text = file::text(&file::Taught {
             learned: &learned,
             found: &found,
             model,
-            gain: None,
+            gain,
             measurements: &measurements,
             electrodes: ELECTRODES,
             difference: model.is_none(),
-            of: file::Of::default(),
+            of,
         });
-        text.unwrap().into_bytes()
-    })
+        (text.unwrap() + more).into_bytes()
+    };
+    kinds.map(text).to_vec()
 }
 
 #[test]
-#[ignore = "a minute"]
 fn mutated_calibrations_from_presses() {
     let (measurements, at) = (measurements(), place(3));
     let change: Vec<f64> = measurements.iter().map(|m| change(m, at, 99)).collect();
@@ -106,9 +119,14 @@ fn mutated_calibrations_from_presses() {
                     numbers.iter().flatten().chain(&strength).all(|v| v.is_finite()),
                     "{press:?}"
                 );
+                let newtons = |gain: &Arc<Gain>| gain.newtons(press.place_mm, press.strength);
+                assert!(calibration.gain.as_ref().map(newtons).is_none_or(f64::is_finite));
             }
         }
         assert!(learned.resolution_mm().is_finite());
+        if let Some(rubber) = &calibration.rubber {
+            rubber.solid.check().unwrap();
+        }
         true
     });
 }
