@@ -14,7 +14,7 @@ use crate::touches::touch::Touch;
 const MOST_PUT_OFF: usize = 2;
 
 /// The detectors of changes, by what drifts.
-pub(crate) type Detectors = [Option<ChangeDetector>; Drifting::ALL.len()];
+type Detectors = [Option<ChangeDetector>; 2];
 
 /// Tests frames for contacts that drifted or changed, one frame after another.
 pub(crate) struct ContactTest {
@@ -30,8 +30,6 @@ pub(crate) struct ContactTest {
     until: usize,
     /// Frames one after another in which that test was put off.
     put_off: usize,
-    /// Whether a mean of frames at rest leaves what drift may explain: the next frame is asked by itself.
-    left_at_rest: bool,
     /// A frame without its contacts' scales.
     evened: Option<Difference>,
     /// The result of a frame with other contacts.
@@ -53,7 +51,6 @@ impl ContactTest {
             stood: 0,
             until: 0,
             put_off: 0,
-            left_at_rest: false,
             evened: None,
             kept: FrameResult::default(),
         }
@@ -84,20 +81,12 @@ impl ContactTest {
 
     /// Which detector tells whether the next frame is a change.
     pub(crate) fn detector(&self) -> usize {
-        self.drifting.index()
-    }
-
-    /// What is asked of a frame that shows no touch whether it drifted.
-    pub(crate) fn may_drift(&self) -> Drifting {
-        match self.drifting {
-            Drifting::Nothing | Drifting::Common => Drifting::Contacts,
-            other => other,
-        }
+        usize::from(self.drifting == Drifting::Contacts)
     }
 
     /// Whether an electrode is a candidate: then every frame counts.
     pub(crate) fn is_open(&self) -> bool {
-        self.monitor.is_open() || self.left_at_rest
+        self.monitor.is_open()
     }
 
     /// Forgets all that earlier frames said.
@@ -105,7 +94,6 @@ impl ContactTest {
         self.monitor.clear();
         self.polarity.clear();
         (self.drifting, self.stood, self.until) = (Drifting::Common, 0, 0);
-        self.left_at_rest = false;
     }
 
     /// Solves a frame into the result, with the contacts that changed left out. What drifts and the contacts of the task are
@@ -135,19 +123,14 @@ impl ContactTest {
             // Contacts are tested on single frames only: the error of the disc model shows more in a mean.
             let task = Task { patient: false, ..task };
             self.solve_with(solver, task, detectors, result);
-            self.until = self.until.saturating_sub(1);
-            // In variances of one frame's noise, as the test of a frame has it.
-            let misfit = result.misfit.map(|misfit| 1.0 + (misfit - 1.0) / task.averaged.gain);
-            self.left_at_rest = self.until == 0 && misfit.is_none_or(|m| m > self.options.explained);
             return;
         }
-        self.left_at_rest = false;
         if !self.sequence {
             self.clear();
         }
         let task = solver.begin(task);
         if task.quiet {
-            self.drifting = self.may_drift();
+            self.drifting = Drifting::Contacts;
         }
         // The decision for or against a contact compares what both come to in the end.
         let patient = !self.sequence || self.monitor.asks_next() || self.put_off >= MOST_PUT_OFF;
@@ -167,9 +150,12 @@ impl ContactTest {
         }
         if task.quiet {
             // Without touches the frame itself says it.
-            if !result.drift.by_own {
-                self.drifting = Drifting::Common;
-            }
+            let by_contacts = result.drift.by_contacts;
+            self.drifting = if by_contacts {
+                Drifting::Contacts
+            } else {
+                Drifting::Common
+            };
             self.stood = 0;
         }
     }
@@ -193,7 +179,7 @@ impl ContactTest {
         let before = self.polarity.now();
         self.kept.copy_from(result);
         self.polarity.widen();
-        solver.begin_other(self.drifting);
+        solver.begin_other();
         let other = self.solve_with(solver, task, detectors, result);
         let better = evidence
             .zip(other)
@@ -209,7 +195,7 @@ impl ContactTest {
         solver.end_other();
     }
 
-    /// Decides what drifts: a new touch must explain the frame better than that.
+    /// Decides whether contacts drift: a new touch must explain the frame better than that.
     fn test_drifting(
         &mut self,
         evidence: Option<Evidence>,
@@ -220,84 +206,50 @@ impl ContactTest {
     ) -> Option<Evidence> {
         self.until = self.until.saturating_sub(1);
         let touches = result.touches.len();
+        let unexplained = result.misfit.is_none_or(|misfit| misfit > self.options.explained);
         // A frame that changed without a touch is asked as well: a contact may be what changed it.
-        let due = self.until == 0 && (self.leaves(result) || touches == 0 || self.drifting != Drifting::Common);
+        let due = self.until == 0 && (unexplained || touches == 0 || self.drifting == Drifting::Contacts);
         let asked = touches > self.stood || due || self.monitor.is_open();
         if !(solver.fits() && result.changed && asked) {
             self.stood = self.stood.min(touches);
             return evidence;
         }
         if !solver.is_finished() && self.put_off < MOST_PUT_OFF {
-            // What drifts would take the place of touches that are not found yet.
+            // Contacts would take the place of touches that are not found yet.
             self.put_off += 1;
             return evidence;
         }
         self.put_off = 0;
         self.until = self.options.retest_frames;
-        let (before, mut best) = (self.drifting, evidence);
-        for other in Drifting::ALL.into_iter().filter(|d| *d != before) {
-            // What hides touches more than contacts do is asked for only where something is left to explain.
-            if is_rare(other) && !self.leaves(result) {
-                continue;
-            }
-            best = self.compare_with(other, best, solver, task, detectors, result);
-        }
-        if self.drifting != before {
-            tracing::debug!(now = ?self.drifting, ?evidence, ?best, "what drifts");
-        }
-        self.stood = result.touches.len();
-        best
-    }
-
-    /// Whether touches leave some of a frame unexplained.
-    fn leaves(&self, result: &FrameResult) -> bool {
-        result.misfit.is_none_or(|misfit| misfit > self.options.explained)
-    }
-
-    /// Solves a frame with something else that drifts, and keeps what explains it better. What drifts less often needs more.
-    fn compare_with(
-        &mut self,
-        other: Drifting,
-        evidence: Option<Evidence>,
-        solver: &mut FrameSolver,
-        task: Task,
-        detectors: &mut Detectors,
-        result: &mut FrameResult,
-    ) -> Option<Evidence> {
-        let unexplained = self.leaves(result);
+        let before = self.drifting;
         self.kept.copy_from(result);
-        let before = std::mem::replace(&mut self.drifting, other);
-        // Where more drifts, the next frame takes the error of the linear model off.
+        self.drifting = match before {
+            Drifting::Contacts => Drifting::Common,
+            _ => Drifting::Contacts,
+        };
+        // Where contacts drift, the next frame takes the error of the linear model off.
         let quick = Task {
             corrected: task.patient,
             ..task
         };
-        let found = self.solve_with(solver, quick, detectors, result);
-        // An unevenness hides many touches, and many touches look like one: they pay for what they leave open.
-        let better = if is_rare(other) || is_rare(before) {
-            Evidence::more_probable_than
-        } else {
-            Evidence::cheaper_than
-        };
-        // What is rare is taken only where it explains the frame. The error of the model of touches looks like anything smooth.
-        let explains =
-            |drifting, with: Evidence, without| !is_rare(drifting) || with.explains_of(without, &self.options);
-        let takes = evidence.zip(found).is_some_and(|(evidence, found)| {
-            if other.index() < before.index() {
-                return !(explains(before, evidence, found) && better(evidence, found, self.options.margin));
+        let other = self.solve_with(solver, quick, detectors, result);
+        let contacts = evidence.zip(other).is_some_and(|(evidence, other)| match before {
+            Drifting::Contacts => evidence.cheaper_than(other, self.options.margin),
+            _ => {
+                // What contacts alone explain, and no touches do, are contacts.
+                let alone = !result.changed && other.misfit <= self.options.explained && unexplained;
+                alone || other.cheaper_than(evidence, self.options.margin_accepted)
             }
-            if !explains(other, found, evidence) {
-                return false;
-            }
-            // What drift alone explains, and no touches do, is drift.
-            let alone = !result.changed && found.misfit <= self.options.explained && unexplained;
-            alone || better(found, evidence, self.options.margin_accepted)
         });
-        if takes {
-            return found;
-        }
-        self.drifting = before;
-        result.copy_from(&self.kept);
+        let now = if contacts { Drifting::Contacts } else { Drifting::Common };
+        let evidence = if now == before {
+            result.copy_from(&self.kept);
+            evidence
+        } else {
+            tracing::debug!(?now, ?evidence, ?other, "what drifts");
+            other
+        };
+        (self.drifting, self.stood) = (now, result.touches.len());
         evidence
     }
 
@@ -411,9 +363,4 @@ impl ContactTest {
         solver.even_out(changed, difference);
         act(solver, Task { difference, ..task })
     }
-}
-
-/// Whether it drifts less often than contacts do.
-fn is_rare(drifting: Drifting) -> bool {
-    !matches!(drifting, Drifting::Nothing | Drifting::Common | Drifting::Contacts)
 }
