@@ -32,7 +32,8 @@ if $wheel; then
     echo "wheel: $bytes bytes"
     [ "$bytes" -le 15000000 ] || { echo "the wheel has more than 15 MB"; exit 1; }
 else
-    cargo build --workspace --locked --lib
+    # With the tests, as they were built: else the crates are built once more, with other features.
+    cargo build --workspace --locked --lib --bins --tests
     library="$target/debug/libskin_python.so"
     [ -e "$library" ] || library="$target/debug/libskin_python.dylib"
     site=$("$python" -c 'import sysconfig; print(sysconfig.get_path("platlib"))')
