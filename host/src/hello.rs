@@ -132,22 +132,23 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         _ => None,
     };
     // The self-test sees the amplifier behind the multiplexers; a ring shows the others as well.
-    let channels = match (&tried, &test) {
+    let (channels, untried) = match (&tried, &test) {
         (None, Some(_)) if failed.is_empty() && hello.limits.channels > 1 => match read(&link, &hello) {
-            Ok(readings) => channels(&readings, usize::from(hello.electrodes)),
-            Err(LinkError::Refused(why)) => {
-                say!("the channels were not tried: {why}");
-                Vec::new()
-            }
+            Ok(readings) => (channels(&readings, usize::from(hello.electrodes)), None),
+            Err(LinkError::Refused(why)) => (Vec::new(), Some(why)),
             Err(e) => return Err(e.into()),
         },
-        _ => Vec::new(),
+        _ => (Vec::new(), None),
     };
+    if let Some(why) = &untried {
+        say!("the channels were not tried: {why}");
+    }
     if arguments.json {
         let mut json = as_json(&hello, test.as_ref(), &source);
         json["careful"] = json!(careful.map(|notice| Said::from(&notice)));
         json["lost_reference"] = json!(reference);
         json["channels"] = json!(channels.iter().map(phantom::finding).collect::<Vec<_>>());
+        json["channels_not_tried"] = json!(untried);
         json["phantom"] = json!(tried.as_ref().map(phantom::as_json));
         println!("{json}");
     } else {
@@ -174,7 +175,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
             }
         }
         if !channels.is_empty() {
-            println!("channels    FAILED:");
+            println!("channels    FAILED, or something touched the sheet meanwhile (then try again):");
         }
         for finding in &channels {
             println!("            {}: {finding}", finding.name());
