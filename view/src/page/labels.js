@@ -7,6 +7,9 @@ const COLOURS = 8;
 /** The colour of a touch's number; grey without a number. */
 export const idColour = (id) => theme.colour(id === null ? "faint" : `id-${((id + COLOURS - 1) % COLOURS) + 1}`);
 
+/** Whether its line is dashed: each four of the colours are told apart by every eye. */
+export const isDashed = (id) => id !== null && (id + COLOURS - 1) % COLOURS >= COLOURS / 2;
+
 const signed = (text) => text.replace("-", "\u2212");
 
 /** A number with its sign as typesetters write it, and never "−0.0". */
@@ -46,6 +49,25 @@ function ringsBetween(ring, label, rings) {
   return rings.filter((other) => other !== ring && crosses(other)).length;
 }
 
+/** How many of the marks the line from a ring to its label crosses. */
+function marksCrossed(ring, label, marks) {
+  const from = [ring.x, ring.y];
+  const to = [
+    Math.min(label.x + label.w, Math.max(label.x, ring.x)),
+    Math.min(label.y + label.h, Math.max(label.y, ring.y)),
+  ];
+  const crosses = (mark) => {
+    let [begin, end] = [0, 1];
+    for (const [axis, low, high] of [[0, mark.x, mark.x + mark.w], [1, mark.y, mark.y + mark.h]]) {
+      const way = to[axis] - from[axis];
+      const [a, b] = [low, high].map((v) => (v - from[axis]) / (way || 1e-9)).sort((p, q) => p - q);
+      [begin, end] = [Math.max(begin, a), Math.min(end, b)];
+    }
+    return begin < end;
+  };
+  return marks.filter(crosses).length;
+}
+
 /** Lays out labels; remembers where each was, so that it stays there while that is nearly as good. */
 export class Labels {
   constructor() {
@@ -64,7 +86,7 @@ export class Labels {
         cost += 40 * (area.w * area.h - overlap(area, bounds));
         for (const other of placed) cost += 25 * overlap(area, other);
         for (const mark of marks) cost += 15 * overlap(area, mark);
-        cost += 150 * ringsBetween(ring, area, rings);
+        cost += 150 * ringsBetween(ring, area, rings) + 120 * marksCrossed(ring, area, marks);
         for (const circle of circles) cost += 20 * overlap(area, circle);
         if (!best || cost < best.cost) best = { ...area, cost };
       }

@@ -38,7 +38,8 @@ export function showTouches(touches, scene) {
     set(cells[1], number(touch.x, 1));
     set(cells[2], number(touch.y, 1));
     set(cells[3], riseText(touch.rise));
-    set(cells[4], number(touch.area, 0));
+    // Presses that teach a sheet do not teach an area.
+    set(cells[4], touch.area > 0 ? number(touch.area, 0) : "–");
     set(cells[5], touch.force === null ? "" : forceText(touch.force, scene.uncalibrated));
     cells[5].hidden = !forces;
   }

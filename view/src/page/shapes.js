@@ -13,6 +13,15 @@ export function roundBelow(limit) {
   return [5 * power, 2 * power].find((v) => v <= limit) ?? power;
 }
 
+/** Heights near these, falling down the canvas in their order, `apart` from each other, from `low` to `high`, where there is room. */
+export function spread(wanted, apart, low, high) {
+  const heights = wanted.map((v) => Math.max(low, v));
+  for (let k = 1; k < heights.length; k++) heights[k] = Math.max(heights[k], heights[k - 1] + apart);
+  // What is too low goes up again, and takes those above with it.
+  for (let [k, most] = [heights.length - 1, high]; k >= 0; most = heights[k] - apart, k--) heights[k] = Math.min(heights[k], most);
+  return heights;
+}
+
 /** Makes the canvas as fine as the screen; returns its context in CSS pixels, its size, and whether that is another now. */
 export function fit(canvas) {
   const [w, h, dpr] = [canvas.clientWidth, canvas.clientHeight, window.devicePixelRatio || 1];

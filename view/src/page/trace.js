@@ -1,11 +1,13 @@
 // The change by each touch, without its sign, over the last ten seconds.
 
-import { idColour, number } from "./labels.js";
-import { fit, ticks } from "./shapes.js";
+import { idColour, isDashed, number } from "./labels.js";
+import { fit, spread, ticks } from "./shapes.js";
 
 const SPAN_MS = 10_000;
 const GAP_MS = 400;
 const LEAST = 0.1;
+// Height of a number at the end of a line, px.
+const LETTER = 11;
 
 export class Trace {
   constructor(canvas) {
@@ -94,11 +96,31 @@ export class Trace {
     c.lineJoin = "round";
     c.lineWidth = 1.7;
     for (const [id, line] of this.lines) this.drawLine(c, id, line, x, y, now);
+    this.drawNumbers(c, plot, x, y, now);
     c.restore();
+  }
+
+  /** The numbers of the lines that go on, strongest first where there is no room for all; apart, so that each can be read. */
+  drawNumbers(c, plot, x, y, now) {
+    const ends = [...this.lines].map(([id, line]) => ({ id, time: line.at(-1)[0], rise: line.at(-1)[1] }));
+    const [low, high] = [plot.y + LETTER / 2, plot.y + plot.h - LETTER / 2];
+    const shown = ends
+      .filter(({ id, time }) => id !== null && now - time <= GAP_MS)
+      .sort((a, b) => b.rise - a.rise)
+      .slice(0, Math.floor((high - low) / LETTER) + 1);
+    const heights = spread(shown.map(({ rise }) => y(rise)), LETTER, low, high);
+    c.textAlign = "left";
+    c.textBaseline = "middle";
+    shown.forEach(({ id, time }, k) => {
+      c.fillStyle = idColour(id);
+      c.fillText(id, x(time) + 6, heights[k]);
+    });
   }
 
   drawLine(c, id, line, x, y, now) {
     c.strokeStyle = c.fillStyle = idColour(id);
+    // Not every eye tells eight colours apart.
+    c.setLineDash(isDashed(id) ? [5, 3] : []);
     c.beginPath();
     line.forEach(([time, rise], k) => {
       const start = k === 0 || time - line[k - 1][0] > GAP_MS;
@@ -111,9 +133,5 @@ export class Trace {
     c.beginPath();
     c.arc(x(time), y(rise), 2.6, 0, 2 * Math.PI);
     c.fill();
-    if (id === null) return;
-    c.textAlign = "left";
-    c.textBaseline = "middle";
-    c.fillText(id, x(time) + 6, y(rise));
   }
 }

@@ -367,3 +367,129 @@ fn the_names_of_skins_have_room() {
         page.shot(&format!("names-{width}x{height}.png"));
     }
 }
+
+/// A colour of style.css in Lab, as eyes without the cones for green see it or as all see it: Machado, Oliveira and Fernandes 2009,
+/// severity 1.0.
+fn lab(hex: &str, deuteranopia: bool) -> [f64; 3] {
+    let channel = |k: usize| f64::from(u8::from_str_radix(&hex[1 + 2 * k..3 + 2 * k], 16).unwrap()) / 255.0;
+    let linear = |v: f64| {
+        if v <= 0.04045 {
+            v / 12.92
+        } else {
+            ((v + 0.055) / 1.055).powf(2.4)
+        }
+    };
+    let times = |m: [[f64; 3]; 3], v: [f64; 3]| m.map(|row| (0..3).map(|k| row[k] * v[k]).sum::<f64>());
+    let mut rgb = [0, 1, 2].map(|k| linear(channel(k)));
+    if deuteranopia {
+        let seen = [
+            [0.367_322, 0.860_646, -0.227_968],
+            [0.280_085, 0.672_501, 0.047_413],
+            [-0.011_820, 0.042_940, 0.968_881],
+        ];
+        rgb = times(seen, rgb).map(|v| v.clamp(0.0, 1.0));
+    }
+    let xyz = [
+        [0.4124, 0.3576, 0.1805],
+        [0.2126, 0.7152, 0.0722],
+        [0.0193, 0.1192, 0.9505],
+    ];
+    let [x, y, z] = times(xyz, rgb);
+    let f = |v: f64| {
+        if v > 0.008_856 {
+            v.cbrt()
+        } else {
+            7.787 * v + 16.0 / 116.0
+        }
+    };
+    let [x, y, z] = [f(x / 0.9505), f(y), f(z / 1.089)];
+    [116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)]
+}
+
+/// Colours of touches' numbers whose lines are drawn alike: four solid, four dashed. A difference of 2.3 is just noticed.
+#[test]
+fn lines_that_are_drawn_alike_are_told_apart_by_every_eye() {
+    let style = include_str!("../../src/page/style.css");
+    let colours: Vec<&str> = (1..=8)
+        .flat_map(|id| {
+            let name = format!("--id-{id}: ");
+            let of_themes: Vec<&str> = style.split(&name).skip(1).map(|rest| &rest[..7]).collect();
+            assert_eq!(of_themes.len(), 2, "{name}");
+            of_themes
+        })
+        .collect();
+    for theme in 0..2 {
+        for first in [0, 4] {
+            let four: Vec<&str> = (first..first + 4).map(|id| colours[2 * id + theme]).collect();
+            for (k, a) in four.iter().enumerate() {
+                for b in &four[k + 1..] {
+                    for deuteranopia in [false, true] {
+                        let (p, q) = (lab(a, deuteranopia), lab(b, deuteranopia));
+                        let apart = (0..3).map(|k| (p[k] - q[k]).powi(2)).sum::<f64>().sqrt();
+                        assert!(
+                            apart > 25.0,
+                            "{a} and {b} are {apart:.0} apart, deuteranopia {deuteranopia}"
+                        );
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Seven touches of nearly the same rise: their numbers beside the curves can be read, and the fifth to the seventh are dashed.
+#[test]
+fn numbers_beside_the_curves_lie_on_nothing() {
+    let Some(browser) = browser() else { return };
+    let view = view();
+    let mut page = browser.open(&view.url());
+    page.ask(LISTEN);
+    page.ask(
+        r##"(() => {
+            globalThis.dashed = new Set();
+            const set = CanvasRenderingContext2D.prototype.setLineDash;
+            CanvasRenderingContext2D.prototype.setLineDash = function (dash) {
+                if (this.canvas.id === "trace" && dash.length) dashed.add(String(this.strokeStyle));
+                return set.call(this, dash);
+            };
+        })()"##,
+    );
+    // The last place of every number, and what lies on what.
+    let what = r##"(() => {
+        const of_trace = texts.filter(([of, text]) => of === "trace" && /^[1-7]$/.test(text));
+        const last = new Map(of_trace.map(([, text, ...box]) => [text, box]));
+        texts.length = 0;
+        if (last.size < 7) return "";
+        const all = [...last];
+        const meets = (a, b) => Math.min(a[2], b[2]) - Math.max(a[0], b[0]) > 0 && Math.min(a[3], b[3]) - Math.max(a[1], b[1]) > 0;
+        const on = all.flatMap(([text, box], k) => all.slice(k + 1).filter(([, other]) => meets(box, other)).map(([other]) => `${text} on ${other}`));
+        return on.concat(`${dashed.size} dashed`).join();
+    })()"##;
+    let (template, start) = (template(), Instant::now());
+    for sequence in 1.. {
+        let mut shown = picture(&template, sequence);
+        shown.touches = (1..=7)
+            .map(|id| inverse::touches::touch::Touch {
+                id: Some(id),
+                x_mm: 20.0 * f64::from(id) - 80.0,
+                rise: 0.2 + 0.001 * f64::from(id),
+                area_mm2: if id == 7 { 0.0 } else { 300.0 },
+                ..Default::default()
+            })
+            .collect();
+        view.publish(shown).unwrap();
+        match page.ask(what).as_str() {
+            Some("") => assert!(start.elapsed() < NOT_FOR_EVER, "the numbers are never drawn"),
+            found => {
+                assert_eq!(found, Some("3 dashed"));
+                break;
+            }
+        }
+        std::thread::sleep(Duration::from_millis(30));
+    }
+    page.shot("seven-curves.png");
+    // An area that is not known is no area of 0.
+    let areas = page.ask("[...document.querySelectorAll('#touches tr')].map((row) => [row.cells[0], row.cells[4]].map((c) => c.textContent).join()).join(';')");
+    let areas = areas.as_str().unwrap();
+    assert!(areas.contains("7,\u{2013}") && areas.contains("6,300"), "{areas}");
+}
