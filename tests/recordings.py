@@ -177,6 +177,7 @@ def main(folder):
         print(f"not held: {missing}")
     else:
         tables(folder, whole, arrays, touches)
+        placed(folder)
         fleet(folder)
 
     try:
@@ -203,6 +204,7 @@ def main(folder):
     print(f"recovered: {len(again)} of {len(frames)} frames")
 
 
+ROBOT = ["robot_x_mm", "robot_y_mm", "robot_z_mm"]
 TOUCH = ["id", "x_mm", "y_mm", "rise", "area_mm2", "total_mm2", "force_n", "uncalibrated"]
 
 
@@ -228,6 +230,50 @@ def tables(folder, whole, arrays, touches):
     again = subprocess.run([SKIN, "export", whole, "--to", "parquet", "--out", folder / "tables"], capture_output=True, text=True)
     assert again.returncode == 1 and "exported there before" in again.stderr, again
     print(f"DuckDB: {len(frames)} frames and {len(rows_of(touches))} touches, the same values")
+
+
+PLACE = """[[skin]]
+name = "placed"
+scene = "press.toml"
+[skin.place]
+frame = "wrist"
+position_mm = [10.0, -20.0, 30.0]
+roll_pitch_yaw_deg = [25.0, -40.0, 110.0]
+
+[[skin]]
+name = "loose"
+scene = "press.toml"
+"""
+
+
+def placed(folder):
+    """Touches of a skin with a place are on the robot where its turns about x, y and z and its position take them."""
+    import duckdb
+
+    (folder / "placed.toml").write_text(PLACE)
+    both = folder / "both.mcap"
+    skin("run", "--skins", folder / "placed.toml", "--json", "--frames", "150", "--record", both)
+    skin("export", both, "--to", "parquet", "--out", folder / "placed")
+    [(roll_s, roll_c), (pitch_s, pitch_c), (yaw_s, yaw_c)] = [
+        (numpy.sin(a), numpy.cos(a)) for a in numpy.radians([25.0, -40.0, 110.0])
+    ]
+    about_x = numpy.array([[1, 0, 0], [0, roll_c, -roll_s], [0, roll_s, roll_c]])
+    about_y = numpy.array([[pitch_c, 0, pitch_s], [0, 1, 0], [-pitch_s, 0, pitch_c]])
+    about_z = numpy.array([[yaw_c, -yaw_s, 0], [yaw_s, yaw_c, 0], [0, 0, 1]])
+    columns = ", ".join(["x_mm", "y_mm", *ROBOT])
+    rows = {}
+    for name in ["placed", "loose"]:
+        table = f"read_parquet('{folder}/placed/touches/**/*.parquet', hive_partitioning = true)"
+        rows[name] = duckdb.sql(f"select {columns} from {table} where skin = '{name}' order by time_s").fetchall()
+        # The same in CSV.
+        skin("export", f"{both}#{name}", "--to", "touches-csv", "--out", folder / f"{name}.csv")
+        csv = duckdb.sql(f"select {columns} from read_csv('{folder}/{name}.csv', all_varchar = true)").fetchall()
+        assert [[v and float(v) for v in row] for row in csv] == [list(row) for row in rows[name]] and csv
+    for x, y, *robot in rows["placed"]:
+        wanted = about_z @ about_y @ about_x @ [x, y, 0.0] + [10.0, -20.0, 30.0]
+        assert numpy.abs(wanted - robot).max() < 1e-9, (x, y, robot, wanted)
+    assert all(row[2:] == (None, None, None) for row in rows["loose"])
+    print(f"DuckDB: {len(rows['placed'])} touches on the robot")
 
 
 def fleet(folder):

@@ -5,6 +5,7 @@
 //! events of its kind are counted and nothing is started. The pictures never wait.
 
 use crate::say::{self, say};
+use crate::skin_file::Place;
 use crate::usage::Usage;
 use anyhow::{Context, Result};
 use inverse::touches::gestures::{Gesture, TouchEvent};
@@ -38,15 +39,13 @@ struct Progress {
 }
 
 impl Commands {
-    /// Of what the command line says: events and commands in turn.
+    /// Of what the command line says: events and commands in turn; the sheet is at this place on the robot.
     ///
     /// # Errors
     /// There is no such event; no thread for it.
-    pub(crate) fn new(given: &[String]) -> Result<Self> {
-        let pairs = given.chunks_exact(2);
-        Ok(Self(
-            pairs.map(|pair| On::new(&pair[0], &pair[1])).collect::<Result<_>>()?,
-        ))
+    pub(crate) fn new(given: &[String], place: Option<&Place>) -> Result<Self> {
+        let on = |pair: &[String]| On::new(&pair[0], &pair[1], place.cloned());
+        Ok(Self(given.chunks_exact(2).map(on).collect::<Result<_>>()?))
     }
 
     /// Runs what is to be run, without waiting for anything.
@@ -84,7 +83,7 @@ impl Commands {
 }
 
 impl On {
-    fn new(name: &str, text: &str) -> Result<Self> {
+    fn new(name: &str, text: &str, place: Option<Place>) -> Result<Self> {
         let gesture = Gesture::ALL.into_iter().find(|g| g.name() == name);
         let names = || Gesture::ALL.map(Gesture::name).join(", ");
         let gesture = gesture.ok_or_else(|| Usage(format!("--on {name}: no such event; there are {}", names())))?;
@@ -95,7 +94,7 @@ impl On {
             .name(format!("on-{name}"))
             .spawn(move || {
                 say::set_skin(skin);
-                work(&to_run, &command, &shared);
+                work(&to_run, &command, place.as_ref(), &shared);
             })
             .context("no thread for a command")?;
         Ok(Self {
@@ -128,10 +127,10 @@ impl On {
 }
 
 /// Starts a command for every event, and waits for it.
-fn work(events: &Receiver<TouchEvent>, text: &str, progress: &Progress) {
+fn work(events: &Receiver<TouchEvent>, text: &str, place: Option<&Place>, progress: &Progress) {
     for event in events {
         progress.started.fetch_add(1, Ordering::Relaxed);
-        let why = match shell(text, &event).status() {
+        let why = match shell(text, &event, place).status() {
             Ok(status) if status.success() => None,
             Ok(status) => Some(status.to_string()),
             Err(error) => Some(error.to_string()),
@@ -146,16 +145,16 @@ fn work(events: &Receiver<TouchEvent>, text: &str, progress: &Progress) {
 }
 
 /// A command of the system's shell. Its output goes to stderr: on stdout are data.
-fn shell(text: &str, event: &TouchEvent) -> Command {
+fn shell(text: &str, event: &TouchEvent, place: Option<&Place>) -> Command {
     let (shell, option) = if cfg!(windows) { ("cmd", "/C") } else { ("sh", "-c") };
     let mut command = Command::new(shell);
-    command.args([option, text]).envs(environment(event));
+    command.args([option, text]).envs(environment(event, place));
     command.stdin(Stdio::null()).stdout(Stdio::from(std::io::stderr()));
     command
 }
 
 /// The environment that says what a touch did.
-fn environment(event: &TouchEvent) -> Vec<(&'static str, String)> {
+fn environment(event: &TouchEvent, place: Option<&Place>) -> Vec<(&'static str, String)> {
     let mut out = vec![
         ("SKIN_EVENT", event.event.name().to_owned()),
         ("SKIN_TOUCH", event.touch.to_string()),
@@ -170,6 +169,13 @@ fn environment(event: &TouchEvent) -> Vec<(&'static str, String)> {
         ("SKIN_DISTANCE_MM", event.distance_mm, 2),
     ] {
         out.push((name, format!("{value:.digits$}")));
+    }
+    if let Some(place) = place {
+        out.push(("SKIN_ROBOT_FRAME", place.frame.clone()));
+        let names = ["SKIN_ROBOT_X_MM", "SKIN_ROBOT_Y_MM", "SKIN_ROBOT_Z_MM"];
+        for (name, mm) in names.into_iter().zip(place.point_mm([event.x_mm, event.y_mm])) {
+            out.push((name, format!("{mm:.2}")));
+        }
     }
     if let Some(skin) = say::skin() {
         out.push(("SKIN_NAME", skin.to_string()));

@@ -392,7 +392,7 @@ fn baseline(path: &Path, numbers: &[u32]) -> Result<Option<Vec<f64>>> {
 }
 
 fn touches(path: &Path, open: Open<'_>) -> Result<String> {
-    SessionRecord::read(path)?;
+    let place = SessionRecord::read(path)?.place;
     let mut out = open()?;
     let keys = [
         "id",
@@ -404,7 +404,8 @@ fn touches(path: &Path, open: Open<'_>) -> Result<String> {
         "force_n",
         "uncalibrated",
     ];
-    writeln!(out, "unix_s,time_s,frame,{}", keys.join(","))?;
+    let robot = "robot_x_mm,robot_y_mm,robot_z_mm";
+    writeln!(out, "unix_s,time_s,frame,{},{robot}", keys.join(","))?;
     let mut reader = Reader::open(path)?;
     let (mut pictures, mut count) = (0, 0);
     while let Some(message) = reader.next()? {
@@ -421,6 +422,10 @@ fn touches(path: &Path, open: Open<'_>) -> Result<String> {
                     Value::Null => write!(out, ",")?,
                     value => write!(out, ",{value}")?,
                 }
+            }
+            match tables::on_robot(place.as_ref(), touch) {
+                Some([x, y, z]) => write!(out, ",{x},{y},{z}")?,
+                None => write!(out, ",,,")?,
             }
             writeln!(out)?;
             count += 1;

@@ -213,7 +213,7 @@ impl<'a> Player<'a> {
     /// Shows it, from place to place, until it is enough.
     fn run(mut self) -> Result<()> {
         let show = &self.arguments.show;
-        let mut commands = Commands::new(&show.on)?;
+        let mut commands = Commands::new(&show.on, self.record.place.as_ref())?;
         let source = shown_source(&format!("recording of {}", self.record.source), &self.record);
         let page = self.page.take();
         let with_page = page.is_some();

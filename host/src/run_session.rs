@@ -171,7 +171,7 @@ pub(crate) fn one(arguments: &SourceArguments, outputs: &Outputs<'_>, within: Wi
         session: &session,
         live: &mut live,
         gestures: Gestures::new(record.gestures()),
-        commands: Commands::new(&outputs.show.on)?,
+        commands: Commands::new(&outputs.show.on, record.place.as_ref())?,
         output: &mut Output::new(
             page.map_or_else(|| open_page(outputs, skin), |page| Ok(Some(page)))?,
             outputs.show,

@@ -5,7 +5,7 @@ use crate::files::replace::beside;
 use crate::recorded::SessionRecord;
 use crate::recorded_frames::{Part, RecordedFrames};
 use crate::recording_file::day;
-use crate::skin_file;
+use crate::skin_file::{self, Place};
 use anyhow::{Context, Result, bail};
 use recording::{Reader, Topic};
 use serde_json::Value;
@@ -26,6 +26,9 @@ const TOUCHES: &[Column] = &[
     Column::of("total_mm2", Kind::Double),
     Column::optional("force_n", Kind::Double),
     Column::of("uncalibrated", Kind::Bool),
+    Column::optional("robot_x_mm", Kind::Double),
+    Column::optional("robot_y_mm", Kind::Double),
+    Column::optional("robot_z_mm", Kind::Double),
 ];
 /// Of `frames`.
 const FRAMES: &[Column] = &[
@@ -69,7 +72,7 @@ fn of_skin(from: &Path, of_file: &Path, out: &Path) -> Result<String> {
         Ok(path)
     };
     let (touches_path, frames_path) = (place("touches")?, place("frames")?);
-    let (touches, pictures) = touches(from, &touches_path, &said)?;
+    let (touches, pictures) = touches(from, session.place.as_ref(), &touches_path, &said)?;
     let frames = frames(from, &session, &frames_path, &said)?;
     Ok(format!(
         "{}: {touches} touches of {pictures} pictures\n{}: {frames} frames",
@@ -148,7 +151,13 @@ fn microseconds(unix_ns: u64) -> Cell<'static> {
     Cell::Long((unix_ns / 1000) as i64)
 }
 
-fn touches(from: &Path, path: &Path, session: &str) -> Result<(u64, u64)> {
+/// Where a recorded touch is in the robot's frame, mm; none where the sheet has no place.
+pub(super) fn on_robot(sheet: Option<&Place>, touch: &Value) -> Option<[f64; 3]> {
+    let [x, y] = [touch["x_mm"].as_f64()?, touch["y_mm"].as_f64()?];
+    sheet.map(|place| place.point_mm([x, y]))
+}
+
+fn touches(from: &Path, sheet: Option<&Place>, path: &Path, session: &str) -> Result<(u64, u64)> {
     let mut reader = Reader::open(from)?;
     let (mut touches, mut pictures) = (0, 0);
     let rows = |file: &mut Parquet<BufWriter<File>>| {
@@ -162,6 +171,7 @@ fn touches(from: &Path, path: &Path, session: &str) -> Result<(u64, u64)> {
             for touch in line["touches"].as_array().into_iter().flatten() {
                 let number = |of: &Value| Cell::Double(of.as_f64().unwrap_or(f64::NAN));
                 let force = &touch["force_n"];
+                let [x, y, z] = on_robot(sheet, touch).map_or([Cell::Missing; 3], |mm| mm.map(Cell::Double));
                 file.row(&[
                     time,
                     number(&line["time_s"]),
@@ -174,6 +184,9 @@ fn touches(from: &Path, path: &Path, session: &str) -> Result<(u64, u64)> {
                     number(&touch["total_mm2"]),
                     if force.is_null() { Cell::Missing } else { number(force) },
                     Cell::Bool(touch["uncalibrated"].as_bool().unwrap_or(false)),
+                    x,
+                    y,
+                    z,
                 ])?;
                 touches += 1;
             }
