@@ -7,7 +7,8 @@ use recording::{Known, Reader, Topic};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Frames arrive so long before their pictures are recorded, at most, ns: a replay looks for them from there on.
+/// Frames arrive so long before their pictures are recorded, ns, or as long as the recording itself says: a replay looks for them from
+/// there on.
 const LEAD_NS: u64 = 2_000_000_000;
 
 /// A baseline of a recording.
@@ -40,6 +41,8 @@ pub(crate) struct Index {
     /// Chunks that can be begun with: time of the first message, and place.
     chunks: Vec<(u64, u64)>,
     baselines: Vec<BaselineSpan>,
+    /// Pictures were recorded so long after their frames were measured, at most.
+    latest_ns: u64,
     /// Of the first step and of the last one.
     pub(crate) began_ns: u64,
     pub(crate) ended_ns: u64,
@@ -54,8 +57,12 @@ impl Index {
         let mut reader = Reader::open(path)?;
         let (mut chunks, mut baselines) = (Vec::new(), Vec::<BaselineSpan>::new());
         let (mut span, mut seen, mut is_away) = (None, None, false);
+        let mut latest_ns = 0;
         while let Some(message) = reader.next()? {
             let (log_ns, topic) = (message.log_ns, message.topic);
+            if topic == Some(Topic::Touches) {
+                latest_ns = latest_ns.max(log_ns.saturating_sub(message.publish_ns));
+            }
             let step = (topic == Some(Topic::Live))
                 .then(|| serde_json::from_slice::<LiveRecord>(message.data))
                 .transpose()?;
@@ -101,6 +108,7 @@ impl Index {
             known,
             chunks,
             baselines,
+            latest_ns,
             began_ns,
             ended_ns,
         }))
@@ -120,7 +128,7 @@ impl Index {
 
     /// Where to begin for what was recorded from a time on.
     fn place(&self, log_ns: u64) -> Option<u64> {
-        let wanted = log_ns.saturating_sub(LEAD_NS);
+        let wanted = log_ns.saturating_sub(self.latest_ns.saturating_add(LEAD_NS));
         let chunks = self.chunks.partition_point(|(begun_ns, _)| *begun_ns <= wanted);
         self.chunks.get(chunks.checked_sub(1)?).map(|(_, place)| *place)
     }
