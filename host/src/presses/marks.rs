@@ -161,7 +161,7 @@ fn svg(geometry: &Geometry, marks: &[[f64; 2]], tip_mm: f64) -> String {
         let [nx, ny] = [u / length, v / length];
         let (x, y) = (c[0], -c[1]);
         let first = k == 0;
-        let (colour, radius) = if first { ("#c00000", 2.2) } else { ("black", 1.2) };
+        let (colour, radius) = (if first { "#c00000" } else { "black" }, dot_mm(k));
         let _ = writeln!(
             out,
             "<circle cx=\"{x:.2}\" cy=\"{y:.2}\" r=\"{radius}\" fill=\"{colour}\"/>"
@@ -176,9 +176,10 @@ fn svg(geometry: &Geometry, marks: &[[f64; 2]], tip_mm: f64) -> String {
             k + 1
         );
     }
-    for (k, [x, y]) in marks.iter().enumerate() {
+    let arm = (0.8 * tip_mm).clamp(1.5, 4.0);
+    let numbers = numbers(geometry, marks, arm);
+    for (k, ([x, y], number)) in marks.iter().zip(&numbers).enumerate() {
         let y = -y;
-        let arm = (0.8 * tip_mm).clamp(1.5, 4.0);
         let _ = writeln!(
             out,
             "<g class=\"mark\" stroke=\"#0050a0\" stroke-width=\"0.25\" fill=\"none\"><circle cx=\"{x:.2}\" cy=\"{y:.2}\" r=\"{arm:.2}\"/>\
@@ -188,8 +189,8 @@ fn svg(geometry: &Geometry, marks: &[[f64; 2]], tip_mm: f64) -> String {
             x + arm,
             y - arm,
             y + arm,
-            x + 0.75 * arm + 0.3,
-            y - 0.75 * arm - 0.3,
+            number.low[0],
+            -number.low[1],
             k + 1
         );
     }
@@ -208,9 +209,110 @@ fn svg(geometry: &Geometry, marks: &[[f64; 2]], tip_mm: f64) -> String {
     out
 }
 
+/// Radius of an electrode's dot, mm.
+fn dot_mm(electrode: usize) -> f64 {
+    if electrode == 0 { 2.2 } else { 1.2 }
+}
+
+/// What a mark's number covers, mm of the sheet.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Number {
+    low: [f64; 2],
+    high: [f64; 2],
+}
+
+impl Number {
+    /// Width and height of a digit, with what is around it.
+    const DIGIT_MM: [f64; 2] = [1.9, 2.6];
+
+    /// That of a mark, right or left of it and above or below.
+    fn beside([x, y]: [f64; 2], mark: usize, arm: f64, [right, up]: [bool; 2]) -> Self {
+        let digits = (mark + 1).to_string().len() as f64;
+        let size = [Self::DIGIT_MM[0] * digits, Self::DIGIT_MM[1]];
+        let off = 0.75 * arm + 0.3;
+        let low = |at: f64, after: bool, size: f64| if after { at + off } else { at - off - size };
+        let low = [low(x, right, size[0]), low(y, up, size[1])];
+        Self {
+            low,
+            high: [0, 1].map(|k| low[k] + size[k]),
+        }
+    }
+
+    fn meets(&self, other: &Self) -> bool {
+        (0..2).all(|k| self.low[k] < other.high[k] && other.low[k] < self.high[k])
+    }
+
+    fn meets_disc(&self, centre: [f64; 2], radius: f64) -> bool {
+        let off = [0, 1].map(|k| centre[k] - centre[k].clamp(self.low[k], self.high[k]));
+        off[0].hypot(off[1]) < radius
+    }
+
+    fn corners(&self) -> [[f64; 2]; 4] {
+        let ([x0, y0], [x1, y1]) = (self.low, self.high);
+        [[x0, y0], [x1, y0], [x0, y1], [x1, y1]]
+    }
+
+    /// On how much it lies: rim, electrodes, other marks, other numbers.
+    fn lies_on(&self, geometry: &Geometry, marks: &[[f64; 2]], own: usize, arm: f64, others: &[Self]) -> usize {
+        let outside = self
+            .corners()
+            .iter()
+            .filter(|corner| !geometry.contains(**corner))
+            .count();
+        let electrodes = geometry.electrode_centres().into_iter().enumerate();
+        let on_electrodes = electrodes
+            .filter(|(k, at)| self.meets_disc(*at, dot_mm(*k) + 0.3))
+            .count();
+        let on_marks = marks
+            .iter()
+            .enumerate()
+            .filter(|(k, at)| *k != own && self.meets_disc(**at, arm))
+            .count();
+        outside + on_electrodes + on_marks + others.iter().filter(|other| self.meets(other)).count()
+    }
+}
+
+/// Where the marks' numbers go: beside the mark, where they lie on least else.
+fn numbers(geometry: &Geometry, marks: &[[f64; 2]], arm: f64) -> Vec<Number> {
+    let mut placed: Vec<Number> = Vec::with_capacity(marks.len());
+    for (k, at) in marks.iter().enumerate() {
+        let sides = [[true, true], [false, true], [true, false], [false, false]];
+        let places = sides.map(|side| Number::beside(*at, k, arm, side));
+        let best = places
+            .into_iter()
+            .min_by_key(|number| number.lies_on(geometry, marks, k, arm, &placed));
+        placed.extend(best);
+    }
+    placed
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// The number of the mark before electrode 1 was on that.
+    #[test]
+    fn numbers_of_marks_lie_on_nothing() {
+        let sheet = |name: &str| {
+            let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../sheets").join(name);
+            sheet::load(Some(&path)).unwrap().0
+        };
+        for (sheet, count) in [
+            (Sheet::paper(), 20),
+            (Sheet::paper(), 50),
+            (sheet("square.toml"), 20),
+            (sheet("forearm.toml"), 20),
+        ] {
+            let geometry = Geometry::new(&sheet).unwrap();
+            let marks: Vec<[f64; 2]> = Marks::new(&sheet, 6.0).unwrap().list(count);
+            assert_eq!(marks.len(), count);
+            let numbers = numbers(&geometry, &marks, 4.0);
+            for (k, number) in numbers.iter().enumerate() {
+                let on = number.lies_on(&geometry, &marks, k, 4.0, &numbers[..k]);
+                assert_eq!(on, 0, "mark {} of {count}: {number:?}", k + 1);
+            }
+        }
+    }
 
     #[test]
     fn a_drawing_is_as_large_as_the_sheet_and_its_marks_are_where_the_list_has_them() {
