@@ -138,7 +138,8 @@ impl Run<'_> {
                     self.obey(PageCommand::Tare)?;
                 }
                 pictures += 1;
-                if let Some(last) = &last {
+                // What came before the first picture is no part: the baseline, and what passed while that was looked into.
+                if let Some(last) = last.as_ref().filter(|_| pictures > 1) {
                     shown_s += (frame.time_s - last.time_s).max(0.0);
                 }
             }

@@ -25,6 +25,30 @@ fn ages_s(output: &Output) -> Vec<f64> {
     lines(output).iter().filter_map(age).collect()
 }
 
+/// So many seconds are those of the pictures, however long the baseline was looked into before.
+#[test]
+fn a_recording_of_so_many_seconds_has_pictures_of_as_many() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("r.mcap");
+    skin(&[
+        "record",
+        text(&file),
+        "--scene",
+        "one-touch",
+        "--every-frame",
+        "--seconds",
+        "0.5",
+    ]);
+    let (touches, _) = messages(&file, Topic::Touches);
+    let time_s = |(_, data): &(u64, Vec<u8>)| {
+        let picture: Value = serde_json::from_slice(data).unwrap();
+        picture["time_s"].as_f64().unwrap()
+    };
+    let length_s = time_s(touches.last().unwrap()) - time_s(&touches[0]);
+    // The last frame is the first that is not earlier.
+    assert!((0.5..0.52).contains(&length_s), "{length_s}");
+}
+
 /// What `skin run` prints while it records is what the replay prints, to the last bit; and nothing is missing in the file.
 pub(crate) fn same_again(folder: &Path, name: &str, arguments: &[&str]) -> Vec<Value> {
     let file = folder.join(name);
