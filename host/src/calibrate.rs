@@ -48,7 +48,7 @@ pub(crate) struct Arguments {
     #[arg(long, group = "source")]
     simulate: bool,
     /// A scene with one touch at a time, a TOML file or a name of the library such as creep; its forces are the gauge's.
-    #[arg(long, group = "source", value_name = "FILE")]
+    #[arg(long, group = "source", value_name = "FILE", hide_short_help = true)]
     scene: Option<PathBuf>,
     /// The force that is held, N [default: the table's forces; simulated: 25].
     #[arg(long, allow_negative_numbers = true, value_name = "N", value_parser = number::positive("a force in newtons above 0"))]
@@ -57,7 +57,7 @@ pub(crate) struct Arguments {
     #[arg(long, allow_negative_numbers = true, default_value_t = 45.0, value_name = "S", value_parser = number::positive("a time in seconds above 0"))]
     seconds: f64,
     /// Fit the exponent of the resistivity too; it takes a recording of more than one force.
-    #[arg(long)]
+    #[arg(long, hide_short_help = true)]
     exponent: bool,
     /// The sheet of the board, or of the simulated skin, which is pressed in the middle; a TOML file as for `skin forward` [default: the
     /// paper's disc].
@@ -67,10 +67,10 @@ pub(crate) struct Arguments {
     #[arg(long, default_value = "calibration.toml", value_name = "FILE")]
     out: PathBuf,
     /// Writes the recording to this file, a table to calibrate from again.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", hide_short_help = true)]
     save: Option<PathBuf>,
     /// Source of the simulated noise.
-    #[arg(long, default_value_t = 1, value_name = "N")]
+    #[arg(long, default_value_t = 1, value_name = "N", hide_short_help = true)]
     seed: u64,
     /// One JSON object on stdout.
     #[arg(long)]

@@ -47,10 +47,10 @@ pub(crate) struct Arguments {
     #[arg(long, group = "source", value_name = "RECORDING")]
     from: Option<PathBuf>,
     /// Frames of the unpressed sheet in the table; several are averaged [default: the first].
-    #[arg(long, value_delimiter = ',', value_name = "COLUMN[,COLUMN...]", requires = "file")]
+    #[arg(long, value_delimiter = ',', value_name = "COLUMN,...", requires = "file")]
     baseline: Vec<String>,
     /// How the sheet of the table was driven.
-    #[arg(long, value_enum, default_value_t = DriveKind::Voltage, requires = "file")]
+    #[arg(long, value_enum, default_value_t = DriveKind::Voltage, requires = "file", hide_short_help = true)]
     drive: DriveKind,
     #[command(flatten)]
     geometry: Geometry,
@@ -61,7 +61,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "COLUMN", requires = "touch", requires = "file")]
     frame: Option<String>,
     /// Radius of that finger, mm [default: 12.5 mm on a 195 mm disc, in proportion].
-    #[arg(long, value_name = "MM", value_parser = number::positive("a length in mm above 0"), requires = "touch")]
+    #[arg(long, value_name = "MM", value_parser = number::positive("a length in mm above 0"), requires = "touch", hide_short_help = true)]
     radius_mm: Option<f64>,
     /// One JSON object on stdout.
     #[arg(long)]

@@ -2,14 +2,16 @@
 
 use crate::board::{Choice, Connected};
 use crate::event::Said;
+use crate::phantom::Tried;
+use crate::recorded_board::{self, ONLY_LIVE, RecordedBoard};
 use crate::say::say;
 use crate::{number, phantom, simulated_skin};
 use anyhow::{Result, bail};
 use clap::Args;
 use hil_sim::{Fault, Preset};
-use link::phantom::{Known, channels, read};
+use link::phantom::{Finding, Known, channels, read};
 use link::{Link, LinkError, settings};
-use protocol::{Check, FromBoard, Hello, SelfTest, ToBoard};
+use protocol::{Check, FromBoard, Hello, Notice, ResetCause, SelfTest, ToBoard};
 use serde_json::json;
 use std::time::Duration;
 
@@ -18,6 +20,8 @@ use std::time::Duration;
 pub(crate) struct Arguments {
     #[command(flatten)]
     board: Choice,
+    #[command(flatten)]
+    recorded: recorded_board::From,
     /// One JSON object on stdout.
     #[arg(long)]
     json: bool,
@@ -26,7 +30,7 @@ pub(crate) struct Arguments {
     no_test: bool,
     /// The production test: a ring of equal resistors of so many ohm is in the place of the sheet, one between neighbouring
     /// electrodes. Every value is held against theory, and what is wrong is named (docs/board.md).
-    #[arg(long, value_name = "OHM", conflicts_with = "no_test", value_parser = number::positive("a resistance in ohm above 0"))]
+    #[arg(long, value_name = "OHM", conflicts_with_all = ["no_test", "from"], value_parser = number::positive("a resistance in ohm above 0"))]
     phantom: Option<f64>,
     /// What an ohmmeter shows between two neighbouring electrodes of that ring, unplugged, ohm. The values alone cannot tell a
     /// ring of smaller resistors from switches of more.
@@ -114,83 +118,175 @@ pub(crate) fn lost_reference(test: &SelfTest, hello: &Hello) -> Option<&'static 
 /// # Errors
 /// No board, or a failed self-test.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
-    let Connected { link, hello, source } = connected(arguments)?;
-    // Before the self-test: what restarted it may come again.
-    let (_, careful) = settings::status(&link)?;
-    let test = if arguments.no_test {
-        None
-    } else {
-        Some(self_test(&link)?)
+    let examined = match arguments.recorded.board(arguments.json)? {
+        Some(recorded) => Examined::of_recording(recorded, arguments.no_test),
+        None => Examined::of_board(arguments)?,
     };
-    let failed: Vec<_> = CHECKS
-        .iter()
-        .filter(|(check, ..)| test.as_ref().is_some_and(|t| !t.passed(*check)))
-        .collect();
-    let reference = test.as_ref().and_then(|test| lost_reference(test, &hello));
-    let tried = match (arguments.ring(), &test) {
-        (Some(known), Some(test)) => Some(phantom::test(&link, &hello, known, test)?),
-        _ => None,
-    };
-    // The self-test sees the amplifier behind the multiplexers; a ring shows the others as well.
-    let (channels, untried) = match (&tried, &test) {
-        (None, Some(_)) if failed.is_empty() && hello.limits.channels > 1 => match read(&link, &hello) {
-            Ok(readings) => (channels(&readings, usize::from(hello.electrodes)), None),
-            Err(LinkError::Refused(why)) => (Vec::new(), Some(why)),
-            Err(e) => return Err(e.into()),
-        },
-        _ => (Vec::new(), None),
-    };
-    if let Some(why) = &untried {
-        say!("the channels were not tried: {why}");
-    }
     if arguments.json {
-        let mut json = as_json(&hello, test.as_ref(), &source);
-        json["careful"] = json!(careful.map(|notice| Said::from(&notice)));
-        json["lost_reference"] = json!(reference);
-        json["channels"] = json!(channels.iter().map(phantom::finding).collect::<Vec<_>>());
-        json["channels_not_tried"] = json!(untried);
-        json["phantom"] = json!(tried.as_ref().map(phantom::as_json));
-        println!("{json}");
+        println!("{}", examined.as_json());
     } else {
-        describe(&hello, &source);
-        if let Some(careful) = careful {
-            println!("careful     {careful}");
-        }
-        if let Some(test) = &test {
-            println!(
-                "self-test   source at {:.1} % of full scale, noise {:.2} codes rms, offset {:.1} codes",
-                f64::from(test.source_permille) / 10.0,
-                test.noise.codes2().sqrt(),
-                test.offset.codes(),
-            );
-            println!("            {}", if failed.is_empty() { "passed" } else { "FAILED:" });
-            if let Some(reference) = reference {
-                println!("            {reference}");
-            }
-            for (_, name, what) in &failed {
-                println!(
-                    "            {name}: {what}{}",
-                    suspects(name, test.suspect, hello.electrodes)
-                );
-            }
-        }
-        if !channels.is_empty() {
-            println!("channels    FAILED, or something touched the sheet meanwhile (then try again):");
-        }
-        for finding in &channels {
-            println!("            {}: {finding}", finding.name());
-        }
-        if let Some(tried) = &tried {
-            phantom::describe(tried);
-        }
+        examined.describe();
     }
-    if tried.is_some_and(|tried| !tried.passed()) {
+    if examined.tried.as_ref().is_some_and(|tried| !tried.passed()) {
         bail!("the board does not pass on the phantom; docs/board.md says what to look at");
     }
-    if !failed.is_empty() || !channels.is_empty() {
+    if !examined.failed().is_empty() || !examined.channels.is_empty() {
         bail!("the board does not pass its self-test; see docs/board.md for what to look at");
     }
     Ok(())
+}
+
+/// What is known of a board.
+struct Examined {
+    source: String,
+    hello: Hello,
+    careful: Option<Notice>,
+    test: Option<SelfTest>,
+    tried: Option<Tried>,
+    channels: Vec<Finding>,
+    /// Why its channels were not tried.
+    untried: Option<String>,
+    /// Why it was started anew while it was recorded; none of a live board.
+    restarts: Option<Vec<ResetCause>>,
+}
+
+impl Examined {
+    fn of_recording(recorded: RecordedBoard, no_test: bool) -> Self {
+        Self {
+            source: recorded.source,
+            hello: recorded.hello,
+            careful: recorded.careful,
+            test: recorded.self_test.filter(|_| !no_test),
+            tried: None,
+            channels: Vec::new(),
+            untried: Some(ONLY_LIVE.to_owned()),
+            restarts: Some(recorded.restarts),
+        }
+    }
+
+    fn of_board(arguments: &Arguments) -> Result<Self> {
+        let Connected { link, hello, source } = connected(arguments)?;
+        // Before the self-test: what restarted it may come again.
+        let (_, careful) = settings::status(&link)?;
+        let test = if arguments.no_test {
+            None
+        } else {
+            Some(self_test(&link)?)
+        };
+        let passed = test.as_ref().is_some_and(|test| failed(test).is_empty());
+        let tried = match (arguments.ring(), &test) {
+            (Some(known), Some(test)) => Some(phantom::test(&link, &hello, known, test)?),
+            _ => None,
+        };
+        // The self-test sees the amplifier behind the multiplexers; a ring shows the others as well.
+        let (channels, untried) = if tried.is_none() && passed && hello.limits.channels > 1 {
+            match read(&link, &hello) {
+                Ok(readings) => (channels(&readings, usize::from(hello.electrodes)), None),
+                Err(LinkError::Refused(why)) => (Vec::new(), Some(why)),
+                Err(e) => return Err(e.into()),
+            }
+        } else {
+            (Vec::new(), None)
+        };
+        if let Some(why) = &untried {
+            say!("the channels were not tried: {why}");
+        }
+        Ok(Self {
+            source,
+            hello,
+            careful,
+            test,
+            tried,
+            channels,
+            untried,
+            restarts: None,
+        })
+    }
+
+    /// The parts of the self-test that failed, with what is wrong.
+    fn failed(&self) -> Vec<(&'static str, &'static str)> {
+        self.test.as_ref().map_or_else(Vec::new, failed)
+    }
+
+    fn lost_reference(&self) -> Option<&'static str> {
+        self.test.as_ref().and_then(|test| lost_reference(test, &self.hello))
+    }
+
+    fn as_json(&self) -> serde_json::Value {
+        let mut json = as_json(&self.hello, self.test.as_ref(), &self.source);
+        json["careful"] = json!(self.careful.as_ref().map(Said::from));
+        json["lost_reference"] = json!(self.lost_reference());
+        json["channels"] = json!(self.channels.iter().map(phantom::finding).collect::<Vec<_>>());
+        json["channels_not_tried"] = json!(self.untried);
+        json["phantom"] = json!(self.tried.as_ref().map(phantom::as_json));
+        let restarts = |all: &Vec<ResetCause>| all.iter().map(|why| format!("{why:?}")).collect::<Vec<_>>();
+        json["recorded_restarts"] = json!(self.restarts.as_ref().map(restarts));
+        json
+    }
+
+    fn describe(&self) {
+        describe(&self.hello, &self.source);
+        if let Some(careful) = &self.careful {
+            println!("careful     {careful}");
+        }
+        match &self.restarts {
+            Some(restarts) if !restarts.is_empty() => {
+                let causes: Vec<String> = restarts.iter().map(|why| format!("{why:?}")).collect();
+                println!(
+                    "restarted   {} times while recorded: {}",
+                    restarts.len(),
+                    causes.join(", ")
+                );
+            }
+            _ => {}
+        }
+        if let Some(test) = &self.test {
+            self.describe_test(test);
+        }
+        if self.restarts.is_some() {
+            let what = if self.test.is_some() {
+                "channels   "
+            } else {
+                "self-test  "
+            };
+            println!("{what} {ONLY_LIVE}");
+        }
+        if !self.channels.is_empty() {
+            println!("channels    FAILED, or something touched the sheet meanwhile (then try again):");
+        }
+        for finding in &self.channels {
+            println!("            {}: {finding}", finding.name());
+        }
+        if let Some(tried) = &self.tried {
+            phantom::describe(tried);
+        }
+    }
+
+    fn describe_test(&self, test: &SelfTest) {
+        let failed = self.failed();
+        println!(
+            "self-test   source at {:.1} % of full scale, noise {:.2} codes rms, offset {:.1} codes",
+            f64::from(test.source_permille) / 10.0,
+            test.noise.codes2().sqrt(),
+            test.offset.codes(),
+        );
+        println!("            {}", if failed.is_empty() { "passed" } else { "FAILED:" });
+        if let Some(reference) = self.lost_reference() {
+            println!("            {reference}");
+        }
+        for (name, what) in failed {
+            println!(
+                "            {name}: {what}{}",
+                suspects(name, test.suspect, self.hello.electrodes)
+            );
+        }
+    }
+}
+
+/// The parts of a self-test that failed, with what is wrong.
+fn failed(test: &SelfTest) -> Vec<(&'static str, &'static str)> {
+    let failed = CHECKS.iter().filter(|(check, ..)| !test.passed(*check));
+    failed.map(|(_, name, what)| (*name, *what)).collect()
 }
 
 /// The board, or a simulated one with what was asked for.
@@ -263,11 +359,7 @@ fn describe(hello: &Hello, source: &str) {
 
 fn as_json(hello: &Hello, test: Option<&SelfTest>, source: &str) -> serde_json::Value {
     let test = test.map(|t| {
-        let failed: Vec<&str> = CHECKS
-            .iter()
-            .filter(|(c, ..)| !t.passed(*c))
-            .map(|(_, name, _)| *name)
-            .collect();
+        let failed: Vec<&str> = failed(t).into_iter().map(|(name, _)| name).collect();
         json!({
             "failed": failed,
             "source_permille": t.source_permille,

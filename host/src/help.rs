@@ -10,7 +10,7 @@ const EXAMPLES: [(&str, &[Example]); 21] = [
     (
         "run",
         &[
-            ["skin run", "the page, of the board on USB or of the simulated skin"],
+            ["skin run", "the page, of the board or simulated"],
             ["skin run --json --record", "lines on stdout, and a recording"],
             ["skin run --on tap 'aplay click.wav'", "a command at every tap"],
         ],
@@ -19,20 +19,14 @@ const EXAMPLES: [(&str, &[Example]); 21] = [
         "record",
         &[
             ["skin record touches.mcap", "until Ctrl-C"],
-            [
-                "skin record --seconds 60",
-                "a minute; the file is named by time and board",
-            ],
+            ["skin record --seconds 60", "a minute, in a file of its own"],
             ["skin record robot.mcap --skins robot.toml", "several skins in one file"],
         ],
     ),
     (
         "replay",
         &[
-            [
-                "skin replay touches.mcap",
-                "the page as it was; its slider goes anywhere",
-            ],
+            ["skin replay touches.mcap", "the page as it was"],
             ["skin replay touches.mcap --json --speed max", "its lines, at once"],
             ["skin replay robot.mcap#palm", "one skin of several"],
         ],
@@ -41,7 +35,8 @@ const EXAMPLES: [(&str, &[Example]); 21] = [
         "info",
         &[
             ["skin info touches.mcap", "length, board, sheet, frames, losses"],
-            ["skin info robot.mcap#palm --json", "of one skin, for programs"],
+            ["skin info robot.mcap#palm", "of one skin of several"],
+            ["skin info touches.mcap --json", "for programs"],
         ],
     ),
     (
@@ -49,54 +44,44 @@ const EXAMPLES: [(&str, &[Example]); 21] = [
         &[
             ["skin export touches.mcap --to npz", "numpy, in pyEIT's order"],
             ["skin export touches.mcap --to touches-csv", "one touch a line"],
-            [
-                "skin export touches.mcap --to parquet --out fleet",
-                "tables of many recordings",
-            ],
+            ["skin export touches.mcap --to parquet --out fleet", "many in a table"],
         ],
     ),
     (
         "dataset",
         &[
+            ["skin dataset --scenes s.toml --count 1000 --out DIR", "labelled frames"],
             [
-                "skin dataset --scenes studies/scenes/touches.toml --count 100000 --out touches",
-                "labelled frames to learn from",
+                "skin dataset --scenes s.toml --count 9 --out DIR --format npz",
+                "for numpy",
             ],
             [
-                "skin dataset --scenes s.toml --count 1000000 --out DIR --shard 3/16",
-                "one job of sixteen",
+                "skin dataset --scenes s.toml --count 9999 --out DIR --shard 3/16",
+                "a part",
             ],
         ],
     ),
     (
         "recover",
-        &[["skin recover cut.mcap --out whole.mcap", "after a power cut"]],
+        &[
+            ["skin recover cut.mcap --out whole.mcap", "after a power cut"],
+            ["skin recover robot.mcap --out all.mcap", "of several skins all"],
+            ["skin recover usb/cut.mcap --out here.mcap", "from another disk"],
+        ],
     ),
     (
         "reconstruct",
         &[
-            [
-                "skin reconstruct frames.csv --baseline 1,2,3",
-                "a table of this program",
-            ],
-            [
-                "skin reconstruct frames.npy --order pyeit --baseline 1-8",
-                "another tomograph's",
-            ],
-            [
-                "skin reconstruct --from touches.mcap --png pictures",
-                "a recording's frames",
-            ],
+            ["skin reconstruct frames.csv --baseline 1,2,3", "our table"],
+            ["skin reconstruct frames.npy --order pyeit --baseline 1-8", "another's"],
+            ["skin reconstruct --from touches.mcap --png pictures", "a recording"],
         ],
     ),
     (
         "check",
         &[
-            ["skin check", "of the board on USB, with nothing on the sheet"],
-            [
-                "skin check --touch 40,0",
-                "with a finger there: tells turns and mirrors, too",
-            ],
+            ["skin check", "the board, nothing on the sheet"],
+            ["skin check --touch 40,0", "a finger there tells turns, too"],
             ["skin check --from touches.mcap", "of a recording"],
         ],
     ),
@@ -104,14 +89,8 @@ const EXAMPLES: [(&str, &[Example]); 21] = [
         "forward",
         &[
             ["skin forward", "the table of the untouched disc"],
-            [
-                "skin forward --touch 30,-20,12.5,0.2",
-                "of a touch: x, y, radius in mm, rise",
-            ],
-            [
-                "skin forward --sheet forearm.toml --csv",
-                "of another sheet, for reconstruct",
-            ],
+            ["skin forward --touch 30,-20,12.5,0.2", "x, y, radius in mm, rise"],
+            ["skin forward --sheet forearm.toml --csv", "of another sheet"],
         ],
     ),
     (
@@ -127,17 +106,15 @@ const EXAMPLES: [(&str, &[Example]); 21] = [
         &[
             ["skin paper --out report --quick", "a first look, in 20 s"],
             ["skin paper --out report", "all of it, in 2 min"],
+            ["skin paper --out report --from touches.mcap", "of a recorded run"],
         ],
     ),
     (
         "calibrate",
         &[
-            [
-                "skin calibrate --port /dev/ttyUSB0 --force-n 10",
-                "from a press-and-hold with 10 N",
-            ],
+            ["skin calibrate --port /dev/ttyUSB0 --force-n 10", "press and hold 10 N"],
             ["skin calibrate --from hold.mcap --force-n 10", "from a recorded one"],
-            ["skin calibrate --simulate", "how it goes, without a board"],
+            ["skin calibrate --simulate", "without a board"],
         ],
     ),
     (
@@ -160,17 +137,14 @@ const EXAMPLES: [(&str, &[Example]); 21] = [
         "hello",
         &[
             ["skin hello", "the board on USB"],
-            ["skin hello --phantom 470", "the production test, on a ring of 470 ohm"],
-            ["skin hello --simulate", "the simulated board"],
+            ["skin hello --phantom 470", "on a ring of resistors of 470 ohm"],
+            ["skin hello --from touches.mcap", "who the board of a recording was"],
         ],
     ),
     (
         "sim",
         &[
-            [
-                "skin sim --pty --link /tmp/skin",
-                "a serial port: skin run --port /tmp/skin",
-            ],
+            ["skin sim --pty --link /tmp/skin", "a serial port, /tmp/skin"],
             ["skin sim --scene hand", "a table of frames"],
             ["skin sim --pty --fault cable_pulled@5+2", "with something that breaks"],
         ],
@@ -178,18 +152,16 @@ const EXAMPLES: [(&str, &[Example]); 21] = [
     (
         "doctor",
         &[
-            ["skin doctor", "the board on USB, with nothing on the sheet"],
+            ["skin doctor", "nothing on the sheet"],
             ["skin doctor --from touches.mcap", "what a recording tells"],
-            [
-                "skin doctor --simulate --fault electrode_open:3@0",
-                "what a loose wire looks like",
-            ],
+            ["skin doctor --simulate --fault electrode_open:3@0", "a loose wire"],
         ],
     ),
     (
         "report",
         &[
-            ["skin report", "a zip file with what whoever looks for a fault needs"],
+            ["skin report", "a zip file for who looks for a fault"],
+            ["skin report --simulate fault.zip", "what such a file looks like"],
             ["skin report --from touches.mcap fault.zip", "of a recording"],
         ],
     ),
@@ -197,36 +169,134 @@ const EXAMPLES: [(&str, &[Example]); 21] = [
         "settings",
         &[
             ["skin settings", "what is set, and what is stored"],
-            ["skin settings set --plan fast --autostart on", "sets and stores it"],
-            ["skin settings forget", "as it was made, from the next start on"],
+            ["skin settings set --plan fast --autostart on", "sets, and stores it"],
+            ["skin settings --from touches.mcap", "of a recorded board"],
         ],
     ),
     (
         "completions",
         &[
-            [
-                "skin completions bash",
-                "for ~/.local/share/bash-completion/completions/skin",
-            ],
+            ["skin completions bash", "into ~/.local/share/bash-completion/"],
             ["skin completions zsh", "for \"${fpath[1]}/_skin\""],
             ["skin completions fish", "for ~/.config/fish/completions/skin.fish"],
         ],
     ),
 ];
 
+/// Examples of commands of commands.
+const OF_PARTS: [((&str, &str), [Example; 3]); 9] = [
+    (
+        ("bench", "skins"),
+        [
+            ["skin bench skins tables", "all tables of a folder"],
+            ["skin bench skins tables --json", "for programs"],
+            ["skin bench skins tables --svg skins.svg", "a picture, too"],
+        ],
+    ),
+    (
+        ("calibrate", "presses"),
+        [
+            ["skin calibrate presses --port /dev/ttyUSB0", "guides through presses"],
+            ["skin calibrate presses --from presses.mcap", "of a recording"],
+            ["skin calibrate presses --simulate", "without a board"],
+        ],
+    ),
+    (
+        ("calibrate", "marks"),
+        [
+            ["skin calibrate marks --svg marks.svg", "a drawing to print"],
+            ["skin calibrate marks --count 50 --csv marks.csv", "a list of 50"],
+            ["skin calibrate marks --sheet forearm.toml", "of another sheet"],
+        ],
+    ),
+    (
+        ("calibrate", "gcode"),
+        [
+            ["skin calibrate gcode --out press.gcode", "20 marks, and when and where"],
+            ["skin calibrate gcode --out press.gcode --count 50", "more of them"],
+            ["skin calibrate gcode --out press.gcode --depth-mm 2", "deeper"],
+        ],
+    ),
+    (
+        ("settings", "show"),
+        [
+            ["skin settings show", "what is set, and what is stored"],
+            ["skin settings show --json", "for programs"],
+            ["skin settings show --from touches.mcap", "of a recorded board"],
+        ],
+    ),
+    (
+        ("settings", "set"),
+        [
+            ["skin settings set --plan fast", "what a frame measures"],
+            ["skin settings set --watch auto --autostart on", "starts by itself"],
+            ["skin settings set --excitation 200 --no-store", "until the reset"],
+        ],
+    ),
+    (
+        ("settings", "store"),
+        [
+            ["skin settings store", "the board on USB"],
+            ["skin settings store --port /dev/ttyUSB0", "by its port"],
+            ["skin settings store --simulate", "without a board"],
+        ],
+    ),
+    (
+        ("settings", "forget"),
+        [
+            ["skin settings forget", "the board on USB"],
+            ["skin settings forget --port /dev/ttyUSB0", "by its port"],
+            ["skin settings forget --simulate", "without a board"],
+        ],
+    ),
+    (
+        ("settings", "baseline"),
+        [
+            ["skin settings baseline", "the board on USB"],
+            ["skin settings baseline --port /dev/ttyUSB0", "by its port"],
+            ["skin settings baseline --simulate", "without a board"],
+        ],
+    ),
+];
+
+/// Commands that ask a board and read no recording, and why.
+const LIVE_ONLY: [(&str, &str); 3] = [
+    ("run", "A recording is shown by skin replay FILE."),
+    (
+        "record",
+        "What a recording holds is shown by skin replay FILE, and written by skin export FILE.",
+    ),
+    (
+        "flash",
+        "A program goes into a board: no recording takes the board's place.",
+    ),
+];
+
 /// What a command is, its examples, and then what clap says.
 const TEMPLATE: &str = "{about-with-newline}\n{before-help}{usage-heading} {usage}\n\n{all-args}{after-help}";
+
+/// Examples, one a line.
+fn lines_of(examples: &[Example]) -> String {
+    let widest = examples.iter().map(|[line, _]| line.len()).max().unwrap_or(0);
+    let line = |[line, what]: &Example| format!("    {line:widest$}  {what}");
+    examples.iter().map(line).collect::<Vec<_>>().join("\n")
+}
 
 /// The command line with its examples.
 pub(crate) fn with_examples(mut command: Command) -> Command {
     for (name, examples) in EXAMPLES {
-        let widest = examples.iter().map(|[line, _]| line.len()).max().unwrap_or(0);
-        let lines: Vec<String> = examples
-            .iter()
-            .map(|[line, what]| format!("    {line:widest$}  {what}"))
-            .collect();
-        let text = lines.join("\n");
-        command = command.mut_subcommand(name, |c| c.before_help(text).help_template(TEMPLATE));
+        let text = lines_of(examples);
+        let why = LIVE_ONLY.iter().find(|(of, _)| *of == name).map(|(_, why)| *why);
+        command = command.mut_subcommand(name, |c| {
+            let mut c = c.before_help(text).help_template(TEMPLATE);
+            for ((_, part), examples) in OF_PARTS.iter().filter(|((of, _), _)| *of == name) {
+                c = c.mut_subcommand(part, |of| of.before_help(lines_of(examples)).help_template(TEMPLATE));
+            }
+            match why {
+                Some(why) => c.after_help(why),
+                None => c,
+            }
+        });
     }
     command
 }
@@ -236,6 +306,114 @@ mod tests {
     use super::*;
     use crate::Cli;
     use clap::CommandFactory;
+
+    fn has(command: &Command, option: &str) -> bool {
+        command.get_arguments().any(|a| a.get_long() == Some(option))
+    }
+
+    /// Every command that asks a board reads a recording, or says why it does not.
+    #[test]
+    fn what_asks_a_board_reads_a_recording() {
+        fn asked(command: &Command, asking: &mut Vec<String>) {
+            let name = command.get_name();
+            let why = LIVE_ONLY.iter().find(|(of, _)| *of == name);
+            if has(command, "port") {
+                asking.push(name.to_owned());
+                assert_ne!(has(command, "from"), why.is_some(), "{name}");
+            }
+            command.get_subcommands().for_each(|of| asked(of, asking));
+        }
+        let command = with_examples(Cli::command());
+        let mut asking = Vec::new();
+        command.get_subcommands().for_each(|of| asked(of, &mut asking));
+        asking.sort();
+        let expected = [
+            "calibrate",
+            "check",
+            "doctor",
+            "flash",
+            "hello",
+            "presses",
+            "record",
+            "report",
+            "run",
+            "settings",
+        ];
+        assert_eq!(asking, expected);
+        for (name, why) in LIVE_ONLY {
+            let help = command
+                .clone()
+                .try_get_matches_from(["skin", name, "-h"])
+                .unwrap_err()
+                .to_string();
+            assert!(help.contains(why), "{help}");
+        }
+        // It asks no board, and takes the run in the place of its own.
+        assert!(
+            command
+                .get_subcommands()
+                .any(|of| of.get_name() == "paper" && has(of, "from"))
+        );
+    }
+
+    /// Each begins with three examples and has at most 40 lines on a screen of 80 letters; what it leaves out is in the long help.
+    #[test]
+    fn every_short_help_is_one_screen() {
+        const WIDTH: usize = 80;
+        fn all(command: &Command, path: &[String], found: &mut Vec<Vec<String>>) {
+            for of in command.get_subcommands().filter(|of| of.get_name() != "help") {
+                let path = [path, &[of.get_name().to_owned()]].concat();
+                found.push(path.clone());
+                all(of, &path, found);
+            }
+        }
+        let command = with_examples(Cli::command()).term_width(WIDTH);
+        let mut paths = Vec::new();
+        all(&command, &[], &mut paths);
+        assert!(paths.len() > EXAMPLES.len(), "{paths:?}");
+        for path in paths {
+            let name = path.join(" ");
+            let help = |option: &str| {
+                let words = ["skin".to_owned()]
+                    .into_iter()
+                    .chain(path.clone())
+                    .chain([option.to_owned()]);
+                command.clone().try_get_matches_from(words).unwrap_err().to_string()
+            };
+            let (short, long) = (help("-h"), help("--help"));
+            // A terminal breaks what is wider, such as clap's line of usage.
+            let rows: usize = short
+                .lines()
+                .map(|line| line.chars().count().div_ceil(WIDTH).max(1))
+                .sum();
+            assert!(rows <= 40, "{name}: {rows} rows\n{short}");
+            let wide = short
+                .lines()
+                .find(|line| line.chars().count() > WIDTH && !line.contains("skin "));
+            assert_eq!(wide, None, "{name}");
+            let usage = short.find("Usage:").unwrap();
+            let examples: Vec<&str> = short[..usage]
+                .lines()
+                .filter(|line| line.starts_with("    skin "))
+                .collect();
+            assert_eq!(examples.len(), 3, "{name}: {short}");
+            assert!(
+                examples.iter().all(|line| line.chars().count() <= WIDTH),
+                "{name}: {examples:#?}"
+            );
+            let of = path.iter().fold(&command, |of, name| of.find_subcommand(name).unwrap());
+            for line in examples {
+                let words: Vec<&str> = line.trim().split("  ").next().unwrap().split(' ').collect();
+                // Commands in quotes are tried elsewhere.
+                if !line.contains('\'') {
+                    command.clone().try_get_matches_from(words).unwrap();
+                }
+            }
+            for option in of.get_arguments().filter_map(clap::Arg::get_long) {
+                assert!(long.contains(&format!("--{option}")), "{name}: --{option}");
+            }
+        }
+    }
 
     #[test]
     fn every_command_has_examples_and_every_example_is_understood() {

@@ -60,6 +60,7 @@ mod reconstruct;
 mod record;
 mod recordable;
 mod recorded;
+mod recorded_board;
 mod recorded_frames;
 mod recording_file;
 mod recover;

@@ -83,7 +83,10 @@ impl Loaded {
 }
 
 /// The touches of every picture that was recorded.
-fn pictures(path: &Path) -> Result<Vec<LoadedPicture>> {
+///
+/// # Errors
+/// The file cannot be read.
+pub(crate) fn pictures(path: &Path) -> Result<Vec<LoadedPicture>> {
     let mut script = Script::open(path)?;
     let mut pictures = Vec::new();
     while let Some(step) = script.next()? {

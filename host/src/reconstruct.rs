@@ -43,8 +43,9 @@ pub(crate) struct Arguments {
     /// --order one frame a line (text, .npy, .npz, .mat).
     #[arg(required_unless_present = "from")]
     file: Option<PathBuf>,
-    /// A recording in place of a table, with its sheet and its wires; its columns are named as skin export names them [default
-    /// baseline: the frames that it was taken of].
+    /// A recording in place of a table.
+    ///
+    /// With its sheet and its wires; its columns are named as skin export names them [default baseline: the frames that it was taken of].
     #[arg(long, value_name = "RECORDING", conflicts_with_all = ["file", "order", "wires"])]
     from: Option<PathBuf>,
     #[command(flatten)]
@@ -64,7 +65,7 @@ pub(crate) struct Arguments {
     )]
     variable: Vec<String>,
     /// How the sheet was driven.
-    #[arg(long, value_enum, default_value_t = DriveKind::Voltage)]
+    #[arg(long, value_enum, default_value_t = DriveKind::Voltage, hide_short_help = true)]
     drive: DriveKind,
     #[command(flatten)]
     geometry: Geometry,
@@ -81,13 +82,15 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "DIR")]
     png: Option<PathBuf>,
     /// Writes the cells of every frame, FRAME.csv with x_mm, y_mm and relative rise, into this folder.
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR", hide_short_help = true)]
     cells: Option<PathBuf>,
     /// Which way touches change the resistance of the sheet [default: the way that explains a frame].
     #[arg(long, value_name = "WAY", value_parser = crate::rise::parser(), hide_short_help = true)]
     rise: Option<Polarity>,
-    /// What `skin calibrate` wrote. With --frame-s forces in newtons with the creep of the rubber taken out, the frames being those of one
-    /// recording in the order of the columns. What `skin calibrate presses` wrote locates presses by it, in place of the model.
+    /// What `skin calibrate` wrote: forces, or places by presses.
+    ///
+    /// With --frame-s forces in newtons with the creep of the rubber taken out, the frames being those of one recording in the order of the
+    /// columns. What `skin calibrate presses` wrote locates presses by it, in place of the model.
     #[arg(long, value_name = "FILE")]
     calibration: Option<PathBuf>,
     /// The frames follow one another, so many s from one to the next: what is broken or changed on the sheet is then told over several of

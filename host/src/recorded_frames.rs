@@ -61,8 +61,9 @@ pub(crate) struct RecordedFrames {
     started: bool,
     /// Board's time, ns of the host and time since the first frame of the frame before.
     before: Option<(f64, u64, f64)>,
-    /// Frames so far.
+    /// Frames so far, and bytes of the wire since the first of them was to come.
     count: u64,
+    wire_bytes: u64,
     part: Part,
     progress: Progress,
     bytes: u64,
@@ -86,6 +87,7 @@ impl RecordedFrames {
             started: false,
             before: None,
             count: 0,
+            wire_bytes: 0,
             part: part.clone(),
             progress: Progress::new("reading the recording", silent),
             bytes: std::fs::metadata(recording::split(path).0)
@@ -127,6 +129,9 @@ impl RecordedFrames {
             }
             if topic != Some(Topic::Board) {
                 continue;
+            }
+            if self.started {
+                self.wire_bytes += message.data.len() as u64;
             }
             let mut decoded = None;
             self.decoder
@@ -170,6 +175,11 @@ impl RecordedFrames {
             eprintln!("{}: the file was cut short; what is there is read", self.reader.file());
         }
         Ok(None)
+    }
+
+    /// Bytes of the wire for every frame so far, with all that comes between frames; none before the first.
+    pub(crate) fn bytes_per_frame(&self) -> Option<f64> {
+        (self.count > 0).then(|| self.wire_bytes as f64 / self.count as f64)
     }
 
     /// Numbers of the frames that made the first baseline, once the frames were read.

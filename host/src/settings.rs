@@ -1,13 +1,15 @@
 //! `skin settings`: what a board is set to and keeps.
 
 use crate::board::{Choice, Connected};
+use crate::recorded_board::{self, ONLY_LIVE, RecordedBoard};
+use crate::usage::Usage;
 use crate::{number, plan};
 use anyhow::{Result, bail};
 use clap::builder::RangedU64ValueParser;
 use clap::{ArgGroup, Args, Subcommand, ValueEnum};
 use link::plans::{PlanChoice, described};
-use link::settings::{Change, Settings, change, learn, read, store};
-use protocol::{Baseline, Hello, PlanName, QUARTERS, Stored, Watch, Watching};
+use link::settings::{Change, change, learn, read, store};
+use protocol::{Baseline, Hello, Plan, PlanName, QUARTERS, Status, Stored, Watch, Watching};
 use serde_json::json;
 
 /// Arguments of `skin settings`.
@@ -17,6 +19,8 @@ pub(crate) struct Arguments {
     action: Option<Action>,
     #[command(flatten)]
     board: Choice,
+    #[command(flatten)]
+    recorded: recorded_board::From,
     /// One JSON object on stdout.
     #[arg(long, global = true)]
     json: bool,
@@ -106,6 +110,25 @@ impl WatchName {
 /// # Errors
 /// No board, or one that refuses.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
+    let action = arguments.action.as_ref().unwrap_or(&Action::Show);
+    if let Some(recorded) = arguments.recorded.board(arguments.json)? {
+        if !matches!(action, Action::Show) {
+            let why = "a recording only shows what was set; name the board with --port to change it";
+            return Err(Usage(why.to_owned()).into());
+        }
+        let RecordedBoard { hello, source, .. } = &recorded;
+        let shown = Shown {
+            status: recorded.status,
+            plan: &recorded.plan,
+            watch: recorded.watch.as_ref().map(Option::as_ref),
+        };
+        if arguments.json {
+            println!("{}", as_json(&shown, None, hello, source));
+        } else {
+            describe(&shown, hello, source);
+        }
+        return Ok(());
+    }
     let Connected {
         mut link,
         hello,
@@ -116,7 +139,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         link.leave_running();
     }
     let mut baseline = None;
-    match arguments.action.as_ref().unwrap_or(&Action::Show) {
+    match action {
         Action::Show => {}
         Action::Set(set) => {
             change(&link, &set.change(&hello)?)?;
@@ -134,10 +157,15 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         }
     }
     let settings = read(&link)?;
+    let shown = Shown {
+        status: Some(settings.status),
+        plan: &settings.plan,
+        watch: Some(settings.watch.as_ref()),
+    };
     if arguments.json {
-        println!("{}", as_json(&settings, baseline.as_ref(), &hello, &source));
+        println!("{}", as_json(&shown, baseline.as_ref(), &hello, &source));
     } else {
-        describe(&settings, &hello, &source);
+        describe(&shown, &hello, &source);
         if let Some(baseline) = &baseline {
             println!(
                 "baseline    of {} values from {} scans, noise {:.2} codes rms",
@@ -204,8 +232,8 @@ fn scan_ms(watch: &Watch, board: &Hello) -> f64 {
     1e3 * f64::from(quarters) / f64::from(QUARTERS) / board.excitation_hz()
 }
 
-fn doing(settings: &Settings) -> &'static str {
-    match (settings.status.running, settings.status.watching) {
+fn doing(status: &Status) -> &'static str {
+    match (status.running, status.watching) {
         (false, _) => "stopped",
         (true, Watching::Off) => "measuring",
         (true, Watching::Learning) => "learning the watch's baseline",
@@ -214,15 +242,24 @@ fn doing(settings: &Settings) -> &'static str {
     }
 }
 
-fn describe(settings: &Settings, hello: &Hello, source: &str) {
-    let Settings { status, plan, watch } = settings;
+/// What is in force; what a recording does not tell is none.
+struct Shown<'a> {
+    status: Option<Status>,
+    plan: &'a Plan,
+    /// The inner one is none without a watch.
+    watch: Option<Option<&'a Watch>>,
+}
+
+fn describe(shown: &Shown<'_>, hello: &Hello, source: &str) {
+    let Shown { status, plan, watch } = shown;
     println!("port        {source}");
     println!("board       {}, serial {}", hello.board, hello.serial);
     let name = PlanName::of(plan, hello.electrodes).map_or("of its own", PlanName::name);
     println!("plan        {name}: {}", described(plan.recipe(), hello));
     match watch {
-        None => println!("watch       none: frames all the time"),
-        Some(watch) => println!(
+        None => println!("watch       {ONLY_LIVE}"),
+        Some(None) => println!("watch       none: frames all the time"),
+        Some(Some(watch)) => println!(
             "watch       {}: {}, every {:.1} ms; threshold {}",
             watch_name(watch),
             described(watch.recipe(), hello),
@@ -230,13 +267,17 @@ fn describe(settings: &Settings, hello: &Hello, source: &str) {
             f64::from(watch.threshold) / 256.0
         ),
     }
+    let Some(status) = status else {
+        println!("the rest    {ONLY_LIVE}");
+        return;
+    };
     println!(
         "excitation  {:.1} % of {:.2} V",
         f64::from(status.excitation_permille) / 10.0,
         f64::from(hello.excitation_uv) * 1e-6
     );
     println!("autostart   {}", if status.autostart { "on" } else { "off" });
-    println!("state       {}", doing(settings));
+    println!("state       {}", doing(status));
     println!(
         "stored      {}",
         match status.stored {
@@ -251,9 +292,15 @@ fn describe(settings: &Settings, hello: &Hello, source: &str) {
     );
 }
 
-fn as_json(settings: &Settings, baseline: Option<&Baseline>, hello: &Hello, source: &str) -> serde_json::Value {
-    let Settings { status, plan, watch } = settings;
-    let watch = watch.as_ref().map(|w| {
+fn as_json(shown: &Shown<'_>, baseline: Option<&Baseline>, hello: &Hello, source: &str) -> serde_json::Value {
+    let Shown { status, plan, watch } = shown;
+    let not_recorded = [
+        watch.is_none().then_some(&["watch"][..]),
+        status
+            .is_none()
+            .then_some(&["excitation_permille", "autostart", "running", "watching", "stored"][..]),
+    ];
+    let watch = watch.flatten().map(|w| {
         json!({
             "name": watch_name(w),
             "values": w.recipe().value_count(),
@@ -280,11 +327,12 @@ fn as_json(settings: &Settings, baseline: Option<&Baseline>, hello: &Hello, sour
             "frame_ms": frame_ms,
         },
         "watch": watch,
-        "excitation_permille": status.excitation_permille,
-        "autostart": status.autostart,
-        "running": status.running,
-        "watching": format!("{:?}", status.watching),
-        "stored": format!("{:?}", status.stored),
+        "excitation_permille": status.map(|s| s.excitation_permille),
+        "autostart": status.map(|s| s.autostart),
+        "running": status.map(|s| s.running),
+        "watching": status.map(|s| format!("{:?}", s.watching)),
+        "stored": status.map(|s| format!("{:?}", s.stored)),
         "baseline": baseline,
+        "not_recorded": not_recorded.into_iter().flatten().flatten().collect::<Vec<_>>(),
     })
 }

@@ -23,10 +23,10 @@ pub(crate) struct Arguments {
     fault: Vec<Fault>,
     /// The board's electronics, with nothing changed: sixteen_channels, ideal, drawn_board or drawn_sixteen (docs/simulator.md) [default: the
     /// scene's].
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, value_name = "NAME", hide_short_help = true)]
     preset: Option<Preset>,
     /// Seed of all that is random [default: the scene's].
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", hide_short_help = true)]
     seed: Option<u64>,
     /// Behind a pseudo-terminal, whose name is printed: open it as a serial port (`skin run --port NAME`). Until it is
     /// interrupted.
@@ -41,12 +41,13 @@ pub(crate) struct Arguments {
         value_name = "MS",
         default_value_t = 16,
         value_parser = clap::value_parser!(u64).range(1..=255),
-        requires = "pty"
+        requires = "pty",
+        hide_short_help = true
     )]
     latency_ms: u64,
     /// Behind the port time passes as fast as the port is read, and stands still while nobody reads or the board is idle: for
     /// tests of other programs, on however slow a machine.
-    #[arg(long, requires = "pty")]
+    #[arg(long, requires = "pty", hide_short_help = true)]
     unpaced: bool,
     /// How long it runs, s [default: as long as the scene].
     #[arg(long, value_name = "S", value_parser = number::positive("a time in seconds above 0"))]
@@ -55,7 +56,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "S", default_value = "0.5", value_parser = number::positive("a time in seconds above 0"))]
     pub(crate) every_s: f64,
     /// Writes what the board sends, byte for byte, to this file, and no table.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", hide_short_help = true)]
     bytes: Option<PathBuf>,
     /// Writes the touches that there really are at every frame of the table to this file, one JSON object a line.
     #[arg(long, value_name = "FILE", conflicts_with = "bytes")]

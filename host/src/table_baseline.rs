@@ -17,17 +17,17 @@ use std::path::{Path, PathBuf};
 #[derive(Clone, Debug, Args)]
 pub(crate) struct BaselineArguments {
     /// Frames of the unpressed sheet, or a range of them such as 1-8; several are averaged, and eight or more tell the noise.
-    #[arg(long, required_unless_present_any = ["before", "difference", "from"], value_delimiter = ',', value_name = "COLUMN[,COLUMN...]")]
+    #[arg(long, required_unless_present_any = ["before", "difference", "from"], value_delimiter = ',', value_name = "COLUMN,...")]
     baseline: Vec<String>,
     /// Each frame's own baseline: a CSV with the columns frame and before, which name a frame and the one of the unpressed sheet
     /// just before it. Frames that have none are compared with --baseline.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", hide_short_help = true)]
     before: Option<PathBuf>,
     /// The columns hold changes alone, pressed less unpressed; the unpressed values are taken from the model.
     #[arg(long, conflicts_with_all = ["baseline", "before"])]
     difference: bool,
     /// What 1 in a table of changes is, V of the model (with a current: at 1 mA and 1000 ohm per square) [default: 1].
-    #[arg(long, value_name = "V", requires = "difference", value_parser = number::positive("a voltage above 0"))]
+    #[arg(long, value_name = "V", requires = "difference", value_parser = number::positive("a voltage above 0"), hide_short_help = true)]
     unit_v: Option<f64>,
 }
 

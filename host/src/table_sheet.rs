@@ -18,22 +18,22 @@ pub(crate) struct Geometry {
     #[arg(long, value_name = "FILE", conflicts_with_all = ["diameter_mm", "first_electrode_deg", "clockwise", "electrodes", "electrode_mm"])]
     sheet: Option<PathBuf>,
     /// Diameter of the sheet, mm [default: 195].
-    #[arg(long, allow_negative_numbers = true, value_name = "MM", value_parser = length())]
+    #[arg(long, allow_negative_numbers = true, value_name = "MM", value_parser = length(), hide_short_help = true)]
     diameter_mm: Option<f64>,
     /// Angle of electrode 1, degrees counter-clockwise from +x.
-    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true, value_name = "DEGREES", value_parser = number::allowed("an angle in degrees", |_| true))]
+    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true, value_name = "DEGREES", value_parser = number::allowed("an angle in degrees", |_| true), hide_short_help = true)]
     first_electrode_deg: f64,
     /// The electrodes are numbered clockwise.
-    #[arg(long)]
+    #[arg(long, hide_short_help = true)]
     clockwise: bool,
     /// How many electrodes the disc has [default: 16].
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", hide_short_help = true)]
     electrodes: Option<usize>,
     /// Width of an electrode, mm [default: 10 mm on a 195 mm disc, in proportion].
-    #[arg(long, allow_negative_numbers = true, value_name = "MM", value_parser = length())]
+    #[arg(long, allow_negative_numbers = true, value_name = "MM", value_parser = length(), hide_short_help = true)]
     electrode_mm: Option<f64>,
     /// Side of the picture's cells, mm [default: 5 mm on a 195 mm disc, in proportion; 20 mm for lawson-hanson].
-    #[arg(long, allow_negative_numbers = true, value_name = "MM", value_parser = length())]
+    #[arg(long, allow_negative_numbers = true, value_name = "MM", value_parser = length(), hide_short_help = true)]
     cell_mm: Option<f64>,
 }
 

@@ -32,26 +32,28 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     guided: guided::Arguments,
     /// The columns hold changes, pressed less unpressed; the column before is empty.
-    #[arg(long, requires = "table")]
+    #[arg(long, requires = "table", hide_short_help = true)]
     difference: bool,
-    /// The sheet, a TOML file as for `skin forward`: it says by what turns it is mapped onto itself, and its model is tried beside what
-    /// is learned [default: the paper's disc, which any turn from electrode to electrode maps onto itself].
+    /// The sheet, a TOML file as for `skin forward` [default: the paper's disc].
+    ///
+    /// It says by what turns it is mapped onto itself, and its model is tried beside what is learned. Any turn from electrode to electrode maps
+    /// the paper's disc onto itself.
     #[arg(long, value_name = "FILE")]
     sheet: Option<PathBuf>,
     /// Where to write the calibration. What is there of the rubber's creep is kept.
     #[arg(long, default_value = "skin.cal", value_name = "FILE")]
     out: PathBuf,
     /// Stores it for the board of this serial number, too, for skin run to load by itself; what is taken from a board is stored for that one.
-    #[arg(long, value_name = "SERIAL")]
+    #[arg(long, value_name = "SERIAL", hide_short_help = true)]
     store: Option<String>,
     /// Folder of the stored calibrations [default: that of the stored baselines, and none for a simulated skin].
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR", hide_short_help = true)]
     state_dir: Option<PathBuf>,
     /// One JSON object on stdout.
     #[arg(long)]
     json: bool,
     /// Says nothing of how far a long table is.
-    #[arg(long)]
+    #[arg(long, hide_short_help = true)]
     no_progress: bool,
 }
 

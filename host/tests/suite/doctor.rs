@@ -384,6 +384,15 @@ fn a_report_holds_what_it_says_and_its_recording_tells_the_same() {
             assert_eq!(line(&again, name)[part], line(&found, name)[part], "{name}");
         }
     }
+    // The self-test that is recorded in it is judged as the live one.
+    let hello = |arguments: &[&str]| {
+        let run = output(&[&["hello", "--json"], arguments].concat());
+        let value: Value = serde_json::from_slice(&run.stdout).unwrap();
+        (value["self_test"]["failed"].clone(), run.status.code())
+    };
+    let recorded = hello(&["--from", text(&recording)]);
+    assert_eq!(recorded, hello(&arguments));
+    assert_eq!(recorded, (serde_json::json!(["electrodes"]), Some(1)));
     // The recording makes a report, too.
     let (files, _) = report(folder.path(), &["--from", text(&recording)], &environment);
     assert!(names(&files).contains(&"recording.mcap"));

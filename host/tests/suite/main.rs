@@ -13,6 +13,7 @@ mod doctor;
 #[cfg(target_os = "linux")]
 mod ending;
 mod events;
+mod from_recording;
 mod guided;
 mod hello;
 mod help;

@@ -9,6 +9,8 @@ mod methods;
 pub mod noise;
 mod page;
 pub mod reach;
+pub mod recorded;
+mod recorded_page;
 pub mod rig;
 pub mod simulated_rig;
 pub mod touches;
@@ -49,6 +51,11 @@ pub enum PaperError {
     /// Its board.
     #[error(transparent)]
     Link(#[from] LinkError),
+    /// A run without its baseline.
+    #[error(
+        "fewer than two frames of the unpressed sheet are known; take a recording that has the frames of its baseline"
+    )]
+    NoBaseline,
     /// The board stopped sending.
     #[error("the board sent too few frames; look at its link")]
     Silent,
@@ -168,16 +175,25 @@ impl Report {
     /// # Errors
     /// [`PaperError::Write`] with the file.
     pub fn write(&self, folder: &Path) -> Result<[PathBuf; 2], PaperError> {
-        let wrong = |file: &Path, cause: std::io::Error| PaperError::Write {
-            file: file.display().to_string(),
-            cause,
-        };
-        std::fs::create_dir_all(folder).map_err(|e| wrong(folder, e))?;
-        let files = [folder.join("report.html"), folder.join("report.json")];
-        let json = self.json().map_err(|e| wrong(&files[1], e.into()))?;
-        for (file, text) in files.iter().zip([self.html(), json]) {
-            view::replace::replace(file, |new| new.write_all(text.as_bytes())).map_err(|e| wrong(file, e))?;
-        }
-        Ok(files)
+        write_report(folder, &self.html(), self.json())
     }
+}
+
+/// Writes `report.html` and `report.json` into a folder, which is made if it does not exist.
+fn write_report(
+    folder: &Path,
+    html: &str,
+    json: Result<String, serde_json::Error>,
+) -> Result<[PathBuf; 2], PaperError> {
+    let wrong = |file: &Path, cause: std::io::Error| PaperError::Write {
+        file: file.display().to_string(),
+        cause,
+    };
+    std::fs::create_dir_all(folder).map_err(|e| wrong(folder, e))?;
+    let files = [folder.join("report.html"), folder.join("report.json")];
+    let json = json.map_err(|e| wrong(&files[1], e.into()))?;
+    for (file, text) in files.iter().zip([html, &json]) {
+        view::replace::replace(file, |new| new.write_all(text.as_bytes())).map_err(|e| wrong(file, e))?;
+    }
+    Ok(files)
 }

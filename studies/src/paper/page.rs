@@ -150,14 +150,14 @@ fn gradients(r: &Report) -> Markup {
     }
 }
 
-fn scale(o: &Outcome) -> String {
+pub(super) fn scale(o: &Outcome) -> String {
     match o.map.scale() {
         [0.0, high] => format!("0 … {:.1} %", 100.0 * high),
         [_, high] => format!("±{:.0} %", 100.0 * high),
     }
 }
 
-fn errors(o: &Outcome, of: usize) -> String {
+pub(super) fn errors(o: &Outcome, of: usize) -> String {
     let known: Vec<f64> = o.errors_mm.iter().flatten().copied().collect();
     match known.iter().copied().reduce(f64::max) {
         Some(worst) if known.len() == of => format!("{} found, within {worst:.1} mm", o.found),
@@ -204,7 +204,7 @@ fn scenes(r: &Report) -> Markup {
     }
 }
 
-fn line<'a>(name: &'a str, class: &'static str, points: Vec<[f64; 2]>) -> Series<'a> {
+pub(super) fn line<'a>(name: &'a str, class: &'static str, points: Vec<[f64; 2]>) -> Series<'a> {
     Series {
         name,
         class,

@@ -6,10 +6,13 @@ use crate::paper::methods::Reader;
 use crate::paper::rig::{Press, Recording, Rig, Tip};
 use crate::paper::{Options, PaperError};
 use crate::score::quantile;
+use inverse::pipeline::FrameResult;
+use inverse::reference::imager::Imager;
 use inverse::solvers::Method;
 use inverse::touches::touch::Touch;
 use protocol::Plan;
 use serde::Serialize;
+use std::sync::Arc;
 use std::time::Instant;
 
 /// Places of the touches (mm), like those of fingers of two hands.
@@ -113,8 +116,8 @@ pub(super) fn run(rig: &dyn Rig, options: Options) -> Result<Touches, PaperError
     for (frame, places) in frames.iter().zip(PLACES) {
         scenes.push(Scene {
             truth_mm: places.to_vec(),
-            theirs: outcome(&mut theirs, frame, places)?,
-            ours: outcome(&mut ours, frame, places)?,
+            theirs: by(&mut theirs, frame, places)?,
+            ours: by(&mut ours, frame, places)?,
         });
     }
     let mut panels = Vec::new();
@@ -126,7 +129,7 @@ pub(super) fn run(rig: &dyn Rig, options: Options) -> Result<Touches, PaperError
         ("ours: ridge and x ≥ 0, 5 mm, fitted", Method::Nnls, 5.0),
     ] {
         let mut reader = Reader::new(method, cell_mm, &baseline)?;
-        let outcome = outcome(&mut reader, frames[2], PLACES[2])?;
+        let outcome = by(&mut reader, frames[2], PLACES[2])?;
         panels.push(Panel { name, outcome });
     }
     Ok(Touches {
@@ -157,14 +160,19 @@ pub(super) fn matched(truth: &[[f64; 2]], found: &[Touch]) -> Vec<Option<f64>> {
 
 const RUNS: usize = 9;
 
-fn outcome(reader: &mut Reader, frame: &[f64], truth: &[[f64; 2]]) -> Result<Outcome, PaperError> {
+/// What `read` makes of a frame, time and time again.
+pub(super) fn outcome(
+    imager: &Imager,
+    truth: &[[f64; 2]],
+    mut read: impl FnMut() -> Result<FrameResult, PaperError>,
+) -> Result<Outcome, PaperError> {
     let mut times = Vec::new();
     for _ in 0..RUNS {
         let start = Instant::now();
-        reader.read(frame)?;
+        read()?;
         times.push(1e3 * start.elapsed().as_secs_f64());
     }
-    let result = reader.read(frame)?.clone();
+    let result = read()?;
     let range = result.x.iter().fold([0.0_f64; 2], |r, x| [r[0].min(*x), r[1].max(*x)]);
     let places_mm: Vec<[f64; 2]> = result.touches.iter().map(|t| [t.x_mm, t.y_mm]).collect();
     Ok(Outcome {
@@ -172,11 +180,17 @@ fn outcome(reader: &mut Reader, frame: &[f64], truth: &[[f64; 2]]) -> Result<Out
         errors_mm: matched(truth, &result.touches),
         range,
         frame_ms: quantile(&times, 0.5),
-        map: Map::of_cells(&reader.imager, &result.x)?
+        map: Map::of_cells(imager, &result.x)?
             .with_truth(truth)
             .with_found(&places_mm),
         places_mm,
     })
+}
+
+/// The same by a method.
+fn by(reader: &mut Reader, frame: &[f64], truth: &[[f64; 2]]) -> Result<Outcome, PaperError> {
+    let imager = Arc::clone(&reader.imager);
+    outcome(&imager, truth, || Ok(reader.read(frame)?.clone()))
 }
 
 #[cfg(test)]

@@ -261,15 +261,21 @@ fn best_gain(moments: &[Moment], read: impl Fn(&Moment) -> f64) -> f64 {
     if rr > 0.0 { rg / rr } else { 0.0 }
 }
 
-fn error(moments: &[Moment], read: impl Fn(&Moment) -> f64) -> ForceError {
-    let off = |m: &Moment| (read(m) - m.gauge_n).abs() / FULL_SCALE_N;
-    let square: f64 = moments.iter().map(|m| off(m).powi(2)).sum();
-    let all: Vec<f64> = moments.iter().map(off).collect();
-    ForceError {
-        rms: (square / moments.len().max(1) as f64).sqrt(),
-        p99: quantile(&all, 0.99),
-        largest: moments.iter().map(off).fold(0.0, f64::max),
+impl ForceError {
+    /// Of differences, parts of the full scale, none below 0.
+    pub(super) fn of(off: &[f64]) -> Self {
+        let square: f64 = off.iter().map(|v| v * v).sum();
+        Self {
+            rms: (square / off.len().max(1) as f64).sqrt(),
+            p99: quantile(off, 0.99),
+            largest: off.iter().copied().fold(0.0, f64::max),
+        }
     }
+}
+
+fn error(moments: &[Moment], read: impl Fn(&Moment) -> f64) -> ForceError {
+    let off = moments.iter().map(|m| (read(m) - m.gauge_n).abs() / FULL_SCALE_N);
+    ForceError::of(&off.collect::<Vec<_>>())
 }
 
 fn correlation(moments: &[Moment]) -> f64 {
