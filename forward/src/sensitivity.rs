@@ -13,6 +13,7 @@ use crate::mesh::{Mesh, Order};
 use crate::pattern::{Pair, Pattern};
 use crate::solver::Solver;
 use nalgebra::DMatrix;
+use pulp::Arch;
 
 /// For every region the matrix of `integral of sigma grad phi_l . grad phi_k`, ohm per unit of relative rise. Here phi_l is
 /// the potential for 1 A into electrode l. All sensitivities are differences of the matrix's entries.
@@ -30,6 +31,7 @@ const LANES: usize = 16;
 /// Integrals over the pieces of one element: first between its shape functions, then between the electrodes' potentials.
 /// A piece has several quadrature points but one pair of products with the potentials.
 struct Sampler<'a> {
+    arch: Arch,
     mesh: &'a Mesh,
     electrodes: usize,
     /// Node by node the potentials of all electrodes, V, filled up with zeros to whole blocks.
@@ -72,6 +74,13 @@ impl Sampler<'_> {
 
     /// Adds the piece to its region's matrix (lower triangle) and starts a new one.
     fn finish(&mut self, gram: &mut [f64]) {
+        // The same sums in the same order, in wider registers: nothing is rounded otherwise.
+        self.arch.dispatch(|| self.add_piece(gram));
+        self.local = [[0.0; MOST_NODES]; MOST_NODES];
+    }
+
+    #[inline(always)]
+    fn add_piece(&self, gram: &mut [f64]) {
         let n = self.electrodes;
         for (column_block, right) in self.differences.iter().enumerate() {
             let mut half = [[0.0; LANES]; MOST_NODES];
@@ -99,7 +108,6 @@ impl Sampler<'_> {
                 }
             }
         }
-        self.local = [[0.0; MOST_NODES]; MOST_NODES];
     }
 }
 
@@ -143,6 +151,7 @@ impl Sensitivity {
             }
         }
         let mut sampler = Sampler {
+            arch: Arch::new(),
             mesh: solver.mesh(),
             electrodes: n,
             potentials,
@@ -202,22 +211,40 @@ impl Sensitivity {
     /// The sensitivity matrix, `[measurement, region]`: change of the measured amplitude (V) for a unit relative rise in
     /// resistivity, under this drive. `sheet` is the solution the sensitivity was taken at.
     pub fn matrix_v(&self, drive: Drive, sheet: &ElectrodeMatrix, pattern: &Pattern) -> DMatrix<f64> {
-        let mut out = DMatrix::zeros(pattern.len(), self.regions);
-        for (row, m) in pattern.measurements().iter().enumerate() {
-            let z = sheet.transfer_ohm(m.drive, m.sense);
-            let own = sheet.transfer_ohm(m.drive, m.drive);
-            let current = drive.current_a(own);
-            // d current / d own resistance, over the current.
-            let slope = match drive {
-                Drive::Voltage { switch_ohm, .. } => -1.0 / (own + 2.0 * switch_ohm),
-                Drive::Current { .. } => 0.0,
-            };
-            for region in 0..self.regions {
-                let mut dv = self.transfer_ohm(region, m.drive, m.sense);
-                if slope != 0.0 {
-                    dv += z * slope * self.transfer_ohm(region, m.drive, m.drive);
+        struct Row {
+            drive: Pair,
+            sense: Pair,
+            current: f64,
+            /// By what the drive's own resistance changes the current, times the transfer impedance.
+            slope: f64,
+        }
+        let rows: Vec<Row> = pattern
+            .measurements()
+            .iter()
+            .map(|m| {
+                let own = sheet.transfer_ohm(m.drive, m.drive);
+                // d current / d own resistance, over the current.
+                let slope = match drive {
+                    Drive::Voltage { switch_ohm, .. } => -1.0 / (own + 2.0 * switch_ohm),
+                    Drive::Current { .. } => 0.0,
+                };
+                Row {
+                    drive: m.drive,
+                    sense: m.sense,
+                    current: drive.current_a(own),
+                    slope: sheet.transfer_ohm(m.drive, m.sense) * slope,
                 }
-                out[(row, region)] = current * dv;
+            })
+            .collect();
+        let mut out = DMatrix::zeros(pattern.len(), self.regions);
+        // Region by region: its matrix fits the cache.
+        for (region, mut column) in out.column_iter_mut().enumerate() {
+            for (row, out) in rows.iter().zip(column.iter_mut()) {
+                let mut dv = self.transfer_ohm(region, row.drive, row.sense);
+                if row.slope != 0.0 {
+                    dv += row.slope * self.transfer_ohm(region, row.drive, row.drive);
+                }
+                *out = row.current * dv;
             }
         }
         out

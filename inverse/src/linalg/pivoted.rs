@@ -30,3 +30,54 @@ pub(crate) fn pivoted_cholesky(a: &DMatrix<f64>, least: f64) -> (DMatrix<f64>, V
     }
     (columns.resize_horizontally(count, 0.0), left)
 }
+
+/// Columns of a matrix that span all others but for a part of `least` of the largest, as squares, from the products of all columns with
+/// one another; and the Cholesky factor of their own products.
+pub(crate) fn pivoted_columns(products: &DMatrix<f64>, least: f64) -> (Vec<usize>, DMatrix<f64>) {
+    let n = products.nrows();
+    let mut left: Vec<f64> = products.diagonal().iter().copied().collect();
+    let largest = |left: &[f64]| (0..n).max_by(|a, b| left[*a].total_cmp(&left[*b]));
+    let limit = least * largest(&left).map_or(0.0, |k| left[k]);
+    let mut pivots = Vec::new();
+    // Row by row: a pivot's row holds what the pivots before it have of it.
+    let mut rows = DMatrix::zeros(n, n);
+    while let Some(pivot) = largest(&left).filter(|k| left[*k] > limit && pivots.len() < n) {
+        let count = pivots.len();
+        let mut column = products.column(pivot).into_owned();
+        let before = rows.columns(0, count);
+        let own = before.row(pivot).transpose();
+        column.gemv(-1.0, &before, &own, 1.0);
+        column /= left[pivot].sqrt();
+        for (left, c) in left.iter_mut().zip(&column) {
+            *left = (*left - c * c).max(0.0);
+        }
+        left[pivot] = 0.0;
+        rows.set_column(count, &column);
+        pivots.push(pivot);
+    }
+    let factor = DMatrix::from_fn(pivots.len(), pivots.len(), |i, k| {
+        if k <= i { rows[(pivots[i], k)] } else { 0.0 }
+    });
+    (pivots, factor)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The columns that are chosen span a matrix of low rank, and the factor is that of their products.
+    #[test]
+    fn few_columns_span_the_others() {
+        let thin = |rows, columns, by: f64| {
+            DMatrix::from_fn(rows, columns, |i, j| (by * (i * i + 7 * j + i * j) as f64).sin())
+        };
+        let a = thin(40, 6, 0.37) * thin(6, 25, 0.61);
+        let (columns, factor) = pivoted_columns(&a.tr_mul(&a), 1e-13);
+        assert_eq!(columns.len(), 6);
+        let chosen = a.select_columns(&columns);
+        let products = chosen.tr_mul(&chosen);
+        assert!((&factor * factor.transpose() - &products).amax() < 1e-9 * products.amax());
+        let by = products.try_inverse().unwrap() * chosen.tr_mul(&a);
+        assert!((chosen * by - &a).amax() < 1e-6 * a.amax());
+    }
+}

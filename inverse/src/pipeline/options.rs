@@ -10,6 +10,12 @@ use crate::touches::fit::FitOptions;
 use crate::touches::peaks::TouchOptions;
 use crate::touches::polarity::Polarity;
 
+/// Frames of more values have many directions that no board tells from nothing, and that take memory and time: 16 electrodes have 208
+/// values, 32 have 928.
+const MANY_VALUES: usize = 512;
+/// Of these frames directions are left out below this part of the largest. A touch's noise at 60 dB is four times as large.
+const LEAST_OF_MANY: f64 = 1e-5;
+
 /// How frames are turned into pictures.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReconstructorOptions {
@@ -101,7 +107,11 @@ impl ReconstructorOptions {
             expected_rise: 0.07,
             depth: 0.3,
             model_error: 0.004,
-            drop: 0.0,
+            drop: if imager.pattern.len() > MANY_VALUES {
+                LEAST_OF_MANY
+            } else {
+                0.0
+            },
             drop_below_ridge: 0.1,
             false_alarm: 1e-6,
             touches: TouchOptions {

@@ -21,6 +21,10 @@ struct Whole {
     prior: DVector<f64>,
 }
 
+/// Directions of all values below this part of [`ReconstructorOptions::drop`] are left out before any values are: what weights and
+/// priors make of the others keeps to this.
+const LEAST_DIRECTION: f64 = 0.3;
+
 impl Whole {
     fn new(imager: &Imager, options: &ReconstructorOptions, spread: &[f64]) -> Self {
         let weights: Vec<f64> = spread.iter().map(|spread| 1.0 / spread).collect();
@@ -32,7 +36,7 @@ impl Whole {
         }
         Self {
             spread: spread.to_vec(),
-            factored: Factored::new(&a),
+            factored: Factored::new(&a, LEAST_DIRECTION * options.drop),
             prior,
         }
     }

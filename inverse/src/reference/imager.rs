@@ -63,8 +63,8 @@ pub enum ImagerError {
 /// Most numbers of a sensitivity. Its factors and copies take about 150 bytes for each: together less than 1 GB.
 const MOST_ENTRIES: usize = 6_000_000;
 
-/// Most values of a frame: those of 64 electrodes in the adjacent pattern, and some. The responses to touches all over the sheet are
-/// 220,000 bytes for each.
+/// Most values of a frame: those of 64 electrodes in the adjacent pattern, and some. The cells that the responses to touches are summed
+/// up from are 52,000 bytes for each.
 const MOST_VALUES: usize = 4096;
 
 /// Refuses a picture whose sensitivity memory should not hold.

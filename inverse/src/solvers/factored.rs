@@ -16,9 +16,10 @@ pub struct Factored {
 }
 
 impl Factored {
-    /// Decomposes a matrix, `values x cells`. One with a number that is not finite has rank 0.
-    pub fn new(a: &DMatrix<f64>) -> Self {
-        let problem = Problem::new(a, 0.0);
+    /// Decomposes a matrix, `values x cells`, with the rank tolerance of [`Problem::new`]. One with a number that is not finite has
+    /// rank 0.
+    pub fn new(a: &DMatrix<f64>, rank_tolerance: f64) -> Self {
+        let problem = Problem::new(a, rank_tolerance);
         let mut columns = problem.basis().clone();
         let mut directions = problem.a().clone();
         for (k, mut row) in directions.row_iter_mut().enumerate() {
@@ -87,7 +88,7 @@ mod tests {
     fn what_is_left_out_of_the_basis_is_left_out_of_the_matrix() {
         let mut rng = StdRng::seed_from_u64(8);
         let a = matrix(&mut rng);
-        let factored = Factored::new(&a);
+        let factored = Factored::new(&a, 0.0);
         let direction: Vec<f64> = (0..30).map(|_| rng.random_range(-1.0..1.0)).collect();
         let square: f64 = direction.iter().map(|v| v * v).sum();
         let leave_out = |values: &mut [f64]| {
@@ -124,10 +125,10 @@ mod tests {
     #[test]
     fn of_nothing_nothing_is_left() {
         let mut rng = StdRng::seed_from_u64(9);
-        let factored = Factored::new(&matrix(&mut rng));
+        let factored = Factored::new(&matrix(&mut rng), 0.0);
         assert_eq!(factored.problem(|values| values.fill(0.0), &[1.0; 50], 0.0).rank(), 0);
         let mut broken = matrix(&mut rng);
         broken[(2, 3)] = f64::NAN;
-        assert_eq!(Factored::new(&broken).problem(|_| {}, &[1.0; 50], 0.0).rank(), 0);
+        assert_eq!(Factored::new(&broken, 0.0).problem(|_| {}, &[1.0; 50], 0.0).rank(), 0);
     }
 }

@@ -1,8 +1,8 @@
 //! A least squares problem reduced once to its row space.
 
 use crate::linalg::columns::Columns;
-use crate::linalg::pivoted::pivoted_cholesky;
-use nalgebra::{DMatrix, DVector, SymmetricEigen};
+use crate::linalg::pivoted::{pivoted_cholesky, pivoted_columns};
+use nalgebra::{Cholesky, DMatrix, DVector, SymmetricEigen};
 use std::sync::Arc;
 
 /// Singular values below this fraction of the largest are rounding. The reduction works on `A A^T`, which has half of
@@ -10,6 +10,19 @@ use std::sync::Arc;
 const LEAST_SINGULAR: f64 = 1e-7;
 /// What is left of `A A^T` below this part of its largest element is rounding.
 const ROUNDING: f64 = 1e-15;
+
+/// Matrices of more rows are reduced by products of matrices, where the tolerance leaves room for their rounding.
+const MANY_ROWS: usize = 512;
+/// Columns that span all others leave this part of the rank tolerance at most.
+const LEAST_SHARE: f64 = 0.1;
+
+/// Columns made orthonormal by the factor L of their products L L'.
+fn orthonormal(columns: &DMatrix<f64>, lower: DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let mut inverse = DMatrix::identity(lower.nrows(), lower.nrows());
+    lower
+        .solve_lower_triangular_mut(&mut inverse)
+        .then(|| columns * inverse.transpose())
+}
 
 /// `A x = b` with the rows of A replaced by an orthonormal basis of their span. Immutable; clones share their storage.
 ///
@@ -42,6 +55,9 @@ impl Problem {
             return Self::nothing(a.nrows(), a.ncols(), finite);
         }
         let scaled = a / scale;
+        if scaled.nrows() > MANY_ROWS && rank_tolerance > LEAST_SINGULAR {
+            return Self::of_many_rows(&scaled, scale, rank_tolerance);
+        }
         let few = pivoted_cholesky(&scaled, ROUNDING).0.qr();
         let r = few.r();
         let eigen = SymmetricEigen::new(&r * r.transpose());
@@ -50,6 +66,29 @@ impl Problem {
         let basis = few.q() * eigen.eigenvectors.select_columns(&kept);
         let singular = DVector::from_iterator(kept.len(), kept.iter().map(|k| values[*k] * scale));
         Self::assemble(basis.transpose() * a, singular, basis, finite)
+    }
+
+    /// The same for a matrix of many rows, over `scale`, and a tolerance that needs no last digits: by products of matrices alone.
+    ///
+    /// A few columns span the others; they are made orthonormal by the Cholesky factor of their products, twice (Yamamoto et al. 2015).
+    fn of_many_rows(scaled: &DMatrix<f64>, scale: f64, rank_tolerance: f64) -> Self {
+        let nothing = || Self::nothing(scaled.nrows(), scaled.ncols(), true);
+        // Not by `tr_mul`, which takes one product after another and no blocks.
+        let across = scaled.transpose() * scaled;
+        let (columns, factor) = pivoted_columns(&across, (LEAST_SHARE * rank_tolerance).powi(2));
+        let Some(once) = orthonormal(&scaled.select_columns(&columns), factor) else {
+            return nothing();
+        };
+        let Some(span) = Cholesky::new(once.transpose() * &once).and_then(|again| orthonormal(&once, again.l())) else {
+            return nothing();
+        };
+        let within = span.transpose() * scaled;
+        let eigen = SymmetricEigen::new(&within * within.transpose());
+        let values: Vec<f64> = eigen.eigenvalues.iter().map(|v| v.max(0.0).sqrt()).collect();
+        let kept = Self::kept(&values, rank_tolerance);
+        let turned = eigen.eigenvectors.select_columns(&kept);
+        let singular = DVector::from_iterator(kept.len(), kept.iter().map(|k| values[*k] * scale));
+        Self::assemble(turned.transpose() * &within * scale, singular, span * turned, true)
     }
 
     /// A problem of rank 0.
@@ -194,5 +233,40 @@ impl Problem {
     pub fn relative_residual(reduced: f64, dropped: f64, b: &DVector<f64>) -> f64 {
         let norm = b.norm();
         if norm > 0.0 { reduced.hypot(dropped) / norm } else { 0.0 }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Of many rows: directions, singular values and products are those of the singular value decomposition.
+    #[test]
+    fn many_rows_are_reduced_as_few_are() {
+        let (rows, cells) = (MANY_ROWS + 40, 90);
+        let wave = |rows, columns, by: f64| {
+            DMatrix::from_fn(rows, columns, |i, j| (by * (3 * i + 7 * j + i * j) as f64).sin())
+        };
+        let mut left = wave(rows, 70, 0.31);
+        for (k, mut column) in left.column_iter_mut().enumerate() {
+            column *= 10f64.powf(-(k as f64) / 8.0);
+        }
+        let a = left * wave(70, cells, 0.17);
+        let tolerance = 1e-5;
+        let problem = Problem::new(&a, tolerance);
+        let svd = a.clone().svd(true, true);
+        let of_svd: Vec<f64> = svd.singular_values.iter().copied().collect();
+        let rank = of_svd.iter().filter(|s| **s > tolerance * of_svd[0]).count();
+        assert_eq!(problem.rank(), rank);
+        assert!(rank > 20 && rank < 60, "{rank}");
+        for (s, expected) in problem.singular().iter().zip(&of_svd) {
+            assert!((s / expected - 1.0).abs() < 0.01, "{s} {expected}");
+        }
+        let own = problem.basis().tr_mul(problem.basis());
+        assert!((own - DMatrix::identity(rank, rank)).amax() < 1e-10);
+        // What is left out is below the tolerance, and the rest is the matrix seen along the basis.
+        assert!((problem.basis().tr_mul(&a) - problem.a()).amax() < 1e-10 * a.amax());
+        let off = &a - problem.basis() * problem.a();
+        assert!(off.norm() < 3.0 * tolerance * of_svd[0], "{}", off.norm() / of_svd[0]);
     }
 }

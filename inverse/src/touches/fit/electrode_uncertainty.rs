@@ -49,8 +49,8 @@ impl ElectrodeUncertainty {
             let responses = responses_with(imager, &off.into_owned())?;
             for (cell, (slopes, variance)) in slopes.iter().zip(&mut variance).enumerate() {
                 let Some(slopes) = slopes else { continue };
-                let bump = bump(imager, &responses, cell, radius_mm).0;
-                let shift = slopes.fitted(&(bump - &slopes.bump));
+                let bump = bump(imager, &responses, cell, radius_mm);
+                let shift = slopes.fitted(&(bump - &slopes.by[3]));
                 variance[0] += shift[0] * shift[0];
                 variance[1] += shift[1] * shift[1];
             }
@@ -95,45 +95,53 @@ fn responses_with(imager: &Imager, off: &DVector<f64>) -> Option<DMatrix<f64>> {
     Some(responses)
 }
 
-/// Response to a bump at a cell, and its derivatives by x, y and width.
-fn bump(imager: &Imager, responses: &DMatrix<f64>, cell: usize, radius_mm: f64) -> (DVector<f64>, [DVector<f64>; 3]) {
+/// Cells of a bump at a cell: which, their distance over the bump's standard deviation (x, y and as a square), and their weight.
+fn cells_of(imager: &Imager, cell: usize, radius_mm: f64) -> impl Iterator<Item = (usize, [f64; 3], f64)> {
     let at = imager.grid.centre(cell);
     let s = WIDTH * radius_mm;
-    let zeros = || DVector::zeros(responses.nrows());
-    let (mut sum, mut slopes) = (zeros(), [zeros(), zeros(), zeros()]);
-    for other in 0..imager.grid.len() {
+    (0..imager.grid.len()).filter_map(move |other| {
         let [x, y] = imager.grid.centre(other);
         let (dx, dy) = ((x - at[0]) / s, (y - at[1]) / s);
         let d2 = dx * dx + dy * dy;
-        if d2 > REACH * REACH {
-            continue;
-        }
-        let w = (-0.5 * d2).exp();
-        let column = responses.column(other);
-        sum.axpy(w, &column, 1.0);
+        (d2 <= REACH * REACH).then(|| (other, [dx, dy, d2], (-0.5 * d2).exp()))
+    })
+}
+
+/// Response to a bump at a cell.
+fn bump(imager: &Imager, responses: &DMatrix<f64>, cell: usize, radius_mm: f64) -> DVector<f64> {
+    let mut sum = DVector::zeros(responses.nrows());
+    for (other, _, w) in cells_of(imager, cell, radius_mm) {
+        sum.axpy(w, &responses.column(other), 1.0);
+    }
+    sum
+}
+
+/// Its derivatives by x, y and width.
+fn slopes(imager: &Imager, responses: &DMatrix<f64>, cell: usize, radius_mm: f64) -> [DVector<f64>; 3] {
+    let s = WIDTH * radius_mm;
+    let mut slopes = std::array::from_fn(|_| DVector::zeros(responses.nrows()));
+    for (other, [dx, dy, d2], w) in cells_of(imager, cell, radius_mm) {
         for (slope, d) in slopes.iter_mut().zip([dx, dy, d2 - 2.0]) {
-            slope.axpy(w * d / s, &column, 1.0);
+            slope.axpy(w * d / s, &responses.column(other), 1.0);
         }
     }
-    (sum, slopes)
+    slopes
 }
 
 /// The model in use, linear about a touch: it says by how much a changed response moves the fitted touch.
 struct Slopes {
-    bump: DVector<f64>,
-    /// Derivatives by x, y, width and strength.
+    /// Derivatives by x, y, width and strength: the last one is the response itself.
     by: [DVector<f64>; 4],
     inverse: Matrix4<f64>,
 }
 
 impl Slopes {
     fn new(imager: &Imager, responses: &DMatrix<f64>, cell: usize, radius_mm: f64) -> Option<Self> {
-        let (bump, [x, y, width]) = bump(imager, responses, cell, radius_mm);
-        let by = [x, y, width, bump.clone()];
+        let [x, y, width] = slopes(imager, responses, cell, radius_mm);
+        let by = [x, y, width, bump(imager, responses, cell, radius_mm)];
         let normal = Matrix4::from_fn(|i, j| by[i].dot(&by[j]));
         Some(Self {
             inverse: normal.try_inverse()?,
-            bump,
             by,
         })
     }

@@ -24,6 +24,7 @@
 //! `ErrorGrowth`.
 
 pub mod disc;
+mod discs;
 pub mod electrode_uncertainty;
 pub mod fitter;
 pub mod fitter_options;

@@ -6,20 +6,21 @@
 //! over a disc is a power series in R² (f + R²/8 lap f + R⁴/192 lap lap f + ...). The result is within 0.4 % of a new
 //! solution: the tests below hold that.
 
-use crate::linalg::aligned::Aligned;
 use crate::linalg::kernels::{LANES, dots_of, padded};
+use crate::touches::fit::discs::{Discs, RowSums};
 use crate::touches::fit::interpolation::{Radii, Stencil, interpolate};
 use crate::touches::fit::node_values::NodeValues;
 use forward::{CellGrid, Drive, Model, Pattern, Sensitivity, Solver};
 use nalgebra::DMatrix;
 use pulp::Arch;
-use std::cell::RefCell;
+use std::cell::{OnceCell, RefCell};
 use std::sync::Arc;
 
 /// Radii tabulated, over the expected radius.
 const RADII: [f64; 5] = [0.5, 1.0, 1.5, 2.0, 2.7];
-/// How many of them one interpolation takes.
+/// How many of them one interpolation takes, and of how many nodes.
 const AT_ONCE: usize = 3;
+const NODES: usize = 16;
 /// Smallest and largest radius that the interpolation is good for, over the expected radius.
 const SMALLEST: f64 = 0.4;
 const LARGEST: f64 = 3.0;
@@ -30,8 +31,9 @@ const MARGIN: i64 = 2;
 /// Lattice steps from the sheet's middle to its farthest point: 2.4 mm each on the paper's disc. More makes the table
 /// larger and more exact.
 const STEPS: f64 = 40.0;
-/// Divisions of a cell's side when its part inside a disc is counted.
-const CUTS: i32 = 16;
+/// Most numbers that are tabulated, 96 MB. Of more the discs are summed up from the cells whenever they are needed: 16 electrodes have 6
+/// million, 32 have 26.
+const MOST_TABULATED: usize = 12_000_000;
 
 /// Where the nodes are; shared by the tables of one sheet.
 #[derive(Debug)]
@@ -52,6 +54,13 @@ struct Lattice {
     radius_mm: f64,
 }
 
+impl Lattice {
+    /// Columns of the table, those of the empty slot included.
+    fn count(&self) -> usize {
+        RADII.len() * (self.empty_slot as usize + 1)
+    }
+}
+
 /// The table, with values as volts (or whatever [`ResponseTable::reduced`] made of them) per mm² of strength.
 #[derive(Clone, Debug)]
 pub struct ResponseTable {
@@ -61,7 +70,7 @@ pub struct ResponseTable {
     /// For every slot the radii, each a column of `length` values and zeros up to a multiple of [`LANES`].
     pub(super) values: NodeValues,
     /// Norm of the values of every coarse node at the expected radius.
-    norms: Vec<f64>,
+    norms: OnceCell<Vec<f64>>,
     /// Norms of what a split there changes, for every direction of [`SPLITS`]; made when a touch first comes near.
     pub(super) split_norms: RefCell<SplitNorms>,
 }
@@ -121,94 +130,6 @@ fn radii_at(r: f64, unit: f64) -> Radii {
     }
 }
 
-/// Cells of one row, beside one another, of which a disc covers the same part.
-struct Span {
-    /// Columns from the first to before the last, and the row, all counted from the disc's centre.
-    first: i64,
-    last: i64,
-    row: i64,
-    part: f64,
-}
-
-/// What a disc around the centre of a cell covers; the parts sum up to 1.
-fn coverage(radius_cells: f64) -> Vec<Span> {
-    let reach = radius_cells.ceil() as i64 + 1;
-    let mut out: Vec<Span> = Vec::new();
-    for row in -reach..=reach {
-        for column in -reach..=reach {
-            let offset = |k: i32| (f64::from(k) + 0.5) / f64::from(CUTS) - 0.5;
-            let mut inside = 0;
-            for i in 0..CUTS {
-                for j in 0..CUTS {
-                    let d = (column as f64 + offset(i)).hypot(row as f64 + offset(j));
-                    inside += i32::from(d < radius_cells);
-                }
-            }
-            let part = f64::from(inside);
-            match out.last_mut() {
-                Some(span) if span.row == row && span.last == column && span.part == part => span.last += 1,
-                _ if inside > 0 => out.push(Span {
-                    first: column,
-                    last: column + 1,
-                    row,
-                    part,
-                }),
-                _ => {}
-            }
-        }
-    }
-    let sum: f64 = out.iter().map(|s| s.part * (s.last - s.first) as f64).sum();
-    out.iter_mut().for_each(|s| s.part /= sum);
-    out
-}
-
-/// Sums of the cells' columns along every row of the grid, so that a span costs two of them however long it is.
-struct RowSums {
-    length: usize,
-    columns: usize,
-    rows: usize,
-    /// For every row `columns + 1` sums, of the cells before each column.
-    sums: Vec<f64>,
-}
-
-impl RowSums {
-    fn new(grid: &CellGrid, cells: &DMatrix<f64>) -> Self {
-        let (columns, rows) = grid.shape();
-        let n = cells.nrows();
-        let mut sums = vec![0.0; (columns + 1) * rows * n];
-        for (row, sums) in sums.chunks_exact_mut(((columns + 1) * n).max(1)).enumerate() {
-            for column in 0..columns {
-                let (before, after) = sums.split_at_mut((column + 1) * n);
-                after[..n].copy_from_slice(&before[column * n..]);
-                if let Some(cell) = grid.at(column, row) {
-                    after.iter_mut().zip(&cells.column(cell)).for_each(|(s, v)| *s += v);
-                }
-            }
-        }
-        Self {
-            length: n,
-            columns,
-            rows,
-            sums,
-        }
-    }
-
-    /// Adds the cells of a span around a centre, times a weight; cells outside of the grid count as zero.
-    fn add(&self, span: &Span, [column, row]: [i64; 2], weight: f64, out: &mut [f64]) {
-        let row = match usize::try_from(row + span.row) {
-            Ok(row) if row < self.rows => row,
-            _ => return,
-        };
-        let [first, last] = [span.first, span.last].map(|k| (column + k).clamp(0, self.columns as i64) as usize);
-        let of = |k: usize| &self.sums[(row * (self.columns + 1) + k) * self.length..][..self.length];
-        if first < last {
-            for ((o, a), b) in out.iter_mut().zip(of(first)).zip(of(last)) {
-                *o += weight * (b - a);
-            }
-        }
-    }
-}
-
 impl ResponseTable {
     /// Tabulates a sheet. `radius_mm` is the expected radius. `None` when the model cannot be solved or the sheet is
     /// too small for a touch of that size.
@@ -230,16 +151,12 @@ impl ResponseTable {
         };
         let near =
             |c: i64, r: i64| (-MARGIN..=MARGIN).any(|dr| (-MARGIN..=MARGIN).any(|dc| at(c + dc, r + dr).is_some()));
-        let stencils = RADII.map(|k| coverage(k * radius_mm / grid.cell_mm()));
-        let rows_of_cells = RowSums::new(&grid, &cells);
         let on_sheet = (0..(nc * nr) as i64).filter(|k| near(k % nc as i64 - MARGIN, k / nc as i64 - MARGIN));
         let empty_slot = on_sheet.clone().count() as u32;
         let mut slot = vec![empty_slot; nc * nr];
-        let stride = padded(length, LANES);
-        let mut values = Aligned::zeros((empty_slot as usize + 1) * RADII.len() * stride);
         let (mut coarse, mut coarse_columns) = (Vec::new(), Vec::new());
-        let columns_of_nodes = values.chunks_exact_mut(RADII.len() * stride);
-        for (count, (node, columns)) in on_sheet.zip(columns_of_nodes).enumerate() {
+        let mut nodes = Vec::new();
+        for (count, node) in on_sheet.enumerate() {
             let (column, row) = (node % nc as i64, node / nc as i64);
             let (c, r) = (column - MARGIN, row - MARGIN);
             slot[node as usize] = count as u32;
@@ -248,12 +165,7 @@ impl ResponseTable {
                 coarse.push([0, 1].map(|k| first_mm[k] + p[k] as f64 * step));
                 coarse_columns.push(RADII.len() * count + EXPECTED);
             }
-            for (stencil, out) in stencils.iter().zip(columns.chunks_exact_mut(stride)) {
-                for span in stencil {
-                    // Per mm² of strength: the disc's mean of the cells' sensitivity over their area.
-                    rows_of_cells.add(span, [c, r], span.part / (step * step), out);
-                }
-            }
+            nodes.push([c, r]);
         }
         let lattice = Lattice {
             first_mm,
@@ -267,28 +179,20 @@ impl ResponseTable {
             coarse_columns,
             radius_mm,
         };
-        Some(Self::with_norms(
-            Arc::new(lattice),
-            length,
-            NodeValues::Whole(Arc::new(values)),
-        ))
+        // Per mm² of strength: the discs' means of the cells' sensitivity over their area.
+        let discs = Discs::new(nodes, &RADII.map(|k| k * radius_mm), step);
+        let sums = RowSums::new(&grid, &cells);
+        let values = NodeValues::of_discs(discs, sums, lattice.count(), MOST_TABULATED);
+        Some(Self::of(Arc::new(lattice), length, values))
     }
 
-    fn with_norms(lattice: Arc<Lattice>, length: usize, values: NodeValues) -> Self {
-        let stride = padded(length, LANES);
-        let norms = values.with(lattice.coarse_columns.iter().copied(), |values| {
-            let norm = |column: &usize| {
-                let v = &values[column * stride..][..length];
-                v.iter().map(|x| x * x).sum::<f64>().sqrt()
-            };
-            lattice.coarse_columns.iter().map(norm).collect()
-        });
+    fn of(lattice: Arc<Lattice>, length: usize, values: NodeValues) -> Self {
         Self {
             split_norms: RefCell::new(SplitNorms {
                 known: vec![None; lattice.coarse.len()],
-                room: vec![0.0; stride],
+                room: vec![0.0; padded(length, LANES)],
             }),
-            norms,
+            norms: OnceCell::new(),
             lattice,
             arch: Arch::new(),
             length,
@@ -299,15 +203,13 @@ impl ResponseTable {
     /// The table with its values times a matrix: the reduced and weighted measurements, say. Unless all is made
     /// `at_once`, all but those of the coarse places are made when a touch first comes near.
     pub fn reduced(&self, by: &DMatrix<f64>, at_once: bool) -> Self {
-        let all: Vec<usize>;
-        let eager = if at_once {
-            all = (0..RADII.len() * (self.lattice.empty_slot as usize + 1)).collect();
-            &all
-        } else {
-            &self.lattice.coarse_columns
-        };
-        let values = self.values.reduced(by, eager);
-        Self::with_norms(Arc::clone(&self.lattice), by.nrows(), values)
+        let values = self
+            .values
+            .reduced(by, self.lattice.count(), &self.lattice.coarse_columns, at_once);
+        let reduced = Self::of(Arc::clone(&self.lattice), by.nrows(), values);
+        // A frame is not to wait for them.
+        reduced.coarse_norms();
+        reduced
     }
 
     /// Values of one touch: the length of the data.
@@ -352,14 +254,22 @@ impl ResponseTable {
 
     /// Norms of the values of a touch of unit strength and the expected radius at those places.
     pub fn coarse_norms(&self) -> &[f64] {
-        &self.norms
+        self.norms.get_or_init(|| {
+            let stride = self.stride();
+            self.values.with(&self.lattice.coarse_columns, |values, columns| {
+                let norm = |column: &usize| {
+                    let v = &values[column * stride..][..self.length];
+                    v.iter().map(|x| x * x).sum::<f64>().sqrt()
+                };
+                columns.iter().map(norm).collect()
+            })
+        })
     }
 
     /// Products of those values with a vector of [`ResponseTable::stride`] entries; `out` is emptied first.
     pub fn coarse_products(&self, v: &[f64], out: &mut Vec<f64>) {
         if v.len() == self.stride() && !v.is_empty() {
-            let columns = &self.lattice.coarse_columns;
-            self.values.with(columns.iter().copied(), |values| {
+            self.values.with(&self.lattice.coarse_columns, |values, columns| {
                 dots_of(self.arch, values, columns, v, out)
             });
         } else {
@@ -395,14 +305,15 @@ impl ResponseTable {
     /// [`ResponseTable::stride`] long; zero off the sheet.
     pub fn at(&self, at: [f64; 2], radius: f64, out: [&mut [f64]; 4]) {
         let l = &*self.lattice;
-        let stencil = self.stencil(at);
-        let radii = radii_at(radius / l.radius_mm, l.radius_mm);
+        let mut stencil = self.stencil(at);
+        let mut radii = radii_at(radius / l.radius_mm, l.radius_mm);
         let n = self.stride();
-        let needed = stencil
-            .columns
-            .into_iter()
-            .flat_map(|first| (0..AT_ONCE).map(move |k| first + radii.first + k));
-        self.values.with(needed, |values| {
+        let needed: [usize; NODES * AT_ONCE] =
+            std::array::from_fn(|k| stencil.columns[k / AT_ONCE] + radii.first + k % AT_ONCE);
+        self.values.with(&needed, |values, columns| {
+            // The radii of a node stay beside one another, wherever they are.
+            stencil.columns = std::array::from_fn(|k| columns[k * AT_ONCE]);
+            radii.first = 0;
             interpolate(self.arch, values, &radii, &stencil, out.map(|o| &mut o[..n]));
         });
     }

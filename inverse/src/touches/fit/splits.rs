@@ -64,7 +64,7 @@ impl ResponseTable {
     fn of_nodes(&self, at: [f64; 2], mut visit: impl FnMut(&[f64], f64)) {
         let (stencil, n) = (self.stencil(at), self.stride());
         let columns = stencil.columns.map(|first| first + EXPECTED);
-        self.values.with(columns.into_iter(), |values| {
+        self.values.with(&columns, |values, columns| {
             for (k, column) in columns.iter().enumerate() {
                 visit(&values[column * n..][..n], stencil.across[k % 4] * stencil.up[k / 4]);
             }
