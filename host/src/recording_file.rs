@@ -76,7 +76,11 @@ impl RecordTo {
     /// There is a file of that name, or it cannot be made.
     pub(crate) fn new(file: Option<&Path>) -> Result<Self> {
         Ok(match file {
-            Some(file) => Self::File(Recorder::create(file)?),
+            Some(file) => {
+                let recorder = Recorder::create(file)?;
+                ending::closes(&recorder);
+                Self::File(recorder)
+            }
             None => Self::Named(Recorder::waiting()),
         })
     }
@@ -120,12 +124,13 @@ impl RecordTo {
             Self::File(recorder) => (recorder, None),
             Self::Named(waiting) => {
                 let file = file_name(started_unix_s, whose);
-                (waiting.into_file(Path::new(&file))?, Some(file))
+                let recorder = waiting.into_file(Path::new(&file))?;
+                ending::closes(&recorder);
+                (recorder, Some(file))
             }
             Self::Skin(_) => bail!("the recording is another skin's"),
         };
         say::record_to(recorder.tap());
-        ending::closes(&recorder);
         if let Some(file) = file {
             say!("recording into {file}");
         }

@@ -98,6 +98,10 @@ impl Recorder {
         let Some(waiting) = self.waiting.take() else {
             return Ok(());
         };
+        if self.tap.shared.take_fresh().is_none() {
+            // The program ends, and the file was removed.
+            return Ok(());
+        }
         let (writer, queue) = *waiting;
         let file = writer.file().to_owned();
         let first = serde_json::to_vec(first).map_err(|e| RecordingError::io(&file, e.into()))?;
@@ -140,9 +144,8 @@ impl Recorder {
 
     fn end(&mut self) -> Result<(), RecordingError> {
         if let Some(waiting) = self.waiting.take() {
-            // Nothing was recorded: that is no recording.
             drop(waiting);
-            return std::fs::remove_file(&self.file).map_err(|e| RecordingError::io(&self.file, e));
+            return self.tap.shared.remove_fresh();
         }
         let Some(thread) = self.thread.take() else {
             return Ok(());
@@ -178,8 +181,12 @@ impl Closer {
         self.tap.shared.closed.load(Ordering::Acquire)
     }
 
-    /// Asks for the end of a recording that was begun, after all that waits, and waits for it so long; whether the file is closed.
+    /// Asks for the end of a recording, after all that waits, and waits for it so long; whether the file is closed. One that was
+    /// not begun is removed.
     pub fn close(&self, wait: Duration) -> bool {
+        if let Err(e) = self.tap.shared.remove_fresh() {
+            tracing::error!("{e}");
+        }
         let end = Instant::now() + wait;
         let mut asked = false;
         while !self.is_closed() && Instant::now() < end {
@@ -208,13 +215,30 @@ impl WaitingRecorder {
     /// # Errors
     /// As [`Recorder::create`].
     pub fn into_file(self, path: &Path) -> Result<Recorder, RecordingError> {
+        let (writer, file) = (Writer::create(path)?, path.display().to_string());
+        *self.tap.shared.fresh.lock().unwrap_or_else(PoisonError::into_inner) = Some(file.clone());
         Ok(Recorder {
-            file: path.display().to_string(),
-            waiting: Some(Box::new((Writer::create(path)?, self.queue))),
+            file,
+            waiting: Some(Box::new((writer, self.queue))),
             tap: self.tap,
             thread: None,
             told: false,
         })
+    }
+}
+
+impl Shared {
+    fn take_fresh(&self) -> Option<String> {
+        self.fresh.lock().unwrap_or_else(PoisonError::into_inner).take()
+    }
+
+    /// Removes a file into which nothing was recorded: that is no recording.
+    fn remove_fresh(&self) -> Result<(), RecordingError> {
+        let Some(file) = self.take_fresh() else {
+            return Ok(());
+        };
+        self.closed.store(true, Ordering::Release);
+        std::fs::remove_file(&file).map_err(|e| RecordingError::io(&file, e))
     }
 }
 

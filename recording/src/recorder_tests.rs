@@ -156,6 +156,31 @@ fn a_recording_is_closed_from_elsewhere_and_no_disk_is_waited_for() {
 }
 
 #[test]
+fn a_file_into_which_nothing_was_recorded_is_removed_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("new.mcap");
+    // By whoever made it, or from elsewhere; what has that name afterwards is another file.
+    for elsewhere in [false, true] {
+        let mut recorder = Recorder::create(&file).unwrap();
+        let closer = recorder.closer();
+        assert!(file.exists() && !closer.is_closed());
+        if elsewhere {
+            assert!(closer.close(Duration::ZERO));
+            recorder.begin(&()).unwrap();
+        } else {
+            drop(recorder);
+        }
+        assert!(closer.is_closed() && !file.exists());
+        std::fs::write(&file, "another").unwrap();
+        assert!(closer.close(Duration::ZERO) && file.exists());
+        std::fs::remove_file(&file).unwrap();
+    }
+    let mut recorder = Recorder::create(&file).unwrap();
+    recorder.begin(&()).unwrap();
+    assert!(recorder.closer().close(Duration::from_secs(60)) && file.exists());
+}
+
+#[test]
 fn a_full_disk_ends_the_recording_closed_and_says_so() {
     let (tap, disk, outcome) = through(5_000, 8_192, 2_500);
     assert!(outcome.is_err());

@@ -84,6 +84,8 @@ pub(crate) struct Shared {
     pub(crate) failed: Mutex<Option<String>>,
     /// Whether the file is closed.
     pub(crate) closed: AtomicBool,
+    /// A file that was made, and into which nothing is recorded yet. Whoever takes it begins it or removes it.
+    pub(crate) fresh: Mutex<Option<String>>,
 }
 
 /// Hands to the recorder what there is to record. Clones are the same tap. It never waits: what finds the queue full is lost, and

@@ -166,6 +166,26 @@ fn a_closed_output_ends_it_quietly_and_stops_the_board() {
     assert!(!shown.board_sends());
 }
 
+/// A port that is there and says nothing: a program that is ended while it greets leaves no file without anything in it.
+#[test]
+fn a_recording_of_which_nothing_came_leaves_no_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("new.mcap");
+    let silent = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = format!("tcp://{}", silent.local_addr().unwrap());
+    for (arguments, name) in [(["run", "--record"].as_slice(), "-INT"), (&["record"], "-TERM")] {
+        let mut command = program(arguments);
+        let command = command.args([text(&file), "--port", &port]);
+        let mut program = Started::new(command.stdout(Stdio::piped()).stderr(Stdio::piped()));
+        let (mut greeted, _) = silent.accept().unwrap();
+        assert!(greeted.read(&mut [0]).unwrap() == 1 && file.exists());
+        let id = program.0.id().to_string();
+        assert!(Command::new("kill").args([name, &id]).status().unwrap().success());
+        assert_eq!(program.0.wait().unwrap().code(), Some(1));
+        assert!(!file.exists());
+    }
+}
+
 /// A command that has nothing to end in order: it ends at once, and the board stops.
 #[test]
 fn a_calibration_that_is_broken_off_stops_the_board() {
