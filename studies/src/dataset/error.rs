@@ -23,6 +23,9 @@ pub enum DatasetError {
     /// The board.
     #[error(transparent)]
     Meter(#[from] MeterError),
+    /// A number that cannot be computed with.
+    #[error("{0}: a number that was drawn is beyond what a sheet or a board can have; draw others")]
+    Drawn(&'static str),
     /// Touches that do not fit.
     #[error(
         "no room was found for {count} touches on the sheet; make touch.radius_mm, touch.apart_mm or touch.rim_mm smaller, or leave \

@@ -162,6 +162,9 @@ impl Dataset {
         for _ in 0..self.file.frames_per_sheet {
             let touches = self.touches(&geometry, &mut rng)?;
             let resistance = self.file.drift.resistance.draw(&mut rng);
+            if !(resistance.is_finite() && resistance > 0.0) {
+                return Err(DatasetError::Drawn("drift.resistance"));
+            }
             let fault = fault::draw(&self.file.fault, electrodes, &mut rng)?;
             let (matrix, meshed) = rubber.pressed(&touches)?;
             let matrix = ElectrodeMatrix::from_potentials(matrix.potentials_ohm() * resistance);
@@ -219,7 +222,11 @@ impl Dataset {
     fn touches(&self, geometry: &Geometry, rng: &mut StdRng) -> Result<Vec<DiscTouch>, DatasetError> {
         let table = &self.file.touch;
         let count = weighted(&table.count, rng);
-        places(geometry, count, table, rng).ok_or(DatasetError::NoRoom { count })
+        let touches = places(geometry, count, table, rng).ok_or(DatasetError::NoRoom { count })?;
+        if touches.iter().any(|t| !(t.rise.is_finite() && t.rise > -1.0)) {
+            return Err(DatasetError::Drawn("touch.rise"));
+        }
+        Ok(touches)
     }
 }
 
@@ -229,5 +236,9 @@ fn measured(meter: &mut Meter, matrix: &ElectrodeMatrix, mut row: Row) -> Result
     let frame = meter.frame(matrix, &faults)?;
     row.noise_v = meter.noise_v(&frame);
     row.values_v = MeasuredFrame::of(meter.hello(), meter.plan(), &frame).values_v;
+    // Of a channel that clipped there is no number, which is no infinite one.
+    if !row.noise_v.is_finite() || row.values_v.iter().any(|v| v.is_infinite()) {
+        return Err(DatasetError::Drawn("board"));
+    }
     Ok(row)
 }

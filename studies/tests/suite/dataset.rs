@@ -212,4 +212,18 @@ fn what_cannot_be_is_said_with_its_key() {
     let full = dataset("[touch]\ncount = [0, 1]\nradius_mm = 90\nrim_mm = 20");
     let failed = full.shard(0).unwrap_err().to_string();
     assert!(failed.contains("no room was found for 1 touches"), "{failed}");
+    // Distributions without an end draw what no sheet has, sooner or later.
+    for (text, words) in [
+        (
+            "[drift]\nresistance = { normal = [0.0, 1.0] }",
+            "drift.resistance: a number that was drawn",
+        ),
+        (
+            "[touch]\ncount = [0, 1]\nrise = { normal = [0.2, 1e308] }",
+            "touch.rise: a number that was drawn",
+        ),
+    ] {
+        let failed = dataset(text).shard(0).unwrap_err().to_string();
+        assert!(failed.contains(words), "{text}: {failed}");
+    }
 }
