@@ -23,7 +23,7 @@ pub(crate) struct Arguments {
     /// Of a recorded run: those of the paper's figures that need no known touches.
     #[arg(long, value_name = "RECORDING", conflicts_with_all = ["quick", "seed"])]
     from: Option<PathBuf>,
-    /// Readings of a force gauge beside the recording: CSV with the columns time_s, from the recording's first frame on, and force_n.
+    /// Readings of a force gauge beside the recording: CSV with the columns t_s, from the recording's first frame on, and force_n.
     #[arg(long, value_name = "TABLE", requires = "from")]
     gauge: Option<PathBuf>,
     #[command(flatten)]

@@ -5,10 +5,10 @@ use crate::files::malformed::FileError;
 use std::path::Path;
 
 /// Names of the columns. Robots and gauges name them in many ways.
-const TIME: [&str; 3] = ["t_s", "time_s", "t"];
+pub(super) const TIME: [&str; 3] = ["t_s", "time_s", "t"];
 const X: [&str; 2] = ["x_mm", "x"];
 const Y: [&str; 2] = ["y_mm", "y"];
-const FORCE: [&str; 2] = ["force_n", "force"];
+pub(super) const FORCE: [&str; 2] = ["force_n", "force"];
 /// Part of the largest force from which a line of a dense list is one of a press.
 const PRESSED: f64 = 0.2;
 /// Part of a press's largest force from which its lines tell its force: the rest is its way down and up.
