@@ -13,30 +13,36 @@ use view::picture::circle_mm;
 /// Position errors that the map's colours span, mm, by their logarithms.
 const ERRORS_MM: [f64; 2] = [0.02, 20.0];
 
-pub(super) fn html(report: &Report) -> String {
+/// A whole page.
+pub(super) fn document(title: &str, body: &Markup) -> String {
     let page = html! {
         (DOCTYPE)
         html lang="en" {
             head {
                 meta charset="utf-8";
                 meta name="viewport" content="width=device-width, initial-scale=1";
-                title { "The paper's experiments again, in simulation" }
+                title { (title) }
                 style { (PreEscaped(include_str!("style.css"))) }
             }
-            body {
-                (head(report))
-                (gradients(report))
-                (inverse(report))
-                (scenes(report))
-                (tracking(report))
-                (creep(report))
-                (time(report))
-                (separation(report))
-                (positions(report))
-            }
+            body { (body) }
         }
     };
     page.into_string()
+}
+
+pub(super) fn html(report: &Report) -> String {
+    let body = html! {
+        (head(report))
+        (gradients(report))
+        (inverse(report))
+        (scenes(report))
+        (tracking(report))
+        (creep(report))
+        (time(report))
+        (separation(report))
+        (positions(report))
+    };
+    document("The paper's experiments again, in simulation", &body)
 }
 
 fn head(r: &Report) -> Markup {

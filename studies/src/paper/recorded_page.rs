@@ -2,37 +2,28 @@
 
 use crate::paper::chart::Chart;
 use crate::paper::map::bar;
-use crate::paper::page::{errors, line, scale};
+use crate::paper::page::{document, errors, line, scale};
 use crate::paper::recorded::{Forces, RecordedMoment, RecordedReport};
 use crate::paper::touches::Outcome;
 use crate::paper::tracking::ForceError;
-use maud::{DOCTYPE, Markup, PreEscaped, html};
+use maud::{Markup, html};
 use view::palette::Palette;
 
+const TITLE: &str = "The paper's figures of a recorded run";
+
 pub(super) fn html(report: &RecordedReport) -> String {
-    let page = html! {
-        (DOCTYPE)
-        html lang="en" {
-            head {
-                meta charset="utf-8";
-                meta name="viewport" content="width=device-width, initial-scale=1";
-                title { "The paper's figures of a recorded run" }
-                style { (PreEscaped(include_str!("style.css"))) }
-            }
-            body {
-                h1 { "The paper's figures of a recorded run" }
-                p.lead { (report.source) }
-                p.note { "A recording does not say where was pressed. Rings are the touches that were found while it was recorded. Fig. 4 and \
-                          the sections on true positions need a sheet whose touches are known: " code { "skin paper" } " without a recording \
-                          has them." }
-                (inverse(report))
-                (scenes(report))
-                @if let Some(forces) = &report.forces { (tracking(forces)) }
-                (time(report))
-            }
-        }
+    let body = html! {
+        h1 { (TITLE) }
+        p.lead { (report.source) }
+        p.note { "A recording does not say where was pressed. Rings are the touches that were found while it was recorded. Fig. 4 and \
+                  the sections on true positions need a sheet whose touches are known: " code { "skin paper" } " without a recording \
+                  has them." }
+        (inverse(report))
+        (scenes(report))
+        @if let Some(forces) = &report.forces { (tracking(forces)) }
+        (time(report))
     };
-    page.into_string()
+    document(TITLE, &body)
 }
 
 fn inverse(r: &RecordedReport) -> Markup {
