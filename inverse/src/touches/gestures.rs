@@ -188,6 +188,8 @@ struct Dent {
     radius_mm: f64,
     /// Greatest integrated rise of the touch, mm².
     most_mm2: f64,
+    /// Which contact left it, by its beginning, s.
+    began_s: f64,
 }
 
 /// Makes events of touches, frame after frame.
@@ -225,7 +227,7 @@ impl Gestures {
         let options = self.options;
         for touch in touches.iter().filter(|t| t.is_pressed()) {
             let Some(id) = touch.id else { continue };
-            let is_known_dent = self.dents.iter().any(|dent| dent.is(touch, time_s, &options));
+            let is_known_dent = self.is_dent(touch, time_s);
             match self.followed.iter_mut().find(|f| f.id == id) {
                 Some(followed) => followed.seen(touch, time_s, is_known_dent, &options, &mut self.events),
                 None => {
@@ -254,13 +256,27 @@ impl Gestures {
         &self.events
     }
 
+    /// Whether a touch that is new is no more than the dents of one contact: what it left where it rested and where it was lifted adds up.
+    fn is_dent(&self, touch: &Touch, time_s: f64) -> bool {
+        let left_by = |contact: &Dent| -> f64 {
+            let same = self.dents.iter().filter(|dent| dent.began_s == contact.began_s);
+            same.map(|dent| dent.left_mm2(touch, time_s, &self.options)).sum()
+        };
+        self.dents
+            .iter()
+            .any(|contact| touch.total_mm2.abs() < left_by(contact))
+    }
+
     /// Keeps the times of frames. After a reset the board's clock begins anew, and all that was before is as long ago as it was.
     fn clock(&mut self, time_s: f64) {
         let shift_s = self.times.last().map_or(0.0, |last| (time_s - last).min(0.0));
         if shift_s < 0.0 {
             self.times.iter_mut().for_each(|t| *t += shift_s);
             self.taps.iter_mut().for_each(|t| t.lifted_s += shift_s);
-            self.dents.iter_mut().for_each(|d| d.lifted_s += shift_s);
+            for dent in &mut self.dents {
+                dent.lifted_s += shift_s;
+                dent.began_s += shift_s;
+            }
             for followed in &mut self.followed {
                 let times = [&mut followed.began_s, &mut followed.rests_s, &mut followed.seen_s];
                 times
@@ -292,12 +308,17 @@ impl Gestures {
                 Gesture::Slip => touch.left_mm,
                 _ => continue,
             };
-            self.dents.push(Dent {
+            let dent = Dent {
                 lifted_s: event.time_s,
                 at_mm,
                 radius_mm: (event.area_mm2.max(0.0) / PI).sqrt().max(options.double_mm),
                 most_mm2: touch.most_mm2,
-            });
+                began_s: touch.began_s,
+            };
+            // A contact that comes back to a place leaves one dent there.
+            self.dents
+                .retain(|d| d.began_s != dent.began_s || apart_mm(d.at_mm, at_mm) > options.move_mm);
+            self.dents.push(dent);
         }
     }
 
@@ -348,10 +369,13 @@ impl Gestures {
 }
 
 impl Dent {
-    /// Whether a touch that is new is no more than this dent.
-    fn is(&self, touch: &Touch, time_s: f64, options: &GestureOptions) -> bool {
-        let left = options.dent_part.unwrap_or(0.0) * (-(time_s - self.lifted_s) / options.dent_s).exp();
-        apart_mm(self.at_mm, [touch.x_mm, touch.y_mm]) <= self.radius_mm && touch.total_mm2.abs() < left * self.most_mm2
+    /// Integrated rise that is left of it by now, at most, where the touch is, mm².
+    fn left_mm2(&self, touch: &Touch, time_s: f64, options: &GestureOptions) -> f64 {
+        if apart_mm(self.at_mm, [touch.x_mm, touch.y_mm]) > self.radius_mm {
+            return 0.0;
+        }
+        let part = options.dent_part.unwrap_or(0.0) * (-(time_s - self.lifted_s) / options.dent_s).exp();
+        part * self.most_mm2
     }
 }
 

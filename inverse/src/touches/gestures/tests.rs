@@ -193,6 +193,28 @@ fn a_dent_that_is_seen_again_is_no_contact() {
     assert_eq!(names(&seen(2, 3.0, 40.0)), [Contact, Hold, Lift, Contact, Hold]);
 }
 
+/// Dents where a touch rested, and where it slipped to, are felt as one between them, with the sum of both. A touch that never slipped
+/// left half as much: the same is a contact then.
+#[test]
+fn two_dents_of_a_slip_may_be_felt_as_one() {
+    use Gesture::{Contact, Hold, Lift, Slip};
+    let seen = |to_mm: f64| {
+        events(4.0, move |t| match t {
+            _ if t < 1.0 => finger(t, 0.0, 2.0, 0.0),
+            _ if t < 1.2 => finger(t, 0.0, 2.0, to_mm * (t - 1.0) / 0.2),
+            _ if t < 1.5 => finger(t, 0.0, 2.0, to_mm),
+            _ if t > 3.0 => {
+                let mut dents = touch(1, 0.5 * to_mm, 400.0);
+                dents.total_mm2 *= 0.35;
+                Some(dents)
+            }
+            _ => None,
+        })
+    };
+    assert_eq!(names(&seen(18.0)), [Contact, Hold, Slip, Lift]);
+    assert_eq!(names(&seen(0.0)), [Contact, Hold, Lift, Contact, Hold]);
+}
+
 /// A reset of the board is no time, however long its clock had run.
 #[test]
 fn a_clock_that_begins_anew_changes_nothing() {
