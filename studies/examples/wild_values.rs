@@ -1,14 +1,17 @@
 //! Frames with values that have nothing to do with the sheet. Table: docs/reliability.md, Wild values.
 //!
-//! `cargo run --release -p studies --example wild_values -- [--scenes N] [--seed S] [--db D]`
+//! `cargo run --release -p studies --example wild_values -- [--scenes N] [--seed S] [--db D] [--opposite]`
+//! With --opposite the drives are opposite electrodes: a pattern without reciprocal pairs.
 //!
 //! Single frames with two touches of +20 %, and empty frames with the same noise. In every frame other values are wild. The noise is
 //! estimated from every frame.
 
-use forward::Drive;
+use forward::{Drive, Pattern, Sheet};
+use inverse::reference::imager::Imager;
 use rand::Rng;
 use rand::rngs::StdRng;
 use std::fmt::Display;
+use std::sync::Arc;
 use studies::{Kind, MISSED_MM, Score, StudyError, TestSheet, imager, noise_v, noisy, rng};
 
 /// What becomes of a value, with the noise.
@@ -19,11 +22,11 @@ fn row(
     count: usize,
     spoil: Spoil,
     (scenes, seed, db): (usize, u64, f64),
+    imager: &Arc<Imager>,
 ) -> Result<(), StudyError> {
     let drive = Drive::PAPER;
-    let imager = imager(drive, 5.0)?;
     let mut rng = rng(seed);
-    let mut sheet = TestSheet::new(&imager, drive, 0.0, 0.0, &mut rng)?;
+    let mut sheet = TestSheet::new(imager, drive, 0.0, 0.0, &mut rng)?;
     let mut reconstructor = sheet.reconstructor()?;
     let wild = |mut frame: Vec<f64>, sigma: f64, rng: &mut StdRng| {
         for place in rand::seq::index::sample(rng, frame.len(), count) {
@@ -64,12 +67,18 @@ fn main() -> anyhow::Result<()> {
         number("--seed", 4.0) as u64,
         number("--db", 35.0),
     );
+    let imager = if given.iter().any(|a| a == "--opposite") {
+        let pattern = Pattern::rotating(16, 8, 1)?;
+        Arc::new(Imager::new(&Sheet::paper(), Drive::PAPER, pattern, 5.0)?)
+    } else {
+        imager(Drive::PAPER, 5.0)?
+    };
     println!("seed {seed}, {scenes} frames with two touches and as many without, {db} dB");
     println!(
         "| wild values | how many | count right | position mm, median / 95 % | wrong and silent | doubted | empty frames with touches, silent |\n\
          |---|---|---|---|---|---|---|"
     );
-    row("none", 0, |v, _| v, (scenes, seed, db))?;
+    row("none", 0, |v, _| v, (scenes, seed, db), &imager)?;
     let kinds: [(&str, Spoil); 4] = [
         ("ten times", |v, _| 10.0 * v),
         ("half as much again", |v, _| 1.5 * v),
@@ -78,7 +87,7 @@ fn main() -> anyhow::Result<()> {
     ];
     for (name, spoil) in kinds {
         for count in [1, 3, 5, 10] {
-            row(name, count, spoil, (scenes, seed, db))?;
+            row(name, count, spoil, (scenes, seed, db), &imager)?;
         }
     }
     Ok(())
