@@ -13,6 +13,8 @@ pub struct Drift {
     pub resistance: f64,
     /// Of every contact's impedance.
     pub contacts: Vec<f64>,
+    /// Of the values of every sense pair, by the electrode on its plus side: the amplifier of a channel.
+    pub channels: Vec<f64>,
 }
 
 impl Drift {
@@ -22,6 +24,7 @@ impl Drift {
             gain: 1.0,
             resistance: 1.0,
             contacts: vec![1.0; electrodes],
+            channels: vec![1.0; electrodes],
         }
     }
 
@@ -31,17 +34,47 @@ impl Drift {
             gain: self.gain.powf(part),
             resistance: self.resistance.powf(part),
             contacts: self.contacts.iter().map(|c| c.powf(part)).collect(),
+            channels: self.channels.iter().map(|c| c.powf(part)).collect(),
         }
     }
 
     /// Contacts that drifted by this standard deviation of their logarithm.
     pub fn with_contacts(self, sd: f64, rng: &mut StdRng) -> Self {
-        let contacts = self.contacts.iter();
         Self {
-            contacts: contacts
-                .map(|c| c * (sd * rng.sample::<f64, _>(StandardNormal)).exp())
-                .collect(),
+            contacts: spread(&self.contacts, sd, rng),
             ..self
         }
+    }
+
+    /// Channels whose gains drifted by this standard deviation of their logarithm.
+    pub fn with_channels(self, sd: f64, rng: &mut StdRng) -> Self {
+        Self {
+            channels: spread(&self.channels, sd, rng),
+            ..self
+        }
+    }
+}
+
+fn spread(factors: &[f64], sd: f64, rng: &mut StdRng) -> Vec<f64> {
+    let mut drifted = |factor: &f64| factor * (sd * rng.sample::<f64, _>(StandardNormal)).exp();
+    factors.iter().map(&mut drifted).collect()
+}
+
+/// A smooth field over the sheet (a place in mm to a relative rise): a Gaussian process with the squared exponential covariance of this
+/// standard deviation and correlation length, mm, by random Fourier features (Rahimi and Recht 2007).
+pub fn smooth_field(sd: f64, length_mm: f64, rng: &mut StdRng) -> impl Fn([f64; 2]) -> f64 + use<> {
+    const WAVES: usize = 64;
+    let wave = |_| {
+        let mut normal = || rng.sample::<f64, _>(StandardNormal);
+        let [x, y] = [normal() / length_mm, normal() / length_mm];
+        [x, y, normal(), normal()]
+    };
+    let waves: Vec<[f64; 4]> = (0..WAVES).map(wave).collect();
+    move |at| {
+        let of = |w: &[f64; 4]| {
+            let (sin, cos) = (w[0] * at[0] + w[1] * at[1]).sin_cos();
+            w[2] * sin + w[3] * cos
+        };
+        sd * waves.iter().map(of).sum::<f64>() / (WAVES as f64).sqrt()
     }
 }

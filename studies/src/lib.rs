@@ -44,7 +44,7 @@ pub mod stress;
 pub mod test_sheet;
 pub mod trial;
 
-pub use drift::Drift;
+pub use drift::{Drift, smooth_field};
 pub use error::StudyError;
 pub use live_sheet::LiveSheet;
 pub use scene::{Fault, Kind, Scene, Worse, rng};

@@ -154,11 +154,38 @@ impl TestSheet {
         // Both frames of the difference are on this mesh.
         let untouched = drive.frame_v(self.solver.solve_untouched_there()?, pattern);
         let change = drifted.iter().zip(&untouched).map(|(d, u)| d - u);
+        let channels = pattern.measurements().iter().map(|m| drift.channels[m.sense.plus]);
         Ok(self
             .baseline
             .iter()
             .zip(change)
-            .map(|(b, c)| drift.gain * (b + c))
+            .zip(channels)
+            .map(|((b, c), channel)| drift.gain * channel * (b + c))
+            .collect())
+    }
+
+    /// The frame of discs on a sheet whose resistivity has risen by a smooth field since the baseline (a place in mm to the relative
+    /// rise), V without noise.
+    ///
+    /// # Errors
+    /// [`ForwardError`] where the model has no solution: a rise of -1 or less.
+    pub fn uneven_frame(
+        &mut self,
+        touches: &[DiscTouch],
+        rise: impl Fn([f64; 2]) -> f64,
+    ) -> Result<Vec<f64>, ForwardError> {
+        let pressed = |p: [f64; 2]| -> f64 {
+            let inside = |t: &&DiscTouch| (p[0] - t.centre_mm[0]).hypot(p[1] - t.centre_mm[1]) < t.radius_mm;
+            touches.iter().filter(inside).map(|t| t.rise).sum()
+        };
+        // Discs whose edges the mesh does not follow, and without them: the rest of the discs' change is that of a mesh that does.
+        let both = self.field_frame(|p| (1.0 + rise(p)) * (1.0 + pressed(p)) - 1.0)?;
+        let discs = self.field_frame(pressed)?;
+        let exact = self.clean_frame(touches)?;
+        Ok(exact
+            .iter()
+            .zip(both.iter().zip(&discs))
+            .map(|(e, (b, d))| e + b - d)
             .collect())
     }
 

@@ -14,7 +14,7 @@ use crate::touches::touch::Touch;
 const MOST_PUT_OFF: usize = 2;
 
 /// The detectors of changes, by what drifts.
-type Detectors = [Option<ChangeDetector>; 2];
+pub(crate) type Detectors = [Option<ChangeDetector>; Drifting::ALL.len()];
 
 /// Tests frames for contacts that drifted or changed, one frame after another.
 pub(crate) struct ContactTest {
@@ -30,6 +30,8 @@ pub(crate) struct ContactTest {
     until: usize,
     /// Frames one after another in which that test was put off.
     put_off: usize,
+    /// Whether a mean of frames at rest leaves what drift may explain: the next frame is asked by itself.
+    left_at_rest: bool,
     /// A frame without its contacts' scales.
     evened: Option<Difference>,
     /// The result of a frame with other contacts.
@@ -51,6 +53,7 @@ impl ContactTest {
             stood: 0,
             until: 0,
             put_off: 0,
+            left_at_rest: false,
             evened: None,
             kept: FrameResult::default(),
         }
@@ -81,12 +84,20 @@ impl ContactTest {
 
     /// Which detector tells whether the next frame is a change.
     pub(crate) fn detector(&self) -> usize {
-        usize::from(self.drifting == Drifting::Contacts)
+        self.drifting.index()
+    }
+
+    /// What is asked of a frame that shows no touch whether it drifted.
+    pub(crate) fn may_drift(&self) -> Drifting {
+        match self.drifting {
+            Drifting::Nothing | Drifting::Common => Drifting::Contacts,
+            other => other,
+        }
     }
 
     /// Whether an electrode is a candidate: then every frame counts.
     pub(crate) fn is_open(&self) -> bool {
-        self.monitor.is_open()
+        self.monitor.is_open() || self.left_at_rest
     }
 
     /// Forgets all that earlier frames said.
@@ -94,6 +105,7 @@ impl ContactTest {
         self.monitor.clear();
         self.polarity.clear();
         (self.drifting, self.stood, self.until) = (Drifting::Common, 0, 0);
+        self.left_at_rest = false;
     }
 
     /// Solves a frame into the result, with the contacts that changed left out. What drifts and the contacts of the task are
@@ -123,14 +135,19 @@ impl ContactTest {
             // Contacts are tested on single frames only: the error of the disc model shows more in a mean.
             let task = Task { patient: false, ..task };
             self.solve_with(solver, task, detectors, result);
+            self.until = self.until.saturating_sub(1);
+            // In variances of one frame's noise, as the test of a frame has it.
+            let misfit = result.misfit.map(|misfit| 1.0 + (misfit - 1.0) / task.averaged.gain);
+            self.left_at_rest = self.until == 0 && misfit.is_none_or(|m| m > self.options.explained);
             return;
         }
+        self.left_at_rest = false;
         if !self.sequence {
             self.clear();
         }
         let task = solver.begin(task);
         if task.quiet {
-            self.drifting = Drifting::Contacts;
+            self.drifting = self.may_drift();
         }
         // The decision for or against a contact compares what both come to in the end.
         let patient = !self.sequence || self.monitor.asks_next() || self.put_off >= MOST_PUT_OFF;
@@ -150,12 +167,9 @@ impl ContactTest {
         }
         if task.quiet {
             // Without touches the frame itself says it.
-            let by_contacts = result.drift.by_contacts;
-            self.drifting = if by_contacts {
-                Drifting::Contacts
-            } else {
-                Drifting::Common
-            };
+            if !result.drift.by_own {
+                self.drifting = Drifting::Common;
+            }
             self.stood = 0;
         }
     }
@@ -179,7 +193,7 @@ impl ContactTest {
         let before = self.polarity.now();
         self.kept.copy_from(result);
         self.polarity.widen();
-        solver.begin_other();
+        solver.begin_other(self.drifting);
         let other = self.solve_with(solver, task, detectors, result);
         let better = evidence
             .zip(other)
@@ -195,7 +209,7 @@ impl ContactTest {
         solver.end_other();
     }
 
-    /// Decides whether contacts drift: a new touch must explain the frame better than that.
+    /// Decides what drifts: a new touch must explain the frame better than that.
     fn test_drifting(
         &mut self,
         evidence: Option<Evidence>,
@@ -206,50 +220,88 @@ impl ContactTest {
     ) -> Option<Evidence> {
         self.until = self.until.saturating_sub(1);
         let touches = result.touches.len();
-        let unexplained = result.misfit.is_none_or(|misfit| misfit > self.options.explained);
         // A frame that changed without a touch is asked as well: a contact may be what changed it.
-        let due = self.until == 0 && (unexplained || touches == 0 || self.drifting == Drifting::Contacts);
+        let due = self.until == 0 && (self.leaves(result) || touches == 0 || self.drifting != Drifting::Common);
         let asked = touches > self.stood || due || self.monitor.is_open();
         if !(solver.fits() && result.changed && asked) {
             self.stood = self.stood.min(touches);
             return evidence;
         }
         if !solver.is_finished() && self.put_off < MOST_PUT_OFF {
-            // Contacts would take the place of touches that are not found yet.
+            // What drifts would take the place of touches that are not found yet.
             self.put_off += 1;
             return evidence;
         }
         self.put_off = 0;
         self.until = self.options.retest_frames;
-        let before = self.drifting;
+        let (before, mut best) = (self.drifting, evidence);
+        for other in Drifting::ALL.into_iter().filter(|d| *d != before) {
+            // What hides touches more than contacts do is asked for only where something is left to explain.
+            if is_rare(other) && !self.leaves(result) {
+                continue;
+            }
+            best = self.compare_with(other, best, solver, task, detectors, result);
+        }
+        if self.drifting != before {
+            tracing::debug!(now = ?self.drifting, ?evidence, ?best, "what drifts");
+        }
+        self.stood = result.touches.len();
+        best
+    }
+
+    /// Whether touches leave some of a frame unexplained.
+    fn leaves(&self, result: &FrameResult) -> bool {
+        result.misfit.is_none_or(|misfit| misfit > self.options.explained)
+    }
+
+    /// Solves a frame with something else that drifts, and keeps what explains it better. What drifts less often needs more.
+    fn compare_with(
+        &mut self,
+        other: Drifting,
+        evidence: Option<Evidence>,
+        solver: &mut FrameSolver,
+        task: Task,
+        detectors: &mut Detectors,
+        result: &mut FrameResult,
+    ) -> Option<Evidence> {
+        let unexplained = self.leaves(result);
         self.kept.copy_from(result);
-        self.drifting = match before {
-            Drifting::Contacts => Drifting::Common,
-            _ => Drifting::Contacts,
-        };
-        // Where contacts drift, the next frame takes the error of the linear model off.
+        let before = std::mem::replace(&mut self.drifting, other);
+        // Where more drifts, the next frame takes the error of the linear model off.
         let quick = Task {
             corrected: task.patient,
             ..task
         };
-        let other = self.solve_with(solver, quick, detectors, result);
-        let contacts = evidence.zip(other).is_some_and(|(evidence, other)| match before {
-            Drifting::Contacts => evidence.cheaper_than(other, self.options.margin),
-            _ => {
-                // What contacts alone explain, and no touches do, are contacts.
-                let alone = !result.changed && other.misfit <= self.options.explained && unexplained;
-                alone || other.cheaper_than(evidence, self.options.margin_accepted)
-            }
-        });
-        let now = if contacts { Drifting::Contacts } else { Drifting::Common };
-        let evidence = if now == before {
-            result.copy_from(&self.kept);
-            evidence
+        let found = self.solve_with(solver, quick, detectors, result);
+        // An unevenness hides many touches, and many touches look like one: they pay for what they leave open.
+        let better = if is_rare(other) || is_rare(before) {
+            Evidence::more_probable_than
         } else {
-            tracing::debug!(?now, ?evidence, ?other, "what drifts");
-            other
+            Evidence::cheaper_than
         };
-        (self.drifting, self.stood) = (now, result.touches.len());
+        // What is rare is taken only where with it touches explain the frame, or nothing changed. The error of the model of touches,
+        // and what is no touch at all, look like anything smooth.
+        let is_explained = [&self.kept, &*result].map(|r| r.misfit.is_some() || !r.changed);
+        let explains = |drifting, is_explained: bool, with: Evidence, without| {
+            !is_rare(drifting) || (is_explained && with.explains_of(without, &self.options))
+        };
+        let takes = evidence.zip(found).is_some_and(|(evidence, found)| {
+            if other.index() < before.index() {
+                return !(explains(before, is_explained[0], evidence, found)
+                    && better(evidence, found, self.options.margin));
+            }
+            if !explains(other, is_explained[1], found, evidence) {
+                return false;
+            }
+            // What drift alone explains, and no touches do, is drift.
+            let alone = !result.changed && found.misfit <= self.options.explained && unexplained;
+            alone || better(found, evidence, self.options.margin_accepted)
+        });
+        if takes {
+            return found;
+        }
+        self.drifting = before;
+        result.copy_from(&self.kept);
         evidence
     }
 
@@ -363,4 +415,9 @@ impl ContactTest {
         solver.even_out(changed, difference);
         act(solver, Task { difference, ..task })
     }
+}
+
+/// Whether it drifts less often than contacts do.
+fn is_rare(drifting: Drifting) -> bool {
+    !matches!(drifting, Drifting::Nothing | Drifting::Common | Drifting::Contacts)
 }

@@ -166,7 +166,7 @@ pub(crate) struct FrameSolver {
     /// The contact that would explain the frame alone.
     alone: Option<usize>,
     /// Ridges of the pictures solved last, by what drifts.
-    ridges: [Option<f64>; 3],
+    ridges: [Option<f64>; Drifting::ALL.len()],
     /// What drifted in this frame's picture, as far as one was made.
     pictured: Option<Drifting>,
     /// Whether the frame needs a picture even if its touches are followed.
@@ -197,7 +197,7 @@ impl FrameSolver {
             reduced: Vec::new(),
             sizes: Vec::new(),
             alone: None,
-            ridges: [None; 3],
+            ridges: [None; Drifting::ALL.len()],
             pictured: None,
             picture_due: true,
             spare: Vec::new(),
@@ -254,7 +254,8 @@ impl FrameSolver {
     }
 
     /// Begins a fit with touches of other signs.
-    pub(crate) fn begin_other(&mut self) {
+    pub(crate) fn begin_other(&mut self, drifting: Drifting) {
+        self.fit_beside(drifting);
         self.fitter.iter_mut().for_each(Fitter::begin_other);
     }
 
@@ -362,7 +363,7 @@ impl FrameSolver {
             return;
         }
         let said = self.said();
-        let ridge = self.ridges[task.drifting as usize].filter(|_| !hidden);
+        let ridge = self.ridges[task.drifting.index()].filter(|_| !hidden);
         let ridge = ridge.unwrap_or(noise.sigma / self.options.expected_rise);
         self.weigh(task.difference, (Drifting::Nothing, task.changed));
         self.reduce(task.difference);
@@ -408,10 +409,17 @@ impl FrameSolver {
         of_frame.hypot(self.options.model_error * self.power().sqrt())
     }
 
+    /// Goes on from the touches that were fitted last beside this drift.
+    fn fit_beside(&mut self, drifting: Drifting) {
+        if self.fitting != drifting {
+            let before = std::mem::replace(&mut self.fitting, drifting);
+            self.fitter.iter_mut().for_each(|f| f.exchange(before, drifting));
+        }
+    }
+
     fn weigh(&mut self, difference: &Difference, left_out: (Drifting, &[usize])) {
-        if self.fitting != left_out.0 && left_out.0 != Drifting::Nothing {
-            self.fitting = left_out.0;
-            self.fitter.iter_mut().for_each(Fitter::exchange);
+        if left_out.0 != Drifting::Nothing {
+            self.fit_beside(left_out.0);
         }
         let (drift, contacts) = (self.drift.as_ref(), self.contacts.as_mut());
         self.work.problems +=
@@ -473,9 +481,9 @@ impl FrameSolver {
         }
     }
 
-    /// Whether a frame that shows no touch differs from the baseline by more than noise: something drifted.
-    pub(crate) fn drifted(&mut self, difference: &Difference, sigma: f64) -> bool {
-        self.weigh(difference, (Drifting::Contacts, &[]));
+    /// Whether a frame that shows no touch differs from the baseline by more than noise along what may drift.
+    pub(crate) fn drifted(&mut self, difference: &Difference, drifting: Drifting, sigma: f64) -> bool {
+        self.weigh(difference, (drifting, &[]));
         self.tabulate(false);
         let nuisances = self
             .weightings
@@ -565,7 +573,7 @@ impl FrameSolver {
             picture.make();
         }
         if picture.made {
-            self.ridges[task.drifting as usize] = picture.ridge;
+            self.ridges[task.drifting.index()] = picture.ridge;
             self.pictured = Some(task.drifting);
         }
         result.drift.copy_from(fitter.drift());
@@ -601,16 +609,17 @@ impl FrameSolver {
         let directions = self.contacts.as_ref().map_or(0, of_changed);
         let sigma = task.noise?.sigma;
         let power = self.power() * self.reduced.len() as f64;
-        let (cost, misfit) = if result.changed {
+        let (cost, open, misfit) = if result.changed {
             let fitted = self.fitter.as_ref()?.last();
-            (fitted.cost, fitted.misfit)
+            (fitted.cost, fitted.open, fitted.misfit)
         } else {
             let square = power / sigma.powi(2);
-            (square, square / self.reduced.len() as f64)
+            (square, 0.0, square / self.reduced.len() as f64)
         };
         let error = self.options.fit?.model_error;
         Some(Evidence {
             cost: cost + directions as f64 + result.drift.cost,
+            open,
             misfit,
             model: error * error * power / sigma.powi(2),
         })

@@ -1,7 +1,7 @@
 //! From a frame to a picture and its touches: every step is entered once and returns a value.
 
 use crate::change::detector::{Change, ChangeDetector};
-use crate::pipeline::contact_test::ContactTest;
+use crate::pipeline::contact_test::{ContactTest, Detectors};
 use crate::pipeline::following::Following;
 use crate::pipeline::frame_solver::{Averaged, FrameSolver, Task, Work};
 use crate::pipeline::options::ReconstructorOptions;
@@ -24,8 +24,8 @@ const BETTER: f64 = 0.7;
 pub struct Reconstructor {
     reference: Reference,
     options: ReconstructorOptions,
-    /// For frames in which only the common gain and resistance drift, and for those in which contacts do.
-    detectors: [Option<ChangeDetector>; 2],
+    /// By what drifts.
+    detectors: Detectors,
     faults: FaultDetector,
     broken: FaultMonitor,
     /// What was broken as the baseline was taken.
@@ -234,7 +234,9 @@ impl Reconstructor {
         };
         self.reference.difference_into(values, &mut self.difference)?;
         self.broken.leave_out(&mut self.difference);
-        Ok(self.solver.drifted(&self.difference, noise.sigma))
+        Ok(self
+            .solver
+            .drifted(&self.difference, self.contacts.may_drift(), noise.sigma))
     }
 
     fn detector(&self) -> Option<&ChangeDetector> {
@@ -473,18 +475,19 @@ impl Reconstructor {
     }
 }
 
-/// Detectors of changes in the values of a difference that has nothing in it: for frames in which only the common gain and
-/// resistance drift, and for those in which contacts do.
-fn detectors(
-    solver: &mut FrameSolver,
-    reference: &Reference,
-    unchanged: &Difference,
-    at_once: bool,
-) -> [Option<ChangeDetector>; 2] {
-    let mut detector = |drifting| {
-        let (noise, share) = (reference.noise()?, reference.baseline_share());
-        solver.detector(unchanged, reference.baseline(), noise.sigma, share, drifting, at_once)
+/// Detectors of changes in the values of a difference that has nothing in it, by what drifts. Those of what drifts rarely are made
+/// `at_once` only as far as every frame needs them.
+fn detectors(solver: &mut FrameSolver, reference: &Reference, unchanged: &Difference, at_once: bool) -> Detectors {
+    let mut detectors = Drifting::ALL.map(|_| None);
+    let Some(noise) = reference.noise() else {
+        return detectors;
     };
-    let contacts = detector(Drifting::Contacts);
-    [detector(Drifting::Common), contacts]
+    let share = reference.baseline_share();
+    // The first is in use next.
+    for drifting in Drifting::ALL.into_iter().rev() {
+        let at_once = at_once && matches!(drifting, Drifting::Common | Drifting::Contacts);
+        detectors[drifting.index()] =
+            solver.detector(unchanged, reference.baseline(), noise.sigma, share, drifting, at_once);
+    }
+    detectors
 }

@@ -259,8 +259,8 @@ fn weighed(volts: &DMatrix<f64>, used: &[bool], spread: &[f64]) -> DMatrix<f64> 
     })
 }
 
-/// How many problems are kept: for both kinds of drift, with and without a contact or values that come and go.
-const MOST_KEPT: usize = 4;
+/// How many problems are kept: for every kind of drift, and for two with a contact or values that come and go.
+const MOST_KEPT: usize = 6;
 
 /// The problems used last, the last first.
 #[derive(Default)]

@@ -61,7 +61,7 @@ pub enum ImagerError {
 }
 
 /// Most numbers of a sensitivity. Its factors and copies take about 150 bytes for each: together less than 1 GB.
-const MOST_ENTRIES: usize = 6_000_000;
+pub(crate) const MOST_ENTRIES: usize = 6_000_000;
 
 /// Most values of a frame: those of 64 electrodes in the adjacent pattern, and some. The cells that the responses to touches are summed
 /// up from are 52,000 bytes for each.

@@ -172,10 +172,10 @@ fn drifted(sheet: &mut TestSheet, rng: &mut StdRng) -> Result<Vec<f64>, StudyErr
     let electrodes = sheet.as_built().electrodes.len();
     let drift = crate::drift::Drift {
         gain: 1.01,
-        resistance: 1.0,
         contacts: (0..electrodes)
             .map(|_| 1.0 + 0.01 * rng.sample::<f64, _>(StandardNormal))
             .collect(),
+        ..crate::drift::Drift::none(electrodes)
     };
     let frame = sheet.drifted_frame(&[], &drift)?;
     Ok(frame.iter().zip(&sheet.baseline).map(|(v, b)| v - b).collect())

@@ -7,7 +7,7 @@ use rand::Rng;
 use rand_distr::StandardNormal;
 use std::f64::consts::PI;
 use std::ops::Range;
-use studies::{Drift, TestSheet, imager, noise_v, noisy, rng};
+use studies::{Drift, TestSheet, imager, noise_v, noisy, rng, smooth_field};
 
 const CURRENT: Drive = Drive::Current { amplitude_a: 1e-3 };
 
@@ -100,6 +100,39 @@ fn a_common_gain_is_found_and_said() {
                 found.drift.gain
             );
             assert_eq!(found.drift.notice().is_some(), gain != 1.0);
+        }
+    }
+}
+
+/// A sheet that was bent, and one that was stretched in parts, since the baseline; channels whose gains drifted. Each alone: no touch where
+/// there is none, and a finger at its place. What is beside the touches is said.
+#[test]
+fn unevenness_and_channels_make_no_touch_and_move_none() {
+    let imager = imager(Drive::PAPER, 5.0).unwrap();
+    let mut rng = rng(106);
+    let mut sheet = TestSheet::new(&imager, Drive::PAPER, 0.0, 0.0, &mut rng).unwrap();
+    let mut reconstructor = sheet.reconstructor().unwrap();
+    let clean = sheet.clean_frame(&[finger(48.0, 0.0)]).unwrap();
+    let sigma = noise_v(&clean, &sheet.baseline.clone(), 27.0);
+    let parts = smooth_field(0.01, 90.0, &mut rng);
+    let channels = Drift::none(16).with_channels(0.005, &mut rng);
+    for touches in [vec![], vec![finger(-30.0, 45.0)]] {
+        let frames = [
+            sheet.uneven_frame(&touches, |p| 0.03 * (0.8 * p[0] - 0.6 * p[1]) / 97.5),
+            sheet.uneven_frame(&touches, &parts),
+            sheet.drifted_frame(&touches, &channels),
+        ];
+        for (k, frame) in frames.into_iter().enumerate() {
+            let frame = frame.unwrap();
+            for _ in 0..4 {
+                let found = reconstructor.frame(&noisy(frame.clone(), sigma, &mut rng)).unwrap();
+                assert_eq!(found.touches.len(), touches.len(), "{k}: {:?}", found.touches);
+                assert_eq!(found.drift.uneven > 0.002, k < 2, "{k}: {:?}", found.drift);
+                for t in &found.touches {
+                    let off = (t.x_mm + 30.0).hypot(t.y_mm - 45.0);
+                    assert!(off < 2.0, "{k}: {off} mm");
+                }
+            }
         }
     }
 }

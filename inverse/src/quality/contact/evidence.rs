@@ -7,6 +7,8 @@ use crate::quality::contact::options::ContactOptions;
 pub(crate) struct Evidence {
     /// Chi-square and the number of parameters: of touches, and of directions left out.
     pub(crate) cost: f64,
+    /// What touches leave open, beside the number of their parameters: see [`Fitted::open`](crate::touches::fit::frame_fit::Fitted::open).
+    pub(crate) open: f64,
     /// Mean square of the residual, in variances of the noise.
     pub(crate) misfit: f64,
     /// Chi-square that the model of touches may be wrong by.
@@ -19,6 +21,7 @@ impl std::ops::Add for Evidence {
     fn add(self, other: Self) -> Self {
         Self {
             cost: self.cost + other.cost,
+            open: self.open + other.open,
             misfit: self.misfit + other.misfit,
             model: self.model + other.model,
         }
@@ -31,6 +34,7 @@ impl Evidence {
         let part = 1.0 / frames as f64;
         Self {
             cost: part * self.cost,
+            open: part * self.open,
             misfit: part * self.misfit,
             model: part * self.model,
         }
@@ -41,6 +45,12 @@ impl Evidence {
         self.cost + margin + self.model < other.cost
     }
 
+    /// Whether this is more probable than another explanation with touches of its own, by a margin of minus twice the logarithm, and by
+    /// more than the model of touches may be wrong.
+    pub(crate) fn more_probable_than(self, other: Self, margin: f64) -> bool {
+        self.cost + self.open + margin + self.model < other.cost + other.open
+    }
+
     /// Whether a contact that was accepted stays so: this is with it.
     pub(crate) fn stays(self, without: Self, options: &ContactOptions) -> bool {
         self.cost + options.margin + self.model < without.cost
@@ -48,8 +58,12 @@ impl Evidence {
 
     /// Whether this, with a contact, is accepted rather than that without.
     pub(crate) fn instead_of(self, without: Self, options: &ContactOptions) -> bool {
+        self.cost + options.margin_accepted + self.model < without.cost && self.explains_of(without, options)
+    }
+
+    /// Whether this leaves little of what another leaves unexplained. What only lessens it fits the error of the model of touches.
+    pub(crate) fn explains_of(self, without: Self, options: &ContactOptions) -> bool {
         let unexplained = |evidence: Self| (evidence.misfit - options.explained).max(0.0);
-        self.cost + options.margin_accepted + self.model < without.cost
-            && unexplained(self) <= options.of_unexplained * unexplained(without)
+        unexplained(self) <= options.of_unexplained * unexplained(without)
     }
 }

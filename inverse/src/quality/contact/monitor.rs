@@ -224,11 +224,13 @@ mod tests {
 
     const BETTER: Evidence = Evidence {
         cost: 100.0,
+        open: 0.0,
         misfit: 1.0,
         model: 5.0,
     };
     const WORSE: Evidence = Evidence {
         cost: 300.0,
+        open: 0.0,
         misfit: 2.5,
         model: 5.0,
     };

@@ -1,6 +1,6 @@
 //! Fits frame after frame: keeps what depends on the sheet only, and corrects the linear model where its error shows.
 
-use crate::reference::drift::Drift;
+use crate::reference::drift::{Drift, Drifting};
 use crate::reference::imager::Imager;
 use crate::reference::noise::{NoiseEstimate, NoiseSource};
 use crate::touches::fit::disc::{Disc, Discs, MOST_TOUCHES};
@@ -234,8 +234,9 @@ pub struct Fitter {
     fits: Fits,
     corrected: Corrected,
     scratch: Scratch,
-    /// Those of frames with another reduction, and of those with touches of other signs.
-    aside: [Aside; 2],
+    /// Those of frames in which something else drifts, by what does; and of those with touches of other signs.
+    aside: [Aside; Drifting::ALL.len()],
+    other: Aside,
     /// Whether the values fitted last were corrected.
     was_corrected: bool,
     /// Solutions of the sheet in this frame, and the most there may be.
@@ -284,7 +285,8 @@ impl Fitter {
             fits: fits(),
             corrected: Corrected::default(),
             scratch: Scratch::default(),
-            aside: [aside(), aside()],
+            aside: Drifting::ALL.map(|_| aside()),
+            other: aside(),
             volts,
             was_corrected: false,
             solutions: 0,
@@ -338,24 +340,29 @@ impl Fitter {
         &self.alone
     }
 
-    /// Goes on from the last frame of the other of two reductions.
-    pub(crate) fn exchange(&mut self) {
-        self.exchange_with(0);
+    /// Goes on from the last frame in which `to` drifted, after one in which `from` did.
+    pub(crate) fn exchange(&mut self, from: Drifting, to: Drifting) {
+        for drifting in [from, to] {
+            let mut aside = std::mem::take(&mut self.aside[drifting.index()]);
+            self.exchange_with(&mut aside);
+            self.aside[drifting.index()] = aside;
+        }
     }
 
     /// Begins a fit with touches of other signs without a frame before.
     pub(crate) fn begin_other(&mut self) {
-        self.exchange_with(1);
+        self.end_other();
         forget(&mut self.followed, &mut self.carried);
     }
 
     /// Goes on from the last frame before that.
     pub(crate) fn end_other(&mut self) {
-        self.exchange_with(1);
+        let mut other = std::mem::take(&mut self.other);
+        self.exchange_with(&mut other);
+        self.other = other;
     }
 
-    fn exchange_with(&mut self, aside: usize) {
-        let aside = &mut self.aside[aside];
+    fn exchange_with(&mut self, aside: &mut Aside) {
         std::mem::swap(&mut self.carried, &mut aside.carried);
         std::mem::swap(&mut self.followed, &mut aside.followed);
         std::mem::swap(&mut self.fits, &mut aside.fits);
@@ -365,7 +372,7 @@ impl Fitter {
     /// Forgets the touches of the frame before: they have gone.
     pub fn forget(&mut self) {
         forget(&mut self.followed, &mut self.carried);
-        for aside in &mut self.aside {
+        for aside in self.aside.iter_mut().chain([&mut self.other]) {
             forget(&mut aside.followed, &mut aside.carried);
         }
     }
@@ -381,8 +388,11 @@ impl Fitter {
         let source = data.noise.source;
         self.drift.clear();
         self.followed.turn = self.followed.turn.wrapping_add(1);
+        let of_drift = data.beside.map_or(0.0, |b| b.nuisances.linearisation_error(b.sizes));
         let mut job = Job {
-            chi_square_threshold: data.gain * self.chi_square_threshold(data.table, source),
+            // No touch is added for what the linear model of drift is wrong by.
+            chi_square_threshold: data.gain * self.chi_square_threshold(data.table, source)
+                + (of_drift / data.noise.sigma).powi(2),
             hurried: source == NoiseSource::Known
                 && !data.patient
                 && self.followed.unfinished < self.options.most_unfinished,

@@ -4,6 +4,8 @@ use crate::touches::fit::disc::{Disc, Discs, MOST_TOUCHES};
 use crate::touches::fit::interpolation;
 use crate::touches::fit::levenberg_marquardt::PARAMETERS;
 use crate::touches::fit::model_order::{Before, DiscModel, Scratch, Search};
+use crate::touches::fit::prior::FitOptions;
+use crate::touches::fit::responses::ResponseTable;
 use crate::touches::polarity::Polarity;
 use crate::touches::touch::Touch;
 use arrayvec::ArrayVec;
@@ -13,6 +15,9 @@ use std::f64::consts::PI;
 /// for the places of touches, it is off by as much for their strengths: the totals of single touches in docs/results.md
 /// (`touch_accuracy`, column "total") are 1.01.
 const TOTAL_ERROR: f64 = 0.01;
+
+/// The strongest touch over the weakest: +300 % and the least that shows.
+const STRENGTHS: f64 = 1000.0;
 
 /// The outcome of a fit.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -50,6 +55,9 @@ pub struct Fitted {
     pub residual_whitened: Vec<f64>,
     /// Chi-square with the priors' penalty, and the number of parameters.
     pub cost: f64,
+    /// What makes it minus twice the logarithm of the frame's probability with so many touches somewhere, but for a constant: by how much
+    /// the priors are wider than what the frame leaves (Laplace's approximation; MacKay, Neural Computation 4, 1992).
+    pub open: f64,
     /// Jacobian: derivatives of the whitened data by the parameters of all discs that were fitted
     /// ([`PARAMETERS`] each), a column of as many entries for each.
     pub slopes: Vec<f64>,
@@ -153,6 +161,12 @@ fn fit_whitened(
     let variance = misfit.max(1.0) + model_error * model_error / freedom;
     let covariance = scratch.work.covariance(table.arch(), &best);
     let count = PARAMETERS * best.discs.len();
+    let parameters = match &covariance {
+        Some(covariance) => {
+            occam(table, prior, &best.discs) - count as f64 * variance.ln() - covariance.log_determinant()
+        }
+        None => count as f64,
+    };
     out.covariance.clear();
     if let Some(covariance) = covariance {
         let all = (0..count * count).map(|k| variance * covariance.of(k % count, k / count));
@@ -199,11 +213,24 @@ fn fit_whitened(
     out.relative_residual = best.square.sqrt() / norm.max(f64::MIN_POSITIVE);
     out.residual_whitened.clear();
     out.residual_whitened.extend_from_slice(&best.residual);
-    out.cost = best.objective + (PARAMETERS * best.discs.len()) as f64;
+    out.cost = best.objective + count as f64;
+    out.open = parameters - count as f64;
     out.slopes.clear();
     out.slopes.extend_from_slice(&best.jacobian);
     scratch.work.put(best);
     Some(())
+}
+
+/// Minus twice the logarithm of the priors' density at these discs (strengths over the noise), each with the expected radius, times
+/// the volume of a unit of all parameters: any place on the sheet is as probable, and any size of the strength.
+fn occam(table: &ResponseTable, prior: &FitOptions, discs: &[Disc]) -> f64 {
+    let area = table.area_mm2();
+    let one = |disc: &Disc| {
+        let of_strength = disc.strength.abs() * STRENGTHS.ln();
+        let of_radius = (2.0 * PI).sqrt() * prior.radius_sd_mm;
+        2.0 * (area * of_radius * of_strength).ln() - PARAMETERS as f64 * (2.0 * PI).ln()
+    };
+    discs.iter().map(one).sum()
 }
 
 /// Strength of a disc over its standard deviation; `variance` is over `sigma²`.

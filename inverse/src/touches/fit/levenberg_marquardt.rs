@@ -163,6 +163,16 @@ pub struct Covariance<'a> {
 }
 
 impl Covariance<'_> {
+    /// Logarithm of the determinant of the covariance of all parameters.
+    pub fn log_determinant(&self) -> f64 {
+        let diagonal = self
+            .scale
+            .iter()
+            .enumerate()
+            .map(|(k, s)| self.columns[k * self.rows + k] * s);
+        diagonal.map(|d| 2.0 * d.ln()).sum()
+    }
+
     /// Of the parameters i and j.
     pub fn of(&self, i: usize, j: usize) -> f64 {
         // The inverse of L L^T holds the products of the columns of L^-1.

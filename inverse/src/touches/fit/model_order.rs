@@ -159,8 +159,7 @@ pub struct Found {
 /// the four parameters of a touch. The probability is that of a false touch over the number of places (sheet's area
 /// over a touch's) where chance could have put it. `freedom` is the noise's number of degrees of freedom.
 pub fn chi_square_threshold(table: &ResponseTable, options: &FitOptions, freedom: f64) -> f64 {
-    let places = 4.0 * table.coarse_norms().len() as f64 * table.step_mm().powi(2)
-        / (std::f64::consts::PI * options.radius_mm.powi(2));
+    let places = table.area_mm2() / (std::f64::consts::PI * options.radius_mm.powi(2));
     let level = 1.0 - options.false_touch / places.max(1.0);
     fisher_quantile(PARAMETERS as f64, freedom, level).map_or(f64::INFINITY, |f| PARAMETERS as f64 * f)
 }

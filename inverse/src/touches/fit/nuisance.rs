@@ -22,7 +22,7 @@ use nalgebra::DMatrix;
 
 /// Widths below this probability are left out: their part is rounding.
 const LEAST_PROBABILITY: f64 = 1e-4;
-/// Widths in which no contact drifts: those of nothing, and of what all values have in common.
+/// Widths in which nothing else drifts: those of nothing, and of what all values have in common.
 const COMMON_WIDTHS: usize = 2;
 /// The nuisance directions of frames of which the same values take part. Immutable.
 #[derive(Debug)]
@@ -39,8 +39,13 @@ pub(crate) struct Nuisances {
     widths: Vec<Vec<f64>>,
     /// Prior covariance of the sizes for each of them (V²), padded.
     priors: Vec<Vec<f64>>,
-    /// How many contacts drift.
-    electrodes: usize,
+    /// What drifts, and how many kinds beside gain and resistance.
+    what: Drifting,
+    own: usize,
+    /// Mean squares of the waves of an unevenness over the sheet, where it is what drifts.
+    wave_squares: Vec<f64>,
+    /// Mean square of the sizes of an unevenness whose mean square is 1, V²; else 0.
+    unit_square: f64,
 }
 
 /// Room for the sizes of one frame. Nothing is allocated once it is as large as it gets.
@@ -61,6 +66,7 @@ pub(crate) struct NuisanceScratch {
     shift: Vec<f64>,
     reduced: Vec<f64>,
     kind: Vec<f64>,
+    waves: Vec<f64>,
 }
 
 impl Nuisances {
@@ -81,16 +87,19 @@ impl Nuisances {
         let rank = directions.len() / values;
         let rows = DMatrix::from_row_slice(rank, values, &directions);
         let drifting = &rows * drift.columns(what);
-        let electrodes = drifting.ncols() - 2;
+        let kinds_of_drift = drifting.ncols();
         let orthonormal = DMatrix::from_row_slice(rank, values, orthonormal);
         let shapes = &orthonormal * DMatrix::from_column_slice(values, shapes.len() / values, shapes);
-        let own = shapes.ncols();
-        let mut kinds = drifting.resize_horizontally(2 + electrodes + own, 0.0);
-        kinds.columns_mut(2 + electrodes, own).copy_from(&shapes);
+        let all = kinds_of_drift + shapes.ncols();
+        let mut kinds = drifting.resize_horizontally(all, 0.0);
+        kinds.columns_mut(kinds_of_drift, shapes.ncols()).copy_from(&shapes);
         let frame = kinds.column(0).into_owned();
         let gain = [0, 1].map(|k| kinds.column(k).dot(&frame) / frame.norm_squared());
+        let wave_squares = drift.wave_squares(what).to_vec();
+        let waves = kinds.columns(2, wave_squares.len());
+        let unit_square = waves.rows_range(2.min(rank)..).norm_squared();
         let of_shapes = |mut sd: Vec<f64>| {
-            sd.resize(2 + electrodes + own, CHANGED);
+            sd.resize(all, CHANGED);
             sd
         };
         let widths: Vec<Vec<f64>> = drift.widths(what, changed).map(of_shapes).collect();
@@ -115,7 +124,27 @@ impl Nuisances {
             kinds,
             gain,
             widths,
-            electrodes,
+            wave_squares,
+            unit_square,
+            what,
+            own: kinds_of_drift - 2,
+        }
+    }
+
+    /// How many contacts drift.
+    fn contacts(&self) -> usize {
+        if self.what == Drifting::Contacts { self.own } else { 0 }
+    }
+
+    /// Error of the linear model of what drifted, of which these are the sizes along the directions (V): norm over a frame, V. A field
+    /// of the relative size u has one of the part u, to second order. Contacts are less than linear, and channels are linear.
+    pub(crate) fn linearisation_error(&self, sizes: &[f64]) -> f64 {
+        // The first directions are those of gain and resistance.
+        let along = sizes.iter().skip(2).map(|v| v * v).sum::<f64>();
+        if self.unit_square > 0.0 {
+            along / self.unit_square.sqrt()
+        } else {
+            0.0
         }
     }
 
@@ -314,10 +343,11 @@ impl Nuisances {
     fn drifted(&self, sigma: f64, scratch: &mut NuisanceScratch, drift: &mut Drift) {
         let rank = scratch.sizes.len();
         let rows = padded(rank, LANES);
-        let contacts = self.electrodes;
         drift.contacts.clear();
-        drift.contacts.resize(contacts, 0.0);
+        drift.contacts.resize(self.contacts(), 0.0);
         drift.gain = 1.0;
+        scratch.waves.clear();
+        scratch.waves.resize(self.wave_squares.len(), 0.0);
         for (l, p) in scratch.probabilities.iter().enumerate().filter(|(_, p)| **p > 0.0) {
             let weights = &scratch.weights[l * rows..][..rank];
             let of = |kind: usize| {
@@ -328,17 +358,22 @@ impl Nuisances {
             for (c, out) in drift.contacts.iter_mut().enumerate() {
                 *out += p * of(2 + c);
             }
+            for (w, out) in scratch.waves.iter_mut().enumerate() {
+                *out += p * of(2 + w);
+            }
         }
-        let of_contacts: f64 = scratch.probabilities.iter().skip(COMMON_WIDTHS).sum();
-        drift.by_contacts = of_contacts > 0.5;
+        let squares = scratch.waves.iter().zip(&self.wave_squares);
+        drift.uneven = squares.map(|(size, square)| size * size * square).sum::<f64>().sqrt();
+        let of_own: f64 = scratch.probabilities.iter().skip(COMMON_WIDTHS).sum();
+        drift.by_own = of_own > 0.5;
         drift.contact = self.contact(sigma, scratch);
         (drift.evidence, drift.cost) = self.cost(drift.contact, scratch);
     }
 
-    /// How much more probable the best width is than no contact that drifts, as a logarithm. And what contacts that drift add to the
+    /// How much more probable the best width is than nothing but gain and resistance, as a logarithm. And what else drifts adds to the
     /// cost of the touches: chi-square that they would leave with none, less twice that logarithm, or that of the best contact of all.
     fn cost(&self, contact: Option<ContactChange>, scratch: &mut NuisanceScratch) -> (f64, f64) {
-        let (rank, count) = (scratch.sizes.len(), self.electrodes);
+        let (rank, count) = (scratch.sizes.len(), self.own);
         let rows = padded(rank, LANES);
         let common = COMMON_WIDTHS - 1;
         let of = |l: usize| scratch.log_evidence.get(l).copied().unwrap_or(f64::NEG_INFINITY);
@@ -386,7 +421,7 @@ impl Nuisances {
                 &scratch.inverses[l * rows..][..rows],
             );
             let weights = &scratch.weights[l * rows..][..rank];
-            for electrode in 0..self.electrodes {
+            for electrode in 0..self.contacts() {
                 scratch.kind.clear();
                 let kind = self.kinds.column(2 + electrode);
                 scratch.kind.extend(kind.iter().map(|v| v / sigma));

@@ -247,6 +247,11 @@ impl ResponseTable {
         [SMALLEST, LARGEST].map(|r| r * self.lattice.radius_mm)
     }
 
+    /// Area of the sheet, as far as the places where a touch is looked for tell, mm².
+    pub fn area_mm2(&self) -> f64 {
+        4.0 * self.lattice.coarse.len() as f64 * self.lattice.step_mm.powi(2)
+    }
+
     /// Places where a touch is looked for, mm.
     pub fn coarse(&self) -> &[[f64; 2]] {
         &self.lattice.coarse
