@@ -15,16 +15,16 @@ use crate::table_baseline::{BaselineArguments, Frame};
 use crate::table_batch::{How, TableBatch};
 use crate::table_sheet::Geometry;
 use crate::usage::Usage;
-use crate::{number, sheet};
+use crate::{number, sheet, table_notices};
 use ::forward::{Sheet, order::ValueOrder};
 use anyhow::{Context, Result, bail};
 use clap::Args;
-use inverse::batch::{Batch, BatchOptions};
+use inverse::batch::Batch;
 use inverse::pipeline::FrameResult;
 use inverse::quality::doubt::Doubt;
+use inverse::reference::diagnosis::Fault;
 use inverse::reference::drift::Drift;
 use inverse::reference::imager::Imager;
-use inverse::reference::noise::NoiseSource;
 use inverse::reference::screening::Finding;
 use inverse::solvers::{Method, Status};
 use inverse::touches::polarity::Polarity;
@@ -143,6 +143,12 @@ struct FrameLine<'a> {
     /// What speaks against the touches.
     #[serde(skip_serializing_if = "Option::is_none")]
     doubt: Option<Doubt>,
+    /// What is broken.
+    #[serde(skip_serializing_if = "<[_]>::is_empty")]
+    faults: &'a [Fault],
+    /// Values of this frame that have nothing to do with the others, and took no part: rows from 0.
+    #[serde(skip_serializing_if = "<[_]>::is_empty")]
+    rejected: &'a [usize],
     /// Part of the change that the touches take, where discs do not explain it.
     #[serde(skip_serializing_if = "Option::is_none")]
     explained: Option<f64>,
@@ -367,24 +373,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         eprintln!("electrodes found in the baseline, up to {most:.1} mm from where they were said to be");
     }
     let results = reconstruct(arguments, &table, ready.prepared.frames, &mut batch)?;
-    let by_residual = |done: &Done| matches!(done.result.noise.map(|n| n.source), Some(NoiseSource::Residual { .. }));
-    if results.iter().any(by_residual) {
-        eprintln!(
-            "notice: few or no pairs of this pattern are reciprocal, so that the noise is estimated from the part of a frame that touches \
-             hardly reach. {} or more frames of the unpressed sheet (--baseline) measure it, and make weak touches surer",
-            BatchOptions::of(method).noise_frames
-        );
-    }
-    let explained = || results.iter().filter_map(|done| done.result.explained);
-    if explained().next().is_some() {
-        eprintln!(
-            "notice: in {} of {} frames the touches of the model explain {:.0} % of the change (median): the sheet is not as the model \
-             takes it to be. Presses at known places teach it: skin calibrate presses (docs/real-skins.md)",
-            explained().count(),
-            results.len(),
-            100.0 * number::median(explained())
-        );
-    }
+    table_notices::of_all(results.iter().map(|done| &done.result), method);
     // Everything is computed and every picture written before the first line is printed: no part passes for the whole.
     if let Some(folder) = &arguments.png {
         write_pictures(folder, batch.imager(), &results)?;
@@ -422,7 +411,7 @@ fn reconstruct<'a>(
             batch.frame(frame.place, &frame.values)
         }?;
         let name = table.columns[frame.place].name.as_str();
-        warn(name, &result);
+        table_notices::of_frame(name, &result, &table.measurements);
         if !pictures {
             // Of ten minutes of frames the cells alone take most of a gigabyte.
             result.x = Vec::new();
@@ -435,25 +424,6 @@ fn reconstruct<'a>(
         progress.at(next, count);
     }
     Ok(results)
-}
-
-/// Says on stderr what speaks against a frame's result.
-fn warn(frame: &str, result: &FrameResult) {
-    if let Some(doubt) = result.doubt {
-        eprintln!("warning: frame {frame}: {doubt}");
-    } else if let Some(notice) = result.notice() {
-        eprintln!("notice: frame {frame}: {notice}");
-    }
-    match result.status {
-        Status::Converged => {}
-        Status::Stopped => eprintln!(
-            "warning: frame {frame}: the solver stopped at a relative gap of {:.1e}",
-            result.gap
-        ),
-        Status::BadInput => {
-            eprintln!("warning: frame {frame}: its values are too large to compute with; look at its unit");
-        }
-    }
 }
 
 fn write_cells(folder: &Path, imager: &Imager, results: &[Done<'_>]) -> Result<()> {
@@ -568,6 +538,8 @@ fn print(results: &[Done<'_>], source: &Source, values: usize, left_out: &[&Find
                 baseline,
                 source,
                 doubt: result.doubt,
+                faults: &result.faults,
+                rejected: &result.rejected,
                 explained: result.explained.map(thousandths),
                 drift: &result.drift,
                 left_out,

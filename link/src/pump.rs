@@ -125,9 +125,9 @@ struct Served<'a> {
     last_sequence: Option<u32>,
     /// Until when the port was listened to.
     listened: Instant,
-    /// What is to be sent still, and since when the port has taken none of it.
+    /// What is to be sent still, and how long it was listened while the port took none of it.
     unsent: Vec<u8>,
-    stuck: Instant,
+    stuck: Duration,
 }
 
 impl<'a> Served<'a> {
@@ -141,7 +141,7 @@ impl<'a> Served<'a> {
             last_sequence: None,
             listened: Instant::now(),
             unsent: Vec::new(),
-            stuck: Instant::now(),
+            stuck: Duration::ZERO,
         }
     }
 
@@ -166,10 +166,10 @@ impl<'a> Served<'a> {
                 Ok(0) => return Err(ErrorKind::WriteZero.into()),
                 Ok(count) => {
                     self.unsent.drain(..count);
-                    self.stuck = Instant::now();
+                    self.stuck = Duration::ZERO;
                 }
                 Err(e) if is_wait(&e) => {
-                    if self.stuck.elapsed() > STUCK {
+                    if self.stuck > STUCK {
                         let (s, bytes) = (STUCK.as_secs(), self.unsent.len());
                         return Err(io::Error::other(format!(
                             "the port has taken none of {bytes} bytes of commands for {s} s: its transmit queue is full; is it the right device?"
@@ -180,7 +180,7 @@ impl<'a> Served<'a> {
                 Err(e) => return Err(e),
             }
         }
-        self.stuck = Instant::now();
+        self.stuck = Duration::ZERO;
         Ok(())
     }
 
@@ -211,6 +211,7 @@ impl<'a> Served<'a> {
                 let mut counters = self.pump.counters();
                 counters.silent += listened;
                 counters.frameless += listened;
+                self.stuck += listened;
             }
             match read {
                 Ok(0) => return Err(ErrorKind::UnexpectedEof.into()),

@@ -1,7 +1,9 @@
 //! One frame, with the values and contacts that take part given: weigh, reduce, gate, picture, fit.
 
 mod unexplained;
+mod unreached;
 
+use self::unreached::tells_noise;
 use crate::change::detector::ChangeDetector;
 use crate::pipeline::image::ImageSolver;
 use crate::pipeline::options::ReconstructorOptions;
@@ -23,12 +25,6 @@ use arrayvec::ArrayVec;
 use forward::Geometry;
 use std::sync::Arc;
 use std::time::Instant;
-
-/// One in so many directions tells the noise where nothing else does: the response to a touch is there a hundredth of its
-/// largest part, or less.
-const LEAST_REACHED: usize = 8;
-/// Least noise that is found so, over the root mean square of the frame: exact frames have none.
-const LEAST_NOISE: f64 = 1e-4;
 
 /// A picture that leaves more than this part of a change is no picture of what is on the sheet: the model is wrong. Those of objects in
 /// tanks leave up to 0.15, those of real skins half and more.
@@ -444,19 +440,6 @@ impl FrameSolver {
         passes
     }
 
-    /// The noise by the part of the frame that touches hardly reach: the directions of the least singular values. What the model
-    /// gets wrong there counts as noise.
-    fn residual_noise(&self) -> Option<NoiseEstimate> {
-        let rank = self.reduced.len();
-        let freedom = (rank / LEAST_REACHED).max(1).min(rank);
-        let square = self.reduced[rank - freedom..].iter().map(|v| v * v).sum::<f64>() / freedom.max(1) as f64;
-        let least = LEAST_NOISE * self.power().sqrt();
-        (rank > 0).then(|| NoiseEstimate {
-            sigma: square.sqrt().max(least),
-            source: NoiseSource::Residual { freedom },
-        })
-    }
-
     /// The gate of so many values.
     fn limit(&mut self, rank: usize, noise: NoiseSource) -> f64 {
         if let Some((.., limit)) = self.gates.iter().find(|g| (g.0, g.1) == (rank, noise)) {
@@ -629,9 +612,7 @@ impl FrameSolver {
     /// happen to be reciprocal do not.
     pub(crate) fn begin<'a>(&mut self, task: Task<'a>) -> Task<'a> {
         self.alone = None;
-        let used = task.difference.used.iter().filter(|used| **used).count();
-        let least = (used / LEAST_REACHED) as f64;
-        if task.noise.is_some_and(|noise| noise.source.freedom() >= least) {
+        if tells_noise(task.noise, task.difference) {
             return task;
         }
         self.weigh(task.difference, (Drifting::Common, task.changed));

@@ -51,6 +51,8 @@ pub struct Reconstructor {
     /// Room for a frame, and for the mean of several.
     divided: Vec<f64>,
     difference: Difference,
+    /// Which values took part before the frame was held against itself.
+    judged: Vec<bool>,
     whole: Difference,
     mean: Vec<f64>,
     result: FrameResult,
@@ -83,6 +85,7 @@ impl Reconstructor {
             searches: 0,
             divided: Vec::new(),
             difference: reference.unchanged().clone(),
+            judged: Vec::new(),
             whole: reference.unchanged().clone(),
             mean: Vec::new(),
             result: FrameResult::nothing(imager),
@@ -414,10 +417,12 @@ impl Reconstructor {
     fn solve(&mut self, averaged: Averaged, quiet: bool) {
         let model_v = &self.reference.imager().model_v;
         // Nothing is left out of frames that are averaged, and what would be of their mean is not in a frame.
-        let estimated = match averaged.frames {
-            1 => self.faults.judge(model_v, &mut self.difference),
-            _ => None,
-        };
+        self.judged.clone_from(&self.difference.used);
+        let mut estimated = None;
+        if averaged.frames == 1 {
+            estimated = self.faults.judge(model_v, &mut self.difference);
+            self.solver.leave_out_wild(estimated, &mut self.difference);
+        }
         let known = self.reference.noise().map(|noise| NoiseEstimate {
             sigma: if averaged.frames > 1 {
                 noise.sigma / averaged.gain.sqrt()
@@ -472,6 +477,10 @@ impl Reconstructor {
         }
         self.result.contacts.clear();
         self.result.contacts.extend_from_slice(changed);
+        let left_out = self.judged.iter().zip(&self.difference.used).enumerate();
+        let left_out = left_out.filter(|(_, (before, now))| **before && !**now);
+        self.result.rejected.clear();
+        self.result.rejected.extend(left_out.map(|(k, _)| k));
     }
 }
 

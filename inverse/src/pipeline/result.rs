@@ -32,6 +32,8 @@ pub struct FrameResult {
     pub grown: bool,
     /// How many values took part.
     pub used: usize,
+    /// Values of this frame that have nothing to do with the others, and took no part (places in the pattern).
+    pub rejected: Vec<usize>,
     /// Whether there was a change above the noise.
     pub changed: bool,
     /// How the solve ended.
@@ -68,6 +70,7 @@ impl FrameResult {
             frames: 1,
             grown: false,
             used: 0,
+            rejected: Vec::new(),
             changed: false,
             status: Status::Converged,
             misfit: None,
@@ -95,22 +98,25 @@ impl FrameResult {
             drift,
             contacts,
             faults,
+            rejected,
             ..
         } = self;
         x.clone_from(&other.x);
         touches.clone_from(&other.touches);
         contacts.clone_from(&other.contacts);
         faults.clone_from(&other.faults);
+        rejected.clone_from(&other.rejected);
         drift.copy_from(&other.drift);
         let (x, touches) = (std::mem::take(x), std::mem::take(touches));
         let (drift, contacts) = (std::mem::take(drift), std::mem::take(contacts));
-        let faults = std::mem::take(faults);
+        let (faults, rejected) = (std::mem::take(faults), std::mem::take(rejected));
         *self = Self {
             x,
             touches,
             drift,
             contacts,
             faults,
+            rejected,
             ..*other
         };
     }
@@ -128,6 +134,7 @@ impl FrameResult {
         (self.frames, self.grown) = (1, false);
         self.contacts.clear();
         self.faults.clear();
+        self.rejected.clear();
         self.drift.clear();
     }
 }

@@ -3,6 +3,7 @@
 use crate::linalg::basis::Basis;
 use crate::pipeline::options::ReconstructorOptions;
 use crate::quality::contact::Contacts;
+use crate::quality::wild::Unreached;
 use crate::reference::Difference;
 use crate::reference::drift::{DriftShapes, Drifting};
 use crate::reference::imager::Imager;
@@ -85,6 +86,8 @@ pub(crate) struct Weighted {
     pub(crate) projector: Projector,
     /// Reduced responses to touches; made when a frame first needs them.
     pub(crate) tables: Option<Tables>,
+    /// What tells wild values; made when a frame first needs it.
+    unreached: Option<Unreached>,
 }
 
 /// What pictures are solved with.
@@ -168,6 +171,7 @@ impl Weighted {
                 with_falls: None,
             },
             tables: None,
+            unreached: None,
         }
     }
 
@@ -186,6 +190,15 @@ impl Weighted {
     /// How many directions say nothing of touches.
     pub(crate) fn directions(&self) -> usize {
         self.left_out.columns().len() / self.used.len().max(1)
+    }
+
+    /// What neither touches nor drift reach: all but the drift, and the directions of the largest singular values (a part `reached`).
+    pub(crate) fn unreached(&mut self, reached: usize) -> &Unreached {
+        self.unreached.get_or_insert_with(|| {
+            let values = self.used.len();
+            let basis = self.pictures.problem.basis().as_slice().chunks(values).take(reached);
+            Unreached::outside(&self.used, self.left_out.columns().chunks(values).chain(basis))
+        })
     }
 
     /// Weighs a difference into `values`, without what says nothing of touches, and reduces it into `reduced`.

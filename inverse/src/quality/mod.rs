@@ -5,3 +5,4 @@ pub mod doubt;
 pub(crate) mod fault_monitor;
 pub mod faults;
 pub mod reciprocity;
+pub(crate) mod wild;

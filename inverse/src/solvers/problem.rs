@@ -199,7 +199,7 @@ impl Problem {
     }
 
     /// Orthonormal columns, `rows x rank`, in the order of the singular values.
-    pub(super) fn basis(&self) -> &DMatrix<f64> {
+    pub(crate) fn basis(&self) -> &DMatrix<f64> {
         &self.basis
     }
 

@@ -136,7 +136,7 @@ fn a_full_transmit_queue_is_waited_for_and_then_said() {
     // For a moment: nothing is lost.
     port.turns(BLOCKED);
     session.link().send(protocol::ToBoard::GetStatus);
-    outcome(&session, 20).unwrap();
+    outcome(&session, 3).unwrap();
     port.turns(WORKS);
     outcome(&session, 1000).unwrap();
     // For ever.

@@ -1,0 +1,105 @@
+//! What a person is told on stderr of frames of a table.
+
+use crate::number;
+use ::forward::Measurement;
+use inverse::batch::BatchOptions;
+use inverse::pipeline::FrameResult;
+use inverse::reference::noise::NoiseSource;
+use inverse::solvers::{Method, Status};
+
+/// Of so many values the places are told.
+const MOST_TOLD: usize = 4;
+
+/// What speaks against a frame's result, and what is left out of it.
+pub(crate) fn of_frame(frame: &str, result: &FrameResult, measurements: &[Measurement]) {
+    if let Some(doubt) = result.doubt {
+        eprintln!("warning: frame {frame}: {doubt}");
+    } else if let Some(notice) = result.notice() {
+        eprintln!("notice: frame {frame}: {notice}");
+    }
+    let doubted = result.doubt.map(|doubt| doubt.to_string());
+    let faults = result.faults.iter().map(ToString::to_string);
+    for fault in faults.filter(|fault| doubted.as_ref() != Some(fault)) {
+        eprintln!("warning: frame {frame}: {fault}");
+    }
+    if let Some(rejected) = rejected(&result.rejected, measurements) {
+        eprintln!("notice: frame {frame}: {rejected}");
+    }
+    match result.status {
+        Status::Converged => {}
+        Status::Stopped => eprintln!(
+            "warning: frame {frame}: the solver stopped at a relative gap of {:.1e}",
+            result.gap
+        ),
+        Status::BadInput => {
+            eprintln!("warning: frame {frame}: its values are too large to compute with; look at its unit");
+        }
+    }
+}
+
+/// Which values of a frame have nothing to do with the others; none where all have.
+fn rejected(places: &[usize], measurements: &[Measurement]) -> Option<String> {
+    let told = places.iter().filter_map(|k| measurements.get(*k)).take(MOST_TOLD);
+    let told: Vec<String> = told
+        .map(|m| {
+            let [a, b, c, d] = [m.drive.plus, m.drive.minus, m.sense.minus, m.sense.plus].map(|e| e + 1);
+            format!("drive {a}-{b}, sense {c}-{d}")
+        })
+        .collect();
+    let more = match places.len() - told.len() {
+        0 => String::new(),
+        more => format!("; and {more} more"),
+    };
+    let have = match places.len() {
+        0 => return None,
+        1 => "1 value has nothing to do with the others and is".to_owned(),
+        count => format!("{count} values have nothing to do with the others and are"),
+    };
+    Some(format!("{have} left out ({}{more})", told.join("; ")))
+}
+
+/// What all frames have in common.
+pub(crate) fn of_all<'a>(results: impl Iterator<Item = &'a FrameResult> + Clone, method: Method) {
+    let by_residual =
+        |result: &FrameResult| matches!(result.noise.map(|n| n.source), Some(NoiseSource::Residual { .. }));
+    if results.clone().any(by_residual) {
+        eprintln!(
+            "notice: few or no pairs of this pattern are reciprocal, so that the noise is estimated from the part of a frame that touches \
+             hardly reach. {} or more frames of the unpressed sheet (--baseline) measure it, and make weak touches surer",
+            BatchOptions::of(method).noise_frames
+        );
+    }
+    let explained: Vec<f64> = results.clone().filter_map(|result| result.explained).collect();
+    if !explained.is_empty() {
+        eprintln!(
+            "notice: in {} of {} frames the touches of the model explain {:.0} % of the change (median): the sheet is not as the model \
+             takes it to be. Presses at known places teach it: skin calibrate presses (docs/real-skins.md)",
+            explained.len(),
+            results.count(),
+            100.0 * number::median(explained.into_iter())
+        );
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ::forward::Pattern;
+
+    #[test]
+    fn a_few_values_that_are_left_out_are_named() {
+        let pattern = Pattern::adjacent(16).unwrap();
+        let said = |places: &[usize]| rejected(places, pattern.measurements());
+        assert_eq!(said(&[]), None);
+        let one = said(&[0]).unwrap();
+        assert!(
+            one.starts_with("1 value has") && one.ends_with("(drive 1-2, sense 3-4)"),
+            "{one}"
+        );
+        let many = said(&[0, 1, 2, 3, 4, 5]).unwrap();
+        assert!(
+            many.starts_with("6 values have") && many.ends_with("; and 2 more)"),
+            "{many}"
+        );
+    }
+}
