@@ -313,6 +313,7 @@ impl Reconstructor {
             if let Some(fault) = self.broken.named().filter(put_off) {
                 // The problem without what it spoils takes as long as the search: the next frame has it.
                 self.result.doubt = Some(Doubt::Fault(fault));
+                self.solver.forget();
                 break;
             }
         }
