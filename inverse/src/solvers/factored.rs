@@ -46,24 +46,30 @@ impl Factored {
             column *= *scale;
         }
         let largest = columns.amax();
-        let nothing = || Problem::nothing(columns.nrows(), directions.ncols(), self.finite);
+        let (values, cells) = (columns.nrows(), directions.ncols());
+        let nothing = || Problem::nothing(values, cells, self.finite);
         // Nearly the identity: the scales are.
         let Some(factor) = Cholesky::new(&directions * directions.transpose()).filter(|_| largest > 0.0) else {
             return nothing();
         };
-        let scaled = (&columns / largest) * factor.l();
+        let lower = factor.l();
+        columns /= largest;
+        // Products of the columns with one another are all that the long columns are needed for, but for the basis.
+        let products = columns.transpose() * &columns;
+        let scaled = lower.transpose() * &products * &lower;
         if scaled.iter().any(|v| !v.is_finite()) {
             return nothing();
         }
-        let eigen = SymmetricEigen::new(scaled.transpose() * &scaled);
-        let values: Vec<f64> = eigen.eigenvalues.iter().map(|v| v.max(0.0).sqrt()).collect();
-        let kept = Problem::kept(&values, rank_tolerance);
-        let mut basis = &scaled * eigen.eigenvectors.select_columns(&kept);
-        for (mut column, k) in basis.column_iter_mut().zip(&kept) {
-            column /= values[*k];
+        let eigen = SymmetricEigen::new(scaled);
+        let lengths: Vec<f64> = eigen.eigenvalues.iter().map(|v| v.max(0.0).sqrt()).collect();
+        let kept = Problem::kept(&lengths, rank_tolerance);
+        let mut by = lower * eigen.eigenvectors.select_columns(&kept);
+        for (mut column, k) in by.column_iter_mut().zip(&kept) {
+            column /= lengths[*k];
         }
-        let reduced = (basis.transpose() * &columns) * &directions;
-        let singular = DVector::from_iterator(kept.len(), kept.iter().map(|k| values[*k] * largest));
+        let basis = &columns * &by;
+        let reduced = (by.transpose() * products * largest) * &directions;
+        let singular = DVector::from_iterator(kept.len(), kept.iter().map(|k| lengths[*k] * largest));
         Problem::assemble(reduced, singular, basis, self.finite)
     }
 }

@@ -95,8 +95,8 @@ impl Evidence {
     }
 
     /// The inverse of the covariance, 0 where a value takes no part.
-    pub(super) fn inverse_covariance(&self) -> DMatrix<f64> {
-        self.w.matrix()
+    pub(super) fn inverse_covariance(&self) -> &LowRankInverse {
+        &self.w
     }
 
     /// The product of that with the frame.

@@ -1,5 +1,6 @@
 //! How probable a frame is when some of its values may be anything: one set of values after another.
 
+use super::super::low_rank::LowRankInverse;
 use super::evidence::Evidence;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
@@ -7,17 +8,21 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 ///
 /// With `W` the inverse covariance and U free values, the cost of the others is `(r' W r - (W r)_U' W_UU⁻¹ (W r)_U + ln |W_UU|) / 2`.
 /// With U free, further values V see `W - W_·U W_UU⁻¹ W_U·` in place of W (Schur's complement): the determinants multiply, and nothing
-/// larger than V is factorised.
+/// larger than V is factorised. As `W = D⁻¹ - G' G` with a diagonal D, and D⁻¹ has nothing beside the diagonal, that is
+/// `D⁻¹ - G' G - H' H` with `H = L⁻¹ G_U' G` and `W_UU = L L'`: a row more for each value that is free, and no matrix of all values.
 pub(crate) struct Freed<'a> {
     evidence: &'a Evidence,
-    w: DMatrix<f64>,
-    /// The product of that with the frame.
+    /// The diagonal of D⁻¹; 0 for a value that is free, or takes no part.
+    own: DVector<f64>,
+    /// H, of all sets of values that are free.
+    more: DMatrix<f64>,
+    /// The product of the matrix with the frame, but for values that are free.
     wy: DVector<f64>,
     /// Cost of the values that are not free, and half the logarithm of the determinant.
     others: f64,
     half_log_det: f64,
     /// Cost of those that are.
-    own: f64,
+    own_cost: f64,
 }
 
 /// A frame's cost with some values free, and the part of it that the other values have.
@@ -30,31 +35,42 @@ pub(crate) struct Cost {
 impl<'a> Freed<'a> {
     /// None free.
     pub(crate) fn none(evidence: &'a Evidence) -> Self {
+        let w = evidence.inverse_covariance();
         Self {
-            w: evidence.inverse_covariance(),
+            own: w.own.clone(),
+            more: DMatrix::zeros(0, w.own.len()),
             wy: evidence.weighted().clone(),
             others: evidence.of_touches(),
             half_log_det: 0.0,
-            own: 0.0,
+            own_cost: 0.0,
             evidence,
         }
     }
 
-    /// Values among these that take part and are not free yet.
-    fn new_ones(&self, values: &[usize]) -> Vec<usize> {
-        values.iter().copied().filter(|k| self.w[(*k, *k)] > 0.0).collect()
+    fn w(&self) -> &'a LowRankInverse {
+        self.evidence.inverse_covariance()
     }
 
-    fn factor(&self, values: &[usize]) -> Option<Cholesky<f64, Dyn>> {
-        Cholesky::new(DMatrix::from_fn(values.len(), values.len(), |i, j| {
-            self.w[(values[i], values[j])]
-        }))
+    /// Values among these that take part and are not free yet.
+    fn new_ones(&self, values: &[usize]) -> Vec<usize> {
+        values.iter().copied().filter(|k| self.own[*k] > 0.0).collect()
+    }
+
+    /// The factor of the block of these values, and their columns of G and of H.
+    fn factor(&self, values: &[usize]) -> Option<(Cholesky<f64, Dyn>, [DMatrix<f64>; 2])> {
+        let (g, more) = (self.w().g.select_columns(values), self.more.select_columns(values));
+        let mut block = g.transpose() * &g + more.transpose() * &more;
+        block.neg_mut();
+        for (i, k) in values.iter().enumerate() {
+            block[(i, i)] += self.own[*k];
+        }
+        Some((Cholesky::new(block)?, [g, more]))
     }
 
     /// The cost with these free as well.
     pub(crate) fn cost(&self, values: &[usize]) -> Cost {
         let values = self.new_ones(values);
-        let Some(factor) = self.factor(&values) else {
+        let Some((factor, _)) = self.factor(&values) else {
             return Cost {
                 all: f64::INFINITY,
                 others: f64::INFINITY,
@@ -62,9 +78,9 @@ impl<'a> Freed<'a> {
         };
         let u = DVector::from_fn(values.len(), |i, _| self.wy[values[i]]);
         let others = self.others - 0.5 * u.dot(&factor.solve(&u));
-        let own = self.own + self.evidence.own_cost(&values);
+        let own_cost = self.own_cost + self.evidence.own_cost(&values);
         Cost {
-            all: others + self.half_log_det + half_log_det(&factor) + own,
+            all: others + self.half_log_det + half_log_det(&factor) + own_cost,
             others,
         }
     }
@@ -72,26 +88,29 @@ impl<'a> Freed<'a> {
     /// The same with these free as well; none where that cannot be computed.
     pub(crate) fn with(&self, values: &[usize]) -> Option<Self> {
         let values = self.new_ones(values);
-        let factor = self.factor(&values)?;
-        let mut across = self.w.select_rows(&values);
-        factor.l_dirty().solve_lower_triangular_mut(&mut across);
-        let mut w = &self.w - across.transpose() * &across;
+        let (factor, [g, more]) = self.factor(&values)?;
+        let lower = factor.l_dirty();
         let mut along = DVector::from_fn(values.len(), |i, _| self.wy[values[i]]);
-        factor.l_dirty().solve_lower_triangular_mut(&mut along);
-        let mut wy = &self.wy - across.tr_mul(&along);
-        for k in &values {
-            // Exactly: what is free says nothing more.
-            w.row_mut(*k).fill(0.0);
-            w.column_mut(*k).fill(0.0);
-            wy[*k] = 0.0;
-        }
+        lower.solve_lower_triangular_mut(&mut along);
+        let solved = |columns: DMatrix<f64>| {
+            let mut rows = columns.transpose();
+            lower.solve_lower_triangular_mut(&mut rows);
+            rows
+        };
+        let rows = solved(g) * &self.w().g + solved(more) * &self.more;
+        let (mut own, wy) = (self.own.clone(), &self.wy + rows.tr_mul(&along));
+        values.iter().for_each(|k| own[*k] = 0.0);
+        let before = self.more.nrows();
+        let mut all = self.more.clone().resize_vertically(before + rows.nrows(), 0.0);
+        all.rows_mut(before, rows.nrows()).copy_from(&rows);
         Some(Self {
             evidence: self.evidence,
-            w,
+            own,
+            more: all,
             wy,
             others: self.others - 0.5 * along.norm_squared(),
             half_log_det: self.half_log_det + half_log_det(&factor),
-            own: self.own + self.evidence.own_cost(&values),
+            own_cost: self.own_cost + self.evidence.own_cost(&values),
         })
     }
 }

@@ -38,6 +38,8 @@ const CONTACTS_OHM: [f64; 7] = [10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0, 10_000
 const SCORED_OHM: f64 = 20.0;
 /// Steps of the search for a resistance between two of these.
 const REFINEMENTS: usize = 10;
+/// Most numbers that are predicted at once: it bounds the memory that a search takes.
+const PREDICTED_AT_ONCE: usize = 1_000_000;
 /// Of so many sets of open electrodes larger ones are tried.
 const MOST_TRIED: usize = 3;
 /// Cost of a fault before a frame: as the chance of one in 10⁵. The same of the choice of a resistance.
@@ -54,9 +56,6 @@ pub(crate) struct Diagnosis {
     /// Root mean square of the unpressed frame, and its largest value, V.
     mean_v: f64,
     largest_v: f64,
-    /// Shorts, and what each changes, V, a column each.
-    shorts: Vec<([usize; 2], f64)>,
-    short_frames: DMatrix<f64>,
     /// Sense pairs, each with its values.
     channels: Vec<([usize; 2], Vec<usize>)>,
     /// What linear faults are told by in a frame of known noise; see [`Diagnosis::suspects`].
@@ -100,21 +99,15 @@ impl Diagnosis {
         let sd = |kind: usize| if kind < 2 { COMMON } else { CONTACT };
         let shapes = DMatrix::from_fn(shapes.nrows(), shapes.ncols(), |k, c| sd(c) * shapes[(k, c)]);
         let v = &imager.model_v;
-        let mut out = Self {
+        Some(Self {
             potentials_ohm: solver.electrode_matrix().potentials_ohm().clone(),
             covariance: Covariance::new(&rises(imager), shapes),
             mean_v: (v.iter().map(|v| v * v).sum::<f64>() / v.len().max(1) as f64).sqrt(),
             largest_v: v.iter().fold(0.0, |m, v| m.max(v.abs())),
-            shorts: Vec::new(),
-            short_frames: DMatrix::zeros(0, 0),
             channels: channels(imager),
             scores: None,
             imager: Arc::clone(imager),
-        };
-        out.shorts = out.pairs().flat_map(|p| SHORTS_OHM.map(|ohm| (p, ohm))).collect();
-        let frames: Vec<DVector<f64>> = out.shorts.iter().map(|(p, ohm)| out.short(*p, *ohm)).collect();
-        out.short_frames = DMatrix::from_columns(&frames);
-        Some(out)
+        })
     }
 
     fn electrodes(&self) -> usize {
@@ -136,16 +129,20 @@ impl Diagnosis {
     fn change(&self, potentials: DMatrix<f64>, routed: impl Fn(Measurement) -> Measurement) -> DVector<f64> {
         let matrix = ElectrodeMatrix::from_potentials(potentials);
         let measurements = self.imager.pattern.measurements().iter().zip(&self.imager.model_v);
+        // Values of the same drive follow one another: its current is that of the value before.
+        let mut driven: Option<(Pair, f64)> = None;
         let value = |(m, v): (&Measurement, &f64)| {
-            let routed = routed(*m);
+            let Measurement { drive, sense } = routed(*m);
             // Both ends of the source on one electrode drive nothing.
-            let none = routed.drive.plus == routed.drive.minus || routed.sense.plus == routed.sense.minus;
-            let measured = if none {
-                0.0
-            } else {
-                self.imager.drive.voltage_v(&matrix, routed)
+            if drive.plus == drive.minus || sense.plus == sense.minus {
+                return -v;
+            }
+            let current_a = match driven {
+                Some((pair, current_a)) if pair == drive => current_a,
+                _ => self.imager.drive.current_a(matrix.transfer_ohm(drive, drive)),
             };
-            measured - v
+            driven = Some((drive, current_a));
+            current_a * matrix.transfer_ohm(drive, sense) - v
         };
         DVector::from_iterator(self.imager.pattern.len(), measurements.map(value))
     }
@@ -324,26 +321,23 @@ impl Diagnosis {
             .iter()
             .flat_map(|(d, p)| (0..n).map(move |l| (*d, *p, l)))
             .collect();
-        let predicted: Vec<DVector<f64>> = stuck.iter().map(|(d, p, l)| self.stuck(*d, *p, *l)).collect();
-        for ((drive, plus, electrode), of) in stuck.into_iter().zip(of_all(evidence, &predicted)) {
+        let predict = |(drive, plus, electrode)| self.stuck(drive, plus, electrode);
+        if let Some(((drive, plus, electrode), of)) = cheapest(evidence, &stuck, predict) {
             best.offer(cost + of, || Fault::Multiplexer { drive, plus, electrode });
         }
         let pairs: Vec<[usize; 2]> = self.pairs().collect();
-        let predicted: Vec<DVector<f64>> = pairs.iter().map(|pair| self.exchanged(*pair)).collect();
         let cost = FAULT + (pairs.len() as f64).ln();
-        for (pair, of) in pairs.into_iter().zip(of_all(evidence, &predicted)) {
+        if let Some((pair, of)) = cheapest(evidence, &pairs, |pair| self.exchanged(pair)) {
             best.offer(cost + of, || Fault::Exchanged(pair));
         }
     }
 
     fn offer_shorts(&self, evidence: &Evidence, best: &mut Best) {
         let cost = FAULT + RESISTANCE + (self.pairs().count() as f64).ln();
-        let costs = evidence.of_all(&self.short_frames);
-        let tried = self.shorts.iter().zip(costs);
-        let Some(((pair, ohm), first)) = tried.min_by(|a, b| a.1.total_cmp(&b.1)) else {
+        let shorts: Vec<([usize; 2], f64)> = self.pairs().flat_map(|p| SHORTS_OHM.map(|ohm| (p, ohm))).collect();
+        let Some(((pair, ohm), first)) = cheapest(evidence, &shorts, |(pair, ohm)| self.short(pair, ohm)) else {
             return;
         };
-        let (pair, ohm) = (*pair, *ohm);
         // Where a wire's own resistance is nothing, a logarithm is none.
         let of = |ohm: f64| evidence.of(&self.short(pair, ohm));
         let (ohm, refined) = least(of, (ohm, first), [0.2 * ohm, 6.0 * ohm + 30.0]);
@@ -362,10 +356,8 @@ impl Diagnosis {
         for count in 1..=MOST_ELECTRODES {
             let all = (0..n).filter(|l| !worse.iter().any(|(other, _)| other == l));
             let each: Vec<(usize, f64)> = all.flat_map(|l| CONTACTS_OHM.map(|ohm| (l, ohm))).collect();
-            let with = |one: &(usize, f64)| self.contacts(&[&worse[..], &[*one]].concat());
-            let predicted: Vec<DVector<f64>> = each.iter().map(with).collect();
-            let tried = each.into_iter().zip(of_all(evidence, &predicted));
-            let Some(((l, ohm), _)) = tried.min_by(|a, b| a.1.total_cmp(&b.1)) else {
+            let with = |one| self.contacts(&[&worse[..], &[one]].concat());
+            let Some(((l, ohm), _)) = cheapest(evidence, &each, with) else {
                 return;
             };
             worse.push((l, ohm));
@@ -457,12 +449,18 @@ impl Diagnosis {
     }
 }
 
-/// Costs of what each of these predicts.
-fn of_all(evidence: &Evidence, predicted: &[DVector<f64>]) -> Vec<f64> {
-    if predicted.is_empty() {
-        return Vec::new();
-    }
-    evidence.of_all(&DMatrix::from_columns(predicted))
+/// The one of these whose prediction costs least, and that cost.
+fn cheapest<T: Copy>(evidence: &Evidence, tried: &[T], predict: impl Fn(T) -> DVector<f64>) -> Option<(T, f64)> {
+    let values = evidence.weighted().len();
+    let at_once = (PREDICTED_AT_ONCE / values.max(1)).max(1);
+    let costs = tried.chunks(at_once).flat_map(|tried| {
+        let mut predicted = DMatrix::zeros(values, tried.len());
+        for (mut column, one) in predicted.column_iter_mut().zip(tried) {
+            column.copy_from(&predict(*one));
+        }
+        evidence.of_all(&predicted)
+    });
+    tried.iter().copied().zip(costs).min_by(|a, b| a.1.total_cmp(&b.1))
 }
 
 /// What every cell changes by one standard deviation of its rise, V. Cells before an electrode are a hundred times as sensitive as
