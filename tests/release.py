@@ -15,12 +15,14 @@ import re
 import subprocess
 import sys
 import tomllib
+import xml.etree.ElementTree
 
 ROOT = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..")
 # Crates of the registry, each after those that it needs.
 PUBLISHED = ["protocol", "firmware", "forward", "inverse", "hil-sim"]
 # Programs and packages of other lock files.
 STANDALONE = ["fuzz"] + [f"boards/{n}" for n in ("emulator", "qemu-mps2", "stm32f4", "stm32h7", "template")]
+ROS_PACKAGE = "contrib/ros2/skin_msgs/package.xml"
 wrong = []
 
 
@@ -78,6 +80,8 @@ def versions(version, workspace):
                     entry = workspace["workspace"]["dependencies"][name]
                 real = entry.get("package", name) if isinstance(entry, dict) else name
                 require(real in have, f"{folder}/Cargo.lock does not have {real} of {member}; cargo update --workspace")
+    ros = xml.etree.ElementTree.parse(os.path.join(ROOT, ROS_PACKAGE)).findtext("version")
+    require(ros == version, f"{ROS_PACKAGE}: version {ros}, not {version}")
     python = toml("python/pyproject.toml")["project"]
     require("version" in python["dynamic"], "python/pyproject.toml: the version has to be that of python/Cargo.toml (dynamic)")
 

@@ -365,6 +365,37 @@ mod tests {
         }
     }
 
+    /// The frame that names electrodes that are lost is doubted, and from the next one on the finger is at its place.
+    #[test]
+    fn the_frame_after_a_fault_was_named_is_right() {
+        let mut rng = rng(11);
+        let imager = imager(Drive::PAPER, 10.0).unwrap();
+        let mut sheet = TestSheet::new(&imager, Drive::PAPER, 0.0, 0.0, &mut rng).unwrap();
+        let sigma = noise(&mut sheet, &mut rng).unwrap();
+        let kinds = Frames::of_paper(&mut sheet, 12, &mut rng).unwrap();
+        for name in ["one moving, an electrode lost", "one moving, two electrodes lost"] {
+            let kind = kinds.iter().find(|k| k.name == name).unwrap();
+            let mut r = live_reconstructor(&imager, &sheet.baseline, FrameNoise::of_frames(sigma)).unwrap();
+            let mut named = None;
+            for (k, frame) in kind.noisy(sigma, &mut rng).iter().enumerate() {
+                let result = r.frame_after(frame, Some(INTERVAL_S)).unwrap();
+                if result.faults.is_empty() {
+                    continue;
+                }
+                if *named.get_or_insert(k) == k {
+                    assert!(result.doubt.is_some(), "{name}, frame {k}");
+                    continue;
+                }
+                let [x, y] = Happening::One.touches(k)[0].centre_mm;
+                let at: Vec<[f64; 2]> = result.touches.iter().map(|t| [t.x_mm, t.y_mm]).collect();
+                let off = |at: &[f64; 2]| (at[0] - x).hypot(at[1] - y);
+                assert!(at.len() == 1 && off(&at[0]) < 3.0, "{name}, frame {k}: {at:?}");
+                assert_eq!(result.doubt, None, "{name}, frame {k}");
+            }
+            assert!(named.is_some_and(|k| k < 6), "{name}: {named:?}");
+        }
+    }
+
     #[test]
     fn costs_are_told_for_what_happens() {
         let mut rng = rng(5);

@@ -9,3 +9,6 @@ pub(crate) mod kernels;
 pub(crate) mod pivoted;
 pub(crate) mod signs;
 pub(crate) mod vector;
+
+#[cfg(test)]
+pub(crate) mod tests;

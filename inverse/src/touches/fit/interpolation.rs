@@ -200,3 +200,70 @@ impl WithSimd for Dot<'_> {
         simd.reduce_sum_f64s(simd.add_f64s(sums[0], sums[1]))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::linalg::tests::units;
+
+    /// On every vector unit of this machine, and without one, the loops do what their formulas say.
+    #[test]
+    fn loops_are_their_formulas_on_every_vector_unit() {
+        let (rows, columns) = (24, 60);
+        let table: Vec<f64> = (0..rows * columns).map(|k| (0.7 * k as f64).sin()).collect();
+        let wave = |by: f64| std::array::from_fn(|k| (by * (k + 1) as f64).cos());
+        let radii = Radii {
+            first: 2,
+            value: [0.2, 0.9, -0.1],
+            slope: [-0.3, 0.1, 0.25],
+        };
+        let stencil = Stencil {
+            columns: std::array::from_fn(|k| (7 * k) % 55),
+            across: wave(0.3),
+            across_slope: wave(0.5),
+            up: wave(0.8),
+            up_slope: wave(1.1),
+        };
+        let sum = |row: usize, of_radius: [f64; 3], across: [f64; 4], up: [f64; 4]| -> f64 {
+            let node = |k: usize| -> f64 {
+                let column = |r: usize| table[(stencil.columns[k] + radii.first + r) * rows + row];
+                (0..3).map(|r| of_radius[r] * column(r)).sum()
+            };
+            (0..16).map(|k| across[k % 4] * up[k / 4] * node(k)).sum()
+        };
+        let (x, y) = (&table[..rows], &table[rows..2 * rows]);
+        for arch in units() {
+            let mut out: [Vec<f64>; 4] = std::array::from_fn(|_| vec![5.0; rows]);
+            let [value, by_x, by_y, by_radius] = &mut out;
+            interpolate(arch, &table, &radii, &stencil, [value, by_x, by_y, by_radius]);
+            let Stencil {
+                across,
+                across_slope,
+                up,
+                up_slope,
+                ..
+            } = stencil;
+            for row in 0..rows {
+                let expected = [
+                    sum(row, radii.value, across, up),
+                    sum(row, radii.value, across_slope, up),
+                    sum(row, radii.value, across, up_slope),
+                    sum(row, radii.slope, across, up),
+                ];
+                for (k, expected) in expected.into_iter().enumerate() {
+                    assert!((out[k][row] - expected).abs() < 1e-12, "{arch:?} {k} {row}");
+                }
+            }
+            let mut added = y.to_vec();
+            let square = add_scaled(arch, x, -0.4, &mut added);
+            let plain: Vec<f64> = x.iter().zip(y).map(|(x, y)| y - 0.4 * x).collect();
+            assert!(added.iter().zip(&plain).all(|(a, b)| (a - b).abs() < 1e-14), "{arch:?}");
+            assert!(
+                (square - plain.iter().map(|v| v * v).sum::<f64>()).abs() < 1e-12,
+                "{arch:?}"
+            );
+            let product: f64 = x.iter().zip(y).map(|(x, y)| x * y).sum();
+            assert!((dot(arch, x, y) - product).abs() < 1e-12, "{arch:?}");
+        }
+    }
+}
