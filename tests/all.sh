@@ -115,7 +115,7 @@ if have python3; then
     python3 tests/recordings.py target/debug/skin
     case $? in
         0) ;;
-        77) skip "recordings in Python: no packages mcap and numpy (pip install mcap numpy scipy duckdb rosbags)" ;;
+        77) skip "recordings in Python: no packages mcap and numpy (pip install mcap numpy scipy pyeit duckdb rosbags)" ;;
         *) failed+=("tests/recordings.py") ;;
     esac
     took "recordings in Python" "$start"

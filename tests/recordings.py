@@ -21,7 +21,7 @@ try:
     from mcap.exceptions import McapError
     from mcap.reader import make_reader
 except ImportError as missing:
-    print(f"skipped: {missing} (pip install mcap numpy scipy duckdb rosbags)")
+    print(f"skipped: {missing} (pip install mcap numpy scipy pyeit duckdb rosbags)")
     sys.exit(77)
 
 SKIN = sys.argv[1] if len(sys.argv) > 1 else pathlib.Path(__file__).parent / "../target/debug/skin"
