@@ -95,6 +95,11 @@ impl ContactTest {
         }
     }
 
+    /// Whether something rare drifts, and the touches beside it leave some of a frame unexplained.
+    pub(crate) fn leaves_beside_rare(&self, result: &FrameResult) -> bool {
+        is_rare(self.drifting) && self.leaves(result)
+    }
+
     /// Whether an electrode is a candidate: then every frame counts.
     pub(crate) fn is_open(&self) -> bool {
         self.monitor.is_open() || self.left_at_rest
@@ -185,8 +190,8 @@ impl ContactTest {
     ) {
         let unexplained = result.touches.is_empty() || result.misfit.is_none_or(|m| m > self.options.explained);
         let may = solver.fits() && result.changed;
-        // Whether contacts drifted or changed is decided first.
-        let decided = self.put_off == 0 && !self.monitor.is_open();
+        // Whether contacts drifted or changed is decided first. Two rare things at once explain anything.
+        let decided = self.put_off == 0 && !self.monitor.is_open() && !is_rare(self.drifting);
         if !(may && decided && (new || unexplained) && self.polarity.asks(new, unexplained)) {
             return;
         }
@@ -281,16 +286,16 @@ impl ContactTest {
         };
         // What is rare is taken only where with it touches explain the frame, or nothing changed. The error of the model of touches,
         // and what is no touch at all, look like anything smooth.
-        let is_explained = [&self.kept, &*result].map(|r| r.misfit.is_some() || !r.changed);
-        let explains = |drifting, is_explained: bool, with: Evidence, without| {
+        let explains = |drifting, result: &FrameResult, with: Evidence, without| {
+            let is_explained = result.misfit.is_some() || !result.changed;
             !is_rare(drifting) || (is_explained && with.explains_of(without, &self.options))
         };
         let takes = evidence.zip(found).is_some_and(|(evidence, found)| {
             if other.index() < before.index() {
-                return !(explains(before, is_explained[0], evidence, found)
+                return !(explains(before, &self.kept, evidence, found)
                     && better(evidence, found, self.options.margin));
             }
-            if !explains(other, is_explained[1], found, evidence) {
+            if !explains(other, result, found, evidence) {
                 return false;
             }
             // What drift alone explains, and no touches do, is drift.
