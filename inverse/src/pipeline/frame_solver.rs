@@ -618,7 +618,7 @@ impl FrameSolver {
         let mean = task.averaged.frames > 1;
         if let Some(detector) = detector.filter(|d| (fitted.settled || mean) && task.seen && whole(d)) {
             detector.remember(&self.reduced, &fitted.slopes, tables.touches.stride());
-            if !(fitted.settled && fitted.finished && self.still) {
+            if !(fitted.settled && fitted.finished) {
                 detector.once_more();
             }
         }

@@ -160,9 +160,9 @@ fn fit_whitened(
     let best = found.fit;
     let freedom = (table.length() as f64 - 3.0 * best.discs.len() as f64).max(1.0);
     let misfit = best.square / freedom;
-    // Variance of one value over sigma²: the noise, or the misfit where that is larger, and the model's own error.
+    // Variance of one value over sigma²: the noise, or the misfit where that is larger, the model's own error, and what changed.
     let model_error = prior.model_error.max(frame.error) * norm;
-    let variance = misfit.max(1.0) + model_error * model_error / freedom;
+    let variance = misfit.max(1.0) + (model_error * model_error + moved) / freedom;
     let covariance = scratch.work.covariance(table.arch(), &best);
     let count = PARAMETERS * best.discs.len();
     let parameters = match &covariance {
