@@ -30,10 +30,6 @@ use std::time::Instant;
 /// tanks leave up to 0.15, those of real skins half and more.
 const MOST_RESIDUAL: f64 = 0.3;
 
-/// A frame is measured value by value. Of what changes evenly from one frame to the next, values differ from their mean by up to half:
-/// the variance of that, over the square of the change.
-const WHILE_MEASURED: f64 = 1.0 / 12.0;
-
 /// Solutions of the sheet that a frame of a sequence may take: 6 ms each. The next frame goes on.
 const MOST_SOLUTIONS: usize = 2;
 
@@ -163,13 +159,6 @@ pub(crate) struct FrameSolver {
     reduced: Vec<f64>,
     /// The frame along the nuisance directions.
     sizes: Vec<f64>,
-    /// The frame before, V of the model; empty where it showed nothing. And room.
-    before: Vec<f64>,
-    change: Vec<f64>,
-    /// What changed while the frame was measured, V: the norm of its error in the reduced frame.
-    moved: f64,
-    /// Whether that shows less than the noise scatters.
-    still: bool,
     /// The contact that would explain the frame alone.
     alone: Option<usize>,
     /// Ridges of the pictures solved last, by what drifts.
@@ -203,10 +192,6 @@ impl FrameSolver {
             values: Vec::new(),
             reduced: Vec::new(),
             sizes: Vec::new(),
-            before: Vec::new(),
-            change: Vec::new(),
-            moved: 0.0,
-            still: true,
             alone: None,
             ridges: [None; Drifting::ALL.len()],
             pictured: None,
@@ -249,21 +234,9 @@ impl FrameSolver {
         self.weightings.current().map(|w| w.pictures.problem.rank())
     }
 
-    /// Whether the search of the frame solved last came to its end, and little changed while it was measured. What is found beside its
-    /// touches is then not theirs.
+    /// Whether the search of the frame solved last came to its end. What is found beside its touches is then not theirs.
     pub(crate) fn is_finished(&self) -> bool {
-        self.still && self.fitter.as_ref().is_some_and(|f| f.last().finished)
-    }
-
-    /// Whether little changed while the frame solved last was measured.
-    pub(crate) fn is_still(&self) -> bool {
-        self.still
-    }
-
-    /// Ends a frame: the next one's changes are those from this one; none where it shows nothing.
-    pub(crate) fn end_frame(&mut self, difference: Option<&Difference>) {
-        self.before.clear();
-        self.before.extend(difference.iter().flat_map(|d| d.y.iter()));
+        self.fitter.as_ref().is_some_and(|f| f.last().finished)
     }
 
     /// Whether touches are fitted to the measurements.
@@ -356,7 +329,6 @@ impl FrameSolver {
         }
         let Some(noise) = task.noise else { return };
         self.work.fits += 1;
-        self.look_for_motion(task, noise);
         (result.noise, result.used, result.changed, result.anew) = (Some(noise), used, true, true);
         (result.frames, result.grown) = (task.averaged.frames, task.averaged.grown);
         (result.misfit, result.explained) = (None, None);
@@ -481,24 +453,6 @@ impl FrameSolver {
         limit
     }
 
-    /// What may have changed while the frame was measured: part of what changed since the one before.
-    fn look_for_motion(&mut self, task: Task, noise: NoiseEstimate) {
-        (self.moved, self.still) = (0.0, true);
-        let Some(weighted) = self.weightings.current_mut() else {
-            return;
-        };
-        if !self.options.sequence || task.averaged.frames > 1 {
-            return;
-        }
-        let frames = if self.before.is_empty() { 1.0 } else { 2.0 };
-        let before = self.before.iter().copied().chain(std::iter::repeat(0.0));
-        let y = task.difference.y.iter().zip(before).map(|(y, before)| y - before);
-        let (values, variance) = (self.reduced.len() as f64, noise.sigma * noise.sigma);
-        let change = weighted.square(y, &mut self.change) - frames * values * variance;
-        let moved = WHILE_MEASURED * change.max(0.0);
-        (self.moved, self.still) = (moved.sqrt(), moved <= (2.0 * values).sqrt() * variance);
-    }
-
     /// Mean square of the reduced frame.
     fn power(&self) -> f64 {
         self.reduced.iter().map(|v| v * v).sum::<f64>() / self.reduced.len() as f64
@@ -592,7 +546,6 @@ impl FrameSolver {
             beside,
             noise,
             gain: task.averaged.gain,
-            moved: self.moved,
             patient: task.patient,
             polarity: task.polarity,
             corrected: task.corrected,

@@ -177,7 +177,6 @@ impl Reconstructor {
             self.gain = gain;
             self.detectors.iter_mut().flatten().for_each(ChangeDetector::forget);
         }
-        self.solver.end_frame(self.result.changed.then_some(&self.whole));
         if self.solver.has_pictured() {
             self.since_picture_s = 0.0;
         } else if !self.result.changed {
@@ -342,7 +341,7 @@ impl Reconstructor {
             .filter(|(l, change)| change.abs() > least && !known.contains(l))
             .count();
         // What drifting contacts explain, now and then, is no reason to forget a fault that the frames before told.
-        let may = (touches > 0 && self.solver.is_still()) || self.broken.is_open();
+        let may = touches > 0 || self.broken.is_open();
         let suspected = !unexplained && may && (contacts > 0 || self.broken.suspects(&self.whole));
         let sigma_v = self.reference.noise().or(result.noise).map(|n| n.sigma);
         let frame = (values, &self.whole, self.reference.unchanged());

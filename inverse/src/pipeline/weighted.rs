@@ -210,15 +210,6 @@ impl Weighted {
         reduced.extend_from_slice(self.projector.project(|to| to[..values.len()].copy_from_slice(values)));
     }
 
-    /// Sum of squares of other values (V of the model, 0 where they take no part), reduced the same way; `room` is for them.
-    pub(crate) fn square(&mut self, volts: impl Iterator<Item = f64>, room: &mut Vec<f64>) -> f64 {
-        room.clear();
-        room.extend(volts.zip(&self.spread).map(|(v, s)| v / s));
-        self.left_out.outside(room);
-        let reduced = self.projector.project(|to| to[..room.len()].copy_from_slice(room));
-        reduced.iter().map(|v| v * v).sum()
-    }
-
     /// Reduces the responses to touches, once: all `at_once`, or most when a touch first comes near.
     pub(crate) fn tabulate(&mut self, fitter: &Fitter, drift: Option<&DriftShapes>, at_once: bool) {
         if self.tables.is_none() {

@@ -33,8 +33,6 @@ pub struct Data<'a> {
     /// Variance of one frame's noise over that of this one: 1, or more for a mean of several. The error of the disc
     /// model does not average out, so an additional touch needs as much in a mean as in one frame.
     pub gain: f64,
-    /// Norm of the error in the values by what changed while they were measured, V. No touch is added for it.
-    pub moved: f64,
     /// Which way touches change the resistivity.
     pub polarity: Polarity,
     /// Whether the search must end in this frame, however many follow.
@@ -422,8 +420,7 @@ impl Fitter {
                 t.y_sd_mm = t.y_sd_mm.map(|sd| sd.hypot(y.sqrt()));
             }
         }
-        let moved = (job.data.moved / job.data.noise.sigma).powi(2) / job.data.values.len().max(1) as f64;
-        let explained = self.options.explains(fitted.misfit - moved, job.data.gain)
+        let explained = self.options.explains(fitted.misfit, job.data.gain)
             || fitted.relative_residual <= self.options.most_residual;
         self.followed.note(&job.data, fitted, explained);
         self.followed.holds.then_some(&self.fits.now)
@@ -604,7 +601,6 @@ impl Fitter {
             sigma: job.data.noise.sigma,
             chi_square_threshold: job.chi_square_threshold,
             error,
-            moved: job.data.moved,
             polarity: job.data.polarity,
             most_work: if job.hurried { self.prior.most_work } else { usize::MAX },
         };

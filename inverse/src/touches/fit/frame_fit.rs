@@ -89,8 +89,6 @@ pub struct Frame<'a> {
     pub chi_square_threshold: f64,
     /// Part of the data that the model may get wrong, 0 to 1: no touch is added for less.
     pub error: f64,
-    /// Norm of the error by what changed while the frame was measured, V: no touch is added for it either.
-    pub moved: f64,
     /// Which way touches change the resistivity.
     pub polarity: Polarity,
     /// What the search may cost: see [`most_work`](crate::touches::fit::prior::FitOptions::most_work).
@@ -137,8 +135,7 @@ fn fit_whitened(
     let DiscModel { table, prior, .. } = model;
     let sigma = frame.sigma;
     let norm = whitened.iter().map(|v| v * v).sum::<f64>().sqrt();
-    let moved = (frame.moved / sigma).powi(2);
-    let chi_square_threshold = frame.chi_square_threshold + (frame.error * norm).powi(2) + moved;
+    let chi_square_threshold = frame.chi_square_threshold + (frame.error * norm).powi(2);
     let in_noise = |discs: &[Disc]| -> Discs {
         let of = |d: &Disc| Disc {
             strength: d.strength / sigma,
@@ -153,16 +150,15 @@ fn fit_whitened(
     });
     let search = Search::new(model, whitened, chi_square_threshold, scratch)?
         .within(frame.most_work)
-        .beyond(moved)
         .of(frame.polarity);
     let seeds = start.seeds;
     let found = search.run(&mut || in_noise(&seeds()), before)?;
     let best = found.fit;
     let freedom = (table.length() as f64 - 3.0 * best.discs.len() as f64).max(1.0);
     let misfit = best.square / freedom;
-    // Variance of one value over sigma²: the noise, or the misfit where that is larger, the model's own error, and what changed.
+    // Variance of one value over sigma²: the noise, or the misfit where that is larger, and the model's own error.
     let model_error = prior.model_error.max(frame.error) * norm;
-    let variance = misfit.max(1.0) + (model_error * model_error + moved) / freedom;
+    let variance = misfit.max(1.0) + model_error * model_error / freedom;
     let covariance = scratch.work.covariance(table.arch(), &best);
     let count = PARAMETERS * best.discs.len();
     let parameters = match &covariance {

@@ -126,8 +126,6 @@ pub struct Search<'a> {
     data: &'a [f64],
     /// Fall of chi-square that a touch must bring: by chance, and by the model's error.
     chi_square_threshold: f64,
-    /// The part of it for what changed while the data were measured.
-    moved: f64,
     scratch: &'a mut Scratch,
     polarity: Polarity,
     /// What fits may still cost, in evaluations of the response to one touch.
@@ -179,7 +177,6 @@ impl<'a> Search<'a> {
             model,
             data,
             chi_square_threshold,
-            moved: 0.0,
             scratch,
             polarity: Polarity::Up,
             remaining_work: usize::MAX,
@@ -200,11 +197,11 @@ impl<'a> Search<'a> {
         (self.model.table.length() as f64 - 3.0 * fit.discs.len() as f64).max(1.0)
     }
 
-    /// Part of a fit's misfit that neither noise explains nor what changed meanwhile.
+    /// Part of a fit's misfit that noise does not explain.
     fn unexplained(&self, fit: &Fit) -> f64 {
         let freedom = self.freedom(fit);
         // The misfit scatters by chance. Only what is above three of its standard deviations counts.
-        (fit.square - freedom - 3.0 * scatter(freedom) - self.moved).max(0.0)
+        (fit.square - freedom - 3.0 * scatter(freedom)).max(0.0)
     }
 
     /// Fall of chi-square that an additional touch must bring for this fit to be the better one.
@@ -245,11 +242,6 @@ impl<'a> Search<'a> {
             remaining_work: most_work,
             ..self
         }
-    }
-
-    /// Begins with no peaks that promise less than this fall of chi-square: what changed while the data were measured brings as much.
-    pub fn beyond(self, moved: f64) -> Self {
-        Self { moved, ..self }
     }
 
     /// Limits touches to those that change the resistivity this way.
@@ -359,8 +351,8 @@ impl<'a> Search<'a> {
         further || fit.discs.iter().any(long)
     }
 
-    /// First strengths of the touches that have none: each from the residual of those before. What promises too little is left out.
-    fn strengthen(&mut self, discs: &mut Discs) {
+    /// First strengths of the touches that have none: each from the residual of those before.
+    fn strengthen(&mut self, discs: &mut [Disc]) {
         let (table, polarity) = (self.model.table, self.polarity);
         let (n, arch) = (table.stride(), table.arch());
         let responses = &mut self.scratch.responses;
@@ -372,18 +364,14 @@ impl<'a> Search<'a> {
         let [Some(value), Some(a), Some(b), Some(c)] = [parts.next(), parts.next(), parts.next(), parts.next()] else {
             return;
         };
-        discs.retain(|d| {
+        for d in discs {
             table.at(d.at, d.radius, [&mut *value, &mut *a, &mut *b, &mut *c]);
             let power = dot(arch, value, value).max(f64::MIN_POSITIVE);
             if d.strength == 0.0 {
                 d.strength = polarity.at_least(dot(arch, value, residual) / power, 1.0 / power.sqrt());
             }
-            let is_worth = d.strength * d.strength * power >= self.moved;
-            if is_worth {
-                add_scaled(arch, value, -d.strength, residual);
-            }
-            is_worth
-        });
+            add_scaled(arch, value, -d.strength, residual);
+        }
     }
 
     /// A fit without a touch that is not worth it, or with one in place of two. With a turn, only one of these changes

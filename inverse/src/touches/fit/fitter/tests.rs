@@ -64,7 +64,6 @@ fn fitted(f: &Fitter, values: &DVector<f64>, sigma: f64, threshold: f64, seeds: 
         sigma,
         chi_square_threshold: threshold,
         error: 0.0,
-        moved: 0.0,
         polarity: Polarity::Up,
         most_work: usize::MAX,
     };
@@ -173,7 +172,6 @@ fn the_linearisation_error_is_carried_from_frame_to_frame() {
                 beside: None,
                 values: &values,
                 noise,
-                moved: 0.0,
                 gain: 1.0,
                 patient,
                 corrected: true,
