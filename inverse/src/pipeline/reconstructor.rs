@@ -281,7 +281,7 @@ impl Reconstructor {
     }
 
     /// Reconstructs a frame, or the mean of several. `quiet`: it is known to show no touch. Where touches do not explain it, what is
-    /// broken is looked for; once that is known, the frame is solved anew.
+    /// broken is looked for; once that is known, the frame is solved anew, or doubted where another follows.
     fn reconstruct(&mut self, values: &[f64], averaged: Averaged, quiet: bool) -> Result<(), ImagerError> {
         self.reference.difference_into(values, &mut self.difference)?;
         if !self.options.sequence {
@@ -314,6 +314,13 @@ impl Reconstructor {
             due = false;
             self.difference.copy_from(&self.whole);
             self.left_changed = true;
+            let put_off = |fault: &Fault| self.options.sequence && fault.leaves_touches();
+            if let Some(fault) = self.broken.named().filter(put_off) {
+                // The problem without what it spoils takes as long as the search: the next frame has it.
+                self.result.doubt = Some(Doubt::Fault(fault));
+                self.solver.forget();
+                break;
+            }
         }
         self.show_faults();
         Ok(())
