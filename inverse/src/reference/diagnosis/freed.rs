@@ -25,6 +25,14 @@ pub(crate) struct Freed<'a> {
     own_cost: f64,
 }
 
+/// The block of some values of the matrix.
+struct Factor {
+    lower: Cholesky<f64, Dyn>,
+    /// Their columns of G and of H.
+    g: DMatrix<f64>,
+    more: DMatrix<f64>,
+}
+
 /// A frame's cost with some values free, and the part of it that the other values have.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Cost {
@@ -57,20 +65,21 @@ impl<'a> Freed<'a> {
     }
 
     /// The factor of the block of these values, and their columns of G and of H.
-    fn factor(&self, values: &[usize]) -> Option<(Cholesky<f64, Dyn>, [DMatrix<f64>; 2])> {
+    fn factor(&self, values: &[usize]) -> Option<Factor> {
         let (g, more) = (self.w().g.select_columns(values), self.more.select_columns(values));
         let mut block = g.transpose() * &g + more.transpose() * &more;
         block.neg_mut();
         for (i, k) in values.iter().enumerate() {
             block[(i, i)] += self.own[*k];
         }
-        Some((Cholesky::new(block)?, [g, more]))
+        let lower = Cholesky::new(block)?;
+        Some(Factor { lower, g, more })
     }
 
     /// The cost with these free as well.
     pub(crate) fn cost(&self, values: &[usize]) -> Cost {
         let values = self.new_ones(values);
-        let Some((factor, _)) = self.factor(&values) else {
+        let Some(Factor { lower: factor, .. }) = self.factor(&values) else {
             return Cost {
                 all: f64::INFINITY,
                 others: f64::INFINITY,
@@ -88,7 +97,7 @@ impl<'a> Freed<'a> {
     /// The same with these free as well; none where that cannot be computed.
     pub(crate) fn with(&self, values: &[usize]) -> Option<Self> {
         let values = self.new_ones(values);
-        let (factor, [g, more]) = self.factor(&values)?;
+        let Factor { lower: factor, g, more } = self.factor(&values)?;
         let lower = factor.l_dirty();
         let mut along = DVector::from_fn(values.len(), |i, _| self.wy[values[i]]);
         lower.solve_lower_triangular_mut(&mut along);

@@ -250,8 +250,8 @@ mod tests {
                     sum(row, radii.value, across, up_slope),
                     sum(row, radii.slope, across, up),
                 ];
-                for (k, expected) in expected.into_iter().enumerate() {
-                    assert!((out[k][row] - expected).abs() < 1e-12, "{arch:?} {k} {row}");
+                for (k, (out, expected)) in out.iter().zip(expected).enumerate() {
+                    assert!((out[row] - expected).abs() < 1e-12, "{arch:?} {k} {row}");
                 }
             }
             let mut added = y.to_vec();
