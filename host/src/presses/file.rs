@@ -243,14 +243,13 @@ impl Taught<'_> {
         let mut stored = self.learned.stored();
         let maps = &mut stored.maps;
         let lists = [
-            &mut maps.shared,
-            &mut maps.own,
+            &mut maps.weights,
             &mut maps.memory,
             &mut maps.spread,
             &mut stored.covariance,
         ];
         lists.into_iter().flatten().flatten().for_each(shortened);
-        maps.scale.iter_mut().chain(&mut maps.gains).for_each(shortened);
+        maps.scale.iter_mut().for_each(shortened);
         if let Some(correction) = &mut stored.correction {
             let ridge = &mut correction.ridge;
             ridge.known.iter_mut().flatten().for_each(shortened);

@@ -29,6 +29,6 @@ pub(super) struct Choice {
 
 impl Choice {
     pub(super) fn maps(&self, presses: &Presses) -> Option<Maps> {
-        Maps::fit(presses, self.frame, self.prior, &self.orbits)
+        Maps::fit(presses, self.frame, &self.prior, &self.orbits)
     }
 }

@@ -1,19 +1,23 @@
 //! Where to press next: at the place of which the presses so far tell least, by the posterior variance of the maps that are to be
 //! learned.
 //!
-//! The maps are those of [`learn`](super::learn()): a process that turned measurements share, one that each has of its own, and noise. The
+//! The maps are much like those of [`learn`](super::learn()): a process that turned measurements share, one that each has of its own, and noise. The
 //! variance of their posterior depends on where the presses are, and not on what they give, so that all marks are known beforehand. The next
 //! mark is where the variance, as a mean over the measurements of an orbit, is largest. That is the greedy choice by entropy (MacKay 1992;
 //! Krause, Singh and Guestrin 2008). Marks of a list are exchanged after that (Fedorov 1972, "Theory of Optimal Experiments").
 
-use super::harmonics::Harmonics;
-use super::maps::{FIRST_NOISE, HIGHEST, SQUARE};
-use super::search::PRIOR;
+use super::harmonics::{HIGHEST, Harmonics, SQUARE};
 use super::symmetry::turn;
 use forward::{Geometry, GeometryError, Sheet};
 use nalgebra::{Cholesky, DMatrix};
 use std::f64::consts::TAU;
 
+/// Length over which the maps may change, over the reach of the marks: shorter than that of most skins, so that marks are spread.
+const LENGTH: f64 = 0.45;
+/// Variances of the maps that turned measurements share, of what each has of its own, and of the noise, over the mean square of their values.
+const SHARED: f64 = 1.5;
+const OWN: f64 = 0.08;
+const NOISE: f64 = 0.1;
 /// Candidates from one to the next, over the length of the maps: finer than that they tell the same.
 const STEP: f64 = 0.25;
 /// Exchanges that are tried at most, times the marks: each takes as long as there are marks. Where that is less than one for every mark
@@ -45,7 +49,7 @@ impl Marks {
         let (low, high) = geometry.bounding_box();
         let centre = [0, 1].map(|k| 0.5 * (low[k] + high[k]));
         let half = [0, 1].map(|k| 0.5 * (high[k] - low[k]));
-        let step = (STEP * PRIOR.length * 0.5 * (half[0] + half[1])).max(1e-3 * half[0].hypot(half[1]));
+        let step = (STEP * LENGTH * 0.5 * (half[0] + half[1])).max(1e-3 * half[0].hypot(half[1]));
         let clear = |p: &[f64; 2]| geometry.is_clear(*p, tip_mm * (1.0 - ROUNDING));
         let mut places: Vec<[f64; 2]> = Vec::new();
         // Along the rim, moved inwards by the tip's radius.
@@ -82,7 +86,7 @@ impl Marks {
         let distance = |p: &[f64; 2]| (p[0] - about_mm[0]).hypot(p[1] - about_mm[1]);
         // A millimetre where there is one place, or none.
         let reach_mm = places_mm.iter().map(distance).fold(1.0, f64::max);
-        let length_mm = PRIOR.length * reach_mm;
+        let length_mm = LENGTH * reach_mm;
         let harmonics = Harmonics::new(about_mm, SQUARE * reach_mm, HIGHEST / length_mm);
         let roots: Vec<f64> = harmonics.matern(length_mm).iter().map(|v| v.sqrt()).collect();
         let features = |angle: f64, variance: f64| {
@@ -101,11 +105,11 @@ impl Marks {
         };
         let alone = turns.len() < 2;
         // The same whole variance with and without symmetry.
-        let own = features(0.0, PRIOR.own + if alone { PRIOR.shared } else { 0.0 });
+        let own = features(0.0, OWN + if alone { SHARED } else { 0.0 });
         let shared = if alone {
             Vec::new()
         } else {
-            turns.iter().map(|t| features(-t, PRIOR.shared)).collect()
+            turns.iter().map(|t| features(-t, SHARED)).collect()
         };
         Self {
             left_out: vec![false; places_mm.len()],
@@ -122,7 +126,7 @@ impl Marks {
         let squares = |m: &DMatrix<f64>| -> Vec<f64> { m.column_iter().map(|c| c.norm_squared()).collect() };
         let mut variances = squares(&self.own);
         let own_taken = self.own.select_columns(&self.taken);
-        let noise = DMatrix::identity(self.taken.len(), self.taken.len()) * FIRST_NOISE;
+        let noise = DMatrix::identity(self.taken.len(), self.taken.len()) * NOISE;
         // Of noise and own maps together: positive definite by the noise.
         let Some(factor) = Cholesky::new(own_taken.tr_mul(&own_taken) + noise) else {
             return variances;

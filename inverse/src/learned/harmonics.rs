@@ -5,6 +5,10 @@ use std::f64::consts::PI;
 
 /// Exponent of a Matérn process that is twice differentiable.
 const SMOOTHNESS: f64 = 2.5;
+/// Highest wave number of a smooth function, over the inverse of its length.
+pub(super) const HIGHEST: f64 = 4.2;
+/// Half side of the square, over the reach of the presses.
+pub(super) const SQUARE: f64 = 1.5;
 
 /// The eigenfunctions `sin(i u) sin(j v)` with `i² + j²` up to a limit, on a square around a place. They vanish at its
 /// sides, so that it has to be larger than what they describe.

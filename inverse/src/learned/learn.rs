@@ -88,6 +88,8 @@ pub struct Findings {
     pub shared: bool,
     /// Whether the electrodes' numbers go round clockwise; of no meaning where nothing is shared.
     pub clockwise: bool,
+    /// Gain of every measurement that takes part over that of its kind; 1 of all where nothing is shared.
+    pub gains: Vec<f64>,
     /// What the sheet is turned around, mm.
     pub centre_mm: [f64; 2],
     /// Whether the press before shows.
@@ -277,6 +279,7 @@ pub fn learn(
             .collect(),
         shared: choice.orbits.count < measurements.len(),
         clockwise: choice.frame.clockwise,
+        gains: maps.gains(),
         centre_mm: choice.frame.centre_mm,
         memory: choice.prior.memory > NO_MEMORY,
         corrected: correction.is_some(),
@@ -404,7 +407,7 @@ impl Learned {
                 covariance: matrix(&stored.covariance, used.len(), used.len())?,
                 proportional: stored.proportional,
             };
-            let maps = Maps::restore(&stored.maps, electrodes, orbits)?;
+            let maps = Maps::restore(&stored.maps, orbits)?;
             // What is left of a value, over what presses do to it: within what squares of it can be computed with.
             let parts = rest
                 .covariance

@@ -223,7 +223,7 @@ impl Locator {
             out[..column.len()].copy_from_slice(column.as_slice());
         }
         let small_of = |nodes: &[usize]| small.select_columns(nodes);
-        let uncertainty: Vec<f64> = nodes_mm.iter().map(|p| maps.uncertainty(*p)).collect();
+        let uncertainty = maps.uncertainty(&nodes_mm);
         Some(Self {
             proportional: rest.proportional,
             uncertainty,

@@ -1,57 +1,65 @@
 //! The response of every measurement to a press, as a map over the sheet, from presses at known places.
 //!
-//! `y_c = g_c f_k(R_c q) + r_c(q) + h_c(q') + noise`. All measurements of an orbit share one map `f_k`, each turned with its
-//! electrodes and with a gain `g_c` of its own, as contacts and amplifiers have; `r_c` is what is left of one measurement, `h_c` what the press before at q' left behind. All three are
-//! Gaussian processes, and so is their posterior, in closed form. What lies far outside is drawn in before each of a few
-//! repetitions (Huber's pseudo-values), and each measurement's noise follows from what is left.
+//! `y_c = f_c(q) + h_c(q') + noise`: f_c is the map of a measurement, h_c what the press before at q' left behind. Beforehand the maps of an
+//! orbit, each turned back with its electrodes, are alike: their covariance depends on by how much they are turned against one
+//! another. How alike is told by the presses. A mean that all share, slow changes around the sheet as of a material with a direction or of a
+//! ring that is not quite in the middle, and what each has of its own are the terms of one Fourier series.
+//!
+//! A sum over an orbit with the phases of that series makes of the maps independent ones, so that the posterior is a small linear system for
+//! each term. The variances of the terms, of the memory and of the noise have the largest evidence (Dempster, Laird and Rubin 1977). What
+//! lies far outside is drawn in before each of a few repetitions (Huber's pseudo-values).
 
-use super::harmonics::Harmonics;
+use super::choice::NO_MEMORY;
+use super::disc::Disc;
 use super::orbits::Orbits;
 use crate::stats::median;
-use nalgebra::{Cholesky, DMatrix, DVector, DVectorView, Dyn, SymmetricEigen};
+use nalgebra::{Cholesky, Complex, DMatrix, DVector, DVectorView, Dyn, SymmetricEigen};
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::{PI, SQRT_2, TAU};
 
-/// Repetitions of the fit.
+/// Repetitions of the fit, and of the search for the prior's variances.
 const REPETITIONS: usize = 3;
+const STEPS: usize = 10;
 /// Values beyond this many root mean squares of their orbit are drawn in.
 const LARGEST: f64 = 6.0;
 /// Residuals beyond this many standard deviations are drawn in (Huber 1981).
 const HUBER: f64 = 3.0;
-/// Noise variance of a measurement before anything is known of it, over the mean square of its orbit.
-pub(super) const FIRST_NOISE: f64 = 0.1;
-/// Least noise variance: what no number of presses makes better.
-const LEAST_NOISE: f64 = 1e-4;
-/// Presses that the noise of all measurements weighs as, in the noise of one.
-const NOISE_WEIGHT: f64 = 8.0;
-/// Highest wave number of the maps, over the inverse of their length.
-pub(super) const HIGHEST: f64 = 4.2;
-/// Presses nearer than this part of the reach are one: half of the length over which maps change.
+/// Least variance of anything: what no number of presses makes better.
+const LEAST: f64 = 1e-4;
+/// Length over which maps change, over the reach of the presses.
+const LENGTH: f64 = 0.75;
+/// Radius of the disc of the harmonics, over the reach of the presses, and their highest wave number over its inverse.
+const RADIUS: f64 = 1.75;
+const HIGHEST: f64 = 16.0;
+/// Presses nearer than this part of the reach are one.
 const NEAR: f64 = 0.22;
-/// Directions of which presses see less than this part of what they see of the largest are not seen.
-const LEAST_SEEN: f64 = 1e-10;
-/// Standard deviation of measurements' gains over those of their orbits, before anything is known and at most.
-const GAIN_SD: f64 = 0.3;
-/// Least variance of the gains: amplifiers agree no better.
-const LEAST_GAIN_VARIANCE: f64 = 1e-6;
-/// Half side of the square of the harmonics, over the reach of the presses.
-pub(super) const SQUARE: f64 = 1.5;
 
-/// What is expected of the maps before any press. Variances are over the mean square of the values of an orbit, lengths
-/// over the reach of the presses.
-#[derive(Clone, Copy, Debug, PartialEq)]
+type Matrix = DMatrix<Complex<f64>>;
+
+/// What is expected of the maps before any press. Variances are over the mean square of the values of an orbit.
+#[derive(Clone, Debug, PartialEq)]
 pub(super) struct Prior {
-    /// Length over which the maps change.
-    pub(super) length: f64,
-    /// Length over which the memory of the press before changes.
-    pub(super) memory_length: f64,
-    /// Variance of the maps that an orbit shares.
-    pub(super) shared: f64,
-    /// Variance of what a measurement has of its own.
-    pub(super) own: f64,
-    /// Variance of the memory of the press before.
+    /// Of the terms of the series around the orbit: what all share, then what changes once around, twice, and so on.
+    ring: Vec<f64>,
+    /// Of the memory of the press before.
     pub(super) memory: f64,
+    /// Of the noise.
+    noise: f64,
+}
+
+impl Prior {
+    /// Before anything is known of it: maps are alike; what differs changes slowly around the sheet, or is of each alone.
+    pub(super) fn new(turns: usize) -> Self {
+        let term = |m: usize| {
+            let slow = if m == 0 { 1.25 } else { 0.06 / (m * m) as f64 };
+            0.25 + turns as f64 * slow
+        };
+        Self {
+            ring: (0..=turns / 2).map(term).collect(),
+            memory: 0.1,
+            noise: 0.1,
+        }
+    }
 }
 
 /// Where the presses are, and how the electrodes go round.
@@ -61,27 +69,13 @@ pub(super) struct Frame {
     pub(super) centre_mm: [f64; 2],
     /// Distance of the farthest press from it.
     pub(super) reach_mm: f64,
-    /// Electrodes on the rim.
-    pub(super) electrodes: usize,
-    /// Whether their numbers go round clockwise.
+    /// Whether the electrodes' numbers go round clockwise.
     pub(super) clockwise: bool,
 }
 
 impl Frame {
-    fn harmonics(&self, length: f64) -> Harmonics {
-        let length_mm = length * self.reach_mm;
-        Harmonics::new(self.centre_mm, SQUARE * self.reach_mm, HIGHEST / length_mm)
-    }
-
-    /// Where a place lies for a measurement that is turned by so many electrodes.
-    fn turned_back(&self, place_mm: [f64; 2], turned: usize) -> [f64; 2] {
-        let angle = -TAU * turned as f64 / self.electrodes as f64;
-        let (sin, cos) = if self.clockwise { -angle } else { angle }.sin_cos();
-        let [x, y] = [0, 1].map(|k| place_mm[k] - self.centre_mm[k]);
-        [
-            self.centre_mm[0] + cos * x - sin * y,
-            self.centre_mm[1] + sin * x + cos * y,
-        ]
+    fn disc(&self) -> Disc {
+        Disc::new(self.centre_mm, RADIUS * self.reach_mm, HIGHEST)
     }
 }
 
@@ -116,24 +110,17 @@ pub(super) struct Maps {
     pub(super) frame: Frame,
     /// Presses that they were learned from.
     presses: usize,
-    /// Shortest length of the maps, over the reach.
-    length: f64,
     pub(super) orbits: Orbits,
     /// Root mean square of the values of every measurement's orbit.
     pub(super) scale: Vec<f64>,
-    /// Noise variance of every measurement, over the square of its scale.
-    pub(super) noise: Vec<f64>,
-    harmonics: Harmonics,
-    /// Gain of every measurement over that of its orbit.
-    gains: Vec<f64>,
-    /// Their variance, as the presses tell it.
-    gain_variance: f64,
-    /// Weights of the maps, harmonics x orbits, over the scale.
-    shared: DMatrix<f64>,
-    /// Harmonics x measurements.
-    own: DMatrix<f64>,
+    /// Noise variance over the square of the scale.
+    pub(super) noise: f64,
+    disc: Disc,
+    /// Weights of the maps, harmonics x measurements, over the scale.
+    weights: DMatrix<f64>,
+    /// The same of the memory.
     memory: DMatrix<f64>,
-    /// Covariance of the weights of a measurement's own map that the presses leave, over its noise's variance.
+    /// Covariance of the weights that the presses leave, as a mean over an orbit, over the noise's variance.
     spread: DMatrix<f64>,
 }
 
@@ -149,17 +136,10 @@ pub struct StoredMaps {
     pub reach_mm: f64,
     /// Whether the electrodes' numbers go round clockwise.
     pub clockwise: bool,
-    /// Shortest length of the maps, over the reach.
-    pub length: f64,
     /// Root mean square of the changes of every measurement's orbit.
     pub scale: Vec<f64>,
-    /// Gain of every measurement over that of its orbit; 1 where there are none.
-    #[serde(default)]
-    pub gains: Vec<f64>,
-    /// Weights of the maps that orbits share: for every orbit those of the harmonics, over the scale.
-    pub shared: Vec<Vec<f64>>,
-    /// The same for what every measurement has of its own.
-    pub own: Vec<Vec<f64>>,
+    /// Weights of the maps: for every measurement those of the harmonics, over the scale.
+    pub weights: Vec<Vec<f64>>,
     /// The same for the memory of the press before.
     pub memory: Vec<Vec<f64>>,
     /// Covariance of the weights that the presses leave, over the noise's variance.
@@ -196,12 +176,13 @@ fn drawn_in_rms(values: &[f64]) -> f64 {
     rms
 }
 
-fn features(harmonics: &Harmonics, places: impl Iterator<Item = Option<[f64; 2]>>) -> DMatrix<f64> {
+/// Places x harmonics; nothing where there is no place.
+fn features(disc: &Disc, clockwise: bool, places: impl Iterator<Item = Option<[f64; 2]>>) -> DMatrix<f64> {
     let columns: Vec<DVector<f64>> = places
         .map(|place| {
-            let mut column = DVector::zeros(harmonics.len());
+            let mut column = DVector::zeros(disc.len());
             if let Some(place) = place {
-                harmonics.values_at(place, column.as_mut_slice());
+                disc.values_at(place, clockwise, column.as_mut_slice());
             }
             column
         })
@@ -209,261 +190,383 @@ fn features(harmonics: &Harmonics, places: impl Iterator<Item = Option<[f64; 2]>
     DMatrix::from_columns(&columns).transpose()
 }
 
-/// The presses as the harmonics see them, and what all measurements have in common.
+/// The presses as the harmonics see them.
 struct Design {
-    here: DMatrix<f64>,
-    before: DMatrix<f64>,
-    /// For every turn that a measurement has: its number, the features turned back, and two products of them.
-    turns: Vec<(usize, Turn)>,
-    /// Eigenvectors and eigenvalues of what the presses see of the own and memory parts, in units of their prior.
-    vectors: DMatrix<f64>,
-    values: DVector<f64>,
-    /// Features times the square root of the prior, own beside memory.
-    scaled: DMatrix<f64>,
-    own_root: DVector<f64>,
-    memory_root: DVector<f64>,
-    shared_precision: DVector<f64>,
+    /// Presses x harmonics: of the places, and beside them of those of the presses before.
+    real: DMatrix<f64>,
+    /// The same with `exp(i n φ)` and `exp(-i n φ)` for cosine and sine of every order.
+    turning: Matrix,
+    /// Products of its columns, where there are more presses than columns.
+    square: Option<Matrix>,
+    /// Signed orders of its columns.
+    orders: Vec<i32>,
+    /// Variances of the weights of a process of variance one.
+    variances: Vec<f64>,
+    turns: usize,
 }
 
-/// Eigenvectors and eigenvalues of the columns' square, those without the ones that no row sees. Of fewer rows than columns they
-/// follow from the rows' square.
-fn seen(scaled: &DMatrix<f64>) -> Option<(DMatrix<f64>, DVector<f64>)> {
-    let few = scaled.nrows() < scaled.ncols();
-    let square = if few {
-        scaled * scaled.transpose()
-    } else {
-        scaled.tr_mul(scaled)
-    };
-    let eigen = symmetric_eigen(square)?;
-    let least = LEAST_SEEN * eigen.eigenvalues.max();
-    let order: Vec<usize> = (0..eigen.eigenvalues.len())
-        .filter(|k| eigen.eigenvalues[*k] > least)
-        .collect();
-    let values = eigen.eigenvalues.select_rows(&order);
-    let mut vectors = eigen.eigenvectors.select_columns(&order);
-    if few {
-        vectors = scaled.tr_mul(&vectors);
-        for (mut column, value) in vectors.column_iter_mut().zip(&values) {
-            column /= value.sqrt();
-        }
-    }
-    Some((vectors, values))
-}
-
-struct Turn {
-    features: DMatrix<f64>,
-    square: DMatrix<f64>,
-    /// In the directions of the eigenvectors.
-    seen: DMatrix<f64>,
+/// What follows of one term of the sum over an orbit.
+struct Term {
+    /// Harmonics of both kinds x presses: what makes weights of values.
+    gain: Matrix,
+    prior: Vec<f64>,
+    /// By how much the value of every press counts in what is said of it.
+    leverage: Vec<f64>,
+    /// Logarithm of the determinant of the values' covariance.
+    log_determinant: f64,
+    /// How many terms it stands for: that of the opposite sense is its conjugate.
+    counts: f64,
 }
 
 impl Design {
-    /// `None` where the presses are beyond what can be computed with.
-    fn new(presses: &Presses, frame: Frame, prior: Prior, orbits: &Orbits, harmonics: &Harmonics) -> Option<Self> {
-        let reach = frame.reach_mm;
-        let here = features(harmonics, presses.places_mm.iter().map(|p| Some(*p)));
-        let before = features(harmonics, presses.before_mm.iter().copied());
-        let variances = |length: f64, size: f64| DVector::from_vec(harmonics.matern(length * reach)) * size;
-        let own_root = variances(prior.length, prior.own).map(f64::sqrt);
-        let memory_root = variances(prior.memory_length, prior.memory).map(f64::sqrt);
-        let shared_precision = variances(prior.length, prior.shared).map(f64::recip);
-        let mut scaled = DMatrix::zeros(presses.len(), 2 * harmonics.len());
-        for k in 0..harmonics.len() {
-            scaled.set_column(k, &(here.column(k) * own_root[k]));
-            scaled.set_column(harmonics.len() + k, &(before.column(k) * memory_root[k]));
+    fn new(presses: &Presses, frame: Frame, disc: &Disc, orbits: &Orbits) -> Self {
+        let of = |places: Vec<Option<[f64; 2]>>| features(disc, frame.clockwise, places.into_iter());
+        let (here, before) = (
+            of(presses.places_mm.iter().map(|p| Some(*p)).collect()),
+            of(presses.before_mm.clone()),
+        );
+        let size = disc.len();
+        let mut real = DMatrix::zeros(presses.len(), 2 * size);
+        real.columns_mut(0, size).copy_from(&here);
+        real.columns_mut(size, size).copy_from(&before);
+        let orders: Vec<i32> = disc.modes().iter().chain(disc.modes()).map(|m| m.order).collect();
+        let turning = Matrix::from_fn(real.nrows(), real.ncols(), |k, p| match orders[p].signum() {
+            1 => Complex::new(real[(k, p)], real[(k, p + 1)]) / SQRT_2,
+            -1 => Complex::new(real[(k, p - 1)], -real[(k, p)]) / SQRT_2,
+            _ => real[(k, p)].into(),
+        });
+        Self {
+            square: (turning.nrows() > turning.ncols()).then(|| turning.adjoint() * &turning),
+            variances: disc.matern(LENGTH * frame.reach_mm),
+            turns: orbits.turns,
+            real,
+            turning,
+            orders,
         }
-        let (vectors, values) = seen(&scaled)?;
-        let to_seen = &scaled * &vectors;
-        let mut numbers: Vec<usize> = orbits.members.iter().map(|m| m.turned).collect();
-        numbers.sort_unstable();
-        numbers.dedup();
-        let turn = |turned: usize| {
-            let back = presses.places_mm.iter().map(|p| Some(frame.turned_back(*p, turned)));
-            let features = features(harmonics, back);
-            Turn {
-                square: features.tr_mul(&features),
-                seen: to_seen.tr_mul(&features),
-                features,
-            }
+    }
+
+    fn size(&self) -> usize {
+        self.variances.len()
+    }
+
+    /// Place in the series around the orbit of one of the harmonics in one of the sums.
+    fn ring(&self, term: usize, order: i32) -> usize {
+        let m = (term as i32 + order).rem_euclid(self.turns as i32) as usize;
+        m.min(self.turns - m)
+    }
+
+    /// The terms up to half of the turns; the others are their conjugates.
+    fn terms(&self, prior: &Prior) -> Option<Vec<Term>> {
+        (0..=self.turns / 2).map(|t| self.term(t, prior)).collect()
+    }
+
+    fn term(&self, term: usize, prior: &Prior) -> Option<Term> {
+        let size = self.size();
+        let variance = |p: usize| {
+            let whole = if p < size {
+                prior.ring[self.ring(term, self.orders[p])]
+            } else {
+                prior.memory
+            };
+            whole * self.variances[p % size]
         };
-        Some(Self {
-            turns: numbers.into_iter().map(|t| (t, turn(t))).collect(),
-            here,
-            before,
-            values,
-            vectors,
-            scaled,
-            own_root,
-            memory_root,
-            shared_precision,
+        let variances: Vec<f64> = (0..2 * size).map(variance).collect();
+        let scaled_adjoint = || {
+            let mut out = self.turning.adjoint();
+            for (mut row, v) in out.row_iter_mut().zip(&variances) {
+                row *= Complex::from(*v);
+            }
+            out
+        };
+        let logs = |factor: &Cholesky<Complex<f64>, Dyn>| -> f64 {
+            factor.l_dirty().diagonal().iter().map(|d| 2.0 * d.re.ln()).sum()
+        };
+        let (gain, log_determinant) = if let Some(square) = &self.square {
+            let roots: Vec<f64> = variances.iter().map(|v| v.sqrt()).collect();
+            let mut normal = square.map_with_location(|i, j, v| v * (roots[i] * roots[j]));
+            (0..2 * size).for_each(|p| normal[(p, p)] += prior.noise);
+            let mut right = self.turning.adjoint();
+            for (mut row, root) in right.row_iter_mut().zip(&roots) {
+                row *= Complex::from(*root);
+            }
+            let factor = Cholesky::new(normal)?;
+            let mut out = factor.solve(&right);
+            for (mut row, root) in out.row_iter_mut().zip(&roots) {
+                row *= Complex::from(*root);
+            }
+            let more = self.turning.nrows() as f64 - 2.0 * size as f64;
+            (out, logs(&factor) + more * prior.noise.ln())
+        } else {
+            let right = scaled_adjoint();
+            let mut normal = &self.turning * &right;
+            (0..normal.nrows()).for_each(|k| normal[(k, k)] += prior.noise);
+            let factor = Cholesky::new(normal)?;
+            (factor.solve(&right.adjoint()).adjoint(), logs(&factor))
+        };
+        let leverage = (self.turning.row_iter().zip(gain.column_iter()))
+            .map(|(row, column)| row.iter().zip(&column).map(|(r, g)| (r * g).re).sum())
+            .collect();
+        Some(Term {
+            gain,
+            prior: variances,
+            leverage,
+            log_determinant,
+            counts: if term == 0 || 2 * term == self.turns { 1.0 } else { 2.0 },
         })
     }
 
-    fn turn(&self, turned: usize) -> &Turn {
-        let place = self.turns.partition_point(|(t, _)| *t < turned);
-        &self.turns[place].1
+    /// The sum over every orbit with the phases of a term: presses x orbits.
+    fn summed(&self, slots: &DMatrix<f64>, term: usize) -> Matrix {
+        let turns = self.turns;
+        Matrix::from_fn(slots.nrows(), slots.ncols() / turns, |k, o| {
+            (0..turns)
+                .map(|t| self.phase(term, t).conj() * slots[(k, o * turns + t)])
+                .sum::<Complex<f64>>()
+        })
+    }
+
+    /// Over the root of the turns, so that sums of independent values have the variance of each.
+    fn phase(&self, term: usize, turn: usize) -> Complex<f64> {
+        let angle = TAU * (term * turn % self.turns) as f64 / self.turns as f64;
+        Complex::from_polar((self.turns as f64).sqrt().recip(), angle)
+    }
+
+    /// Weights of all maps of the orbits, harmonics of both kinds x slots, from those of the sums.
+    fn weights(&self, terms: &[(Matrix, f64)]) -> DMatrix<f64> {
+        let (turns, orbits) = (self.turns, terms.first().map_or(0, |(w, _)| w.ncols()));
+        let mut out = DMatrix::zeros(self.orders.len(), orbits * turns);
+        for (term, (weights, counts)) in terms.iter().enumerate() {
+            for t in 0..turns {
+                let phase = self.phase(term, t);
+                for o in 0..orbits {
+                    let mut column = out.column_mut(o * turns + t);
+                    for (p, order) in self.orders.iter().enumerate().filter(|(_, order)| **order >= 0) {
+                        let mut weight = phase * weights[(p, o)];
+                        let (next, single) = (p + usize::from(*order > 0), *counts < 1.5);
+                        if !single {
+                            weight += (phase * weights[(next, o)]).conj();
+                        }
+                        if *order == 0 {
+                            column[p] += weight.re;
+                        } else {
+                            column[p] += SQRT_2 * weight.re;
+                            column[next] -= SQRT_2 * weight.im;
+                        }
+                    }
+                }
+            }
+        }
+        out
+    }
+
+    /// Covariance of the weights of a map that the presses leave, as a mean over an orbit, in the real harmonics.
+    fn spread(&self, terms: &[Term]) -> DMatrix<f64> {
+        let size = self.size();
+        let mut mean = Matrix::zeros(size, size);
+        for term in terms {
+            let mut told = self.turning.columns(0, size).into_owned();
+            for (mut column, v) in told.column_iter_mut().zip(&term.prior) {
+                column *= Complex::from(*v);
+            }
+            let weight = term.counts / self.turns as f64;
+            mean -= term.gain.rows(0, size) * told * Complex::from(weight);
+            (0..size).for_each(|p| mean[(p, p)] += weight * term.prior[p]);
+        }
+        let to_real = Matrix::from_fn(size, size, |p, q| match self.orders[p].signum() {
+            1 if q == p => Complex::new(1.0 / SQRT_2, 0.0),
+            1 if q == p + 1 => Complex::new(0.0, 1.0 / SQRT_2),
+            -1 if q + 1 == p => Complex::new(1.0 / SQRT_2, 0.0),
+            -1 if q == p => Complex::new(0.0, -1.0 / SQRT_2),
+            0 if q == p => Complex::new(1.0, 0.0),
+            _ => Complex::new(0.0, 0.0),
+        });
+        let real = (to_real.transpose() * mean * to_real.conjugate()).map(|v| v.re);
+        (&real + real.transpose()) * 0.5
+    }
+}
+
+/// A list of presses as orbits have them: presses x (orbits x turns), over the scale; not a number where there is none.
+fn in_slots(presses: &Presses, orbits: &Orbits, scale: &[f64]) -> DMatrix<f64> {
+    let turns = orbits.turns;
+    DMatrix::from_fn(presses.len(), orbits.count * turns, |k, slot| {
+        let there = &orbits.slots[slot / turns][slot % turns];
+        let value = |(c, negative): &(usize, bool)| {
+            let v = (presses.changes[(k, *c)] / scale[*c]).clamp(-LARGEST, LARGEST);
+            if *negative { -v } else { v }
+        };
+        // A mean of none is no number.
+        there.iter().map(value).sum::<f64>() / there.len() as f64
+    })
+}
+
+/// One fit of all maps with a prior.
+struct Fit {
+    terms: Vec<Term>,
+    /// Weights of the sums.
+    sums: Vec<(Matrix, f64)>,
+    /// Of the maps: harmonics of both kinds x slots.
+    weights: DMatrix<f64>,
+    /// Mean square of what is left, and by how much more it is than if nothing had been learned of it.
+    left: f64,
+}
+
+impl Fit {
+    fn new(
+        design: &Design,
+        values: &DMatrix<f64>,
+        drawn_in: &mut DMatrix<f64>,
+        prior: &Prior,
+        repetitions: usize,
+    ) -> Option<Self> {
+        let terms = design.terms(prior)?;
+        let leverage = (0..values.nrows()).map(|k| {
+            let sum: f64 = terms.iter().map(|t| t.counts * t.leverage[k]).sum();
+            sum / design.turns as f64
+        });
+        let leverage = leverage.sum::<f64>() / values.nrows() as f64;
+        let mut fit = Self {
+            sums: Vec::new(),
+            weights: DMatrix::zeros(0, 0),
+            left: 0.0,
+            terms,
+        };
+        for _ in 0..repetitions {
+            let sum = |(t, term): (usize, &Term)| (&term.gain * design.summed(drawn_in, t), term.counts);
+            fit.sums = fit.terms.iter().enumerate().map(sum).collect();
+            fit.weights = design.weights(&fit.sums);
+            let fitted = &design.real * &fit.weights;
+            let freedom = (1.0 - leverage).max(0.15);
+            let (mut square, mut count) = (0.0, 0.0);
+            for (slot, column) in values.column_iter().enumerate() {
+                let left = |k: usize| column[k] - fitted[(k, slot)];
+                let limit = HUBER * prior.noise.sqrt();
+                let finite = || (0..column.len()).map(left).filter(|r| r.is_finite());
+                let there = finite().count() as f64;
+                let sum: f64 = finite().map(|r| r.clamp(-limit, limit).powi(2)).sum();
+                let limit = HUBER * (sum / (freedom * there.max(1.0))).max(LEAST).sqrt();
+                for k in 0..column.len() {
+                    let r = if left(k).is_finite() {
+                        left(k).clamp(-limit, limit)
+                    } else {
+                        0.0
+                    };
+                    drawn_in[(k, slot)] = fitted[(k, slot)] + r;
+                    square += r * r;
+                }
+                count += there;
+            }
+            fit.left = square / count.max(1.0) + prior.noise * leverage;
+        }
+        Some(fit)
+    }
+
+    /// Logarithm of the evidence, without its constant.
+    fn evidence(&self, design: &Design, drawn_in: &DMatrix<f64>, prior: &Prior) -> f64 {
+        let of = |(t, (term, (weights, counts))): (usize, (&Term, &(Matrix, f64)))| {
+            let sums = design.summed(drawn_in, t);
+            let left = &sums - &design.turning * weights;
+            let square: f64 = (sums.iter().zip(&left)).map(|(s, l)| (s.conj() * l).re).sum();
+            counts * (square / prior.noise + sums.ncols() as f64 * term.log_determinant)
+        };
+        -0.5 * self.terms.iter().zip(&self.sums).enumerate().map(of).sum::<f64>()
+    }
+
+    /// A prior of more evidence: each variance is the mean square that the posterior expects.
+    fn better(&self, design: &Design, prior: &Prior) -> Prior {
+        let size = design.size();
+        let orbits = self.sums.first().map_or(0, |(w, _)| w.ncols()) as f64;
+        let mut ring = vec![(0.0, 0.0); prior.ring.len()];
+        let mut memory = (0.0, 0.0);
+        for (t, (term, (weights, counts))) in self.terms.iter().zip(&self.sums).enumerate() {
+            for p in 0..2 * size {
+                let told: f64 = (term.gain.row(p).iter().zip(&design.turning.column(p)))
+                    .map(|(g, x)| (g * x).re)
+                    .sum();
+                let square: f64 = weights.row(p).iter().map(|w| w.norm_sqr()).sum();
+                let expected = counts * (square + orbits * term.prior[p] * (1.0 - told)) / design.variances[p % size];
+                let sum = if p < size {
+                    &mut ring[design.ring(t, design.orders[p])]
+                } else {
+                    &mut memory
+                };
+                sum.0 += expected;
+                sum.1 += counts * orbits;
+            }
+        }
+        let mean = |(sum, count): (f64, f64)| (sum / count).max(LEAST);
+        Prior {
+            ring: ring.into_iter().map(mean).collect(),
+            memory: mean(memory),
+            noise: self.left.max(LEAST),
+        }
     }
 }
 
 impl Maps {
-    /// Learns the maps. `None` where the presses say nothing that could be solved for.
-    pub(super) fn fit(presses: &Presses, frame: Frame, prior: Prior, orbits: &Orbits) -> Option<Self> {
-        let (count, channels) = presses.changes.shape();
-        let harmonics = frame.harmonics(prior.length.min(prior.memory_length));
-        let size = harmonics.len();
-        let mut maps = Self {
-            frame,
-            presses: count,
-            length: prior.length.min(prior.memory_length),
-            scale: scales(&presses.changes, orbits),
-            noise: vec![FIRST_NOISE; channels],
-            gains: vec![1.0; channels],
-            gain_variance: GAIN_SD * GAIN_SD,
-            shared: DMatrix::zeros(size, orbits.count),
-            own: DMatrix::zeros(size, channels),
-            memory: DMatrix::zeros(size, channels),
-            spread: DMatrix::zeros(size, size),
-            harmonics,
-            orbits: orbits.clone(),
-        };
-        let design = Design::new(presses, frame, prior, orbits, &maps.harmonics)?;
-        let values = maps.over_scale(&presses.changes);
+    /// The prior of the largest evidence, near enough, and the logarithm of that evidence. `None` where the presses are beyond what can be computed with.
+    pub(super) fn prior(presses: &Presses, frame: Frame, orbits: &Orbits) -> Option<(Prior, f64)> {
+        let design = Design::new(presses, frame, &frame.disc(), orbits);
+        let scale = scales(&presses.changes, orbits);
+        let values = in_slots(presses, orbits, &scale);
         let mut drawn_in = values.map(|v| if v.is_finite() { v } else { 0.0 });
-        for _ in 0..REPETITIONS {
-            let freedom = maps.solve(&design, &drawn_in)?;
-            let fitted = maps.fitted(&design);
-            let mut noise = vec![0.0; channels];
-            let middle = median(maps.noise.iter().copied());
-            for c in 0..channels {
-                let limit = HUBER * maps.noise[c].sqrt();
-                let left = |k: usize| values[(k, c)] - fitted[(k, c)];
-                let sum: f64 = (0..count)
-                    .map(left)
-                    .filter(|r| r.is_finite())
-                    .map(|r| r.clamp(-limit, limit).powi(2))
-                    .sum();
-                noise[c] = ((sum + NOISE_WEIGHT * middle) / (freedom[c] + NOISE_WEIGHT)).max(LEAST_NOISE);
-                let limit = HUBER * noise[c].sqrt();
-                for k in 0..count {
-                    let r = if left(k).is_finite() { left(k) } else { 0.0 };
-                    drawn_in[(k, c)] = fitted[(k, c)] + r.clamp(-limit, limit);
-                }
-            }
-            maps.noise = noise;
+        let mut prior = Prior::new(orbits.turns);
+        for _ in 0..STEPS {
+            prior = Fit::new(&design, &values, &mut drawn_in, &prior, 1)?.better(&design, &prior);
         }
-        let middle = median(maps.noise.iter().copied());
-        // What the presses tell of the prior's directions is taken off.
-        let mut told = design.vectors.rows(0, size).into_owned();
-        for (mut column, value) in told.column_iter_mut().zip(&design.values) {
-            column *= (value / (value + middle)).sqrt();
-        }
-        let root = &design.own_root;
-        maps.spread = (DMatrix::identity(size, size) - &told * told.transpose()) / middle;
-        for j in 0..size {
-            for i in 0..size {
-                maps.spread[(i, j)] *= root[i] * root[j];
-            }
-        }
-        Some(maps)
+        // Of the changes themselves, whose scale depends on the orbits. A measurement that stands at several turns counts once.
+        let counts = scale.len() as f64 / values.ncols() as f64;
+        let scales = presses.len() as f64 * scale.iter().map(|s| s.ln()).sum::<f64>();
+        let mut evidence = |prior: &Prior| -> Option<f64> {
+            let fit = Fit::new(&design, &values, &mut drawn_in, prior, 1)?;
+            Some(counts * fit.evidence(&design, &drawn_in, prior) - scales)
+        };
+        let with = evidence(&prior)?;
+        let forgetful = Prior {
+            memory: NO_MEMORY,
+            ..prior.clone()
+        };
+        let without = evidence(&forgetful)?;
+        let (prior, best) = if without > with {
+            (forgetful, without)
+        } else {
+            (prior, with)
+        };
+        Some((prior, best))
     }
 
-    fn over_scale(&self, changes: &DMatrix<f64>) -> DMatrix<f64> {
-        DMatrix::from_fn(changes.nrows(), changes.ncols(), |k, c| {
-            let sign = if self.orbits.members[c].negative { -1.0 } else { 1.0 };
-            // A value that is not a number stays one.
-            (sign * changes[(k, c)] / self.scale[c]).clamp(-LARGEST, LARGEST)
+    /// Learns the maps. `None` where the presses say nothing that could be solved for.
+    pub(super) fn fit(presses: &Presses, frame: Frame, prior: &Prior, orbits: &Orbits) -> Option<Self> {
+        let disc = frame.disc();
+        let design = Design::new(presses, frame, &disc, orbits);
+        let scale = scales(&presses.changes, orbits);
+        let values = in_slots(presses, orbits, &scale);
+        let mut drawn_in = values.map(|v| if v.is_finite() { v } else { 0.0 });
+        let fit = Fit::new(&design, &values, &mut drawn_in, prior, REPETITIONS)?;
+        let slots: Vec<usize> = orbits.members.iter().map(|m| orbits.slot(m)).collect();
+        let of_measurements = fit.weights.select_columns(&slots);
+        let size = disc.len();
+        Some(Self {
+            frame,
+            presses: presses.len(),
+            orbits: orbits.clone(),
+            scale,
+            noise: prior.noise,
+            weights: of_measurements.rows(0, size).into_owned(),
+            memory: of_measurements.rows(size, size).into_owned(),
+            spread: design.spread(&fit.terms) / prior.noise,
+            disc,
         })
     }
 
-    /// One solution for the posterior means, with the present noise. Returns the degrees of freedom that are left of every
-    /// measurement.
-    fn solve(&mut self, design: &Design, values: &DMatrix<f64>) -> Option<Vec<f64>> {
-        let count = values.nrows() as f64;
-        let (vectors, seen_values) = (&design.vectors, &design.values);
-        let seen = vectors.tr_mul(&design.scaled.tr_mul(values));
-        let size = self.harmonics.len();
-        let mut freedom = vec![0.0; values.ncols()];
-        let mut unlike = (0.0, 0.0);
-        for (orbit, list) in self.orbits.lists().iter().enumerate() {
-            let mut normal = DMatrix::from_diagonal(&design.shared_precision);
-            let mut right = DVector::zeros(size);
-            for &c in list {
-                let (turn, noise) = (design.turn(self.orbits.members[c].turned), self.noise[c]);
-                let gain = self.gains[c];
-                let inverse = seen_values.map(|v| 1.0 / (v + noise));
-                let mut half = turn.seen.clone();
-                for (mut row, d) in half.row_iter_mut().zip(&inverse) {
-                    row *= d.sqrt();
-                }
-                let weight = gain * gain / noise;
-                normal.zip_apply(&turn.square, |n, s| *n += weight * s);
-                normal.gemm(-weight, &half.transpose(), &half, 1.0);
-                right.gemv_tr(gain / noise, &turn.features, &values.column(c), 1.0);
-                right.gemv_tr(-gain / noise, &turn.seen, &inverse.component_mul(&seen.column(c)), 1.0);
-            }
-            let shared = Cholesky::new(normal)?.solve(&right);
-            for &c in list {
-                let (turn, noise) = (design.turn(self.orbits.members[c].turned), self.noise[c]);
-                let inverse = seen_values.map(|v| 1.0 / (v + noise));
-                let (map, map_seen) = (&turn.features * &shared, &turn.seen * &shared);
-                // By generalised least squares: what the measurement has of its own, and the memory, are integrated out.
-                let product = |other: &DVector<f64>, other_seen: &DVector<f64>| {
-                    (map.dot(other) - map_seen.component_mul(&inverse).dot(other_seen)) / noise
-                };
-                let prior = self.gain_variance.recip();
-                let along = product(&values.column(c).into_owned(), &seen.column(c).into_owned());
-                let told = product(&map, &map_seen).max(f64::MIN_POSITIVE);
-                self.gains[c] = (along + prior) / (told + prior);
-                // What the presses alone say, by how much of it is not their noise (DerSimonian and Laird 1986).
-                let (off, noise_of) = ((along / told - 1.0).clamp(-1.0, 1.0), told.recip());
-                let weight = (noise_of + self.gain_variance).powi(-2);
-                unlike.0 += weight * (off * off - noise_of);
-                unlike.1 += weight;
-                let left = seen.column(c) - map_seen * self.gains[c];
-                let weights = vectors * inverse.component_mul(&left);
-                self.own
-                    .set_column(c, &weights.rows(0, size).component_mul(&design.own_root));
-                self.memory
-                    .set_column(c, &weights.rows(size, size).component_mul(&design.memory_root));
-                freedom[c] = (count - seen_values.dot(&inverse)).max(0.15 * count);
-            }
-            self.shared.set_column(orbit, &shared);
-        }
-        let variance: f64 = unlike.0 / unlike.1;
-        if variance.is_finite() {
-            self.gain_variance = variance.clamp(LEAST_GAIN_VARIANCE, GAIN_SD * GAIN_SD);
-        }
-        Some(freedom)
-    }
-
-    /// What the maps say of the presses that they were learned from, over the scale.
-    fn fitted(&self, design: &Design) -> DMatrix<f64> {
-        let mut fitted = &design.here * &self.own + &design.before * &self.memory;
-        for (c, member) in self.orbits.members.iter().enumerate() {
-            let turn = design.turn(member.turned);
-            let (shared, gain) = (&turn.features * self.shared.column(member.orbit), self.gains[c]);
-            fitted.column_mut(c).zip_apply(&shared, |f, s| *f += gain * s);
-        }
-        fitted
+    fn features(&self, places: impl Iterator<Item = Option<[f64; 2]>>) -> DMatrix<f64> {
+        features(&self.disc, self.frame.clockwise, places)
     }
 
     /// The change of every measurement by a press of the usual strength at each of some places: measurements x places.
     pub(super) fn at(&self, places_mm: &[[f64; 2]]) -> DMatrix<f64> {
-        let places = || places_mm.iter().copied();
-        let mut out = self.own.transpose() * features(&self.harmonics, places().map(Some)).transpose();
-        let mut turns: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
-        for (c, member) in self.orbits.members.iter().enumerate() {
-            turns.entry(member.turned).or_default().push(c);
-        }
-        for (turned, list) in turns {
-            let back = places().map(|p| Some(self.frame.turned_back(p, turned)));
-            let orbits: Vec<usize> = list.iter().map(|c| self.orbits.members[*c].orbit).collect();
-            let shared = self.shared.select_columns(&orbits).transpose() * features(&self.harmonics, back).transpose();
-            for (row, c) in shared.row_iter().zip(list) {
-                let gain = self.gains[c];
-                out.row_mut(c).zip_apply(&row, |o, s| *o += gain * s);
-            }
-        }
+        let mut out = self
+            .weights
+            .tr_mul(&self.features(places_mm.iter().map(|p| Some(*p))).transpose());
         for mut column in out.column_iter_mut() {
             self.put_in_units(column.as_mut_slice());
         }
@@ -475,24 +578,51 @@ impl Maps {
         let Some(place) = place_mm else {
             return DVector::zeros(self.scale.len());
         };
-        let mut there = DVector::zeros(self.harmonics.len());
-        self.harmonics.values_at(place, there.as_mut_slice());
+        let mut there = DVector::zeros(self.disc.len());
+        self.disc.values_at(place, self.frame.clockwise, there.as_mut_slice());
         let mut left = self.memory.tr_mul(&there);
         self.put_in_units(left.as_mut_slice());
         left
     }
 
-    /// Distance below which maps cannot tell two presses from one between them, mm: half of the length over which they change, or
+    /// Distance below which maps cannot tell two presses from one between them, mm: a part of the length over which they change, or
     /// the distance from one known press to the next, where that is farther.
     pub(super) fn near_mm(&self) -> f64 {
         self.frame.reach_mm * (PI / self.presses as f64).sqrt().max(NEAR)
     }
 
-    /// Variance of the maps there, over the noise's.
-    pub(super) fn uncertainty(&self, place_mm: [f64; 2]) -> f64 {
-        let mut here = DVector::zeros(self.harmonics.len());
-        self.harmonics.values_at(place_mm, here.as_mut_slice());
-        (&self.spread * &here).dot(&here).max(0.0)
+    /// Variance of the maps at some places, over the noise's.
+    pub(super) fn uncertainty(&self, places_mm: &[[f64; 2]]) -> Vec<f64> {
+        let there = self.features(places_mm.iter().map(|p| Some(*p)));
+        let along = &there * &self.spread;
+        (along.row_iter().zip(there.row_iter()))
+            .map(|(a, t)| a.dot(&t).max(0.0))
+            .collect()
+    }
+
+    /// Gain of every measurement: its map, turned back, along the mean of its orbit, over that mean.
+    pub(super) fn gains(&self) -> Vec<f64> {
+        let turns = self.orbits.turns;
+        let turned_back = |c: usize| {
+            let member = self.orbits.members[c];
+            let angle = TAU * (self.orbits.slot(&member) % turns) as f64 / turns as f64;
+            let mut out = self.weights.column(c).into_owned();
+            for (p, mode) in self.disc.modes().iter().enumerate().filter(|(_, m)| m.order > 0) {
+                let (sin, cos) = (f64::from(mode.order) * angle).sin_cos();
+                let [a, b] = [out[p], out[p + 1]];
+                (out[p], out[p + 1]) = (cos * a + sin * b, cos * b - sin * a);
+            }
+            out
+        };
+        let mut gains = vec![1.0; self.scale.len()];
+        for list in self.orbits.lists() {
+            let maps: Vec<DVector<f64>> = list.iter().map(|c| turned_back(*c)).collect();
+            let mean = maps.iter().fold(DVector::zeros(self.disc.len()), |sum, m| sum + m) / maps.len() as f64;
+            for (c, map) in list.iter().zip(&maps) {
+                gains[*c] = map.dot(&mean) / mean.norm_squared().max(f64::MIN_POSITIVE);
+            }
+        }
+        gains
     }
 
     /// The numbers that make them.
@@ -502,56 +632,41 @@ impl Maps {
             centre_mm: self.frame.centre_mm,
             reach_mm: self.frame.reach_mm,
             clockwise: self.frame.clockwise,
-            length: self.length,
             scale: self.scale.clone(),
-            gains: self.gains.clone(),
-            shared: columns(&self.shared),
-            own: columns(&self.own),
+            weights: columns(&self.weights),
             memory: columns(&self.memory),
             spread: columns(&self.spread),
         }
     }
 
     /// Maps of such numbers. `None` where their lengths do not fit one another.
-    pub(super) fn restore(stored: &StoredMaps, electrodes: usize, orbits: Orbits) -> Option<Self> {
+    pub(super) fn restore(stored: &StoredMaps, orbits: Orbits) -> Option<Self> {
         let frame = Frame {
             centre_mm: stored.centre_mm,
             reach_mm: stored.reach_mm,
-            electrodes,
             clockwise: stored.clockwise,
         };
         // Squares of what is in the frames' unit are numbers too.
         let positive = |v: &f64| (1e-150..=1e150).contains(v);
-        let weights = [&stored.shared, &stored.own, &stored.memory, &stored.spread];
+        let weights = [&stored.weights, &stored.memory, &stored.spread];
         let small = |v: &f64| v.abs() <= 1e24;
         // As long as a sheet may be.
         let sound = (1e-3..=1e6).contains(&stored.reach_mm)
-            && (0.05..=1e3).contains(&stored.length)
             && stored.centre_mm.iter().all(|v| v.abs() <= 1e6)
             && stored.scale.iter().all(positive)
             && weights.into_iter().flatten().flatten().all(small);
-        let harmonics = sound.then(|| frame.harmonics(stored.length))?;
-        let (size, channels) = (harmonics.len(), orbits.members.len());
-        let gains =
-            stored.gains.is_empty() || stored.gains.len() == channels && stored.gains.iter().all(|g| g.is_finite());
-        (gains && stored.scale.len() == channels).then_some(())?;
+        let disc = sound.then(|| frame.disc())?;
+        let (size, channels) = (disc.len(), orbits.members.len());
+        (stored.scale.len() == channels).then_some(())?;
         Some(Self {
             frame,
             presses: stored.presses.max(1),
-            length: stored.length,
             scale: stored.scale.clone(),
-            noise: vec![FIRST_NOISE; channels],
-            gains: if stored.gains.is_empty() {
-                vec![1.0; channels]
-            } else {
-                stored.gains.clone()
-            },
-            gain_variance: GAIN_SD * GAIN_SD,
-            shared: matrix(&stored.shared, size, orbits.count)?,
-            own: matrix(&stored.own, size, channels)?,
+            noise: Prior::new(1).noise,
+            weights: matrix(&stored.weights, size, channels)?,
             memory: matrix(&stored.memory, size, channels)?,
             spread: matrix(&stored.spread, size, size)?,
-            harmonics,
+            disc,
             orbits,
         })
     }

@@ -7,6 +7,7 @@
 mod choice;
 mod correction;
 mod design;
+mod disc;
 mod follower;
 mod gain;
 mod harmonics;

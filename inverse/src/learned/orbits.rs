@@ -22,6 +22,11 @@ pub(super) struct Orbits {
     pub(super) count: usize,
     /// Electrodes once around.
     around: usize,
+    /// Turns by which the first of an orbit makes the others.
+    pub(super) turns: usize,
+    /// For every orbit and turn the measurements that are there, with whether they have the opposite sign: none where one is missing, and
+    /// the same at two turns where a turn makes a measurement of itself.
+    pub(super) slots: Vec<Vec<Vec<(usize, bool)>>>,
 }
 
 impl Orbits {
@@ -30,12 +35,16 @@ impl Orbits {
     pub(super) fn new(measurements: &[Measurement], electrodes: usize, step: usize) -> Self {
         let places: HashMap<Measurement, usize> = measurements.iter().enumerate().map(|(k, m)| (*m, k)).collect();
         let mut members: Vec<Option<Member>> = vec![None; measurements.len()];
-        let mut count = 0;
+        let step = step.max(1);
+        let turns = electrodes.div_ceil(step).max(1);
+        let mut slots: Vec<Vec<Vec<(usize, bool)>>> = Vec::new();
         for (first, measurement) in measurements.iter().enumerate() {
             if members[first].is_some() {
                 continue;
             }
-            for turned in (0..electrodes).step_by(step.max(1)) {
+            let count = slots.len();
+            let mut there_are = vec![Vec::new(); turns];
+            for (slot, turned) in (0..electrodes).step_by(step).enumerate() {
                 let there = turn(*measurement, turned, electrodes);
                 let candidates = [
                     (there, false),
@@ -46,28 +55,34 @@ impl Orbits {
                 let found = candidates
                     .iter()
                     .find_map(|(m, negative)| places.get(m).map(|k| (*k, *negative)));
-                if let Some((place, negative)) = found
-                    && members[place].is_none()
-                {
-                    members[place] = Some(Member {
+                if let Some((place, negative)) = found {
+                    let member = members[place].get_or_insert(Member {
                         orbit: count,
                         turned,
                         negative,
                     });
+                    if member.orbit == count {
+                        there_are[slot].push((place, negative));
+                    }
                 }
             }
             // The same measurement twice: each is its own copy.
-            members[first].get_or_insert(Member {
-                orbit: count,
-                turned: 0,
-                negative: false,
-            });
-            count += 1;
+            if members[first].is_none() {
+                members[first] = Some(Member {
+                    orbit: count,
+                    turned: 0,
+                    negative: false,
+                });
+                there_are[0].push((first, false));
+            }
+            slots.push(there_are);
         }
         Self {
             members: members.into_iter().flatten().collect(),
-            count,
+            count: slots.len(),
             around: electrodes,
+            turns,
+            slots,
         }
     }
 
@@ -105,6 +120,11 @@ impl Orbits {
             }
         }
         mean / turns.len() as f64
+    }
+
+    /// Number of a member's slot among those of all orbits.
+    pub(super) fn slot(&self, member: &Member) -> usize {
+        member.orbit * self.turns + member.turned * self.turns / self.around.max(1)
     }
 
     /// The measurements of every orbit.
@@ -153,6 +173,7 @@ mod tests {
         let orbits = Orbits::new(&list, 8, 1);
         assert_eq!((orbits.members.len(), orbits.count), (list.len(), 5));
         assert_eq!(orbits.members[1], orbits.members[list.len() - 2]);
+        assert_eq!(orbits.slots.iter().flatten().flatten().count(), list.len());
     }
 
     #[test]
@@ -167,5 +188,10 @@ mod tests {
         let orbits = Orbits::new(&round, 8, 1);
         assert_eq!(orbits.count, 1);
         assert_eq!((orbits.members[1].turned, orbits.members[1].negative), (1, true));
+        // Half a turn makes of it itself, with the other sign of the drive.
+        let half = Orbits::new(&both[..1], 8, 4);
+        assert_eq!(half.slots, [vec![vec![(0, false)], vec![]]]);
+        let across = Orbits::new(&[of([0, 4], [2, 6])], 8, 4);
+        assert_eq!(across.slots, [vec![vec![(0, false)], vec![(0, false)]]]);
     }
 }

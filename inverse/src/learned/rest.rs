@@ -67,12 +67,12 @@ impl Residuals {
     pub(super) fn of(maps: &Maps, presses: &Presses) -> Self {
         let mut all = Self::none(presses.len(), maps.scale.len());
         let expected = maps.at(&presses.places_mm);
+        all.uncertainty = maps.uncertainty(&presses.places_mm);
         for k in 0..presses.len() {
             let map = expected.column(k).into_owned();
             let change = presses.changes.row(k).transpose() - maps.memory_of(presses.before_mm[k]);
             let strength = strength(maps, &map, &change);
             all.values.set_row(k, &(&change - &map * strength).transpose());
-            all.uncertainty[k] = maps.uncertainty(presses.places_mm[k]);
             all.strengths[k] = strength;
         }
         all
@@ -282,7 +282,7 @@ fn strength(maps: &Maps, map: &DVector<f64>, change: &DVector<f64>) -> f64 {
     let prior = STRENGTH_SD.powi(-2);
     let (mut along, mut square) = (prior, prior);
     for c in 0..map.len() {
-        let weight = INDEPENDENT / (maps.noise[c] * maps.scale[c].powi(2));
+        let weight = INDEPENDENT / (maps.noise * maps.scale[c].powi(2));
         let limit = 6.0 * maps.scale[c];
         if change[c].is_finite() && weight.is_finite() {
             along += weight * map[c] * change[c].clamp(-limit, limit);

@@ -1,59 +1,12 @@
-//! How a skin is best described: symmetric or not, which way round, around what; chosen by cross-validation.
+//! How a skin is best described: symmetric or not, which way round, around what; by the evidence of the presses.
 
-use super::choice::{Choice, NO_MEMORY, Setting};
-use super::locator::Evidence;
-use super::maps::{Frame, Presses, Prior};
+use super::choice::{Choice, Setting};
+use super::maps::{Frame, Maps, Presses};
 use super::orbits::Orbits;
-use super::validation::{FIRST_TEMPERING, Validation, locators};
 use forward::Measurement;
 
-/// Parts where only a choice is to be made.
-const QUICK_FOLDS: usize = 5;
-/// Steps of the grid there, from the middle to the reach of the presses.
-const QUICK_STEPS: f64 = 10.0;
 /// Parts of the work, about equally long.
 pub(super) const PARTS: usize = 9;
-
-pub(super) const PRIOR: Prior = Prior {
-    length: 0.45,
-    memory_length: 0.7,
-    shared: 1.5,
-    own: 0.08,
-    memory: 0.12,
-};
-/// Standard errors by which a symmetry has to be refuted.
-const SURELY: f64 = 3.0;
-
-/// Logarithms of the squared distances at which presses are located by maps of the others, for each of them. One that is not
-/// found counts as a guess: it is off by the reach.
-fn losses(choice: &Choice, presses: &Presses) -> Option<Vec<f64>> {
-    let (locators, ..) = locators(choice, presses, QUICK_FOLDS, QUICK_STEPS)?;
-    let step = choice.frame.reach_mm / QUICK_STEPS;
-    let found = Validation::of(&locators, presses, Evidence::of_one_press(FIRST_TEMPERING));
-    let errors = found.errors_mm(choice.frame.reach_mm);
-    Some(errors.iter().map(|e| (e * e + step * step).ln()).collect())
-}
-
-/// The best of some ways; an earlier one unless a later one is better by more than so many standard errors of the difference.
-fn best(choices: Vec<Choice>, presses: &Presses, errors: f64) -> Option<Choice> {
-    let mut taken: Option<(Vec<f64>, Choice)> = None;
-    for choice in choices {
-        let Some(losses) = losses(&choice, presses) else {
-            continue;
-        };
-        let better = taken.as_ref().is_none_or(|(of_taken, _)| {
-            let count = losses.len() as f64;
-            let differences = || losses.iter().zip(of_taken).map(|(a, b)| a - b);
-            let mean = differences().sum::<f64>() / count;
-            let variance = differences().map(|d| (d - mean).powi(2)).sum::<f64>() / (count * (count - 1.0));
-            mean < -errors * variance.sqrt()
-        });
-        if better {
-            taken = Some((losses, choice));
-        }
-    }
-    taken.map(|(_, choice)| choice)
-}
 
 fn reach(presses: &Presses, centre: [f64; 2]) -> f64 {
     let farthest = presses
@@ -77,50 +30,33 @@ pub(super) fn choose(
         let (low, high) = along(axis).fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(v), h.max(v)));
         0.5 * (low + high)
     });
-    let make = |centre_mm: [f64; 2], turn: usize, clockwise: bool, prior: Prior| Choice {
-        frame: Frame {
+    let make = |centre_mm: [f64; 2], turn: usize, clockwise: bool| {
+        let frame = Frame {
             centre_mm,
             reach_mm: reach(presses, centre_mm),
-            electrodes: setting.electrodes,
             clockwise,
-        },
-        prior,
-        turn,
-        orbits: Orbits::new(measurements, setting.electrodes, turn),
+        };
+        let orbits = Orbits::new(measurements, setting.electrodes, turn);
+        let (prior, evidence) = Maps::prior(presses, frame, &orbits)?;
+        let choice = Choice {
+            frame,
+            prior,
+            turn,
+            orbits,
+        };
+        Some((evidence, choice))
     };
-    let mut choices = Vec::new();
+    let mut choices = vec![make(middle, setting.electrodes, false)];
+    progress(1, PARTS);
     if setting.turn < setting.electrodes {
-        for clockwise in [false, true] {
-            choices.push(make([0.0; 2], setting.turn, clockwise, PRIOR));
-        }
+        choices.extend([false, true].map(|clockwise| make([0.0; 2], setting.turn, clockwise)));
+        progress(3, PARTS);
         // The origin is where the sheet's middle should be. Few presses cannot tell another one.
-        let shifted = middle[0].hypot(middle[1]) > 0.2 * reach(presses, middle);
-        if shifted {
-            for clockwise in [false, true] {
-                choices.push(make(middle, setting.turn, clockwise, PRIOR));
-            }
+        if middle[0].hypot(middle[1]) > 0.2 * reach(presses, middle) {
+            choices.extend([false, true].map(|clockwise| make(middle, setting.turn, clockwise)));
         }
     }
-    let symmetric = best(choices, presses, 0.0);
-    progress(2, PARTS);
-    let with = |choice: &Choice, change: &dyn Fn(&mut Prior)| {
-        let mut choice = choice.clone();
-        change(&mut choice.prior);
-        choice
-    };
-    let alone = make(middle, setting.electrodes, false, Prior { own: 1.5, ..PRIOR });
-    let taken = match symmetric {
-        Some(symmetric) => {
-            let freer =
-                [(0.5, 0.5), (0.3, 1.5)].map(|(shared, own)| with(&symmetric, &|p| (p.shared, p.own) = (shared, own)));
-            let mut choices = vec![symmetric];
-            choices.extend(freer);
-            // Of few presses maps without symmetry promise more than they keep.
-            best(vec![best(choices, presses, 1.0)?, alone], presses, SURELY)?
-        }
-        None => alone,
-    };
     progress(5, PARTS);
-    let forgetful = with(&taken, &|p| p.memory = NO_MEMORY);
-    best(vec![taken, forgetful], presses, 1.0)
+    let best = choices.into_iter().flatten().max_by(|a, b| a.0.total_cmp(&b.0));
+    best.map(|(_, choice)| choice)
 }

@@ -213,10 +213,10 @@ fn gains_of_measurements_that_turn_are_found() {
     for press in &mut presses {
         press.change.iter_mut().zip(&planted).for_each(|(v, g)| *v *= g);
     }
-    let (learned, found) = learn(&presses, &skin.setting(), |_, _| {}).unwrap();
+    let (_, found) = learn(&presses, &skin.setting(), |_, _| {}).unwrap();
     assert!(found.shared, "{found:?}");
     // A map takes the mean of its measurements' gains. The skin turns with the drive pair; its kinds are the offsets of the sense pair.
-    let gains = learned.stored().maps.gains;
+    let gains = found.gains;
     let kind = |k: usize| (skin.measurements[k].sense.minus + 16 - skin.measurements[k].drive.plus) % 16;
     let mean = |list: &[f64], k: usize| {
         let alike: Vec<f64> = (0..list.len())
@@ -378,8 +378,8 @@ fn what_is_stored_locates_alike() {
     let breaks: [fn(&mut Stored); 9] = [
         |s| s.covariance.truncate(3),
         |s| s.covariance[0][0] = -1.0,
-        |s| s.maps.shared[0][0] = f64::NAN,
-        |s| s.maps.shared[0][0] = 1e300,
+        |s| s.maps.weights[0][0] = f64::NAN,
+        |s| s.maps.weights[0][0] = 1e300,
         |s| s.maps.centre_mm[0] = f64::INFINITY,
         |s| s.maps.scale[3] = 0.0,
         |s| s.used[1] = s.used[0],
