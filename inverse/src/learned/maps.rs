@@ -9,7 +9,6 @@
 //! each term. The variances of the terms, of the memory and of the noise have the largest evidence (Dempster, Laird and Rubin 1977). What
 //! lies far outside is drawn in before each of a few repetitions (Huber's pseudo-values).
 
-use super::choice::NO_MEMORY;
 use super::disc::Disc;
 use super::orbits::Orbits;
 use crate::stats::median;
@@ -212,8 +211,6 @@ struct Term {
     prior: Vec<f64>,
     /// By how much the value of every press counts in what is said of it.
     leverage: Vec<f64>,
-    /// Logarithm of the determinant of the values' covariance.
-    log_determinant: f64,
     /// How many terms it stands for: that of the opposite sense is its conjugate.
     counts: f64,
 }
@@ -278,10 +275,7 @@ impl Design {
             }
             out
         };
-        let logs = |factor: &Cholesky<Complex<f64>, Dyn>| -> f64 {
-            factor.l_dirty().diagonal().iter().map(|d| 2.0 * d.re.ln()).sum()
-        };
-        let (gain, log_determinant) = if let Some(square) = &self.square {
+        let gain = if let Some(square) = &self.square {
             let roots: Vec<f64> = variances.iter().map(|v| v.sqrt()).collect();
             let mut normal = square.map_with_location(|i, j, v| v * (roots[i] * roots[j]));
             (0..2 * size).for_each(|p| normal[(p, p)] += prior.noise);
@@ -294,14 +288,13 @@ impl Design {
             for (mut row, root) in out.row_iter_mut().zip(&roots) {
                 row *= Complex::from(*root);
             }
-            let more = self.turning.nrows() as f64 - 2.0 * size as f64;
-            (out, logs(&factor) + more * prior.noise.ln())
+            out
         } else {
             let right = scaled_adjoint();
             let mut normal = &self.turning * &right;
             (0..normal.nrows()).for_each(|k| normal[(k, k)] += prior.noise);
             let factor = Cholesky::new(normal)?;
-            (factor.solve(&right.adjoint()).adjoint(), logs(&factor))
+            factor.solve(&right.adjoint()).adjoint()
         };
         let leverage = (self.turning.row_iter().zip(gain.column_iter()))
             .map(|(row, column)| row.iter().zip(&column).map(|(r, g)| (r * g).re).sum())
@@ -310,7 +303,6 @@ impl Design {
             gain,
             prior: variances,
             leverage,
-            log_determinant,
             counts: if term == 0 || 2 * term == self.turns { 1.0 } else { 2.0 },
         })
     }
@@ -460,17 +452,6 @@ impl Fit {
         Some(fit)
     }
 
-    /// Logarithm of the evidence, without its constant.
-    fn evidence(&self, design: &Design, drawn_in: &DMatrix<f64>, prior: &Prior) -> f64 {
-        let of = |(t, (term, (weights, counts))): (usize, (&Term, &(Matrix, f64)))| {
-            let sums = design.summed(drawn_in, t);
-            let left = &sums - &design.turning * weights;
-            let square: f64 = (sums.iter().zip(&left)).map(|(s, l)| (s.conj() * l).re).sum();
-            counts * (square / prior.noise + sums.ncols() as f64 * term.log_determinant)
-        };
-        -0.5 * self.terms.iter().zip(&self.sums).enumerate().map(of).sum::<f64>()
-    }
-
     /// A prior of more evidence: each variance is the mean square that the posterior expects.
     fn better(&self, design: &Design, prior: &Prior) -> Prior {
         let size = design.size();
@@ -503,35 +484,16 @@ impl Fit {
 }
 
 impl Maps {
-    /// The prior of the largest evidence, near enough, and the logarithm of that evidence. `None` where the presses are beyond what can be computed with.
-    pub(super) fn prior(presses: &Presses, frame: Frame, orbits: &Orbits) -> Option<(Prior, f64)> {
+    /// The prior of the largest evidence, near enough. `None` where the presses are beyond what can be computed with.
+    pub(super) fn prior(presses: &Presses, frame: Frame, orbits: &Orbits) -> Option<Prior> {
         let design = Design::new(presses, frame, &frame.disc(), orbits);
-        let scale = scales(&presses.changes, orbits);
-        let values = in_slots(presses, orbits, &scale);
+        let values = in_slots(presses, orbits, &scales(&presses.changes, orbits));
         let mut drawn_in = values.map(|v| if v.is_finite() { v } else { 0.0 });
         let mut prior = Prior::new(orbits.turns);
         for _ in 0..STEPS {
             prior = Fit::new(&design, &values, &mut drawn_in, &prior, 1)?.better(&design, &prior);
         }
-        // Of the changes themselves, whose scale depends on the orbits. A measurement that stands at several turns counts once.
-        let counts = scale.len() as f64 / values.ncols() as f64;
-        let scales = presses.len() as f64 * scale.iter().map(|s| s.ln()).sum::<f64>();
-        let mut evidence = |prior: &Prior| -> Option<f64> {
-            let fit = Fit::new(&design, &values, &mut drawn_in, prior, 1)?;
-            Some(counts * fit.evidence(&design, &drawn_in, prior) - scales)
-        };
-        let with = evidence(&prior)?;
-        let forgetful = Prior {
-            memory: NO_MEMORY,
-            ..prior.clone()
-        };
-        let without = evidence(&forgetful)?;
-        let (prior, best) = if without > with {
-            (forgetful, without)
-        } else {
-            (prior, with)
-        };
-        Some((prior, best))
+        Some(prior)
     }
 
     /// Learns the maps. `None` where the presses say nothing that could be solved for.

@@ -1,12 +1,51 @@
-//! How a skin is best described: symmetric or not, which way round, around what; by the evidence of the presses.
+//! How a skin is best described: symmetric or not, which way round, around what; by cross-validation.
 
-use super::choice::{Choice, Setting};
+use super::choice::{Choice, NO_MEMORY, Setting};
+use super::locator::Evidence;
 use super::maps::{Frame, Maps, Presses};
 use super::orbits::Orbits;
+use super::validation::{FIRST_TEMPERING, Validation, locators};
 use forward::Measurement;
 
+/// Parts where only a choice is to be made.
+const QUICK_FOLDS: usize = 5;
+/// Steps of the grid there, from the middle to the reach of the presses.
+const QUICK_STEPS: f64 = 10.0;
+/// Standard errors by which a symmetry has to be refuted.
+const SURELY: f64 = 3.0;
 /// Parts of the work, about equally long.
 pub(super) const PARTS: usize = 9;
+
+/// Logarithms of the squared distances at which presses are located by maps of the others, for each of them. One that is not
+/// found counts as a guess: it is off by the reach.
+fn losses(choice: &Choice, presses: &Presses) -> Option<Vec<f64>> {
+    let (locators, ..) = locators(choice, presses, QUICK_FOLDS, QUICK_STEPS)?;
+    let step = choice.frame.reach_mm / QUICK_STEPS;
+    let found = Validation::of(&locators, presses, Evidence::of_one_press(FIRST_TEMPERING));
+    let errors = found.errors_mm(choice.frame.reach_mm);
+    Some(errors.iter().map(|e| (e * e + step * step).ln()).collect())
+}
+
+/// The best of some ways; an earlier one unless a later one is better by more than so many standard errors of the difference.
+fn best(choices: Vec<Choice>, presses: &Presses, errors: f64) -> Option<Choice> {
+    let mut taken: Option<(Vec<f64>, Choice)> = None;
+    for choice in choices {
+        let Some(losses) = losses(&choice, presses) else {
+            continue;
+        };
+        let better = taken.as_ref().is_none_or(|(of_taken, _)| {
+            let count = losses.len() as f64;
+            let differences = || losses.iter().zip(of_taken).map(|(a, b)| a - b);
+            let mean = differences().sum::<f64>() / count;
+            let variance = differences().map(|d| (d - mean).powi(2)).sum::<f64>() / (count * (count - 1.0));
+            mean < -errors * variance.sqrt()
+        });
+        if better {
+            taken = Some((losses, choice));
+        }
+    }
+    taken.map(|(_, choice)| choice)
+}
 
 fn reach(presses: &Presses, centre: [f64; 2]) -> f64 {
     let farthest = presses
@@ -37,26 +76,32 @@ pub(super) fn choose(
             clockwise,
         };
         let orbits = Orbits::new(measurements, setting.electrodes, turn);
-        let (prior, evidence) = Maps::prior(presses, frame, &orbits)?;
-        let choice = Choice {
+        Some(Choice {
+            prior: Maps::prior(presses, frame, &orbits)?,
             frame,
-            prior,
             turn,
             orbits,
-        };
-        Some((evidence, choice))
+        })
     };
-    let mut choices = vec![make(middle, setting.electrodes, false)];
-    progress(1, PARTS);
+    let mut choices = Vec::new();
     if setting.turn < setting.electrodes {
         choices.extend([false, true].map(|clockwise| make([0.0; 2], setting.turn, clockwise)));
-        progress(3, PARTS);
         // The origin is where the sheet's middle should be. Few presses cannot tell another one.
         if middle[0].hypot(middle[1]) > 0.2 * reach(presses, middle) {
             choices.extend([false, true].map(|clockwise| make(middle, setting.turn, clockwise)));
         }
     }
+    progress(2, PARTS);
+    let symmetric = best(choices.into_iter().flatten().collect(), presses, 0.0);
+    progress(3, PARTS);
+    let alone = make(middle, setting.electrodes, false)?;
+    let taken = match symmetric {
+        // Of few presses maps without symmetry promise more than they keep.
+        Some(symmetric) => best(vec![symmetric, alone], presses, SURELY)?,
+        None => alone,
+    };
     progress(5, PARTS);
-    let best = choices.into_iter().flatten().max_by(|a, b| a.0.total_cmp(&b.0));
-    best.map(|(_, choice)| choice)
+    let mut forgetful = taken.clone();
+    forgetful.prior.memory = NO_MEMORY;
+    best(vec![taken, forgetful], presses, 1.0)
 }
