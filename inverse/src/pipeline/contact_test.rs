@@ -190,8 +190,8 @@ impl ContactTest {
     ) {
         let unexplained = result.touches.is_empty() || result.misfit.is_none_or(|m| m > self.options.explained);
         let may = solver.fits() && result.changed;
-        // Whether contacts drifted or changed is decided first. Two rare things at once explain anything.
-        let decided = self.put_off == 0 && !self.monitor.is_open() && !is_rare(self.drifting);
+        // Whether contacts drifted or changed is decided first.
+        let decided = self.put_off == 0 && !self.monitor.is_open();
         if !(may && decided && (new || unexplained) && self.polarity.asks(new, unexplained)) {
             return;
         }
