@@ -256,15 +256,15 @@ impl Gestures {
         &self.events
     }
 
-    /// Whether a touch that is new is no more than the dents of one contact: what it left where it rested and where it was lifted adds up.
+    /// Whether a touch that is new is no more than the dents of one contact: what it left where it rested and where it was lifted adds up,
+    /// and is felt as one anywhere between them.
     fn is_dent(&self, touch: &Touch, time_s: f64) -> bool {
         let left_by = |contact: &Dent| -> f64 {
             let same = self.dents.iter().filter(|dent| dent.began_s == contact.began_s);
             same.map(|dent| dent.left_mm2(touch, time_s, &self.options)).sum()
         };
-        self.dents
-            .iter()
-            .any(|contact| touch.total_mm2.abs() < left_by(contact))
+        let mut near = self.dents.iter().filter(|dent| dent.radii_from(touch) <= 1.0);
+        near.any(|contact| touch.total_mm2.abs() < left_by(contact))
     }
 
     /// Keeps the times of frames. After a reset the board's clock begins anew, and all that was before is as long ago as it was.
@@ -369,9 +369,14 @@ impl Gestures {
 }
 
 impl Dent {
-    /// Integrated rise that is left of it by now, at most, where the touch is, mm².
+    /// How far away a touch is, in radii.
+    fn radii_from(&self, touch: &Touch) -> f64 {
+        apart_mm(self.at_mm, [touch.x_mm, touch.y_mm]) / self.radius_mm
+    }
+
+    /// Integrated rise that is left of it by now, at most, as far as a touch beside it may be the same, mm².
     fn left_mm2(&self, touch: &Touch, time_s: f64, options: &GestureOptions) -> f64 {
-        if apart_mm(self.at_mm, [touch.x_mm, touch.y_mm]) > self.radius_mm {
+        if self.radii_from(touch) > 2.0 {
             return 0.0;
         }
         let part = options.dent_part.unwrap_or(0.0) * (-(time_s - self.lifted_s) / options.dent_s).exp();
@@ -450,7 +455,9 @@ impl Followed {
         let (total_mm2, away_s) = (touch.total_mm2.abs(), time_s - self.seen_s);
         if let State::Lifted(least_mm2) = self.state {
             let is_dent = if away_s < options.lift_s {
-                options.dent_part.is_some() && total_mm2 < 2.0 * least_mm2
+                // By more than it scatters.
+                let sure_mm2 = total_mm2 - options.move_sd * touch.total_sd_mm2.unwrap_or(0.0);
+                options.dent_part.is_some() && sure_mm2 < 2.0 * least_mm2
             } else {
                 is_known_dent
             };
