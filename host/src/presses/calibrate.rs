@@ -72,7 +72,7 @@ struct Line<'a> {
     symmetric: bool,
     clockwise: Option<bool>,
     centre_mm: [f64; 2],
-    memory: bool,
+    memory: f64,
     corrected: bool,
     explained: f64,
     error_median_mm: f64,
@@ -403,10 +403,13 @@ fn words(line: &Line<'_>) -> String {
             text += &format!("\n                {} {what}: {}", rows.len(), by_drive(rows));
         }
     }
-    text += if line.memory {
-        "\nmemory          the press before still shows, and is taken out"
+    text += &if line.memory == 0.0 {
+        "\nmemory          the press before does not show".to_owned()
     } else {
-        "\nmemory          the press before does not show"
+        format!(
+            "\nmemory          {:.0} % of what the press before did shows, and is taken out",
+            100.0 * line.memory
+        )
     };
     if line.corrected {
         text += "\ncorrection      a regression on the changes takes out what the maps leave";
