@@ -24,7 +24,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "RECORDING", conflicts_with_all = ["quick", "seed"])]
     from: Option<PathBuf>,
     /// Readings of a force gauge beside the recording: CSV with the columns t_s, from the recording's first frame on, and force_n.
-    #[arg(long, value_name = "TABLE", requires = "from")]
+    #[arg(long, value_name = "TABLE", requires = "from", conflicts_with_all = ["quick", "seed"])]
     gauge: Option<PathBuf>,
     #[command(flatten)]
     part: Part,
