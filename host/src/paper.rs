@@ -1,6 +1,6 @@
 //! `skin paper`: the source paper's experiments again, on the simulated skin or of a recorded run, as one report.
 
-use crate::files::gauge_table;
+use crate::files::positions;
 use crate::loaded;
 use crate::progress::Progress;
 use crate::recorded::SessionRecord;
@@ -86,7 +86,7 @@ fn of_recording(arguments: &Arguments, path: &Path) -> Result<[PathBuf; 2]> {
 
 /// The run of a recording: its frames with the touches that were found then.
 fn read(arguments: &Arguments, path: &Path) -> Result<Run> {
-    let gauge = arguments.gauge.as_deref().map(gauge_table::read).transpose()?;
+    let gauge = arguments.gauge.as_deref().map(positions::readings).transpose()?;
     let session = SessionRecord::read(path)?;
     let options = session.options()?;
     let mut recorded = RecordedFrames::open(path, &arguments.part, false)?;
