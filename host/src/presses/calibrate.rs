@@ -19,6 +19,9 @@ use std::path::{Path, PathBuf};
 /// Presses for which the gain of more is told.
 const MORE: usize = 30;
 
+/// What takes the place of a table. What is said of one is refused beside it: clap does not ask for the table where it may not be.
+const NO_TABLE: [&str; 5] = ["port", "serial", "simulate", "scene", "from"];
+
 /// Arguments of `skin calibrate presses`.
 #[derive(Debug, Args)]
 #[command(group(ArgGroup::new("source").required(true)))]
@@ -27,12 +30,12 @@ pub(crate) struct Arguments {
     #[arg(group = "source", requires = "truth")]
     table: Option<PathBuf>,
     /// Where the presses of the table were: a CSV with the columns frame, before, x_mm, y_mm and perhaps force_n, a line a press in order of time.
-    #[arg(long, value_name = "FILE", requires = "table")]
+    #[arg(long, value_name = "FILE", requires = "table", conflicts_with_all = NO_TABLE)]
     truth: Option<PathBuf>,
     #[command(flatten)]
     guided: guided::Arguments,
     /// The columns hold changes, pressed less unpressed; the column before is empty.
-    #[arg(long, requires = "table", hide_short_help = true)]
+    #[arg(long, requires = "table", conflicts_with_all = NO_TABLE, hide_short_help = true)]
     difference: bool,
     /// The sheet, a TOML file as for `skin forward` [default: the paper's disc].
     ///
