@@ -27,6 +27,9 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
+/// What takes the place of a table. What is said of one is refused beside it: clap does not ask for the table where it may not be.
+const NO_TABLE: [&str; 4] = ["port", "serial", "simulate", "from"];
+
 /// Arguments of `skin check`.
 #[derive(Debug, Args)]
 #[command(group(ArgGroup::new("source")))]
@@ -47,10 +50,10 @@ pub(crate) struct Arguments {
     #[arg(long, group = "source", value_name = "RECORDING")]
     from: Option<PathBuf>,
     /// Frames of the unpressed sheet in the table; several are averaged [default: the first].
-    #[arg(long, value_delimiter = ',', value_name = "COLUMN,...", requires = "file")]
+    #[arg(long, value_delimiter = ',', value_name = "COLUMN,...", requires = "file", conflicts_with_all = NO_TABLE)]
     baseline: Vec<String>,
     /// How the sheet of the table was driven.
-    #[arg(long, value_enum, default_value_t = DriveKind::Voltage, requires = "file", hide_short_help = true)]
+    #[arg(long, value_enum, default_value_t = DriveKind::Voltage, requires = "file", conflicts_with_all = NO_TABLE, hide_short_help = true)]
     drive: DriveKind,
     #[command(flatten)]
     geometry: Geometry,
@@ -58,10 +61,10 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "X,Y", allow_hyphen_values = true, value_parser = place, conflicts_with = "simulate")]
     touch: Option<[f64; 2]>,
     /// The frame of the table in which the finger presses.
-    #[arg(long, value_name = "COLUMN", requires = "touch", requires = "file")]
+    #[arg(long, value_name = "COLUMN", requires = "touch", requires = "file", conflicts_with_all = NO_TABLE)]
     frame: Option<String>,
     /// Radius of that finger, mm [default: 12.5 mm on a 195 mm disc, in proportion].
-    #[arg(long, value_name = "MM", value_parser = number::positive("a length in mm above 0"), requires = "touch", hide_short_help = true)]
+    #[arg(long, value_name = "MM", value_parser = number::positive("a length in mm above 0"), requires = "touch", conflicts_with = "simulate", hide_short_help = true)]
     radius_mm: Option<f64>,
     /// One JSON object on stdout.
     #[arg(long)]

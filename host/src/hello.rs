@@ -34,13 +34,13 @@ pub(crate) struct Arguments {
     phantom: Option<f64>,
     /// What an ohmmeter shows between two neighbouring electrodes of that ring, unplugged, ohm. The values alone cannot tell a
     /// ring of smaller resistors from switches of more.
-    #[arg(long, value_name = "OHM", requires = "phantom", value_parser = number::positive("a resistance in ohm above 0"))]
+    #[arg(long, value_name = "OHM", requires = "phantom", conflicts_with_all = ["no_test", "from"], value_parser = number::positive("a resistance in ohm above 0"))]
     measured: Option<f64>,
     /// The electronics of the simulated board: sixteen_channels, ideal, drawn_board or drawn_sixteen (docs/simulator.md).
-    #[arg(long, value_name = "NAME", requires = "simulate")]
+    #[arg(long, value_name = "NAME", requires = "simulate", conflicts_with_all = ["port", "serial", "from"])]
     preset: Option<Preset>,
     /// Something that breaks on the simulated board, as for `skin sim`, such as amplifier_dead@0 or wires_swapped:5,6@0; repeatable.
-    #[arg(long, value_name = "KIND@AT[+FOR]", requires = "simulate")]
+    #[arg(long, value_name = "KIND@AT[+FOR]", requires = "simulate", conflicts_with_all = ["port", "serial", "from"])]
     fault: Vec<Fault>,
 }
 

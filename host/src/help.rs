@@ -1,6 +1,6 @@
-//! What the help of a command begins with: how it is used most.
+//! What the help of a command begins with: how it is used most. `--help` and `-h` are one screen, `skin help COMMAND` has every option.
 
-use clap::Command;
+use clap::{Arg, ArgAction, Command};
 
 /// What to type, and what it gives.
 type Example = [&'static str; 2];
@@ -282,8 +282,16 @@ fn lines_of(examples: &[Example]) -> String {
     examples.iter().map(line).collect::<Vec<_>>().join("\n")
 }
 
+/// Asks for one screen of help, by its short and its long name.
+fn one_screen() -> Arg {
+    let every = "This screen; 'skin help COMMAND' has every option";
+    let of = Arg::new("help").short('h').long("help").global(true);
+    of.action(ArgAction::HelpShort).help(every)
+}
+
 /// The command line with its examples.
-pub(crate) fn with_examples(mut command: Command) -> Command {
+pub(crate) fn with_examples(command: Command) -> Command {
+    let mut command = command.disable_help_flag(true).arg(one_screen());
     for (name, examples) in EXAMPLES {
         let text = lines_of(examples);
         let why = LIVE_ONLY.iter().find(|(of, _)| *of == name).map(|(_, why)| *why);
@@ -356,9 +364,10 @@ mod tests {
         );
     }
 
-    /// Each begins with three examples and has at most 40 lines on a screen of 80 letters; what it leaves out is in the long help.
+    /// Each begins with three examples and has at most 40 lines on a screen of 80 letters; what it leaves out is in the long help, which
+    /// it names.
     #[test]
-    fn every_short_help_is_one_screen() {
+    fn every_help_is_one_screen() {
         const WIDTH: usize = 80;
         fn all(command: &Command, path: &[String], found: &mut Vec<Vec<String>>) {
             for of in command.get_subcommands().filter(|of| of.get_name() != "help") {
@@ -373,14 +382,14 @@ mod tests {
         assert!(paths.len() > EXAMPLES.len(), "{paths:?}");
         for path in paths {
             let name = path.join(" ");
-            let help = |option: &str| {
-                let words = ["skin".to_owned()]
-                    .into_iter()
-                    .chain(path.clone())
-                    .chain([option.to_owned()]);
+            let help = |before: &[&str], after: &[&str]| {
+                let path = path.iter().map(String::as_str);
+                let words = before.iter().copied().chain(path).chain(after.iter().copied());
                 command.clone().try_get_matches_from(words).unwrap_err().to_string()
             };
-            let (short, long) = (help("-h"), help("--help"));
+            let [short, long] = [help(&["skin"], &["--help"]), help(&["skin", "help"], &[])];
+            assert_eq!(short, help(&["skin"], &["-h"]), "{name}");
+            assert!(short.contains("'skin help COMMAND' has every option"), "{short}");
             // A terminal breaks what is wider, such as clap's line of usage.
             let rows: usize = short
                 .lines()

@@ -142,7 +142,12 @@ pub(crate) fn measure(seed: u64) -> Result<Measured> {
         live_plan,
     )?;
     let frame_s = session.frame_s();
-    let mut live = Live::new(imager(&session, &scene.sheet, &[])?, LiveOptions::default());
+    // As `skin run` has it: pictures are made where an output wants them.
+    let options = LiveOptions {
+        picture_s: f64::INFINITY,
+        ..LiveOptions::default()
+    };
+    let mut live = Live::new(imager(&session, &scene.sheet, &[])?, options);
     let mut gestures = Gestures::new(GestureOptions::default());
     let page = LiveView::start(PageOptions {
         listen: ([127, 0, 0, 1], 0).into(),
@@ -193,20 +198,27 @@ pub(crate) fn measure(seed: u64) -> Result<Measured> {
             session.link().counters(),
             &beside,
         )?)?;
+        let contact = events.iter().any(|e| e.event == Gesture::Contact);
+        let scene_s = port.scene_began_s().map(|began_s| frame.time_s - began_s);
+        if let Some(scene_s) = scene_s {
+            let shown = Shown {
+                sequence: frame.sequence,
+                time_s: scene_s,
+                read,
+                decoded,
+                solved,
+            };
+            note(&mut seen, &shown, result, contact, frame_s);
+        }
+        let result = if Surface::is_smoothed(result) {
+            live.picture()
+        } else {
+            Some(result)
+        };
+        let result = result.context("there is no baseline")?;
         let picture = Surface::of(&imager)?.picture(result, frame.sequence.into(), frame.time_s, Stats::default());
         page.publish(picture)?;
-        let Some(scene_s) = port.scene_began_s().map(|began_s| frame.time_s - began_s) else {
-            continue;
-        };
-        let shown = Shown {
-            sequence: frame.sequence,
-            time_s: scene_s,
-            read,
-            decoded,
-            solved,
-        };
-        let contact = events.iter().any(|e| e.event == Gesture::Contact);
-        note(&mut seen, &shown, result, contact, frame_s);
+        let Some(scene_s) = scene_s else { continue };
         progress.at((scene_s / EVERY_S).max(0.0) as usize, CONTACTS);
         if scene_s > scene.duration_s {
             break;

@@ -122,7 +122,8 @@ Usage: skin [COMMAND] [OPTIONS]
 
 {subcommands}
 
-skin COMMAND --help lists the options, skin run --help those of skin alone.
+skin COMMAND --help is one screen with examples, skin help COMMAND lists every
+option; skin help run those of skin alone.
 What is the same on every call goes into a file: docs/configuration.md.
 Exit codes: 0 all went well, 1 an error (said on stderr), 2 wrong usage,
 3 unfit (skin doctor).

@@ -217,16 +217,21 @@ impl Output {
         self.show(imager, &FrameResult::nothing(imager), frame, counters, status)
     }
 
-    /// Shows a picture on all there is, and says what speaks against it.
-    pub(crate) fn show_picture(
+    /// Tells the touches of a frame and what they did, and says what speaks against them. A line without cells goes out now.
+    ///
+    /// # Errors
+    /// Nobody reads it.
+    pub(crate) fn tell(
         &mut self,
-        imager: &Arc<Imager>,
         result: &FrameResult,
         frame: &MeasuredFrame,
         counters: LinkCounters,
         events: &[TouchEvent],
     ) -> Result<()> {
         self.preparing = false;
+        if self.json && !self.cells {
+            self.write_line(result, frame, counters, events)?;
+        }
         self.say_faults(result, frame);
         // A fault is said already.
         if let Some(doubt) = result.doubt.filter(|doubt| !matches!(doubt, Doubt::Fault(_))) {
@@ -239,38 +244,72 @@ impl Output {
                 self.doubted = Some((kind, Instant::now()));
             }
         }
-        let notice = result.notice();
-        if let Some(notice) = notice
+        if let Some(notice) = result.notice()
             && self.drifted.is_none_or(|at| at.elapsed() > SAID_AGAIN)
         {
             say!("notice: frame {}: {notice}", frame.sequence);
             self.drifted = Some(Instant::now());
+        }
+        Ok(())
+    }
+
+    /// Whether an output takes the reconstruction of a frame, and not only its touches.
+    pub(crate) fn wants_picture(&self, result: &FrameResult, frame: &MeasuredFrame) -> bool {
+        let by_ros = |node: &Node| node.wants_image(result, frame.time_s);
+        (self.json && self.cells) || Surface::is_smoothed(result) || self.node.as_ref().is_some_and(by_ros)
+    }
+
+    /// Prints the line of a frame.
+    fn write_line(
+        &mut self,
+        result: &FrameResult,
+        frame: &MeasuredFrame,
+        counters: LinkCounters,
+        events: &[TouchEvent],
+    ) -> Result<()> {
+        let line = self.line_text(frame.time_s);
+        let beside = Beside {
+            cells: self.cells,
+            events,
+            unix_s: self.unix_s(),
+            baseline: self.baseline.as_ref(),
+            line: line.as_deref(),
+            left_out: &self.left_out,
+            place: self.place.as_ref(),
+        };
+        json_lines::write(&json_lines::picture(result, frame, counters, &beside)?)
+    }
+
+    /// Shows what was told on all there is, and prints the line with its cells.
+    ///
+    /// # Errors
+    /// Nobody reads it, or the page cannot be served.
+    pub(crate) fn show_picture(
+        &mut self,
+        imager: &Arc<Imager>,
+        result: &FrameResult,
+        frame: &MeasuredFrame,
+        counters: LinkCounters,
+        events: &[TouchEvent],
+    ) -> Result<()> {
+        if self.json && self.cells {
+            self.write_line(result, frame, counters, events)?;
         }
         let line = self.line_text(frame.time_s);
         let status = result.doubt.map(|d| d.to_string());
         let status = status
             .or_else(|| result.faults.first().map(ToString::to_string))
             .or_else(|| line.clone());
-        let status = status.or_else(|| notice.map(|n| n.to_string()));
+        let status = status.or_else(|| result.notice().map(|n| n.to_string()));
         self.show(imager, result, frame, counters, status)?;
         let unix_s = self.unix_s();
         if let Some(node) = &mut self.node {
             let touches = pressed(result).into_iter().copied().collect();
             node.picture(unix_s, imager, result, frame, touches);
         }
-        if self.json {
-            let beside = Beside {
-                cells: self.cells,
-                events,
-                unix_s,
-                baseline: self.baseline.as_ref(),
-                line: line.as_deref(),
-                left_out: &self.left_out,
-                place: self.place.as_ref(),
-            };
-            return json_lines::write(&json_lines::picture(result, frame, counters, &beside)?);
+        if !self.json {
+            self.status(result);
         }
-        self.status(result);
         Ok(())
     }
 

@@ -285,10 +285,21 @@ impl Run<'_> {
                 if let Some(replayed) = &mut self.replayed {
                     replayed.compare(result, events, &mut counters)?;
                 }
-                self.output.show_picture(&imager, result, frame, counters, events)?;
+                // Touches and what they did go out first: they need no picture.
+                self.output.tell(result, frame, counters, events)?;
                 self.commands.run(events);
                 if let Some(notes) = &mut self.notes {
                     notes.picture(result, frame, counters, events);
+                }
+                let shown = if self.output.wants_picture(result, frame) {
+                    self.live.picture()
+                } else {
+                    Some(result)
+                };
+                if let Some(result) = shown {
+                    self.output.show_picture(&imager, result, frame, counters, events)?;
+                }
+                if let Some(notes) = &mut self.notes {
                     notes.preview(self.output.shown());
                 }
                 Ok(true)

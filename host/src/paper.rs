@@ -1,6 +1,6 @@
 //! `skin paper`: the source paper's experiments again, on the simulated skin or of a recorded run, as one report.
 
-use crate::files::gauge_table;
+use crate::files::positions;
 use crate::loaded;
 use crate::progress::Progress;
 use crate::recorded::SessionRecord;
@@ -24,7 +24,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "RECORDING", conflicts_with_all = ["quick", "seed"])]
     from: Option<PathBuf>,
     /// Readings of a force gauge beside the recording: CSV with the columns t_s, from the recording's first frame on, and force_n.
-    #[arg(long, value_name = "TABLE", requires = "from")]
+    #[arg(long, value_name = "TABLE", requires = "from", conflicts_with_all = ["quick", "seed"])]
     gauge: Option<PathBuf>,
     #[command(flatten)]
     part: Part,
@@ -86,7 +86,7 @@ fn of_recording(arguments: &Arguments, path: &Path) -> Result<[PathBuf; 2]> {
 
 /// The run of a recording: its frames with the touches that were found then.
 fn read(arguments: &Arguments, path: &Path) -> Result<Run> {
-    let gauge = arguments.gauge.as_deref().map(gauge_table::read).transpose()?;
+    let gauge = arguments.gauge.as_deref().map(positions::readings).transpose()?;
     let session = SessionRecord::read(path)?;
     let options = session.options()?;
     let mut recorded = RecordedFrames::open(path, &arguments.part, false)?;

@@ -61,6 +61,7 @@ pub(crate) struct Arguments {
         value_delimiter = ',',
         value_name = "NAME[,NAME...]",
         requires = "order",
+        conflicts_with = "from",
         hide_short_help = true
     )]
     variable: Vec<String>,

@@ -110,9 +110,6 @@ pub(crate) struct SessionRecord {
     pub(crate) rise: Option<String>,
     pub(crate) reach: f64,
     pub(crate) patience_s: f64,
-    /// Of recordings before it was written: that of all of them.
-    #[serde(default = "usual_picture_s")]
-    pub(crate) picture_s: f64,
     pub(crate) machine: String,
 }
 
@@ -125,10 +122,6 @@ pub(crate) struct Recorded<'a> {
     pub(crate) wires: &'a [usize],
     /// Where that takes the place of the model.
     pub(crate) presses: Option<&'a PressCalibration>,
-}
-
-fn usual_picture_s() -> f64 {
-    LiveOptions::default().picture_s
 }
 
 fn machine() -> String {
@@ -165,7 +158,6 @@ impl SessionRecord {
             rise: options.polarity.map(|p| p.name().to_owned()),
             reach: options.reach,
             patience_s: options.patience_s,
-            picture_s: options.picture_s,
             machine: machine(),
         })
     }
@@ -229,7 +221,7 @@ impl SessionRecord {
         }
     }
 
-    /// The options of its reconstruction.
+    /// The options of its reconstruction. Pictures are made where they are asked for: no touch depends on them.
     ///
     /// # Errors
     /// They are damaged.
@@ -243,7 +235,7 @@ impl SessionRecord {
             uncalibrated_n_per_mm2: self.uncalibrated_n_per_mm2,
             reach: self.reach,
             patience_s: self.patience_s,
-            picture_s: self.picture_s,
+            picture_s: f64::INFINITY,
             ..LiveOptions::default()
         })
     }

@@ -93,7 +93,7 @@ pub(crate) struct ShowArguments {
     #[arg(long)]
     pub(crate) json: bool,
     /// With --json: the rise of every cell of the picture, too, in the order of the header's list.
-    #[arg(long, requires = "json", hide_short_help = true)]
+    #[arg(long, requires = "json", conflicts_with = "no_open", hide_short_help = true)]
     pub(crate) cells: bool,
     /// Publishes on ROS 2, without ROS on this computer.
     ///

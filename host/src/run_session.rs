@@ -121,8 +121,8 @@ pub(crate) fn one(arguments: &SourceArguments, outputs: &Outputs<'_>, within: Wi
     if let Some(learned) = learned {
         locate::order(learned, &source, pattern.measurements())?;
     }
-    // The cells of a line are those of its own frame.
-    let options = live_options(arguments, &session, &calibration, outputs.show.cells);
+    // Pictures are made where an output wants them.
+    let options = live_options(arguments, &session, &calibration, f64::INFINITY);
     let started_unix_s = match &tap {
         Some(tap) => tap.clock().started_unix_s(),
         None => unix_s(SystemTime::now()),
@@ -233,18 +233,18 @@ pub(crate) fn check_electrodes(source: &str, session: &Session, sheet: &Sheet) -
     Ok(())
 }
 
-/// How a session's frames are reconstructed; with a picture of every frame, or of as many as an eye follows.
+/// How a session's frames are reconstructed, with a picture so often at least, s.
 pub(crate) fn live_options(
     arguments: &SourceArguments,
     session: &Session,
     calibration: &Chosen,
-    every_picture: bool,
+    picture_s: f64,
 ) -> LiveOptions {
     let usual = LiveOptions::default();
     // Of a learned touch only the strength is known.
     let uncalibrated = calibration.rubber.is_none() && calibration.learned.is_none();
     LiveOptions {
-        picture_s: if every_picture { 0.0 } else { usual.picture_s },
+        picture_s,
         baseline_frames: arguments.baseline_frames.unwrap_or_else(|| baseline_frames(session)),
         polarity: arguments.rise,
         find_electrodes: !arguments.trust_electrodes,

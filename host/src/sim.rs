@@ -7,6 +7,9 @@ use clap::Args;
 use hil_sim::{Electronics, Fault, Preset, Rubber, SceneFile, SimBoard};
 use std::path::PathBuf;
 
+/// What a port has no use for, nor what is said of one: clap does not ask for `--pty` where that may not be.
+const TABLE: [&str; 4] = ["duration_s", "every_s", "bytes", "truth"];
+
 /// Arguments of `skin sim`.
 #[derive(Debug, Args)]
 pub(crate) struct Arguments {
@@ -30,10 +33,10 @@ pub(crate) struct Arguments {
     seed: Option<u64>,
     /// Behind a pseudo-terminal, whose name is printed: open it as a serial port (`skin run --port NAME`). Until it is
     /// interrupted.
-    #[arg(long, conflicts_with_all = ["duration_s", "every_s", "bytes", "truth"])]
+    #[arg(long, conflicts_with_all = TABLE)]
     pty: bool,
     /// A symbolic link that always points to the port, whatever its name.
-    #[arg(long, value_name = "PATH", requires = "pty")]
+    #[arg(long, value_name = "PATH", requires = "pty", conflicts_with_all = TABLE)]
     link: Option<PathBuf>,
     /// Latency timer of the simulated FTDI adapter, ms; 16 is its driver's default.
     #[arg(
@@ -42,12 +45,13 @@ pub(crate) struct Arguments {
         default_value_t = 16,
         value_parser = clap::value_parser!(u64).range(1..=255),
         requires = "pty",
+        conflicts_with_all = TABLE,
         hide_short_help = true
     )]
     latency_ms: u64,
     /// Behind the port time passes as fast as the port is read, and stands still while nobody reads or the board is idle: for
     /// tests of other programs, on however slow a machine.
-    #[arg(long, requires = "pty", hide_short_help = true)]
+    #[arg(long, requires = "pty", conflicts_with_all = TABLE, hide_short_help = true)]
     unpaced: bool,
     /// How long it runs, s [default: as long as the scene].
     #[arg(long, value_name = "S", value_parser = number::positive("a time in seconds above 0"))]

@@ -29,6 +29,9 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
+/// Who takes frames one by one sees the picture of each.
+const EVERY_FRAME_S: f64 = 0.0;
+
 /// Where frames come from.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Origin {
@@ -184,7 +187,7 @@ impl Stream {
         if let Some(learned) = &calibration.learned {
             locate::order(learned, &name, pattern(&session, &options.wires)?.measurements())?;
         }
-        let how = live_options(arguments, &session, &calibration, true);
+        let how = live_options(arguments, &session, &calibration, EVERY_FRAME_S);
         let live = live(&session, &sheet, &options.wires, how, calibration.learned.as_ref())?;
         // While the sheet was modelled frames came: they are the baseline's.
         let board = Board {
@@ -211,7 +214,10 @@ impl Stream {
             &board.session,
             &sheet,
             &record.wires,
-            record.options()?,
+            LiveOptions {
+                picture_s: EVERY_FRAME_S,
+                ..record.options()?
+            },
             learned.as_ref(),
         )?;
         let said = record.differs().map(|differs| format!("{}: {differs}", path.display()));

@@ -27,7 +27,7 @@ pub(crate) struct BaselineArguments {
     #[arg(long, conflicts_with_all = ["baseline", "before"])]
     difference: bool,
     /// What 1 in a table of changes is, V of the model (with a current: at 1 mA and 1000 ohm per square) [default: 1].
-    #[arg(long, value_name = "V", requires = "difference", value_parser = number::positive("a voltage above 0"), hide_short_help = true)]
+    #[arg(long, value_name = "V", requires = "difference", conflicts_with_all = ["baseline", "before"], value_parser = number::positive("a voltage above 0"), hide_short_help = true)]
     unit_v: Option<f64>,
 }
 

@@ -3,6 +3,7 @@
 use crate::files::measurements::MeasurementTable;
 use crate::files::sheet_line::SheetLine;
 use crate::table_pattern::{TablePattern, foreign};
+use crate::usage::Usage;
 use crate::{number, sheet};
 use ::forward::file::MOST_ELECTRODES;
 use ::forward::{Electrode, Outline, Pattern, Place, Sheet};
@@ -114,6 +115,11 @@ impl Geometry {
     pub(crate) fn choose_with(&self, table: &MeasurementTable, method: Method, known: Option<Sheet>) -> Result<Chosen> {
         let file = &table.file;
         let known = known.filter(|_| !self.says_sheet());
+        if known.is_some() && (self.clockwise || self.first_electrode_deg != 0.0) {
+            let why = "its sheet is known, with the places of its electrodes: leave out --clockwise and --first-electrode-deg, or say the whole \
+                       sheet with --sheet FILE or --diameter-mm";
+            return Err(Usage(format!("{file}: {why}")).into());
+        }
         let is_disc = self.sheet.is_none() && known.is_none();
         let assumed = !self.says_sheet() && known.is_none() && table.sheet.is_none();
         let (sheet, wanted) = match (&self.sheet, known) {

@@ -30,8 +30,9 @@ pub struct LiveOptions {
     /// Without a calibration: the force of each mm² of a touch's integrated rise, N/mm², which marks the force as uncalibrated
     /// ([`TYPICAL_N_PER_MM2`](crate::force::TYPICAL_N_PER_MM2)); none: no forces.
     pub uncalibrated_n_per_mm2: Option<f64>,
-    /// Longest time between the pictures of touches that are followed, s; 0 for one with every frame. The touches are those of every
-    /// frame in any case. A thirtieth of a second is what an eye follows.
+    /// Longest time between the pictures of touches that explain their frames, s; 0 for one with every frame, infinite for none but those
+    /// that [`Live::picture`] asks for. The touches are those of every frame in any case, to the last bit. A thirtieth of a second is
+    /// what an eye follows.
     pub picture_s: f64,
     /// How far a touch may move from one frame to the next and keep its number, as a part of the sheet's width; and how far
     /// from where it vanished it may be seen again. Touches nearer to each other are seldom resolved. Chosen by hand.
@@ -143,6 +144,15 @@ impl Live {
     pub fn with_learned(mut self, learned: LearnedSheet) -> Self {
         self.learned = Some(learned);
         self
+    }
+
+    /// The last frame's result with its picture, which is made now where none was: touches and events need not wait for it. None before
+    /// the first baseline.
+    pub fn picture(&mut self) -> Option<&FrameResult> {
+        match &mut self.running.as_mut()?.way {
+            Way::Model(reconstructor) => Some(reconstructor.picture()),
+            Way::Presses(follower) => Some(follower.result()),
+        }
     }
 
     /// The model behind: after the baseline, with the electrodes where that showed them to be.

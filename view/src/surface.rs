@@ -27,16 +27,21 @@ impl Surface {
         })
     }
 
+    /// Whether the reconstruction itself is drawn of a result, and not its fitted touches.
+    pub fn is_smoothed(result: &FrameResult) -> bool {
+        // What is doubted and has no touch would not be seen at all.
+        let fitted = result.misfit.is_some() && (result.doubt.is_none() || !result.touches.is_empty());
+        result.changed && !fitted
+    }
+
     /// The picture of a result: its fitted touches where these explain the frame, so that colours and labels say the same; else the
     /// reconstruction, which [`Stats::smoothed`] says.
     pub fn picture(&self, result: &FrameResult, sequence: u64, time_s: f64, mut stats: Stats) -> Picture {
-        // What is doubted and has no touch would not be seen at all.
-        let fitted = result.misfit.is_some() && (result.doubt.is_none() || !result.touches.is_empty());
-        stats.smoothed = result.changed && !fitted;
-        let values = if fitted {
-            fitted::values(&self.grid, &result.touches)
-        } else {
+        stats.smoothed = Self::is_smoothed(result);
+        let values = if stats.smoothed {
             result.x.iter().map(|x| x.abs() as f32).collect()
+        } else {
+            fitted::values(&self.grid, &result.touches)
         };
         Picture {
             sequence,

@@ -34,9 +34,9 @@ pub(crate) struct Examined {
     #[arg(long, value_name = "DIR")]
     pub(crate) state_dir: Option<PathBuf>,
     /// The electronics of the simulated board: sixteen_channels, ideal, drawn_board or drawn_sixteen (docs/simulator.md).
-    #[arg(long, value_name = "NAME", requires = "simulate")]
+    #[arg(long, value_name = "NAME", requires = "simulate", conflicts_with_all = ["port", "serial", "from"])]
     pub(crate) preset: Option<Preset>,
     /// Something that breaks on the simulated board, as for `skin sim`, such as electrode_open:3@0; repeatable.
-    #[arg(long, value_name = "KIND@AT[+FOR]", requires = "simulate")]
+    #[arg(long, value_name = "KIND@AT[+FOR]", requires = "simulate", conflicts_with_all = ["port", "serial", "from"])]
     pub(crate) fault: Vec<Fault>,
 }

@@ -5,6 +5,7 @@ use crate::board::{Choice, Connected};
 use crate::config::Config;
 use crate::played_board::PlayedBoard;
 use crate::recorded::SessionRecord;
+use crate::recorded_board::{ONLY_LIVE, RecordedBoard};
 use crate::{hello, run_session, sheet, simulated_skin};
 use ::forward::{Pattern, Sheet};
 use anyhow::{Context, Result, anyhow};
@@ -250,6 +251,7 @@ fn counters(link: &Link) -> Known<Counters> {
 fn of_recording(path: &Path, seconds: f64) -> Result<Facts> {
     let record = SessionRecord::read(path)?;
     let sheet = record.sheet()?;
+    let said = RecordedBoard::read(path, false)?;
     let board = PlayedBoard::open(path, Speed::Unpaced)?;
     let session = &board.session;
     let baseline_frames = Some(record.baseline_frames);
@@ -260,8 +262,8 @@ fn of_recording(path: &Path, seconds: f64) -> Result<Facts> {
         source: format!("recording of {}", record.source),
         origin: Origin::Recording(path.to_owned()),
         hello: Ok(session.hello().clone()),
-        self_test: Err("a recorded board cannot test itself".to_owned()),
-        status: Err("a recording does not say what the board was set to".to_owned()),
+        self_test: said.self_test.ok_or_else(|| ONLY_LIVE.to_owned()),
+        status: said.status.ok_or_else(|| ONLY_LIVE.to_owned()),
         counters: Err("a recording has no counters of the board".to_owned()),
         measured: measured.map_err(|e| format!("{e:#}")),
         sheet,

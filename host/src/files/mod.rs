@@ -7,7 +7,6 @@ pub(crate) mod before;
 pub(crate) mod calibration_file;
 pub(crate) mod cdr;
 pub(crate) mod columns;
-pub(crate) mod gauge_table;
 pub(crate) mod malformed;
 pub(crate) mod measurements;
 pub(crate) mod order;

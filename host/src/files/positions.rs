@@ -5,10 +5,10 @@ use crate::files::malformed::FileError;
 use std::path::Path;
 
 /// Names of the columns. Robots and gauges name them in many ways.
-pub(super) const TIME: [&str; 3] = ["t_s", "time_s", "t"];
+const TIME: [&str; 3] = ["t_s", "time_s", "t"];
 const X: [&str; 2] = ["x_mm", "x"];
 const Y: [&str; 2] = ["y_mm", "y"];
-pub(super) const FORCE: [&str; 2] = ["force_n", "force"];
+const FORCE: [&str; 2] = ["force_n", "force"];
 /// Part of the largest force from which a line of a dense list is one of a press.
 const PRESSED: f64 = 0.2;
 /// Part of a press's largest force from which its lines tell its force: the rest is its way down and up.
@@ -52,6 +52,38 @@ pub(crate) fn read(path: &Path) -> Result<Vec<Listed>, FileError> {
 /// As for [`read`].
 pub(crate) fn parse(file: &str, text: &str) -> Result<Vec<Listed>, FileError> {
     Ok(presses(&rows(&Columns::parse(file, text)?)?))
+}
+
+/// Reads what a force gauge wrote: a time and a force in every line, whatever else is beside them. Every line is a reading: time (s)
+/// and force (N).
+///
+/// # Errors
+/// [`FileError`] with line and column.
+pub(crate) fn readings(path: &Path) -> Result<Vec<[f64; 2]>, FileError> {
+    columns::read(path, parse_readings)
+}
+
+fn parse_readings(file: &str, text: &str) -> Result<Vec<[f64; 2]>, FileError> {
+    let list = gauge_rows(&Columns::parse(file, text)?)?;
+    Ok(list.iter().filter_map(|row| Some([row.time_s, row.force_n?])).collect())
+}
+
+/// The presses in what a force gauge wrote, read as by [`readings`].
+///
+/// # Errors
+/// As for [`readings`].
+pub(crate) fn gauge_presses(path: &Path) -> Result<Vec<Listed>, FileError> {
+    columns::read(path, |file, text| {
+        Ok(presses(&gauge_rows(&Columns::parse(file, text)?)?))
+    })
+}
+
+/// Lines that all have a force.
+fn gauge_rows(columns: &Columns) -> Result<Vec<Row>, FileError> {
+    if columns.find(&FORCE).is_none() {
+        return Err(columns.missing(FORCE[0], "a column force_n or force"));
+    }
+    rows(columns)
 }
 
 fn rows(columns: &Columns) -> Result<Vec<Row>, FileError> {
@@ -165,6 +197,26 @@ mod tests {
         let list = parse("g", "t_s,force_n\n0,0.01\n1,5\n1.1,5\n2,-0.02\n").unwrap();
         assert_eq!(list.len(), 1);
         assert_eq!((list[0].place_mm, list[0].force_n, list[0].line), (None, Some(5.0), 3));
+    }
+
+    /// A gauge that writes faster than its clock ticks has the same time in lines one after another.
+    #[test]
+    fn readings_of_a_gauge_may_share_a_time_and_never_go_back() {
+        let text = "# bench\nforce_n,time_s,note\n0,0.5,a\n2.5,1,b\n3,1,c\n0,2,d\n";
+        assert_eq!(
+            parse_readings("g", text).unwrap(),
+            [[0.5, 0.0], [1.0, 2.5], [1.0, 3.0], [2.0, 0.0]]
+        );
+        assert_eq!(parse("g", text).unwrap().len(), 1);
+        for (text, words) in [
+            ("time_s\n1\n", ["g:1", "force_n"]),
+            ("t,x,y\n1,2,3\n", ["g:1", "force_n"]),
+            ("time_s,force_n\n1,x\n", ["g:2", "force_n"]),
+            ("time_s,force_n\n1,0\n0.5,0\n", ["g:3", "not before"]),
+        ] {
+            let why = parse_readings("g", text).unwrap_err().to_string();
+            assert!(words.iter().all(|w| why.contains(w)), "{why}");
+        }
     }
 
     #[test]

@@ -19,6 +19,9 @@ use std::path::{Path, PathBuf};
 /// Presses for which the gain of more is told.
 const MORE: usize = 30;
 
+/// What takes the place of a table. What is said of one is refused beside it: clap does not ask for the table where it may not be.
+const NO_TABLE: [&str; 5] = ["port", "serial", "simulate", "scene", "from"];
+
 /// Arguments of `skin calibrate presses`.
 #[derive(Debug, Args)]
 #[command(group(ArgGroup::new("source").required(true)))]
@@ -27,12 +30,12 @@ pub(crate) struct Arguments {
     #[arg(group = "source", requires = "truth")]
     table: Option<PathBuf>,
     /// Where the presses of the table were: a CSV with the columns frame, before, x_mm, y_mm and perhaps force_n, a line a press in order of time.
-    #[arg(long, value_name = "FILE", requires = "table")]
+    #[arg(long, value_name = "FILE", requires = "table", conflicts_with_all = NO_TABLE)]
     truth: Option<PathBuf>,
     #[command(flatten)]
     guided: guided::Arguments,
     /// The columns hold changes, pressed less unpressed; the column before is empty.
-    #[arg(long, requires = "table", hide_short_help = true)]
+    #[arg(long, requires = "table", conflicts_with_all = NO_TABLE, hide_short_help = true)]
     difference: bool,
     /// The sheet, a TOML file as for `skin forward` [default: the paper's disc].
     ///
@@ -72,7 +75,7 @@ struct Line<'a> {
     symmetric: bool,
     clockwise: Option<bool>,
     centre_mm: [f64; 2],
-    memory: bool,
+    memory: f64,
     corrected: bool,
     explained: f64,
     error_median_mm: f64,
@@ -403,10 +406,13 @@ fn words(line: &Line<'_>) -> String {
             text += &format!("\n                {} {what}: {}", rows.len(), by_drive(rows));
         }
     }
-    text += if line.memory {
-        "\nmemory          the press before still shows, and is taken out"
+    text += &if line.memory == 0.0 {
+        "\nmemory          the press before does not show".to_owned()
     } else {
-        "\nmemory          the press before does not show"
+        format!(
+            "\nmemory          {:.0} % of what the press before did shows, and is taken out",
+            100.0 * line.memory
+        )
     };
     if line.corrected {
         text += "\ncorrection      a regression on the changes takes out what the maps leave";

@@ -20,9 +20,9 @@ use std::sync::Arc;
 use std::time::SystemTime;
 
 /// The version that is written and read.
-const VERSION: u32 = 2;
-/// The version of files that held presses alone; they are read.
-const VERSION_OF_PRESSES: u32 = 1;
+const VERSION: u32 = 3;
+/// The version before it, whose maps are not read; its other parts are.
+const OTHER_MAPS: u32 = 2;
 /// Significant digits of the numbers; their uncertainty is far larger.
 const DIGITS: usize = 7;
 
@@ -45,9 +45,6 @@ struct Found {
     /// Which way round the electrodes are numbered; none where turned measurements do not respond alike.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     clockwise: Option<bool>,
-    /// Whether the press before still shows.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    memory: Option<bool>,
     /// Rows of `measurements` without a value or a change, and rows that presses hardly explain, from 1.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     dead: Vec<usize>,
@@ -83,22 +80,6 @@ struct PressKeys {
     learned: Stored,
 }
 
-/// The file of presses alone.
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct OldKeys {
-    #[serde(rename = "kind")]
-    _kind: String,
-    version: u32,
-    difference: bool,
-    electrodes: usize,
-    measurements: Vec<[usize; 4]>,
-    found: Found,
-    #[serde(default)]
-    model: Option<ModelKeys>,
-    learned: Stored,
-}
-
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Keys {
@@ -127,22 +108,6 @@ impl Default for Keys {
     }
 }
 
-impl From<OldKeys> for Keys {
-    fn from(old: OldKeys) -> Self {
-        Self {
-            presses: Some(PressKeys {
-                difference: old.difference,
-                electrodes: old.electrodes,
-                measurements: old.measurements,
-                found: old.found,
-                model: old.model,
-                learned: old.learned,
-            }),
-            ..Self::default()
-        }
-    }
-}
-
 impl Keys {
     /// `Err` says what is wrong with the text.
     fn parse(text: &str) -> Result<Self, String> {
@@ -150,27 +115,26 @@ impl Keys {
         #[derive(Deserialize)]
         struct Version {
             version: u32,
+            presses: Option<toml::Table>,
         }
-        let known = |wanted: u32| -> Result<(), String> {
-            let Version { version } = toml::from_str(text).map_err(message)?;
-            if version == wanted {
-                return Ok(());
-            }
-            Err(format!(
-                "version {version} is not known to this program, which reads {VERSION_OF_PRESSES} and {VERSION}; calibrate anew, or use the program that wrote it"
-            ))
-        };
-        if kind(text).as_deref() == Some(PRESSES) {
-            known(VERSION_OF_PRESSES)?;
-            let old: OldKeys = toml::from_str(text).map_err(message)?;
-            debug_assert_eq!(old.version, VERSION_OF_PRESSES);
-            return Ok(old.into());
+        let Version { version, presses } = toml::from_str(text).map_err(message)?;
+        let of_presses_alone = kind(text).as_deref() == Some(PRESSES);
+        if of_presses_alone || version == OTHER_MAPS && presses.is_some() {
+            return Err(
+                "its presses are of an older program, whose maps are not read; calibrate anew from its table and its list of presses"
+                    .to_owned(),
+            );
         }
-        known(VERSION)?;
-        let keys: Self = toml::from_str(text).map_err(message)?;
+        if ![VERSION, OTHER_MAPS].contains(&version) {
+            return Err(format!(
+                "version {version} is not known to this program, which reads {VERSION}; calibrate anew, or use the program that wrote it"
+            ));
+        }
+        let mut keys: Self = toml::from_str(text).map_err(message)?;
         if keys.kind != SKIN {
             return Err(format!("kind \"{}\" is no calibration", keys.kind));
         }
+        keys.version = VERSION;
         Ok(keys)
     }
 
@@ -245,7 +209,6 @@ impl Taught<'_> {
         let lists = [
             &mut maps.shared,
             &mut maps.own,
-            &mut maps.memory,
             &mut maps.spread,
             &mut stored.covariance,
         ];
@@ -269,7 +232,6 @@ impl Taught<'_> {
                 error_median_mm: found.error_mm[0],
                 error_95th_percentile_mm: found.error_mm[1],
                 clockwise: found.shared.then_some(found.clockwise),
-                memory: Some(found.memory),
                 dead: from_one(&found.dead),
                 unexplained: from_one(&found.unexplained),
             },

@@ -16,6 +16,8 @@ use view::picture::Picture;
 pub(super) const WAITING: usize = 64;
 /// A picture in which nothing is new is sent again after so long, s of the board's time.
 const IMAGE_AGAIN_S: f64 = 0.25;
+/// Pictures of what changes follow one another by so much at least, s of the board's time: as often as an eye follows.
+const IMAGE_S: f64 = 1.0 / 30.0;
 
 /// A frame that is to be sent.
 pub(super) struct Sample {
@@ -119,7 +121,15 @@ impl Node {
         act(&mut self.mailbox.lock().slots[self.slot])
     }
 
-    /// The touches of a frame that press, and its picture where one is due.
+    /// Whether somebody takes the picture of a frame: one is due.
+    pub(crate) fn wants_image(&self, result: &FrameResult, time_s: f64) -> bool {
+        let since_s = time_s - self.image_s;
+        let again = !(0.0..IMAGE_AGAIN_S).contains(&since_s);
+        let new = result.anew && (!result.changed || since_s > IMAGE_S);
+        (again || new) && self.with(|slot| slot.image_wanted)
+    }
+
+    /// The touches of a frame that press, and its picture where one is due ([`Node::wants_image`]).
     pub(crate) fn picture(
         &mut self,
         unix_s: f64,
@@ -128,9 +138,8 @@ impl Node {
         frame: &MeasuredFrame,
         touches: Vec<Touch>,
     ) {
-        let again = !(0.0..IMAGE_AGAIN_S).contains(&(frame.time_s - self.image_s));
-        let due = again || result.solve_us > 0.0 || (result.anew && !result.changed);
-        let image = (due && self.with(|slot| slot.image_wanted)).then(|| {
+        // One that was asked for a moment later waits for the next frame.
+        let image = (result.is_pictured && self.wants_image(result, frame.time_s)).then(|| {
             self.image_s = frame.time_s;
             let rise = result.x.iter().map(|x| *x as f32).collect();
             (Arc::clone(imager), rise)

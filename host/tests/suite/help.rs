@@ -90,3 +90,44 @@ fn the_configuration_is_used() {
         "{said}"
     );
 }
+
+/// clap does not ask for what an option needs where that may not be given: every such option is refused by itself, before anything is
+/// opened.
+#[test]
+fn an_option_is_refused_without_what_it_needs() {
+    for (line, named) in [
+        ("run --cells", "--json"),
+        ("run --cells --no-open", "--cells"),
+        ("paper --out d --gauge g.csv", "--from"),
+        ("paper --out d --gauge g.csv --quick", "--gauge"),
+        ("doctor --preset ideal", "--simulate"),
+        ("doctor --preset ideal --port p", "--preset"),
+        ("doctor --fault cable_pulled@5 --from r.mcap", "--fault"),
+        ("hello --measured 100", "--phantom"),
+        ("hello --measured 100 --no-test", "--measured"),
+        ("hello --preset ideal --port p", "--preset"),
+        ("hello --fault cable_pulled@5 --from r.mcap", "--fault"),
+        ("sim --unpaced", "--pty"),
+        ("sim --link l --bytes b", "--link"),
+        ("sim --latency-ms 1 --truth t", "--latency-ms"),
+        ("sim --unpaced --duration-s 1", "--unpaced"),
+        ("check --baseline a", "TABLE"),
+        ("check --baseline a --simulate", "--baseline"),
+        ("check --drive current --port p", "--drive"),
+        ("check --touch 1,2 --frame a --from r.mcap", "--frame"),
+        ("check --radius-mm 5 --simulate", "--radius-mm"),
+        ("calibrate presses --truth t.csv", "TABLE"),
+        ("calibrate presses --truth t.csv --port p", "--truth"),
+        ("calibrate presses --difference --simulate", "--difference"),
+        ("reconstruct t.csv --variable v --baseline a", "--order"),
+        ("reconstruct --from r.mcap --variable v", "--variable"),
+        ("reconstruct t.csv --unit-v 1 --baseline a", "--unit-v"),
+        ("settings set --threshold 3 --autostart on", "--watch"),
+    ] {
+        let words: Vec<&str> = line.split(' ').collect();
+        let ended = program(&words).output().unwrap();
+        let said = String::from_utf8(ended.stderr).unwrap();
+        assert_eq!(ended.status.code(), Some(2), "{line}: {said}");
+        assert!(said.contains(named), "{line}: {said}");
+    }
+}

@@ -20,13 +20,22 @@ fn places(count: usize) -> Vec<[f64; 2]> {
         .collect()
 }
 
-/// What a press does to a sense pair `offset` electrodes on from the drive electrode, which is turned by so many.
+/// What a press does to a sense pair `offset` electrodes on from the drive electrode, which is turned by so many: the product of two
+/// fields, as on a disc of 62 mm radius. But the sense electrodes are a tenth of a turn from where they are said to be.
 fn response(offset: usize, turned: usize, place: [f64; 2]) -> f64 {
-    let (sin, cos) = (-TAU * turned as f64 / 16.0).sin_cos();
-    let p = [cos * place[0] - sin * place[1], sin * place[0] + cos * place[1]];
-    let at = TAU * (offset as f64 + 1.0) / 32.0;
-    let bump = |x: f64, y: f64, width: f64| (-0.5 * ((p[0] - x).powi(2) + (p[1] - y).powi(2)) / (width * width)).exp();
-    bump(30.0 * at.cos(), 30.0 * at.sin(), 25.0) - 0.4 * bump(-20.0 * at.sin(), 25.0 * at.cos(), 30.0)
+    let field = |electrode: f64| {
+        let (sin, cos) = (TAU * electrode / 16.0).sin_cos();
+        let to = [place[0] / 62.0 - cos, place[1] / 62.0 - sin];
+        to.map(|v| v / (to[0] * to[0] + to[1] * to[1]))
+    };
+    let pair = |plus: f64, minus: f64| {
+        let [a, b] = [field(plus), field(minus)];
+        [a[0] - b[0], a[1] - b[1]]
+    };
+    let drive = turned as f64;
+    let sense = drive + offset as f64 + 1.6;
+    let [u, v] = [pair(drive, drive + 8.0), pair(sense + 1.0, sense)];
+    u[0] * v[0] + u[1] * v[1]
 }
 
 /// A table of opposite drive pairs with a frame before each press, or of changes alone, and the list of presses.
@@ -192,7 +201,7 @@ fn what_cannot_be_calibrated_from_says_what_to_do() {
     let text = std::fs::read_to_string(folder.path().join("skin.cal")).unwrap();
     std::fs::write(
         folder.path().join("skin.cal"),
-        text.replace("version = 2", "version = 9"),
+        text.replace("version = 3", "version = 9"),
     )
     .unwrap();
     let (code, said) = run(&[&["reconstruct", "table.csv"][..], &with].concat());

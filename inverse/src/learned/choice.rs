@@ -4,9 +4,6 @@ use super::maps::{Frame, Maps, Presses, Prior};
 use super::orbits::Orbits;
 use forward::Measurement;
 
-/// A memory so small that it is none.
-pub(super) const NO_MEMORY: f64 = 1e-9;
-
 /// What is said of a list of presses before anything is learned.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Setting<'a> {

@@ -1,19 +1,24 @@
 //! Where to press next: at the place of which the presses so far tell least, by the posterior variance of the maps that are to be
 //! learned.
 //!
-//! The maps are those of [`learn`](super::learn()): a process that turned measurements share, one that each has of its own, and noise. The
-//! variance of their posterior depends on where the presses are, and not on what they give, so that all marks are known beforehand. The next
+//! The maps are a process that turned measurements share, one that each has of its own, and noise, as those of
+//! [`learn`](super::learn()). Here they are as fine in the middle of the sheet as at its rim (Matérn's covariance), since presses are to be
+//! located everywhere. The variance of their posterior depends on where the presses are, and not on what they give, so that all marks are known beforehand. The next
 //! mark is where the variance, as a mean over the measurements of an orbit, is largest. That is the greedy choice by entropy (MacKay 1992;
 //! Krause, Singh and Guestrin 2008). Marks of a list are exchanged after that (Fedorov 1972, "Theory of Optimal Experiments").
 
-use super::harmonics::Harmonics;
-use super::maps::{FIRST_NOISE, HIGHEST, SQUARE};
-use super::search::PRIOR;
+use super::harmonics::{HIGHEST, Harmonics, SQUARE};
+use super::maps::FIRST_NOISE;
 use super::symmetry::turn;
 use forward::{Geometry, GeometryError, Sheet};
 use nalgebra::{Cholesky, DMatrix};
 use std::f64::consts::TAU;
 
+/// Length over which maps change, over the reach of the marks.
+const LENGTH: f64 = 0.45;
+/// Variances of what an orbit shares and of what a measurement has of its own, over the mean square of their values.
+const SHARED: f64 = 1.5;
+const OWN: f64 = 0.08;
 /// Candidates from one to the next, over the length of the maps: finer than that they tell the same.
 const STEP: f64 = 0.25;
 /// Exchanges that are tried at most, times the marks: each takes as long as there are marks. Where that is less than one for every mark
@@ -45,7 +50,7 @@ impl Marks {
         let (low, high) = geometry.bounding_box();
         let centre = [0, 1].map(|k| 0.5 * (low[k] + high[k]));
         let half = [0, 1].map(|k| 0.5 * (high[k] - low[k]));
-        let step = (STEP * PRIOR.length * 0.5 * (half[0] + half[1])).max(1e-3 * half[0].hypot(half[1]));
+        let step = (STEP * LENGTH * 0.5 * (half[0] + half[1])).max(1e-3 * half[0].hypot(half[1]));
         let clear = |p: &[f64; 2]| geometry.is_clear(*p, tip_mm * (1.0 - ROUNDING));
         let mut places: Vec<[f64; 2]> = Vec::new();
         // Along the rim, moved inwards by the tip's radius.
@@ -82,7 +87,7 @@ impl Marks {
         let distance = |p: &[f64; 2]| (p[0] - about_mm[0]).hypot(p[1] - about_mm[1]);
         // A millimetre where there is one place, or none.
         let reach_mm = places_mm.iter().map(distance).fold(1.0, f64::max);
-        let length_mm = PRIOR.length * reach_mm;
+        let length_mm = LENGTH * reach_mm;
         let harmonics = Harmonics::new(about_mm, SQUARE * reach_mm, HIGHEST / length_mm);
         let roots: Vec<f64> = harmonics.matern(length_mm).iter().map(|v| v.sqrt()).collect();
         let features = |angle: f64, variance: f64| {
@@ -101,11 +106,11 @@ impl Marks {
         };
         let alone = turns.len() < 2;
         // The same whole variance with and without symmetry.
-        let own = features(0.0, PRIOR.own + if alone { PRIOR.shared } else { 0.0 });
+        let own = features(0.0, OWN + if alone { SHARED } else { 0.0 });
         let shared = if alone {
             Vec::new()
         } else {
-            turns.iter().map(|t| features(-t, PRIOR.shared)).collect()
+            turns.iter().map(|t| features(-t, SHARED)).collect()
         };
         Self {
             left_out: vec![false; places_mm.len()],

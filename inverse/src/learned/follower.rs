@@ -62,6 +62,11 @@ impl PressFollower {
         &self.imager
     }
 
+    /// The last frame's result.
+    pub(crate) fn result(&self) -> &FrameResult {
+        &self.result
+    }
+
     /// Locates the presses of a frame (V) that was measured so long after the one before, s.
     ///
     /// # Errors

@@ -4,8 +4,7 @@
 //! Of presses whose force is known the logarithm of force over strength is a smooth function of the place: a Gaussian process beside a
 //! constant, whose length and size have the largest evidence (Rasmussen and Williams 2006, section 5.4).
 
-use super::harmonics::Harmonics;
-use super::maps::{HIGHEST, SQUARE};
+use super::harmonics::{HIGHEST, Harmonics, SQUARE};
 use nalgebra::{Cholesky, DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 

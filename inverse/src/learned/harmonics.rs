@@ -3,6 +3,10 @@
 
 use std::f64::consts::PI;
 
+/// Half side of the square, over the reach of the presses.
+pub(super) const SQUARE: f64 = 1.5;
+/// Highest wave number, over the inverse of the length.
+pub(super) const HIGHEST: f64 = 4.2;
 /// Exponent of a Matérn process that is twice differentiable.
 const SMOOTHNESS: f64 = 2.5;
 

@@ -1,7 +1,7 @@
 //! From presses at known places to what locates others: choices by cross-validation, the covariance of the rest, honest
 //! uncertainties.
 
-use super::choice::{Choice, NO_MEMORY, Setting};
+use super::choice::{Choice, Setting};
 use super::correction::{Correction, StoredCorrection};
 use super::locator::{Evidence, Locator, Presence};
 use super::maps::{Maps, Presses, StoredMaps, columns, matrix};
@@ -90,8 +90,8 @@ pub struct Findings {
     pub clockwise: bool,
     /// What the sheet is turned around, mm.
     pub centre_mm: [f64; 2],
-    /// Whether the press before shows.
-    pub memory: bool,
+    /// Part of what the press before did that is in the change of the next; 0 where it does not show.
+    pub memory: f64,
     /// Whether the places are corrected by a regression on the changes.
     pub corrected: bool,
     /// Part of the change that maps learned from other presses explain, 0 to 1.
@@ -249,9 +249,11 @@ pub fn learn(
         kept = gather(presses, &used, &numbers);
         (list, residuals, rest, validation, evidence) = validated(&kept).ok_or(LearnError::NoChange)?;
     }
-    // With two presses allowed, what a second one gains in frames with one.
-    evidence.more = f64::MAX;
     evidence.first = first_evidence(&validation).min(STRONG.ln());
+    // What a second press gains in frames with one.
+    evidence.thorough = true;
+    validation = Validation::of(&list, &kept, evidence);
+    evidence.thorough = false;
     let mut gains: Vec<f64> = validation
         .presences
         .iter()
@@ -278,7 +280,7 @@ pub fn learn(
         shared: choice.orbits.count < measurements.len(),
         clockwise: choice.frame.clockwise,
         centre_mm: choice.frame.centre_mm,
-        memory: choice.prior.memory > NO_MEMORY,
+        memory: choice.prior.memory,
         corrected: correction.is_some(),
         explained: explained(&kept, &residuals, &maps.scale),
         error_mm: [quantile(&errors, 0.5), quantile(&errors, 0.95)],
@@ -421,6 +423,7 @@ impl Learned {
                     tempering: stored.tempering,
                     first: stored.first_evidence,
                     more: stored.more_evidence,
+                    thorough: false,
                 },
                 used: stored.used.clone(),
                 turn: stored.turn,

@@ -141,6 +141,8 @@ pub(super) struct Evidence {
     pub(super) first: f64,
     /// The same for every press more.
     pub(super) more: f64,
+    /// Whether a press more is settled also where there is next to no evidence for it: what single presses gain by it has to be known.
+    pub(super) thorough: bool,
 }
 
 impl Evidence {
@@ -150,6 +152,7 @@ impl Evidence {
             tempering,
             first: f64::NEG_INFINITY,
             more: f64::INFINITY,
+            thorough: false,
         }
     }
 
@@ -444,8 +447,10 @@ impl Locator {
         };
         let at_rest = variance(self.proportional, &[]);
         let mut last = evidence.of(square / at_rest, at_rest.ln(), change.len() as f64);
-        while presence.presses.len() < MOST {
-            let Some(more) = self.with_one_more(&frame, (&presence.presses, presence.misfit), evidence) else {
+        let only_one = !evidence.thorough && evidence.more.is_infinite();
+        let most = if only_one { 1 } else { MOST };
+        while presence.presses.len() < most {
+            let Some(more) = self.with_one_more(&frame, (&presence.presses, presence.misfit), last, evidence) else {
                 break;
             };
             let gain = more.score - last;
@@ -467,22 +472,36 @@ impl Locator {
         presence
     }
 
-    /// One press more, and all of them placed anew.
+    /// One press more, and all of them placed anew. None where little is left and that explains no more than `last`.
     fn with_one_more(
         &self,
         frame: &Reduced,
         (presses, misfit): (&[Located], f64),
+        last: f64,
         evidence: Evidence,
     ) -> Option<Settled> {
-        let nodes: Vec<usize> = presses.iter().map(|p| p.node).collect();
-        let more = self.settle(frame, nodes, true, evidence);
-        if presses.len() != 1 || misfit < SUSPECT {
+        let mut nodes: Vec<usize> = presses.iter().map(|p| p.node).collect();
+        let there = self.posterior(&self.scores(frame, &nodes, evidence)?);
+        nodes.push(there.node);
+        if presses.is_empty() {
+            return self.settled(frame, &nodes, vec![there], evidence);
+        }
+        let suspect = misfit >= SUSPECT;
+        let hopeless = || {
+            let weighed = self.weigh(frame, &nodes, evidence);
+            weighed.is_some_and(|w| w.score <= last || w.is_weak())
+        };
+        if !suspect && !evidence.thorough && hopeless() {
+            return None;
+        }
+        let more = self.settle(frame, nodes, evidence);
+        if presses.len() != 1 || !suspect {
             return more;
         }
         // Two presses that one between them explains half are found as two at once.
         let pair = self
             .best_pair(frame, evidence)
-            .and_then(|pair| self.settle(frame, pair.to_vec(), false, evidence));
+            .and_then(|pair| self.settle(frame, pair.to_vec(), evidence));
         [more, pair]
             .into_iter()
             .flatten()
@@ -497,43 +516,66 @@ impl Locator {
         (0..nodes.len()).any(|i| (0..i).any(|j| near(place(i), place(j))))
     }
 
-    /// Places presses by turns, each beside the others, from some nodes and perhaps `one_more`.
-    fn settle(&self, frame: &Reduced, mut nodes: Vec<usize>, one_more: bool, evidence: Evidence) -> Option<Settled> {
-        let mut placed: Vec<Option<Placed>> = nodes.iter().map(|_| None).collect();
-        if one_more {
-            let there = self.posterior(&self.scores(frame, &nodes, evidence)?);
-            nodes.push(there.node);
-            placed.push(Some(there));
-        }
-        let sweeps = if nodes.len() == 1 { 0 } else { SWEEPS };
-        for _ in 0..sweeps {
+    /// Places presses by turns, each beside the others, from some nodes.
+    fn settle(&self, frame: &Reduced, mut nodes: Vec<usize>, evidence: Evidence) -> Option<Settled> {
+        let mut placed = Vec::new();
+        for _ in 0..SWEEPS {
             let before = nodes.clone();
+            placed.clear();
             for k in 0..nodes.len() {
                 let mut others = nodes.clone();
                 others.remove(k);
                 let there = self.posterior(&self.scores(frame, &others, evidence)?);
                 nodes[k] = there.node;
-                placed[k] = Some(there);
+                placed.push(there);
             }
             if nodes == before {
                 break;
             }
         }
+        self.settled(frame, &nodes, placed, evidence)
+    }
+
+    /// Presses at nodes with their strengths, as the posterior has placed them. None where one of them is none, or two are one.
+    fn settled(&self, frame: &Reduced, nodes: &[usize], placed: Vec<Placed>, evidence: Evidence) -> Option<Settled> {
+        let weighed = self.weigh(frame, nodes, evidence)?;
+        if weighed.is_weak() || self.are_near(nodes) {
+            return None;
+        }
+        let strengths = &weighed.strengths;
+        let presses = (nodes.iter().zip(placed))
+            .zip(strengths.means.iter().zip(&strengths.variances))
+            .map(|((node, placed), (strength, variance))| {
+                let c = placed.covariance;
+                Located {
+                    place_mm: placed.mean_mm.into(),
+                    covariance_mm2: [[c[(0, 0)], c[(0, 1)]], [c[(1, 0)], c[(1, 1)]]],
+                    strength: *strength,
+                    strength_sd: (variance * evidence.tempering).sqrt(),
+                    node: *node,
+                }
+            })
+            .collect();
+        Some(Settled {
+            presses,
+            score: weighed.score,
+            misfit: weighed.misfit,
+        })
+    }
+
+    /// The evidence for presses at some nodes. None where their strengths cannot be told.
+    fn weigh(&self, frame: &Reduced, nodes: &[usize], evidence: Evidence) -> Option<Weighed> {
         let of = |strengths: &[f64]| -> Vec<(f64, f64)> {
-            (strengths.iter().zip(&nodes))
+            (strengths.iter().zip(nodes))
                 .map(|(a, n)| (*a, self.uncertainty[*n]))
                 .collect()
         };
         // The rest grows with the presses, whose strengths depend on it a little.
         let prior = evidence.prior();
         let first = variance(self.proportional, &of(&vec![1.0; nodes.len()]));
-        let usual = self.strengths(&frame.along, &nodes, (first, prior))?;
+        let usual = self.strengths(&frame.along, nodes, (first, prior))?;
         let grown = variance(self.proportional, &of(usual.means.as_slice()));
-        let strengths = self.strengths(&frame.along, &nodes, (grown, prior))?;
-        let least = LEAST_STRENGTH.max(LEAST_PART * strengths.means.max());
-        if strengths.means.iter().any(|a| *a < least) || self.are_near(&nodes) {
-            return None;
-        }
+        let strengths = self.strengths(&frame.along, nodes, (grown, prior))?;
         let mut left = frame.along.clone();
         for (n, a) in nodes.iter().zip(&strengths.means) {
             left.axpy(-a, &DVector::from_column_slice(self.map(*n)), 1.0);
@@ -542,27 +584,26 @@ impl Locator {
         let channels = self.deviations.len() as f64;
         let square = left.norm_squared() + frame.outside;
         let unusual: f64 = strengths.means.iter().map(|a| prior * (a - 1.0).powi(2)).sum();
-        let presses = nodes
-            .iter()
-            .zip(placed)
-            .zip(strengths.means.iter().zip(&strengths.variances))
-            .map(|((node, placed), (strength, variance))| {
-                let placed = placed?;
-                let c = placed.covariance;
-                Some(Located {
-                    place_mm: placed.mean_mm.into(),
-                    covariance_mm2: [[c[(0, 0)], c[(0, 1)]], [c[(1, 0)], c[(1, 1)]]],
-                    strength: *strength,
-                    strength_sd: (variance * evidence.tempering).sqrt(),
-                    node: *node,
-                })
-            })
-            .collect::<Option<Vec<_>>>()?;
-        Some(Settled {
-            presses,
+        Some(Weighed {
             score: evidence.of(square / variance + unusual, variance.ln(), channels) - strengths.free,
             misfit: square / variance / channels,
+            strengths,
         })
+    }
+}
+
+/// Presses at nodes: their strengths, the logarithm of their evidence, and the mean square of what they leave, in variances.
+struct Weighed {
+    strengths: Strengths,
+    score: f64,
+    misfit: f64,
+}
+
+impl Weighed {
+    /// Whether one of them is none.
+    fn is_weak(&self) -> bool {
+        let least = LEAST_STRENGTH.max(LEAST_PART * self.strengths.means.max());
+        self.strengths.means.iter().any(|a| *a < least)
     }
 }
 

@@ -1,12 +1,12 @@
 //! The response of every measurement to a press, as a map over the sheet, from presses at known places.
 //!
-//! `y_c = g_c f_k(R_c q) + r_c(q) + h_c(q') + noise`. All measurements of an orbit share one map `f_k`, each turned with its
+//! `y_c = f_c(q) + λ f_c(q') + noise` with `f_c(q) = g_c f_k(R_c q) + r_c(q)`. All measurements of an orbit share one map `f_k`, each turned with its
 //! electrodes and with a gain `g_c` of its own, as contacts and amplifiers have; `r_c` is what is left of one measurement, `h_c` what the press before at q' left behind. All three are
 //! Gaussian processes, and so is their posterior, in closed form. What lies far outside is drawn in before each of a few
 //! repetitions (Huber's pseudo-values), and each measurement's noise follows from what is left.
 
-use super::harmonics::Harmonics;
 use super::orbits::Orbits;
+use super::sensitivities::Sensitivities;
 use crate::stats::median;
 use nalgebra::{Cholesky, DMatrix, DVector, DVectorView, Dyn, SymmetricEigen};
 use serde::{Deserialize, Serialize};
@@ -25,9 +25,9 @@ pub(super) const FIRST_NOISE: f64 = 0.1;
 const LEAST_NOISE: f64 = 1e-4;
 /// Presses that the noise of all measurements weighs as, in the noise of one.
 const NOISE_WEIGHT: f64 = 8.0;
-/// Highest wave number of the maps, over the inverse of their length.
-pub(super) const HIGHEST: f64 = 4.2;
-/// Presses nearer than this part of the reach are one: half of the length over which maps change.
+/// Radius of the sheet over the reach of the presses: nobody presses on the rim.
+pub(super) const RADIUS: f64 = 1.25;
+/// Presses nearer than this part of the reach are one.
 const NEAR: f64 = 0.22;
 /// Directions of which presses see less than this part of what they see of the largest are not seen.
 const LEAST_SEEN: f64 = 1e-10;
@@ -35,22 +35,15 @@ const LEAST_SEEN: f64 = 1e-10;
 const GAIN_SD: f64 = 0.3;
 /// Least variance of the gains: amplifiers agree no better.
 const LEAST_GAIN_VARIANCE: f64 = 1e-6;
-/// Half side of the square of the harmonics, over the reach of the presses.
-pub(super) const SQUARE: f64 = 1.5;
 
-/// What is expected of the maps before any press. Variances are over the mean square of the values of an orbit, lengths
-/// over the reach of the presses.
+/// What is expected of the maps before any press. Variances are those in the middle, over the mean square of the values of an orbit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Prior {
-    /// Length over which the maps change.
-    pub(super) length: f64,
-    /// Length over which the memory of the press before changes.
-    pub(super) memory_length: f64,
     /// Variance of the maps that an orbit shares.
     pub(super) shared: f64,
     /// Variance of what a measurement has of its own.
     pub(super) own: f64,
-    /// Variance of the memory of the press before.
+    /// Part of what the press before did that is in the change of the next.
     pub(super) memory: f64,
 }
 
@@ -68,9 +61,8 @@ pub(super) struct Frame {
 }
 
 impl Frame {
-    fn harmonics(&self, length: f64) -> Harmonics {
-        let length_mm = length * self.reach_mm;
-        Harmonics::new(self.centre_mm, SQUARE * self.reach_mm, HIGHEST / length_mm)
+    fn basis(&self) -> Sensitivities {
+        Sensitivities::new(self.centre_mm, RADIUS * self.reach_mm)
     }
 
     /// Where a place lies for a measurement that is turned by so many electrodes.
@@ -116,23 +108,22 @@ pub(super) struct Maps {
     pub(super) frame: Frame,
     /// Presses that they were learned from.
     presses: usize,
-    /// Shortest length of the maps, over the reach.
-    length: f64,
     pub(super) orbits: Orbits,
     /// Root mean square of the values of every measurement's orbit.
     pub(super) scale: Vec<f64>,
     /// Noise variance of every measurement, over the square of its scale.
     pub(super) noise: Vec<f64>,
-    harmonics: Harmonics,
+    basis: Sensitivities,
     /// Gain of every measurement over that of its orbit.
     gains: Vec<f64>,
     /// Their variance, as the presses tell it.
     gain_variance: f64,
-    /// Weights of the maps, harmonics x orbits, over the scale.
+    /// Weights of the maps, terms x orbits, over the scale.
     shared: DMatrix<f64>,
-    /// Harmonics x measurements.
+    /// Terms x measurements.
     own: DMatrix<f64>,
-    memory: DMatrix<f64>,
+    /// Part of what the press before did that is in the change of the next.
+    pub(super) memory: f64,
     /// Covariance of the weights of a measurement's own map that the presses leave, over its noise's variance.
     spread: DMatrix<f64>,
 }
@@ -149,19 +140,17 @@ pub struct StoredMaps {
     pub reach_mm: f64,
     /// Whether the electrodes' numbers go round clockwise.
     pub clockwise: bool,
-    /// Shortest length of the maps, over the reach.
-    pub length: f64,
     /// Root mean square of the changes of every measurement's orbit.
     pub scale: Vec<f64>,
     /// Gain of every measurement over that of its orbit; 1 where there are none.
     #[serde(default)]
     pub gains: Vec<f64>,
-    /// Weights of the maps that orbits share: for every orbit those of the harmonics, over the scale.
+    /// Weights of the maps that orbits share: for every orbit those of the terms, over the scale.
     pub shared: Vec<Vec<f64>>,
     /// The same for what every measurement has of its own.
     pub own: Vec<Vec<f64>>,
-    /// The same for the memory of the press before.
-    pub memory: Vec<Vec<f64>>,
+    /// Part of what the press before did that is in the change of the next.
+    pub memory: f64,
     /// Covariance of the weights that the presses leave, over the noise's variance.
     pub spread: Vec<Vec<f64>>,
 }
@@ -196,12 +185,12 @@ fn drawn_in_rms(values: &[f64]) -> f64 {
     rms
 }
 
-fn features(harmonics: &Harmonics, places: impl Iterator<Item = Option<[f64; 2]>>) -> DMatrix<f64> {
+fn features(basis: &Sensitivities, places: impl Iterator<Item = Option<[f64; 2]>>) -> DMatrix<f64> {
     let columns: Vec<DVector<f64>> = places
         .map(|place| {
-            let mut column = DVector::zeros(harmonics.len());
+            let mut column = DVector::zeros(Sensitivities::len());
             if let Some(place) = place {
-                harmonics.values_at(place, column.as_mut_slice());
+                basis.values_at(place, column.as_mut_slice());
             }
             column
         })
@@ -209,20 +198,17 @@ fn features(harmonics: &Harmonics, places: impl Iterator<Item = Option<[f64; 2]>
     DMatrix::from_columns(&columns).transpose()
 }
 
-/// The presses as the harmonics see them, and what all measurements have in common.
+/// The presses as the terms see them, and what all measurements have in common.
 struct Design {
+    /// Of the places, with the part of those of the presses before that is left.
     here: DMatrix<f64>,
-    before: DMatrix<f64>,
     /// For every turn that a measurement has: its number, the features turned back, and two products of them.
     turns: Vec<(usize, Turn)>,
-    /// Eigenvectors and eigenvalues of what the presses see of the own and memory parts, in units of their prior.
+    /// Eigenvectors and eigenvalues of what the presses see of the own parts, in units of their prior.
     vectors: DMatrix<f64>,
     values: DVector<f64>,
-    /// Features times the square root of the prior, own beside memory.
-    scaled: DMatrix<f64>,
-    own_root: DVector<f64>,
-    memory_root: DVector<f64>,
-    shared_precision: DVector<f64>,
+    own_root: f64,
+    shared_precision: f64,
 }
 
 /// Eigenvectors and eigenvalues of the columns' square, those without the ones that no row sees. Of fewer rows than columns they
@@ -259,27 +245,22 @@ struct Turn {
 
 impl Design {
     /// `None` where the presses are beyond what can be computed with.
-    fn new(presses: &Presses, frame: Frame, prior: Prior, orbits: &Orbits, harmonics: &Harmonics) -> Option<Self> {
-        let reach = frame.reach_mm;
-        let here = features(harmonics, presses.places_mm.iter().map(|p| Some(*p)));
-        let before = features(harmonics, presses.before_mm.iter().copied());
-        let variances = |length: f64, size: f64| DVector::from_vec(harmonics.matern(length * reach)) * size;
-        let own_root = variances(prior.length, prior.own).map(f64::sqrt);
-        let memory_root = variances(prior.memory_length, prior.memory).map(f64::sqrt);
-        let shared_precision = variances(prior.length, prior.shared).map(f64::recip);
-        let mut scaled = DMatrix::zeros(presses.len(), 2 * harmonics.len());
-        for k in 0..harmonics.len() {
-            scaled.set_column(k, &(here.column(k) * own_root[k]));
-            scaled.set_column(harmonics.len() + k, &(before.column(k) * memory_root[k]));
-        }
-        let (vectors, values) = seen(&scaled)?;
-        let to_seen = &scaled * &vectors;
+    fn new(presses: &Presses, frame: Frame, prior: Prior, orbits: &Orbits, basis: &Sensitivities) -> Option<Self> {
+        // What the press before left is a part of what it did.
+        let of_presses = |turned: usize| {
+            let back = |p: [f64; 2]| frame.turned_back(p, turned);
+            let here = features(basis, presses.places_mm.iter().map(|p| Some(back(*p))));
+            here + features(basis, presses.before_mm.iter().map(|p| p.map(back))) * prior.memory
+        };
+        let here = of_presses(0);
+        let own_root = prior.own.sqrt();
+        let (vectors, values) = seen(&(&here * own_root))?;
+        let to_seen = &here * own_root * &vectors;
         let mut numbers: Vec<usize> = orbits.members.iter().map(|m| m.turned).collect();
         numbers.sort_unstable();
         numbers.dedup();
         let turn = |turned: usize| {
-            let back = presses.places_mm.iter().map(|p| Some(frame.turned_back(*p, turned)));
-            let features = features(harmonics, back);
+            let features = of_presses(turned);
             Turn {
                 square: features.tr_mul(&features),
                 seen: to_seen.tr_mul(&features),
@@ -289,13 +270,10 @@ impl Design {
         Some(Self {
             turns: numbers.into_iter().map(|t| (t, turn(t))).collect(),
             here,
-            before,
             values,
             vectors,
-            scaled,
             own_root,
-            memory_root,
-            shared_precision,
+            shared_precision: prior.shared.recip(),
         })
     }
 
@@ -309,24 +287,22 @@ impl Maps {
     /// Learns the maps. `None` where the presses say nothing that could be solved for.
     pub(super) fn fit(presses: &Presses, frame: Frame, prior: Prior, orbits: &Orbits) -> Option<Self> {
         let (count, channels) = presses.changes.shape();
-        let harmonics = frame.harmonics(prior.length.min(prior.memory_length));
-        let size = harmonics.len();
+        let size = Sensitivities::len();
         let mut maps = Self {
             frame,
             presses: count,
-            length: prior.length.min(prior.memory_length),
             scale: scales(&presses.changes, orbits),
             noise: vec![FIRST_NOISE; channels],
             gains: vec![1.0; channels],
             gain_variance: GAIN_SD * GAIN_SD,
             shared: DMatrix::zeros(size, orbits.count),
             own: DMatrix::zeros(size, channels),
-            memory: DMatrix::zeros(size, channels),
+            memory: prior.memory,
             spread: DMatrix::zeros(size, size),
-            harmonics,
+            basis: frame.basis(),
             orbits: orbits.clone(),
         };
-        let design = Design::new(presses, frame, prior, orbits, &maps.harmonics)?;
+        let design = Design::new(presses, frame, prior, orbits, &maps.basis)?;
         let values = maps.over_scale(&presses.changes);
         let mut drawn_in = values.map(|v| if v.is_finite() { v } else { 0.0 });
         for _ in 0..REPETITIONS {
@@ -353,17 +329,11 @@ impl Maps {
         }
         let middle = median(maps.noise.iter().copied());
         // What the presses tell of the prior's directions is taken off.
-        let mut told = design.vectors.rows(0, size).into_owned();
+        let mut told = design.vectors.clone();
         for (mut column, value) in told.column_iter_mut().zip(&design.values) {
             column *= (value / (value + middle)).sqrt();
         }
-        let root = &design.own_root;
-        maps.spread = (DMatrix::identity(size, size) - &told * told.transpose()) / middle;
-        for j in 0..size {
-            for i in 0..size {
-                maps.spread[(i, j)] *= root[i] * root[j];
-            }
-        }
+        maps.spread = (DMatrix::identity(size, size) - &told * told.transpose()) * (prior.own / middle);
         Some(maps)
     }
 
@@ -380,12 +350,12 @@ impl Maps {
     fn solve(&mut self, design: &Design, values: &DMatrix<f64>) -> Option<Vec<f64>> {
         let count = values.nrows() as f64;
         let (vectors, seen_values) = (&design.vectors, &design.values);
-        let seen = vectors.tr_mul(&design.scaled.tr_mul(values));
-        let size = self.harmonics.len();
+        let seen = vectors.tr_mul(&design.here.tr_mul(values)) * design.own_root;
+        let size = Sensitivities::len();
         let mut freedom = vec![0.0; values.ncols()];
         let mut unlike = (0.0, 0.0);
         for (orbit, list) in self.orbits.lists().iter().enumerate() {
-            let mut normal = DMatrix::from_diagonal(&design.shared_precision);
+            let mut normal = DMatrix::from_diagonal_element(size, size, design.shared_precision);
             let mut right = DVector::zeros(size);
             for &c in list {
                 let (turn, noise) = (design.turn(self.orbits.members[c].turned), self.noise[c]);
@@ -421,10 +391,7 @@ impl Maps {
                 unlike.1 += weight;
                 let left = seen.column(c) - map_seen * self.gains[c];
                 let weights = vectors * inverse.component_mul(&left);
-                self.own
-                    .set_column(c, &weights.rows(0, size).component_mul(&design.own_root));
-                self.memory
-                    .set_column(c, &weights.rows(size, size).component_mul(&design.memory_root));
+                self.own.set_column(c, &(weights * design.own_root));
                 freedom[c] = (count - seen_values.dot(&inverse)).max(0.15 * count);
             }
             self.shared.set_column(orbit, &shared);
@@ -438,7 +405,7 @@ impl Maps {
 
     /// What the maps say of the presses that they were learned from, over the scale.
     fn fitted(&self, design: &Design) -> DMatrix<f64> {
-        let mut fitted = &design.here * &self.own + &design.before * &self.memory;
+        let mut fitted = &design.here * &self.own;
         for (c, member) in self.orbits.members.iter().enumerate() {
             let turn = design.turn(member.turned);
             let (shared, gain) = (&turn.features * self.shared.column(member.orbit), self.gains[c]);
@@ -450,7 +417,7 @@ impl Maps {
     /// The change of every measurement by a press of the usual strength at each of some places: measurements x places.
     pub(super) fn at(&self, places_mm: &[[f64; 2]]) -> DMatrix<f64> {
         let places = || places_mm.iter().copied();
-        let mut out = self.own.transpose() * features(&self.harmonics, places().map(Some)).transpose();
+        let mut out = self.own.transpose() * features(&self.basis, places().map(Some)).transpose();
         let mut turns: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
         for (c, member) in self.orbits.members.iter().enumerate() {
             turns.entry(member.turned).or_default().push(c);
@@ -458,7 +425,7 @@ impl Maps {
         for (turned, list) in turns {
             let back = places().map(|p| Some(self.frame.turned_back(p, turned)));
             let orbits: Vec<usize> = list.iter().map(|c| self.orbits.members[*c].orbit).collect();
-            let shared = self.shared.select_columns(&orbits).transpose() * features(&self.harmonics, back).transpose();
+            let shared = self.shared.select_columns(&orbits).transpose() * features(&self.basis, back).transpose();
             for (row, c) in shared.row_iter().zip(list) {
                 let gain = self.gains[c];
                 out.row_mut(c).zip_apply(&row, |o, s| *o += gain * s);
@@ -472,17 +439,13 @@ impl Maps {
 
     /// What a press there leaves behind for the next one.
     pub(super) fn memory_of(&self, place_mm: Option<[f64; 2]>) -> DVector<f64> {
-        let Some(place) = place_mm else {
-            return DVector::zeros(self.scale.len());
-        };
-        let mut there = DVector::zeros(self.harmonics.len());
-        self.harmonics.values_at(place, there.as_mut_slice());
-        let mut left = self.memory.tr_mul(&there);
-        self.put_in_units(left.as_mut_slice());
-        left
+        match place_mm {
+            Some(place) if self.memory != 0.0 => self.at(&[place]).column(0) * self.memory,
+            _ => DVector::zeros(self.scale.len()),
+        }
     }
 
-    /// Distance below which maps cannot tell two presses from one between them, mm: half of the length over which they change, or
+    /// Distance below which maps cannot tell two presses from one between them, mm: a part of the reach, or
     /// the distance from one known press to the next, where that is farther.
     pub(super) fn near_mm(&self) -> f64 {
         self.frame.reach_mm * (PI / self.presses as f64).sqrt().max(NEAR)
@@ -490,8 +453,8 @@ impl Maps {
 
     /// Variance of the maps there, over the noise's.
     pub(super) fn uncertainty(&self, place_mm: [f64; 2]) -> f64 {
-        let mut here = DVector::zeros(self.harmonics.len());
-        self.harmonics.values_at(place_mm, here.as_mut_slice());
+        let mut here = DVector::zeros(Sensitivities::len());
+        self.basis.values_at(place_mm, here.as_mut_slice());
         (&self.spread * &here).dot(&here).max(0.0)
     }
 
@@ -502,12 +465,11 @@ impl Maps {
             centre_mm: self.frame.centre_mm,
             reach_mm: self.frame.reach_mm,
             clockwise: self.frame.clockwise,
-            length: self.length,
             scale: self.scale.clone(),
             gains: self.gains.clone(),
             shared: columns(&self.shared),
             own: columns(&self.own),
-            memory: columns(&self.memory),
+            memory: self.memory,
             spread: columns(&self.spread),
         }
     }
@@ -522,23 +484,22 @@ impl Maps {
         };
         // Squares of what is in the frames' unit are numbers too.
         let positive = |v: &f64| (1e-150..=1e150).contains(v);
-        let weights = [&stored.shared, &stored.own, &stored.memory, &stored.spread];
+        let weights = [&stored.shared, &stored.own, &stored.spread];
         let small = |v: &f64| v.abs() <= 1e24;
         // As long as a sheet may be.
         let sound = (1e-3..=1e6).contains(&stored.reach_mm)
-            && (0.05..=1e3).contains(&stored.length)
             && stored.centre_mm.iter().all(|v| v.abs() <= 1e6)
+            && stored.memory.abs() <= 1.0
             && stored.scale.iter().all(positive)
             && weights.into_iter().flatten().flatten().all(small);
-        let harmonics = sound.then(|| frame.harmonics(stored.length))?;
-        let (size, channels) = (harmonics.len(), orbits.members.len());
+        sound.then_some(())?;
+        let (size, channels) = (Sensitivities::len(), orbits.members.len());
         let gains =
             stored.gains.is_empty() || stored.gains.len() == channels && stored.gains.iter().all(|g| g.is_finite());
         (gains && stored.scale.len() == channels).then_some(())?;
         Some(Self {
             frame,
             presses: stored.presses.max(1),
-            length: stored.length,
             scale: stored.scale.clone(),
             noise: vec![FIRST_NOISE; channels],
             gains: if stored.gains.is_empty() {
@@ -549,9 +510,9 @@ impl Maps {
             gain_variance: GAIN_SD * GAIN_SD,
             shared: matrix(&stored.shared, size, orbits.count)?,
             own: matrix(&stored.own, size, channels)?,
-            memory: matrix(&stored.memory, size, channels)?,
+            memory: stored.memory,
             spread: matrix(&stored.spread, size, size)?,
-            harmonics,
+            basis: frame.basis(),
             orbits,
         })
     }

@@ -19,6 +19,7 @@ mod order;
 mod press_taker;
 mod rest;
 mod search;
+mod sensitivities;
 mod symmetry;
 mod validation;
 

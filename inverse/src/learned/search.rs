@@ -1,6 +1,6 @@
 //! How a skin is best described: symmetric or not, which way round, around what; chosen by cross-validation.
 
-use super::choice::{Choice, NO_MEMORY, Setting};
+use super::choice::{Choice, Setting};
 use super::locator::Evidence;
 use super::maps::{Frame, Presses, Prior};
 use super::orbits::Orbits;
@@ -15,12 +15,14 @@ const QUICK_STEPS: f64 = 10.0;
 pub(super) const PARTS: usize = 9;
 
 pub(super) const PRIOR: Prior = Prior {
-    length: 0.45,
-    memory_length: 0.7,
-    shared: 1.5,
-    own: 0.08,
-    memory: 0.12,
+    shared: 0.5,
+    own: 0.06,
+    memory: 0.0,
 };
+/// Parts of what the press before did that are tried as left.
+const MEMORIES: [f64; 6] = [0.07, 0.14, 0.2, 0.3, 0.4, 0.5];
+/// Standard errors by which presses have to be located better by a memory.
+const LIKELY: f64 = 0.5;
 /// Standard errors by which a symmetry has to be refuted.
 const SURELY: f64 = 3.0;
 
@@ -108,11 +110,11 @@ pub(super) fn choose(
         change(&mut choice.prior);
         choice
     };
-    let alone = make(middle, setting.electrodes, false, Prior { own: 1.5, ..PRIOR });
+    let alone = make(middle, setting.electrodes, false, Prior { own: 0.5, ..PRIOR });
     let taken = match symmetric {
         Some(symmetric) => {
-            let freer =
-                [(0.5, 0.5), (0.3, 1.5)].map(|(shared, own)| with(&symmetric, &|p| (p.shared, p.own) = (shared, own)));
+            let freer = [(0.25, 0.25), (0.1, 0.5)]
+                .map(|(shared, own)| with(&symmetric, &|p| (p.shared, p.own) = (shared, own)));
             let mut choices = vec![symmetric];
             choices.extend(freer);
             // Of few presses maps without symmetry promise more than they keep.
@@ -121,6 +123,25 @@ pub(super) fn choose(
         None => alone,
     };
     progress(5, PARTS);
-    let forgetful = with(&taken, &|p| p.memory = NO_MEMORY);
-    best(vec![taken, forgetful], presses, 1.0)
+    remember(taken, presses)
+}
+
+/// What part of what the press before did is left, by cross-validation: as much more as presses are located better by it. It has
+/// either sign: of a sheet that creeps it is in the frame before, or not yet gone in the next.
+fn remember(mut taken: Choice, presses: &Presses) -> Option<Choice> {
+    for way in [1.0, -1.0] {
+        for part in MEMORIES {
+            let mut more = taken.clone();
+            more.prior.memory = way * part;
+            let errors = if taken.prior.memory == 0.0 { LIKELY } else { 0.0 };
+            taken = best(vec![taken, more], presses, errors)?;
+            if taken.prior.memory != way * part {
+                break;
+            }
+        }
+        if taken.prior.memory != 0.0 {
+            break;
+        }
+    }
+    Some(taken)
 }

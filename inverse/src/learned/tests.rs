@@ -236,7 +236,7 @@ fn gains_of_measurements_that_turn_are_found() {
 fn what_the_press_before_left_is_taken_out() {
     let mut skin = Skin::new(true, 0.4, 0.05);
     let (learned, found) = skin.learn(60);
-    assert!(found.memory, "{found:?}");
+    assert!((found.memory + 0.4).abs() < 0.11, "{found:?}");
     let later = skin.presses(100);
     let with = locate(&learned, &later).0[50];
     let without: Vec<Press> = later.iter().rev().cloned().collect();

@@ -28,6 +28,8 @@ pub(crate) struct ContactTest {
     asked: usize,
     stood: usize,
     until: usize,
+    /// Whether touches left some of the frame before unexplained.
+    left_before: bool,
     /// Frames one after another in which that test was put off.
     put_off: usize,
     /// Whether a mean of frames at rest leaves what drift may explain: the next frame is asked by itself.
@@ -52,6 +54,7 @@ impl ContactTest {
             asked: 0,
             stood: 0,
             until: 0,
+            left_before: false,
             put_off: 0,
             left_at_rest: false,
             evened: None,
@@ -110,6 +113,7 @@ impl ContactTest {
         self.monitor.clear();
         self.polarity.clear();
         (self.drifting, self.stood, self.until) = (Drifting::Common, 0, 0);
+        self.left_before = false;
         self.left_at_rest = false;
     }
 
@@ -135,6 +139,11 @@ impl ContactTest {
         gone
     }
 
+    /// Makes the picture of the frame that was solved last.
+    pub(crate) fn picture(&mut self, solver: &mut FrameSolver, task: Task, result: &mut FrameResult) {
+        self.without_contacts(solver, task, |solver, task| solver.picture(task, result));
+    }
+
     fn judge(&mut self, solver: &mut FrameSolver, task: Task, detectors: &mut Detectors, result: &mut FrameResult) {
         if task.averaged.frames > 1 {
             // Contacts are tested on single frames only: the error of the disc model shows more in a mean.
@@ -157,13 +166,15 @@ impl ContactTest {
         // The decision for or against a contact compares what both come to in the end.
         let patient = !self.sequence || self.monitor.asks_next() || self.put_off >= MOST_PUT_OFF;
         let task = Task { patient, ..task };
+        // Half of the frame in which a touch lands is as before, which is like anything smooth.
+        let lands = self.sequence && !self.left_before;
         if let Some(changed) = self.monitor.begin(task.quiet) {
             self.test_again(changed, solver, task, detectors, result);
         } else {
             let mut evidence = self.solve_with(solver, task, detectors, result);
             let new = result.touches.len() > self.stood;
             if !task.quiet {
-                evidence = self.test_drifting(evidence, solver, task, detectors, result);
+                evidence = self.test_drifting((evidence, lands), solver, task, detectors, result);
             }
             evidence = self.test_candidates(evidence, solver, task, detectors, result);
             if !task.quiet {
@@ -177,6 +188,7 @@ impl ContactTest {
             }
             self.stood = 0;
         }
+        self.left_before = result.changed && self.leaves(result);
     }
 
     /// Decides whether some touches change the resistivity the other way.
@@ -214,10 +226,11 @@ impl ContactTest {
         solver.end_other();
     }
 
-    /// Decides what drifts: a new touch must explain the frame better than that.
+    /// Decides what drifts: a new touch must explain the frame better than that. What is rare is not asked for in a frame in which a touch
+    /// `lands`, but in the next one that touches leave unexplained.
     fn test_drifting(
         &mut self,
-        evidence: Option<Evidence>,
+        (evidence, lands): (Option<Evidence>, bool),
         solver: &mut FrameSolver,
         task: Task,
         detectors: &mut Detectors,
@@ -243,6 +256,10 @@ impl ContactTest {
         for other in Drifting::ALL.into_iter().filter(|d| *d != before) {
             // What hides touches more than contacts do is asked for only where something is left to explain.
             if is_rare(other) && !self.leaves(result) {
+                continue;
+            }
+            if is_rare(other) && lands {
+                self.until = 1;
                 continue;
             }
             best = self.compare_with(other, best, solver, task, detectors, result);

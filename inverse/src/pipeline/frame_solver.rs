@@ -163,10 +163,6 @@ pub(crate) struct FrameSolver {
     alone: Option<usize>,
     /// Ridges of the pictures solved last, by what drifts.
     ridges: [Option<f64>; Drifting::ALL.len()],
-    /// What drifted in this frame's picture, as far as one was made.
-    pictured: Option<Drifting>,
-    /// Whether the frame needs a picture even if its touches are followed.
-    picture_due: bool,
     /// Room for touches.
     spare: Vec<Touch>,
     /// What this frame has taken.
@@ -194,8 +190,6 @@ impl FrameSolver {
             sizes: Vec::new(),
             alone: None,
             ridges: [None; Drifting::ALL.len()],
-            pictured: None,
-            picture_due: true,
             spare: Vec::new(),
             work: Work::default(),
             imager: Arc::clone(imager),
@@ -203,22 +197,15 @@ impl FrameSolver {
         }
     }
 
-    /// Begins a frame: nothing was done for it. `picture_due`: its picture is to be made in any case.
-    pub(crate) fn begin_frame(&mut self, picture_due: bool) {
+    /// Begins a frame: nothing was done for it.
+    pub(crate) fn begin_frame(&mut self) {
         self.work = Work::default();
-        self.pictured = None;
-        self.picture_due = picture_due;
         let most = if self.options.sequence {
             MOST_SOLUTIONS
         } else {
             usize::MAX
         };
         self.fitter.iter_mut().for_each(|fitter| fitter.begin_frame(most));
-    }
-
-    /// Whether a picture was made in this frame.
-    pub(crate) fn has_pictured(&self) -> bool {
-        self.pictured.is_some()
     }
 
     /// What the frame has taken so far.
@@ -332,27 +319,23 @@ impl FrameSolver {
         (result.noise, result.used, result.changed, result.anew) = (Some(noise), used, true, true);
         (result.frames, result.grown) = (task.averaged.frames, task.averaged.grown);
         (result.misfit, result.explained) = (None, None);
-        result.solve_us = 0.0;
+        (result.is_pictured, result.gap, result.solve_us) = (false, 0.0, 0.0);
         self.fit(task, noise, detector, result);
         if task.drifting == Drifting::Contacts {
             self.alone = self.alone(noise);
         }
     }
 
-    /// Finishes a frame. `task` is that of the solve whose result it is. Where touches explain it, its picture is made if it is due;
-    /// where they do not, nothing says that the picture only rises.
+    /// Finishes a frame. `task` is that of the solve whose result it is. Where no touches explain it, nothing says that the picture only
+    /// rises.
     pub(crate) fn finish(&mut self, task: Task, result: &mut FrameResult) {
-        if result.misfit.is_some() && self.pictured != Some(task.drifting) && self.picture_due {
-            self.picture_again(task, result);
-        }
-        self.picture_due &= self.pictured.is_none();
         let Some(noise) = result.noise.filter(|_| self.fits()) else {
             return;
         };
         // Reciprocity cannot tell an error of the model, or of the board, from noise.
         let hidden = !result.changed && noise.source != NoiseSource::Known && self.stands_out(task);
         if hidden {
-            (result.changed, result.anew) = (true, true);
+            (result.changed, result.anew, result.is_pictured) = (true, true, true);
             result.x.resize(self.imager.grid.len(), 0.0);
         }
         if !result.changed || result.misfit.is_some() {
@@ -373,8 +356,8 @@ impl FrameSolver {
         }
     }
 
-    /// Makes the picture of a frame whose touches are known.
-    fn picture_again(&mut self, task: Task, result: &mut FrameResult) {
+    /// Makes the picture of a frame whose touches are known; of a sequence beside the pictures that touches are looked for in.
+    pub(crate) fn picture(&mut self, task: Task, result: &mut FrameResult) {
         let Some(noise) = result.noise else { return };
         self.weigh(task.difference, (task.drifting, task.changed));
         self.reduce(task.difference);
@@ -382,21 +365,31 @@ impl FrameSolver {
         let Some(weighted) = self.weightings.current_mut() else {
             return;
         };
+        let (image, options, values) = (&mut self.image, &self.options, &self.values);
         std::mem::swap(&mut result.touches, &mut self.spare);
-        let mut picture = Picture {
-            image: &mut self.image,
-            pictures: &mut weighted.pictures,
-            options: &self.options,
-            values: &self.values,
-            sigma,
-            polarity: task.polarity,
-            result,
-            made: false,
-            ridge: None,
+        let left = result.residual;
+        let mut make = |pictures: &mut Pictures| {
+            let mut picture = Picture {
+                image,
+                pictures,
+                options,
+                values,
+                sigma,
+                polarity: task.polarity,
+                result: &mut *result,
+                made: false,
+                ridge: None,
+            };
+            picture.make();
         };
-        picture.make();
+        if options.sequence {
+            weighted.pictures.beside(make);
+            result.residual = left;
+        } else {
+            make(&mut weighted.pictures);
+        }
         std::mem::swap(&mut result.touches, &mut self.spare);
-        self.pictured = Some(task.drifting);
+        result.is_pictured = true;
     }
 
     /// Noise of a value for pictures. That of a mean is as sharp as that of a frame, and quieter.
@@ -524,6 +517,7 @@ impl FrameSolver {
         };
         let (Some(fitter), Some(tables)) = (&mut self.fitter, &weighted.tables) else {
             picture.make();
+            result.is_pictured = true;
             return;
         };
         let mut reduction = WeightedProjection {
@@ -557,8 +551,8 @@ impl FrameSolver {
         }
         if picture.made {
             self.ridges[task.drifting.index()] = picture.ridge;
-            self.pictured = Some(task.drifting);
         }
+        result.is_pictured = picture.made;
         result.drift.copy_from(fitter.drift());
         if !explained {
             return;
@@ -584,6 +578,9 @@ impl FrameSolver {
         result.touches.clear();
         result.touches.extend(placed.copied());
         result.misfit = Some(fitted.misfit);
+        if self.options.sequence {
+            result.residual = fitted.relative_residual;
+        }
     }
 
     /// What the last solve came to, to be compared with one with other contacts; none where nothing tells the noise.

@@ -48,6 +48,8 @@ pub struct Reconstructor {
     since_picture_s: f64,
     /// Searches for what is broken before this frame.
     searches: usize,
+    /// Of how many frames the result is the mean's.
+    averaged: Averaged,
     /// Room for a frame, and for the mean of several.
     divided: Vec<f64>,
     difference: Difference,
@@ -83,6 +85,7 @@ impl Reconstructor {
             unexplained: 0,
             since_picture_s: f64::INFINITY,
             searches: 0,
+            averaged: Averaged::ONE,
             divided: Vec::new(),
             difference: reference.unchanged().clone(),
             judged: Vec::new(),
@@ -141,8 +144,7 @@ impl Reconstructor {
     /// As for [`Reconstructor::frame`].
     pub fn frame_after(&mut self, values: &[f64], interval_s: Option<f64>) -> Result<&mut FrameResult, ImagerError> {
         self.since_picture_s += interval_s.unwrap_or(f64::INFINITY);
-        let picture_due = !self.options.sequence || self.since_picture_s >= self.options.picture_s;
-        self.solver.begin_frame(picture_due);
+        self.solver.begin_frame();
         self.searches = self.broken.searches();
         if !self.options.sequence {
             self.gain = 1.0;
@@ -177,11 +179,14 @@ impl Reconstructor {
             self.gain = gain;
             self.detectors.iter_mut().flatten().for_each(ChangeDetector::forget);
         }
-        if self.solver.has_pictured() {
-            self.since_picture_s = 0.0;
-        } else if !self.result.changed {
+        if self.result.anew && (!self.options.sequence || self.since_picture_s > self.options.picture_s) {
+            self.picture();
+        }
+        if !self.result.changed {
             // What is shown is empty: the next touch is to be seen at once.
             self.since_picture_s = f64::INFINITY;
+        } else if self.result.anew && self.result.is_pictured {
+            self.since_picture_s = 0.0;
         }
         let result = &self.result;
         let sound = result.faults.is_empty() && !self.broken.is_open();
@@ -191,6 +196,16 @@ impl Reconstructor {
             self.following.follow(room, baseline, used, interval_s);
         }
         Ok(())
+    }
+
+    /// Makes the picture of the last frame, where it has none yet: its touches needed none, or that of an earlier frame is newer than
+    /// [`ReconstructorOptions::picture_s`]. No touch of any frame depends on it.
+    pub fn picture(&mut self) -> &FrameResult {
+        if !self.result.is_pictured && self.result.misfit.is_some() {
+            let task = task(&self.difference, self.result.noise, self.averaged, false);
+            self.contacts.picture(&mut self.solver, task, &mut self.result);
+        }
+        &self.result
     }
 
     /// A frame divided by the gain; false where it is like the one before, and so is the result.
@@ -316,7 +331,11 @@ impl Reconstructor {
             self.left_changed = true;
             let put_off = |fault: &Fault| self.options.sequence && fault.leaves_touches();
             if let Some(fault) = self.broken.named().filter(put_off) {
-                // The problem without what it spoils takes as long as the search: the next frame has it.
+                // The problem without what it spoils takes as long as the search: the next frame has it, and its picture.
+                if !self.result.is_pictured {
+                    self.result.x.fill(0.0);
+                    self.result.is_pictured = true;
+                }
                 self.result.doubt = Some(Doubt::Fault(fault));
                 self.solver.forget();
                 break;
@@ -440,18 +459,8 @@ impl Reconstructor {
             },
             ..noise
         });
-        let task = Task {
-            difference: &self.difference,
-            noise: known.or(estimated),
-            averaged,
-            drifting: Drifting::Common,
-            polarity: Polarity::Up,
-            changed: &[],
-            seen: true,
-            quiet,
-            patient: false,
-            corrected: true,
-        };
+        self.averaged = averaged;
+        let task = task(&self.difference, known.or(estimated), averaged, quiet);
         let gone = self
             .contacts
             .solve(&mut self.solver, task, &mut self.detectors, &mut self.result);
@@ -490,6 +499,22 @@ impl Reconstructor {
         let left_out = left_out.filter(|(_, (before, now))| **before && !**now);
         self.result.rejected.clear();
         self.result.rejected.extend(left_out.map(|(k, _)| k));
+    }
+}
+
+/// A frame to be solved, of which the contact test says what drifts.
+fn task(difference: &Difference, noise: Option<NoiseEstimate>, averaged: Averaged, quiet: bool) -> Task<'_> {
+    Task {
+        difference,
+        noise,
+        averaged,
+        drifting: Drifting::Common,
+        polarity: Polarity::Up,
+        changed: &[],
+        seen: true,
+        quiet,
+        patient: false,
+        corrected: true,
     }
 }
 

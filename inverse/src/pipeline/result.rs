@@ -12,16 +12,20 @@ use crate::touches::touch::Touch;
 /// What became of a frame.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FrameResult {
-    /// Relative rise in resistivity of every cell; all zero when the gate found nothing.
+    /// Relative rise in resistivity of every cell; all zero when the gate found nothing. That of an earlier frame where
+    /// [`FrameResult::is_pictured`] says so.
     pub x: Vec<f64>,
+    /// Whether [`FrameResult::x`] is of these values. Touches that explain a frame of a sequence need no picture
+    /// ([`Live::picture`](crate::live::Live::picture)).
+    pub is_pictured: bool,
     /// Touches, strongest first.
     pub touches: Vec<Touch>,
-    /// Part of the change that the picture leaves unexplained, 0 to 1.
+    /// Part of the change that stays unexplained, 0 to 1: by the touches, where they explain a frame of a sequence, else by the picture.
     pub residual: f64,
-    /// The solve's proof: relative KKT residual of the problem that was solved, which leaves out the directions below
-    /// [`ReconstructorOptions::drop_below_ridge`](crate::pipeline::ReconstructorOptions::drop_below_ridge).
+    /// The picture's proof: relative KKT residual of the problem that was solved, which leaves out the directions below
+    /// [`ReconstructorOptions::drop_below_ridge`](crate::pipeline::ReconstructorOptions::drop_below_ridge); 0 where none was made.
     pub gap: f64,
-    /// Time of the solve alone, us; 0 when the gate found nothing.
+    /// Time of the picture's solve, us; 0 where none was made.
     pub solve_us: f64,
     /// Noise of one value, V of the model, and how it is known; of the mean where the result is of several frames. None where
     /// nothing was looked for and nothing tells it.
@@ -62,6 +66,7 @@ impl FrameResult {
     pub fn nothing(imager: &Imager) -> Self {
         Self {
             x: vec![0.0; imager.grid.len()],
+            is_pictured: true,
             touches: Vec::new(),
             residual: 0.0,
             gap: 0.0,
@@ -126,6 +131,7 @@ impl FrameResult {
         self.anew = self.changed;
         if self.changed {
             self.x.fill(0.0);
+            self.is_pictured = true;
             self.touches.clear();
             (self.residual, self.gap, self.solve_us) = (0.0, 0.0, 0.0);
             (self.changed, self.status, self.misfit, self.explained) = (false, Status::Converged, None, None);

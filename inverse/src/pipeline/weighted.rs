@@ -102,6 +102,15 @@ pub(crate) struct Pictures {
     pub(crate) nnls: Nnls,
     /// The problem with cells that fall; made when a frame first needs it.
     pub(crate) with_falls: Option<(Problem, Nnls)>,
+    /// The last three for pictures that no touches are looked for in: where touches begin does not depend on who wants to see one.
+    shown: Option<Box<Shown>>,
+}
+
+/// What such pictures are solved with.
+struct Shown {
+    solving: Option<(f64, Problem)>,
+    nnls: Nnls,
+    with_falls: Option<(Problem, Nnls)>,
 }
 
 /// Reduced responses.
@@ -169,6 +178,7 @@ impl Weighted {
                 // What follows in a moment need not be exact.
                 .with_rounding(options.sequence),
                 with_falls: None,
+                shown: None,
             },
             tables: None,
             unreached: None,
@@ -239,6 +249,37 @@ impl Weighted {
 }
 
 impl Pictures {
+    /// Makes a picture that no touches are looked for in.
+    pub(crate) fn beside<R>(&mut self, make: impl FnOnce(&mut Self) -> R) -> R {
+        let mut shown = self.shown.take().unwrap_or_else(|| {
+            Box::new(Shown {
+                solving: None,
+                nnls: self.nnls.anew(),
+                with_falls: None,
+            })
+        });
+        let mut exchange = |pictures: &mut Self| {
+            std::mem::swap(&mut pictures.solving, &mut shown.solving);
+            std::mem::swap(&mut pictures.nnls, &mut shown.nnls);
+            std::mem::swap(&mut pictures.with_falls, &mut shown.with_falls);
+        };
+        exchange(self);
+        let made = make(self);
+        exchange(self);
+        self.shown = Some(shown);
+        made
+    }
+
+    /// Starts the next picture without the last one.
+    fn forget(&mut self) {
+        self.nnls.reset();
+        self.with_falls.iter_mut().for_each(|(_, nnls)| nnls.reset());
+        if let Some(shown) = &mut self.shown {
+            shown.nnls.reset();
+            shown.with_falls.iter_mut().for_each(|(_, nnls)| nnls.reset());
+        }
+    }
+
     /// Makes the part of the problem ready that a solve with this ridge uses: without directions below a part of it. One that was made
     /// for a ridge about as large serves as well.
     pub(crate) fn prepare(&mut self, ridge: f64, drop_below_ridge: f64) {
@@ -296,11 +337,7 @@ impl Weightings {
 
     /// Starts the next picture of every problem without the last one.
     pub(crate) fn forget(&mut self) {
-        for weighted in &mut self.kept {
-            let Pictures { nnls, with_falls, .. } = &mut weighted.pictures;
-            nnls.reset();
-            with_falls.iter_mut().for_each(|(_, nnls)| nnls.reset());
-        }
+        self.kept.iter_mut().for_each(|weighted| weighted.pictures.forget());
     }
 
     /// Makes the problem for the values of a difference the one in use. How many were made anew for that: 0 or 1.

@@ -92,6 +92,14 @@ impl Nnls {
         }
     }
 
+    /// One with the same options that has seen no frame.
+    pub(crate) fn anew(&self) -> Self {
+        Self {
+            workspace: None,
+            ..*self
+        }
+    }
+
     /// Whether a ridge that is small beside the residual leaves the solution as exact as rounding lets it be. Else the ridge becomes
     /// further rows, which takes as long as thousands of steps.
     pub fn with_rounding(self, rounding: bool) -> Self {

@@ -35,7 +35,7 @@ pub struct Run {
     pub unpressed: Vec<usize>,
     /// Force of each mm² of integrated rise without the creep taken out, N/mm²; none where no force is known.
     pub n_per_mm2: Option<f64>,
-    /// Readings of a force gauge: time (s, as that of the frames) and force (N), by rising time.
+    /// Readings of a force gauge: time (s, as that of the frames) and force (N), in order of time.
     pub gauge: Option<Vec<[f64; 2]>>,
     /// Bytes of a frame on the wire; none where that is not known.
     pub bytes_per_frame: Option<f64>,
@@ -383,5 +383,11 @@ mod tests {
         assert_eq!(reading(&gauge, 1.25), Some(2.5));
         assert_eq!(reading(&gauge, 3.0), Some(5.0));
         assert_eq!(reading(&gauge, 4.1), None);
+        // A step within a tick of its clock.
+        let step = [[1.0, 0.0], [2.0, 10.0], [2.0, 4.0], [4.0, 0.0]];
+        assert_eq!(
+            [1.5, 2.0, 3.0].map(|t| reading(&step, t)),
+            [Some(5.0), Some(10.0), Some(2.0)]
+        );
     }
 }

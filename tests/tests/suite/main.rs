@@ -12,6 +12,7 @@ mod emulated;
 mod faults;
 mod gestures;
 mod live_scenes;
+mod looks;
 mod manifests;
 mod safety;
 mod touches;

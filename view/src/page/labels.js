@@ -1,6 +1,9 @@
 // Where the labels of the touches go, and what they say (as view/labels.rs does for images).
 
-const SIDES = [[1, 0], [-1, 0], [0.7, -0.7], [-0.7, -0.7], [0.7, 0.7], [-0.7, 0.7], [0, -1], [0, 1]];
+const SIDES = [
+  [[1, 0], [-1, 0], [0.7, -0.7], [-0.7, -0.7], [0.7, 0.7], [-0.7, 0.7], [0, -1], [0, 1]],
+  [[1, -0.4], [-1, -0.4], [1, 0.4], [-1, 0.4], [0.3, -1], [-0.3, -1], [0.3, 1], [-0.3, 1]],
+].flat();
 // Colours of numbers in style.css.
 const COLOURS = 8;
 
@@ -86,7 +89,7 @@ export class Labels {
         cost += 40 * (area.w * area.h - overlap(area, bounds));
         for (const other of placed) cost += 25 * overlap(area, other);
         for (const mark of marks) cost += 15 * overlap(area, mark);
-        cost += 150 * ringsBetween(ring, area, rings) + 120 * marksCrossed(ring, area, marks);
+        cost += 150 * ringsBetween(ring, area, rings) + 1500 * marksCrossed(ring, area, marks);
         for (const circle of circles) cost += 20 * overlap(area, circle);
         if (!best || cost < best.cost) best = { ...area, cost };
       }
@@ -105,7 +108,7 @@ export class Labels {
         y: ring.y + dy * (ring.r + gap) + 0.5 * ring.h * (Math.sign(dy) - 1),
         w: ring.w,
         h: ring.h,
-        index: 8 * g + k,
+        index: SIDES.length * g + k,
         liking: 4 * gap + k,
       })),
     );

@@ -493,3 +493,100 @@ fn numbers_beside_the_curves_lie_on_nothing() {
     let areas = areas.as_str().unwrap();
     assert!(areas.contains("7,\u{2013}") && areas.contains("6,300"), "{areas}");
 }
+
+/// Lines that strokes of the touches' marks draw, [x, y] to [x, y] in CSS pixels of the sheet.
+const LINES: &str = r##"(() => {
+    globalThis.lines = [];
+    const paths = new WeakMap();
+    for (const name of ["moveTo", "lineTo"]) {
+        const draw = Path2D.prototype[name];
+        Path2D.prototype[name] = function (x, y) {
+            paths.set(this, [...(paths.get(this) ?? []), [x, y]]);
+            return draw.call(this, x, y);
+        };
+    }
+    const stroke = CanvasRenderingContext2D.prototype.stroke;
+    CanvasRenderingContext2D.prototype.stroke = function (path) {
+        const points = path && paths.get(path);
+        if (points?.length === 2 && this.canvas.parentElement?.id === "marks") lines.push(points);
+        return path ? stroke.call(this, path) : stroke.call(this);
+    };
+})()"##;
+
+/// Five fingers all round, turned so that there is little room for their labels on a small screen: what leads from a finger to its label runs over no electrode's number.
+#[test]
+fn lines_to_labels_keep_off_the_electrodes_numbers() {
+    let Some(browser) = browser() else { return };
+    let view = view();
+    let mut page = browser.open(&view.url());
+    page.ask(LISTEN);
+    page.ask(LINES);
+    until(&view, &mut page, SHOWN);
+    let (template, start) = (template(), Instant::now());
+    let (mut sequence, mut led) = (1000, 0);
+    for (width, height) in [(1920, 1080), (1280, 800), (844, 390), (390, 844), (768, 1024)] {
+        page.resize(width, height);
+        page.ask("new Promise((laid) => requestAnimationFrame(() => requestAnimationFrame(() => requestAnimationFrame(laid))))");
+        for turn in [15, 16, 22, 23] {
+            // The rise tells whether this picture is drawn.
+            let percent = turn;
+            let finger = |id: u32| {
+                let fingers = [
+                    (60.0_f64, 20.0_f64),
+                    (55.0, 95.0),
+                    (62.0, 170.0),
+                    (58.0, 245.0),
+                    (50.0, 318.0),
+                ];
+                let (radius, degrees) = fingers[id as usize - 1];
+                let angle = degrees.to_radians() + 0.05 * f64::from(turn);
+                inverse::touches::touch::Touch {
+                    id: Some(id),
+                    x_mm: radius * angle.cos(),
+                    y_mm: radius * angle.sin(),
+                    rise: 0.01 * f64::from(percent),
+                    area_mm2: 314.0,
+                    ..Default::default()
+                }
+            };
+            page.ask("(theme.toggle(), texts.length = lines.length = 0)");
+            let drawn = format!(
+                "texts.filter(([, text]) => text === '+{percent}\u{202f}%').length >= 5 && texts.filter(([of]) => of === 'frame').length > 16"
+            );
+            while page.ask(&drawn) != true {
+                sequence += 1;
+                let mut shown = picture(&template, sequence);
+                shown.touches = (1..=5).map(finger).collect();
+                view.publish(shown).unwrap();
+                assert!(start.elapsed() < NOT_FOR_EVER, "never drawn: {width}x{height}, {turn}");
+                std::thread::sleep(Duration::from_millis(30));
+            }
+            let found = page.ask(
+                r##"(() => {
+                    const numbers = texts.filter(([of, text]) => of === "frame" && /^\d+$/.test(text));
+                    const runs = ([[x0, y0], [x1, y1]], [, , left, top, right, bottom]) => {
+                        // Every half pixel of the way.
+                        const steps = Math.ceil(2 * Math.hypot(x1 - x0, y1 - y0));
+                        return Array.from({ length: steps + 1 }, (_, k) => k / Math.max(1, steps)).some((t) => {
+                            const [x, y] = [x0 + t * (x1 - x0), y0 + t * (y1 - y0)];
+                            return x > left && x < right && y > top && y < bottom;
+                        });
+                    };
+                    const over = lines.flatMap((line) => numbers.filter((n) => runs(line, n)).map(([, text]) => text));
+                    return [lines.length, [...new Set(over)], new Set(numbers.map(([, text]) => text)).size];
+                })()"##,
+            );
+            led += found[0].as_u64().unwrap();
+            if found[1] != json!([]) {
+                page.shot(&format!("lines-{width}x{height}-{turn}.png"));
+            }
+            assert_eq!(
+                (&found[1], &found[2]),
+                (&json!([]), &json!(16)),
+                "{width}x{height}, {turn}"
+            );
+        }
+        page.shot(&format!("five-{width}x{height}.png"));
+    }
+    assert!(led > 0, "no line was drawn");
+}

@@ -432,7 +432,7 @@ impl Run<'_> {
             self.kept.retain(|kept| kept.place_mm.is_some());
         }
         if let Some(path) = &self.arguments.gauge {
-            let list = positions::read(path)?;
+            let list = positions::gauge_presses(path)?;
             let spans: Vec<[f64; 2]> = self.kept.iter().map(|k| [k.press.began_s, k.lifted_s]).collect();
             let times: Vec<[f64; 2]> = list.iter().map(|p| [p.from_s, p.to_s]).collect();
             let pairs = pairing::pair(&spans, &times, self.arguments.shift_s)
