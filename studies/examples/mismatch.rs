@@ -12,7 +12,6 @@
 use anyhow::Result;
 use forward::Drive;
 use inverse::reference::electrode_fit;
-use std::sync::Arc;
 use studies::conformal::{ConformalMap, angles};
 use studies::{Kind, TestSheet, imager, quantile, reconstructor, rng};
 
@@ -56,7 +55,7 @@ fn main() -> Result<()> {
             let mut ways = [
                 reconstructor(&imager, &perfect.baseline)?,
                 reconstructor(&imager, &sheet.baseline)?,
-                reconstructor(&Arc::new(found.imager), &sheet.baseline)?,
+                reconstructor(&found.imager, &sheet.baseline)?,
             ];
             for _ in 0..FRAMES {
                 let scene = Kind::Equal(1).scene(&mut rng, 27.0);

@@ -58,7 +58,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 Ok::<_, forward::ForwardError>(Drive::PAPER.frame_v(matrix, &imager.pattern))
             };
             let baseline = frame(&|p| uneven * field(p))?;
-            let found = electrode_fit::find(&imager, &baseline).map(|found| Arc::new(found.imager));
+            let found = electrode_fit::find(&imager, &baseline).map(|found| found.imager);
             let mut both = [
                 reconstructor(&imager, &baseline)?,
                 reconstructor(found.as_ref().unwrap_or(&imager), &baseline)?,

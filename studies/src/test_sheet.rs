@@ -249,8 +249,7 @@ impl TestSheet {
 
     /// The imager with the electrodes fitted to the baseline; the nominal imager where the fit fails.
     pub fn fitted_imager(&self) -> Arc<Imager> {
-        electrode_fit::find(&self.imager, &self.baseline)
-            .map_or_else(|| Arc::clone(&self.imager), |f| Arc::new(f.imager))
+        electrode_fit::find(&self.imager, &self.baseline).map_or_else(|| Arc::clone(&self.imager), |f| f.imager)
     }
 
     /// The sheet as it is built, with the errors of its electrodes and contacts.

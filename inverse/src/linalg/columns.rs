@@ -2,7 +2,7 @@
 
 use crate::linalg::aligned::Aligned;
 use crate::linalg::kernels::{self, COLUMNS_AT_ONCE, LANES, padded};
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DMatrixView, Dyn, U1};
 use pulp::Arch;
 
 /// A padded copy of a matrix over a scale, which is the largest singular value as a rule. Added rows and columns are
@@ -57,6 +57,12 @@ impl Columns {
     /// One column.
     pub(crate) fn column(&self, j: usize) -> &[f64] {
         &self.values[j * self.rows..(j + 1) * self.rows]
+    }
+
+    /// The first columns without the padding.
+    pub(crate) fn leading(&self, rows: usize, columns: usize) -> DMatrixView<'_, f64, U1, Dyn> {
+        let (rows, columns) = (rows.min(self.rows), columns.min(self.cells()));
+        DMatrixView::from_slice_with_strides_generic(&self.values, Dyn(rows), Dyn(columns), U1, Dyn(self.rows))
     }
 
     /// Norms of the columns; 0 for added ones.

@@ -1,6 +1,6 @@
 //! Few columns with the products of many.
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DMatrixView};
 
 /// Columns L of which `L L'` is `A A'`, the most important first, and the largest element of the diagonal that is left over by the
 /// first 0, 1, 2 ... of them.
@@ -8,27 +8,72 @@ use nalgebra::DMatrix;
 /// They are columns of the Cholesky factor, taken by the largest element of the diagonal that is left (Harbrecht, Peters and Schneider
 /// 2012), until that is at most `least` of the largest. `A A'` is never written out.
 pub(crate) fn pivoted_cholesky(a: &DMatrix<f64>, least: f64) -> (DMatrix<f64>, Vec<f64>) {
-    let n = a.nrows();
-    let mut diagonal: Vec<f64> = a.row_iter().map(|row| row.norm_squared()).collect();
-    let largest = |diagonal: &[f64]| (0..n).max_by(|a, b| diagonal[*a].total_cmp(&diagonal[*b]));
-    let mut left = vec![largest(&diagonal).map_or(0.0, |k| diagonal[k])];
-    let limit = least * left[0];
-    let mut columns = DMatrix::zeros(n, n.min(a.ncols()));
-    let mut count = 0;
-    while let Some(pivot) = largest(&diagonal).filter(|k| diagonal[*k] > limit && count < columns.ncols()) {
-        let mut column = a * a.row(pivot).transpose();
-        let before = columns.columns(0, count);
-        column -= before * before.row(pivot).transpose();
-        column /= diagonal[pivot].sqrt();
-        for (diagonal, c) in diagonal.iter_mut().zip(&column) {
-            *diagonal = (*diagonal - c * c).max(0.0);
+    let mut pivoted = Pivoted::new(a.clone());
+    pivoted.extend(least * pivoted.left[0]);
+    let count = pivoted.left.len() - 1;
+    (pivoted.columns.resize_horizontally(count, 0.0), pivoted.left)
+}
+
+/// These columns as far as they were needed: more are made when they are.
+pub(crate) struct Pivoted {
+    a: DMatrix<f64>,
+    /// What is left of the diagonal.
+    diagonal: Vec<f64>,
+    /// Room for all; the first ones are made.
+    columns: DMatrix<f64>,
+    left: Vec<f64>,
+}
+
+impl Pivoted {
+    /// None yet, of `A A'`.
+    pub(crate) fn new(a: DMatrix<f64>) -> Self {
+        let n = a.nrows();
+        let diagonal: Vec<f64> = a.row_iter().map(|row| row.norm_squared()).collect();
+        Self {
+            columns: DMatrix::zeros(n, n.min(a.ncols())),
+            left: vec![largest(&diagonal).map_or(0.0, |k| diagonal[k])],
+            diagonal,
+            a,
         }
-        diagonal[pivot] = 0.0;
-        columns.set_column(count, &column);
-        count += 1;
-        left.push(largest(&diagonal).map_or(0.0, |k| diagonal[k]));
     }
-    (columns.resize_horizontally(count, 0.0), left)
+
+    /// The largest element of the diagonal.
+    pub(crate) fn largest(&self) -> f64 {
+        self.left[0]
+    }
+
+    /// The first columns, until no element of the diagonal is left that is larger than `limit`, or all.
+    pub(crate) fn until(&mut self, limit: f64) -> DMatrixView<'_, f64> {
+        self.extend(limit);
+        let count = self.left.iter().position(|left| *left <= limit);
+        self.columns.columns(0, count.unwrap_or(self.left.len() - 1))
+    }
+
+    fn extend(&mut self, limit: f64) {
+        let Self {
+            a,
+            diagonal,
+            columns,
+            left,
+        } = self;
+        while let Some(pivot) = largest(diagonal).filter(|k| diagonal[*k] > limit && left.len() <= columns.ncols()) {
+            let count = left.len() - 1;
+            let mut column = &*a * a.row(pivot).transpose();
+            let before = columns.columns(0, count);
+            column -= before * before.row(pivot).transpose();
+            column /= diagonal[pivot].sqrt();
+            for (diagonal, c) in diagonal.iter_mut().zip(&column) {
+                *diagonal = (*diagonal - c * c).max(0.0);
+            }
+            diagonal[pivot] = 0.0;
+            columns.set_column(count, &column);
+            left.push(largest(diagonal).map_or(0.0, |k| diagonal[k]));
+        }
+    }
+}
+
+fn largest(diagonal: &[f64]) -> Option<usize> {
+    (0..diagonal.len()).max_by(|a, b| diagonal[*a].total_cmp(&diagonal[*b]))
 }
 
 /// Columns of a matrix that span all others but for a part of `least` of the largest, as squares, from the products of all columns with
@@ -79,5 +124,22 @@ mod tests {
         assert!((&factor * factor.transpose() - &products).amax() < 1e-9 * products.amax());
         let by = products.try_inverse().unwrap() * chosen.tr_mul(&a);
         assert!((chosen * by - &a).amax() < 1e-6 * a.amax());
+    }
+
+    /// Columns that are made later, when more are asked for, are those that are made at once.
+    #[test]
+    fn columns_are_the_same_whenever_they_are_made() {
+        let a = DMatrix::from_fn(30, 18, |i, j| (-(i as f64 / 5.0 - j as f64 / 3.0).powi(2)).exp());
+        let (columns, left) = pivoted_cholesky(&a, 1e-12);
+        let mut pivoted = Pivoted::new(a);
+        let mut before = 0;
+        for count in [2, 5, 9] {
+            let some = pivoted.until(left[count]);
+            assert!(some.ncols() == count && some == columns.columns(0, count));
+            before = before.max(count);
+            assert_eq!(pivoted.left.len() - 1, before, "more were made than asked for");
+        }
+        assert_eq!(pivoted.until(left[3]).ncols(), 3);
+        assert_eq!(pivoted.until(1e-12 * pivoted.largest()), columns);
     }
 }

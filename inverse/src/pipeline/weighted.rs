@@ -206,7 +206,8 @@ impl Weighted {
     pub(crate) fn unreached(&mut self, reached: usize) -> &Unreached {
         self.unreached.get_or_insert_with(|| {
             let values = self.used.len();
-            let basis = self.pictures.problem.basis().as_slice().chunks(values).take(reached);
+            let problem = &self.pictures.problem;
+            let basis = (0..reached.min(problem.rank())).map(|k| problem.direction(k));
             Unreached::outside(&self.used, self.left_out.columns().chunks(values).chain(basis))
         })
     }

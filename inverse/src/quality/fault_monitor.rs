@@ -237,7 +237,7 @@ impl FaultMonitor {
         let diagnosis = self
             .diagnosis
             .get_or_insert_with(|| Diagnosis::new(&self.imager))
-            .as_ref()?;
+            .as_mut()?;
         diagnosis.explain(d, sigma_v)
     }
 }

@@ -15,12 +15,13 @@ pub use amplifiers::{Amplifier, AmplifierError};
 use crate::reference::imager::Imager;
 use linear::{Linear, Scales};
 use nalgebra::DVector;
+use std::sync::Arc;
 
 /// What the baseline says of the electrodes.
 #[derive(Clone, Debug)]
 pub struct ElectrodeFit {
     /// The imager with its electrodes where they were found, and what is still uncertain of them.
-    pub imager: Imager,
+    pub imager: Arc<Imager>,
     /// How far every electrode was moved along the rim, mm.
     pub moved_mm: Vec<f64>,
     /// By what every contact impedance was multiplied.
@@ -212,7 +213,7 @@ fn settle(
             linear.about = linear.slopes() * &at;
             let fit = ElectrodeFit {
                 misfit: linear.misfit(),
-                imager: here,
+                imager: Arc::new(here),
                 moved_mm: at.rows(n, n).iter().copied().collect(),
                 contact: at.rows(0, n).map(f64::exp).iter().copied().collect(),
                 error: s.error,

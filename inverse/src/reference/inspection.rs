@@ -131,7 +131,7 @@ pub fn inspect(
     Inspection {
         imager: electrodes
             .as_ref()
-            .map_or_else(|| Arc::clone(imager), |fit| Arc::new(fit.imager.clone())),
+            .map_or_else(|| Arc::clone(imager), |fit| Arc::clone(&fit.imager)),
         expected: MODEL_ERROR.hypot(baseline.relative_noise()),
         conclusive: screening.conclusive,
         fault,

@@ -20,7 +20,7 @@ impl Factored {
     /// rank 0.
     pub fn new(a: &DMatrix<f64>, rank_tolerance: f64) -> Self {
         let problem = Problem::new(a, rank_tolerance);
-        let mut columns = problem.basis().clone();
+        let mut columns = problem.basis().into_owned();
         let mut directions = problem.a().clone();
         for (k, mut row) in directions.row_iter_mut().enumerate() {
             let length = row.norm();

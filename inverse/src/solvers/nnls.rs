@@ -214,6 +214,7 @@ impl Workspace {
             *full = b / largest;
         }
         problem.basis_columns().dots(&self.full, &mut self.unit);
+        self.unit[problem.rank()..].fill(0.0);
         let (whole, norm) = (norm(&self.full), norm(&self.unit));
         // Work on b of norm 1 and A of norm 1, so that data in any unit take the same steps.
         if norm < 1e-14 * whole {

@@ -2,7 +2,7 @@
 
 use crate::linalg::columns::Columns;
 use crate::linalg::pivoted::{pivoted_cholesky, pivoted_columns};
-use nalgebra::{Cholesky, DMatrix, DVector, SymmetricEigen};
+use nalgebra::{Cholesky, DMatrix, DMatrixView, DVector, Dyn, SymmetricEigen, U1};
 use std::sync::Arc;
 
 /// Singular values below this fraction of the largest are rounding. The reduction works on `A A^T`, which has half of
@@ -33,12 +33,12 @@ fn orthonormal(columns: &DMatrix<f64>, lower: DMatrix<f64>) -> Option<DMatrix<f6
 pub struct Problem {
     a: Arc<DMatrix<f64>>,
     singular: DVector<f64>,
-    /// Orthonormal columns, `rows x rank`: b is reduced by its transpose.
-    basis: Arc<DMatrix<f64>>,
+    rows: usize,
     /// The reduced matrix over its largest singular value, in the layout of the kernels.
     columns: Arc<Columns>,
-    /// The basis in the same layout.
-    basis_columns: Arc<Columns>,
+    /// Orthonormal columns in the same layout, of which the first `rank` count: b is reduced by their transpose. Problems made of this
+    /// one share them.
+    basis: Arc<Columns>,
     finite: bool,
 }
 
@@ -110,10 +110,10 @@ impl Problem {
         let scale = if singular.is_empty() { 1.0 } else { singular[0] };
         Self {
             columns: Arc::new(Columns::new(&a, scale)),
-            basis_columns: Arc::new(Columns::new(&basis, 1.0)),
+            rows: basis.nrows(),
+            basis: Arc::new(Columns::new(&basis, 1.0)),
             a: Arc::new(a),
             singular,
-            basis: Arc::new(basis),
             finite,
         }
     }
@@ -125,12 +125,8 @@ impl Problem {
         if kept == self.rank() {
             return self.clone();
         }
-        Self::assemble(
-            self.a.rows(0, kept).into_owned(),
-            self.singular.rows(0, kept).into_owned(),
-            self.basis.columns(0, kept).into_owned(),
-            self.finite,
-        )
+        let (a, singular) = (self.a.rows(0, kept), self.singular.rows(0, kept));
+        self.sharing_basis(a.into_owned(), singular.into_owned(), self.finite)
     }
 
     /// The same problem with a second set of cells, which lower the resistivity at `weight` times the effect. x then
@@ -140,12 +136,21 @@ impl Problem {
         let mut a = DMatrix::zeros(rank, 2 * cells);
         a.columns_mut(0, cells).copy_from(&*self.a);
         a.columns_mut(cells, cells).copy_from(&(&*self.a * -weight));
-        Self::assemble(
-            a,
-            &self.singular * 1.0_f64.hypot(weight),
-            self.basis.as_ref().clone(),
-            self.finite && weight.is_finite(),
-        )
+        let singular = &self.singular * 1.0_f64.hypot(weight);
+        self.sharing_basis(a, singular, self.finite && weight.is_finite())
+    }
+
+    /// A problem of other cells, or of fewer directions, with the basis of this one: that is the largest part of many values.
+    fn sharing_basis(&self, a: DMatrix<f64>, singular: DVector<f64>, finite: bool) -> Self {
+        let scale = if singular.is_empty() { 1.0 } else { singular[0] };
+        Self {
+            columns: Arc::new(Columns::new(&a, scale)),
+            rows: self.rows,
+            basis: Arc::clone(&self.basis),
+            a: Arc::new(a),
+            singular,
+            finite,
+        }
     }
 
     /// Reduced matrix, `rank x cells`.
@@ -170,7 +175,7 @@ impl Problem {
 
     /// Number of rows before the reduction.
     pub fn rows(&self) -> usize {
-        self.basis.nrows()
+        self.rows
     }
 
     /// Rank and cells, rounded up to whole registers: the lengths for [`Problem::back_project`].
@@ -199,30 +204,35 @@ impl Problem {
     }
 
     /// Orthonormal columns, `rows x rank`, in the order of the singular values.
-    pub(crate) fn basis(&self) -> &DMatrix<f64> {
-        &self.basis
+    pub(crate) fn basis(&self) -> DMatrixView<'_, f64, U1, Dyn> {
+        self.basis.leading(self.rows, self.rank())
     }
 
-    /// The basis in the layout of the kernels.
+    /// The values of one of these.
+    pub(crate) fn direction(&self, k: usize) -> &[f64] {
+        &self.basis.column(k)[..self.rows]
+    }
+
+    /// The basis in the layout of the kernels, with columns after the first `rank` that do not count.
     pub(super) fn basis_columns(&self) -> &Arc<Columns> {
-        &self.basis_columns
+        &self.basis
     }
 
     /// The reduced right-hand side, and the norm of the part outside the span.
     pub fn reduce(&self, b: &DVector<f64>) -> (DVector<f64>, f64) {
-        let reduced = self.basis.tr_mul(b);
+        let reduced = self.basis().tr_mul(b);
         let dropped = (b.norm_squared() - reduced.norm_squared()).max(0.0).sqrt();
         (reduced, dropped)
     }
 
     /// The reduced right-hand sides, one in each column.
     pub fn reduce_all(&self, b: &DMatrix<f64>) -> DMatrix<f64> {
-        self.basis.transpose() * b
+        self.basis().transpose() * b
     }
 
     /// The matrix that reduces a right-hand side whose rows are to be weighted by these weights first, `rank x rows`.
     pub fn reduction(&self, weights: &[f64]) -> DMatrix<f64> {
-        let mut out = self.basis.transpose();
+        let mut out = self.basis().transpose();
         for (mut column, weight) in out.column_iter_mut().zip(weights) {
             column *= *weight;
         }
@@ -239,6 +249,7 @@ impl Problem {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::solvers::{Nnls, NnlsOptions, Projector};
 
     /// Of many rows: directions, singular values and products are those of the singular value decomposition.
     #[test]
@@ -262,11 +273,51 @@ mod tests {
         for (s, expected) in problem.singular().iter().zip(&of_svd) {
             assert!((s / expected - 1.0).abs() < 0.01, "{s} {expected}");
         }
-        let own = problem.basis().tr_mul(problem.basis());
+        let own = problem.basis().tr_mul(&problem.basis());
         assert!((own - DMatrix::identity(rank, rank)).amax() < 1e-10);
         // What is left out is below the tolerance, and the rest is the matrix seen along the basis.
         assert!((problem.basis().tr_mul(&a) - problem.a()).amax() < 1e-10 * a.amax());
         let off = &a - problem.basis() * problem.a();
         assert!(off.norm() < 3.0 * tolerance * of_svd[0], "{}", off.norm() / of_svd[0]);
+    }
+
+    /// Directions that are left out are in the basis that problems share, and change nothing: what is projected and solved is that of the
+    /// matrix which has only the others.
+    #[test]
+    fn directions_that_are_left_out_do_not_count() {
+        let (rows, cells) = (20, 30);
+        let wave = |rows, columns, by: f64| {
+            DMatrix::from_fn(rows, columns, |i, j| (by * (3 * i + 7 * j + i * j) as f64).sin())
+        };
+        let mut left = wave(rows, 12, 0.31);
+        for (k, mut column) in left.column_iter_mut().enumerate() {
+            column *= 10f64.powf(-(k as f64) / 3.0);
+        }
+        let whole = Problem::new(&(left * wave(12, cells, 0.17)), 0.0);
+        let few = whole.without(1e-2);
+        assert!(few.rank() > 2 && few.rank() < whole.rank() && !few.rank().is_multiple_of(8));
+        let alone = Problem::new(&(few.basis() * few.a()), 1e-5);
+        assert_eq!(alone.rank(), few.rank());
+        let b = DVector::from_fn(rows, |k, _| (0.7 * (k * k) as f64).cos());
+        let options = NnlsOptions {
+            ridge: 1e-2 * few.singular()[0],
+            tolerance: 1e-10,
+            most_steps: 200,
+        };
+        let solve = |problem: &Problem| Nnls::new(options).solve(problem, &b);
+        let off = solve(&few).x - solve(&alone).x;
+        assert!(
+            off.amax() < 1e-8 && (solve(&few).residual - solve(&alone).residual).abs() < 1e-9,
+            "{}",
+            off.amax()
+        );
+        let (both, both_alone) = (few.with_falls(0.7), alone.with_falls(0.7));
+        assert!((solve(&both).x - solve(&both_alone).x).amax() < 1e-8);
+        let mut projector = Projector::new(&whole, few.rank());
+        let projected = projector
+            .project(|to| to[..rows].copy_from_slice(b.as_slice()))
+            .to_vec();
+        assert_eq!(projected.len(), few.rank());
+        assert!((few.reduce(&b).0 - DVector::from_vec(projected)).amax() < 1e-12);
     }
 }

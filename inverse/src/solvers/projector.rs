@@ -2,13 +2,16 @@
 
 use crate::linalg::aligned::Aligned;
 use crate::linalg::columns::Columns;
+use crate::linalg::kernels::{COLUMNS_AT_ONCE, padded};
 use crate::solvers::Problem;
+use std::sync::Arc;
 
 /// Projects right-hand sides onto the leading directions of a problem: the first values of [`Problem::reduce`], without
 /// an allocation.
 #[derive(Clone, Debug)]
 pub struct Projector {
-    columns: Columns,
+    /// Those of the problem, shared.
+    columns: Arc<Columns>,
     values: Aligned,
     out: Aligned,
     directions: usize,
@@ -17,12 +20,11 @@ pub struct Projector {
 impl Projector {
     /// For the first `directions` of a problem (at most its rank).
     pub fn new(problem: &Problem, directions: usize) -> Self {
-        let basis = problem.basis();
-        let directions = directions.min(basis.ncols());
-        let columns = Columns::new(&basis.columns(0, directions).into_owned(), 1.0);
+        let columns = Arc::clone(problem.basis_columns());
+        let directions = directions.min(problem.rank());
         Self {
             values: Aligned::zeros(columns.rows()),
-            out: Aligned::zeros(columns.cells()),
+            out: Aligned::zeros(padded(directions, COLUMNS_AT_ONCE)),
             columns,
             directions,
         }

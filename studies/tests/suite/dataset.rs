@@ -147,7 +147,7 @@ fn the_labels_are_where_the_touches_are_found() {
         .collect();
     let imager = imager(Drive::PAPER, 5.0).unwrap();
     let found = inverse::reference::electrode_fit::find(&imager, &baseline).unwrap();
-    let mut reconstructor = studies::reconstructor(&std::sync::Arc::new(found.imager), &baseline).unwrap();
+    let mut reconstructor = studies::reconstructor(&found.imager, &baseline).unwrap();
     let mut errors: Vec<f64> = frames(&shard.rows)
         .take(20)
         .map(|row| {

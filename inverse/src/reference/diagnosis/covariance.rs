@@ -1,6 +1,6 @@
 //! What touches and drift do to frames, as few columns.
 
-use crate::linalg::pivoted::pivoted_cholesky;
+use crate::linalg::pivoted::Pivoted;
 use nalgebra::DMatrix;
 
 /// Variance of a value that may be left over, of that of its own noise.
@@ -10,30 +10,27 @@ const ROUNDING: f64 = 1e-13;
 
 /// A covariance `U U'`: columns for what touches do, the most important first, and columns for what drifts.
 pub(crate) struct Covariance {
-    rises: DMatrix<f64>,
-    /// Largest variance of a value that is left over by the first columns, so many of them.
-    left: Vec<f64>,
+    rises: Pivoted,
     drifts: DMatrix<f64>,
 }
 
 impl Covariance {
     /// `rises`: what every cell changes by one standard deviation, V, a column each; many more than a frame tells apart.
-    pub(crate) fn new(rises: &DMatrix<f64>, drifts: DMatrix<f64>) -> Self {
-        let (rises, left) = pivoted_cholesky(rises, ROUNDING);
-        Self { rises, left, drifts }
+    pub(crate) fn new(rises: DMatrix<f64>, drifts: DMatrix<f64>) -> Self {
+        Self {
+            rises: Pivoted::new(rises),
+            drifts,
+        }
     }
 
     /// The columns, with the rises `scale` times as large, as far as they show beside this standard deviation of a value's own noise.
-    pub(crate) fn columns(&self, scale: f64, own: f64) -> DMatrix<f64> {
-        let limit = LEFT * own * own / (scale * scale);
-        let count = self
-            .left
-            .iter()
-            .position(|left| *left <= limit)
-            .unwrap_or(self.rises.ncols());
-        let mut out = DMatrix::zeros(self.rises.nrows(), count + self.drifts.ncols());
-        out.columns_mut(0, count)
-            .copy_from(&(self.rises.columns(0, count) * scale));
+    /// Those of many values take seconds, and few of them show: no more are made.
+    pub(crate) fn columns(&mut self, scale: f64, own: f64) -> DMatrix<f64> {
+        let least = ROUNDING * self.rises.largest();
+        let rises = self.rises.until((LEFT * own * own / (scale * scale)).max(least));
+        let count = rises.ncols();
+        let mut out = DMatrix::zeros(rises.nrows(), count + self.drifts.ncols());
+        out.columns_mut(0, count).copy_from(&(rises * scale));
         out.columns_mut(count, self.drifts.ncols()).copy_from(&self.drifts);
         out
     }
@@ -51,7 +48,7 @@ mod tests {
         let rises = DMatrix::from_fn(n, 60, smooth);
         let drifts = DMatrix::from_element(n, 1, 0.3);
         let whole = |scale: f64| scale * scale * &rises * rises.transpose() + &drifts * drifts.transpose();
-        let covariance = Covariance::new(&rises, drifts.clone());
+        let mut covariance = Covariance::new(rises.clone(), drifts.clone());
         let mut before = usize::MAX;
         for own in [1e-3, 1e-2, 0.1] {
             for scale in [1.0, 5.0] {

@@ -28,7 +28,7 @@ impl Evidence {
     /// and model error, V; not finite for a value that takes no part. None where the covariance is none.
     pub(crate) fn new(
         y: &DVector<f64>,
-        (covariance, scale): (&Covariance, f64),
+        (covariance, scale): (&mut Covariance, f64),
         own: &[f64],
         range_v: f64,
     ) -> Option<Self> {
@@ -142,7 +142,7 @@ mod tests {
         let mut one = || rng.random_range(-1.0..1.0);
         let s = DMatrix::from_fn(n, n / 2, |_, _| one());
         let y = DVector::from_fn(n, |_, _| one());
-        let covariance = Covariance::new(&s, DMatrix::zeros(n, 0));
+        let covariance = Covariance::new(s.clone(), DMatrix::zeros(n, 0));
         let own = (0..n).map(|k| 0.3 + 0.1 * k as f64).collect();
         (y, covariance, &s * s.transpose(), own)
     }
@@ -162,13 +162,13 @@ mod tests {
     fn costs_are_densities() {
         let range_v = 2.0;
         for seed in 0..5 {
-            let (y, columns, covariance, own) = random(9, seed);
+            let (y, mut columns, covariance, own) = random(9, seed);
             let c = whole(&covariance, &own);
-            let evidence = Evidence::new(&y, (&columns, 1.0), &own, range_v).unwrap();
+            let evidence = Evidence::new(&y, (&mut columns, 1.0), &own, range_v).unwrap();
             let constant = 0.5 * c.determinant().ln();
             let near = |a: f64, b: f64| assert!((a - b).abs() < 1e-8 * b.abs().max(1.0), "{a} {b}");
             near(evidence.of_touches() + constant, cost(&y, &c));
-            let wider = Evidence::new(&y, (&columns, 3.0), &own, range_v).unwrap();
+            let wider = Evidence::new(&y, (&mut columns, 3.0), &own, range_v).unwrap();
             let c_wider = whole(&(9.0 * &covariance), &own);
             near(wider.of_touches_beside(&evidence) + constant, cost(&y, &c_wider));
             let p = DVector::from_fn(9, |k, _| (k as f64).sin());
@@ -196,10 +196,10 @@ mod tests {
     /// A value that takes no part changes no difference of costs.
     #[test]
     fn what_takes_no_part_says_nothing() {
-        let (y, columns, _, mut own) = random(9, 7);
+        let (y, mut columns, _, mut own) = random(9, 7);
         let p = DVector::from_fn(9, |k, _| (k as f64).cos());
-        let difference = |y: &DVector<f64>, own: &[f64]| {
-            let evidence = Evidence::new(y, (&columns, 1.0), own, 2.0).unwrap();
+        let mut difference = |y: &DVector<f64>, own: &[f64]| {
+            let evidence = Evidence::new(y, (&mut columns, 1.0), own, 2.0).unwrap();
             let mut p = p.clone();
             p[3] = 0.0;
             evidence.of(&p) - evidence.of_touches()

@@ -142,10 +142,10 @@ mod tests {
         let mut one = || rng.random_range(-1.0..1.0);
         let shapes = DMatrix::from_fn(n, 12, |_, _| one());
         let y = DVector::from_fn(n, |_, _| one());
-        let covariance = Covariance::new(&shapes, DMatrix::zeros(n, 0));
+        let mut covariance = Covariance::new(shapes, DMatrix::zeros(n, 0));
         let mut own: Vec<f64> = (0..n).map(|k| 0.2 + 0.05 * k as f64).collect();
         own[7] = f64::NAN;
-        let evidence = Evidence::new(&y, (&covariance, 1.0), &own, 2.0).unwrap();
+        let evidence = Evidence::new(&y, (&mut covariance, 1.0), &own, 2.0).unwrap();
         let none = Freed::none(&evidence);
         let near = |a: f64, b: f64| assert!((a - b).abs() < 1e-9 * b.abs().max(1.0), "{a} {b}");
         near(none.cost(&[]).all, evidence.of_touches());

@@ -46,7 +46,7 @@ const MOST_TRIED: usize = 3;
 const FAULT: f64 = 12.0;
 const RESISTANCE: f64 = 2.0;
 
-/// Tells faults from frames. Immutable.
+/// Tells faults from frames. What earlier frames have left changes no result.
 pub(crate) struct Diagnosis {
     imager: Arc<Imager>,
     /// Of the unpressed sheet.
@@ -101,7 +101,7 @@ impl Diagnosis {
         let v = &imager.model_v;
         Some(Self {
             potentials_ohm: solver.electrode_matrix().potentials_ohm().clone(),
-            covariance: Covariance::new(&rises(imager), shapes),
+            covariance: Covariance::new(rises(imager), shapes),
             mean_v: (v.iter().map(|v| v * v).sum::<f64>() / v.len().max(1) as f64).sqrt(),
             largest_v: v.iter().fold(0.0, |m, v| m.max(v.abs())),
             channels: channels(imager),
@@ -201,7 +201,7 @@ impl Diagnosis {
             [(gain, GAIN), (offset, OFFSET * self.mean_v)]
         });
         let columns: Vec<(DVector<f64>, f64)> = contacts.chain(channels).collect();
-        let Some(evidence) = Evidence::new(&unchanged.y, (&self.covariance, 1.0), &own, self.largest_v) else {
+        let Some(evidence) = Evidence::new(&unchanged.y, (&mut self.covariance, 1.0), &own, self.largest_v) else {
             return;
         };
         let scored: Vec<(DVector<f64>, f64)> = columns.iter().map(|(c, sd)| evidence.score(c, *sd)).collect();
@@ -235,7 +235,7 @@ impl Diagnosis {
     /// The fault that explains a difference best; none where touches and drift do, or where it leaves more than twice the square that
     /// is expected. `sigma_v`: noise of one value, V of the model.
     /// With it, whether nothing else comes into question: touches alone leave more than that.
-    pub(crate) fn explain(&self, d: &Difference, sigma_v: Option<f64>) -> Option<(Fault, bool)> {
+    pub(crate) fn explain(&mut self, d: &Difference, sigma_v: Option<f64>) -> Option<(Fault, bool)> {
         let sigma_v = sigma_v.unwrap_or(LEAST_NOISE * self.mean_v);
         let own = |k: usize| (sigma_v * d.spread[k]).hypot(PREDICTION * d.y[k]);
         let best = self.best(d, own)?;
@@ -249,12 +249,13 @@ impl Diagnosis {
 
     /// The fault of a whole baseline (any unit) after which no touches are to be had; none where its values are those of the sheet, or
     /// of nothing that is known.
-    pub(crate) fn explain_baseline(&self, baseline: &[f64]) -> Option<Fault> {
-        let v = &self.imager.model_v;
+    pub(crate) fn explain_baseline(&mut self, baseline: &[f64]) -> Option<Fault> {
+        let (imager, mean_v) = (Arc::clone(&self.imager), self.mean_v);
+        let v = &imager.model_v;
         let ratios = v.iter().zip(baseline).map(|(m, b)| (m / b).abs().ln());
         let common = consensus(ratios, std::f64::consts::LN_2)?.0.exp();
         // The board's own volts are the model's where all values are wrong.
-        let of = |gain: f64| {
+        let mut of = |gain: f64| {
             let used: Vec<bool> = baseline.iter().map(|b| b.is_finite()).collect();
             let y = v
                 .iter()
@@ -266,23 +267,23 @@ impl Diagnosis {
                 used,
             };
             let values = d.used.iter().filter(|used| **used).count();
-            let own = |k: usize| BUILT * (v[k].abs().hypot(d.y[k])).max(0.1 * self.mean_v);
+            let own = |k: usize| BUILT * (v[k].abs().hypot(d.y[k])).max(0.1 * mean_v);
             self.best(&d, own)
                 .filter(|best| best.cost < values as f64 && best.touches - best.cost > CLEAR)
         };
         let best = [common, 1.0]
             .into_iter()
-            .filter_map(of)
+            .filter_map(&mut of)
             .min_by(|a, b| a.cost.total_cmp(&b.cost))?;
         best.fault.filter(|fault| !fault.leaves_touches())
     }
 
     /// The best explanation of a difference, with the standard deviation of every value's own error.
-    fn best(&self, d: &Difference, own: impl Fn(usize) -> f64) -> Option<Best> {
+    fn best(&mut self, d: &Difference, own: impl Fn(usize) -> f64) -> Option<Best> {
         let own: Vec<f64> = (0..d.used.len())
             .map(|k| if d.used[k] { own(k) } else { f64::NAN })
             .collect();
-        let evidence = Evidence::new(&d.y, (&self.covariance, 1.0), &own, self.largest_v)?;
+        let evidence = Evidence::new(&d.y, (&mut self.covariance, 1.0), &own, self.largest_v)?;
         let touches = evidence.of_touches();
         let mut best = Best {
             fault: None,
@@ -298,7 +299,7 @@ impl Diagnosis {
         self.offer_values(&evidence, &mut best);
         self.offer_open(&evidence, &mut best);
         if best.fault.is_some() {
-            let strong = Evidence::new(&d.y, (&self.covariance, STRONG_RISE / RISE), &own, self.largest_v)?
+            let strong = Evidence::new(&d.y, (&mut self.covariance, STRONG_RISE / RISE), &own, self.largest_v)?
                 .of_touches_beside(&evidence);
             if strong < best.cost {
                 (best.fault, best.cost, best.left) = (None, strong, strong);

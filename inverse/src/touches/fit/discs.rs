@@ -2,6 +2,7 @@
 
 use forward::CellGrid;
 use nalgebra::{DMatrix, DMatrixView};
+use std::sync::Arc;
 
 /// Divisions of a cell's side when its part inside a disc is counted.
 const CUTS: i32 = 16;
@@ -54,7 +55,9 @@ pub(super) struct RowSums {
     length: usize,
     columns: usize,
     rows: usize,
-    /// For every row `columns + 1` sums, of the cells before each column.
+    /// For every row `columns + 1` places of sums, those of the cells before each column.
+    places: Arc<[u32]>,
+    /// Nothing, and the sums that differ from the one before them: cells off the sheet add nothing.
     sums: Vec<f64>,
 }
 
@@ -62,20 +65,30 @@ impl RowSums {
     pub(super) fn new(grid: &CellGrid, cells: &DMatrix<f64>) -> Self {
         let (columns, rows) = grid.shape();
         let n = cells.nrows();
-        let mut sums = vec![0.0; (columns + 1) * rows * n];
-        for (row, sums) in sums.chunks_exact_mut(((columns + 1) * n).max(1)).enumerate() {
+        let mut sums = Vec::with_capacity((cells.ncols() + 1) * n);
+        sums.resize(n, 0.0);
+        let mut places = Vec::with_capacity((columns + 1) * rows);
+        let mut last = 0_u32;
+        for row in 0..rows {
+            let mut place = 0;
+            places.push(place);
             for column in 0..columns {
-                let (before, after) = sums.split_at_mut((column + 1) * n);
-                after[..n].copy_from_slice(&before[column * n..]);
                 if let Some(cell) = grid.at(column, row) {
-                    after.iter_mut().zip(&cells.column(cell)).for_each(|(s, v)| *s += v);
+                    let before = place as usize * n;
+                    sums.extend_from_within(before..before + n);
+                    last += 1;
+                    place = last;
+                    let sum = &mut sums[place as usize * n..];
+                    sum.iter_mut().zip(&cells.column(cell)).for_each(|(s, v)| *s += v);
                 }
+                places.push(place);
             }
         }
         Self {
             length: n,
             columns,
             rows,
+            places: places.into(),
             sums,
         }
     }
@@ -87,6 +100,7 @@ impl RowSums {
         Self {
             length: by.nrows(),
             sums: sums.data.into(),
+            places: Arc::clone(&self.places),
             ..*self
         }
     }
@@ -103,7 +117,10 @@ impl RowSums {
             _ => return,
         };
         let [first, last] = [span.first, span.last].map(|k| (column + k).clamp(0, self.columns as i64) as usize);
-        let of = |k: usize| &self.sums[(row * (self.columns + 1) + k) * self.length..][..self.length];
+        let of = |k: usize| {
+            let place = self.places[row * (self.columns + 1) + k] as usize;
+            &self.sums[place * self.length..][..self.length]
+        };
         if first < last {
             for ((o, a), b) in out.iter_mut().zip(of(first)).zip(of(last)) {
                 *o += weight * (b - a);
