@@ -22,7 +22,7 @@ pub(super) const PRIOR: Prior = Prior {
 /// Parts of what the press before did that are tried as left.
 const MEMORIES: [f64; 6] = [0.07, 0.14, 0.2, 0.3, 0.4, 0.5];
 /// Standard errors by which presses have to be located better by a memory.
-const LIKELY: f64 = 0.5;
+const LIKELY: f64 = 1.0;
 /// Standard errors by which a symmetry has to be refuted.
 const SURELY: f64 = 3.0;
 
