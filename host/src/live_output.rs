@@ -77,6 +77,8 @@ pub(crate) struct Output {
     line: Option<(String, Option<f64>)>,
     /// When a drift was said last.
     drifted: Option<Instant>,
+    /// Time that the reconstruction of the last frame took.
+    solved: Duration,
     /// When a source that is not what it was was said last.
     source_said: Option<Instant>,
 }
@@ -107,6 +109,7 @@ impl Output {
             broken: Vec::new(),
             recorded: None,
             doubted: None,
+            solved: Duration::ZERO,
             faults: Vec::new(),
             faults_said: Instant::now(),
             line: None,
@@ -215,6 +218,11 @@ impl Output {
         status: Option<String>,
     ) -> Result<()> {
         self.show(imager, &FrameResult::nothing(imager), frame, counters, status)
+    }
+
+    /// Notes how long the reconstruction of a frame took.
+    pub(crate) const fn solved_in(&mut self, took: Duration) {
+        self.solved = took;
     }
 
     /// Tells the touches of a frame and what they did, and says what speaks against them. A line without cells goes out now.
@@ -478,7 +486,7 @@ impl Output {
             } else {
                 0.0
             },
-            solve_us: result.changed.then_some(result.solve_us as f32),
+            solve_us: result.changed.then(|| self.solved.as_secs_f32() * 1e6),
             residual: result.changed.then_some(result.residual as f32),
             lost_frames: counters.lost_frames,
             skipped_frames: counters.skipped_frames,

@@ -19,7 +19,7 @@ use protocol::{Watch, Watching};
 use recording::Recorder;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use view::picture::BaselineNote;
 use view::web::Command as PageCommand;
 
@@ -262,9 +262,11 @@ impl Run<'_> {
         // The last frame of a baseline makes all that depends on it.
         let quick = self.wanted != Some(1);
         let live = &mut *self.live;
+        let began = Instant::now();
         let taken = progress::meanwhile("inspecting the baseline", quick, || {
             live.frame(frame.time_s, &frame.values_v)
         });
+        self.output.solved_in(began.elapsed());
         match taken? {
             LiveFrame::Baseline { left } => {
                 self.wanted = Some(left).filter(|left| *left > 0);

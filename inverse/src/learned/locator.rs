@@ -348,14 +348,15 @@ impl Locator {
         out
     }
 
-    /// Mean and covariance of the posterior around its highest node, and the node.
-    fn posterior(&self, scores: &[f64]) -> Placed {
+    /// Mean and covariance of the posterior around its highest node, and the node. None where no node has a score that is a number.
+    fn posterior(&self, scores: &[f64]) -> Option<Placed> {
         let (mut node, mut best) = (0, f64::NEG_INFINITY);
         for (k, s) in scores.iter().enumerate() {
             if *s > best {
                 (node, best) = (k, *s);
             }
         }
+        best.is_finite().then_some(())?;
         let (mut sum, mut mean, mut square) = (0.0, Vector2::zeros(), Matrix2::zeros());
         for (s, p) in scores.iter().zip(&self.nodes_mm) {
             if s - best > -FAR {
@@ -370,11 +371,11 @@ impl Locator {
         // A node stands for its square, whose variance is a twelfth of its side's square.
         let covariance =
             square / sum - mean * mean.transpose() + Matrix2::identity() * (self.step_mm * self.step_mm / 12.0);
-        Placed {
+        Some(Placed {
             node,
             mean_mm: mean,
             covariance,
-        }
+        })
     }
 
     /// Strengths of presses at nodes, all at once, with their variances over the tempering, and by how much the logarithm of the
@@ -481,7 +482,7 @@ impl Locator {
         evidence: Evidence,
     ) -> Option<Settled> {
         let mut nodes: Vec<usize> = presses.iter().map(|p| p.node).collect();
-        let there = self.posterior(&self.scores(frame, &nodes, evidence)?);
+        let there = self.posterior(&self.scores(frame, &nodes, evidence)?)?;
         nodes.push(there.node);
         if presses.is_empty() {
             return self.settled(frame, &nodes, vec![there], evidence);
@@ -525,7 +526,7 @@ impl Locator {
             for k in 0..nodes.len() {
                 let mut others = nodes.clone();
                 others.remove(k);
-                let there = self.posterior(&self.scores(frame, &others, evidence)?);
+                let there = self.posterior(&self.scores(frame, &others, evidence)?)?;
                 nodes[k] = there.node;
                 placed.push(there);
             }

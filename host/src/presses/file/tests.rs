@@ -68,16 +68,19 @@ fn presses_and_rubber_go_into_one_file_in_either_order_and_files_of_older_progra
             assert!(read.gain.is_some() && read.measurements == taught.measurements);
             assert!(made_on(&at(name)).unwrap().is_some());
         }
-        // The rubber alone, and presses alone, as they were written before.
+        // The rubber alone, as it was written before.
         let solid = rubber().calibration("t").unwrap();
         write(&at("old"), &calibration_file::text(&solid, None).unwrap()).unwrap();
         assert!(put_presses(&at("old"), taught).unwrap());
+        // Presses of older programs are refused.
+        let text = std::fs::read_to_string(at("a")).unwrap();
         let keys = toml::to_string(&taught.keys()).unwrap();
-        let old = format!("kind = \"presses\"\nversion = 1\n{keys}");
-        write(&at("v1"), &old).unwrap();
-        assert!(is(&at("v1")).unwrap() && read(&at("v1")).unwrap().sheet.is_none());
-        assert!(put_rubber(&at("v1"), rubber(), Of::default()).unwrap());
-        assert!(read(&at("v1")).unwrap().rubber.is_some());
+        let alone = format!("kind = \"presses\"\nversion = 1\n{keys}");
+        for old in [text.replace("version = 3", "version = 2"), alone] {
+            write(&at("older"), &old).unwrap();
+            let said = read(&at("older")).err().unwrap().to_string();
+            assert!(is(&at("older")).unwrap() && said.contains("calibrate anew"), "{said}");
+        }
     });
 }
 
@@ -95,7 +98,7 @@ fn parts_of_another_sheet_or_board_and_changed_files_are_refused() {
         assert!(said.contains("another board"), "{said}");
         let text = std::fs::read_to_string(&file).unwrap();
         for (from, to, says) in [
-            ("version = 2", "version = 3", "version 3"),
+            ("version = 3", "version = 4", "version 4"),
             ("[1, 2, 3, 4]", "[1, 2, 3, 5]", "pattern_sha256"),
             ("1000.0", "1001.0", "sheet_sha256"),
             ("\n[presses]\n", "\n[pressed]\n", "pressed"),
