@@ -1,9 +1,10 @@
 //! The response of every measurement to a press, as a map over the sheet, from presses at known places.
 //!
-//! `y_c = f_c(q) + λ f_c(q') + noise` with `f_c(q) = g_c f_k(R_c q) + r_c(q)`. All measurements of an orbit share one map `f_k`, each turned with its
-//! electrodes and with a gain `g_c` of its own, as contacts and amplifiers have; `r_c` is what is left of one measurement, `h_c` what the press before at q' left behind. All three are
-//! Gaussian processes, and so is their posterior, in closed form. What lies far outside is drawn in before each of a few
-//! repetitions (Huber's pseudo-values), and each measurement's noise follows from what is left.
+//! `y_c = f_c(q) + λ f_c(q') + noise` with `f_c(q) = g_c f_k(R_c q) + r_c(q)`: what the press before at q' left behind is a part of what it
+//! did. All measurements of an orbit share one map `f_k`, each turned with its electrodes and with a gain `g_c` of its own, as contacts and
+//! amplifiers have; `r_c` is what is left of one measurement. Both are Gaussian processes, with the covariance of what a rim can feel
+//! ([`Sensitivities`]), and so is their posterior, in closed form. What lies far outside is drawn in before each of a few repetitions (Huber's
+//! pseudo-values), and each measurement's noise follows from what is left.
 
 use super::orbits::Orbits;
 use super::sensitivities::Sensitivities;
@@ -26,7 +27,7 @@ const LEAST_NOISE: f64 = 1e-4;
 /// Presses that the noise of all measurements weighs as, in the noise of one.
 const NOISE_WEIGHT: f64 = 8.0;
 /// Radius of the sheet over the reach of the presses: nobody presses on the rim.
-pub(super) const RADIUS: f64 = 1.25;
+const RADIUS: f64 = 1.25;
 /// Presses nearer than this part of the reach are one.
 const NEAR: f64 = 0.22;
 /// Directions of which presses see less than this part of what they see of the largest are not seen.
@@ -376,7 +377,7 @@ impl Maps {
                 let (turn, noise) = (design.turn(self.orbits.members[c].turned), self.noise[c]);
                 let inverse = seen_values.map(|v| 1.0 / (v + noise));
                 let (map, map_seen) = (&turn.features * &shared, &turn.seen * &shared);
-                // By generalised least squares: what the measurement has of its own, and the memory, are integrated out.
+                // By generalised least squares: what the measurement has of its own is integrated out.
                 let product = |other: &DVector<f64>, other_seen: &DVector<f64>| {
                     (map.dot(other) - map_seen.component_mul(&inverse).dot(other_seen)) / noise
                 };
