@@ -486,7 +486,7 @@ impl Output {
             } else {
                 0.0
             },
-            solve_us: result.changed.then(|| self.solved.as_secs_f32() * 1e6),
+            solve_us: result.changed.then_some(self.solved.as_secs_f32() * 1e6),
             residual: result.changed.then_some(result.residual as f32),
             lost_frames: counters.lost_frames,
             skipped_frames: counters.skipped_frames,
