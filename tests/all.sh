@@ -109,19 +109,17 @@ if ! browser; then
 fi
 # Examples and benches are checked by clippy; they are not built here.
 step "tests of every crate, and end to end" cargo test --workspace --locked --no-fail-fast --lib --bins --tests
-if have python3; then
-    start=$SECONDS
-    printf '\n== recordings in Python\n'
-    python3 tests/recordings.py target/debug/skin
-    case $? in
-        0) ;;
-        77) skip "recordings in Python: no packages mcap and numpy (pip install mcap numpy scipy pyeit duckdb rosbags)" ;;
-        *) failed+=("tests/recordings.py") ;;
-    esac
-    took "recordings in Python" "$start"
-else
-    skip "recordings in Python: no python3"
-fi
+start=$SECONDS
+printf '\n== recordings in Python\n'
+recordings=$(mktemp)
+tests/recordings.sh 2>&1 | tee "$recordings"
+case "${PIPESTATUS[0]}" in
+    0) ;;
+    77) skip "recordings in Python: $(tail -n 1 "$recordings")" ;;
+    *) failed+=("tests/recordings.sh") ;;
+esac
+rm -f "$recordings"
+took "recordings in Python" "$start"
 start=$SECONDS
 printf '\n== the Python package\n'
 python=$(mktemp)

@@ -79,6 +79,8 @@ pub(crate) struct Output {
     drifted: Option<Instant>,
     /// Time that the reconstruction of the last frame took.
     solved: Duration,
+    /// What time it was when its touches were told, s since 1970: one for all outputs.
+    told_unix_s: f64,
     /// When a source that is not what it was was said last.
     source_said: Option<Instant>,
 }
@@ -110,6 +112,7 @@ impl Output {
             recorded: None,
             doubted: None,
             solved: Duration::ZERO,
+            told_unix_s: 0.0,
             faults: Vec::new(),
             faults_said: Instant::now(),
             line: None,
@@ -237,6 +240,7 @@ impl Output {
         events: &[TouchEvent],
     ) -> Result<()> {
         self.preparing = false;
+        self.told_unix_s = self.unix_s();
         if self.json && !self.cells {
             self.write_line(result, frame, counters, events)?;
         }
@@ -279,7 +283,7 @@ impl Output {
         let beside = Beside {
             cells: self.cells,
             events,
-            unix_s: self.unix_s(),
+            unix_s: self.told_unix_s,
             baseline: self.baseline.as_ref(),
             line: line.as_deref(),
             left_out: &self.left_out,
@@ -310,10 +314,9 @@ impl Output {
             .or_else(|| line.clone());
         let status = status.or_else(|| result.notice().map(|n| n.to_string()));
         self.show(imager, result, frame, counters, status)?;
-        let unix_s = self.unix_s();
         if let Some(node) = &mut self.node {
             let touches = pressed(result).into_iter().copied().collect();
-            node.picture(unix_s, imager, result, frame, touches);
+            node.picture(self.told_unix_s, imager, result, frame, touches);
         }
         if !self.json {
             self.status(result);
