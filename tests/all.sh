@@ -34,6 +34,20 @@ skip() {
     skipped+=("$1")
     printf '\n== skipped: %s\n' "$1"
 }
+# A script that ends with 77 where something cannot be had; its last line then says what.
+apart() {
+    local name="$1" script="$2" start=$SECONDS out
+    out=$(mktemp)
+    printf '\n== %s\n' "$name"
+    "$script" 2>&1 | tee "$out"
+    case "${PIPESTATUS[0]}" in
+        0) ;;
+        77) skip "$name: $(tail -n 1 "$out")" ;;
+        *) failed+=("$script") ;;
+    esac
+    rm -f "$out"
+    took "$name" "$start"
+}
 have() { command -v "$1" >/dev/null 2>&1; }
 # Installs Debian packages if this user may; false if it could not.
 install() {
@@ -109,39 +123,9 @@ if ! browser; then
 fi
 # Examples and benches are checked by clippy; they are not built here.
 step "tests of every crate, and end to end" cargo test --workspace --locked --no-fail-fast --lib --bins --tests
-start=$SECONDS
-printf '\n== recordings in Python\n'
-recordings=$(mktemp)
-tests/recordings.sh 2>&1 | tee "$recordings"
-case "${PIPESTATUS[0]}" in
-    0) ;;
-    77) skip "recordings in Python: $(tail -n 1 "$recordings")" ;;
-    *) failed+=("tests/recordings.sh") ;;
-esac
-rm -f "$recordings"
-took "recordings in Python" "$start"
-start=$SECONDS
-printf '\n== the Python package\n'
-python=$(mktemp)
-tests/python.sh 2>&1 | tee "$python"
-case "${PIPESTATUS[0]}" in
-    0) ;;
-    77) skip "the Python package: $(tail -n 1 "$python")" ;;
-    *) failed+=("tests/python.sh") ;;
-esac
-rm -f "$python"
-took "the Python package" "$start"
-start=$SECONDS
-printf '\n== ROS 2, read by Cyclone DDS\n'
-ros2=$(mktemp)
-tests/ros2.sh 2>&1 | tee "$ros2"
-case "${PIPESTATUS[0]}" in
-    0) ;;
-    77) skip "ROS 2: $(tail -n 1 "$ros2")" ;;
-    *) failed+=("tests/ros2.sh") ;;
-esac
-rm -f "$ros2"
-took "ROS 2, read by Cyclone DDS" "$start"
+apart "recordings in Python" tests/recordings.sh
+apart "the Python package" tests/python.sh
+apart "ROS 2, read by Cyclone DDS" tests/ros2.sh
 step "documentation examples" cargo test --workspace --locked --no-fail-fast --doc
 if ! $quick; then
     printf '\n== the firmware on emulated Cortex-M processors\n'

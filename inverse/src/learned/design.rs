@@ -3,9 +3,10 @@
 //!
 //! The maps are a process that turned measurements share, one that each has of its own, and noise, as those of
 //! [`learn`](super::learn()). Here they are as fine in the middle of the sheet as at its rim (Matérn's covariance), since presses are to be
-//! located everywhere. The variance of their posterior depends on where the presses are, and not on what they give, so that all marks are known beforehand. The next
-//! mark is where the variance, as a mean over the measurements of an orbit, is largest. That is the greedy choice by entropy (MacKay 1992;
-//! Krause, Singh and Guestrin 2008). Marks of a list are exchanged after that (Fedorov 1972, "Theory of Optimal Experiments").
+//! located everywhere. The variance of their posterior depends on where the presses are, and not on what they give, so that all marks
+//! are known beforehand. The next mark is where the variance, as a mean over the measurements of an orbit, is largest. That is the greedy
+//! choice by entropy (MacKay 1992; Krause, Singh and Guestrin 2008). Marks of a list are exchanged after that (Fedorov 1972, "Theory of
+//! Optimal Experiments").
 
 use super::harmonics::{HIGHEST, Harmonics, SQUARE};
 use super::maps::FIRST_NOISE;
