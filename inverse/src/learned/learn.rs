@@ -23,6 +23,9 @@ const MOSTLY: f64 = 0.9;
 const DEAD: f64 = 1e-4;
 /// Odds from which evidence for a press is strong (Jeffreys 1961).
 const STRONG: f64 = 10.0;
+/// Odds from which there is a press at all: a hundred frames are at rest for each in which one lands, and what presses leave behind
+/// looks like a weak one.
+const SURE: f64 = 100.0 * STRONG;
 /// Measurements of whose change this part is left are hardly explained.
 const HARDLY: f64 = 0.8;
 /// Places beyond, mm, are none of a skin.
@@ -146,7 +149,6 @@ pub struct Stored {
     /// Covariance of what the maps leave over, in the unit of the changes squared.
     pub covariance: Vec<Vec<f64>>,
     /// Part of its variances that is proportional to the square of the press's strength.
-    #[serde(default)]
     pub proportional: f64,
     /// Offsets that depend on the changes, where there are enough presses to tell.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -249,7 +251,7 @@ pub fn learn(
         kept = gather(presses, &used, &numbers);
         (list, residuals, rest, validation, evidence) = validated(&kept).ok_or(LearnError::NoChange)?;
     }
-    evidence.first = first_evidence(&validation).min(STRONG.ln());
+    evidence.first = first_evidence(&validation).min(SURE.ln());
     // What a second press gains in frames with one.
     evidence.thorough = true;
     validation = Validation::of(&list, &kept, evidence);
@@ -260,7 +262,7 @@ pub fn learn(
         .filter_map(|p| p.gains.get(1).copied())
         .collect();
     gains.sort_by(f64::total_cmp);
-    evidence.more = second_evidence(&gains).max(evidence.first);
+    evidence.more = second_evidence(&gains).max(evidence.first.min(STRONG.ln()));
     validation = Validation::of(&list, &kept, evidence);
     progress(PARTS - 1, PARTS);
     let correction = Correction::learn(&kept, &mut validation);

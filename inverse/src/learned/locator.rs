@@ -161,7 +161,7 @@ impl Evidence {
     fn of(self, square: f64, log_variance: f64, channels: f64) -> f64 {
         let independent = channels / self.tempering;
         let over = square / (self.tempering * FREEDOM);
-        -0.5 * (independent * log_variance + (FREEDOM + independent) * over.ln_1p())
+        -0.5 * (independent * log_variance + (FREEDOM + independent) * (1.0 + over).ln())
     }
 
     /// The sum of squares of which the likelihood, with this logarithm of the variance, is this.
@@ -272,33 +272,19 @@ impl Locator {
     /// Logarithm of the evidence for a press at every node beside others at theirs, all strengths integrated out; minus infinity at
     /// nodes that are far from the best.
     fn scores(&self, frame: &Reduced, others: &[usize], evidence: Evidence) -> Option<Vec<f64>> {
-        let channels = self.deviations.len() as f64;
         let beside = Beside::new(self, frame, others, evidence)?;
-        // The rest grows with the press.
-        let variance = |k: usize, fit: &Fit| {
-            beside.variance + fit.strength * fit.strength * (self.proportional + self.uncertainty[k])
-        };
-        let score = |k: usize, fit: &Fit| {
-            let variance = variance(k, fit);
-            // What speaks against its strength does not shrink with the rest's growth.
-            let unusual = beside.prior * (fit.strength - 1.0).powi(2);
-            let square = (fit.square - unusual) / variance + unusual;
-            evidence.of(square, variance.ln(), channels) - 0.5 * (fit.whole / beside.prior).ln()
-        };
-        let mut scores = vec![f64::NEG_INFINITY; self.nodes_mm.len()];
         // One node of every group first, then those of the groups that are not out of question.
         let fits = beside.fits(self, &self.firsts);
-        let squares: Vec<f64> = (self.firsts.iter().zip(&fits))
-            .map(|(k, fit)| fit.square / variance(*k, fit))
-            .collect();
+        let squares = beside.squares(self, &self.firsts, &fits);
         let best = (0..fits.len()).min_by(|a, b| squares[*a].total_cmp(&squares[*b]))?;
-        let least = score(self.firsts[best], &fits[best]) - FAR;
+        let least = beside.score(self, self.firsts[best], &fits[best], evidence) - FAR;
         // No variance is less than that of the others alone, and no press has fewer freedoms than none.
-        let far = evidence.square_of(least, beside.variance.ln(), channels);
+        let far = evidence.square_of(least, beside.variance.ln(), self.channels());
+        let mut scores = vec![f64::NEG_INFINITY; self.nodes_mm.len()];
         let mut list = Vec::new();
         for (place, (k, group)) in self.firsts.iter().zip(&self.others).enumerate() {
             if squares[place] < far {
-                let score = score(*k, &fits[place]);
+                let score = beside.score(self, *k, &fits[place], evidence);
                 if score > least {
                     scores[*k] = score;
                     list.extend_from_slice(group);
@@ -306,9 +292,22 @@ impl Locator {
             }
         }
         for (k, fit) in list.iter().zip(beside.fits(self, &list)) {
-            scores[*k] = score(*k, &fit);
+            scores[*k] = beside.score(self, *k, &fit, evidence);
         }
         Some(scores)
+    }
+
+    /// Of one node of every group the one where a press beside others leaves least.
+    fn least_left(&self, frame: &Reduced, others: &[usize], evidence: Evidence) -> Option<usize> {
+        let beside = Beside::new(self, frame, others, evidence)?;
+        let fits = beside.fits(self, &self.firsts);
+        let squares = beside.squares(self, &self.firsts, &fits);
+        let best = (0..fits.len()).min_by(|a, b| squares[*a].total_cmp(&squares[*b]))?;
+        squares[best].is_finite().then_some(self.firsts[best])
+    }
+
+    fn channels(&self) -> f64 {
+        self.deviations.len() as f64
     }
 
     /// The two places, of a few spread over the sheet, at which two presses explain a frame best.
@@ -398,8 +397,7 @@ impl Locator {
 
     /// The presses of a frame: its changes against the sheet just before, and the place of the press before.
     pub(super) fn locate(&self, change: &[f64], before_mm: Option<[f64; 2]>, evidence: Evidence) -> Presence {
-        let memory = self.maps.memory_of(before_mm);
-        let values = DVector::from_iterator(change.len(), change.iter().zip(&memory).map(|(v, m)| v - m));
+        let values = DVector::from_column_slice(change) - self.maps.memory_of(before_mm);
         // Presses far from one another do not add up to much more than the largest that one alone does.
         let mut drawn_in = DVector::from_fn(values.len(), |c, _| {
             let limit = LARGEST_SUM * self.largest[c] + HUBER * self.deviations[c];
@@ -481,31 +479,23 @@ impl Locator {
         last: f64,
         evidence: Evidence,
     ) -> Option<Settled> {
-        let mut nodes: Vec<usize> = presses.iter().map(|p| p.node).collect();
-        let there = self.posterior(&self.scores(frame, &nodes, evidence)?)?;
-        nodes.push(there.node);
         if presses.is_empty() {
-            return self.settled(frame, &nodes, vec![there], evidence);
+            let there = self.posterior(&self.scores(frame, &[], evidence)?)?;
+            return self.settled(frame, &[there.node], vec![there], evidence);
         }
-        let suspect = misfit >= SUSPECT;
-        let hopeless = || {
-            let weighed = self.weigh(frame, &nodes, evidence);
-            weighed.is_some_and(|w| w.score <= last || w.is_weak())
-        };
-        if !suspect && !evidence.thorough && hopeless() {
-            return None;
-        }
-        let more = self.settle(frame, nodes, evidence);
-        if presses.len() != 1 || !suspect {
-            return more;
-        }
+        let mut nodes: Vec<usize> = presses.iter().map(|p| p.node).collect();
+        nodes.push(self.least_left(frame, &nodes, evidence)?);
         // Two presses that one between them explains half are found as two at once.
-        let pair = self
-            .best_pair(frame, evidence)
-            .and_then(|pair| self.settle(frame, pair.to_vec(), evidence));
-        [more, pair]
+        let pair = (presses.len() == 1 && misfit >= SUSPECT).then(|| self.best_pair(frame, evidence));
+        let promising = |nodes: &Vec<usize>| {
+            let weighed = self.weigh(frame, nodes, evidence);
+            evidence.thorough || weighed.is_some_and(|w| w.score > last && !w.is_weak())
+        };
+        [Some(nodes), pair.flatten().map(Vec::from)]
             .into_iter()
             .flatten()
+            .filter(promising)
+            .filter_map(|nodes| self.settle(frame, nodes, evidence))
             .max_by(|a, b| a.score.total_cmp(&b.score))
     }
 
@@ -582,7 +572,7 @@ impl Locator {
             left.axpy(-a, &DVector::from_column_slice(self.map(*n)), 1.0);
         }
         let variance = variance(self.proportional, &of(strengths.means.as_slice()));
-        let channels = self.deviations.len() as f64;
+        let channels = self.channels();
         let square = left.norm_squared() + frame.outside;
         let unusual: f64 = strengths.means.iter().map(|a| prior * (a - 1.0).powi(2)).sum();
         Some(Weighed {
@@ -664,6 +654,27 @@ impl Beside {
             variance: variance(locator.proportional, &presses),
             prior,
         })
+    }
+
+    /// Variance of what is left beside a press there. It grows with the press.
+    fn variance_with(&self, locator: &Locator, node: usize, fit: &Fit) -> f64 {
+        self.variance + fit.strength * fit.strength * (locator.proportional + locator.uncertainty[node])
+    }
+
+    /// What presses at some nodes leave, in variances.
+    fn squares(&self, locator: &Locator, nodes: &[usize], fits: &[Fit]) -> Vec<f64> {
+        (nodes.iter().zip(fits))
+            .map(|(k, fit)| fit.square / self.variance_with(locator, *k, fit))
+            .collect()
+    }
+
+    /// Logarithm of the evidence for a press at a node.
+    fn score(&self, locator: &Locator, node: usize, fit: &Fit, evidence: Evidence) -> f64 {
+        let variance = self.variance_with(locator, node, fit);
+        // What speaks against its strength does not shrink with the rest's growth.
+        let unusual = self.prior * (fit.strength - 1.0).powi(2);
+        let square = (fit.square - unusual) / variance + unusual;
+        evidence.of(square, variance.ln(), locator.channels()) - 0.5 * (fit.whole / self.prior).ln()
     }
 
     /// A press at each of some nodes, with the best strengths of all.

@@ -11,7 +11,6 @@ use super::sensitivities::Sensitivities;
 use crate::stats::median;
 use nalgebra::{Cholesky, DMatrix, DVector, DVectorView, Dyn, SymmetricEigen};
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
 use std::f64::consts::{PI, TAU};
 
 /// Repetitions of the fit.
@@ -66,10 +65,15 @@ impl Frame {
         Sensitivities::new(self.centre_mm, RADIUS * self.reach_mm)
     }
 
+    /// The angle by which a measurement is turned by so many electrodes, counter-clockwise.
+    fn angle(&self, turned: usize) -> f64 {
+        let angle = TAU * turned as f64 / self.electrodes as f64;
+        if self.clockwise { -angle } else { angle }
+    }
+
     /// Where a place lies for a measurement that is turned by so many electrodes.
     fn turned_back(&self, place_mm: [f64; 2], turned: usize) -> [f64; 2] {
-        let angle = -TAU * turned as f64 / self.electrodes as f64;
-        let (sin, cos) = if self.clockwise { -angle } else { angle }.sin_cos();
+        let (sin, cos) = (-self.angle(turned)).sin_cos();
         let [x, y] = [0, 1].map(|k| place_mm[k] - self.centre_mm[k]);
         [
             self.centre_mm[0] + cos * x - sin * y,
@@ -123,6 +127,8 @@ pub(super) struct Maps {
     shared: DMatrix<f64>,
     /// Terms x measurements.
     own: DMatrix<f64>,
+    /// Those of every measurement's whole map.
+    weights: DMatrix<f64>,
     /// Part of what the press before did that is in the change of the next.
     pub(super) memory: f64,
     /// Covariance of the weights of a measurement's own map that the presses leave, over its noise's variance.
@@ -143,8 +149,7 @@ pub struct StoredMaps {
     pub clockwise: bool,
     /// Root mean square of the changes of every measurement's orbit.
     pub scale: Vec<f64>,
-    /// Gain of every measurement over that of its orbit; 1 where there are none.
-    #[serde(default)]
+    /// Gain of every measurement over that of its orbit.
     pub gains: Vec<f64>,
     /// Weights of the maps that orbits share: for every orbit those of the terms, over the scale.
     pub shared: Vec<Vec<f64>>,
@@ -298,6 +303,7 @@ impl Maps {
             gain_variance: GAIN_SD * GAIN_SD,
             shared: DMatrix::zeros(size, orbits.count),
             own: DMatrix::zeros(size, channels),
+            weights: DMatrix::zeros(size, channels),
             memory: prior.memory,
             spread: DMatrix::zeros(size, size),
             basis: frame.basis(),
@@ -335,6 +341,7 @@ impl Maps {
             column *= (value / (value + middle)).sqrt();
         }
         maps.spread = (DMatrix::identity(size, size) - &told * told.transpose()) * (prior.own / middle);
+        maps.weights = maps.whole();
         Some(maps)
     }
 
@@ -417,25 +424,23 @@ impl Maps {
 
     /// The change of every measurement by a press of the usual strength at each of some places: measurements x places.
     pub(super) fn at(&self, places_mm: &[[f64; 2]]) -> DMatrix<f64> {
-        let places = || places_mm.iter().copied();
-        let mut out = self.own.transpose() * features(&self.basis, places().map(Some)).transpose();
-        let mut turns: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
-        for (c, member) in self.orbits.members.iter().enumerate() {
-            turns.entry(member.turned).or_default().push(c);
-        }
-        for (turned, list) in turns {
-            let back = places().map(|p| Some(self.frame.turned_back(p, turned)));
-            let orbits: Vec<usize> = list.iter().map(|c| self.orbits.members[*c].orbit).collect();
-            let shared = self.shared.select_columns(&orbits).transpose() * features(&self.basis, back).transpose();
-            for (row, c) in shared.row_iter().zip(list) {
-                let gain = self.gains[c];
-                out.row_mut(c).zip_apply(&row, |o, s| *o += gain * s);
-            }
-        }
+        let places = places_mm.iter().copied().map(Some);
+        let mut out = self.weights.tr_mul(&features(&self.basis, places).transpose());
         for mut column in out.column_iter_mut() {
             self.put_in_units(column.as_mut_slice());
         }
         out
+    }
+
+    /// Weights of every measurement's whole map, terms x measurements.
+    fn whole(&self) -> DMatrix<f64> {
+        let mut whole = self.own.clone();
+        for ((member, gain), mut column) in (self.orbits.members.iter().zip(&self.gains)).zip(whole.column_iter_mut()) {
+            let shared = self.shared.column(member.orbit);
+            let angle = self.frame.angle(member.turned);
+            Sensitivities::add_turned(shared.as_slice(), angle, *gain, column.as_mut_slice());
+        }
+        whole
     }
 
     /// What a press there leaves behind for the next one.
@@ -495,27 +500,25 @@ impl Maps {
             && weights.into_iter().flatten().flatten().all(small);
         sound.then_some(())?;
         let (size, channels) = (Sensitivities::len(), orbits.members.len());
-        let gains =
-            stored.gains.is_empty() || stored.gains.len() == channels && stored.gains.iter().all(|g| g.is_finite());
+        let gains = stored.gains.len() == channels && stored.gains.iter().all(|g| g.abs() <= 1e24);
         (gains && stored.scale.len() == channels).then_some(())?;
-        Some(Self {
+        let mut maps = Self {
             frame,
             presses: stored.presses.max(1),
             scale: stored.scale.clone(),
             noise: vec![FIRST_NOISE; channels],
-            gains: if stored.gains.is_empty() {
-                vec![1.0; channels]
-            } else {
-                stored.gains.clone()
-            },
+            gains: stored.gains.clone(),
             gain_variance: GAIN_SD * GAIN_SD,
             shared: matrix(&stored.shared, size, orbits.count)?,
             own: matrix(&stored.own, size, channels)?,
             memory: stored.memory,
             spread: matrix(&stored.spread, size, size)?,
             basis: frame.basis(),
+            weights: DMatrix::zeros(size, channels),
             orbits,
-        })
+        };
+        maps.weights = maps.whole();
+        Some(maps)
     }
 
     fn put_in_units(&self, values: &mut [f64]) {

@@ -6,6 +6,7 @@ use super::maps::{Frame, Presses, Prior};
 use super::orbits::Orbits;
 use super::validation::{FIRST_TEMPERING, Validation, locators};
 use forward::Measurement;
+use nalgebra::{Matrix2, Vector2};
 
 /// Parts where only a choice is to be made.
 const QUICK_FOLDS: usize = 5;
@@ -21,19 +22,58 @@ pub(super) const PRIOR: Prior = Prior {
 };
 /// Parts of what the press before did that are tried as left.
 const MEMORIES: [f64; 6] = [0.07, 0.14, 0.2, 0.3, 0.4, 0.5];
-/// Standard errors by which presses have to be located better by a memory.
+/// Standard errors by which presses have to be drawn to the one before, and be located better by a memory.
 const LIKELY: f64 = 1.0;
 /// Standard errors by which a symmetry has to be refuted.
 const SURELY: f64 = 3.0;
+/// Presses located within this part of the reach tell what draws them.
+const NEARLY: f64 = 0.4;
+
+/// All presses located by maps of the others, with one way to describe the skin.
+fn located(choice: &Choice, presses: &Presses) -> Option<Validation> {
+    let (locators, ..) = locators(choice, presses, QUICK_FOLDS, QUICK_STEPS)?;
+    Some(Validation::of(
+        &locators,
+        presses,
+        Evidence::of_one_press(FIRST_TEMPERING),
+    ))
+}
 
 /// Logarithms of the squared distances at which presses are located by maps of the others, for each of them. One that is not
 /// found counts as a guess: it is off by the reach.
 fn losses(choice: &Choice, presses: &Presses) -> Option<Vec<f64>> {
-    let (locators, ..) = locators(choice, presses, QUICK_FOLDS, QUICK_STEPS)?;
     let step = choice.frame.reach_mm / QUICK_STEPS;
-    let found = Validation::of(&locators, presses, Evidence::of_one_press(FIRST_TEMPERING));
-    let errors = found.errors_mm(choice.frame.reach_mm);
+    let errors = located(choice, presses)?.errors_mm(choice.frame.reach_mm);
     Some(errors.iter().map(|e| (e * e + step * step).ln()).collect())
+}
+
+/// By what part of the way to the one before presses are located towards it, over its standard error: by least squares, beside what
+/// draws them to the middle. `None` where too few are found near their places.
+fn pull(choice: &Choice, presses: &Presses) -> Option<f64> {
+    let found = located(choice, presses)?;
+    let (mut square, mut product) = (Matrix2::zeros(), Vector2::zeros());
+    let mut list = Vec::new();
+    for ((place, before), offset) in presses.places_mm.iter().zip(&presses.before_mm).zip(&found.offsets) {
+        let near = offset[0].hypot(offset[1]) < NEARLY * choice.frame.reach_mm;
+        let Some(before) = before.filter(|_| near) else {
+            continue;
+        };
+        for axis in 0..2 {
+            let ways = Vector2::new(before[axis] - place[axis], place[axis] - choice.frame.centre_mm[axis]);
+            square += ways * ways.transpose();
+            product += ways * offset[axis];
+            list.push((ways, offset[axis]));
+        }
+    }
+    let inverse = square.try_inverse()?;
+    let parts = inverse * product;
+    let left: f64 = list
+        .iter()
+        .map(|(ways, offset)| (offset - ways.dot(&parts)).powi(2))
+        .sum();
+    let free = list.len().checked_sub(2)? as f64;
+    let pull = parts.x / (left / free * inverse[(0, 0)]).sqrt();
+    pull.is_finite().then_some(pull)
 }
 
 /// The best of some ways; an earlier one unless a later one is better by more than so many standard errors of the difference.
@@ -126,20 +166,18 @@ pub(super) fn choose(
     remember(taken, presses)
 }
 
-/// What part of what the press before did is left, by cross-validation: as much more as presses are located better by it. It has
-/// either sign: of a sheet that creeps it is in the frame before, or not yet gone in the next.
+/// What part of what the press before did is left, by cross-validation. Without it presses are located towards the one before, or away
+/// from it where the frame before has more of it than the press. As much more is taken as they are located better by it.
 fn remember(mut taken: Choice, presses: &Presses) -> Option<Choice> {
-    for way in [1.0, -1.0] {
-        for part in MEMORIES {
-            let mut more = taken.clone();
-            more.prior.memory = way * part;
-            let errors = if taken.prior.memory == 0.0 { LIKELY } else { 0.0 };
-            taken = best(vec![taken, more], presses, errors)?;
-            if taken.prior.memory != way * part {
-                break;
-            }
-        }
-        if taken.prior.memory != 0.0 {
+    let Some(pull) = pull(&taken, presses).filter(|pull| pull.abs() > LIKELY) else {
+        return Some(taken);
+    };
+    for part in MEMORIES {
+        let mut more = taken.clone();
+        more.prior.memory = pull.signum() * part;
+        let errors = if taken.prior.memory == 0.0 { LIKELY } else { 0.0 };
+        taken = best(vec![taken, more], presses, errors)?;
+        if taken.prior.memory.abs() < part {
             break;
         }
     }

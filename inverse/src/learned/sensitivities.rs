@@ -53,11 +53,50 @@ impl Sensitivities {
             (re, im) = (x * re - y * im, x * im + y * re);
         }
     }
+
+    /// Adds to weights of the terms those of a map that is turned around the centre, times a gain: `gain f(R(-angle) p)`.
+    pub(super) fn add_turned(map: &[f64], angle: f64, gain: f64, out: &mut [f64]) {
+        let mut next = 0;
+        for order in 0..=DEGREE {
+            let (sin, cos) = (order as f64 * angle).sin_cos();
+            for _ in 0..=(DEGREE - order) / 2 {
+                if order == 0 {
+                    out[next] += gain * map[next];
+                    next += 1;
+                } else {
+                    let (re, im) = (map[next], map[next + 1]);
+                    out[next] += gain * (re * cos - im * sin);
+                    out[next + 1] += gain * (re * sin + im * cos);
+                    next += 2;
+                }
+            }
+        }
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_turned_map_has_the_values_of_the_map_at_places_turned_back() {
+        let basis = Sensitivities::new([0.0; 2], 40.0);
+        let map: Vec<f64> = (0..Sensitivities::len()).map(|k| (k as f64 * 1.7).sin()).collect();
+        let value = |weights: &[f64], p: [f64; 2]| -> f64 {
+            let mut out = vec![0.0; Sensitivities::len()];
+            basis.values_at(p, &mut out);
+            out.iter().zip(weights).map(|(a, b)| a * b).sum()
+        };
+        let angle: f64 = 0.9;
+        let (sin, cos) = angle.sin_cos();
+        let mut turned = vec![0.0; Sensitivities::len()];
+        Sensitivities::add_turned(&map, angle, 2.0, &mut turned);
+        for [x, y] in [[0.0, 0.0], [20.0, -5.0], [-3.0, 31.0]] {
+            let back = [cos * x + sin * y, cos * y - sin * x];
+            let (found, wanted) = (value(&turned, [x, y]), 2.0 * value(&map, back));
+            assert!((found - wanted).abs() < 1e-9, "{found} {wanted}");
+        }
+    }
 
     #[test]
     fn independent_weights_make_the_covariance_of_what_the_rim_can_feel() {
