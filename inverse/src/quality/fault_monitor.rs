@@ -9,7 +9,7 @@ use crate::reference::imager::Imager;
 use std::sync::Arc;
 
 /// Frames one after another that touches do not explain before a fault is looked for: it takes as long as some frames.
-const SUSPICIOUS: usize = 2;
+const SUSPICIOUS: usize = 3;
 /// Frames that have to tell the same fault.
 const NAMES: usize = 3;
 /// Frames until a fault that was named is looked for again: one that leaves touches, and one that leaves none; and times that speak
