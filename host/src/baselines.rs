@@ -277,10 +277,9 @@ mod tests {
         let mut second = start(false);
         second.taken(pressed());
         let warning = second.note(false).unwrap().warning.unwrap();
-        assert!(
-            warning.contains("the sheet differs from the baseline of 0 s ago"),
-            "{warning}"
-        );
+        // How many seconds ago depends on the machine.
+        let told = warning.split_once("the sheet differs from the baseline of ");
+        assert!(told.is_some_and(|(_, age)| age.contains(" s ago")), "{warning}");
         assert!(holds() == untouched);
         // One that was asked for later is kept from the file too, but not warned of on the page.
         first.taken(pressed());

@@ -1,7 +1,7 @@
 //! `skin bench`: what the reconstruction costs and how good it is, on this machine.
 
 use crate::drive::DriveKind;
-use crate::{latency, presses, progress};
+use crate::{json, latency, presses, progress};
 use anyhow::{Result, anyhow, bail};
 use clap::{Args, Subcommand, ValueEnum};
 use inverse::solvers::Method;
@@ -167,8 +167,7 @@ impl Out {
         let mut out = std::io::stdout().lock();
         if self.json {
             for row in rows {
-                serde_json::to_writer(&mut out, &Row { table: name, row })?;
-                writeln!(out)?;
+                out.write_all(&json::line(&Row { table: name, row })?)?;
             }
             return Ok(());
         }
@@ -405,7 +404,7 @@ fn stress(arguments: &Arguments) -> Result<()> {
         let mut out = std::io::stdout().lock();
         // A reader who has gone away is no reason to stop.
         let _ = if arguments.json {
-            serde_json::to_string(v).map_or(Ok(()), |line| writeln!(out, "{line}"))
+            json::line(v).map_or(Ok(()), |line| out.write_all(&line))
         } else {
             let word = if v.passed { "pass" } else { "FAIL" };
             writeln!(out, "{word}  {} ({})", v.law, v.detail)

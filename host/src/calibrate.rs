@@ -2,6 +2,7 @@
 
 use crate::files::calibration_file::{self, RubberKeys};
 use crate::files::press_table;
+use crate::json;
 use crate::played_board::PlayedBoard;
 use crate::presses::file::{self, Of};
 use crate::presses::store;
@@ -134,8 +135,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     }
     let mut out = std::io::stdout().lock();
     if arguments.json {
-        serde_json::to_writer(&mut out, &line(&fit, samples.len()))?;
-        writeln!(out)?;
+        out.write_all(&json::line(&line(&fit, samples.len()))?)?;
     } else {
         write!(out, "{}", words(&fit))?;
     }

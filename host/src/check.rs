@@ -3,6 +3,7 @@
 use crate::drive::DriveKind;
 use crate::ending;
 use crate::files::measurements::MeasurementTable;
+use crate::json;
 use crate::played_board::PlayedBoard;
 use crate::progress::Progress;
 use crate::recorded::SessionRecord;
@@ -182,8 +183,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     };
     let mut out = std::io::stdout().lock();
     if arguments.json {
-        serde_json::to_writer(&mut out, &line)?;
-        writeln!(out)?;
+        out.write_all(&json::line(&line)?)?;
     } else {
         write!(out, "{}", words(arguments, &line, &check, &inspection))?;
     }

@@ -5,7 +5,7 @@ use crate::event::Said;
 use crate::phantom::Tried;
 use crate::recorded_board::{self, ONLY_LIVE, RecordedBoard};
 use crate::say::say;
-use crate::{number, phantom, simulated_skin};
+use crate::{json, number, phantom, simulated_skin};
 use anyhow::{Result, bail};
 use clap::Args;
 use hil_sim::{Fault, Preset};
@@ -13,6 +13,7 @@ use link::phantom::{Finding, Known, channels, read};
 use link::{Link, LinkError, settings};
 use protocol::{Check, FromBoard, Hello, Notice, ResetCause, SelfTest, ToBoard};
 use serde_json::json;
+use std::io::Write;
 use std::time::Duration;
 
 /// Arguments of `skin hello`.
@@ -123,7 +124,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         None => Examined::of_board(arguments)?,
     };
     if arguments.json {
-        println!("{}", examined.as_json());
+        std::io::stdout().write_all(&json::line(&examined.as_json())?)?;
     } else {
         examined.describe();
     }

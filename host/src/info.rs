@@ -1,6 +1,7 @@
 //! `skin info`: what is in a recording.
 
 use crate::files::sheet_line::SheetLine;
+use crate::json;
 use crate::progress::Progress;
 use crate::recorded::SessionRecord;
 use crate::recording_file::in_words;
@@ -292,8 +293,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         match (arguments.json, skin) {
             // A line for every skin; each says its name in its session.
             (true, _) => {
-                serde_json::to_writer(&mut out, info)?;
-                writeln!(out)?;
+                out.write_all(&json::line(info)?)?;
             }
             (false, None) => write!(out, "{}", words(info)?)?,
             (false, Some(skin)) => writeln!(out, "skin        {skin}\n{}", words(info)?)?,

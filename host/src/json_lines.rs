@@ -2,6 +2,7 @@
 //! docs/live.schema.json.
 
 use crate::event::Said;
+use crate::json;
 use crate::recorded::{BoardRecord, CalibrationNote, SessionRecord, pressed};
 use crate::say;
 use crate::skin_file::Place;
@@ -17,7 +18,6 @@ use inverse::touches::gestures::TouchEvent;
 use inverse::touches::touch::Touch;
 use link::{LinkCounters, MeasuredFrame, Session};
 use serde::Serialize;
-use serde_json::ser::{CompactFormatter, Formatter};
 use serde_json::{Value, json};
 use std::io::{self, Write};
 use view::picture::BaselineNote;
@@ -300,7 +300,7 @@ pub(crate) fn picture(
         of,
         robot_mm: robot_mm(of.x_mm, of.y_mm),
     });
-    text(&Line {
+    json::line(&Line {
         kind: "picture",
         frame: frame.sequence,
         time_s: frame.time_s,
@@ -320,17 +320,6 @@ pub(crate) fn picture(
         drift: &result.drift,
         left_out: beside.left_out,
     })
-}
-
-/// One JSON object and the end of its line.
-fn text(line: &impl Serialize) -> Result<Vec<u8>> {
-    let mut text = Vec::new();
-    line.serialize(&mut serde_json::Serializer::with_formatter(
-        &mut text,
-        Digits::default(),
-    ))?;
-    text.push(b'\n');
-    Ok(text)
 }
 
 /// Writes a line to stdout, in one piece.
@@ -354,78 +343,5 @@ fn of_skin(skin: &str, line: &[u8]) -> Option<Vec<u8>> {
 }
 
 fn print(line: &impl Serialize) -> Result<()> {
-    write(&text(line)?)
-}
-
-/// Numbers with the digits that mean something: six, more than any measured value has; times to the microsecond.
-#[derive(Default)]
-struct Digits {
-    compact: CompactFormatter,
-    in_key: bool,
-    /// The value of this key is a time.
-    time: bool,
-}
-
-impl Formatter for Digits {
-    fn begin_object_key<W: ?Sized + Write>(&mut self, writer: &mut W, first: bool) -> io::Result<()> {
-        self.in_key = true;
-        self.compact.begin_object_key(writer, first)
-    }
-
-    fn end_object_key<W: ?Sized + Write>(&mut self, writer: &mut W) -> io::Result<()> {
-        self.in_key = false;
-        self.compact.end_object_key(writer)
-    }
-
-    fn write_string_fragment<W: ?Sized + Write>(&mut self, writer: &mut W, fragment: &str) -> io::Result<()> {
-        if self.in_key {
-            self.time = fragment == "time_s" || fragment.ends_with("unix_s");
-        }
-        self.compact.write_string_fragment(writer, fragment)
-    }
-
-    fn write_f64<W: ?Sized + Write>(&mut self, writer: &mut W, value: f64) -> io::Result<()> {
-        self.compact
-            .write_f64(writer, if self.time { microseconds(value) } else { six(value) })
-    }
-}
-
-fn microseconds(value: f64) -> f64 {
-    (value * 1e6).round() / 1e6
-}
-
-/// The number of six decimal digits that is nearest.
-fn six(value: f64) -> f64 {
-    format!("{value:.5e}").parse().unwrap_or(value)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn printed(value: &impl Serialize) -> String {
-        let mut text = Vec::new();
-        let mut serializer = serde_json::Serializer::with_formatter(&mut text, Digits::default());
-        value.serialize(&mut serializer).unwrap();
-        String::from_utf8(text).unwrap()
-    }
-
-    #[test]
-    fn numbers_have_six_digits_and_times_microseconds() {
-        let value = json!({"x_mm": -12.345_678_901, "gap": 1.234_567_89e-12, "time_s": 123_456.789_012_345,
-            "started_unix_s": 1_700_000_000.123_456_7, "touches": [{"rise": 0.1 + 0.2, "id": 7, "y_mm": null}]});
-        let text = printed(&value);
-        for part in [
-            "\"x_mm\":-12.3457",
-            "\"gap\":1.23457e-12",
-            "\"time_s\":123456.789012",
-            "\"started_unix_s\":1700000000.123457",
-            "\"rise\":0.3,",
-            "\"id\":7",
-            "\"y_mm\":null",
-        ] {
-            let text = text.replace('}', ",");
-            assert!(text.contains(part), "{part} in {text}");
-        }
-    }
+    write(&json::line(line)?)
 }

@@ -39,6 +39,7 @@ mod forward;
 mod hello;
 mod help;
 mod info;
+mod json;
 mod json_lines;
 mod latency;
 mod list;

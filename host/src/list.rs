@@ -1,5 +1,6 @@
 //! `skin list`: the boards on this computer, and who they are.
 
+use crate::json;
 use crate::say::say;
 use crate::skin_file::{self, Skin};
 use anyhow::{Context, Result};
@@ -199,8 +200,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let missing = name(&mut listed, &skins);
     let mut out = std::io::stdout().lock();
     if arguments.json {
-        serde_json::to_writer(&mut out, &listed)?;
-        writeln!(out)?;
+        out.write_all(&json::line(&listed)?)?;
         missing.iter().for_each(|missing| say!("{missing}"));
         return Ok(());
     }

@@ -8,6 +8,7 @@ use crate::files::order;
 use crate::files::ordered;
 use crate::files::replace::replace;
 use crate::files::sheet_line::SheetLine;
+use crate::json;
 use crate::presses::{self, file::PressCalibration};
 use crate::progress::{Progress, meanwhile};
 use crate::recorded_frames::{self, Part};
@@ -494,14 +495,6 @@ fn file_names<'a>(frames: impl Iterator<Item = &'a str>, kind: &str) -> Vec<Stri
 }
 
 /// To a tenth: more digits of a time are noise.
-fn tenths(value: f64) -> f64 {
-    (10.0 * value).round() / 10.0
-}
-
-fn thousandths(value: f64) -> f64 {
-    (1000.0 * value).round() / 1000.0
-}
-
 fn print(results: &[Done<'_>], source: &Source, values: usize, left_out: &[&Finding], json: bool) -> Result<()> {
     let mut out = BufWriter::new(std::io::stdout().lock());
     for Done {
@@ -531,7 +524,7 @@ fn print(results: &[Done<'_>], source: &Source, values: usize, left_out: &[&Find
                     .collect(),
                 residual: result.residual,
                 gap: result.gap,
-                solve_us: tenths(result.solve_us),
+                solve_us: result.solve_us,
                 status: status(result.status),
                 changed: result.changed,
                 used: result.used,
@@ -541,12 +534,11 @@ fn print(results: &[Done<'_>], source: &Source, values: usize, left_out: &[&Find
                 doubt: result.doubt,
                 faults: &result.faults,
                 rejected: &result.rejected,
-                explained: result.explained.map(thousandths),
+                explained: result.explained,
                 drift: &result.drift,
                 left_out,
             };
-            serde_json::to_writer(&mut out, &line)?;
-            writeln!(out)?;
+            out.write_all(&json::line(&line)?)?;
             continue;
         }
         if result.used == 0 {

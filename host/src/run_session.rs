@@ -91,7 +91,7 @@ pub(crate) fn one(arguments: &SourceArguments, outputs: &Outputs<'_>, within: Wi
         (None, None) => None,
     };
     let is_given = given.is_some();
-    let mut sheet = calibration.sheet(given)?.unwrap_or_else(Sheet::paper);
+    let sheet = calibration.sheet(given)?.unwrap_or_else(Sheet::paper);
     let tap = recording.as_ref().map(|recording| recording.tap().clone());
     let switch = Switch::default();
     switch.set(tap.clone());
@@ -104,10 +104,8 @@ pub(crate) fn one(arguments: &SourceArguments, outputs: &Outputs<'_>, within: Wi
     drop(looking);
     let connected = Instant::now();
     ending::stops(session.link())?;
-    // A simulated skin is simulated by now.
-    let known = is_given || session.hello().board == BOARD_NAME;
-    let calibration = calibration.or_stored(arguments, &session, known.then_some(&sheet));
-    sheet = calibration.sheet(known.then(|| sheet.clone()))?.unwrap_or(sheet);
+    let (calibration, sheet, said) = calibration.or_stored(arguments, &session, (sheet, is_given))?;
+    said.iter().for_each(|text| say!("{text}"));
     if arguments.every_frame {
         session.link().hold(live_run::HELD);
     }

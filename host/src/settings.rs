@@ -3,7 +3,7 @@
 use crate::board::{Choice, Connected};
 use crate::recorded_board::{self, ONLY_LIVE, RecordedBoard};
 use crate::usage::Usage;
-use crate::{number, plan};
+use crate::{json, number, plan};
 use anyhow::{Result, bail};
 use clap::builder::RangedU64ValueParser;
 use clap::{ArgGroup, Args, Subcommand, ValueEnum};
@@ -11,6 +11,7 @@ use link::plans::{PlanChoice, described};
 use link::settings::{Change, change, learn, read, store};
 use protocol::{Baseline, Hello, Plan, PlanName, QUARTERS, Status, Stored, Watch, Watching};
 use serde_json::json;
+use std::io::Write;
 
 /// Arguments of `skin settings`.
 #[derive(Debug, Args)]
@@ -123,7 +124,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
             watch: recorded.watch.as_ref().map(Option::as_ref),
         };
         if arguments.json {
-            println!("{}", as_json(&shown, None, hello, source));
+            std::io::stdout().write_all(&json::line(&as_json(&shown, None, hello, source))?)?;
         } else {
             describe(&shown, hello, source);
         }
@@ -163,7 +164,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         watch: Some(settings.watch.as_ref()),
     };
     if arguments.json {
-        println!("{}", as_json(&shown, baseline.as_ref(), &hello, &source));
+        std::io::stdout().write_all(&json::line(&as_json(&shown, baseline.as_ref(), &hello, &source))?)?;
     } else {
         describe(&shown, &hello, &source);
         if let Some(baseline) = &baseline {

@@ -68,8 +68,10 @@ pub struct StreamOptions {
     pub every_frame: bool,
     /// The electrode that every wire leads to, from 1; empty for each to its own.
     pub wires: Vec<usize>,
-    /// A calibration of the rubber or from presses, by its file.
+    /// A calibration of the rubber or from presses, by its file; `none` for none, and none for the one that is stored for the board.
     pub calibration: Option<PathBuf>,
+    /// Folder of stored calibrations; none for the system's, which a simulated skin has none of.
+    pub state_dir: Option<PathBuf>,
 }
 
 impl StreamOptions {
@@ -97,7 +99,7 @@ impl StreamOptions {
             rise: self.rise,
             baseline_frames: self.baseline_frames,
             baseline: Start::New,
-            state_dir: None,
+            state_dir: self.state_dir.clone(),
             calibration: self.calibration.clone(),
         }
     }
@@ -172,6 +174,7 @@ impl Stream {
             .as_ref()
             .map(|s| s.sheet.clone())
             .or_else(|| options.sheet.clone());
+        let is_given = given.is_some();
         let sheet = calibration.sheet(given)?.unwrap_or_else(Sheet::paper);
         let switch = Switch::default();
         let Source { session, name, scene } = match origin {
@@ -183,6 +186,7 @@ impl Stream {
         if options.every_frame {
             session.link().hold(HELD);
         }
+        let (calibration, sheet, said) = calibration.or_stored(arguments, &session, (sheet, is_given))?;
         check_electrodes(&name, &session, &sheet)?;
         if let Some(learned) = &calibration.learned {
             locate::order(learned, &name, pattern(&session, &options.wires)?.measurements())?;
@@ -200,7 +204,7 @@ impl Stream {
             name,
             live,
             way: Way::Board(Box::new(board)),
-            said: VecDeque::new(),
+            said: said.into(),
             is_new: false,
         })
     }

@@ -348,6 +348,7 @@ def open(
     every_frame: bool = False,
     wires: Sequence[int] | None = None,
     calibration: str | PathLike[str] | None = None,
+    state_dir: str | PathLike[str] | None = None,
 ) -> Skin:
     """Opens a source of frames.
 
@@ -359,7 +360,8 @@ def open(
     baseline_frames: frames of the unpressed sheet that are averaged at the start, 2 or more; None for those of 0.7 s.
     every_frame: every frame, however late, up to 64 MB of them; else those too late are passed over.
     wires: the electrode that every wire leads to, from 1.
-    calibration: what ``skin calibrate`` or ``skin calibrate presses`` wrote.
+    calibration: what ``skin calibrate`` or ``skin calibrate presses`` wrote; None for what they stored for this board, which is said as a
+        SkinWarning, and "none" for none. state_dir: the folder of what is stored, as of ``skin run --state-dir``.
 
     Nothing may touch the sheet of a board in the first second: its baseline is taken. Of a recording the frames are those that
     were shown then, as fast as they are read; it says its sheet and all else itself.

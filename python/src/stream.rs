@@ -190,7 +190,8 @@ fn is_recording(source: &str) -> bool {
 /// A Skin gives Frame after Frame.
 #[pyfunction]
 #[pyo3(signature = (source = None, *, simulate = false, scene = None, serial = None, sheet = None, plan = "auto",
-    baseline_frames = None, rise = None, trust_electrodes = false, every_frame = false, wires = None, calibration = None))]
+    baseline_frames = None, rise = None, trust_electrodes = false, every_frame = false, wires = None, calibration = None,
+    state_dir = None))]
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn open(
     py: Python<'_>,
@@ -206,6 +207,7 @@ pub(crate) fn open(
     every_frame: bool,
     wires: Option<Vec<usize>>,
     calibration: Option<PathBuf>,
+    state_dir: Option<PathBuf>,
 ) -> PyResult<Skin> {
     let source = source.map(|path| path.to_string_lossy().into_owned());
     let simulated = simulate || scene.is_some();
@@ -231,6 +233,7 @@ pub(crate) fn open(
         (every_frame, "every_frame"),
         (wires.is_some(), "wires"),
         (calibration.is_some(), "calibration"),
+        (state_dir.is_some(), "state_dir"),
     ];
     if let (Origin::Recording(_), Some((_, name))) = (&origin, given.iter().find(|(given, _)| *given)) {
         return Err(said(format!(
@@ -246,6 +249,7 @@ pub(crate) fn open(
         every_frame,
         wires: wires.unwrap_or_default(),
         calibration,
+        state_dir,
     };
     let stream = py.detach(|| Stream::open(&origin, &options)).map_err(raised)?;
     Ok(Skin {

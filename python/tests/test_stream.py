@@ -64,6 +64,17 @@ def test_the_simulated_skin_is_touched() -> None:
         frames.tare()
 
 
+def test_a_calibration_that_is_stored_for_the_board_is_used(tmp_path: Path) -> None:
+    # As `skin calibrate` stores it: by the serial number, which of a simulated board is sim.
+    file = tmp_path / "calibration-sim.toml"
+    file.write_text("delayed_ratio = 0.3333\ntau_s = 5.0\nunit_rise_mpa = 0.2546\nexponent = 1.0\nforce_sd_n = 0.1\n")
+    with skin.open(simulate=True, state_dir=tmp_path) as frames, pytest.warns(skin.SkinWarning, match="stored for this board: the rubber"):
+        touch = next(touch for frame in frames for touch in frame.touches)
+    assert touch.force_n is not None and not touch.uncalibrated
+    with skin.open(simulate=True, state_dir=tmp_path, calibration="none") as frames:
+        assert next(touch for frame in frames for touch in frame.touches).uncalibrated
+
+
 def test_every_frame_of_a_scene() -> None:
     with skin.open(scene="hand", every_frame=True) as frames:
         sequences = [frame.sequence for frame in islice(frames, 50)]

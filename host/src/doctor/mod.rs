@@ -15,6 +15,7 @@ pub(crate) use arguments::Examined;
 pub(crate) use facts::{Facts, Origin, Witness};
 
 use crate::files::baseline_file::unix_s;
+use crate::json;
 use crate::recorded::{BoardRecord, PROGRAM};
 use crate::say::{is_coloured, say};
 use crate::usage::Unfit;
@@ -139,8 +140,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let examination = Examination::of(&facts, arguments.examined.state_dir.as_deref());
     let mut out = std::io::stdout().lock();
     if arguments.json {
-        serde_json::to_writer(&mut out, &examination)?;
-        writeln!(out)?;
+        out.write_all(&json::line(&examination)?)?;
     } else {
         let coloured = is_coloured(&out);
         write!(out, "{}", examination.words(coloured))?;

@@ -4,6 +4,7 @@ use super::similarity::Similarity;
 use super::{changes, model, picture, truth};
 use crate::files::measurements::MeasurementTable;
 use crate::files::replace::replace;
+use crate::json;
 use crate::progress::Progress;
 use crate::thread_load::Stretch;
 use anyhow::{Context, Result};
@@ -98,8 +99,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         let held_out = (skin.presses.len() as f64 * HELD_OUT) as usize;
         let mut print = |row: Row| -> Result<()> {
             if arguments.json {
-                serde_json::to_writer(&mut out, &row)?;
-                writeln!(out)?;
+                out.write_all(&json::line(&row)?)?;
             } else {
                 write!(out, "{}", words(&row))?;
             }

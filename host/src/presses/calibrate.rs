@@ -5,6 +5,7 @@ use super::guided::{self, Gathered};
 use super::{changes, file, model, store, truth};
 use crate::baselines;
 use crate::files::measurements::MeasurementTable;
+use crate::json;
 use crate::progress::Progress;
 use crate::usage::Usage;
 use ::forward::Sheet;
@@ -195,8 +196,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     };
     let mut out = std::io::stdout().lock();
     if arguments.json {
-        serde_json::to_writer(&mut out, &line)?;
-        writeln!(out)?;
+        out.write_all(&json::line(&line)?)?;
     } else {
         write!(out, "{}", words(&line))?;
     }

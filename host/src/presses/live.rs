@@ -11,6 +11,7 @@ use crate::say::say;
 use crate::usage::Usage;
 use ::forward::{Pattern, Sheet};
 use anyhow::{Result, bail};
+use hil_sim::BOARD_NAME;
 use inverse::force::meter::Calibration;
 use link::Session;
 use std::path::Path;
@@ -51,19 +52,35 @@ impl Chosen {
         }
     }
 
-    /// This one, or where nothing was said that which is stored for the board of a session. One that cannot be used is said, and left out.
-    /// `given`: the sheet that is used in any case.
-    pub(crate) fn or_stored(self, arguments: &SourceArguments, session: &Session, given: Option<&Sheet>) -> Self {
-        let hello = session.hello();
+    /// This one, or where nothing was said that which is stored for the board of a session, and the sheet that it was made on; with what is
+    /// to be said of it. One that cannot be used is said, and left out. `sheet`: the one so far, and whether it was given.
+    ///
+    /// # Errors
+    /// The sheet is another one than that of the calibration.
+    pub(crate) fn or_stored(
+        self,
+        arguments: &SourceArguments,
+        session: &Session,
+        (sheet, is_given): (Sheet, bool),
+    ) -> Result<(Self, Sheet, Vec<String>)> {
+        // A simulated skin is simulated by now.
+        let known = (is_given || session.hello().board == BOARD_NAME).then(|| sheet.clone());
+        let (calibration, said) = self.stored(arguments, session, known.as_ref());
+        let sheet = calibration.sheet(known)?.unwrap_or(sheet);
+        Ok((calibration, sheet, said))
+    }
+
+    fn stored(self, arguments: &SourceArguments, session: &Session, given: Option<&Sheet>) -> (Self, Vec<String>) {
+        let (hello, nothing) = (session.hello(), Vec::new());
         if self.asked {
-            return self;
+            return (self, nothing);
         }
         let Some(folder) = baselines::folder(arguments.state_dir.as_deref(), hello) else {
-            return self;
+            return (self, nothing);
         };
         let path = store::path(&folder, &hello.serial);
         if !path.exists() {
-            return self;
+            return (self, nothing);
         }
         let stored = Self::of(&path, arguments, true).and_then(|(stored, said)| {
             stored.sheet(given.cloned())?;
@@ -73,16 +90,10 @@ impl Chosen {
             }
             Ok((stored, said))
         });
-        match stored {
-            Ok((stored, said)) => {
-                said.iter().for_each(|text| say!("{text}"));
-                stored
-            }
-            Err(why) => {
-                say!("warning: the calibration that is stored for this board is not used: {why:#}");
-                self
-            }
-        }
+        stored.unwrap_or_else(|why| {
+            let why = format!("warning: the calibration that is stored for this board is not used: {why:#}");
+            (self, vec![why])
+        })
     }
 
     /// One of a file, with what is to be said where it is used.

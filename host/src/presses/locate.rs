@@ -5,6 +5,7 @@ use super::file::PressCalibration;
 use crate::files::before;
 use crate::files::measurements::MeasurementTable;
 use crate::files::sheet_line::SheetLine;
+use crate::json;
 use crate::progress::Progress;
 use ::forward::Measurement;
 use anyhow::{Result, bail};
@@ -139,16 +140,15 @@ pub(crate) fn run(
             let line = FrameLine {
                 frame: &frame.name,
                 touches: presence.presses.iter().map(|press| touch(press, gain)).collect(),
-                residual: digits(1.0 - presence.explained),
-                misfit: digits(presence.misfit),
+                residual: 1.0 - presence.explained,
+                misfit: presence.misfit,
                 used,
                 values: table.measurements.len(),
                 baseline: &frame.baseline,
                 calibration: file,
                 doubt,
             };
-            serde_json::to_writer(&mut out, &line)?;
-            writeln!(out)?;
+            out.write_all(&json::line(&line)?)?;
         } else {
             write!(out, "{}", words(frame, &presence, gain))?;
         }
@@ -191,19 +191,14 @@ fn doubt(presence: &Presence, used: usize) -> Option<String> {
     presence.doubt().map(|doubt| doubt.to_string())
 }
 
-/// Four significant digits.
-fn digits(value: f64) -> f64 {
-    format!("{value:.3e}").parse().unwrap_or(value)
-}
-
 fn touch(press: &Located, gain: Option<&Gain>) -> TouchLine {
     TouchLine {
         x_mm: hundredths(press.place_mm[0]),
         y_mm: hundredths(press.place_mm[1]),
         x_sd_mm: hundredths(press.covariance_mm2[0][0].sqrt()),
         y_sd_mm: hundredths(press.covariance_mm2[1][1].sqrt()),
-        strength: digits(press.strength),
-        strength_sd: digits(press.strength_sd),
+        strength: press.strength,
+        strength_sd: press.strength_sd,
         force_n: gain.map(|gain| hundredths(gain.newtons(press.place_mm, press.strength))),
     }
 }

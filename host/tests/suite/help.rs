@@ -43,16 +43,22 @@ fn shells_are_told_every_command() {
     );
 }
 
-/// A script that bash cannot read would break whoever's shell loads it.
+/// A script that a shell cannot read would break whoever's shell loads it.
 #[cfg(unix)]
 #[test]
-fn bash_reads_its_script() {
+fn shells_read_their_scripts() {
     let folder = tempfile::tempdir().unwrap();
-    let file = folder.path().join("skin.bash");
-    std::fs::write(&file, skin(&["completions", "bash"])).unwrap();
-    match std::process::Command::new("bash").arg("-n").arg(&file).output() {
-        Ok(run) => assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr)),
-        Err(why) => eprintln!("not tried: bash: {why}"),
+    for shell in ["bash", "zsh", "fish"] {
+        let file = folder.path().join(shell);
+        std::fs::write(&file, skin(&["completions", shell])).unwrap();
+        match std::process::Command::new(shell).arg("-n").arg(&file).output() {
+            Ok(run) => assert!(
+                run.status.success(),
+                "{shell}: {}",
+                String::from_utf8_lossy(&run.stderr)
+            ),
+            Err(why) => eprintln!("not tried: {shell}: {why}"),
+        }
     }
 }
 

@@ -12,6 +12,8 @@ use crate::touches::touch::Touch;
 
 /// Frames for which the test of new touches waits for a search that does not come to its end; then the search is patient.
 const MOST_PUT_OFF: usize = 2;
+/// Frames one after another that touches leave unexplained because one is coming down.
+const LANDING: usize = 2;
 
 /// The detectors of changes, by what drifts.
 pub(crate) type Detectors = [Option<ChangeDetector>; Drifting::ALL.len()];
@@ -28,8 +30,8 @@ pub(crate) struct ContactTest {
     asked: usize,
     stood: usize,
     until: usize,
-    /// Whether touches left some of the frame before unexplained.
-    left_before: bool,
+    /// Frames one after another before this one that touches left some of unexplained.
+    left_before: usize,
     /// Frames one after another in which that test was put off.
     put_off: usize,
     /// Whether a mean of frames at rest leaves what drift may explain: the next frame is asked by itself.
@@ -54,7 +56,7 @@ impl ContactTest {
             asked: 0,
             stood: 0,
             until: 0,
-            left_before: false,
+            left_before: 0,
             put_off: 0,
             left_at_rest: false,
             evened: None,
@@ -113,7 +115,7 @@ impl ContactTest {
         self.monitor.clear();
         self.polarity.clear();
         (self.drifting, self.stood, self.until) = (Drifting::Common, 0, 0);
-        self.left_before = false;
+        self.left_before = 0;
         self.left_at_rest = false;
     }
 
@@ -163,11 +165,11 @@ impl ContactTest {
         if task.quiet {
             self.drifting = self.may_drift();
         }
+        // What a frame has of a touch while it comes down differs from value to value, which is like anything smooth.
+        let lands = self.sequence && self.left_before < LANDING;
         // The decision for or against a contact compares what both come to in the end.
         let patient = !self.sequence || self.monitor.asks_next() || self.put_off >= MOST_PUT_OFF;
         let task = Task { patient, ..task };
-        // Half of the frame in which a touch lands is as before, which is like anything smooth.
-        let lands = self.sequence && !self.left_before;
         if let Some(changed) = self.monitor.begin(task.quiet) {
             self.test_again(changed, solver, task, detectors, result);
         } else {
@@ -178,7 +180,7 @@ impl ContactTest {
             }
             evidence = self.test_candidates(evidence, solver, task, detectors, result);
             if !task.quiet {
-                self.test_polarity((evidence, new), solver, task, detectors, result);
+                self.test_polarity((evidence, new, lands), solver, task, detectors, result);
             }
         }
         if task.quiet {
@@ -188,19 +190,28 @@ impl ContactTest {
             }
             self.stood = 0;
         }
-        self.left_before = result.changed && self.leaves(result);
+        let left = result.changed && self.leaves(result);
+        self.left_before = if left { self.left_before + 1 } else { 0 };
     }
 
-    /// Decides whether some touches change the resistivity the other way.
+    /// Decides whether some touches change the resistivity the other way. While a touch `lands`, only of frames that no touches
+    /// explain.
     fn test_polarity(
         &mut self,
-        (evidence, new): (Option<Evidence>, bool),
+        (evidence, new, lands): (Option<Evidence>, bool, bool),
         solver: &mut FrameSolver,
         task: Task,
         detectors: &mut Detectors,
         result: &mut FrameResult,
     ) {
-        let unexplained = result.touches.is_empty() || result.misfit.is_none_or(|m| m > self.options.explained);
+        let explains = |misfit| {
+            if lands {
+                solver.explains(misfit, task.averaged.gain)
+            } else {
+                misfit <= self.options.explained
+            }
+        };
+        let unexplained = result.touches.is_empty() || !result.misfit.is_some_and(explains);
         let may = solver.fits() && result.changed;
         // Whether contacts drifted or changed is decided first.
         let decided = self.put_off == 0 && !self.monitor.is_open();
@@ -226,8 +237,8 @@ impl ContactTest {
         solver.end_other();
     }
 
-    /// Decides what drifts: a new touch must explain the frame better than that. What is rare is not asked for in a frame in which a touch
-    /// `lands`, but in the next one that touches leave unexplained.
+    /// Decides what drifts: a new touch must explain the frame better than that. What is rare is not asked for while a touch `lands`, but
+    /// in the next frame that touches leave unexplained.
     fn test_drifting(
         &mut self,
         (evidence, lands): (Option<Evidence>, bool),

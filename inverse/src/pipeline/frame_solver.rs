@@ -544,6 +544,7 @@ impl FrameSolver {
             polarity: task.polarity,
             corrected: task.corrected,
             unhurried: !self.options.sequence,
+            from_found: self.options.sequence && task.changed.is_empty(),
         };
         let explained = fitter.fit(data, &mut || picture.places()).is_some();
         if !explained {

@@ -1,7 +1,7 @@
 //! Which fault is named, frame after frame.
 //!
-//! A touch that comes down while a frame is measured fits nothing either, but the next frame tells another story. What is broken stays
-//! broken. In frames that follow one another a fault is therefore named when several of them tell the same.
+//! A touch that comes down while two frames are measured fits nothing either, but the next frame tells another story. What is broken
+//! stays broken. In frames that follow one another a fault is therefore looked for from the third on, and named when two tell the same.
 
 use crate::reference::Difference;
 use crate::reference::diagnosis::{Diagnosis, Fault, values_of, values_of_channel};
@@ -9,9 +9,9 @@ use crate::reference::imager::Imager;
 use std::sync::Arc;
 
 /// Frames one after another that touches do not explain before a fault is looked for: it takes as long as some frames.
-const SUSPICIOUS: usize = 2;
+const SUSPICIOUS: usize = 3;
 /// Frames that have to tell the same fault.
-const NAMES: usize = 3;
+const NAMES: usize = 2;
 /// Frames until a fault that was named is looked for again: one that leaves touches, and one that leaves none; and times that speak
 /// against it before it is over.
 const AGAIN: [usize; 2] = [64, 16];

@@ -137,10 +137,6 @@ function draw(now) {
     page.age = Number.isNaN(page.age) ? age : page.age + 0.1 * (age - page.age);
     page.draws.push(now);
   }
-  sheet.draw(frame, page.palette, isLive());
-  // Held, it stands still; without new frames it moves on.
-  if (page.at === null) trace.draw(1000 * frame.time + performance.now() - page.shown);
-  else trace.draw(1000 * frame.time, "0 s");
   if (now - page.readAt > 120) {
     page.readAt = now;
     showTouches(frame.touches, sheet.scene);
@@ -150,6 +146,17 @@ function draw(now) {
     showReadings(frame, { drawn, age: page.age, skipped: page.skipped });
     showTime();
   }
+  paint();
+}
+
+/** The canvases, as large as they are now: texts beside them may have changed that. */
+function paint() {
+  const { frame } = page;
+  if (!frame) return;
+  sheet.draw(frame, page.palette, isLive());
+  // Held, it stands still; without new frames it moves on.
+  if (page.at === null) trace.draw(1000 * frame.time + performance.now() - page.shown);
+  else trace.draw(1000 * frame.time, "0 s");
 }
 
 // --- state --------------------------------------------------------------------------------------------------------
@@ -212,7 +219,7 @@ function showRecording() {
   set("record-text", file ? "Stop" : "Record");
   $("recording").hidden = !file && !note;
   $("recording").classList.toggle("on", file !== null);
-  set("recording", file ? (note ?? `${file}: ${number(bytes / 1e6, 1)} MB, ${clock(seconds)}`) : (note ?? ""));
+  set("recording", file ? (note ?? `${file}: ${number(bytes / 1e6, 1)}\u00a0MB, ${clock(seconds)}`) : (note ?? ""));
 }
 
 function showGuide() {
@@ -503,7 +510,9 @@ document.addEventListener("keydown", (event) => {
   };
   actions[event.key.toLowerCase()]?.();
 });
-new ResizeObserver(request).observe($("stage"));
+// Before what has another size is seen.
+const resized = new ResizeObserver(paint);
+for (const part of ["stage", "trace"]) resized.observe($(part));
 document.addEventListener("visibilitychange", request);
 try {
   choose(localStorage.getItem("palette") ?? "inferno");

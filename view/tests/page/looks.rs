@@ -250,7 +250,7 @@ fn a_recording_is_asked_for_ended_and_shown() {
         seconds: 754,
         note: None,
     });
-    says(&mut page, "Stop: skin-20261123T154500Z-7.mcap: 12.3 MB, 12:34");
+    says(&mut page, "Stop: skin-20261123T154500Z-7.mcap: 12.3\u{a0}MB, 12:34");
     page.shot("recording.png");
     page.ask("document.querySelector('#record').click()");
     commanded(Command::StopRecording);
@@ -443,6 +443,8 @@ fn numbers_beside_the_curves_lie_on_nothing() {
     let Some(browser) = browser() else { return };
     let view = view();
     let mut page = browser.open(&view.url());
+    // Room for all seven.
+    page.resize(1280, 1080);
     page.ask(LISTEN);
     page.ask(
         r##"(() => {

@@ -331,3 +331,48 @@ fn a_replay_is_gone_through_as_a_whole() {
         "document.querySelector('#time').disabled && document.querySelector('#hold').disabled",
     );
 }
+
+/// What the panel says of more touches, or fewer, leaves the curves less room, or more: their letters are never stretched.
+#[test]
+fn curves_are_drawn_for_the_room_that_they_have() {
+    let Some(browser) = browser() else { return };
+    let view = view();
+    let mut page = browser.open(&view.url());
+    page.resize(1280, 720);
+    until(
+        &mut page,
+        &view,
+        &mut 0,
+        "document.querySelector('#touches').rows.length > 0",
+    );
+    // After every time that the page is painted.
+    page.ask(
+        r##"(() => {
+        window.stretched = [];
+        const trace = document.querySelector("#trace");
+        const look = () => {
+            const [is, fits] = [trace.height, Math.round(trace.clientHeight * devicePixelRatio)];
+            if (is !== fits) stretched.push([is, fits]);
+        };
+        const again = () => { setTimeout(look, 0); requestAnimationFrame(again); };
+        again();
+    })()"##,
+    );
+    let (template, start) = (template(), Instant::now());
+    let mut heights = Vec::new();
+    // The list has six rows at most, and then a line of how many more there are.
+    for (count, rows) in [(1, 1), (8, 6), (1, 1), (8, 6)] {
+        let rows = format!("document.querySelector('#touches').rows.length === {rows}");
+        while page.ask(&rows) != true {
+            let mut picture = picture(&template, 30);
+            let touch = picture.touches[0];
+            picture.touches = vec![touch; count];
+            view.publish(picture).unwrap();
+            assert!(start.elapsed() < NOT_FOR_EVER, "never: {rows}");
+            std::thread::sleep(Duration::from_millis(30));
+        }
+        heights.push(page.ask("document.querySelector('#trace').clientHeight"));
+    }
+    assert_ne!(heights[0], heights[1]);
+    assert_eq!(page.ask("stretched"), json!([]));
+}

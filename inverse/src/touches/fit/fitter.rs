@@ -41,6 +41,8 @@ pub struct Data<'a> {
     pub corrected: bool,
     /// Whether time does not count: the touches may get a mesh made for them.
     pub unhurried: bool,
+    /// Whether the search may begin at the touches that were found in this frame beside something else that drifts.
+    pub from_found: bool,
 }
 
 impl Data<'_> {
@@ -242,6 +244,8 @@ pub struct Fitter {
     /// Solutions of the sheet in this frame, and the most there may be.
     solutions: usize,
     most_solutions: usize,
+    /// Touches that were found in this frame, by a search that came to its end.
+    found: Discs,
     /// Of the frame fitted last.
     drift: Drift,
     /// Of a frame without touches.
@@ -291,6 +295,7 @@ impl Fitter {
             was_corrected: false,
             solutions: 0,
             most_solutions: usize::MAX,
+            found: Discs::new(),
             drift: Drift::with_room(imager.pattern.electrodes()),
             alone: Drift::with_room(imager.pattern.electrodes()),
             refining: NuisanceScratch::default(),
@@ -314,6 +319,7 @@ impl Fitter {
     /// Begins a frame, which may take so many solutions of the sheet, however often it is fitted.
     pub(crate) fn begin_frame(&mut self, most_solutions: usize) {
         (self.solutions, self.most_solutions) = (0, most_solutions);
+        self.found.clear();
     }
 
     /// Solutions of the sheet in this frame.
@@ -352,6 +358,7 @@ impl Fitter {
     /// Begins a fit with touches of other signs without a frame before.
     pub(crate) fn begin_other(&mut self) {
         self.end_other();
+        self.found.clear();
         forget(&mut self.followed, &mut self.carried);
     }
 
@@ -399,8 +406,15 @@ impl Fitter {
             turn: self.followed.turn,
             data,
         };
-        let prior = self.prior;
-        self.find(&mut job, &mut || peaks().iter().map(|at| prior.seed(*at)).collect())?;
+        let (prior, from_found) = (self.prior, job.data.from_found);
+        let found = std::mem::take(&mut self.found);
+        self.find(&mut job, &mut || {
+            if from_found && !found.is_empty() {
+                found.clone()
+            } else {
+                peaks().iter().map(|at| prior.seed(*at)).collect()
+            }
+        })?;
         let fitted = &mut self.fits.now;
         if let Some(Beside { nuisances, sizes }) = job.data.beside {
             self.sizes.clear();
@@ -423,6 +437,11 @@ impl Fitter {
         let explained = self.options.explains(fitted.misfit, job.data.gain)
             || fitted.relative_residual <= self.options.most_residual;
         self.followed.note(&job.data, fitted, explained);
+        self.found = if explained && fitted.finished {
+            fitted.discs.clone()
+        } else {
+            found
+        };
         self.followed.holds.then_some(&self.fits.now)
     }
 

@@ -176,6 +176,7 @@ fn the_linearisation_error_is_carried_from_frame_to_frame() {
                 patient,
                 corrected: true,
                 unhurried: true,
+                from_found: false,
                 polarity: Polarity::Up,
             };
             fitter
