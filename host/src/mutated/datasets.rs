@@ -21,7 +21,7 @@ fn mutated_scenes_of_datasets() {
     let example = lines.collect::<Vec<_>>().join("\n");
     // Few frames of few electrodes: every key is read, and a shard is made in milliseconds.
     let example = example.replace("= 1000\n", "= 3\n").replace("= 24\n", "= 2\n");
-    let sheet = Sheet::disc(100.0, 6, 20.0, 1.0, 1000.0);
+    let sheet = Sheet::disc(100.0, 4, 30.0, 1.0, 1000.0);
     feed(
         "scenes of a dataset",
         &[example.into_bytes(), FEW.into()],
