@@ -450,12 +450,17 @@ impl Output {
         out
     }
 
-    /// The board's name, with how many values of the baseline are left out.
+    /// The board's name, with how many values of the baseline are left out, and whether frames are searched for faults.
     fn source_text(&self) -> String {
+        let mut text = self.source.clone();
         match self.left_out.iter().map(|f| f.values).sum::<usize>() {
-            0 => self.source.clone(),
-            values => format!("{}, {values} values left out", self.source),
+            0 => {}
+            values => text += &format!(", {values} values left out"),
         }
+        if self.left_out.iter().any(|f| f.kind == FindingKind::Unsearched) {
+            text += ", not searched for faults";
+        }
+        text
     }
 
     /// Writes the last picture.

@@ -112,14 +112,14 @@ impl Keys {
     /// `Err` says what is wrong with the text.
     fn parse(text: &str) -> Result<Self, String> {
         let message = |e: toml::de::Error| e.message().to_owned();
-        #[derive(Deserialize)]
-        struct Version {
-            version: u32,
-            presses: Option<toml::Table>,
-        }
-        let Version { version, presses } = toml::from_str(text).map_err(message)?;
-        let of_presses_alone = kind(text).as_deref() == Some(PRESSES);
-        if of_presses_alone || version == OTHER_MAPS && presses.is_some() {
+        // Once: maps are long.
+        let table: toml::Table = toml::from_str(text).map_err(message)?;
+        let number = table.get("version").ok_or("missing field `version`")?.as_integer();
+        let version = number
+            .and_then(|n| u32::try_from(n).ok())
+            .ok_or("its version is no number of a version; calibrate anew")?;
+        let of_presses_alone = table.get("kind").and_then(toml::Value::as_str) == Some(PRESSES);
+        if of_presses_alone || version == OTHER_MAPS && table.contains_key("presses") {
             return Err(
                 "its presses are of an older program, whose maps are not read; calibrate anew from its table and its list of presses"
                     .to_owned(),
@@ -130,7 +130,7 @@ impl Keys {
                 "version {version} is not known to this program, which reads {VERSION}; calibrate anew, or use the program that wrote it"
             ));
         }
-        let mut keys: Self = toml::from_str(text).map_err(message)?;
+        let mut keys: Self = table.try_into().map_err(message)?;
         if keys.kind != SKIN {
             return Err(format!("kind \"{}\" is no calibration", keys.kind));
         }

@@ -18,6 +18,9 @@ const CONSTANT: f64 = 1e6;
 /// Strengths below tell no force.
 const LEAST_STRENGTH: f64 = 0.05;
 
+/// Largest logarithm of a force over the usual one that weights may make: what is computed with it stays a number.
+const LARGEST_LOG: f64 = 100.0;
+
 /// Newtons for every strength, over the sheet.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Gain {
@@ -118,12 +121,14 @@ impl Gain {
 
     /// What such numbers make; `None` where they do not fit one another.
     pub fn restore(stored: &StoredGain) -> Option<Self> {
-        let positive = |v: f64| v > 0.0 && v.is_finite();
-        let sound = positive(stored.usual_n)
-            && positive(stored.reach_mm)
+        // No harmonic is larger than one over half the square's side.
+        let logs = stored.weights.iter().map(|w| w.abs()).sum::<f64>() / (SQUARE * stored.reach_mm);
+        let sound = (1e-9..=1e9).contains(&stored.usual_n)
+            && (1e-3..=1e6).contains(&stored.reach_mm)
+            && stored.centre_mm.iter().all(|v| v.abs() <= 1e6)
+            && logs <= LARGEST_LOG
             && (0.05..=10.0).contains(&stored.length)
-            && stored.relative_sd >= 0.0
-            && stored.centre_mm.iter().chain(&stored.weights).all(|v| v.is_finite());
+            && (0.0..=1e6).contains(&stored.relative_sd);
         let harmonics = sound.then(|| harmonics(stored.centre_mm, stored.reach_mm, stored.length))?;
         (harmonics.len() == stored.weights.len()).then(|| Self {
             stored: stored.clone(),
@@ -236,8 +241,23 @@ mod tests {
     #[test]
     fn few_forces_and_damaged_numbers_give_none() {
         assert!(Gain::learn(&presses(4, 0.0)).is_none());
-        let mut stored = Gain::learn(&presses(20, 0.0)).unwrap().stored().clone();
-        stored.weights.pop();
-        assert!(Gain::restore(&stored).is_none());
+        let stored = Gain::learn(&presses(20, 0.0)).unwrap().stored().clone();
+        let changed = |change: fn(&mut StoredGain)| {
+            let mut other = stored.clone();
+            change(&mut other);
+            Gain::restore(&other)
+        };
+        assert!(changed(|_| {}).is_some());
+        let damage: [fn(&mut StoredGain); 6] = [
+            |s| s.weights.truncate(3),
+            |s| s.weights[3] = f64::NAN,
+            |s| s.weights[3] = 1e6,
+            |s| s.usual_n = 1e308,
+            |s| s.reach_mm = 1e300,
+            |s| s.centre_mm[1] = 1e300,
+        ];
+        for (k, change) in damage.into_iter().enumerate() {
+            assert!(changed(change).is_none(), "{k}");
+        }
     }
 }

@@ -265,8 +265,9 @@ impl ContactTest {
         self.until = self.options.retest_frames;
         let (before, mut best) = (self.drifting, evidence);
         for other in Drifting::ALL.into_iter().filter(|d| *d != before) {
-            // What hides touches more than contacts do is asked for only where something is left to explain.
-            if is_rare(other) && !self.leaves(result) {
+            // What hides touches more than contacts do is asked for only where something is left to explain, and where that takes no
+            // seconds.
+            if is_rare(other) && !(solver.imager().is_searched() && self.leaves(result)) {
                 continue;
             }
             if is_rare(other) && lands {
@@ -379,7 +380,7 @@ impl ContactTest {
         detectors: &mut Detectors,
         result: &mut FrameResult,
     ) -> Option<Evidence> {
-        while self.monitor.changed().len() < self.options.most_contacts {
+        while solver.imager().is_searched() && self.monitor.changed().len() < self.options.most_contacts {
             let changed = self.monitor.changed();
             let candidate = solver.candidate(changed, result);
             if !self.monitor.propose(candidate.map(|c| c.electrode)) {
@@ -451,6 +452,6 @@ impl ContactTest {
 }
 
 /// Whether it drifts less often than contacts do.
-fn is_rare(drifting: Drifting) -> bool {
+pub(crate) fn is_rare(drifting: Drifting) -> bool {
     !matches!(drifting, Drifting::Nothing | Drifting::Common | Drifting::Contacts)
 }

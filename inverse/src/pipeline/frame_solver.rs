@@ -197,6 +197,11 @@ impl FrameSolver {
         }
     }
 
+    /// The imager.
+    pub(crate) fn imager(&self) -> &Imager {
+        &self.imager
+    }
+
     /// Begins a frame: nothing was done for it.
     pub(crate) fn begin_frame(&mut self) {
         self.work = Work::default();

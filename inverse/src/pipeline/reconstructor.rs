@@ -1,7 +1,7 @@
 //! From a frame to a picture and its touches: every step is entered once and returns a value.
 
 use crate::change::detector::{Change, ChangeDetector};
-use crate::pipeline::contact_test::{ContactTest, Detectors};
+use crate::pipeline::contact_test::{ContactTest, Detectors, is_rare};
 use crate::pipeline::following::Following;
 use crate::pipeline::frame_solver::{Averaged, FrameSolver, Task, Work};
 use crate::pipeline::options::ReconstructorOptions;
@@ -526,9 +526,11 @@ fn detectors(solver: &mut FrameSolver, reference: &Reference, unchanged: &Differ
         return detectors;
     };
     let share = reference.baseline_share();
+    let is_searched = reference.imager().is_searched();
+    let asked = |drifting: &Drifting| !is_rare(*drifting) || is_searched;
     // The first is in use next.
-    for drifting in Drifting::ALL.into_iter().rev() {
-        let at_once = at_once && matches!(drifting, Drifting::Common | Drifting::Contacts);
+    for drifting in Drifting::ALL.into_iter().rev().filter(asked) {
+        let at_once = at_once && is_searched && matches!(drifting, Drifting::Common | Drifting::Contacts);
         detectors[drifting.index()] =
             solver.detector(unchanged, reference.baseline(), noise.sigma, share, drifting, at_once);
     }

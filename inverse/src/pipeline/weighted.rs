@@ -317,6 +317,17 @@ fn weighed(volts: &DMatrix<f64>, used: &[bool], spread: &[f64]) -> DMatrix<f64> 
 /// How many problems are kept: for every kind of drift, and for two with a contact or values that come and go.
 const MOST_KEPT: usize = 6;
 
+/// The same of frames with many values, in which nothing rare is looked for: a problem takes 200 MB.
+const MOST_KEPT_OF_MANY: usize = 2;
+
+fn most_kept(imager: &Imager) -> usize {
+    if imager.is_searched() {
+        MOST_KEPT
+    } else {
+        MOST_KEPT_OF_MANY
+    }
+}
+
 /// The problems used last, the last first.
 #[derive(Default)]
 pub(crate) struct Weightings {
@@ -356,9 +367,7 @@ impl Weightings {
                 0
             }
             None => {
-                if self.kept.is_full() {
-                    self.kept.pop();
-                }
+                self.kept.truncate(most_kept(imager) - 1);
                 let whole = self.whole.take().filter(|whole| whole.spread == difference.spread);
                 let whole = whole.unwrap_or_else(|| Whole::new(imager, options, &difference.spread));
                 let new = Weighted::new(&whole, imager, options, drift, contacts, difference, left_out);

@@ -66,6 +66,9 @@ impl FaultMonitor {
 
     /// Makes ready to compare frames of this noise (V of the model) with every fault, which takes as long as many frames.
     pub(crate) fn prepare(&mut self, sigma_v: f64, unchanged: &Difference) {
+        if !self.imager.is_searched() {
+            return;
+        }
         self.diagnosis = Some(Diagnosis::new(&self.imager));
         if let Some(Some(diagnosis)) = &mut self.diagnosis {
             diagnosis.prepare(sigma_v, unchanged);
@@ -233,6 +236,9 @@ impl FaultMonitor {
     }
 
     fn explain(&mut self, d: &Difference, sigma_v: Option<f64>) -> Option<(Fault, bool)> {
+        if !self.imager.is_searched() {
+            return None;
+        }
         self.searches += 1;
         let diagnosis = self
             .diagnosis

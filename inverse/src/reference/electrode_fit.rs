@@ -194,6 +194,8 @@ fn settle(
     let mut linear = Linear::new(&here, baseline, options).ok_or(NoFit::TooFew)?;
     let mut scales = None;
     let mut round = 0;
+    // Of many values a round takes seconds, and one is enough: electrodes off by 0.5 mm.
+    let most_rounds = if imager.is_searched() { options.most_rounds } else { 1 };
     loop {
         round += 1;
         // Beyond the linear part: what the values would be if all were linear about the prior's mean.
@@ -206,7 +208,7 @@ fn settle(
         here = Imager::new(&found, imager.drive, imager.pattern.clone(), imager.grid.cell_mm())
             .map_err(|_| NoFit::NoSheet)?;
         here.electrode_covariance = Some(covariance);
-        let last = round >= options.most_rounds || step <= options.settled_mm * reach;
+        let last = round >= most_rounds || step <= options.settled_mm * reach;
         // About where the electrodes are now: for the next step, or for what the last one leaves.
         linear = Linear::new(&here, baseline, options).ok_or(NoFit::TooFew)?;
         if last {

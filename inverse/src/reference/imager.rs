@@ -67,6 +67,10 @@ pub(crate) const MOST_ENTRIES: usize = 6_000_000;
 /// up from are 52,000 bytes for each.
 const MOST_VALUES: usize = 4096;
 
+/// Most values of a frame in which rare things are looked for: what is broken, and what drifts seldom. 32 electrodes in the adjacent pattern
+/// have 928. Of more every search takes seconds.
+pub(crate) const MOST_SEARCHED: usize = 2048;
+
 /// Refuses a picture whose sensitivity memory should not hold.
 fn check_size(grid: &CellGrid, pattern: &Pattern) -> Result<(), ImagerError> {
     if pattern.len() > MOST_VALUES {
@@ -139,6 +143,11 @@ impl Imager {
             grid,
             electrode_covariance: None,
         })
+    }
+
+    /// Whether frames are searched for what is broken, and for what drifts seldom: not where they have more than 2,048 values.
+    pub fn is_searched(&self) -> bool {
+        self.pattern.len() <= MOST_SEARCHED
     }
 
     /// How far the sheet reaches from the origin, mm.

@@ -84,7 +84,8 @@ pub fn inspect(
         })
         .collect();
     let screening = screen(&imager.model_v, pattern, &known, &options.screening);
-    let suspicious = wiring.is_none() && !(screening.conclusive && screening.findings.is_empty());
+    let suspicious =
+        imager.is_searched() && wiring.is_none() && !(screening.conclusive && screening.findings.is_empty());
     let fault = suspicious
         .then(|| {
             // With all signs turned every fault would look like another one.
@@ -123,6 +124,7 @@ pub fn inspect(
         }
     }
     bad_contacts::name(&mut findings, pattern, electrodes.as_ref(), &options.electrodes);
+    findings.extend((!imager.is_searched()).then(|| unsearched(pattern)));
     let baseline = baseline.without(&used);
     let misfit = electrodes.as_ref().map_or_else(
         || misfit(&imager.model_v, &baseline.values_v, &screening.fitted),
@@ -167,6 +169,19 @@ fn amplifier_finding(pattern: &Pattern, amplifier: &Amplifier, used: &mut [bool]
         values: of.len(),
         of: pattern.len(),
         left_out,
+    }
+}
+
+/// That frames have too many values to be searched.
+fn unsearched(pattern: &Pattern) -> Finding {
+    Finding {
+        kind: FindingKind::Unsearched,
+        electrodes: Vec::new(),
+        value: None,
+        factor: None,
+        values: 0,
+        of: pattern.len(),
+        left_out: true,
     }
 }
 
@@ -256,5 +271,50 @@ impl Inspection {
             ));
         }
         lines
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::batch::{Batch, BatchOptions};
+    use crate::solvers::Method;
+    use forward::{Drive, Sheet};
+
+    fn imager(electrodes: usize) -> Arc<Imager> {
+        let sheet = Sheet::disc(195.0, electrodes, 4.0, 1.0, 1000.0);
+        let pattern = Pattern::adjacent(electrodes).unwrap();
+        Arc::new(Imager::new(&sheet, Drive::PAPER, pattern, 15.0).unwrap())
+    }
+
+    /// 32 electrodes have 928 values, 47 have 2,068.
+    #[test]
+    fn frames_of_many_values_are_not_searched_and_that_is_said() {
+        for (electrodes, searched) in [(32, true), (47, false)] {
+            let imager = imager(electrodes);
+            let baseline = Baseline::of_frames(imager.pattern.len(), &[&imager.model_v]);
+            let found = inspect(&imager, baseline, true, &InspectionOptions::default());
+            assert_eq!(imager.is_searched(), searched);
+            let kinds: Vec<FindingKind> = found.left_out().map(|f| f.kind).collect();
+            let expected: &[FindingKind] = if searched { &[] } else { &[FindingKind::Unsearched] };
+            assert_eq!(kinds, expected);
+            let said = found.warnings().join("\n");
+            assert_eq!(said.contains("what is broken is not looked for"), !searched, "{said}");
+        }
+    }
+
+    /// A lost source is named where frames are searched, and doubted where they are not.
+    #[test]
+    fn what_is_broken_in_frames_of_many_values_is_doubted() {
+        for (electrodes, searched) in [(32, true), (47, false)] {
+            let imager = imager(electrodes);
+            let mut frame = imager.model_v.clone();
+            frame.iter_mut().for_each(|v| *v *= 1e-3);
+            let baseline = imager.model_v.clone();
+            let mut batch = Batch::new(imager, &[&baseline], BatchOptions::of(Method::Nnls)).unwrap();
+            let result = batch.frame(1, &frame).unwrap();
+            assert_eq!(result.faults == [Fault::Source], searched, "{:?}", result.faults);
+            assert!(result.doubt.is_some() && result.touches.is_empty());
+        }
     }
 }

@@ -6,6 +6,7 @@
 //! Whole electrodes explain wrong values first, the worst one first; then pairs; what is left are single values. The values of an
 //! electrode that is named no longer count against its neighbours, so that dead electrodes do not mask each other.
 
+use crate::reference::imager::MOST_SEARCHED;
 use forward::{Pair, Pattern};
 use serde::Serialize;
 use std::fmt;
@@ -82,6 +83,8 @@ pub enum FindingKind {
     SenseOffset,
     /// The values of a sense pair are all missing: out of range, as a rule.
     SenseMissing,
+    /// Frames have too many values to look for what is broken, and for what drifts seldom. It concerns no value.
+    Unsearched,
 }
 
 /// Something in a baseline that is not as the model of the sheet has it.
@@ -102,7 +105,7 @@ pub struct Finding {
     pub values: usize,
     /// How many values a frame has.
     pub of: usize,
-    /// Whether these values are left out.
+    /// Whether these values, or this search, are left out.
     pub left_out: bool,
 }
 
@@ -180,6 +183,12 @@ impl fmt::Display for Finding {
                 "the amplifier between electrodes {} and {} gives no value in the baseline, as at its rail: {out}",
                 e(0).min(e(1)),
                 e(0).max(e(1))
+            ),
+            FindingKind::Unsearched => write!(
+                f,
+                "frames have {} values, more than {MOST_SEARCHED}: what is broken is not looked for in them, nor contacts, \
+                 gains of channels and an unevenness that changed; use a pattern of fewer values for that",
+                self.of
             ),
             FindingKind::SenseOffset => write!(
                 f,
