@@ -95,6 +95,8 @@ pub struct Findings {
     pub centre_mm: [f64; 2],
     /// Part of what the press before did that is in the change of the next; 0 where it does not show.
     pub memory: f64,
+    /// Part of the press before's way from the middle by which the middle of the sheet is displaced; 0 where it does not show.
+    pub displaced: f64,
     /// Whether the places are corrected by a regression on the changes.
     pub corrected: bool,
     /// Part of the change that maps learned from other presses explain, 0 to 1.
@@ -283,6 +285,7 @@ pub fn learn(
         clockwise: choice.frame.clockwise,
         centre_mm: choice.frame.centre_mm,
         memory: choice.prior.memory,
+        displaced: choice.prior.displaced,
         corrected: correction.is_some(),
         explained: explained(&kept, &residuals, &maps.scale),
         error_mm: [quantile(&errors, 0.5), quantile(&errors, 0.95)],

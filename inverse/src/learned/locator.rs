@@ -437,6 +437,11 @@ impl Locator {
                 break;
             }
         }
+        for press in &mut found.presses {
+            let (place, slope) = self.maps.pressed(press.place_mm, before_mm);
+            let covariance = slope * Matrix2::from(press.covariance_mm2) * slope.transpose();
+            (press.place_mm, press.covariance_mm2) = (place, covariance.into());
+        }
         found
     }
 

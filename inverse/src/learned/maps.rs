@@ -1,7 +1,7 @@
 //! The response of every measurement to a press, as a map over the sheet, from presses at known places.
 //!
-//! `y_c = f_c(q) + λ f_c(q') + noise` with `f_c(q) = g_c f_k(R_c q) + r_c(q)`: what the press before at q' left behind is a part of what it
-//! did. All measurements of an orbit share one map `f_k`, each turned with its electrodes and with a gain `g_c` of its own, as contacts and
+//! `y_c = f_c(p) + λ f_c(q') + noise` with `f_c(q) = g_c f_k(R_c q) + r_c(q)`: what the press before at q' left behind is a part of what it
+//! did, or it displaces where this one is felt, p. All measurements of an orbit share one map `f_k`, each turned with its electrodes and with a gain `g_c` of its own, as contacts and
 //! amplifiers have; `r_c` is what is left of one measurement. Both are Gaussian processes, with the covariance of what a rim can feel
 //! ([`Sensitivities`]), and so is their posterior, in closed form. What lies far outside is drawn in before each of a few repetitions (Huber's
 //! pseudo-values), and each measurement's noise follows from what is left.
@@ -9,7 +9,7 @@
 use super::orbits::Orbits;
 use super::sensitivities::Sensitivities;
 use crate::stats::median;
-use nalgebra::{Cholesky, DMatrix, DVector, DVectorView, Dyn, SymmetricEigen};
+use nalgebra::{Cholesky, DMatrix, DVector, DVectorView, Dyn, Matrix2, SymmetricEigen, Vector2};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::{PI, TAU};
 
@@ -27,6 +27,10 @@ const LEAST_NOISE: f64 = 1e-4;
 const NOISE_WEIGHT: f64 = 8.0;
 /// Radius of the sheet over the reach of the presses: nobody presses on the rim.
 const RADIUS: f64 = 1.25;
+/// Iterations that find where a press is felt; each squares what is left.
+const INVERTED: usize = 4;
+/// Largest part by which a sheet is displaced: what is felt at one place is pressed at one place.
+pub(super) const MOST_DISPLACED: f64 = 0.5;
 /// Presses nearer than this part of the reach are one.
 const NEAR: f64 = 0.22;
 /// Directions of which presses see less than this part of what they see of the largest are not seen.
@@ -45,6 +49,8 @@ pub(super) struct Prior {
     pub(super) own: f64,
     /// Part of what the press before did that is in the change of the next.
     pub(super) memory: f64,
+    /// Part of the press before's way from the middle by which the middle of the sheet is displaced.
+    pub(super) displaced: f64,
 }
 
 /// Where the presses are, and how the electrodes go round.
@@ -69,6 +75,43 @@ impl Frame {
     fn angle(&self, turned: usize) -> f64 {
         let angle = TAU * turned as f64 / self.electrodes as f64;
         if self.clockwise { -angle } else { angle }
+    }
+
+    /// How far a place of the sheet gives way, over the middle: as a plate that is clamped at its rim bends (Timoshenko and
+    /// Woinowsky-Krieger 1959, section 17); and how that changes with the place, per mm.
+    pub(super) fn loose(&self, place_mm: [f64; 2]) -> (f64, Vector2<f64>) {
+        let radius = RADIUS * self.reach_mm;
+        let over = Vector2::from([0, 1].map(|k| (place_mm[k] - self.centre_mm[k]) / radius));
+        let held = (1.0 - over.norm_squared()).max(0.0);
+        (held * held, over * (-4.0 * held / radius))
+    }
+
+    /// Where a press is that is felt at some place, and how that changes with it: the press before has displaced the sheet by a part of
+    /// its own way from the middle.
+    pub(super) fn pressed(
+        &self,
+        felt_mm: [f64; 2],
+        before_mm: Option<[f64; 2]>,
+        part: f64,
+    ) -> ([f64; 2], Matrix2<f64>) {
+        let Some(before) = before_mm else {
+            return (felt_mm, Matrix2::identity());
+        };
+        let way = Vector2::from([0, 1].map(|k| part * (before[k] - self.centre_mm[k])));
+        let (loose, slope) = self.loose(felt_mm);
+        let place = Vector2::from(felt_mm) - way * loose;
+        (place.into(), Matrix2::identity() - way * slope.transpose())
+    }
+
+    /// Where a press is felt: the inverse of [`Frame::pressed`], by Newton's method.
+    pub(super) fn felt(&self, place_mm: [f64; 2], before_mm: Option<[f64; 2]>, part: f64) -> [f64; 2] {
+        let mut felt = Vector2::from(place_mm);
+        for _ in 0..INVERTED {
+            let (place, slope) = self.pressed(felt.into(), before_mm, part);
+            let off = Vector2::from(place_mm) - Vector2::from(place);
+            felt += slope.try_inverse().unwrap_or_default() * off;
+        }
+        felt.into()
     }
 
     /// Where a place lies for a measurement that is turned by so many electrodes.
@@ -131,6 +174,8 @@ pub(super) struct Maps {
     weights: DMatrix<f64>,
     /// Part of what the press before did that is in the change of the next.
     pub(super) memory: f64,
+    /// Part of the press before's way from the middle by which the middle of the sheet is displaced.
+    displaced: f64,
     /// Covariance of the weights of a measurement's own map that the presses leave, over its noise's variance.
     spread: DMatrix<f64>,
 }
@@ -157,6 +202,8 @@ pub struct StoredMaps {
     pub own: Vec<Vec<f64>>,
     /// Part of what the press before did that is in the change of the next.
     pub memory: f64,
+    /// Part of the press before's way from the middle by which the middle of the sheet is displaced.
+    pub displaced: f64,
     /// Covariance of the weights that the presses leave, over the noise's variance.
     pub spread: Vec<Vec<f64>>,
 }
@@ -252,10 +299,13 @@ struct Turn {
 impl Design {
     /// `None` where the presses are beyond what can be computed with.
     fn new(presses: &Presses, frame: Frame, prior: Prior, orbits: &Orbits, basis: &Sensitivities) -> Option<Self> {
+        let felt: Vec<[f64; 2]> = (presses.places_mm.iter().zip(&presses.before_mm))
+            .map(|(place, before)| frame.felt(*place, *before, prior.displaced))
+            .collect();
         // What the press before left is a part of what it did.
         let of_presses = |turned: usize| {
             let back = |p: [f64; 2]| frame.turned_back(p, turned);
-            let here = features(basis, presses.places_mm.iter().map(|p| Some(back(*p))));
+            let here = features(basis, felt.iter().map(|p| Some(back(*p))));
             here + features(basis, presses.before_mm.iter().map(|p| p.map(back))) * prior.memory
         };
         let here = of_presses(0);
@@ -305,6 +355,7 @@ impl Maps {
             own: DMatrix::zeros(size, channels),
             weights: DMatrix::zeros(size, channels),
             memory: prior.memory,
+            displaced: prior.displaced,
             spread: DMatrix::zeros(size, size),
             basis: frame.basis(),
             orbits: orbits.clone(),
@@ -443,6 +494,16 @@ impl Maps {
         whole
     }
 
+    /// Where a press is felt after the one before.
+    pub(super) fn felt(&self, place_mm: [f64; 2], before_mm: Option<[f64; 2]>) -> [f64; 2] {
+        self.frame.felt(place_mm, before_mm, self.displaced)
+    }
+
+    /// Where a press is that is felt there after the one before, and how that changes with it.
+    pub(super) fn pressed(&self, felt_mm: [f64; 2], before_mm: Option<[f64; 2]>) -> ([f64; 2], Matrix2<f64>) {
+        self.frame.pressed(felt_mm, before_mm, self.displaced)
+    }
+
     /// What a press there leaves behind for the next one.
     pub(super) fn memory_of(&self, place_mm: Option<[f64; 2]>) -> DVector<f64> {
         match place_mm {
@@ -476,6 +537,7 @@ impl Maps {
             shared: columns(&self.shared),
             own: columns(&self.own),
             memory: self.memory,
+            displaced: self.displaced,
             spread: columns(&self.spread),
         }
     }
@@ -496,6 +558,7 @@ impl Maps {
         let sound = (1e-3..=1e6).contains(&stored.reach_mm)
             && stored.centre_mm.iter().all(|v| v.abs() <= 1e6)
             && stored.memory.abs() <= 1.0
+            && stored.displaced.abs() <= MOST_DISPLACED
             && stored.scale.iter().all(positive)
             && weights.into_iter().flatten().flatten().all(small);
         sound.then_some(())?;
@@ -512,6 +575,7 @@ impl Maps {
             shared: matrix(&stored.shared, size, orbits.count)?,
             own: matrix(&stored.own, size, channels)?,
             memory: stored.memory,
+            displaced: stored.displaced,
             spread: matrix(&stored.spread, size, size)?,
             basis: frame.basis(),
             weights: DMatrix::zeros(size, channels),

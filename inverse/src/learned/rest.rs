@@ -66,13 +66,16 @@ impl Residuals {
     /// Of presses, against maps that were learned from others.
     pub(super) fn of(maps: &Maps, presses: &Presses) -> Self {
         let mut all = Self::none(presses.len(), maps.scale.len());
-        let expected = maps.at(&presses.places_mm);
+        let felt: Vec<[f64; 2]> = (presses.places_mm.iter().zip(&presses.before_mm))
+            .map(|(place, before)| maps.felt(*place, *before))
+            .collect();
+        let expected = maps.at(&felt);
         for k in 0..presses.len() {
             let map = expected.column(k).into_owned();
             let change = presses.changes.row(k).transpose() - maps.memory_of(presses.before_mm[k]);
             let strength = strength(maps, &map, &change);
             all.values.set_row(k, &(&change - &map * strength).transpose());
-            all.uncertainty[k] = maps.uncertainty(presses.places_mm[k]);
+            all.uncertainty[k] = maps.uncertainty(felt[k]);
             all.strengths[k] = strength;
         }
         all

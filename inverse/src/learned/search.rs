@@ -2,7 +2,7 @@
 
 use super::choice::{Choice, Setting};
 use super::locator::Evidence;
-use super::maps::{Frame, Presses, Prior};
+use super::maps::{Frame, MOST_DISPLACED, Presses, Prior};
 use super::orbits::Orbits;
 use super::validation::{FIRST_TEMPERING, Validation, locators};
 use forward::Measurement;
@@ -19,11 +19,16 @@ pub(super) const PRIOR: Prior = Prior {
     shared: 0.5,
     own: 0.06,
     memory: 0.0,
+    displaced: 0.0,
 };
 /// Parts of what the press before did that are tried as left.
 const MEMORIES: [f64; 6] = [0.07, 0.14, 0.2, 0.3, 0.4, 0.5];
 /// Standard errors by which presses have to be drawn to the one before, and be located better by a memory.
 const LIKELY: f64 = 1.0;
+/// Standard deviation of the part by which the press before displaces the middle of a sheet, before anything is known of it.
+const DISPLACED_SD: f64 = 0.1;
+/// How often it is estimated, each time from what is left.
+const DISPLACED_REPETITIONS: usize = 2;
 /// Standard errors by which a symmetry has to be refuted.
 const SURELY: f64 = 3.0;
 /// Presses located within this part of the reach tell what draws them.
@@ -47,9 +52,10 @@ fn losses(choice: &Choice, presses: &Presses) -> Option<Vec<f64>> {
     Some(errors.iter().map(|e| (e * e + step * step).ln()).collect())
 }
 
-/// By what part of the way to the one before presses are located towards it, over its standard error: by least squares, beside what
-/// draws them to the middle. `None` where too few are found near their places.
-fn pull(choice: &Choice, presses: &Presses) -> Option<f64> {
+/// By what part of some ways presses are located beside their places, with its standard error: by least squares, beside what draws them
+/// to the middle. `ways` tells them from the place of a press and that of the one before, mm. `None` where too few are found near their
+/// places.
+fn drawn(choice: &Choice, presses: &Presses, ways: impl Fn([f64; 2], [f64; 2]) -> [f64; 2]) -> Option<(f64, f64)> {
     let found = located(choice, presses)?;
     let (mut square, mut product) = (Matrix2::zeros(), Vector2::zeros());
     let mut list = Vec::new();
@@ -58,22 +64,23 @@ fn pull(choice: &Choice, presses: &Presses) -> Option<f64> {
         let Some(before) = before.filter(|_| near) else {
             continue;
         };
+        let way = ways(*place, before);
         for axis in 0..2 {
-            let ways = Vector2::new(before[axis] - place[axis], place[axis] - choice.frame.centre_mm[axis]);
-            square += ways * ways.transpose();
-            product += ways * offset[axis];
-            list.push((ways, offset[axis]));
+            let both = Vector2::new(way[axis], place[axis] - choice.frame.centre_mm[axis]);
+            square += both * both.transpose();
+            product += both * offset[axis];
+            list.push((both, offset[axis]));
         }
     }
     let inverse = square.try_inverse()?;
     let parts = inverse * product;
     let left: f64 = list
         .iter()
-        .map(|(ways, offset)| (offset - ways.dot(&parts)).powi(2))
+        .map(|(both, offset)| (offset - both.dot(&parts)).powi(2))
         .sum();
     let free = list.len().checked_sub(2)? as f64;
-    let pull = parts.x / (left / free * inverse[(0, 0)]).sqrt();
-    pull.is_finite().then_some(pull)
+    let error = (left / free * inverse[(0, 0)]).sqrt();
+    (parts.x.is_finite() && error > 0.0).then_some((parts.x, error))
 }
 
 /// The best of some ways; an earlier one unless a later one is better by more than so many standard errors of the difference.
@@ -163,21 +170,48 @@ pub(super) fn choose(
         None => alone,
     };
     progress(5, PARTS);
-    remember(taken, presses)
+    remember(&taken, presses)
 }
 
-/// What part of what the press before did is left, by cross-validation. Without it presses are located towards the one before, or away
-/// from it where the frame before has more of it than the press. As much more is taken as they are located better by it.
-fn remember(mut taken: Choice, presses: &Presses) -> Option<Choice> {
-    let Some(pull) = pull(&taken, presses).filter(|pull| pull.abs() > LIKELY) else {
-        return Some(taken);
-    };
-    for part in MEMORIES {
-        let mut more = taken.clone();
-        more.prior.memory = pull.signum() * part;
+/// What the press before left, as presses are located best: nothing, a sheet that is displaced, or a part of what it did.
+fn remember(taken: &Choice, presses: &Presses) -> Option<Choice> {
+    let ways = [
+        Some(taken.clone()),
+        displaced(taken, presses),
+        remembered(taken, presses),
+    ];
+    best(ways.into_iter().flatten().collect(), presses, 0.0)
+}
+
+/// The sheet displaced by the press before: the part by which presses are located beside their places, and what that leaves.
+fn displaced(taken: &Choice, presses: &Presses) -> Option<Choice> {
+    let mut choice = taken.clone();
+    let frame = choice.frame;
+    for _ in 0..DISPLACED_REPETITIONS {
+        let (part, error) = drawn(&choice, presses, |place, before| {
+            let loose = frame.loose(place).0;
+            [0, 1].map(|k| loose * (before[k] - frame.centre_mm[k]))
+        })?;
+        let known = DISPLACED_SD * DISPLACED_SD / (DISPLACED_SD * DISPLACED_SD + error * error);
+        choice.prior.displaced = (known * (choice.prior.displaced + part)).clamp(-MOST_DISPLACED, MOST_DISPLACED);
+    }
+    Some(choice)
+}
+
+/// A part of what the press before did is in the change of the next. Presses then are located towards the one before, or away from it
+/// where the frame before has more of it than the press. As much more is taken as they are located better by it.
+fn remembered(taken: &Choice, presses: &Presses) -> Option<Choice> {
+    let (part, error) = drawn(taken, presses, |place, before| [0, 1].map(|k| before[k] - place[k]))?;
+    if part.abs() < LIKELY * error {
+        return None;
+    }
+    let mut taken = taken.clone();
+    for more in MEMORIES {
+        let mut other = taken.clone();
+        other.prior.memory = more.copysign(part);
         let errors = if taken.prior.memory == 0.0 { LIKELY } else { 0.0 };
-        taken = best(vec![taken, more], presses, errors)?;
-        if taken.prior.memory.abs() < part {
+        taken = best(vec![taken, other], presses, errors)?;
+        if taken.prior.memory.abs() < more {
             break;
         }
     }
