@@ -21,6 +21,8 @@ pub(super) const PRIOR: Prior = Prior {
     memory: 0.0,
     displaced: 0.0,
 };
+/// For whether the sheet turns, and which way: of many presses what measurements have of their own would tell all.
+const TURNED: Prior = Prior { own: 1e-4, ..PRIOR };
 /// Parts of what the press before did that are tried as left.
 const MEMORIES: [f64; 6] = [0.07, 0.14, 0.2, 0.3, 0.4, 0.5];
 /// Standard errors by which presses have to be drawn to the one before, and be located better by a memory.
@@ -140,13 +142,13 @@ pub(super) fn choose(
     let mut choices = Vec::new();
     if setting.turn < setting.electrodes {
         for clockwise in [false, true] {
-            choices.push(make([0.0; 2], setting.turn, clockwise, PRIOR));
+            choices.push(make([0.0; 2], setting.turn, clockwise, TURNED));
         }
         // The origin is where the sheet's middle should be. Few presses cannot tell another one.
         let shifted = middle[0].hypot(middle[1]) > 0.2 * reach(presses, middle);
         if shifted {
             for clockwise in [false, true] {
-                choices.push(make(middle, setting.turn, clockwise, PRIOR));
+                choices.push(make(middle, setting.turn, clockwise, TURNED));
             }
         }
     }
@@ -160,27 +162,22 @@ pub(super) fn choose(
     let alone = make(middle, setting.electrodes, false, Prior { own: 0.5, ..PRIOR });
     let taken = match symmetric {
         Some(symmetric) => {
-            let freer = [(0.25, 0.25), (0.1, 0.5)]
+            let choices = [(PRIOR.shared, PRIOR.own), (0.25, 0.25), (0.1, 0.5)]
                 .map(|(shared, own)| with(&symmetric, &|p| (p.shared, p.own) = (shared, own)));
-            let mut choices = vec![symmetric];
-            choices.extend(freer);
             // Of few presses maps without symmetry promise more than they keep.
-            best(vec![best(choices, presses, 1.0)?, alone], presses, SURELY)?
+            best(vec![best(choices.into(), presses, 1.0)?, alone], presses, SURELY)?
         }
         None => alone,
     };
     progress(5, PARTS);
-    remember(&taken, presses)
+    remember(taken, presses)
 }
 
-/// What the press before left, as presses are located best: nothing, a sheet that is displaced, or a part of what it did.
-fn remember(taken: &Choice, presses: &Presses) -> Option<Choice> {
-    let ways = [
-        Some(taken.clone()),
-        displaced(taken, presses),
-        remembered(taken, presses),
-    ];
-    best(ways.into_iter().flatten().collect(), presses, 0.0)
+/// What the press before left: a sheet that is displaced, or a part of what it did where presses are located better by that.
+fn remember(taken: Choice, presses: &Presses) -> Option<Choice> {
+    let ways = [displaced(&taken, presses), remembered(&taken, presses)];
+    let ways: Vec<Choice> = ways.into_iter().flatten().collect();
+    if ways.is_empty() { Some(taken) } else { best(ways, presses, SURELY) }
 }
 
 /// The sheet displaced by the press before: the part by which presses are located beside their places, and what that leaves.
