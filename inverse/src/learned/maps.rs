@@ -25,8 +25,6 @@ pub(super) const FIRST_NOISE: f64 = 0.1;
 const LEAST_NOISE: f64 = 1e-4;
 /// Presses that the noise of all measurements weighs as, in the noise of one.
 const NOISE_WEIGHT: f64 = 8.0;
-/// Radius of the sheet over the reach of the presses: nobody presses on the rim.
-const RADIUS: f64 = 1.25;
 /// Iterations that find where a press is felt; each squares what is left.
 const INVERTED: usize = 4;
 /// Largest part by which a sheet is displaced: what is felt at one place is pressed at one place.
@@ -60,6 +58,8 @@ pub(super) struct Frame {
     pub(super) centre_mm: [f64; 2],
     /// Distance of the farthest press from it.
     pub(super) reach_mm: f64,
+    /// Radius of the sheet.
+    pub(super) radius_mm: f64,
     /// Electrodes on the rim.
     pub(super) electrodes: usize,
     /// Whether their numbers go round clockwise.
@@ -68,7 +68,7 @@ pub(super) struct Frame {
 
 impl Frame {
     fn basis(&self) -> Sensitivities {
-        Sensitivities::new(self.centre_mm, RADIUS * self.reach_mm)
+        Sensitivities::new(self.centre_mm, self.radius_mm)
     }
 
     /// The angle by which a measurement is turned by so many electrodes, counter-clockwise.
@@ -80,10 +80,9 @@ impl Frame {
     /// How far a place of the sheet gives way, over the middle: as a plate that is clamped at its rim bends (Timoshenko and
     /// Woinowsky-Krieger 1959, section 17); and how that changes with the place, per mm.
     pub(super) fn loose(&self, place_mm: [f64; 2]) -> (f64, Vector2<f64>) {
-        let radius = RADIUS * self.reach_mm;
-        let over = Vector2::from([0, 1].map(|k| (place_mm[k] - self.centre_mm[k]) / radius));
+        let over = Vector2::from([0, 1].map(|k| (place_mm[k] - self.centre_mm[k]) / self.radius_mm));
         let held = (1.0 - over.norm_squared()).max(0.0);
-        (held * held, over * (-4.0 * held / radius))
+        (held * held, over * (-4.0 * held / self.radius_mm))
     }
 
     /// Where a press is that is felt at some place, and how that changes with it: the press before has displaced the sheet by a part of
@@ -190,6 +189,8 @@ pub struct StoredMaps {
     pub centre_mm: [f64; 2],
     /// Farthest place from it, mm.
     pub reach_mm: f64,
+    /// Radius of the sheet, mm.
+    pub radius_mm: f64,
     /// Whether the electrodes' numbers go round clockwise.
     pub clockwise: bool,
     /// Root mean square of the changes of every measurement's orbit.
@@ -531,6 +532,7 @@ impl Maps {
             presses: self.presses,
             centre_mm: self.frame.centre_mm,
             reach_mm: self.frame.reach_mm,
+            radius_mm: self.frame.radius_mm,
             clockwise: self.frame.clockwise,
             scale: self.scale.clone(),
             gains: self.gains.clone(),
@@ -547,6 +549,7 @@ impl Maps {
         let frame = Frame {
             centre_mm: stored.centre_mm,
             reach_mm: stored.reach_mm,
+            radius_mm: stored.radius_mm,
             electrodes,
             clockwise: stored.clockwise,
         };
@@ -556,6 +559,7 @@ impl Maps {
         let small = |v: &f64| v.abs() <= 1e24;
         // As long as a sheet may be.
         let sound = (1e-3..=1e6).contains(&stored.reach_mm)
+            && (1.0..=10.0).contains(&(stored.radius_mm / stored.reach_mm))
             && stored.centre_mm.iter().all(|v| v.abs() <= 1e6)
             && stored.memory.abs() <= 1.0
             && stored.displaced.abs() <= MOST_DISPLACED

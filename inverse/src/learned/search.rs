@@ -4,7 +4,7 @@ use super::choice::{Choice, Setting};
 use super::locator::Evidence;
 use super::maps::{Frame, MOST_DISPLACED, Presses, Prior};
 use super::orbits::Orbits;
-use super::validation::{FIRST_TEMPERING, Validation, locators};
+use super::validation::{FIRST_TEMPERING, Validation, cross_validate, locators};
 use forward::Measurement;
 use nalgebra::{Matrix2, Vector2};
 
@@ -23,6 +23,8 @@ pub(super) const PRIOR: Prior = Prior {
 };
 /// For whether the sheet turns, and which way: of many presses what measurements have of their own would tell all.
 const TURNED: Prior = Prior { own: 1e-4, ..PRIOR };
+/// Radii of the sheet over the reach of the presses that are tried: mostly nobody presses on the rim.
+const RADII: [f64; 3] = [1.25, 1.12, 1.05];
 /// Parts of what the press before did that are tried as left.
 const MEMORIES: [f64; 6] = [0.07, 0.14, 0.2, 0.3, 0.4, 0.5];
 /// Standard errors by which presses have to be drawn to the one before, and be located better by a memory.
@@ -33,6 +35,8 @@ const DISPLACED_SD: f64 = 0.1;
 const DISPLACED_REPETITIONS: usize = 2;
 /// Standard errors by which a symmetry has to be refuted.
 const SURELY: f64 = 3.0;
+/// Residuals beyond this many scales are drawn in.
+const LARGEST: f64 = 3.0;
 /// Presses located within this part of the reach tell what draws them.
 const NEARLY: f64 = 0.4;
 
@@ -52,6 +56,23 @@ fn losses(choice: &Choice, presses: &Presses) -> Option<Vec<f64>> {
     let step = choice.frame.reach_mm / QUICK_STEPS;
     let errors = located(choice, presses)?.errors_mm(choice.frame.reach_mm);
     Some(errors.iter().map(|e| (e * e + step * step).ln()).collect())
+}
+
+/// Logarithms of the mean square of what maps of the others leave of each press, over the scales of the measurements.
+fn rests(choice: &Choice, presses: &Presses) -> Option<Vec<f64>> {
+    let (maps, residuals) = cross_validate(choice, presses, QUICK_FOLDS)?;
+    let scale = &maps.first()?.of_others.scale;
+    let rest = |k: usize| {
+        let over = scale.iter().enumerate().map(|(c, s)| residuals.values[(k, c)] / s);
+        let there: Vec<f64> = over
+            .filter(|v| v.is_finite())
+            .map(|v| v.clamp(-LARGEST, LARGEST).powi(2))
+            .collect();
+        (there.iter().sum::<f64>() / there.len().max(1) as f64)
+            .max(f64::MIN_POSITIVE)
+            .ln()
+    };
+    Some((0..presses.len()).map(rest).collect())
 }
 
 /// By what part of some ways presses are located beside their places, with its standard error: by least squares, beside what draws them
@@ -87,6 +108,15 @@ fn drawn(choice: &Choice, presses: &Presses, ways: impl Fn([f64; 2], [f64; 2]) -
 
 /// The best of some ways; an earlier one unless a later one is better by more than so many standard errors of the difference.
 fn best(choices: Vec<Choice>, presses: &Presses, errors: f64) -> Option<Choice> {
+    best_by(losses, choices, presses, errors)
+}
+
+fn best_by(
+    losses: impl Fn(&Choice, &Presses) -> Option<Vec<f64>>,
+    choices: Vec<Choice>,
+    presses: &Presses,
+    errors: f64,
+) -> Option<Choice> {
     let mut taken: Option<(Vec<f64>, Choice)> = None;
     for choice in choices {
         let Some(losses) = losses(&choice, presses) else {
@@ -128,42 +158,49 @@ pub(super) fn choose(
         let (low, high) = along(axis).fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(v), h.max(v)));
         0.5 * (low + high)
     });
-    let make = |centre_mm: [f64; 2], turn: usize, clockwise: bool, prior: Prior| Choice {
-        frame: Frame {
-            centre_mm,
-            reach_mm: reach(presses, centre_mm),
-            electrodes: setting.electrodes,
-            clockwise,
-        },
-        prior,
-        turn,
-        orbits: Orbits::new(measurements, setting.electrodes, turn),
+    let make = |centre_mm: [f64; 2], over: f64, turn: usize, clockwise: bool, prior: Prior| {
+        let reach_mm = reach(presses, centre_mm);
+        Choice {
+            frame: Frame {
+                centre_mm,
+                reach_mm,
+                radius_mm: over * reach_mm,
+                electrodes: setting.electrodes,
+                clockwise,
+            },
+            prior,
+            turn,
+            orbits: Orbits::new(measurements, setting.electrodes, turn),
+        }
     };
-    let mut choices = Vec::new();
-    if setting.turn < setting.electrodes {
-        for clockwise in [false, true] {
-            choices.push(make([0.0; 2], setting.turn, clockwise, TURNED));
-        }
-        // The origin is where the sheet's middle should be. Few presses cannot tell another one.
-        let shifted = middle[0].hypot(middle[1]) > 0.2 * reach(presses, middle);
-        if shifted {
-            for clockwise in [false, true] {
-                choices.push(make(middle, setting.turn, clockwise, TURNED));
-            }
-        }
+    let with = |choice: &Choice, prior: Prior| Choice {
+        prior,
+        ..choice.clone()
+    };
+    // The origin is where the sheet's middle should be. Few presses cannot tell another one.
+    let mut middles = vec![[0.0; 2]];
+    if middle[0].hypot(middle[1]) > 0.2 * reach(presses, middle) {
+        middles.push(middle);
     }
-    let symmetric = best(choices, presses, 0.0);
-    progress(2, PARTS);
-    let with = |choice: &Choice, change: &dyn Fn(&mut Prior)| {
+    let ways = middles.iter().flat_map(|m| [(*m, false), (*m, true)]);
+    let ways = ways.map(|(middle, clockwise)| make(middle, RADII[0], setting.turn, clockwise, TURNED));
+    let turns = setting.turn < setting.electrodes;
+    let turned = best(ways.filter(|_| turns).collect(), presses, 0.0);
+    let of_radius = |choice: &Choice, over: f64| {
         let mut choice = choice.clone();
-        change(&mut choice.prior);
+        choice.frame.radius_mm = over * choice.frame.reach_mm;
         choice
     };
-    let alone = make(middle, setting.electrodes, false, Prior { own: 0.5, ..PRIOR });
+    let symmetric = turned.and_then(|turned| {
+        let radii = RADII.map(|over| of_radius(&turned, over));
+        best_by(rests, radii.into(), presses, LIKELY)
+    });
+    progress(2, PARTS);
+    let alone = make(middle, RADII[0], setting.electrodes, false, Prior { own: 0.5, ..PRIOR });
     let taken = match symmetric {
         Some(symmetric) => {
-            let choices = [(PRIOR.shared, PRIOR.own), (0.25, 0.25), (0.1, 0.5)]
-                .map(|(shared, own)| with(&symmetric, &|p| (p.shared, p.own) = (shared, own)));
+            let choices = [(0.5, 0.06), (0.25, 0.25), (0.1, 0.5)]
+                .map(|(shared, own)| with(&symmetric, Prior { shared, own, ..PRIOR }));
             // Of few presses maps without symmetry promise more than they keep.
             best(vec![best(choices.into(), presses, 1.0)?, alone], presses, SURELY)?
         }
@@ -175,9 +212,24 @@ pub(super) fn choose(
 
 /// What the press before left: a sheet that is displaced, or a part of what it did where presses are located better by that.
 fn remember(taken: Choice, presses: &Presses) -> Option<Choice> {
-    let ways = [displaced(&taken, presses), remembered(&taken, presses)];
-    let ways: Vec<Choice> = ways.into_iter().flatten().collect();
-    if ways.is_empty() { Some(taken) } else { best(ways, presses, SURELY) }
+    let Some(displaced) = displaced(&taken, presses) else {
+        return Some(taken);
+    };
+    if towards(&displaced, presses).is_none() {
+        return Some(displaced);
+    }
+    let remembered = towards(&taken, presses).and_then(|sign| remembered(taken, presses, sign));
+    best(
+        [Some(displaced), remembered].into_iter().flatten().collect(),
+        presses,
+        SURELY,
+    )
+}
+
+/// 1 where presses surely are located towards the one before, -1 where away from it.
+fn towards(choice: &Choice, presses: &Presses) -> Option<f64> {
+    let (part, error) = drawn(choice, presses, |place, before| [0, 1].map(|k| before[k] - place[k]))?;
+    (part.abs() > LIKELY * error).then(|| part.signum())
 }
 
 /// The sheet displaced by the press before: the part by which presses are located beside their places, and what that leaves.
@@ -197,15 +249,10 @@ fn displaced(taken: &Choice, presses: &Presses) -> Option<Choice> {
 
 /// A part of what the press before did is in the change of the next. Presses then are located towards the one before, or away from it
 /// where the frame before has more of it than the press. As much more is taken as they are located better by it.
-fn remembered(taken: &Choice, presses: &Presses) -> Option<Choice> {
-    let (part, error) = drawn(taken, presses, |place, before| [0, 1].map(|k| before[k] - place[k]))?;
-    if part.abs() < LIKELY * error {
-        return None;
-    }
-    let mut taken = taken.clone();
+fn remembered(mut taken: Choice, presses: &Presses, sign: f64) -> Option<Choice> {
     for more in MEMORIES {
         let mut other = taken.clone();
-        other.prior.memory = more.copysign(part);
+        other.prior.memory = sign * more;
         let errors = if taken.prior.memory == 0.0 { LIKELY } else { 0.0 };
         taken = best(vec![taken, other], presses, errors)?;
         if taken.prior.memory.abs() < more {

@@ -35,7 +35,7 @@ fn folds(count: usize, most: usize) -> Vec<(Vec<usize>, Vec<usize>)> {
 }
 
 /// Maps of every fold with what they leave over of its presses.
-fn cross_validate(choice: &Choice, presses: &Presses, most: usize) -> Option<(Vec<Fold<Maps>>, Residuals)> {
+pub(super) fn cross_validate(choice: &Choice, presses: &Presses, most: usize) -> Option<(Vec<Fold<Maps>>, Residuals)> {
     let mut all = Residuals::none(presses.len(), presses.changes.ncols());
     let mut list = Vec::new();
     for (out, rest) in folds(presses.len(), most) {
