@@ -77,6 +77,7 @@ struct Line<'a> {
     clockwise: Option<bool>,
     centre_mm: [f64; 2],
     memory: f64,
+    displaced: f64,
     corrected: bool,
     explained: f64,
     error_median_mm: f64,
@@ -343,6 +344,7 @@ fn line<'a>(found: &Findings, known: &'a [truth::KnownPress], table: &Measuremen
         clockwise: found.shared.then_some(found.clockwise),
         centre_mm: found.centre_mm,
         memory: found.memory,
+        displaced: found.displaced,
         corrected: found.corrected,
         explained: found.explained,
         error_median_mm: found.error_mm[0],
@@ -354,6 +356,10 @@ fn line<'a>(found: &Findings, known: &'a [truth::KnownPress], table: &Measuremen
         model: None,
         model_not_tried: None,
     }
+}
+
+fn percent(part: f64) -> i64 {
+    (100.0 * part).round() as i64
 }
 
 /// Rows by their drive pairs: a whole drive in one word.
@@ -406,13 +412,13 @@ fn words(line: &Line<'_>) -> String {
             text += &format!("\n                {} {what}: {}", rows.len(), by_drive(rows));
         }
     }
-    text += &if line.memory == 0.0 {
-        "\nmemory          the press before does not show".to_owned()
-    } else {
-        format!(
-            "\nmemory          {:.0} % of what the press before did shows, and is taken out",
-            100.0 * line.memory
-        )
+    text += "\nmemory          ";
+    text += &match (percent(line.memory), percent(line.displaced)) {
+        (0, 0) => "the press before does not show".to_owned(),
+        (0, part) => {
+            format!("in the middle a press is felt displaced by {part} % of the place before, which is taken out")
+        }
+        (part, _) => format!("{part} % of what the press before did shows, and is taken out"),
     };
     if line.corrected {
         text += "\ncorrection      a regression on the changes takes out what the maps leave";

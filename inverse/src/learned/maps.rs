@@ -607,3 +607,37 @@ fn scales(changes: &DMatrix<f64>, orbits: &Orbits) -> Vec<f64> {
     }
     scale
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn where_a_press_is_felt_tells_where_it_is_and_how_that_changes() {
+        let frame = Frame {
+            centre_mm: [3.0, -2.0],
+            reach_mm: 40.0,
+            radius_mm: 50.0,
+            electrodes: 16,
+            clockwise: false,
+        };
+        let before = Some([30.0, -20.0]);
+        for part in [-MOST_DISPLACED, -0.1, 0.0, 0.2, MOST_DISPLACED] {
+            for place in [[3.0, -2.0], [20.0, 5.0], [-18.0, -22.0], [3.0, 37.0], [90.0, 0.0]] {
+                let felt = frame.felt(place, before, part);
+                let (back, slope) = frame.pressed(felt, before, part);
+                assert!(
+                    (Vector2::from(back) - Vector2::from(place)).norm() < 1e-6,
+                    "{part} {place:?}"
+                );
+                for axis in 0..2 {
+                    let mut beside = felt;
+                    beside[axis] += 1e-4;
+                    let moved = Vector2::from(frame.pressed(beside, before, part).0) - Vector2::from(back);
+                    assert!((moved / 1e-4 - slope.column(axis)).norm() < 1e-3, "{part} {place:?}");
+                }
+            }
+        }
+        assert_eq!(frame.felt([7.0, 8.0], None, 0.3), [7.0, 8.0]);
+    }
+}

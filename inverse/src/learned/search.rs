@@ -40,22 +40,60 @@ const LARGEST: f64 = 3.0;
 /// Presses located within this part of the reach tell what draws them.
 const NEARLY: f64 = 0.4;
 
-/// All presses located by maps of the others, with one way to describe the skin.
-fn located(choice: &Choice, presses: &Presses) -> Option<Validation> {
-    let (locators, ..) = locators(choice, presses, QUICK_FOLDS, QUICK_STEPS)?;
-    Some(Validation::of(
-        &locators,
-        presses,
-        Evidence::of_one_press(FIRST_TEMPERING),
-    ))
+/// A way to describe the skin, with all presses located by maps of the others.
+struct Tried {
+    choice: Choice,
+    found: Validation,
 }
 
-/// Logarithms of the squared distances at which presses are located by maps of the others, for each of them. One that is not
-/// found counts as a guess: it is off by the reach.
-fn losses(choice: &Choice, presses: &Presses) -> Option<Vec<f64>> {
-    let step = choice.frame.reach_mm / QUICK_STEPS;
-    let errors = located(choice, presses)?.errors_mm(choice.frame.reach_mm);
-    Some(errors.iter().map(|e| (e * e + step * step).ln()).collect())
+impl Tried {
+    fn new(choice: Choice, presses: &Presses) -> Option<Self> {
+        let (locators, ..) = locators(&choice, presses, QUICK_FOLDS, QUICK_STEPS)?;
+        let found = Validation::of(&locators, presses, Evidence::of_one_press(FIRST_TEMPERING));
+        Some(Self { choice, found })
+    }
+
+    /// Logarithms of the squared distances, for each press. One that is not found counts as a guess: it is off by the reach.
+    fn losses(&self) -> Vec<f64> {
+        let reach = self.choice.frame.reach_mm;
+        let step = reach / QUICK_STEPS;
+        let errors = self.found.errors_mm(reach);
+        errors.iter().map(|e| (e * e + step * step).ln()).collect()
+    }
+
+    /// By what part of some ways presses are located beside their places, with its standard error: by least squares, beside what draws
+    /// them to the middle. `ways` tells them from the place of a press and that of the one before, mm. `None` where too few are found
+    /// near their places.
+    fn drawn(&self, presses: &Presses, ways: impl Fn([f64; 2], [f64; 2]) -> [f64; 2]) -> Option<(f64, f64)> {
+        let frame = self.choice.frame;
+        let (mut square, mut product) = (Matrix2::zeros(), Vector2::zeros());
+        let mut list = Vec::new();
+        for ((place, before), offset) in (presses.places_mm.iter().zip(&presses.before_mm)).zip(&self.found.offsets) {
+            let near = offset[0].hypot(offset[1]) < NEARLY * frame.reach_mm;
+            let Some(before) = before.filter(|_| near) else {
+                continue;
+            };
+            let way = ways(*place, before);
+            for axis in 0..2 {
+                let both = Vector2::new(way[axis], place[axis] - frame.centre_mm[axis]);
+                square += both * both.transpose();
+                product += both * offset[axis];
+                list.push((both, offset[axis]));
+            }
+        }
+        let inverse = square.try_inverse()?;
+        let parts = inverse * product;
+        let left = list.iter().map(|(both, offset)| (offset - both.dot(&parts)).powi(2));
+        let free = list.len().checked_sub(2)? as f64;
+        let error = (left.sum::<f64>() / free * inverse[(0, 0)]).sqrt();
+        (parts.x.is_finite() && error > 0.0).then_some((parts.x, error))
+    }
+
+    /// 1 where presses are likely located towards the one before, -1 where away from it.
+    fn towards(&self, presses: &Presses) -> Option<f64> {
+        let (part, error) = self.drawn(presses, |place, before| [0, 1].map(|k| before[k] - place[k]))?;
+        (part.abs() > LIKELY * error).then(|| part.signum())
+    }
 }
 
 /// Logarithms of the mean square of what maps of the others leave of each press, over the scales of the measurements.
@@ -68,72 +106,31 @@ fn rests(choice: &Choice, presses: &Presses) -> Option<Vec<f64>> {
             .filter(|v| v.is_finite())
             .map(|v| v.clamp(-LARGEST, LARGEST).powi(2))
             .collect();
-        (there.iter().sum::<f64>() / there.len().max(1) as f64)
-            .max(f64::MIN_POSITIVE)
-            .ln()
+        let mean = there.iter().sum::<f64>() / there.len().max(1) as f64;
+        mean.max(f64::MIN_POSITIVE).ln()
     };
     Some((0..presses.len()).map(rest).collect())
 }
 
-/// By what part of some ways presses are located beside their places, with its standard error: by least squares, beside what draws them
-/// to the middle. `ways` tells them from the place of a press and that of the one before, mm. `None` where too few are found near their
-/// places.
-fn drawn(choice: &Choice, presses: &Presses, ways: impl Fn([f64; 2], [f64; 2]) -> [f64; 2]) -> Option<(f64, f64)> {
-    let found = located(choice, presses)?;
-    let (mut square, mut product) = (Matrix2::zeros(), Vector2::zeros());
-    let mut list = Vec::new();
-    for ((place, before), offset) in presses.places_mm.iter().zip(&presses.before_mm).zip(&found.offsets) {
-        let near = offset[0].hypot(offset[1]) < NEARLY * choice.frame.reach_mm;
-        let Some(before) = before.filter(|_| near) else {
-            continue;
-        };
-        let way = ways(*place, before);
-        for axis in 0..2 {
-            let both = Vector2::new(way[axis], place[axis] - choice.frame.centre_mm[axis]);
-            square += both * both.transpose();
-            product += both * offset[axis];
-            list.push((both, offset[axis]));
-        }
-    }
-    let inverse = square.try_inverse()?;
-    let parts = inverse * product;
-    let left: f64 = list
-        .iter()
-        .map(|(both, offset)| (offset - both.dot(&parts)).powi(2))
-        .sum();
-    let free = list.len().checked_sub(2)? as f64;
-    let error = (left / free * inverse[(0, 0)]).sqrt();
-    (parts.x.is_finite() && error > 0.0).then_some((parts.x, error))
+/// Whether some losses are less than others by more than so many standard errors of the difference.
+fn are_less(losses: &[f64], others: &[f64], errors: f64) -> bool {
+    let count = losses.len() as f64;
+    let differences = || losses.iter().zip(others).map(|(a, b)| a - b);
+    let mean = differences().sum::<f64>() / count;
+    let variance = differences().map(|d| (d - mean).powi(2)).sum::<f64>() / (count * (count - 1.0));
+    mean < -errors * variance.sqrt()
 }
 
-/// The best of some ways; an earlier one unless a later one is better by more than so many standard errors of the difference.
-fn best(choices: Vec<Choice>, presses: &Presses, errors: f64) -> Option<Choice> {
-    best_by(losses, choices, presses, errors)
-}
-
-fn best_by(
-    losses: impl Fn(&Choice, &Presses) -> Option<Vec<f64>>,
-    choices: Vec<Choice>,
-    presses: &Presses,
-    errors: f64,
-) -> Option<Choice> {
-    let mut taken: Option<(Vec<f64>, Choice)> = None;
-    for choice in choices {
-        let Some(losses) = losses(&choice, presses) else {
-            continue;
-        };
-        let better = taken.as_ref().is_none_or(|(of_taken, _)| {
-            let count = losses.len() as f64;
-            let differences = || losses.iter().zip(of_taken).map(|(a, b)| a - b);
-            let mean = differences().sum::<f64>() / count;
-            let variance = differences().map(|d| (d - mean).powi(2)).sum::<f64>() / (count * (count - 1.0));
-            mean < -errors * variance.sqrt()
-        });
-        if better {
-            taken = Some((losses, choice));
+/// The best of some ways; an earlier one unless a later one is better by more than so many standard errors.
+fn best(ways: impl IntoIterator<Item = Option<Tried>>, errors: f64) -> Option<Tried> {
+    let better = |taken: Tried, other: Tried| {
+        if are_less(&other.losses(), &taken.losses(), errors) {
+            other
+        } else {
+            taken
         }
-    }
-    taken.map(|(_, choice)| choice)
+    };
+    ways.into_iter().flatten().reduce(better)
 }
 
 fn reach(presses: &Presses, centre: [f64; 2]) -> f64 {
@@ -185,79 +182,87 @@ pub(super) fn choose(
     let ways = middles.iter().flat_map(|m| [(*m, false), (*m, true)]);
     let ways = ways.map(|(middle, clockwise)| make(middle, RADII[0], setting.turn, clockwise, TURNED));
     let turns = setting.turn < setting.electrodes;
-    let turned = best(ways.filter(|_| turns).collect(), presses, 0.0);
-    let of_radius = |choice: &Choice, over: f64| {
-        let mut choice = choice.clone();
-        choice.frame.radius_mm = over * choice.frame.reach_mm;
-        choice
-    };
-    let symmetric = turned.and_then(|turned| {
-        let radii = RADII.map(|over| of_radius(&turned, over));
-        best_by(rests, radii.into(), presses, LIKELY)
-    });
+    let turned = best(ways.filter(|_| turns).map(|way| Tried::new(way, presses)), 0.0);
+    let symmetric = turned.map(|turned| with_radius(turned.choice, presses));
     progress(2, PARTS);
     let alone = make(middle, RADII[0], setting.electrodes, false, Prior { own: 0.5, ..PRIOR });
+    let alone = Tried::new(alone, presses);
     let taken = match symmetric {
         Some(symmetric) => {
-            let choices = [(0.5, 0.06), (0.25, 0.25), (0.1, 0.5)]
+            let ways = [(PRIOR.shared, PRIOR.own), (0.25, 0.25), (0.1, 0.5)]
                 .map(|(shared, own)| with(&symmetric, Prior { shared, own, ..PRIOR }));
+            let shared = best(ways.map(|way| Tried::new(way, presses)), LIKELY);
             // Of few presses maps without symmetry promise more than they keep.
-            best(vec![best(choices.into(), presses, 1.0)?, alone], presses, SURELY)?
+            best([shared, alone], SURELY)
         }
         None => alone,
     };
     progress(5, PARTS);
-    remember(taken, presses)
+    Some(remember(taken?, presses).choice)
+}
+
+/// With the radius by which maps of the others tell presses best.
+fn with_radius(choice: Choice, presses: &Presses) -> Choice {
+    let ways = RADII.map(|over| {
+        let mut choice = choice.clone();
+        choice.frame.radius_mm = over * choice.frame.reach_mm;
+        Some((rests(&choice, presses)?, choice))
+    });
+    let better = |taken: (Vec<f64>, Choice), other: (Vec<f64>, Choice)| {
+        if are_less(&other.0, &taken.0, LIKELY) {
+            other
+        } else {
+            taken
+        }
+    };
+    ways.into_iter()
+        .flatten()
+        .reduce(better)
+        .map_or(choice, |(_, best)| best)
 }
 
 /// What the press before left: a sheet that is displaced, or a part of what it did where presses are located better by that.
-fn remember(taken: Choice, presses: &Presses) -> Option<Choice> {
-    let Some(displaced) = displaced(&taken, presses) else {
-        return Some(taken);
-    };
-    if towards(&displaced, presses).is_none() {
-        return Some(displaced);
-    }
-    let remembered = towards(&taken, presses).and_then(|sign| remembered(taken, presses, sign));
-    best(
-        [Some(displaced), remembered].into_iter().flatten().collect(),
-        presses,
-        SURELY,
-    )
-}
-
-/// 1 where presses surely are located towards the one before, -1 where away from it.
-fn towards(choice: &Choice, presses: &Presses) -> Option<f64> {
-    let (part, error) = drawn(choice, presses, |place, before| [0, 1].map(|k| before[k] - place[k]))?;
-    (part.abs() > LIKELY * error).then(|| part.signum())
+fn remember(taken: Tried, presses: &Presses) -> Tried {
+    let sign = taken.towards(presses);
+    let displaced = displaced(&taken, presses);
+    let remains = displaced.as_ref().is_none_or(|tried| tried.towards(presses).is_some());
+    let remembered = sign
+        .filter(|_| remains)
+        .and_then(|sign| remembered(&taken, presses, sign));
+    best([displaced, remembered], SURELY).unwrap_or(taken)
 }
 
 /// The sheet displaced by the press before: the part by which presses are located beside their places, and what that leaves.
-fn displaced(taken: &Choice, presses: &Presses) -> Option<Choice> {
-    let mut choice = taken.clone();
-    let frame = choice.frame;
+fn displaced(taken: &Tried, presses: &Presses) -> Option<Tried> {
+    let mut displaced: Option<Tried> = None;
     for _ in 0..DISPLACED_REPETITIONS {
-        let (part, error) = drawn(&choice, presses, |place, before| {
+        let last = displaced.as_ref().unwrap_or(taken);
+        let frame = last.choice.frame;
+        let (part, error) = last.drawn(presses, |place, before| {
             let loose = frame.loose(place).0;
             [0, 1].map(|k| loose * (before[k] - frame.centre_mm[k]))
         })?;
         let known = DISPLACED_SD * DISPLACED_SD / (DISPLACED_SD * DISPLACED_SD + error * error);
+        let mut choice = last.choice.clone();
         choice.prior.displaced = (known * (choice.prior.displaced + part)).clamp(-MOST_DISPLACED, MOST_DISPLACED);
+        displaced = Some(Tried::new(choice, presses)?);
     }
-    Some(choice)
+    displaced
 }
 
 /// A part of what the press before did is in the change of the next. Presses then are located towards the one before, or away from it
 /// where the frame before has more of it than the press. As much more is taken as they are located better by it.
-fn remembered(mut taken: Choice, presses: &Presses, sign: f64) -> Option<Choice> {
+fn remembered(taken: &Tried, presses: &Presses, sign: f64) -> Option<Tried> {
+    let mut best: Option<Tried> = None;
     for more in MEMORIES {
-        let mut other = taken.clone();
-        other.prior.memory = sign * more;
-        let errors = if taken.prior.memory == 0.0 { LIKELY } else { 0.0 };
-        taken = best(vec![taken, other], presses, errors)?;
-        if taken.prior.memory.abs() < more {
+        let mut choice = taken.choice.clone();
+        choice.prior.memory = sign * more;
+        let other = Tried::new(choice, presses)?;
+        let (last, errors) = best.as_ref().map_or((taken, LIKELY), |last| (last, 0.0));
+        if !are_less(&other.losses(), &last.losses(), errors) {
             break;
         }
+        best = Some(other);
     }
-    Some(taken)
+    best
 }

@@ -246,6 +246,37 @@ fn what_the_press_before_left_is_taken_out() {
 }
 
 #[test]
+fn where_the_press_before_displaced_the_sheet_is_taken_out() {
+    for displaced in [0.15, -0.1] {
+        let mut skin = Skin::new(true, 0.0, 0.05);
+        let mut displaced_presses = |count: usize| -> Vec<Press> {
+            let mut presses = skin.presses(count);
+            for k in 1..count {
+                let (place, before) = (presses[k].place_mm, presses[k - 1].place_mm);
+                // As a clamped plate of 62.5 mm bends; where a press is felt is found by going there step by step.
+                let mut felt = place;
+                for _ in 0..60 {
+                    let over = (felt[0].powi(2) + felt[1].powi(2)) / (62.5 * 62.5);
+                    felt = [0, 1].map(|a| place[a] + displaced * (1.0 - over).powi(2) * before[a]);
+                }
+                let (here, there) = (skin.clean(place), skin.clean(felt));
+                let change = presses[k].change.iter_mut();
+                change.zip(here.iter().zip(&there)).for_each(|(c, (h, t))| *c += t - h);
+            }
+            presses
+        };
+        let (taught, later) = (displaced_presses(60), displaced_presses(100));
+        let (learned, found) = learn(&taught, &skin.setting(), |_, _| {}).unwrap();
+        assert!((found.displaced - displaced).abs() < 0.03, "{found:?}");
+        assert_eq!(found.memory, 0.0);
+        let with = locate(&learned, &later).0[50];
+        let backwards: Vec<Press> = later.iter().rev().cloned().collect();
+        let wrong = locate(&learned, &backwards).0[50];
+        assert!(with < 0.7 * wrong, "{with} {wrong}");
+    }
+}
+
+#[test]
 fn what_maps_cannot_tell_is_learned_from_many_presses() {
     // A strong press responds as a weak one does beside it: no map of places tells.
     let mut skin = Skin::new(false, 0.0, 0.05);
