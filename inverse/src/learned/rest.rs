@@ -70,12 +70,12 @@ impl Residuals {
             .map(|(place, before)| maps.felt(*place, *before))
             .collect();
         let expected = maps.at(&felt);
-        for k in 0..presses.len() {
+        for (k, felt) in felt.iter().enumerate() {
             let map = expected.column(k).into_owned();
             let change = presses.changes.row(k).transpose() - maps.memory_of(presses.before_mm[k]);
             let strength = strength(maps, &map, &change);
             all.values.set_row(k, &(&change - &map * strength).transpose());
-            all.uncertainty[k] = maps.uncertainty(felt[k]);
+            all.uncertainty[k] = maps.uncertainty(*felt);
             all.strengths[k] = strength;
         }
         all
