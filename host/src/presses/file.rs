@@ -20,9 +20,9 @@ use std::sync::Arc;
 use std::time::SystemTime;
 
 /// The version that is written and read.
-const VERSION: u32 = 3;
-/// The version before it, whose maps are not read; its other parts are.
-const OTHER_MAPS: u32 = 2;
+const VERSION: u32 = 4;
+/// Versions before it, whose maps are not read; their other parts are.
+const OTHER_MAPS: [u32; 2] = [2, 3];
 /// Significant digits of the numbers; their uncertainty is far larger.
 const DIGITS: usize = 7;
 
@@ -119,13 +119,13 @@ impl Keys {
             .and_then(|n| u32::try_from(n).ok())
             .ok_or("its version is no number of a version; calibrate anew")?;
         let of_presses_alone = table.get("kind").and_then(toml::Value::as_str) == Some(PRESSES);
-        if of_presses_alone || version == OTHER_MAPS && table.contains_key("presses") {
+        if of_presses_alone || OTHER_MAPS.contains(&version) && table.contains_key("presses") {
             return Err(
                 "its presses are of an older program, whose maps are not read; calibrate anew from its table and its list of presses"
                     .to_owned(),
             );
         }
-        if ![VERSION, OTHER_MAPS].contains(&version) {
+        if version != VERSION && !OTHER_MAPS.contains(&version) {
             return Err(format!(
                 "version {version} is not known to this program, which reads {VERSION}; calibrate anew, or use the program that wrote it"
             ));

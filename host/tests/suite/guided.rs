@@ -124,7 +124,7 @@ fn a_guided_run_gives_a_calibration_that_finds_other_presses_and_their_forces() 
     let file = path.join("skin.cal");
     let text = std::fs::read_to_string(&file).unwrap();
     assert!(
-        text.contains("kind = \"skin\"\nversion = 3\n") && text.contains("sheet_sha256 = "),
+        text.contains("kind = \"skin\"\nversion = 4\n") && text.contains("sheet_sha256 = "),
         "{}",
         &text[..900]
     );

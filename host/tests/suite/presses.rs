@@ -201,7 +201,7 @@ fn what_cannot_be_calibrated_from_says_what_to_do() {
     let text = std::fs::read_to_string(folder.path().join("skin.cal")).unwrap();
     std::fs::write(
         folder.path().join("skin.cal"),
-        text.replace("version = 3", "version = 9"),
+        text.replace("version = 4", "version = 9"),
     )
     .unwrap();
     let (code, said) = run(&[&["reconstruct", "table.csv"][..], &with].concat());

@@ -76,7 +76,8 @@ fn presses_and_rubber_go_into_one_file_in_either_order_and_files_of_older_progra
         let text = std::fs::read_to_string(at("a")).unwrap();
         let keys = toml::to_string(&taught.keys()).unwrap();
         let alone = format!("kind = \"presses\"\nversion = 1\n{keys}");
-        for old in [text.replace("version = 3", "version = 2"), alone] {
+        let of = |version: &str| text.replace("version = 4", version);
+        for old in [of("version = 2"), of("version = 3"), alone] {
             write(&at("older"), &old).unwrap();
             let said = read(&at("older")).err().unwrap().to_string();
             assert!(is(&at("older")).unwrap() && said.contains("calibrate anew"), "{said}");
@@ -98,7 +99,7 @@ fn parts_of_another_sheet_or_board_and_changed_files_are_refused() {
         assert!(said.contains("another board"), "{said}");
         let text = std::fs::read_to_string(&file).unwrap();
         for (from, to, says) in [
-            ("version = 3", "version = 4", "version 4"),
+            ("version = 4", "version = 5", "version 5"),
             ("[1, 2, 3, 4]", "[1, 2, 3, 5]", "pattern_sha256"),
             ("1000.0", "1001.0", "sheet_sha256"),
             ("\n[presses]\n", "\n[pressed]\n", "pressed"),
