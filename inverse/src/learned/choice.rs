@@ -1,6 +1,7 @@
 //! One way to describe a skin.
 
-use super::maps::{Frame, Maps, Presses, Prior};
+use super::frame::Frame;
+use super::maps::{Maps, Presses, Prior};
 use super::orbits::Orbits;
 use forward::Measurement;
 

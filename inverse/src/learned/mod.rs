@@ -8,6 +8,7 @@ mod choice;
 mod correction;
 mod design;
 mod follower;
+mod frame;
 mod gain;
 mod harmonics;
 pub mod kernel_ridge;

@@ -1,8 +1,9 @@
 //! How a skin is best described: symmetric or not, which way round, around what; chosen by cross-validation.
 
 use super::choice::{Choice, Setting};
+use super::frame::{Frame, MOST_DISPLACED};
 use super::locator::Evidence;
-use super::maps::{Frame, MOST_DISPLACED, Presses, Prior};
+use super::maps::{Presses, Prior};
 use super::orbits::Orbits;
 use super::validation::{FIRST_TEMPERING, Validation, cross_validate, locators};
 use forward::Measurement;

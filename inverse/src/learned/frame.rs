@@ -1,0 +1,117 @@
+//! Where a sheet is and how its electrodes go round; where presses are felt on one that the press before displaced.
+
+use super::sensitivities::Sensitivities;
+use nalgebra::{Matrix2, Vector2};
+use std::f64::consts::TAU;
+
+/// Iterations that find where a press is felt; each squares what is left.
+const INVERTED: usize = 4;
+/// Largest part by which a sheet is displaced: what is felt at one place is pressed at one place.
+pub(super) const MOST_DISPLACED: f64 = 0.5;
+
+/// Where the presses are, and how the electrodes go round.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Frame {
+    /// Around what the sheet is turned.
+    pub(super) centre_mm: [f64; 2],
+    /// Distance of the farthest press from it.
+    pub(super) reach_mm: f64,
+    /// Radius of the sheet.
+    pub(super) radius_mm: f64,
+    /// Electrodes on the rim.
+    pub(super) electrodes: usize,
+    /// Whether their numbers go round clockwise.
+    pub(super) clockwise: bool,
+}
+
+impl Frame {
+    pub(super) fn basis(&self) -> Sensitivities {
+        Sensitivities::new(self.centre_mm, self.radius_mm)
+    }
+
+    /// The angle by which a measurement is turned by so many electrodes, counter-clockwise.
+    pub(super) fn angle(&self, turned: usize) -> f64 {
+        let angle = TAU * turned as f64 / self.electrodes as f64;
+        if self.clockwise { -angle } else { angle }
+    }
+
+    /// How far a place of the sheet gives way, over the middle: as a plate that is clamped at its rim bends (Timoshenko and
+    /// Woinowsky-Krieger 1959, section 17); and how that changes with the place, per mm.
+    pub(super) fn loose(&self, place_mm: [f64; 2]) -> (f64, Vector2<f64>) {
+        let over = Vector2::from([0, 1].map(|k| (place_mm[k] - self.centre_mm[k]) / self.radius_mm));
+        let held = (1.0 - over.norm_squared()).max(0.0);
+        (held * held, over * (-4.0 * held / self.radius_mm))
+    }
+
+    /// Where a press is that is felt at some place, and how that changes with it: the press before has displaced the sheet by a part of
+    /// its own way from the middle.
+    pub(super) fn pressed(
+        &self,
+        felt_mm: [f64; 2],
+        before_mm: Option<[f64; 2]>,
+        part: f64,
+    ) -> ([f64; 2], Matrix2<f64>) {
+        let Some(before) = before_mm else {
+            return (felt_mm, Matrix2::identity());
+        };
+        let way = Vector2::from([0, 1].map(|k| part * (before[k] - self.centre_mm[k])));
+        let (loose, slope) = self.loose(felt_mm);
+        let place = Vector2::from(felt_mm) - way * loose;
+        (place.into(), Matrix2::identity() - way * slope.transpose())
+    }
+
+    /// Where a press is felt: the inverse of [`Frame::pressed`], by Newton's method.
+    pub(super) fn felt(&self, place_mm: [f64; 2], before_mm: Option<[f64; 2]>, part: f64) -> [f64; 2] {
+        let mut felt = Vector2::from(place_mm);
+        for _ in 0..INVERTED {
+            let (place, slope) = self.pressed(felt.into(), before_mm, part);
+            let off = Vector2::from(place_mm) - Vector2::from(place);
+            felt += slope.try_inverse().unwrap_or_default() * off;
+        }
+        felt.into()
+    }
+
+    /// Where a place lies for a measurement that is turned by so many electrodes.
+    pub(super) fn turned_back(&self, place_mm: [f64; 2], turned: usize) -> [f64; 2] {
+        let (sin, cos) = (-self.angle(turned)).sin_cos();
+        let [x, y] = [0, 1].map(|k| place_mm[k] - self.centre_mm[k]);
+        [
+            self.centre_mm[0] + cos * x - sin * y,
+            self.centre_mm[1] + sin * x + cos * y,
+        ]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn where_a_press_is_felt_tells_where_it_is_and_how_that_changes() {
+        let frame = Frame {
+            centre_mm: [3.0, -2.0],
+            reach_mm: 40.0,
+            radius_mm: 50.0,
+            electrodes: 16,
+            clockwise: false,
+        };
+        let before = Some([30.0, -20.0]);
+        for part in [-MOST_DISPLACED, -0.1, 0.0, 0.2, MOST_DISPLACED] {
+            for place in [[3.0, -2.0], [20.0, 5.0], [-18.0, -22.0], [3.0, 37.0], [90.0, 0.0]] {
+                let felt = frame.felt(place, before, part);
+                let (back, slope) = frame.pressed(felt, before, part);
+                assert!(
+                    (Vector2::from(back) - Vector2::from(place)).norm() < 1e-6,
+                    "{part} {place:?}"
+                );
+                for axis in 0..2 {
+                    let mut beside = felt;
+                    beside[axis] += 1e-4;
+                    let moved = Vector2::from(frame.pressed(beside, before, part).0) - Vector2::from(back);
+                    assert!((moved / 1e-4 - slope.column(axis)).norm() < 1e-3, "{part} {place:?}");
+                }
+            }
+        }
+        assert_eq!(frame.felt([7.0, 8.0], None, 0.3), [7.0, 8.0]);
+    }
+}
