@@ -76,6 +76,7 @@ struct Line<'a> {
     symmetric: bool,
     clockwise: Option<bool>,
     centre_mm: [f64; 2],
+    radius_mm: f64,
     memory: f64,
     displaced: f64,
     corrected: bool,
@@ -343,6 +344,7 @@ fn line<'a>(found: &Findings, known: &'a [truth::KnownPress], table: &Measuremen
         symmetric: found.shared,
         clockwise: found.shared.then_some(found.clockwise),
         centre_mm: found.centre_mm,
+        radius_mm: found.radius_mm,
         memory: found.memory,
         displaced: found.displaced,
         corrected: found.corrected,
@@ -412,6 +414,10 @@ fn words(line: &Line<'_>) -> String {
             text += &format!("\n                {} {what}: {}", rows.len(), by_drive(rows));
         }
     }
+    text += &format!(
+        "\nradius          {:.0} mm, of the sheet that the presses tell",
+        line.radius_mm
+    );
     text += "\nmemory          ";
     text += &match (percent(line.memory), percent(line.displaced)) {
         (0, 0) => "the press before does not show".to_owned(),

@@ -36,7 +36,7 @@ impl Frame {
     }
 
     /// How far a place of the sheet gives way, over the middle: as a plate that is clamped at its rim bends (Timoshenko and
-    /// Woinowsky-Krieger 1959, section 17); and how that changes with the place, per mm.
+    /// Woinowsky-Krieger 1959, article 16); and how that changes with the place, per mm.
     pub(super) fn loose(&self, place_mm: [f64; 2]) -> (f64, Vector2<f64>) {
         let over = Vector2::from([0, 1].map(|k| (place_mm[k] - self.centre_mm[k]) / self.radius_mm));
         let held = (1.0 - over.norm_squared()).max(0.0);
@@ -58,6 +58,12 @@ impl Frame {
         let (loose, slope) = self.loose(felt_mm);
         let place = Vector2::from(felt_mm) - way * loose;
         (place.into(), Matrix2::identity() - way * slope.transpose())
+    }
+
+    /// Variance of a coordinate of a press that is felt there, mm², where nobody knows the press before: it may have been anywhere within
+    /// the reach, of whose disc a coordinate's variance is a quarter of the square.
+    pub(super) fn unknown_mm2(&self, felt_mm: [f64; 2], part: f64) -> f64 {
+        (part * self.loose(felt_mm).0 * self.reach_mm).powi(2) / 4.0
     }
 
     /// Where a press is felt: the inverse of [`Frame::pressed`], by Newton's method.

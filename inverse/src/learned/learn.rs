@@ -93,6 +93,8 @@ pub struct Findings {
     pub clockwise: bool,
     /// What the sheet is turned around, mm.
     pub centre_mm: [f64; 2],
+    /// Radius of the sheet as the presses tell it, mm.
+    pub radius_mm: f64,
     /// Part of what the press before did that is in the change of the next; 0 where it does not show.
     pub memory: f64,
     /// Part of the press before's way from the middle by which the middle of the sheet is displaced; 0 where it does not show.
@@ -284,6 +286,7 @@ pub fn learn(
         shared: choice.orbits.count < measurements.len(),
         clockwise: choice.frame.clockwise,
         centre_mm: choice.frame.centre_mm,
+        radius_mm: choice.frame.radius_mm,
         memory: choice.prior.memory,
         displaced: choice.prior.displaced,
         corrected: correction.is_some(),

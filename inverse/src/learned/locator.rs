@@ -1,10 +1,12 @@
 //! Where the presses of a frame are, by Bayes' rule on a grid over the sheet.
 
 mod beside;
+mod evidence;
 
 use self::beside::Beside;
+pub(super) use self::evidence::Evidence;
 use super::maps::{Maps, symmetric_eigen};
-use super::rest::{FREEDOM, Rest, variance};
+use super::rest::{Rest, variance};
 use crate::linalg::aligned::Aligned;
 use crate::linalg::kernels::{LANES, dots_of, padded};
 use crate::quality::doubt::Doubt;
@@ -26,10 +28,6 @@ const HUBER: f64 = 4.0;
 const REPETITIONS: usize = 2;
 /// The same where values are missing, which take the place of what was fitted: as many are needed until nothing changes.
 const REPETITIONS_WITH_MISSING: usize = 20;
-/// Prior standard deviation of a strength over the usual one: a touch may be half or twice as strong.
-const STRENGTH_SD: f64 = 0.5;
-/// Its inverse square.
-const PRIOR: f64 = 1.0 / (STRENGTH_SD * STRENGTH_SD);
 /// Mean square of residuals from which two presses at once are looked for. Presses that were learned from leave 1.
 const SUSPECT: f64 = 2.0;
 /// Nodes from one to the next where pairs of presses are tried.
@@ -133,51 +131,6 @@ fn leading(columns: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     order.sort_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]));
     order.truncate(DIRECTIONS);
     Some((basis * eigen.eigenvectors.select_columns(&order)).transpose())
-}
-
-/// What a frame and the decisions about it need.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Evidence {
-    /// What squares of residuals are divided by, since they are not independent.
-    pub(super) tempering: f64,
-    /// Rise of the logarithm of the evidence from which a first press counts.
-    pub(super) first: f64,
-    /// The same for every press more.
-    pub(super) more: f64,
-    /// Whether a press more is settled also where there is next to no evidence for it: what single presses gain by it has to be known.
-    pub(super) thorough: bool,
-}
-
-impl Evidence {
-    /// For frames of which it is known that they hold one press.
-    pub(super) const fn of_one_press(tempering: f64) -> Self {
-        Self {
-            tempering,
-            first: f64::NEG_INFINITY,
-            more: f64::INFINITY,
-            thorough: false,
-        }
-    }
-
-    /// Logarithm of the likelihood of a weighted sum of squares of so many residuals with a common factor of their variances,
-    /// by Student's distribution: in a frame that is worse than most, everything counts less.
-    fn of(self, square: f64, log_variance: f64, channels: f64) -> f64 {
-        let independent = channels / self.tempering;
-        let over = square / (self.tempering * FREEDOM);
-        -0.5 * (independent * log_variance + (FREEDOM + independent) * (1.0 + over).ln())
-    }
-
-    /// The sum of squares of which the likelihood, with this logarithm of the variance, is this.
-    fn square_of(self, likelihood: f64, log_variance: f64, channels: f64) -> f64 {
-        let independent = channels / self.tempering;
-        let left = -2.0 * likelihood - independent * log_variance;
-        self.tempering * FREEDOM * (left / (FREEDOM + independent)).exp_m1()
-    }
-
-    /// Inverse prior variance of a strength, in the units of squares of residuals.
-    fn prior(self) -> f64 {
-        PRIOR * self.tempering
-    }
 }
 
 /// A frame along the directions.
@@ -438,8 +391,8 @@ impl Locator {
             }
         }
         for press in &mut found.presses {
-            let (place, slope) = self.maps.pressed(press.place_mm, before_mm);
-            let covariance = slope * Matrix2::from(press.covariance_mm2) * slope.transpose();
+            let covariance = Matrix2::from(press.covariance_mm2);
+            let (place, covariance) = self.maps.pressed(press.place_mm, covariance, before_mm);
             (press.place_mm, press.covariance_mm2) = (place, covariance.into());
         }
         found

@@ -424,9 +424,20 @@ impl Maps {
         self.frame.felt(place_mm, before_mm, self.displaced)
     }
 
-    /// Where a press is that is felt there after the one before, and how that changes with it.
-    pub(super) fn pressed(&self, felt_mm: [f64; 2], before_mm: Option<[f64; 2]>) -> ([f64; 2], Matrix2<f64>) {
-        self.frame.pressed(felt_mm, before_mm, self.displaced)
+    /// Where a press is that is felt there after the one before, and the covariance of the place by that of where it is felt, mm².
+    pub(super) fn pressed(
+        &self,
+        felt_mm: [f64; 2],
+        covariance_mm2: Matrix2<f64>,
+        before_mm: Option<[f64; 2]>,
+    ) -> ([f64; 2], Matrix2<f64>) {
+        let (place, slope) = self.frame.pressed(felt_mm, before_mm, self.displaced);
+        let unknown = match before_mm {
+            Some(_) => 0.0,
+            None => self.frame.unknown_mm2(felt_mm, self.displaced),
+        };
+        let covariance = slope * covariance_mm2 * slope.transpose() + Matrix2::identity() * unknown;
+        (place, covariance)
     }
 
     /// What a press there leaves behind for the next one.

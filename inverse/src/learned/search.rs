@@ -122,16 +122,21 @@ fn are_less(losses: &[f64], others: &[f64], errors: f64) -> bool {
     mean < -errors * variance.sqrt()
 }
 
-/// The best of some ways; an earlier one unless a later one is better by more than so many standard errors.
-fn best(ways: impl IntoIterator<Item = Option<Tried>>, errors: f64) -> Option<Tried> {
-    let better = |taken: Tried, other: Tried| {
-        if are_less(&other.losses(), &taken.losses(), errors) {
+/// Of some ways the one with the least losses; an earlier one unless a later one is better by more than so many standard errors.
+fn least<T>(ways: impl IntoIterator<Item = T>, losses: impl Fn(&T) -> Vec<f64>, errors: f64) -> Option<T> {
+    let better = |taken: T, other: T| {
+        if are_less(&losses(&other), &losses(&taken), errors) {
             other
         } else {
             taken
         }
     };
-    ways.into_iter().flatten().reduce(better)
+    ways.into_iter().reduce(better)
+}
+
+/// The way by which presses are located best.
+fn best(ways: impl IntoIterator<Item = Option<Tried>>, errors: f64) -> Option<Tried> {
+    least(ways.into_iter().flatten(), Tried::losses, errors)
 }
 
 fn reach(presses: &Presses, centre: [f64; 2]) -> f64 {
@@ -156,13 +161,13 @@ pub(super) fn choose(
         let (low, high) = along(axis).fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(v), h.max(v)));
         0.5 * (low + high)
     });
-    let make = |centre_mm: [f64; 2], over: f64, turn: usize, clockwise: bool, prior: Prior| {
+    let make = |centre_mm: [f64; 2], turn: usize, clockwise: bool, prior: Prior| {
         let reach_mm = reach(presses, centre_mm);
         Choice {
             frame: Frame {
                 centre_mm,
                 reach_mm,
-                radius_mm: over * reach_mm,
+                radius_mm: RADII[0] * reach_mm,
                 electrodes: setting.electrodes,
                 clockwise,
             },
@@ -181,13 +186,13 @@ pub(super) fn choose(
         middles.push(middle);
     }
     let ways = middles.iter().flat_map(|m| [(*m, false), (*m, true)]);
-    let ways = ways.map(|(middle, clockwise)| make(middle, RADII[0], setting.turn, clockwise, TURNED));
+    let ways = ways.map(|(middle, clockwise)| make(middle, setting.turn, clockwise, TURNED));
     let turns = setting.turn < setting.electrodes;
     let turned = best(ways.filter(|_| turns).map(|way| Tried::new(way, presses)), 0.0);
     let symmetric = turned.map(|turned| with_radius(turned.choice, presses));
     progress(2, PARTS);
-    let alone = make(middle, RADII[0], setting.electrodes, false, Prior { own: 0.5, ..PRIOR });
-    let alone = Tried::new(alone, presses);
+    let alone = make(middle, setting.electrodes, false, Prior { own: 0.5, ..PRIOR });
+    let alone = Tried::new(with_radius(alone, presses), presses);
     let taken = match symmetric {
         Some(symmetric) => {
             let ways = [(PRIOR.shared, PRIOR.own), (0.25, 0.25), (0.1, 0.5)]
@@ -209,17 +214,8 @@ fn with_radius(choice: Choice, presses: &Presses) -> Choice {
         choice.frame.radius_mm = over * choice.frame.reach_mm;
         Some((rests(&choice, presses)?, choice))
     });
-    let better = |taken: (Vec<f64>, Choice), other: (Vec<f64>, Choice)| {
-        if are_less(&other.0, &taken.0, LIKELY) {
-            other
-        } else {
-            taken
-        }
-    };
-    ways.into_iter()
-        .flatten()
-        .reduce(better)
-        .map_or(choice, |(_, best)| best)
+    let taken = least(ways.into_iter().flatten(), |way| way.0.clone(), LIKELY);
+    taken.map_or(choice, |(_, choice)| choice)
 }
 
 /// What the press before left: a sheet that is displaced, or a part of what it did where presses are located better by that.

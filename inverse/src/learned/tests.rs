@@ -273,6 +273,16 @@ fn where_the_press_before_displaced_the_sheet_is_taken_out() {
         let backwards: Vec<Press> = later.iter().rev().cloned().collect();
         let wrong = locate(&learned, &backwards).0[50];
         assert!(with < 0.7 * wrong, "{with} {wrong}");
+        // Where nobody knows the press before, the uncertainty holds what it may have done.
+        let inside = later.iter().map(|press| {
+            let found = learned.locate(&press.change, None).presses[0];
+            let off = |a: usize| (found.place_mm[a] - press.place_mm[a]).abs();
+            (0..2)
+                .filter(|a| off(*a) < 2.0 * found.covariance_mm2[*a][*a].sqrt())
+                .count()
+        });
+        let inside = inside.sum::<usize>();
+        assert!((180..=200).contains(&inside), "{inside} of 200");
     }
 }
 

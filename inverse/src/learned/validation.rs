@@ -10,7 +10,7 @@ use statrs::distribution::{ContinuousCDF, StudentsT};
 pub(super) const FOLDS: usize = 10;
 /// Steps of the grid on which a press is located, from the middle to the reach of the presses.
 pub(super) const STEPS: f64 = 20.0;
-/// Later presses are off by this many times what those are that lie between known ones in time: skins age. Measured on three skins.
+/// Later presses are off by this many times what those are that lie between known ones in time: skins age. Chosen on three skins.
 const AGEING: f64 = 1.15;
 /// Two standard deviations hold this part of the coordinates.
 const WITHIN_TWO: f64 = 0.9545;
