@@ -115,10 +115,9 @@ impl Writer {
         self.writer.write(body(message), Some(Timestamp::now())).is_ok()
     }
 
-    /// Waits until all readers have all of it, at most so long.
-    pub(super) fn wait(&self, most: std::time::Duration) {
-        // There is nobody to tell.
-        let _ = self.writer.wait_for_acknowledgments(most);
+    /// Waits until all readers have all of it, at most so long; whether they have.
+    pub(super) fn wait(&self, most: std::time::Duration) -> bool {
+        self.writer.wait_for_acknowledgments(most).unwrap_or(false)
     }
 
     /// Answers a request.

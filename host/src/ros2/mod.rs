@@ -17,6 +17,8 @@ mod mailbox;
 #[cfg(feature = "ros2")]
 mod publisher;
 #[cfg(feature = "ros2")]
+mod replies;
+#[cfg(feature = "ros2")]
 mod tare;
 
 #[cfg(not(feature = "ros2"))]

@@ -5,6 +5,7 @@ use super::environment::Network;
 use super::facts::Sent;
 use super::mailbox::{Mailbox, Node, Sample};
 use super::messages::{self, Header, Pose, unix_ns};
+use super::replies::Replies;
 use super::tare::Request;
 use super::{Described, SKIN};
 use crate::files::baseline_file::unix_s;
@@ -53,7 +54,7 @@ struct Ends {
     points: Writer,
     diagnostics: Writer,
     requests: Reader,
-    replies: Writer,
+    replies: Replies,
     sent: Sent,
     told: Sent,
 }
@@ -156,7 +157,7 @@ impl Ros2 {
             points,
             diagnostics,
             requests,
-            replies,
+            replies: Replies::new(replies),
             sent: Sent::default(),
             told: Sent::default(),
             name: name.clone(),
@@ -205,6 +206,10 @@ impl Listeners {
     fn count(&self, writer: &Writer) -> usize {
         self.of.get(&writer.guid()).map_or(0, HashSet::len)
     }
+
+    fn readers(&self, writer: &Writer) -> HashSet<GUID> {
+        self.of.get(&writer.guid()).cloned().unwrap_or_default()
+    }
 }
 
 /// Sends everything.
@@ -237,6 +242,7 @@ impl Publisher {
             while let Some(event) = events.try_recv_status() {
                 self.heed(event);
             }
+            self.answer();
             self.requests();
             self.leaving.retain(|(_, since)| since.elapsed() < LAST);
             if told.elapsed() >= DIAGNOSTICS {
@@ -252,7 +258,7 @@ impl Publisher {
         }
         let until = Instant::now() + LAST;
         for (ends, _) in &self.leaving {
-            for writer in [&ends.touches, &ends.replies] {
+            for writer in [&ends.touches, &ends.replies.writer] {
                 writer.wait(until.saturating_duration_since(Instant::now()));
             }
         }
@@ -318,7 +324,7 @@ impl Publisher {
                 &ends.image,
                 &ends.points,
                 &ends.diagnostics,
-                &ends.replies,
+                &ends.replies.writer,
             ];
             let shared = [&self.graph, &self.transforms, &self.diagnostics];
             message.u32((own.len() + shared.len()) as u32);
@@ -339,7 +345,7 @@ impl Publisher {
         }
         ends.sent.passed_over = work.passed_over;
         for (request, success, text) in work.answers {
-            ends.replies.answer(request.answer(success, &text), request.from);
+            ends.replies.add(request, success, text);
         }
         if work.ended {
             let ends = self.ends.remove(at);
@@ -349,7 +355,8 @@ impl Publisher {
     }
 
     /// A skin that has ended stays until its last messages have arrived.
-    fn end(&mut self, ends: Ends) {
+    fn end(&mut self, mut ends: Ends) {
+        ends.replies.send_all();
         let (sum, skins) = &mut self.sum;
         sum.frames += ends.sent.frames;
         sum.passed_over += ends.sent.passed_over;
@@ -363,13 +370,23 @@ impl Publisher {
         for ends in &self.ends {
             while let Some((from, body)) = ends.requests.take() {
                 let Some(request) = Request::read(from, &body) else {
-                    say!("warning: {}: a request that is no std_srvs/Trigger", ends.replies.topic);
+                    say!(
+                        "warning: {}: a request that is no std_srvs/Trigger",
+                        ends.replies.writer.topic
+                    );
                     continue;
                 };
                 let mut inner = self.mailbox.lock();
                 let slot = &mut inner.slots[ends.slot];
                 slot.tare.ask(request, &slot.sheet);
             }
+        }
+    }
+
+    /// Sends the answers that can be heard.
+    fn answer(&mut self) {
+        for ends in &mut self.ends {
+            ends.replies.send_ready(&self.listeners.readers(&ends.replies.writer));
         }
     }
 

@@ -27,6 +27,17 @@ impl Request {
         Some(Self { from, head })
     }
 
+    /// What nobody asked: clients of all kinds can read its answer, and pass it over.
+    pub(super) fn of_nobody() -> Self {
+        let mut head = [0; HEAD];
+        // Who expects no head reads "no", and the length of an empty text.
+        head[4] = 1;
+        Self {
+            from: SampleIdentity::default(),
+            head: Some(head),
+        }
+    }
+
     /// The answer to it.
     pub(super) fn answer(&self, success: bool, text: &str) -> Cdr {
         let mut message = Cdr::new();
@@ -214,6 +225,9 @@ mod tests {
         assert_eq!(cyclone[20..], [1, 0, 0, 0, 2, 0, 0, 0, b'a', 0]);
         let plain = Request::read(identity, &[0]).unwrap().answer(true, "a").into_bytes();
         assert_eq!(plain[4..], cyclone[20..]);
+        let nobody = Request::of_nobody().answer(false, "").into_bytes();
+        let empty = Request::read(identity, &[0]).unwrap().answer(false, "").into_bytes();
+        assert_eq!((&nobody[4..empty.len()], nobody[20..].len()), (&empty[4..], 9));
         assert!(Request::read(identity, &[0; 40]).is_none() && Request::read(identity, &[0; 9]).is_none());
     }
 }
