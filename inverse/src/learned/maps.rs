@@ -1,10 +1,12 @@
 //! The response of every measurement to a press, as a map over the sheet, from presses at known places.
 //!
 //! `y_c = f_c(p) + λ f_c(q') + noise` with `f_c(q) = g_c f_k(R_c q) + r_c(q)`: what the press before at q' left behind is a part of what it
-//! did, or it displaces where this one is felt, p. All measurements of an orbit share one map `f_k`, each turned with its electrodes and with a gain `g_c` of its own, as contacts and
-//! amplifiers have; `r_c` is what is left of one measurement. Both are Gaussian processes, with the covariance of what a rim can feel
-//! ([`Sensitivities`]), and so is their posterior, in closed form. What lies far outside is drawn in before each of a few repetitions (Huber's
-//! pseudo-values), and each measurement's noise follows from what is left.
+//! did, or it displaces where this one is felt, p. All measurements of an orbit share one map `f_k`, each turned with its electrodes and
+//! with a gain `g_c` of its own, as contacts and amplifiers have. A sheet with a grain, as one of stripes, conducts better along it than
+//! across: that changes a map with the cosine and the sine of twice the angle by which its electrodes are turned, to first order.
+//! `r_c` is what is left of one measurement. All are Gaussian processes, with the covariance of what a rim can feel
+//! ([`Sensitivities`]), and so is their posterior, in closed form. What lies far outside is drawn in before each of a few repetitions
+//! (Huber's pseudo-values), and each measurement's noise follows from what is left.
 
 use super::frame::{Frame, MOST_DISPLACED};
 use super::orbits::Orbits;
@@ -40,6 +42,8 @@ const LEAST_GAIN_VARIANCE: f64 = 1e-6;
 pub(super) struct Prior {
     /// Variance of the maps that an orbit shares.
     pub(super) shared: f64,
+    /// Variance of how these change with the direction of the drive, twice around; 0 where they do not.
+    pub(super) grain: f64,
     /// Variance of what a measurement has of its own.
     pub(super) own: f64,
     /// Part of what the press before did that is in the change of the next.
@@ -89,7 +93,8 @@ pub(super) struct Maps {
     gains: Vec<f64>,
     /// Their variance, as the presses tell it.
     gain_variance: f64,
-    /// Weights of the maps, terms x orbits, over the scale.
+    /// Weights of the maps over the scale, terms x orbits; below them, where maps change with the direction, those of the cosine and
+    /// of the sine of twice the turn.
     shared: DMatrix<f64>,
     /// Terms x measurements.
     own: DMatrix<f64>,
@@ -121,7 +126,8 @@ pub struct StoredMaps {
     pub scale: Vec<f64>,
     /// Gain of every measurement over that of its orbit.
     pub gains: Vec<f64>,
-    /// Weights of the maps that orbits share: for every orbit those of the terms, over the scale.
+    /// Weights of the maps that orbits share: for every orbit those of the terms, over the scale. Where maps change with the
+    /// direction, those of the cosine and of the sine of twice the turn follow.
     pub shared: Vec<Vec<f64>>,
     /// The same for what every measurement has of its own.
     pub own: Vec<Vec<f64>>,
@@ -163,6 +169,18 @@ fn drawn_in_rms(values: &[f64]) -> f64 {
     rms
 }
 
+/// Weights that orbits share, with those that change with the direction.
+const GRAINED: usize = 3;
+
+/// Precisions of the weights that an orbit shares.
+fn precisions(prior: Prior) -> DVector<f64> {
+    let size = Sensitivities::len();
+    let parts = if prior.grain > 0.0 { GRAINED } else { 1 };
+    DVector::from_fn(parts * size, |k, _| {
+        if k < size { prior.shared } else { prior.grain }.recip()
+    })
+}
+
 fn features(basis: &Sensitivities, places: impl Iterator<Item = Option<[f64; 2]>>) -> DMatrix<f64> {
     let columns: Vec<DVector<f64>> = places
         .map(|place| {
@@ -186,7 +204,8 @@ struct Design {
     vectors: DMatrix<f64>,
     values: DVector<f64>,
     own_root: f64,
-    shared_precision: f64,
+    /// Precisions of the shared weights.
+    precisions: DVector<f64>,
 }
 
 /// Eigenvectors and eigenvalues of the columns' square, those without the ones that no row sees. Of fewer rows than columns they
@@ -254,7 +273,7 @@ impl Design {
             values,
             vectors,
             own_root,
-            shared_precision: prior.shared.recip(),
+            precisions: precisions(prior),
         })
     }
 
@@ -269,6 +288,7 @@ impl Maps {
     pub(super) fn fit(presses: &Presses, frame: Frame, prior: Prior, orbits: &Orbits) -> Option<Self> {
         let (count, channels) = presses.changes.shape();
         let size = Sensitivities::len();
+        let shared = precisions(prior).len();
         let mut maps = Self {
             frame,
             presses: count,
@@ -276,7 +296,7 @@ impl Maps {
             noise: vec![FIRST_NOISE; channels],
             gains: vec![1.0; channels],
             gain_variance: GAIN_SD * GAIN_SD,
-            shared: DMatrix::zeros(size, orbits.count),
+            shared: DMatrix::zeros(shared, orbits.count),
             own: DMatrix::zeros(size, channels),
             weights: DMatrix::zeros(size, channels),
             memory: prior.memory,
@@ -339,9 +359,10 @@ impl Maps {
         let mut freedom = vec![0.0; values.ncols()];
         let mut unlike = (0.0, 0.0);
         for (orbit, list) in self.orbits.lists().iter().enumerate() {
-            let mut normal = DMatrix::from_diagonal_element(size, size, design.shared_precision);
-            let mut right = DVector::zeros(size);
+            let mut normal = DMatrix::from_diagonal(&design.precisions);
+            let mut right = DVector::zeros(design.precisions.len());
             for &c in list {
+                let parts = self.parts(self.orbits.members[c].turned);
                 let (turn, noise) = (design.turn(self.orbits.members[c].turned), self.noise[c]);
                 let gain = self.gains[c];
                 let inverse = seen_values.map(|v| 1.0 / (v + noise));
@@ -350,13 +371,23 @@ impl Maps {
                     row *= d.sqrt();
                 }
                 let weight = gain * gain / noise;
-                normal.zip_apply(&turn.square, |n, s| *n += weight * s);
-                normal.gemm(-weight, &half.transpose(), &half, 1.0);
-                right.gemv_tr(gain / noise, &turn.features, &values.column(c), 1.0);
-                right.gemv_tr(-gain / noise, &turn.seen, &inverse.component_mul(&seen.column(c)), 1.0);
+                let mut square = turn.square.clone();
+                square.gemm(-1.0, &half.transpose(), &half, 1.0);
+                let mut told = DVector::zeros(size);
+                told.gemv_tr(1.0, &turn.features, &values.column(c), 0.0);
+                told.gemv_tr(-1.0, &turn.seen, &inverse.component_mul(&seen.column(c)), 1.0);
+                for (i, a) in parts.iter().enumerate() {
+                    right.rows_mut(i * size, size).axpy(a * gain / noise, &told, 1.0);
+                    // The upper half is not looked at.
+                    for (j, b) in parts[..=i].iter().enumerate() {
+                        let mut block = normal.view_mut((i * size, j * size), (size, size));
+                        block.zip_apply(&square, |n, s| *n += a * b * weight * s);
+                    }
+                }
             }
-            let shared = Cholesky::new(normal)?.solve(&right);
+            self.shared.set_column(orbit, &Cholesky::new(normal)?.solve(&right));
             for &c in list {
+                let shared = self.shared_by(c);
                 let (turn, noise) = (design.turn(self.orbits.members[c].turned), self.noise[c]);
                 let inverse = seen_values.map(|v| 1.0 / (v + noise));
                 let (map, map_seen) = (&turn.features * &shared, &turn.seen * &shared);
@@ -378,7 +409,6 @@ impl Maps {
                 self.own.set_column(c, &(weights * design.own_root));
                 freedom[c] = (count - seen_values.dot(&inverse)).max(0.15 * count);
             }
-            self.shared.set_column(orbit, &shared);
         }
         let variance: f64 = unlike.0 / unlike.1;
         if variance.is_finite() {
@@ -387,12 +417,31 @@ impl Maps {
         Some(freedom)
     }
 
+    /// By what a measurement turned so far has the parts of what its orbit shares.
+    fn parts(&self, turned: usize) -> Vec<f64> {
+        let (sin, cos) = (2.0 * self.frame.angle(turned)).sin_cos();
+        let all = [1.0, cos, sin];
+        all[..self.shared.nrows() / Sensitivities::len()].to_vec()
+    }
+
+    /// Weights of what a measurement shares with its orbit, before they are turned.
+    fn shared_by(&self, measurement: usize) -> DVector<f64> {
+        let member = self.orbits.members[measurement];
+        let shared = self.shared.column(member.orbit);
+        let size = Sensitivities::len();
+        let mut sum = DVector::zeros(size);
+        for (k, part) in self.parts(member.turned).into_iter().enumerate() {
+            sum.axpy(part, &shared.rows(k * size, size), 1.0);
+        }
+        sum
+    }
+
     /// What the maps say of the presses that they were learned from, over the scale.
     fn fitted(&self, design: &Design) -> DMatrix<f64> {
         let mut fitted = &design.here * &self.own;
         for (c, member) in self.orbits.members.iter().enumerate() {
             let turn = design.turn(member.turned);
-            let (shared, gain) = (&turn.features * self.shared.column(member.orbit), self.gains[c]);
+            let (shared, gain) = (&turn.features * self.shared_by(c), self.gains[c]);
             fitted.column_mut(c).zip_apply(&shared, |f, s| *f += gain * s);
         }
         fitted
@@ -411,10 +460,10 @@ impl Maps {
     /// Weights of every measurement's whole map, terms x measurements.
     fn whole(&self) -> DMatrix<f64> {
         let mut whole = self.own.clone();
-        for ((member, gain), mut column) in (self.orbits.members.iter().zip(&self.gains)).zip(whole.column_iter_mut()) {
-            let shared = self.shared.column(member.orbit);
-            let angle = self.frame.angle(member.turned);
-            Sensitivities::add_turned(shared.as_slice(), angle, *gain, column.as_mut_slice());
+        for (c, mut column) in whole.column_iter_mut().enumerate() {
+            let angle = self.frame.angle(self.orbits.members[c].turned);
+            let shared = self.shared_by(c);
+            Sensitivities::add_turned(shared.as_slice(), angle, self.gains[c], column.as_mut_slice());
         }
         whole
     }
@@ -511,7 +560,8 @@ impl Maps {
             noise: vec![FIRST_NOISE; channels],
             gains: stored.gains.clone(),
             gain_variance: GAIN_SD * GAIN_SD,
-            shared: matrix(&stored.shared, size, orbits.count)?,
+            shared: matrix(&stored.shared, size, orbits.count)
+                .or_else(|| matrix(&stored.shared, GRAINED * size, orbits.count))?,
             own: matrix(&stored.own, size, channels)?,
             memory: stored.memory,
             displaced: stored.displaced,

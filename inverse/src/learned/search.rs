@@ -18,12 +18,25 @@ pub(super) const PARTS: usize = 9;
 
 pub(super) const PRIOR: Prior = Prior {
     shared: 0.5,
+    grain: 0.0,
     own: 0.06,
     memory: 0.0,
     displaced: 0.0,
 };
+/// Of a sheet that turns: one that is even, one with a grain, and one that is uneven besides.
+const SHARED: [Prior; 3] = [
+    PRIOR,
+    Prior { grain: 0.05, ..PRIOR },
+    Prior {
+        grain: 0.1,
+        own: 0.25,
+        ..PRIOR
+    },
+];
 /// For whether the sheet turns, and which way: of many presses what measurements have of their own would tell all.
 const TURNED: Prior = Prior { own: 1e-4, ..PRIOR };
+/// Of a sheet that does not turn.
+const ALONE: Prior = Prior { own: 0.5, ..PRIOR };
 /// Radii of the sheet over the reach of the presses that are tried: mostly nobody presses on the rim.
 const RADII: [f64; 3] = [1.25, 1.12, 1.05];
 /// Parts of what the press before did that are tried as left.
@@ -191,13 +204,17 @@ pub(super) fn choose(
     let turned = best(ways.filter(|_| turns).map(|way| Tried::new(way, presses)), 0.0);
     let symmetric = turned.map(|turned| with_radius(turned.choice, presses));
     progress(2, PARTS);
-    let alone = make(middle, setting.electrodes, false, Prior { own: 0.5, ..PRIOR });
+    let alone = make(middle, setting.electrodes, false, ALONE);
     let alone = Tried::new(with_radius(alone, presses), presses);
     let taken = match symmetric {
         Some(symmetric) => {
-            let ways = [(PRIOR.shared, PRIOR.own), (0.25, 0.25), (0.1, 0.5)]
-                .map(|(shared, own)| with(&symmetric, Prior { shared, own, ..PRIOR }));
-            let shared = best(ways.map(|way| Tried::new(way, presses)), LIKELY);
+            // A half turn leaves every direction as it was.
+            let grained = 2 * symmetric.turn % setting.electrodes != 0;
+            let ways = SHARED.map(|prior| {
+                let grain = if grained { prior.grain } else { 0.0 };
+                Tried::new(with(&symmetric, Prior { grain, ..prior }), presses)
+            });
+            let shared = best(ways, LIKELY);
             // Of few presses maps without symmetry promise more than they keep.
             best([shared, alone], SURELY)
         }

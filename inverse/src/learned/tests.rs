@@ -1,7 +1,14 @@
 //! Presses on made-up skins of which everything is known: maps that turn with the electrodes, and noise that is correlated.
 
+use super::choice::Choice;
+use super::frame::Frame;
+use super::maps::{Presses, Prior};
+use super::orbits::Orbits;
+use super::search::PRIOR;
+use super::validation::cross_validate;
 use super::{FEWEST, Findings, LearnError, Learned, Press, Setting, Stored, learn};
 use forward::{Measurement, Pattern};
+use nalgebra::DMatrix;
 use rand::rngs::StdRng;
 use rand::{Rng, SeedableRng};
 use rand_distr::StandardNormal;
@@ -17,6 +24,8 @@ struct Skin {
     /// For every offset of a sense pair: centre, width and height of its bumps.
     bumps: Vec<[[f64; 4]; 3]>,
     clockwise: bool,
+    /// By how much bumps change with the direction of the drive.
+    grain: f64,
     /// What the press before leaves, over what it did itself.
     memory: f64,
     noise: f64,
@@ -41,6 +50,7 @@ impl Skin {
             bumps: (0..16).map(|_| [bump(), bump(), bump()]).collect(),
             measurements,
             clockwise,
+            grain: 0.0,
             memory,
             noise,
             random: StdRng::seed_from_u64(8),
@@ -57,8 +67,10 @@ impl Skin {
             let offset = (m.sense.minus + 16 - turned) % 16;
             self.bumps[offset]
                 .iter()
-                .map(|[x, y, width, height]| {
-                    height * (-0.5 * ((p[0] - x).powi(2) + (p[1] - y).powi(2)) / (width * width)).exp()
+                .zip([1.0, 2.0, 3.0])
+                .map(|([x, y, width, height], phase)| {
+                    let grain = 1.0 + self.grain * (2.0 * angle + phase).cos();
+                    grain * height * (-0.5 * ((p[0] - x).powi(2) + (p[1] - y).powi(2)) / (width * width)).exp()
                 })
                 .sum()
         };
@@ -458,4 +470,38 @@ fn what_cannot_be_learned_from_is_said() {
         wanted: 192,
     };
     assert_eq!(with(&|p| p.change.truncate(191)), Some(malformed));
+}
+
+#[test]
+fn maps_with_a_grain_tell_other_presses_of_a_sheet_that_has_one() {
+    let left = |of_sheet: f64, of_maps: f64| {
+        let mut skin = Skin::new(true, 0.0, 0.002);
+        skin.grain = of_sheet;
+        let list = skin.presses(40);
+        let presses = Presses {
+            places_mm: list.iter().map(|p| p.place_mm).collect(),
+            before_mm: vec![None; list.len()],
+            changes: DMatrix::from_fn(list.len(), skin.measurements.len(), |k, c| list[k].change[c]),
+        };
+        let choice = Choice {
+            frame: Frame {
+                centre_mm: [0.0; 2],
+                reach_mm: REACH_MM,
+                radius_mm: 1.25 * REACH_MM,
+                electrodes: 16,
+                clockwise: true,
+            },
+            prior: Prior {
+                grain: of_maps,
+                ..PRIOR
+            },
+            turn: 1,
+            orbits: Orbits::new(&skin.measurements, 16, 1),
+        };
+        cross_validate(&choice, &presses, 10).unwrap().1.values.norm_squared()
+    };
+    let [without, with] = [0.0, 0.2].map(|of_maps| left(0.7, of_maps));
+    assert!(with < 0.4 * without, "{with} of {without}");
+    let [without, with] = [0.0, 0.2].map(|of_maps| left(0.0, of_maps));
+    assert!(with < 1.3 * without, "{with} of {without} where there is none");
 }
