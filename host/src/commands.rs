@@ -146,10 +146,25 @@ fn work(events: &Receiver<TouchEvent>, text: &str, place: Option<&Place>, progre
 
 /// A command of the system's shell. Its output goes to stderr: on stdout are data.
 fn shell(text: &str, event: &TouchEvent, place: Option<&Place>) -> Command {
-    let (shell, option) = if cfg!(windows) { ("cmd", "/C") } else { ("sh", "-c") };
-    let mut command = Command::new(shell);
-    command.args([option, text]).envs(environment(event, place));
+    let mut command = shell_of(text);
+    command.envs(environment(event, place));
     command.stdin(Stdio::null()).stdout(Stdio::from(std::io::stderr()));
+    command
+}
+
+#[cfg(not(windows))]
+fn shell_of(text: &str) -> Command {
+    let mut command = Command::new("sh");
+    command.args(["-c", text]);
+    command
+}
+
+/// `cmd` knows no quotes but its own: with `/S` it takes off the first and the last one, and the text between is as it was typed.
+#[cfg(windows)]
+fn shell_of(text: &str) -> Command {
+    use std::os::windows::process::CommandExt;
+    let mut command = Command::new("cmd");
+    command.args(["/S", "/C"]).raw_arg(format!("\"{text}\""));
     command
 }
 

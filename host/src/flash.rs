@@ -1,5 +1,6 @@
 //! `skin flash`: programs a board over its serial cable.
 
+use crate::say::is_terminal;
 use anyhow::{Context, Result, anyhow, bail};
 use clap::Args;
 use hil_sim::BootRom;
@@ -8,7 +9,7 @@ use link::flash::chip::FLASH_START;
 use link::flash::serial::SerialBootPort;
 use link::flash::{Bootloader, Chip, Image, Step, flash};
 use link::ports;
-use std::io::{self, IsTerminal, Read, Write};
+use std::io::{self, Read, Write};
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -115,7 +116,7 @@ fn only_port() -> Result<String> {
 
 fn program(port: impl BootPort, image: &Image, reset: bool, source: &str) -> Result<()> {
     let mut bootloader = Bootloader::connect(port, reset).with_context(|| source.to_owned())?;
-    let terminal = io::stderr().is_terminal();
+    let terminal = is_terminal(&io::stderr());
     let mut last = None;
     let outcome = flash(&mut bootloader, image, |step, done, all| {
         let word = match step {

@@ -21,7 +21,6 @@ use inverse::touches::touch::Touch;
 use link::{LinkCounters, MeasuredFrame, Session};
 use recording::Counts;
 use std::collections::VecDeque;
-use std::io::IsTerminal;
 use std::mem::Discriminant;
 use std::path::Path;
 use std::sync::Arc;
@@ -533,7 +532,7 @@ impl Output {
     fn status(&mut self, result: &FrameResult) {
         // The lines of several skins would overwrite one another.
         if say::skin().is_some()
-            || !std::io::stderr().is_terminal()
+            || !say::is_terminal(&std::io::stderr())
             || self.said_at.elapsed() < Duration::from_millis(500)
         {
             return;

@@ -56,7 +56,7 @@ pub(crate) struct Run<'a> {
     /// What became of the first recording that somebody ended at the page and that is not complete.
     pub(crate) not_recorded: Result<()>,
     /// What recordings from the page begin with; none in a replay.
-    pub(crate) recordable: Option<Recordable<'a>>,
+    pub(crate) recordable: Option<Recordable>,
     /// A recording that is played.
     pub(crate) replayed: Option<Replayed>,
 }

@@ -1,6 +1,7 @@
 //! How far a long table is, on stderr.
 
-use std::io::{IsTerminal, Write};
+use crate::say::is_terminal;
+use std::io::Write;
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
@@ -24,7 +25,7 @@ impl Progress {
         Self {
             what,
             silent,
-            terminal: std::io::stderr().is_terminal(),
+            terminal: is_terminal(&std::io::stderr()),
             started: Instant::now(),
             said: None,
         }
@@ -72,7 +73,7 @@ pub(crate) fn meanwhile<T>(what: &str, silent: bool, work: impl FnOnce() -> T) -
     if silent {
         return work();
     }
-    let pause = if std::io::stderr().is_terminal() {
+    let pause = if is_terminal(&std::io::stderr()) {
         PATIENCE
     } else {
         LOG_EVERY

@@ -4,6 +4,7 @@ use crate::drive::DriveKind;
 use crate::files::arrays;
 use crate::files::calibration_file;
 use crate::files::measurements::MeasurementTable;
+use crate::files::names::file_names;
 use crate::files::order;
 use crate::files::ordered;
 use crate::files::replace::replace;
@@ -30,7 +31,6 @@ use inverse::reference::screening::Finding;
 use inverse::solvers::{Method, Status};
 use inverse::touches::polarity::Polarity;
 use serde::Serialize;
-use std::collections::HashSet;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 use view::picture::Stats;
@@ -468,32 +468,6 @@ fn write_pictures(folder: &Path, imager: &Imager, results: &[Done<'_>]) -> Resul
     Ok(())
 }
 
-/// A file for every frame: its name with whatever may trouble a file system replaced, numbered where two become the same.
-fn file_names<'a>(frames: impl Iterator<Item = &'a str>, kind: &str) -> Vec<String> {
-    let mut files: Vec<String> = Vec::new();
-    let mut taken = HashSet::new();
-    for frame in frames {
-        let safe: String = frame
-            .chars()
-            .map(|c| {
-                if c.is_alphanumeric() || "-_.".contains(c) {
-                    c
-                } else {
-                    '_'
-                }
-            })
-            .collect();
-        let mut file = format!("{safe}.{kind}");
-        let mut number = 2;
-        while !taken.insert(file.to_lowercase()) {
-            file = format!("{safe}-{number}.{kind}");
-            number += 1;
-        }
-        files.push(file);
-    }
-    files
-}
-
 /// To a tenth: more digits of a time are noise.
 fn print(results: &[Done<'_>], source: &Source, values: usize, left_out: &[&Finding], json: bool) -> Result<()> {
     let mut out = BufWriter::new(std::io::stdout().lock());
@@ -581,12 +555,6 @@ fn print(results: &[Done<'_>], source: &Source, values: usize, left_out: &[&Find
 mod tests {
     use super::*;
     use ::forward::{Drive, Pattern, Sheet};
-
-    #[test]
-    fn no_two_frames_share_a_file() {
-        let files = file_names(["a b", "a_b", "A/b", "a_b-2", "../x"].into_iter(), "png");
-        assert_eq!(files, ["a_b.png", "a_b-2.png", "A_b-3.png", "a_b-2-2.png", ".._x.png"]);
-    }
 
     #[test]
     fn every_cell_has_its_line() {

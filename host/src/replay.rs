@@ -319,12 +319,13 @@ impl<'a> Player<'a> {
             Some((known, place)) => Script::open_at(self.path, known, place)?,
             None => Script::open(self.path)?,
         };
-        if of.anew {
-            *live = None;
-        }
         let live = match live {
             Some(live) => {
-                live.gap();
+                if of.anew {
+                    live.restart();
+                } else {
+                    live.gap();
+                }
                 live
             }
             None => live.insert(self.live(session)?),

@@ -89,7 +89,7 @@ impl Run<'_> {
         };
         let notes = Notes::new(tap, &recordable.record);
         notes.resume(&baseline);
-        *self.live = (recordable.anew)();
+        self.live.restart();
         self.live.resume(baseline)?;
         self.gestures = Gestures::new(recordable.record.gestures());
         self.notes = Some(notes);

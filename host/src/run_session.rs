@@ -151,14 +151,11 @@ pub(crate) fn one(arguments: &SourceArguments, outputs: &Outputs<'_>, within: Wi
     });
     let node = node.transpose()?;
     let nominal = modelled(&sheet, pattern)?;
-    let anew = move || {
-        let live = Live::new(Arc::clone(&nominal), options);
-        match learned {
-            Some(learned) => live.with_learned(learned.taught()),
-            None => live,
-        }
+    let live = Live::new(nominal, options);
+    let mut live = match learned {
+        Some(learned) => live.with_learned(learned.taught()),
+        None => live,
     };
-    let mut live = anew();
     if record.is_uncalibrated() {
         say!("forces are those of a typical rubber, uncalibrated; skin calibrate measures this one");
     }
@@ -182,7 +179,7 @@ pub(crate) fn one(arguments: &SourceArguments, outputs: &Outputs<'_>, within: Wi
         notes: tap.map(|tap| Notes::new(tap, &record)),
         recorder,
         not_recorded: Ok(()),
-        recordable: Some(Recordable::new(switch, record.clone(), anew)),
+        recordable: Some(Recordable::new(switch, record.clone())),
         replayed: None,
     };
     if let Some(node) = node {

@@ -5,7 +5,7 @@ use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::fmt::Arguments;
 use std::io::{IsTerminal, Write};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, LazyLock, Mutex, MutexGuard, PoisonError};
 
 thread_local! {
     /// The skin, of several, that this thread is for.
@@ -92,9 +92,16 @@ pub(crate) fn harmless(text: &str) -> String {
     text.split('\n').map(line).collect::<Vec<_>>().join("\n")
 }
 
+/// Whether this is a terminal that obeys escape sequences.
+pub(crate) fn is_terminal(to: &impl IsTerminal) -> bool {
+    // Those of Windows do once they are asked to.
+    static OBEYS: LazyLock<bool> = LazyLock::new(|| anstyle_query::windows::enable_ansi_colors() != Some(false));
+    to.is_terminal() && *OBEYS
+}
+
 /// Whether what goes there may have colours: a terminal, unless NO_COLOR is set.
 pub(crate) fn is_coloured(to: &impl IsTerminal) -> bool {
-    to.is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|v| v.is_empty())
+    is_terminal(to) && std::env::var_os("NO_COLOR").is_none_or(|v| v.is_empty())
 }
 
 /// Writes to stdout, for `println!`. Whoever closed it has read enough: then the program ends well.

@@ -62,6 +62,9 @@ impl Default for LiveOptions {
     }
 }
 
+/// So many baselines that were looked at are kept: the one in force, and the one to go back to.
+const LOOKED_AT: usize = 2;
+
 /// What became of a measured frame.
 #[derive(Debug, PartialEq)]
 pub enum LiveFrame<'a> {
@@ -82,6 +85,8 @@ pub struct Live {
     taker: Option<BaselineTaker>,
     /// After the first baseline.
     running: Option<Running>,
+    /// What the last baselines were found to be, the newest last. To look at one takes a second.
+    inspected: Vec<(Baseline, Inspection)>,
     tracker: Tracker,
     radius_filter: RadiusFilter,
     meter: Option<ForceMeter>,
@@ -129,6 +134,7 @@ impl Live {
             meter: options.calibration.map(|c| ForceMeter::new(&imager, c)),
             taker: Some(BaselineTaker::new(values, options.baseline_frames)),
             running: None,
+            inspected: Vec::new(),
             learned: None,
             before_s: None,
             interval_s: None,
@@ -144,6 +150,14 @@ impl Live {
     pub fn with_learned(mut self, learned: LearnedSheet) -> Self {
         self.learned = Some(learned);
         self
+    }
+
+    /// Forgets all frames: what comes now is what a new one would make of it, to the last bit. Baselines that were looked at need not
+    /// be looked at again.
+    pub fn restart(&mut self) {
+        let anew = Self::new(Arc::clone(&self.nominal), self.options);
+        let before = std::mem::replace(self, anew);
+        (self.inspected, self.learned) = (before.inspected, before.learned);
     }
 
     /// The last frame's result with its picture, which is made now where none was: touches and events need not wait for it. None before
@@ -270,8 +284,7 @@ impl Live {
             });
             return Ok(());
         }
-        let options = InspectionOptions::default();
-        let inspection = inspect(&self.nominal, baseline, self.options.find_electrodes, &options);
+        let inspection = self.inspected(baseline);
         // Electrodes that a baseline does not tell are where the one before showed them to be.
         let found = inspection.electrodes.is_some();
         let imager = Arc::clone(if found { &inspection.imager } else { self.imager() });
@@ -286,5 +299,22 @@ impl Live {
             inspection,
         });
         Ok(())
+    }
+
+    fn inspected(&mut self, baseline: Baseline) -> Inspection {
+        let known = self.inspected.iter().position(|(of, _)| of.is_same(&baseline));
+        let looked = match known {
+            Some(at) => self.inspected.remove(at),
+            None => {
+                let options = InspectionOptions::default();
+                let found = inspect(&self.nominal, baseline.clone(), self.options.find_electrodes, &options);
+                (baseline, found)
+            }
+        };
+        let inspection = looked.1.clone();
+        let too_many = (self.inspected.len() + 1).saturating_sub(LOOKED_AT);
+        self.inspected.drain(..too_many);
+        self.inspected.push(looked);
+        inspection
     }
 }

@@ -28,11 +28,8 @@ pub struct Place {
 impl Place {
     /// That of a port's name: `/dev/ttyUSB0`, a link to it, `COM3`, or `tcp://HOST:PORT`.
     pub fn of(path: &str) -> Self {
-        let target = std::fs::canonicalize(path).unwrap_or_else(|_| path.into());
         let ports = usb_ports().unwrap_or_default();
-        let usb = ports
-            .into_iter()
-            .find(|p| Path::new(&p.path) == target && p.serial.is_some());
+        let usb = ports.into_iter().find(|p| p.serial.is_some() && is_of(&p.path, path));
         let path = path.to_owned();
         Self { path, usb }
     }
@@ -58,6 +55,15 @@ impl Place {
         let place = self.clone();
         Box::new(move || place.open())
     }
+}
+
+/// Whether a name is that of a port: on Windows in any case (`com10`), elsewhere also by links.
+fn is_of(port: &str, name: &str) -> bool {
+    if cfg!(windows) {
+        // To look where it leads to would open the port there.
+        return name.trim_start_matches(r"\\.\").eq_ignore_ascii_case(port);
+    }
+    std::fs::canonicalize(name).is_ok_and(|target| target == Path::new(port)) || name == port
 }
 
 /// What the port of an adapter is called now. An adapter with several ports has one serial number: then the name counts too.
@@ -135,14 +141,26 @@ pub fn hints() -> &'static [&'static str] {
 pub(crate) fn explained(path: &str, error: &serialport::Error) -> String {
     let text = error.to_string();
     let help = match error.kind() {
-        serialport::ErrorKind::NoDevice if text.contains("lock") => {
-            "another program holds the port: end it, or name another port; ModemManager does so for some seconds after a board is plugged in (contrib/70-skin.rules keeps it away)"
+        // A lock of another program, or of the system for one.
+        serialport::ErrorKind::NoDevice if text.contains("lock") || text.contains("busy") => {
+            if cfg!(target_os = "linux") {
+                "another program holds the port: end it, or name another port; ModemManager does so for some seconds after a board is plugged in (contrib/70-skin.rules keeps it away)"
+            } else {
+                "another program holds the port: end it, or name another port"
+            }
+        }
+        // Windows says both the same way.
+        serialport::ErrorKind::NoDevice if cfg!(windows) => {
+            "there is no such port, or another program holds it: look at the cable and at the name; skin list shows what there is"
         }
         serialport::ErrorKind::NoDevice | serialport::ErrorKind::Io(io::ErrorKind::NotFound) => {
             "there is no such port: look at the cable and at the name; skin list shows what there is"
         }
-        serialport::ErrorKind::Io(io::ErrorKind::PermissionDenied) => {
+        serialport::ErrorKind::Io(io::ErrorKind::PermissionDenied) if cfg!(target_os = "linux") => {
             "add yourself to the group that owns the port (`sudo usermod -aG dialout $USER`) and log in again, or install contrib/70-skin.rules"
+        }
+        serialport::ErrorKind::Io(io::ErrorKind::PermissionDenied) => {
+            "the system refuses it to you: look at the port's rights"
         }
         _ => "is it a serial port?",
     };
@@ -192,6 +210,31 @@ mod tests {
         assert_eq!(moved(&mine, &[other.clone(), again.clone()]).unwrap(), "/dev/ttyUSB3");
         assert_eq!(moved(&second, &[again, second.clone()]).unwrap(), "/dev/ttyUSB4");
         assert!(moved(&mine, &[other, port("/dev/ttyUSB0", 0x6001, "A7")]).is_err());
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_port_is_known_by_a_link_too() {
+        let folder = tempfile::tempdir().unwrap();
+        let (port, link) = (folder.path().join("ttyUSB0"), folder.path().join("palm"));
+        std::fs::write(&port, "").unwrap();
+        std::os::unix::fs::symlink(&port, &link).unwrap();
+        let port = std::fs::canonicalize(port).unwrap();
+        let is_of = |name: &Path| is_of(port.to_str().unwrap(), name.to_str().unwrap());
+        assert!(is_of(&link) && is_of(&port));
+        assert!(!is_of(&folder.path().join("ttyUSB1")) && !is_of(folder.path()));
+    }
+
+    #[test]
+    fn a_port_that_another_program_holds_is_said_to_be_held() {
+        for text in [
+            "Device or resource busy",
+            "Unable to acquire exclusive lock on serial port",
+        ] {
+            let error = serialport::Error::new(serialport::ErrorKind::NoDevice, text);
+            let said = explained("/dev/ttyUSB0", &error);
+            assert!(said.contains("another program holds the port"), "{said}");
+        }
     }
 
     #[test]

@@ -58,7 +58,13 @@ pub fn usb_ports() -> Result<Vec<UsbPort>, serialport::Error> {
     Ok(sorted(serialport::available_ports()?))
 }
 
-fn sorted(ports: Vec<SerialPortInfo>) -> Vec<UsbPort> {
+fn sorted(mut ports: Vec<SerialPortInfo>) -> Vec<UsbPort> {
+    // macOS lists every port twice: for calls from here (cu), and for those to here (tty).
+    let called: Vec<String> = ports.iter().map(|p| p.port_name.clone()).collect();
+    ports.retain(|port| {
+        let name = port.port_name.strip_prefix("/dev/tty.");
+        name.is_none_or(|name| !called.contains(&format!("/dev/cu.{name}")))
+    });
     let rank = |usb: &UsbPortInfo| ADAPTERS.iter().position(|(v, p)| *v == usb.vid && p.contains(&usb.pid));
     let mut out: Vec<(usize, UsbPort)> = ports
         .into_iter()
@@ -109,9 +115,8 @@ mod tests {
         }
     }
 
-    #[test]
-    fn only_adapters_that_a_board_may_have_are_greeted() {
-        let usb = |name: &str, vid, pid| SerialPortInfo {
+    fn usb(name: &str, vid: u16, pid: u16) -> SerialPortInfo {
+        SerialPortInfo {
             port_name: name.to_owned(),
             port_type: SerialPortType::UsbPort(UsbPortInfo {
                 vid,
@@ -120,7 +125,24 @@ mod tests {
                 manufacturer: None,
                 product: None,
             }),
-        };
+        }
+    }
+
+    #[test]
+    fn a_port_with_two_names_is_one() {
+        let names = [
+            "/dev/cu.usbserial-1410",
+            "/dev/tty.usbserial-1410",
+            "/dev/tty.alone",
+            "/dev/ttyUSB0",
+        ];
+        let found = sorted(names.map(|name| usb(name, 0x0403, 0x6001)).to_vec());
+        let found: Vec<&str> = found.iter().map(|p| p.path.as_str()).collect();
+        assert_eq!(found, ["/dev/cu.usbserial-1410", "/dev/tty.alone", "/dev/ttyUSB0"]);
+    }
+
+    #[test]
+    fn only_adapters_that_a_board_may_have_are_greeted() {
         let found = sorted(vec![
             usb("cp2102", 0x10c4, 0xea60),
             usb("arduino", 0x2341, 0x0043),

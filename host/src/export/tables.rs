@@ -91,7 +91,11 @@ fn encoded(value: &str) -> String {
             format!("%{b:02X}")
         }
     };
-    let text: String = value.bytes().map(one).collect();
+    let mut text: String = value.bytes().map(one).collect();
+    // Windows leaves out a dot at the end of a name.
+    if text.ends_with('.') {
+        text.replace_range(text.len() - 1.., "%2E");
+    }
     // Hive's own name of what is not known.
     if text.is_empty() {
         "__HIVE_DEFAULT_PARTITION__".to_owned()

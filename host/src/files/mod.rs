@@ -9,6 +9,7 @@ pub(crate) mod cdr;
 pub(crate) mod columns;
 pub(crate) mod malformed;
 pub(crate) mod measurements;
+pub(crate) mod names;
 pub(crate) mod order;
 pub(crate) mod ordered;
 pub(crate) mod parquet;

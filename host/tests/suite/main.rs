@@ -9,6 +9,8 @@
 mod baseline;
 mod calibrate;
 mod dataset;
+#[cfg(target_os = "linux")]
+mod day;
 mod doctor;
 #[cfg(target_os = "linux")]
 mod ending;

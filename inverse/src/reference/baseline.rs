@@ -74,6 +74,16 @@ impl BaselineTaker {
 }
 
 impl Baseline {
+    /// Whether both are the same to the last bit; values that neither has are the same.
+    pub fn is_same(&self, other: &Self) -> bool {
+        let bits = |of: &Self| {
+            let deviations = of.deviations.iter().flat_map(|(sum, degrees)| [*sum, *degrees]);
+            let all = of.values_v.iter().copied().chain([of.noise_v]).chain(deviations);
+            all.map(f64::to_bits).collect::<Vec<_>>()
+        };
+        self.frames == other.frames && bits(self) == bits(other)
+    }
+
     /// Of given frames of so many values (any unit): the plain mean of every value over the frames that have it. Frames of
     /// another length are ignored.
     pub fn of_frames(values: usize, frames: &[&[f64]]) -> Self {

@@ -184,3 +184,39 @@ fn an_earlier_baseline_brings_its_touches_back_and_their_numbers_go_on() {
     assert!(chain.live.resume(short).is_err());
     assert_eq!(chain.picture().1.touches.len(), 1);
 }
+
+#[test]
+fn what_begins_anew_is_as_new_and_looks_at_no_baseline_twice() {
+    let file = file(finger(), 7);
+    let mut chain = Chain::start(&file, true);
+    let baseline = chain.baseline();
+    chain.port.begin_scene();
+    chain.busy_until(chain.port.scene_began_s().unwrap() + 1.5);
+    let frames: Vec<MeasuredFrame> = (0..40).map(|_| chain.frame()).collect();
+    let pictures = |live: &mut Live| -> Vec<FrameResult> {
+        let picture = |frame: &MeasuredFrame| match live.frame(frame.time_s, &frame.values_v).unwrap() {
+            LiveFrame::Picture(result) => result.clone(),
+            other => panic!("{other:?}"),
+        };
+        frames.iter().map(picture).collect()
+    };
+    let mut anew = Chain::start(&file, true).live;
+    anew.resume(baseline.clone()).unwrap();
+    let wanted = pictures(&mut anew);
+    assert!(wanted.last().unwrap().touches.iter().any(|t| t.id.is_some()));
+    // Whatever it saw before, and whichever baseline was in force.
+    let looked = Arc::clone(chain.live.imager());
+    pictures(&mut chain.live);
+    for tared in [false, true] {
+        if tared {
+            chain.live.tare();
+            chain.baseline();
+            assert!(!Arc::ptr_eq(chain.live.imager(), &looked));
+        }
+        chain.live.restart();
+        assert!(chain.live.baseline().is_none());
+        chain.live.resume(baseline.clone()).unwrap();
+        assert!(Arc::ptr_eq(chain.live.imager(), &looked));
+        assert_eq!(pictures(&mut chain.live), wanted);
+    }
+}

@@ -183,10 +183,11 @@ function showState() {
     banner = "No picture yet: the program looks for the board, models the sheet and takes a baseline. Do not touch.";
   } else if (page.replay?.paused) {
     [state, text] = ["wait", "paused"];
+  } else if (page.preparing || !page.newest) {
+    // Of another baseline, say, of which no picture has come yet.
+    [state, text] = ["wait", "preparing"];
   } else if (quiet > STALE_MS) {
     [state, text] = ["wait", `no new picture for ${Math.floor(quiet / 1000)} s`];
-  } else if (page.preparing) {
-    [state, text] = ["wait", "preparing"];
   } else if (page.at !== null) {
     [state, text] = ["wait", "held"];
   } else if (page.replay) {
