@@ -134,11 +134,12 @@ fn run(seconds: f64, record: Option<&Path>) -> (u64, u64) {
     assert_eq!(counted, [0, 0]);
     // The first lines, and what was said at the start.
     assert!(events.len() <= 4, "{events:?}");
-    // A finger every minute, and nothing else.
-    let minutes = (seconds / 60.0).floor();
+    // A finger every five minutes, and of many frames few are taken for a touch by chance.
+    let fingers = ((seconds - 20.0) / 300.0).ceil();
+    let off = downs as f64 - fingers;
     assert!(
-        (downs as f64 - minutes).abs() <= 1.0,
-        "{downs} contacts in {minutes} minutes"
+        (-1.0..=1.0 + 1e-5 * frames as f64).contains(&off),
+        "{downs} contacts of {fingers} fingers"
     );
     (early[0], end[0])
 }
