@@ -1,7 +1,8 @@
 //! Numbers from Python, and to it.
 
 use crate::error::{raised, said};
-use numpy::{PyArray1, PyArray2, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
+use numpy::ndarray::Array2;
+use numpy::{PyArray2, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::intern;
 use pyo3::prelude::*;
 
@@ -49,11 +50,10 @@ impl Frames {
                 )));
             }
         };
-        let array = array.try_readonly().map_err(raised)?;
         // Row by row, whatever the steps in memory are.
-        let mut values: Vec<f64> = match array.as_slice() {
-            Ok(values) if array.is_c_contiguous() => values.to_vec(),
-            _ => array.as_array().iter().copied().collect(),
+        let mut values: Vec<f64> = match array.is_c_contiguous() {
+            true => array.to_vec().map_err(raised)?,
+            false => array.to_owned_array().iter().copied().collect(),
         };
         if values.is_empty() {
             return Err(said(format!("{what}: no values in it")));
@@ -73,7 +73,8 @@ impl Frames {
 /// Numbers row by row as an array of two axes, without a copy.
 pub(crate) fn matrix<T: numpy::Element>(py: Python<'_>, values: Vec<T>, columns: usize) -> PyResult<Py<PyArray2<T>>> {
     let rows = values.len() / columns.max(1);
-    Ok(PyArray1::from_vec(py, values).reshape([rows, columns])?.unbind())
+    let array = Array2::from_shape_vec([rows, columns], values).map_err(raised)?;
+    Ok(PyArray2::from_owned_array(py, array).unbind())
 }
 
 /// Points, mm, a row each.

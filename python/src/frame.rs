@@ -1,9 +1,10 @@
 //! A frame with what was found in it.
 
+use crate::arrays::matrix;
 use crate::touch::Touch;
 use inverse::pipeline::FrameResult;
 use inverse::reference::imager::Imager;
-use numpy::{PyArray1, PyArray2, PyArrayMethods};
+use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
@@ -14,7 +15,7 @@ pub(crate) struct Found {
     values: Vec<f64>,
     touches: Vec<Touch>,
     image: Vec<f64>,
-    shape: [usize; 2],
+    columns: usize,
     extent_mm: (f64, f64, f64, f64),
     doubt: Option<String>,
     notice: Option<String>,
@@ -51,7 +52,7 @@ impl Found {
                 .map(Touch::from)
                 .collect(),
             image,
-            shape: [rows, columns],
+            columns,
             extent_mm: (left, right, bottom, top),
             doubt: result.doubt.map(|doubt| doubt.to_string()),
             notice: result.notice().map(|notice| notice.to_string()),
@@ -96,7 +97,7 @@ impl Frame {
             time_s: found.time_s,
             values: PyArray1::from_vec(py, found.values).unbind(),
             touches: PyTuple::new(py, found.touches)?.unbind(),
-            image: PyArray1::from_vec(py, found.image).reshape(found.shape)?.unbind(),
+            image: matrix(py, found.image, found.columns)?,
             extent_mm: found.extent_mm,
             doubt: found.doubt,
             notice: found.notice,

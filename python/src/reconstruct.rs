@@ -92,12 +92,12 @@ impl Reconstructor {
         let picked = self.picked.of(&values);
         let place = state.place;
         let result = state.batch.frame(place, &picked)?;
-        let us = 1e6 * begin.elapsed().as_secs_f64();
         state.place += 1;
         let time_s = self.frame_s.map(|s| s * place as f64);
         // Its number has 32 bits, as a board's.
         let of = (place as u32, time_s, values);
-        Ok(Found::new(of, &result, state.batch.imager()).took(us))
+        let found = Found::new(of, &result, state.batch.imager());
+        Ok(found.took(1e6 * begin.elapsed().as_secs_f64()))
     }
 
     fn all(&self, py: Python<'_>, values: &Bound<'_, PyAny>) -> PyResult<Vec<Frame>> {

@@ -19,6 +19,8 @@ mod from_recording;
 mod guided;
 mod hello;
 mod help;
+#[cfg(target_os = "linux")]
+mod hours;
 mod json_lines;
 mod page_recording;
 mod paper;

@@ -264,7 +264,7 @@ impl FrameSolver {
     }
 
     /// The detector of changes against a reference of which frames have this difference to themselves; none where no value
-    /// can be used. Makes ready all that a first touch needs; not `at_once` what takes as long as many frames.
+    /// can be used. Makes ready all that a first touch of a sequence needs; not `at_once` what takes as long as many frames.
     pub(crate) fn detector(
         &mut self,
         unchanged: &Difference,
@@ -275,7 +275,9 @@ impl FrameSolver {
         at_once: bool,
     ) -> Option<ChangeDetector> {
         self.weigh(unchanged, (drifting, &[]));
-        self.tabulate(at_once);
+        if at_once || self.options.sequence {
+            self.tabulate(at_once);
+        }
         let weighted = self.weightings.current_mut()?;
         if at_once {
             let ridge = sigma / self.options.expected_rise;

@@ -142,7 +142,7 @@ impl ImageSolver {
         let (both, nnls) = pictures.with_falls.get_or_insert_with(|| {
             (
                 problem.with_falls(1.0),
-                Nnls::new(options_of).with_rounding(options.sequence),
+                Nnls::new(options_of).with_rounding(options.sequence || options.rounding),
             )
         });
         nnls.set_ridge(ridge);

@@ -176,7 +176,7 @@ impl Weighted {
                     most_steps: options.most_steps,
                 })
                 // What follows in a moment need not be exact.
-                .with_rounding(options.sequence),
+                .with_rounding(options.sequence || options.rounding),
                 with_falls: None,
                 shown: None,
             },

@@ -223,8 +223,8 @@ pub struct Fitter {
     imager: Arc<Imager>,
     /// Responses to touches, V of the model.
     volts: ResponseTable,
-    /// What the electrodes' uncertainty adds to that of touches.
-    electrodes: Option<ElectrodeUncertainty>,
+    /// What the electrodes' uncertainty adds to that of touches, where there is one; made when touches first need it.
+    electrodes: Option<Option<ElectrodeUncertainty>>,
     /// Made when a frame first needs it.
     nonlinear: Option<NonlinearModel>,
     /// What takes its place while touches move.
@@ -277,7 +277,7 @@ impl Fitter {
             ..Aside::default()
         };
         Some(Self {
-            electrodes: ElectrodeUncertainty::new(imager, prior.radius_mm),
+            electrodes: None,
             imager: Arc::clone(imager),
             prior,
             options,
@@ -310,9 +310,10 @@ impl Fitter {
         &self.fits.now
     }
 
-    /// Makes ready for touches that move, which takes some 20 ms.
+    /// Makes ready for touches that move, which takes some 20 ms, and what is made of the electrodes' uncertainty.
     pub(crate) fn prepare_motion(&mut self) {
         let imager = &self.imager;
+        self.electrodes = Some(ElectrodeUncertainty::new(imager, self.prior.radius_mm));
         self.scattering = ScatteringModel::new(&imager.model, imager.drive, &imager.pattern);
     }
 
@@ -427,16 +428,20 @@ impl Fitter {
             }
             nuisances.refine(&self.sizes, fitted, &mut self.refining, &mut self.drift);
         }
-        if let Some(electrodes) = &self.electrodes {
-            for t in &mut fitted.touches {
-                let [x, y] = electrodes.variance(&self.imager, [t.x_mm, t.y_mm]);
-                t.x_sd_mm = t.x_sd_mm.map(|sd| sd.hypot(x.sqrt()));
-                t.y_sd_mm = t.y_sd_mm.map(|sd| sd.hypot(y.sqrt()));
-            }
-        }
         let explained = self.options.explains(fitted.misfit, job.data.gain)
             || fitted.relative_residual <= self.options.most_residual;
         self.followed.note(&job.data, fitted, explained);
+        if self.followed.holds {
+            let (imager, radius_mm) = (&self.imager, self.prior.radius_mm);
+            let made = || ElectrodeUncertainty::new(imager, radius_mm);
+            if let Some(electrodes) = self.electrodes.get_or_insert_with(made) {
+                for t in &mut fitted.touches {
+                    let [x, y] = electrodes.variance(imager, [t.x_mm, t.y_mm]);
+                    t.x_sd_mm = t.x_sd_mm.map(|sd| sd.hypot(x.sqrt()));
+                    t.y_sd_mm = t.y_sd_mm.map(|sd| sd.hypot(y.sqrt()));
+                }
+            }
+        }
         self.found = if explained && fitted.finished {
             fitted.discs.clone()
         } else {
