@@ -73,6 +73,8 @@ struct Line<'a> {
     dead: Vec<[usize; 4]>,
     /// Rows that presses hardly explain.
     unexplained: Vec<[usize; 4]>,
+    /// Rows that hold what the press before did.
+    stale: Vec<[usize; 4]>,
     symmetric: bool,
     clockwise: Option<bool>,
     centre_mm: [f64; 2],
@@ -341,6 +343,7 @@ fn line<'a>(found: &Findings, known: &'a [truth::KnownPress], table: &Measuremen
         measurements: table.measurements.len(),
         dead: rows(&found.dead),
         unexplained: rows(&found.unexplained),
+        stale: rows(&found.stale),
         symmetric: found.shared,
         clockwise: found.shared.then_some(found.clockwise),
         centre_mm: found.centre_mm,
@@ -409,6 +412,7 @@ fn words(line: &Line<'_>) -> String {
     for (rows, what) in [
         (&line.dead, "without a value or a change, left out"),
         (&line.unexplained, "that presses hardly explain"),
+        (&line.stale, "that hold what the press before did, as of an older frame"),
     ] {
         if !rows.is_empty() {
             text += &format!("\n                {} {what}: {}", rows.len(), by_drive(rows));

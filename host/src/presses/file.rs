@@ -50,6 +50,9 @@ struct Found {
     dead: Vec<usize>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     unexplained: Vec<usize>,
+    /// Rows that hold what the press before did, from 1.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    stale: Vec<usize>,
 }
 
 /// The sheet's model beside what was learned.
@@ -234,6 +237,7 @@ impl Taught<'_> {
                 clockwise: found.shared.then_some(found.clockwise),
                 dead: from_one(&found.dead),
                 unexplained: from_one(&found.unexplained),
+                stale: from_one(&found.stale),
             },
             model: self.model.cloned(),
             learned: stored,

@@ -8,6 +8,7 @@ use super::maps::{Maps, Presses, StoredMaps, columns, matrix};
 use super::orbits::Orbits;
 use super::rest::{Residuals, Rest};
 use super::search::{PARTS, choose};
+use super::stale::stale;
 use super::validation::{FOLDS, STEPS, Validation, first_evidence, locators, quantile, second_evidence, validate};
 use crate::stats::median;
 use forward::Measurement;
@@ -87,6 +88,8 @@ pub struct Findings {
     pub dead: Vec<usize>,
     /// Measurements that presses hardly explain, by their numbers.
     pub unexplained: Vec<usize>,
+    /// Measurements that hold what the press before did, by their numbers.
+    pub stale: Vec<usize>,
     /// Whether turned measurements share a map.
     pub shared: bool,
     /// Whether the electrodes' numbers go round clockwise; of no meaning where nothing is shared.
@@ -283,6 +286,7 @@ pub fn learn(
             .filter(|c| rest.covariance[(*c, *c)] > HARDLY * mean_square(&kept, *c))
             .map(|c| used[c])
             .collect(),
+        stale: stale(&maps, &kept).into_iter().map(|c| used[c]).collect(),
         shared: choice.orbits.count < measurements.len(),
         clockwise: choice.frame.clockwise,
         centre_mm: choice.frame.centre_mm,

@@ -436,6 +436,16 @@ impl Maps {
         sum
     }
 
+    /// The change of a measurement by a press of the usual strength there, by what it shares with its orbit alone.
+    pub(super) fn shared_at(&self, measurement: usize, place_mm: [f64; 2]) -> f64 {
+        let member = self.orbits.members[measurement];
+        let mut here = DVector::zeros(Sensitivities::len());
+        let back = self.frame.turned_back(place_mm, member.turned);
+        self.basis.values_at(back, here.as_mut_slice());
+        let sign = if member.negative { -1.0 } else { 1.0 };
+        sign * self.scale[measurement] * here.dot(&self.shared_by(measurement))
+    }
+
     /// What the maps say of the presses that they were learned from, over the scale.
     fn fitted(&self, design: &Design) -> DMatrix<f64> {
         let mut fitted = &design.here * &self.own;

@@ -21,6 +21,7 @@ mod press_taker;
 mod rest;
 mod search;
 mod sensitivities;
+mod stale;
 mod symmetry;
 mod validation;
 

@@ -473,6 +473,24 @@ fn what_cannot_be_learned_from_is_said() {
 }
 
 #[test]
+fn measurements_of_the_frame_before_are_named() {
+    let mut skin = Skin::new(true, 0.0, 0.02);
+    let sound = skin.presses(30);
+    let of_drive: Vec<usize> = (0..skin.measurements.len())
+        .filter(|k| skin.measurements[*k].drive.plus == 3)
+        .collect();
+    let mut presses = sound.clone();
+    for k in 1..presses.len() {
+        for c in &of_drive {
+            presses[k].change[*c] = -sound[k - 1].change[*c];
+        }
+    }
+    let found = |presses: &[Press]| learn(presses, &skin.setting(), |_, _| {}).unwrap().1;
+    assert_eq!(found(&presses).stale, of_drive);
+    assert_eq!(found(&sound).stale, []);
+}
+
+#[test]
 fn maps_with_a_grain_tell_other_presses_of_a_sheet_that_has_one() {
     let left = |of_sheet: f64, of_maps: f64| {
         let mut skin = Skin::new(true, 0.0, 0.002);
