@@ -82,6 +82,7 @@ impl Run<'_> {
             && self.show.frames.is_none_or(|n| pictures < n)
             && self.seconds.is_none_or(|s| shown_s < s)
         {
+            self.go_on_recording();
             self.tell_recording();
             if let Some(command) = self.output.command() {
                 self.obey(command)?;

@@ -322,7 +322,7 @@ impl<'a> Player<'a> {
         let live = match live {
             Some(live) => {
                 if of.anew {
-                    live.restart();
+                    *live = live.anew();
                 } else {
                     live.gap();
                 }

@@ -4,7 +4,8 @@ use crate::live_run::Run;
 use crate::recorded::Notes;
 use crate::recording_file::{self, RecordTo};
 use crate::say::{self, say};
-use anyhow::{Result, bail};
+use anyhow::{Result, anyhow, bail};
+use inverse::live::Live;
 use inverse::touches::gestures::Gestures;
 use recording::Recorder;
 use std::time::Instant;
@@ -30,12 +31,16 @@ impl Run<'_> {
         });
     }
 
-    /// Begins to record; the page is told where it cannot be.
+    /// Begins to record, as soon as there is a reconstruction that begins with the recording; the page is told where it cannot be.
     pub(crate) fn start_recording(&mut self) {
-        if self.recorder.is_some() {
+        if self.recorder.is_some() || self.recordable.as_ref().is_some_and(|r| r.made.is_some()) {
             return;
         }
-        let outcome = self.try_to_record();
+        let outcome = self.prepare_recording();
+        self.say_of_recording(outcome);
+    }
+
+    fn say_of_recording(&mut self, outcome: Result<()>) {
         let note = outcome.err().map(|why| format!("not recorded: {why:#}"));
         if let Some(note) = &note {
             say!("warning: {note}");
@@ -43,9 +48,8 @@ impl Run<'_> {
         self.note_recording(note);
     }
 
-    /// From the next frame on that comes by the port. The reconstruction begins anew there with the baseline in force, since a replay
-    /// begins so, too.
-    fn try_to_record(&mut self) -> Result<()> {
+    /// Why nothing can be recorded now.
+    fn may_record(&self) -> Result<()> {
         if self.notes.is_some() {
             bail!("all skins are recorded into one file already, by --record");
         }
@@ -55,8 +59,47 @@ impl Run<'_> {
         if self.session.is_away() {
             bail!("the board is away; ask again when it is back");
         }
+        Ok(())
+    }
+
+    /// A replay begins with a reconstruction that has seen no frame, so that of the recording begins so, too. To make it takes a while.
+    fn prepare_recording(&mut self) -> Result<()> {
+        self.may_record()?;
         let Some(recordable) = &mut self.recordable else {
             bail!("a replay is not recorded: what it shows is in its file");
+        };
+        let (mut anew, baseline) = (self.live.anew(), self.live.baseline().cloned());
+        let make = move || {
+            if let Some(baseline) = baseline {
+                anew.resume(baseline)?;
+            }
+            Ok(anew)
+        };
+        let thread = std::thread::Builder::new().name("recordable".to_owned());
+        recordable.made = Some(thread.spawn(make)?);
+        Ok(())
+    }
+
+    /// Goes on with a recording that was asked for, once its reconstruction is made.
+    pub(crate) fn go_on_recording(&mut self) {
+        let made = self
+            .recordable
+            .as_mut()
+            .and_then(|r| r.made.take_if(|made| made.is_finished()));
+        if let Some(made) = made {
+            let outcome = made
+                .join()
+                .map_err(|_| anyhow!("the reconstruction cannot be made"))
+                .and_then(|live| self.try_to_record(live?));
+            self.say_of_recording(outcome);
+        }
+    }
+
+    /// From the next frame on that comes by the port.
+    fn try_to_record(&mut self, anew: Live) -> Result<()> {
+        self.may_record()?;
+        let Some(recordable) = &mut self.recordable else {
+            return Ok(());
         };
         let to = RecordTo::new(None)?;
         let tap = to.tap().clone();
@@ -65,7 +108,7 @@ impl Run<'_> {
         tap.introduce(self.session.hello(), self.session.plan())?;
         recordable.switch.set(Some(tap.clone()));
         recordable.since = Instant::now();
-        recordable.begins = Some(tap);
+        recordable.begins = Some((tap, anew));
         self.recorder = recorder;
         Ok(())
     }
@@ -81,7 +124,7 @@ impl Run<'_> {
         let Some(recordable) = &mut self.recordable else {
             return Ok(());
         };
-        let Some(tap) = recordable.begins.take_if(|tap| tap.has(sequence)) else {
+        let Some((tap, mut anew)) = recordable.begins.take_if(|(tap, _)| tap.has(sequence)) else {
             return Ok(());
         };
         let Some(baseline) = self.live.baseline().cloned() else {
@@ -89,8 +132,12 @@ impl Run<'_> {
         };
         let notes = Notes::new(tap, &recordable.record);
         notes.resume(&baseline);
-        self.live.restart();
-        self.live.resume(baseline)?;
+        // Another one may have been taken since it was made.
+        if !anew.baseline().is_some_and(|of| of.is_same(&baseline)) {
+            anew = anew.anew();
+            anew.resume(baseline)?;
+        }
+        *self.live = anew;
         self.gestures = Gestures::new(recordable.record.gestures());
         self.notes = Some(notes);
         self.in_force()
@@ -98,6 +145,9 @@ impl Run<'_> {
 
     /// Closes the recording.
     pub(crate) fn stop_recording(&mut self) {
+        if let Some(recordable) = &mut self.recordable {
+            recordable.made = None;
+        }
         let Some(recorder) = self.recorder.take() else { return };
         if let Some(recordable) = &mut self.recordable {
             recordable.switch.set(None);

@@ -32,18 +32,17 @@ pub(crate) fn extent(geometry: &Geometry) -> String {
 
 /// Says on stderr what a baseline was found to be worth: what is left out, and whether it is that of the sheet.
 pub(crate) fn say(inspection: &Inspection) {
-    let baseline = &inspection.baseline.values_v;
-    let named: usize = inspection.left_out().map(|f| f.values).sum();
-    let usable = inspection
-        .imager
-        .difference(baseline, baseline)
-        .map_or(0, |d| d.used.iter().filter(|used| **used).count());
-    if usable + named < baseline.len() {
+    let [expected, others] = inspection.unusable();
+    let all = inspection.baseline.values_v.len();
+    if expected > 0 {
         say!(
-            "warning: {} of {} values of the baseline are missing, clipped or next to nothing and are left out; look at the \
-             electrodes and the gain",
-            baseline.len() - usable - named,
-            baseline.len()
+            "{expected} of {all} values are beyond what the board can measure on this sheet, as its model has them, and are left out"
+        );
+    }
+    if others > 0 {
+        say!(
+            "warning: {others} of {all} values of the baseline are missing, clipped or next to nothing and are left out; look at the \
+             electrodes and the gain"
         );
     }
     for line in inspection.warnings() {

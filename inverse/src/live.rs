@@ -152,12 +152,16 @@ impl Live {
         self
     }
 
-    /// Forgets all frames: what comes now is what a new one would make of it, to the last bit. Baselines that were looked at need not
-    /// be looked at again.
-    pub fn restart(&mut self) {
+    /// One that has seen no frame and has no baseline: what it makes of frames is what a new one would, to the last bit. But baselines
+    /// that this one looked at it need not look at again.
+    #[must_use]
+    pub fn anew(&self) -> Self {
         let anew = Self::new(Arc::clone(&self.nominal), self.options);
-        let before = std::mem::replace(self, anew);
-        (self.inspected, self.learned) = (before.inspected, before.learned);
+        Self {
+            inspected: self.inspected.clone(),
+            learned: self.learned.clone(),
+            ..anew
+        }
     }
 
     /// The last frame's result with its picture, which is made now where none was: touches and events need not wait for it. None before

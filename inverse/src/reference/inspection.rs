@@ -222,6 +222,25 @@ impl Inspection {
         self.findings.iter().filter(|f| f.left_out)
     }
 
+    /// How many values are of no use though nothing that was found is about them: missing, clipped or next to nothing. First those that
+    /// the sheet itself makes so: the model has them larger or smaller than every value that is used, so that no sound board can
+    /// measure them as it measures those. Then the others.
+    pub fn unusable(&self) -> [usize; 2] {
+        let values = &self.baseline.values_v;
+        let Ok(used) = self.imager.difference(values, values).map(|d| d.used) else {
+            return [0; 2];
+        };
+        let of = |wanted: bool| {
+            let model = self.imager.model_v.iter().zip(&used);
+            model.filter(move |(_, used)| **used == wanted).map(|(m, _)| m.abs())
+        };
+        let (least, most) = (of(true).fold(f64::INFINITY, f64::min), of(true).fold(0.0, f64::max));
+        let named: usize = self.left_out().map(|f| f.values).sum();
+        let all = of(false).count().saturating_sub(named);
+        let expected = of(false).filter(|m| *m > most || *m < least).count().min(all);
+        [expected, all - expected]
+    }
+
     /// What there is to say of it, a line each, the gravest first; none for a baseline as it should be.
     pub fn warnings(&self) -> Vec<String> {
         let mut lines: Vec<String> = Vec::new();
@@ -301,6 +320,40 @@ mod tests {
             let said = found.warnings().join("\n");
             assert_eq!(said.contains("what is broken is not looked for"), !searched, "{said}");
         }
+    }
+
+    /// A square's corners give more than its sides, and less across: what no board can measure there is no fault.
+    #[test]
+    fn values_that_the_sheet_makes_too_large_are_no_fault() {
+        let place = |k: usize| {
+            let along = [-60.0, -20.0, 20.0, 60.0][k % 4];
+            let at: [f64; 2] = [[80.0, along], [-along, 80.0], [-80.0, -along], [along, -80.0]][k / 4];
+            format!("{{ point_mm = {at:?}, width_mm = 10.0, contact_mm = 1.0 }}")
+        };
+        let text = format!(
+            "sheet_resistance_ohm = 1000.0\noutline = {{ kind = \"rectangle\", width_mm = 160.0, height_mm = 160.0 }}\nelectrodes = [{}]\n",
+            (0..16).map(place).collect::<Vec<_>>().join(", ")
+        );
+        let (sheet, pattern) = forward::file::parse_sheet(&text).unwrap();
+        let imager = Arc::new(Imager::new(&sheet, Drive::PAPER, pattern, 10.0).unwrap());
+        let mut sizes: Vec<f64> = imager.model_v.iter().map(|v| v.abs()).collect();
+        sizes.sort_by(f64::total_cmp);
+        let range = 0.5 * (sizes[199] + sizes[200]);
+        let mut clipped = imager.model_v.clone();
+        clipped
+            .iter_mut()
+            .filter(|v| v.abs() > range)
+            .for_each(|v| *v = f64::NAN);
+        let unusable = |values: &[f64]| {
+            let baseline = Baseline::of_frames(values.len(), &[values]);
+            inspect(&imager, baseline, false, &InspectionOptions::default()).unusable()
+        };
+        assert_eq!(unusable(&imager.model_v), [0, 0]);
+        assert_eq!(unusable(&clipped), [8, 0]);
+        // One in the middle is.
+        let middle = imager.model_v.iter().position(|v| v.abs() == sizes[104]).unwrap();
+        clipped[middle] = f64::NAN;
+        assert_eq!(unusable(&clipped), [8, 1]);
     }
 
     /// A lost source is named where frames are searched, and doubted where they are not.
