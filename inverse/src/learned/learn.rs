@@ -286,7 +286,7 @@ pub fn learn(
             .filter(|c| rest.covariance[(*c, *c)] > HARDLY * mean_square(&kept, *c))
             .map(|c| used[c])
             .collect(),
-        stale: stale(&maps, &kept).into_iter().map(|c| used[c]).collect(),
+        stale: stale(&maps, &kept, &residuals).into_iter().map(|c| used[c]).collect(),
         shared: choice.orbits.count < measurements.len(),
         clockwise: choice.frame.clockwise,
         centre_mm: choice.frame.centre_mm,

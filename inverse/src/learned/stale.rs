@@ -1,25 +1,25 @@
 //! Measurements that hold what the press before did, as if they were of the frame before.
 
 use super::maps::{Maps, Presses};
+use super::rest::Residuals;
 use nalgebra::{Matrix2, Vector2};
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
 /// Chance that any measurement of a sound skin is taken for one.
 const FALSE: f64 = 0.01;
-/// Least part of what the press before did that one holds.
-const LEAST: f64 = 0.5;
 
 /// The numbers of those that follow, by what turned measurements share, the place of the press before more than that of the press: by
-/// least squares on both, beyond what chance does. None where nothing is shared.
-pub(super) fn stale(maps: &Maps, presses: &Presses) -> Vec<usize> {
+/// least squares on both, beyond what chance does; and of which that leaves less than maps of the others leave of them. None where
+/// nothing is shared.
+pub(super) fn stale(maps: &Maps, presses: &Presses, residuals: &Residuals) -> Vec<usize> {
     let count = maps.orbits.members.len();
     if maps.orbits.count == count {
         return Vec::new();
     }
-    (0..count).filter(|c| is_stale(maps, presses, *c)).collect()
+    (0..count).filter(|c| is_stale(maps, presses, residuals, *c)).collect()
 }
 
-fn is_stale(maps: &Maps, presses: &Presses, measurement: usize) -> bool {
+fn is_stale(maps: &Maps, presses: &Presses, residuals: &Residuals, measurement: usize) -> bool {
     let seen = presses.places_mm.iter().zip(&presses.before_mm).enumerate();
     let rows: Vec<(Vector2<f64>, f64)> = seen
         .filter_map(|(k, (place, before))| {
@@ -43,5 +43,12 @@ fn is_stale(maps: &Maps, presses: &Presses, measurement: usize) -> bool {
         return false;
     };
     let surely = parts.y.abs() > student.inverse_cdf(1.0 - chance) * error;
-    surely && parts.y.abs() > parts.x.abs().max(LEAST)
+    let by_maps: f64 = residuals
+        .values
+        .column(measurement)
+        .iter()
+        .filter(|r| r.is_finite())
+        .map(|r| r * r)
+        .sum();
+    surely && parts.y.abs() > parts.x.abs() && left < by_maps
 }
