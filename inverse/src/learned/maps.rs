@@ -8,6 +8,9 @@
 //! ([`Sensitivities`]), and so is their posterior, in closed form. What lies far outside is drawn in before each of a few repetitions
 //! (Huber's pseudo-values), and each measurement's noise follows from what is left.
 
+mod design;
+
+use self::design::{Design, GRAINED, features, precisions};
 use super::frame::{Frame, MOST_DISPLACED};
 use super::orbits::Orbits;
 use super::sensitivities::Sensitivities;
@@ -30,8 +33,6 @@ const LEAST_NOISE: f64 = 1e-4;
 const NOISE_WEIGHT: f64 = 8.0;
 /// Presses nearer than this part of the reach are one.
 const NEAR: f64 = 0.22;
-/// Directions of which presses see less than this part of what they see of the largest are not seen.
-const LEAST_SEEN: f64 = 1e-10;
 /// Standard deviation of measurements' gains over those of their orbits, before anything is known and at most.
 const GAIN_SD: f64 = 0.3;
 /// Least variance of the gains: amplifiers agree no better.
@@ -167,120 +168,6 @@ fn drawn_in_rms(values: &[f64]) -> f64 {
         rms = (finite().map(|v| v.clamp(-limit, limit).powi(2)).sum::<f64>() / count).sqrt();
     }
     rms
-}
-
-/// Weights that orbits share, with those that change with the direction.
-const GRAINED: usize = 3;
-
-/// Precisions of the weights that an orbit shares.
-fn precisions(prior: Prior) -> DVector<f64> {
-    let size = Sensitivities::len();
-    let parts = if prior.grain > 0.0 { GRAINED } else { 1 };
-    DVector::from_fn(parts * size, |k, _| {
-        if k < size { prior.shared } else { prior.grain }.recip()
-    })
-}
-
-fn features(basis: &Sensitivities, places: impl Iterator<Item = Option<[f64; 2]>>) -> DMatrix<f64> {
-    let columns: Vec<DVector<f64>> = places
-        .map(|place| {
-            let mut column = DVector::zeros(Sensitivities::len());
-            if let Some(place) = place {
-                basis.values_at(place, column.as_mut_slice());
-            }
-            column
-        })
-        .collect();
-    DMatrix::from_columns(&columns).transpose()
-}
-
-/// The presses as the terms see them, and what all measurements have in common.
-struct Design {
-    /// Of the places, with the part of those of the presses before that is left.
-    here: DMatrix<f64>,
-    /// For every turn that a measurement has: its number, the features turned back, and two products of them.
-    turns: Vec<(usize, Turn)>,
-    /// Eigenvectors and eigenvalues of what the presses see of the own parts, in units of their prior.
-    vectors: DMatrix<f64>,
-    values: DVector<f64>,
-    own_root: f64,
-    /// Precisions of the shared weights.
-    precisions: DVector<f64>,
-}
-
-/// Eigenvectors and eigenvalues of the columns' square, those without the ones that no row sees. Of fewer rows than columns they
-/// follow from the rows' square.
-fn seen(scaled: &DMatrix<f64>) -> Option<(DMatrix<f64>, DVector<f64>)> {
-    let few = scaled.nrows() < scaled.ncols();
-    let square = if few {
-        scaled * scaled.transpose()
-    } else {
-        scaled.tr_mul(scaled)
-    };
-    let eigen = symmetric_eigen(square)?;
-    let least = LEAST_SEEN * eigen.eigenvalues.max();
-    let order: Vec<usize> = (0..eigen.eigenvalues.len())
-        .filter(|k| eigen.eigenvalues[*k] > least)
-        .collect();
-    let values = eigen.eigenvalues.select_rows(&order);
-    let mut vectors = eigen.eigenvectors.select_columns(&order);
-    if few {
-        vectors = scaled.tr_mul(&vectors);
-        for (mut column, value) in vectors.column_iter_mut().zip(&values) {
-            column /= value.sqrt();
-        }
-    }
-    Some((vectors, values))
-}
-
-struct Turn {
-    features: DMatrix<f64>,
-    square: DMatrix<f64>,
-    /// In the directions of the eigenvectors.
-    seen: DMatrix<f64>,
-}
-
-impl Design {
-    /// `None` where the presses are beyond what can be computed with.
-    fn new(presses: &Presses, frame: Frame, prior: Prior, orbits: &Orbits, basis: &Sensitivities) -> Option<Self> {
-        let felt: Vec<[f64; 2]> = (presses.places_mm.iter().zip(&presses.before_mm))
-            .map(|(place, before)| frame.felt(*place, *before, prior.displaced))
-            .collect();
-        // What the press before left is a part of what it did.
-        let of_presses = |turned: usize| {
-            let back = |p: [f64; 2]| frame.turned_back(p, turned);
-            let here = features(basis, felt.iter().map(|p| Some(back(*p))));
-            here + features(basis, presses.before_mm.iter().map(|p| p.map(back))) * prior.memory
-        };
-        let here = of_presses(0);
-        let own_root = prior.own.sqrt();
-        let (vectors, values) = seen(&(&here * own_root))?;
-        let to_seen = &here * own_root * &vectors;
-        let mut numbers: Vec<usize> = orbits.members.iter().map(|m| m.turned).collect();
-        numbers.sort_unstable();
-        numbers.dedup();
-        let turn = |turned: usize| {
-            let features = of_presses(turned);
-            Turn {
-                square: features.tr_mul(&features),
-                seen: to_seen.tr_mul(&features),
-                features,
-            }
-        };
-        Some(Self {
-            turns: numbers.into_iter().map(|t| (t, turn(t))).collect(),
-            here,
-            values,
-            vectors,
-            own_root,
-            precisions: precisions(prior),
-        })
-    }
-
-    fn turn(&self, turned: usize) -> &Turn {
-        let place = self.turns.partition_point(|(t, _)| *t < turned);
-        &self.turns[place].1
-    }
 }
 
 impl Maps {

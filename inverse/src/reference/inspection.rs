@@ -237,7 +237,9 @@ impl Inspection {
         let (least, most) = (of(true).fold(f64::INFINITY, f64::min), of(true).fold(0.0, f64::max));
         let named: usize = self.left_out().map(|f| f.values).sum();
         let all = of(false).count().saturating_sub(named);
-        let expected = of(false).filter(|m| *m > most || *m < least).count().min(all);
+        // Where none is used there is nothing to compare with, and the board is to blame.
+        let expected = of(false).filter(|m| most > 0.0 && (*m > most || *m < least)).count();
+        let expected = expected.min(all);
         [expected, all - expected]
     }
 
@@ -354,6 +356,7 @@ mod tests {
         let middle = imager.model_v.iter().position(|v| v.abs() == sizes[104]).unwrap();
         clipped[middle] = f64::NAN;
         assert_eq!(unusable(&clipped), [8, 1]);
+        assert_eq!(unusable(&[f64::NAN; 208]), [0, 208]);
     }
 
     /// A lost source is named where frames are searched, and doubted where they are not.
