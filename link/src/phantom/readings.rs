@@ -16,8 +16,8 @@ const PERIODS: u16 = 16;
 const SETTLE_QUARTERS: u16 = 8;
 /// Longest wait for a frame of the plan in force.
 const FIRST_FRAME: Duration = Duration::from_secs(10);
-/// Values of one period each that the noise of a value is estimated from: it is known to 9 % then.
-const REPEATS: usize = 64;
+/// Values of one period each that the noise of a value is estimated from, in phase and a quarter period ahead: it is known to 5 % then.
+const REPEATS: usize = 96;
 /// Frames of all channels at once that are averaged. A value of one period has a quarter of a code of noise; of these it is
 /// 0.1 in some thousand.
 const FRAMES: usize = 8;
@@ -102,14 +102,17 @@ fn all(link: &Link, hello: &Hello, excitation: f64) -> Result<Readings, LinkErro
     let far = [(n / 2 + 1) % n, n / 2];
     let mut values = Vec::new();
     for _ in 0..REPEATS {
-        values.push(one(link, hello, [0, 1], far, 0, 1)?.in_phase);
+        let value = one(link, hello, [0, 1], far, 0, 1)?;
+        values.push([value.in_phase, value.quadrature]);
     }
-    let mean = values.iter().sum::<f64>() / values.len() as f64;
-    let square = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>();
+    let variance = |part: usize| {
+        let mean = values.iter().map(|v| v[part]).sum::<f64>() / REPEATS as f64;
+        values.iter().map(|v| (v[part] - mean).powi(2)).sum::<f64>() / (REPEATS - 1) as f64
+    };
     Ok(Readings {
         list,
         at_once: None,
-        sigma: (square / (values.len() - 1) as f64).sqrt(),
+        sigma: ((variance(0) + variance(1)) / 2.0).sqrt(),
         excitation,
     })
 }
