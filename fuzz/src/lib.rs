@@ -5,9 +5,6 @@ mod fake;
 #[path = "../../host/src/files/mod.rs"]
 #[allow(dead_code, unreachable_pub, reason = "the readers only")]
 mod files;
-#[path = "../../host/src/progress.rs"]
-#[allow(dead_code, unreachable_pub, reason = "as the readers want it")]
-mod progress;
 
 mod board;
 mod readers;

@@ -325,7 +325,7 @@ fn words(arguments: &Arguments, line: &Line, check: &WiringCheck, inspection: &I
 
 fn of_table(arguments: &Arguments) -> Result<Measured> {
     let path = arguments.file.as_deref().unwrap_or_else(|| std::path::Path::new(""));
-    let table = MeasurementTable::read(path, &mut Progress::new("reading", false))?;
+    let table = MeasurementTable::read(path, Progress::new("reading", false).told())?;
     let drive = arguments.drive.drive();
     let chosen = arguments.geometry.choose(&table, Method::Nnls)?;
     let names = table.names();

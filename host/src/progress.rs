@@ -31,6 +31,11 @@ impl Progress {
         }
     }
 
+    /// For a work that says itself how much of the whole is done.
+    pub(crate) fn told(mut self) -> impl FnMut(usize, usize) {
+        move |done, whole| self.at(done, whole)
+    }
+
     /// So much of the whole is done.
     pub(crate) fn at(&mut self, done: usize, whole: usize) {
         let taken = self.started.elapsed();

@@ -228,7 +228,7 @@ fn read(arguments: &Arguments) -> Result<Input> {
             let (kind, arrays) = arrays::read(path)?;
             ordered::table(order, &path.display().to_string(), kind, &arrays, &arguments.variable)?
         }
-        None => MeasurementTable::read(path, &mut Progress::new("reading", arguments.no_progress))?,
+        None => MeasurementTable::read(path, Progress::new("reading", arguments.no_progress).told())?,
     };
     for note in &table.notes {
         eprintln!("{}: {note}", table.file);

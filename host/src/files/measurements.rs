@@ -9,7 +9,6 @@ use crate::files::arrays::{self, Kind, MOST_TABLE};
 use crate::files::malformed::FileError;
 use crate::files::order;
 use crate::files::sheet_line::SheetLine;
-use crate::progress::Progress;
 use ::forward::file::MOST_ELECTRODES;
 use ::forward::whole::is_utf16;
 use ::forward::{Measurement, Pair};
@@ -219,24 +218,24 @@ impl Place<'_> {
 }
 
 impl MeasurementTable {
-    /// Reads a table from a file.
+    /// Reads a table from a file; `told` hears how many of how many bytes are read.
     ///
     /// # Errors
     /// [`TableError`] with the file, the line, the column and what was expected there.
-    pub(crate) fn read(path: &Path, progress: &mut Progress) -> Result<Self, TableError> {
+    pub(crate) fn read(path: &Path, told: impl FnMut(usize, usize)) -> Result<Self, TableError> {
         let name = path.display().to_string();
         let bytes = ::forward::whole::bytes(path, MOST_TABLE).map_err(|cause| FileError::Io {
             file: name.clone(),
             cause,
         })?;
-        Self::parse(&name, &bytes, progress)
+        Self::parse(&name, &bytes, told)
     }
 
     /// Reads a table from bytes; `file` is their name in messages.
     ///
     /// # Errors
     /// As for [`MeasurementTable::read`].
-    pub(crate) fn parse(file: &str, bytes: &[u8], progress: &mut Progress) -> Result<Self, TableError> {
+    pub(crate) fn parse(file: &str, bytes: &[u8], mut told: impl FnMut(usize, usize)) -> Result<Self, TableError> {
         if Kind::of(bytes) != Kind::Text {
             let (_, arrays) = arrays::parse(file, bytes)?;
             return Err(TableError::NeedsOrder {
@@ -268,7 +267,7 @@ impl MeasurementTable {
             .split(|b| *b == b'\n');
         for (number, line) in (1..).zip(lines) {
             done += line.len() + 1;
-            progress.at(done, bytes.len());
+            told(done, bytes.len());
             let line = std::str::from_utf8(line)
                 .map_err(|_| at.malformed(number, "1", "text in UTF-8", other(line)))?
                 .trim();
@@ -503,7 +502,7 @@ mod tests {
     use super::*;
 
     fn parse(text: &str) -> Result<MeasurementTable, TableError> {
-        MeasurementTable::parse("t.csv", text.as_bytes(), &mut Progress::new("reading", true))
+        MeasurementTable::parse("t.csv", text.as_bytes(), |_, _| ())
     }
 
     #[test]

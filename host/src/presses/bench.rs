@@ -135,7 +135,7 @@ struct Skin {
 impl Skin {
     fn read(folder: &Path, name: &str) -> Result<Self> {
         let file = folder.join(format!("{name}.csv"));
-        let table = MeasurementTable::read(&file, &mut Progress::new("reading", false))?;
+        let table = MeasurementTable::read(&file, Progress::new("reading", false).told())?;
         let list = folder.join(format!("{name}{TRUTH}"));
         let known = truth::read(&list)?;
         let difference = known.iter().all(|k| k.before.is_none());

@@ -152,7 +152,7 @@ struct Input {
 /// A table or a list of presses that makes no sense, too few presses, a board that does not answer, a file that cannot be written.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let mut input = input(arguments)?;
-    let table = MeasurementTable::read(&input.table, &mut Progress::new("reading", arguments.no_progress))?;
+    let table = MeasurementTable::read(&input.table, Progress::new("reading", arguments.no_progress).told())?;
     for note in &table.notes {
         eprintln!("{}: {note}", table.file);
     }
