@@ -221,6 +221,11 @@ impl FrameSolver {
         }
     }
 
+    /// Whether its frames follow one another.
+    pub(crate) fn is_of_sequence(&self) -> bool {
+        self.options.sequence
+    }
+
     /// Rank of the problem in use; none before the first.
     pub(crate) fn rank(&self) -> Option<usize> {
         self.weightings.current().map(|w| w.pictures.problem.rank())

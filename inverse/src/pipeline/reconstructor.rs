@@ -527,7 +527,13 @@ fn detectors(solver: &mut FrameSolver, reference: &Reference, unchanged: &Differ
     };
     let share = reference.baseline_share();
     let is_searched = reference.imager().is_searched();
-    let asked = |drifting: &Drifting| !is_rare(*drifting) || is_searched;
+    let in_sequence = solver.is_of_sequence();
+    let asked = |drifting: &Drifting| match (is_searched, in_sequence) {
+        (true, _) => true,
+        (false, true) => !is_rare(*drifting),
+        // A frame by itself of many values that drifts is solved: a detector takes longer.
+        (false, false) => *drifting == Drifting::Common,
+    };
     // The first is in use next.
     for drifting in Drifting::ALL.into_iter().rev().filter(asked) {
         let at_once = at_once && is_searched && matches!(drifting, Drifting::Common | Drifting::Contacts);

@@ -142,8 +142,17 @@ pub fn find_with(imager: &Imager, baseline: &[f64], options: &ElectrodeFitOption
     let mut outliers: Vec<(usize, f64)> = Vec::new();
     let mut amplifiers: Vec<Amplifier> = Vec::new();
     let most = (options.most_outliers * baseline.len() as f64) as usize;
+    // Of many values a sheet takes seconds: it is made without what stands out already where the electrodes are drawn.
+    let mut drawn = !imager.is_searched();
     loop {
-        let (mut fit, linear, scales) = settle(imager, &kept, options)?;
+        let (fit, linear, scales) = if drawn {
+            let linear = Linear::new(imager, &kept, options).ok_or(NoFit::TooFew)?;
+            let scales = linear.best(&linear.residual, reach(imager));
+            (None, linear, scales)
+        } else {
+            let (fit, linear, scales) = settle(imager, &kept, options)?;
+            (Some(fit), linear, scales)
+        };
         let (more, amplifier) = linear.stand_out(scales, &kept, &imager.pattern);
         if let Some(amplifier) = amplifier.filter(|_| amplifiers.len() < options.most_amplifiers) {
             for (kept, m) in kept.iter_mut().zip(imager.pattern.measurements()) {
@@ -158,10 +167,12 @@ pub fn find_with(imager: &Imager, baseline: &[f64], options: &ElectrodeFitOption
             continue;
         }
         if more.is_empty() || outliers.len() + more.len() > most {
+            let Some(mut fit) = fit else {
+                drawn = false;
+                continue;
+            };
             (fit.outliers, fit.amplifiers) = (outliers, amplifiers);
-            let most_mm =
-                options.most_moves * options.places_mm.iter().fold(0.0_f64, |m, p| m.max(*p)) * imager.reach_mm()
-                    / PAPER_REACH_MM;
+            let most_mm = options.most_moves * options.places_mm.iter().fold(0.0_f64, |m, p| m.max(*p)) * reach(imager);
             let far = fit.moved_mm.iter().copied().enumerate();
             return match far.max_by(|a, b| a.1.abs().total_cmp(&b.1.abs())) {
                 Some((electrode, moved_mm)) if moved_mm.abs() > most_mm => Err(NoFit::TooFar {
@@ -179,6 +190,11 @@ pub fn find_with(imager: &Imager, baseline: &[f64], options: &ElectrodeFitOption
     }
 }
 
+/// The sheet's size, over the paper's.
+fn reach(imager: &Imager) -> f64 {
+    imager.reach_mm() / PAPER_REACH_MM
+}
+
 /// Steps of Gauss and Newton until the electrodes stay; with the linear model about where they are.
 fn settle(
     imager: &Imager,
@@ -188,7 +204,7 @@ fn settle(
     let sheet = imager.model.sheet();
     let geometry = imager.model.geometry();
     let n = sheet.electrodes.len();
-    let reach = imager.reach_mm() / PAPER_REACH_MM;
+    let reach = reach(imager);
     let mut at = DVector::zeros(2 * n);
     let mut here = imager.clone();
     let mut linear = Linear::new(&here, baseline, options).ok_or(NoFit::TooFew)?;
