@@ -506,6 +506,7 @@ def one_skin(folder):
     listens.wait("rt/skin/image")
     listens.wait("rt/skin/diagnostics", 2)
     lines = running.stop()
+    assert " frames of 1 skin sent, " in running.said(), running.said()
     messages = listens.close()
     shown = {line["frame"]: line for line in running.pictures()}
     touches = messages["rt/skin/touches"]
