@@ -70,6 +70,14 @@ def test_the_picture_is_the_sheet(unpressed: np.ndarray, pressed: np.ndarray) ->
     assert np.hypot(x[column] - PLACES[0][0], y[row] - PLACES[0][1]) < RADIUS_MM
 
 
+def test_arrays_are_the_memory_that_rust_filled(unpressed: np.ndarray, pressed: np.ndarray) -> None:
+    (frame,) = skin.reconstruct(pressed[0], unpressed)
+    for read, array in ((lambda: frame.values, frame.values), (lambda: frame.image, frame.image)):
+        # NumPy did not take memory of its own, and reading it once more is no copy.
+        assert not array.flags.owndata and array.base is not None and array.flags.c_contiguous
+        assert read() is array
+
+
 def rotated(sheet: skin.Sheet) -> np.ndarray:
     """For every value whose sense pairs begin at the drive pair, as of pyEIT's fmmu, its place among the sheet's own."""
     drive, sense = sheet.measurements[:, 0] - 1, sheet.measurements[:, 2] - 1
