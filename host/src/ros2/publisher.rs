@@ -263,7 +263,11 @@ impl Publisher {
             }
         }
         let (sent, skins) = self.sum;
-        let of = if skins == 1 { "1 skin".to_owned() } else { format!("{skins} skins") };
+        let of = if skins == 1 {
+            "1 skin".to_owned()
+        } else {
+            format!("{skins} skins")
+        };
         say!(
             "ROS 2: {} frames of {of} sent, {} passed over for newer ones, {} messages refused",
             sent.frames,
