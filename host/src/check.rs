@@ -2,13 +2,13 @@
 
 use crate::drive::DriveKind;
 use crate::ending;
-use crate::files::measurements::MeasurementTable;
+use crate::files::{order, ordered};
 use crate::json;
 use crate::played_board::PlayedBoard;
-use crate::progress::Progress;
 use crate::recorded::SessionRecord;
 use crate::table_sheet::Geometry;
 use crate::{board, number, sheet, simulated_skin};
+use ::forward::order::ValueOrder;
 use ::forward::{DiscTouch, Drive, Pattern, Sheet};
 use anyhow::{Context, Result, anyhow, bail};
 use clap::{ArgGroup, Args};
@@ -35,7 +35,7 @@ const NO_TABLE: [&str; 4] = ["port", "serial", "simulate", "from"];
 #[derive(Debug, Args)]
 #[command(group(ArgGroup::new("source")))]
 pub(crate) struct Arguments {
-    /// Table of measurements, as for `skin reconstruct` [default: a board's frames].
+    /// Table of measurements, or with --order one frame a line, as for `skin reconstruct` [default: a board's frames].
     #[arg(group = "source", value_name = "TABLE")]
     file: Option<PathBuf>,
     /// Serial port of the board, or tcp://HOST:PORT of a bridge to it [default: the only board on USB].
@@ -53,6 +53,12 @@ pub(crate) struct Arguments {
     /// Frames of the unpressed sheet in the table; several are averaged [default: the first].
     #[arg(long, value_delimiter = ',', value_name = "COLUMN,...", requires = "file", conflicts_with_all = NO_TABLE)]
     baseline: Vec<String>,
+    /// The file has one frame a line, in the order of this program (docs/tables.md).
+    #[arg(long, value_parser = order::parser(), value_name = "ORDER", requires = "file", conflicts_with_all = NO_TABLE)]
+    order: Option<ValueOrder>,
+    /// Variables of a .npz or .mat file that hold frames; a field of a struct is STRUCT.FIELD [default: all that fit the order].
+    #[arg(long, value_delimiter = ',', value_name = "NAME[,NAME...]", requires = "order", conflicts_with_all = NO_TABLE, hide_short_help = true)]
+    variable: Vec<String>,
     /// How the sheet of the table was driven.
     #[arg(long, value_enum, default_value_t = DriveKind::Voltage, requires = "file", conflicts_with_all = NO_TABLE, hide_short_help = true)]
     drive: DriveKind,
@@ -325,7 +331,7 @@ fn words(arguments: &Arguments, line: &Line, check: &WiringCheck, inspection: &I
 
 fn of_table(arguments: &Arguments) -> Result<Measured> {
     let path = arguments.file.as_deref().unwrap_or_else(|| std::path::Path::new(""));
-    let table = MeasurementTable::read(path, Progress::new("reading", false).told())?;
+    let table = ordered::read(path, arguments.order, &arguments.variable, false)?;
     let drive = arguments.drive.drive();
     let chosen = arguments.geometry.choose(&table, Method::Nnls)?;
     let names = table.names();

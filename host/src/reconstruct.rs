@@ -1,7 +1,6 @@
 //! `skin reconstruct`: frames of a table to touches and pictures.
 
 use crate::drive::DriveKind;
-use crate::files::arrays;
 use crate::files::calibration_file;
 use crate::files::measurements::MeasurementTable;
 use crate::files::names::file_names;
@@ -223,24 +222,7 @@ fn read(arguments: &Arguments) -> Result<Input> {
         return Err(Usage(why.to_owned()).into());
     }
     let path = arguments.file.as_deref().unwrap_or_else(|| Path::new(""));
-    let mut table = match arguments.order {
-        Some(order) => {
-            let (kind, arrays) = arrays::read(path)?;
-            ordered::table(order, &path.display().to_string(), kind, &arrays, &arguments.variable)?
-        }
-        None => MeasurementTable::read(path, Progress::new("reading", arguments.no_progress).told())?,
-    };
-    for note in &table.notes {
-        eprintln!("{}: {note}", table.file);
-    }
-    if table.infinite > 0 {
-        let note = format!(
-            "{} values are infinite and are left out, as missing ones are",
-            table.infinite
-        );
-        eprintln!("warning: {}: {note}", table.file);
-        table.notes.push(note);
-    }
+    let table = ordered::read(path, arguments.order, &arguments.variable, arguments.no_progress)?;
     Ok(Input {
         table,
         sheet: None,

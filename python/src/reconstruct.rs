@@ -7,14 +7,17 @@ use crate::sheet::{Sheet, drive};
 use ::forward::Pattern;
 use ::forward::order::ValueOrder;
 use inverse::batch::{Batch, BatchOptions};
-use inverse::reference::imager::Imager;
+use inverse::reference::imager::{Imager, ImagerError};
 use inverse::solvers::Method;
 use inverse::touches::polarity::Polarity;
 use numpy::PyArray2;
 use pyo3::prelude::*;
 use std::ffi::CString;
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Instant;
+use std::time::{Duration, Instant};
+
+/// So often Ctrl-C is looked for between frames.
+const LOOK: Duration = Duration::from_millis(100);
 
 /// Which of a frame's values are used, in the order of the pattern.
 pub(crate) struct Picked {
@@ -86,7 +89,7 @@ pub(crate) struct Reconstructor {
 
 impl Reconstructor {
     /// The frame of these values, in the order that was said.
-    fn solve(&self, values: Vec<f64>) -> Result<Found, inverse::reference::imager::ImagerError> {
+    fn solve(&self, values: Vec<f64>) -> Result<Found, ImagerError> {
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         let begin = Instant::now();
         let picked = self.picked.of(&values);
@@ -97,6 +100,8 @@ impl Reconstructor {
         // Its number has 32 bits, as a board's.
         let of = (place as u32, time_s, values);
         let found = Found::new(of, &result, state.batch.imager());
+        // Whoever calls it in Rust drops it as well.
+        drop(result);
         Ok(found.took(1e6 * begin.elapsed().as_secs_f64()))
     }
 
@@ -109,12 +114,26 @@ impl Reconstructor {
             )));
         }
         let mut found = Vec::new();
-        for frame in frames.rows() {
-            let solved = py.detach(|| self.solve(frame.to_vec())).map_err(raised)?;
-            found.push(Frame::new(py, solved)?);
+        let mut rows = frames.rows();
+        loop {
+            let solved = py.detach(|| {
+                let until = Instant::now() + LOOK;
+                for frame in rows.by_ref() {
+                    found.push(self.solve(frame.to_vec())?);
+                    if Instant::now() >= until {
+                        return Ok(false);
+                    }
+                }
+                Ok(true)
+            });
+            let all = solved.map_err(|error: ImagerError| raised(error))?;
             py.check_signals()?;
+            if all {
+                break;
+            }
         }
-        Ok(found)
+        // Python's objects are made together at the end: after a frame's sums the processor's caches hold nothing of Python.
+        found.into_iter().map(|found| Frame::new(py, found)).collect()
     }
 }
 

@@ -1,5 +1,9 @@
 """Frames of a simulated sheet, and of whatever hardware, to touches."""
 
+import os
+import signal
+import subprocess
+import sys
 import threading
 from pathlib import Path
 from typing import Literal
@@ -64,6 +68,14 @@ def test_the_picture_is_the_sheet(unpressed: np.ndarray, pressed: np.ndarray) ->
     # Row 0 is the lowest, and what rises most is under the touch.
     row, column = np.unravel_index(np.nanargmax(frame.image), frame.image.shape)
     assert np.hypot(x[column] - PLACES[0][0], y[row] - PLACES[0][1]) < RADIUS_MM
+
+
+def test_arrays_are_the_memory_that_rust_filled(unpressed: np.ndarray, pressed: np.ndarray) -> None:
+    (frame,) = skin.reconstruct(pressed[0], unpressed)
+    assert frame.values is frame.values and frame.image is frame.image
+    for array in (frame.values, frame.image):
+        # NumPy did not take memory of its own.
+        assert not array.flags.owndata and array.base is not None and array.flags.c_contiguous
 
 
 def rotated(sheet: skin.Sheet) -> np.ndarray:
@@ -147,6 +159,24 @@ def test_threads_find_what_one_finds(unpressed: np.ndarray, pressed: np.ndarray)
         thread.join()
     assert len(found) == 3
     assert all([f.touches for f in frames] == [f.touches for f in alone] for frames in found)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+def test_ctrl_c_ends_many_frames_in_one_call() -> None:
+    # Of a pressed sheet with noise, none of them the last one's: it takes a minute.
+    code = """import numpy as np, skin
+unpressed, pressed = skin.forward(), skin.forward(touches=[(30.0, -20.0, 12.5, 0.2)])
+reconstructor = skin.Reconstructor(unpressed)
+values = pressed * (1 + 1e-4 * np.random.default_rng(1).standard_normal((30_000, pressed.size)))
+print("ready", flush=True)
+reconstructor.frames(values)
+"""
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout is not None and process.stderr is not None
+        assert process.stdout.readline() == b"ready\n"
+        process.send_signal(signal.SIGINT)
+        assert b"KeyboardInterrupt" in process.stderr.read()
+        assert process.wait(timeout=60) != 0
 
 
 def test_another_sheet(tmp_path: Path) -> None:

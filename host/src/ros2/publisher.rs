@@ -263,8 +263,13 @@ impl Publisher {
             }
         }
         let (sent, skins) = self.sum;
+        let of = if skins == 1 {
+            "1 skin".to_owned()
+        } else {
+            format!("{skins} skins")
+        };
         say!(
-            "ROS 2: {} frames of {skins} skins sent, {} passed over for newer ones, {} messages refused",
+            "ROS 2: {} frames of {of} sent, {} passed over for newer ones, {} messages refused",
             sent.frames,
             sent.passed_over,
             sent.refused

@@ -120,6 +120,8 @@ fn an_option_is_refused_without_what_it_needs() {
         ("check --baseline a", "TABLE"),
         ("check --baseline a --simulate", "--baseline"),
         ("check --drive current --port p", "--drive"),
+        ("check --order pyeit --simulate", "--order"),
+        ("check t.csv --variable v", "--order"),
         ("check --touch 1,2 --frame a --from r.mcap", "--frame"),
         ("check --radius-mm 5 --simulate", "--radius-mm"),
         ("calibrate presses --truth t.csv", "TABLE"),

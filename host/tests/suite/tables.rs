@@ -209,6 +209,37 @@ fn the_same_frames_in_every_order_and_format_are_the_same_touches() {
 }
 
 #[test]
+fn wires_are_checked_of_frames_in_every_order() {
+    let folder = Folder::new();
+    let rows = forward(&[]);
+    let [empty, touched] = [values(&rows), values(&forward(&TOUCH))];
+    let csv = folder.file("t.csv", table(&rows, &[("1", empty.clone()), ("2", touched.clone())]));
+    let check = |file: &Path, options: &[&str]| {
+        let given = [
+            "check",
+            file.to_str().unwrap(),
+            "--baseline",
+            "1",
+            "--touch",
+            "30,20",
+            "--frame",
+            "2",
+        ];
+        let output = skin(&[&given, options].concat());
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        String::from_utf8(output.stdout).unwrap()
+    };
+    let expected = check(&csv, &[]);
+    let plain = [empty.as_slice(), touched.as_slice()];
+    for (name, bytes, order) in [
+        ("p.txt", lines(&plain, " ", "").into_bytes(), "pyeit"),
+        ("e.mat", mat(&plain), "eidors"),
+    ] {
+        assert_eq!(check(&folder.file(name, bytes), &["--order", order]), expected);
+    }
+}
+
+#[test]
 fn another_order_than_the_frames_have_is_noticed() {
     let folder = Folder::new();
     let (empty, touched) = (values(&forward(&[])), values(&forward(&TOUCH)));
