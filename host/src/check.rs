@@ -2,12 +2,12 @@
 
 use crate::drive::DriveKind;
 use crate::ending;
-use crate::files::{order, ordered};
+use crate::files::order;
 use crate::json;
 use crate::played_board::PlayedBoard;
 use crate::recorded::SessionRecord;
 use crate::table_sheet::Geometry;
-use crate::{board, number, sheet, simulated_skin};
+use crate::{board, number, sheet, simulated_skin, table_file};
 use ::forward::order::ValueOrder;
 use ::forward::{DiscTouch, Drive, Pattern, Sheet};
 use anyhow::{Context, Result, anyhow, bail};
@@ -331,7 +331,7 @@ fn words(arguments: &Arguments, line: &Line, check: &WiringCheck, inspection: &I
 
 fn of_table(arguments: &Arguments) -> Result<Measured> {
     let path = arguments.file.as_deref().unwrap_or_else(|| std::path::Path::new(""));
-    let table = ordered::read(path, arguments.order, &arguments.variable, false)?;
+    let table = table_file::read(path, arguments.order, &arguments.variable, false)?;
     let drive = arguments.drive.drive();
     let chosen = arguments.geometry.choose(&table, Method::Nnls)?;
     let names = table.names();

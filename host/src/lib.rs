@@ -89,6 +89,7 @@ mod source;
 pub mod stream;
 mod table_baseline;
 mod table_batch;
+mod table_file;
 mod table_notices;
 mod table_pattern;
 mod table_sheet;

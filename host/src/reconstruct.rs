@@ -5,7 +5,6 @@ use crate::files::calibration_file;
 use crate::files::measurements::MeasurementTable;
 use crate::files::names::file_names;
 use crate::files::order;
-use crate::files::ordered;
 use crate::files::replace::replace;
 use crate::files::sheet_line::SheetLine;
 use crate::json;
@@ -16,7 +15,7 @@ use crate::table_baseline::{BaselineArguments, Frame};
 use crate::table_batch::{How, TableBatch};
 use crate::table_sheet::Geometry;
 use crate::usage::Usage;
-use crate::{number, sheet, table_notices};
+use crate::{number, sheet, table_file, table_notices};
 use ::forward::{Sheet, order::ValueOrder};
 use anyhow::{Context, Result, bail};
 use clap::Args;
@@ -222,7 +221,7 @@ fn read(arguments: &Arguments) -> Result<Input> {
         return Err(Usage(why.to_owned()).into());
     }
     let path = arguments.file.as_deref().unwrap_or_else(|| Path::new(""));
-    let table = ordered::read(path, arguments.order, &arguments.variable, arguments.no_progress)?;
+    let table = table_file::read(path, arguments.order, &arguments.variable, arguments.no_progress)?;
     Ok(Input {
         table,
         sheet: None,

@@ -1,44 +1,9 @@
 //! Arrays of frames in another program's order, as a table.
 
-use super::arrays::{self, Array, Kind};
+use super::arrays::{Array, Kind};
 use super::measurements::{Column, MeasurementTable};
 use super::order::{OrderError, described, fit, hint};
-use crate::progress::Progress;
 use ::forward::order::{Layout, ValueOrder};
-use anyhow::Result;
-use std::path::Path;
-
-/// The frames of a file: a table, or where an order is given one frame a line. What was assumed is said on stderr, and noted in the
-/// table.
-///
-/// # Errors
-/// A file that cannot be read, or holds no frames of that order.
-pub(crate) fn read(
-    path: &Path,
-    order: Option<ValueOrder>,
-    wanted: &[String],
-    silent: bool,
-) -> Result<MeasurementTable> {
-    let mut read = match order {
-        Some(order) => {
-            let (kind, arrays) = arrays::read(path)?;
-            table(order, &path.display().to_string(), kind, &arrays, wanted)?
-        }
-        None => MeasurementTable::read(path, Progress::new("reading", silent).told())?,
-    };
-    for note in &read.notes {
-        eprintln!("{}: {note}", read.file);
-    }
-    if read.infinite > 0 {
-        let note = format!(
-            "{} values are infinite and are left out, as missing ones are",
-            read.infinite
-        );
-        eprintln!("warning: {}: {note}", read.file);
-        read.notes.push(note);
-    }
-    Ok(read)
-}
 
 /// The frames of a file's arrays as a table; `wanted` names the variables to take, all that fit where it is empty.
 ///
