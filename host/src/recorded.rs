@@ -587,6 +587,8 @@ mod tests {
         let baseline = BaselineRecord::from(&Baseline::of_frames(2, &[&[1.0, 0.1], &[1.1, 0.2]]));
         let record = LiveRecord::Resume { baseline, touching };
         let text = serde_json::to_string(&record).unwrap();
-        assert_eq!(serde_json::from_str::<LiveRecord>(&text).unwrap(), record);
+        // But for the frames of a touch, which no event of one that has its number depends on.
+        let read: LiveRecord = serde_json::from_str(&text).unwrap();
+        assert_eq!(serde_json::to_string(&read).unwrap(), text);
     }
 }
