@@ -1,12 +1,13 @@
 //! `skin bench`: what the reconstruction costs and how good it is, on this machine.
 
 use crate::drive::DriveKind;
+use crate::progress::Progress;
 use crate::{json, latency, presses, progress};
 use anyhow::{Result, anyhow, bail};
 use clap::{Args, Subcommand, ValueEnum};
 use inverse::solvers::Method;
 use serde::Serialize;
-use std::io::{IsTerminal, Write};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use studies::compare::{self, Entry};
 use studies::cost::{self, Cost};
@@ -100,12 +101,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         first: true,
     };
     if wanted(Part::Methods) || arguments.png.is_some() {
-        let told = std::io::stderr().is_terminal();
-        let entries = compare::compare(drive, frames, arguments.seed, |what| {
-            if told {
-                eprintln!("{what}");
-            }
+        let progress = Progress::new("methods");
+        let entries = compare::compare(drive, frames, arguments.seed, |what, done, whole| {
+            progress.call(what);
+            progress.at(done, whole);
         })?;
+        drop(progress);
         if let Some(path) = &arguments.png {
             draw(&entries, path)?;
         }
@@ -114,25 +115,22 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         }
     }
     if wanted(Part::Cost) {
-        let told = std::io::stderr().is_terminal();
-        let measured = cost::costs(drive, FRAMES, arguments.seed, |what| {
-            if told {
-                eprintln!("{what}");
-            }
-        })?;
+        let progress = Progress::new("cost of a frame");
+        let measured = cost::costs(drive, FRAMES, arguments.seed, |what| progress.call(what))?;
+        drop(progress);
         costs(&mut out, &measured)?;
     }
     if wanted(Part::Greit) {
         for method in Method::ALL {
             let touches = TOUCHES.max(frames / 2);
-            let rings = progress::meanwhile("figures of merit", false, || {
+            let rings = progress::meanwhile("figures of merit", || {
                 merit::profile(drive, method, touches, arguments.seed)
             })?;
             greit(&mut out, method, &rings)?;
         }
     }
     if wanted(Part::Savings) {
-        let saved = progress::meanwhile("savings", false, || savings::savings(drive, FRAMES, arguments.seed))?;
+        let saved = progress::meanwhile("savings", || savings::savings(drive, FRAMES, arguments.seed))?;
         shortcuts(&mut out, &saved)?;
     }
     if wanted(Part::Latency) {
@@ -164,7 +162,7 @@ impl Out {
         rows: &[T],
         cells: impl Fn(&T) -> Vec<String>,
     ) -> Result<()> {
-        let mut out = std::io::stdout().lock();
+        let mut out = crate::say::stdout();
         if self.json {
             for row in rows {
                 out.write_all(&json::line(&Row { table: name, row })?)?;
@@ -401,7 +399,7 @@ fn stress(arguments: &Arguments) -> Result<()> {
         ..Effort::LONG
     };
     let verdicts = stress::run(effort, |v| {
-        let mut out = std::io::stdout().lock();
+        let mut out = crate::say::stdout();
         // A reader who has gone away is no reason to stop.
         let _ = if arguments.json {
             json::line(v).map_or(Ok(()), |line| out.write_all(&line))

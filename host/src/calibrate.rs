@@ -78,6 +78,16 @@ pub(crate) struct Arguments {
     json: bool,
 }
 
+impl Arguments {
+    /// Whether it needs nobody to press.
+    pub(crate) fn is_alone(&self) -> bool {
+        match &self.what {
+            Some(What::Presses(presses)) => presses.is_alone(),
+            _ => true,
+        }
+    }
+}
+
 /// What else can be calibrated.
 #[derive(Debug, Subcommand)]
 enum What {
@@ -133,7 +143,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     if let Some(path) = &stored {
         file::put_rubber(path, rubber, of)?;
     }
-    let mut out = std::io::stdout().lock();
+    let mut out = crate::say::stdout();
     if arguments.json {
         out.write_all(&json::line(&line(&fit, samples.len()))?)?;
     } else {
@@ -342,7 +352,7 @@ fn take(
     let frames = LiveOptions::default().baseline_frames;
     let mut recorder = Recorder::new(Arc::new(imager), frames, frame_s, near_mm);
     let mut end_s = f64::INFINITY;
-    let mut progress = Progress::new("press-and-hold", false);
+    let progress = Progress::new("press-and-hold");
     loop {
         let Some(frame) = next()? else {
             if !recorder.is_ready() {

@@ -40,7 +40,7 @@ pub(crate) fn bytes(mut board: SimBoard<Rubber>, duration_s: f64, path: &Path) -
         .to_vec();
     board.receive(&start);
     let mut bytes = Vec::new();
-    let mut progress = Progress::new("simulating", false);
+    let progress = Progress::new("simulating");
     write(path, |out| {
         while board.now_s() < duration_s {
             bytes.clear();
@@ -80,7 +80,7 @@ pub(crate) fn table(file: &SceneFile, board: SimBoard<Rubber>, every_s: f64, tru
     let pattern = Pattern::from_pairs(session.electrodes(), session.measurements())?;
     let mut frames = Vec::new();
     let mut next_s = 0.0;
-    let mut progress = Progress::new("simulating", false);
+    let progress = Progress::new("simulating");
     loop {
         let frame = session
             .frame(Duration::from_secs(3))?
@@ -119,7 +119,7 @@ pub(crate) fn table(file: &SceneFile, board: SimBoard<Rubber>, every_s: f64, tru
             Ok(())
         })?;
     }
-    let mut out = BufWriter::new(std::io::stdout().lock());
+    let mut out = BufWriter::new(crate::say::stdout());
     writeln!(
         out,
         "# simulated: {}, seed {}",

@@ -187,7 +187,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         misfit: inspection.misfit,
         expected: inspection.expected,
     };
-    let mut out = std::io::stdout().lock();
+    let mut out = crate::say::stdout();
     if arguments.json {
         out.write_all(&json::line(&line)?)?;
     } else {
@@ -331,7 +331,7 @@ fn words(arguments: &Arguments, line: &Line, check: &WiringCheck, inspection: &I
 
 fn of_table(arguments: &Arguments) -> Result<Measured> {
     let path = arguments.file.as_deref().unwrap_or_else(|| std::path::Path::new(""));
-    let table = table_file::read(path, arguments.order, &arguments.variable, false)?;
+    let table = table_file::read(path, arguments.order, &arguments.variable)?;
     let drive = arguments.drive.drive();
     let chosen = arguments.geometry.choose(&table, Method::Nnls)?;
     let names = table.names();

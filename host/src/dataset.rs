@@ -4,6 +4,7 @@ use crate::export::tables::Table;
 use crate::files::arrays::write::{ArrayFile, Npz, Of};
 use crate::files::parquet::{Cell, Column, Kind};
 use crate::files::replace::{beside, replace};
+use crate::progress::Progress;
 use crate::sheet;
 use ::forward::file::sheet_text;
 use anyhow::{Context, Result, bail};
@@ -115,7 +116,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     if shards * frames != arguments.count {
         eprintln!("notice: {} frames are made: whole shards of {frames}", shards * frames);
     }
-    for number in (0..shards).filter(|n| n % arguments.shard.of + 1 == arguments.shard.number) {
+    let numbers: Vec<u64> = (0..shards)
+        .filter(|n| n % arguments.shard.of + 1 == arguments.shard.number)
+        .collect();
+    let progress = Progress::new("shards");
+    for (k, number) in numbers.iter().copied().enumerate() {
+        progress.at(k, numbers.len());
         let name = format!("shard-{number:05}.{}", arguments.format.ending());
         let path = arguments.out.join(name);
         if path.exists() {

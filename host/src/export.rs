@@ -6,6 +6,7 @@ pub(crate) mod tables;
 use crate::files::arrays::write::{ArrayFile, Mat, Npz, Of};
 use crate::files::order;
 use crate::files::replace::beside;
+use crate::reading::Reading;
 use crate::recorded::SessionRecord;
 use crate::recorded_frames::{self, Part, RecordedFrames, RecordedTable};
 use crate::skin_file;
@@ -13,7 +14,7 @@ use crate::usage::Usage;
 use ::forward::{Pattern, order::ValueOrder};
 use anyhow::{Context, Result, anyhow, bail};
 use clap::{Args, ValueEnum};
-use recording::{Reader, Topic};
+use recording::Topic;
 use serde_json::Value;
 use std::fs::File;
 use std::io::{BufWriter, Error, ErrorKind, Write};
@@ -118,7 +119,7 @@ fn file(arguments: &Arguments) -> Result<String> {
         Ok(BufWriter::new(file))
     };
     let written = match arguments.to {
-        Format::Csv => table(&recorded_frames::table(from, &arguments.part, false)?, &mut open, &out),
+        Format::Csv => table(&recorded_frames::table(from, &arguments.part)?, &mut open, &out),
         Format::FramesCsv => lines(arguments, &mut open),
         Format::TouchesCsv => touches(from, &mut open),
         Format::Npz => arrays(arguments, &mut open, ValueOrder::Pyeit, |file| Ok(Npz::new(file))),
@@ -256,7 +257,7 @@ fn picked(picks: &Picks, values: &[f64]) -> Vec<f64> {
 
 fn lines(arguments: &Arguments, open: Open<'_>) -> Result<String> {
     let session = SessionRecord::read(&arguments.file)?;
-    let mut frames = RecordedFrames::open(&arguments.file, &arguments.part, false)?;
+    let mut frames = RecordedFrames::open(&arguments.file, &arguments.part)?;
     let (picks, order) = chosen(arguments.order, None, &frames.pattern(&session.wires)?)?;
     let mut out = open()?;
     let mut count = 0;
@@ -280,7 +281,7 @@ fn arrays<F: ArrayFile>(
 ) -> Result<String> {
     let path = &arguments.file;
     let session = SessionRecord::read(path)?;
-    let start = || RecordedFrames::open(path, &arguments.part, false);
+    let start = || RecordedFrames::open(path, &arguments.part);
     let mut frames = start()?;
     let pattern = frames.pattern(&session.wires)?;
     let (picks, order) = chosen(arguments.order, Some(usual), &pattern)?;
@@ -375,7 +376,7 @@ fn indices(out: &mut impl ArrayFile, pattern: &Pattern, picks: &Picks, pyeit: bo
 
 /// The mean of the frames of these numbers, those that made the first baseline, V, in the plan's order; none where there are none.
 fn baseline(path: &Path, numbers: &[u32]) -> Result<Option<Vec<f64>>> {
-    let mut frames = RecordedFrames::open(path, &Part::default(), true)?;
+    let mut frames = RecordedFrames::open(path, &Part::default())?;
     let mut used: Vec<Vec<f64>> = Vec::new();
     while used.len() < numbers.len()
         && let Some(frame) = frames.next()?
@@ -406,7 +407,7 @@ fn touches(path: &Path, open: Open<'_>) -> Result<String> {
     ];
     let robot = "robot_x_mm,robot_y_mm,robot_z_mm";
     writeln!(out, "unix_s,time_s,frame,{},{robot}", keys.join(","))?;
-    let mut reader = Reader::open(path)?;
+    let mut reader = Reading::open(path)?;
     let (mut pictures, mut count) = (0, 0);
     while let Some(message) = reader.next()? {
         if message.topic != Some(Topic::Touches) {

@@ -1,6 +1,6 @@
 //! `skin flash`: programs a board over its serial cable.
 
-use crate::say::is_terminal;
+use crate::progress::Progress;
 use anyhow::{Context, Result, anyhow, bail};
 use clap::Args;
 use hil_sim::BootRom;
@@ -116,8 +116,7 @@ fn only_port() -> Result<String> {
 
 fn program(port: impl BootPort, image: &Image, reset: bool, source: &str) -> Result<()> {
     let mut bootloader = Bootloader::connect(port, reset).with_context(|| source.to_owned())?;
-    let terminal = is_terminal(&io::stderr());
-    let mut last = None;
+    let mut told: Option<(Step, Progress)> = None;
     let outcome = flash(&mut bootloader, image, |step, done, all| {
         let word = match step {
             Step::Compare => "comparing",
@@ -125,17 +124,14 @@ fn program(port: impl BootPort, image: &Image, reset: bool, source: &str) -> Res
             Step::Write => "writing",
             Step::Verify => "verifying",
         };
-        let percent = (100 * done).checked_div(all).unwrap_or(100);
-        if terminal {
-            eprint!("\r\x1b[K{word} {percent} %");
-        } else if last != Some(step) {
-            eprintln!("{word}");
+        if told.as_ref().is_none_or(|(before, _)| *before != step) {
+            told = Some((step, Progress::new(word)));
         }
-        last = Some(step);
+        if let Some((_, progress)) = &told {
+            progress.at(done, all);
+        }
     });
-    if terminal {
-        eprint!("\r\x1b[K");
-    }
+    drop(told);
     let outcome = outcome.with_context(|| source.to_owned())?;
     // Without the lines only a hand can start it as it starts at power-up: the bootloader's own jump would leave its clocks set
     // and BOOT0 high.

@@ -100,7 +100,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     look_for_touches_off(&sheet, &touches)?;
     let frame = touched_frame(&sheet, &pattern, drive, &touches)?;
 
-    let mut out = std::io::stdout().lock();
+    let mut out = crate::say::stdout();
     if !arguments.csv {
         let (quantity, how) = match drive {
             Drive::Voltage {

@@ -119,12 +119,12 @@ pub(crate) fn lost_reference(test: &SelfTest, hello: &Hello) -> Option<&'static 
 /// # Errors
 /// No board, or a failed self-test.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
-    let examined = match arguments.recorded.board(arguments.json)? {
+    let examined = match arguments.recorded.board()? {
         Some(recorded) => Examined::of_recording(recorded, arguments.no_test),
         None => Examined::of_board(arguments)?,
     };
     if arguments.json {
-        std::io::stdout().write_all(&json::line(&examined.as_json())?)?;
+        crate::say::stdout().write_all(&json::line(&examined.as_json())?)?;
     } else {
         examined.describe();
     }

@@ -2,15 +2,15 @@
 
 use crate::files::sheet_line::SheetLine;
 use crate::json;
-use crate::progress::Progress;
+use crate::reading::Reading;
 use crate::recorded::SessionRecord;
 use crate::recording_file::in_words;
 use crate::recover::ended;
 use crate::skin_file;
-use anyhow::{Context, Result};
+use anyhow::Result;
 use clap::Args;
 use protocol::{Decoder, FromBoard, Hello, MAX_FROM_BOARD_LEN};
-use recording::{Reader, Topic};
+use recording::Topic;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -198,17 +198,12 @@ impl Counts {
 ///
 /// # Errors
 /// It cannot be read.
-pub(crate) fn of(path: &Path, silent: bool) -> Result<Info> {
+pub(crate) fn of(path: &Path) -> Result<Info> {
     let session = SessionRecord::read(path)?;
-    let bytes = std::fs::metadata(recording::split(path).0)
-        .with_context(|| path.display().to_string())?
-        .len();
-    let mut progress = Progress::new("reading", silent);
-    let mut reader = Reader::open(path)?;
+    let mut reader = Reading::open(path)?;
     let mut decoder = Decoder::<MAX_FROM_BOARD_LEN>::new();
     let mut hello = None;
     let mut counts = Counts::default();
-    let mut read = 0;
     let named = recording::split(path).1.is_some();
     while let Some(message) = reader.next()? {
         // What is another skin's is in the account of that.
@@ -237,10 +232,6 @@ pub(crate) fn of(path: &Path, silent: bool) -> Result<Info> {
             Some(topic) => counts.json(topic, message.data),
             None => {}
         }
-        read += 1;
-        if read % 1024 == 0 {
-            progress.at(reader.bytes() as usize, bytes as usize);
-        }
     }
     let duration_s = counts
         .first_ns
@@ -248,7 +239,7 @@ pub(crate) fn of(path: &Path, silent: bool) -> Result<Info> {
     counts.listed.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
     Ok(Info {
         file: path.display().to_string(),
-        bytes,
+        bytes: reader.bytes(),
         ended: reader.ended().map_or("", ended),
         began_unix_s: session.started_unix_s,
         duration_s,
@@ -284,11 +275,8 @@ pub(crate) fn of(path: &Path, silent: bool) -> Result<Info> {
 /// The file cannot be read.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let skins = skin_file::asked(&arguments.file)?;
-    let infos: Vec<Info> = skins
-        .iter()
-        .map(|(_, file)| of(file, arguments.json))
-        .collect::<Result<_>>()?;
-    let mut out = std::io::stdout().lock();
+    let infos: Vec<Info> = skins.iter().map(|(_, file)| of(file)).collect::<Result<_>>()?;
+    let mut out = crate::say::stdout();
     for ((skin, _), info) in skins.iter().zip(&infos) {
         match (arguments.json, skin) {
             // A line for every skin; each says its name in its session.

@@ -154,7 +154,7 @@ pub(crate) fn measure(seed: u64) -> Result<Measured> {
         ..PageOptions::default()
     })?;
     let (on_page, (mut to_json, on_json)) = (watch_page(&page)?, watch_json()?);
-    let mut progress = Progress::new("contacts", false);
+    let progress = Progress::new("contacts");
     let mut seen: Vec<Seen> = (0..CONTACTS).map(|_| Seen::default()).collect();
     // Least time from a frame's end to the arrival of its last byte: how the two clocks go.
     let (mut offsets, mut frames) = (Vec::new(), 0_u64);

@@ -57,6 +57,7 @@ mod plan;
 mod played_board;
 mod presses;
 mod progress;
+mod reading;
 mod reconstruct;
 mod record;
 mod recordable;
@@ -110,6 +111,9 @@ struct Cli {
     command: Option<Command>,
     #[command(flatten)]
     run: run::Arguments,
+    /// Says nothing of how far a work is that takes more than two seconds.
+    #[arg(long, global = true, hide_short_help = true)]
+    no_progress: bool,
 }
 
 /// The help of the program itself: one screen. The options of `skin` alone are those of `skin run`.
@@ -183,6 +187,32 @@ enum Command {
     Completions(completions::Arguments),
 }
 
+impl Command {
+    /// Its name, where it is a work with an end; none where it shows what happens, waits for somebody, or serves.
+    fn work(&self) -> Option<&'static str> {
+        match self {
+            Self::Run(_) | Self::Record(_) | Self::Replay(_) | Self::Flash(_) | Self::Sim(_) | Self::Completions(_) => {
+                None
+            }
+            Self::Calibrate(arguments) => arguments.is_alone().then_some("calibrate"),
+            Self::Info(_) => Some("info"),
+            Self::Export(_) => Some("export"),
+            Self::Recover(_) => Some("recover"),
+            Self::Reconstruct(_) => Some("reconstruct"),
+            Self::Check(_) => Some("check"),
+            Self::Forward(_) => Some("forward"),
+            Self::Dataset(_) => Some("dataset"),
+            Self::Bench(_) => Some("bench"),
+            Self::Paper(_) => Some("paper"),
+            Self::List(_) => Some("list"),
+            Self::Hello(_) => Some("hello"),
+            Self::Doctor(_) => Some("doctor"),
+            Self::Report(_) => Some("report"),
+            Self::Settings(_) => Some("settings"),
+        }
+    }
+}
+
 /// Runs the program with a command line, its own name first. The exit code is 0 when all went well, 1 after an error (said on
 /// stderr), 2 after wrong usage, 3 where `skin doctor` found something unfit. Help and wrong options end the process.
 pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
@@ -204,7 +234,11 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         .with_ansi(say::is_coloured(&std::io::stderr()));
     // Fails only where there is a subscriber already.
     let _ = tracing_subscriber::registry().with(log).with(levels).try_init();
-    let outcome = match cli.command {
+    if cli.no_progress || std::env::var_os("SKIN_NO_PROGRESS").is_some_and(|v| !v.is_empty()) {
+        progress::silence();
+    }
+    let name = cli.command.as_ref().and_then(Command::work);
+    let outcome = progress::telling(name, || match cli.command {
         Some(Command::Reconstruct(arguments)) => reconstruct::run(&arguments),
         Some(Command::Check(arguments)) => check::run(&arguments),
         Some(Command::Forward(arguments)) => forward::run(&arguments),
@@ -227,7 +261,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         Some(Command::Recover(arguments)) => recover::run(&arguments),
         Some(Command::Completions(arguments)) => completions::run(&arguments, Cli::command()),
         None => run::run(&cli.run),
-    };
+    });
     match outcome {
         Ok(()) => 0,
         // Whoever read our output has seen enough (`skin ... | head`).

@@ -198,7 +198,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         });
     }
     let missing = name(&mut listed, &skins);
-    let mut out = std::io::stdout().lock();
+    let mut out = crate::say::stdout();
     if arguments.json {
         out.write_all(&json::line(&listed)?)?;
         missing.iter().for_each(|missing| say!("{missing}"));

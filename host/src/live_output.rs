@@ -3,6 +3,7 @@
 use crate::event::{Event, Said};
 use crate::files::baseline_file::unix_s;
 use crate::json_lines::{self, Beside};
+use crate::progress;
 use crate::recorded::{SessionRecord, pressed};
 use crate::ros2::Node;
 use crate::run_arguments::ShowArguments;
@@ -532,6 +533,7 @@ impl Output {
     fn status(&mut self, result: &FrameResult) {
         // The lines of several skins would overwrite one another.
         if say::skin().is_some()
+            || progress::is_shown()
             || !say::is_terminal(&std::io::stderr())
             || self.said_at.elapsed() < Duration::from_millis(500)
         {
@@ -556,40 +558,10 @@ impl Output {
             let size_mb = counts.file_bytes as f64 / 1e6;
             text = format!("recorded {} frames, {size_mb:.1} MB   {text}", counts.frames);
         }
-        // A line that wraps could not be written over.
-        if let Some((terminal_size::Width(columns), _)) = terminal_size::terminal_size_of(std::io::stderr()) {
-            text = cut(&text, usize::from(columns).saturating_sub(1));
-        }
+        let text = say::cut_to_terminal(&text);
         if text != self.said {
             eprint!("\r\x1b[K{text}");
             self.said = text;
-        }
-    }
-}
-
-/// A text of so many characters at most, which ends with an ellipsis where it was longer.
-fn cut(text: &str, most: usize) -> String {
-    if text.chars().count() <= most {
-        return text.to_owned();
-    }
-    let kept: String = text.chars().take(most.saturating_sub(1)).collect();
-    if most == 0 { kept } else { kept + "\u{2026}" }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_cut_text_is_never_longer_and_begins_as_the_whole() {
-        let text = "(12, \u{2212}40) mm +20 %  \u{2248} 12 N";
-        let length = text.chars().count();
-        assert_eq!(cut(text, length), text);
-        for most in 0..length {
-            let cut = cut(text, most);
-            assert_eq!(cut.chars().count(), most);
-            let begin = cut.strip_suffix('\u{2026}').unwrap_or(&cut);
-            assert!(text.starts_with(begin) && (cut.ends_with('\u{2026}') || most == 0));
         }
     }
 }

@@ -4,12 +4,13 @@ use crate::baselines::Baselines;
 use crate::commands::Commands;
 use crate::event::{Event, Said};
 use crate::live_output::Output;
+use crate::progress::Progress;
 use crate::recordable::Recordable;
 use crate::recorded::Notes;
 use crate::replayed::Replayed;
 use crate::run_arguments::ShowArguments;
 use crate::say::say;
-use crate::{progress, recording_file, sheet};
+use crate::{recording_file, sheet};
 use anyhow::Result;
 use hil_sim::SimPort;
 use inverse::live::{Live, LiveFrame};
@@ -218,7 +219,7 @@ impl Run<'_> {
                     }
                     self.wanted = None;
                     if let Some(notes) = &self.notes {
-                        notes.resume(&baseline);
+                        notes.resume(&baseline, None);
                     }
                     self.live.resume(baseline)?;
                     self.show_newest();
@@ -260,13 +261,11 @@ impl Run<'_> {
         }
         let mut counters = self.session.link().counters();
         let imager = Arc::clone(self.live.imager());
-        // The last frame of a baseline makes all that depends on it.
-        let quick = self.wanted != Some(1);
-        let live = &mut *self.live;
         let began = Instant::now();
-        let taken = progress::meanwhile("inspecting the baseline", quick, || {
-            live.frame(frame.time_s, &frame.values_v)
-        });
+        // The last frame of a baseline makes all that depends on it.
+        let told = (self.wanted == Some(1)).then(|| Progress::new("inspecting the baseline"));
+        let taken = self.live.frame(frame.time_s, &frame.values_v);
+        drop(told);
         self.output.solved_in(began.elapsed());
         match taken? {
             LiveFrame::Baseline { left } => {

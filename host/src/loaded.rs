@@ -50,7 +50,7 @@ impl Loaded {
     /// It cannot be read, is no recording, has no frames, or is too long for this.
     pub fn read(path: &Path) -> Result<Self> {
         let session = SessionRecord::read(path)?;
-        let mut frames = RecordedFrames::open(path, &Part::default(), true)?;
+        let mut frames = RecordedFrames::open(path, &Part::default())?;
         let pattern = frames.pattern(&session.wires)?;
         let mut loaded = Self {
             sheet: session.sheet()?,

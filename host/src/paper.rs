@@ -74,9 +74,9 @@ fn of_recording(arguments: &Arguments, path: &Path) -> Result<[PathBuf; 2]> {
     let mut shown: Option<(&str, Progress)> = None;
     let report = recorded::run(&run, &mut |what, done, whole| {
         if shown.as_ref().is_none_or(|(before, _)| *before != what) {
-            shown = Some((what, Progress::new(what, false)));
+            shown = Some((what, Progress::new(what)));
         }
-        if let Some((_, progress)) = &mut shown {
+        if let Some((_, progress)) = &shown {
             progress.at(done, whole);
         }
     });
@@ -89,7 +89,7 @@ fn read(arguments: &Arguments, path: &Path) -> Result<Run> {
     let gauge = arguments.gauge.as_deref().map(positions::readings).transpose()?;
     let session = SessionRecord::read(path)?;
     let options = session.options()?;
-    let mut recorded = RecordedFrames::open(path, &arguments.part, false)?;
+    let mut recorded = RecordedFrames::open(path, &arguments.part)?;
     let pattern = recorded.pattern(&session.wires)?;
     let mut frames: Vec<Frame> = Vec::new();
     while let Some(frame) = recorded.next()? {

@@ -1,100 +1,215 @@
-//! How far a long table is, on stderr.
+//! How far the program is, on stderr: one thread tells it of whatever takes more than two seconds, whichever command it is.
 
-use crate::say::is_terminal;
+use crate::say;
 use std::io::Write;
 use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Nothing is said of what takes less.
-const PATIENCE: Duration = Duration::from_secs(2);
-/// Time between two lines of a log; on a terminal one line is written over every [`PATIENCE`].
-const LOG_EVERY: Duration = Duration::from_secs(10);
+/// So often, on a terminal, where one line is written over; of what takes less nothing is said.
+const ON_TERMINAL: Duration = Duration::from_secs(2);
+/// The same of a log.
+const IN_LOG: Duration = Duration::from_secs(10);
+/// It is looked so often whether something is to be told.
+const LOOK: Duration = Duration::from_millis(200);
 
-/// Says how much of a work is done, once the work has taken two seconds.
-pub(crate) struct Progress {
-    what: &'static str,
-    silent: bool,
-    terminal: bool,
-    started: Instant,
-    said: Option<Instant>,
+/// What is being done.
+struct Work {
+    number: u64,
+    what: String,
+    /// The skin, of several, that it is done for.
+    skin: Option<Arc<str>>,
+    since: Instant,
+    /// How much of it is done, 0 to 1, where that is known.
+    part: Option<f64>,
 }
 
+/// All that is being done, the newest last.
+struct Works {
+    list: Vec<Work>,
+    begun: u64,
+    is_silent: bool,
+    /// Whether a line of it is on the terminal.
+    is_shown: bool,
+}
+
+static WORKS: Mutex<Works> = Mutex::new(Works {
+    list: Vec::new(),
+    begun: 0,
+    is_silent: false,
+    is_shown: false,
+});
+
+fn works() -> MutexGuard<'static, Works> {
+    WORKS.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Works {
+    fn begin(&mut self, what: &str) -> u64 {
+        self.begun += 1;
+        self.list.push(Work {
+            number: self.begun,
+            what: what.to_owned(),
+            skin: say::skin(),
+            since: Instant::now(),
+            part: None,
+        });
+        self.begun
+    }
+
+    /// The newest of those that have taken so long, in words.
+    fn line(&self, now: Instant, least: Duration) -> Option<String> {
+        let taken = |work: &Work| now.saturating_duration_since(work.since);
+        let work = self.list.iter().rev().find(|work| taken(work) >= least)?;
+        let taken_s = taken(work).as_secs_f64();
+        let skin = work.skin.as_ref().map_or(String::new(), |skin| format!("{skin}: "));
+        let far = match work.part {
+            None => format!("{taken_s:.0} s so far"),
+            // The first hundredth tells nothing of the rest.
+            Some(part) if part < 0.01 => "0 % done".to_owned(),
+            Some(part) => format!(
+                "{:.0} % done, about {:.0} s left",
+                100.0 * part,
+                taken_s * (1.0 / part - 1.0)
+            ),
+        };
+        Some(format!("{skin}{}: {far}", work.what))
+    }
+}
+
+/// Writes with no lock held: whoever reads stderr slowly stops no work. Whoever does not read it has lost nothing but this.
+fn write(text: &str) {
+    let _ = std::io::stderr().write_all(text.as_bytes());
+}
+
+/// A work that is told of as long as this is there.
+pub(crate) struct Progress(u64);
+
 impl Progress {
-    /// Of a work that begins now; `what` is its name. A silent one never says anything.
-    pub(crate) fn new(what: &'static str, silent: bool) -> Self {
-        Self {
-            what,
-            silent,
-            terminal: is_terminal(&std::io::stderr()),
-            started: Instant::now(),
-            said: None,
-        }
+    /// Of a work that begins now; `what` is its name.
+    pub(crate) fn new(what: &str) -> Self {
+        Self(works().begin(what))
     }
 
     /// For a work that says itself how much of the whole is done.
-    pub(crate) fn told(mut self) -> impl FnMut(usize, usize) {
+    pub(crate) fn told(self) -> impl FnMut(usize, usize) {
         move |done, whole| self.at(done, whole)
     }
 
     /// So much of the whole is done.
-    pub(crate) fn at(&mut self, done: usize, whole: usize) {
-        let taken = self.started.elapsed();
-        if self.silent || taken < PATIENCE || done == 0 || done >= whole {
-            return;
+    pub(crate) fn at(&self, done: usize, whole: usize) {
+        self.change(|work| work.part = (done < whole).then(|| done as f64 / whole as f64));
+    }
+
+    /// It has come to another part, which has this name.
+    pub(crate) fn call(&self, what: &str) {
+        self.change(|work| work.what = what.to_owned());
+    }
+
+    fn change(&self, change: impl FnOnce(&mut Work)) {
+        if let Some(work) = works().list.iter_mut().find(|work| work.number == self.0) {
+            change(work);
         }
-        let pause = if self.terminal { PATIENCE } else { LOG_EVERY };
-        if self.said.is_some_and(|said| said.elapsed() < pause) {
-            return;
-        }
-        self.said = Some(Instant::now());
-        let part = done as f64 / whole as f64;
-        let left_s = taken.as_secs_f64() * (1.0 / part - 1.0);
-        // The first hundredth tells nothing of the rest.
-        let left = if part < 0.01 {
-            String::new()
-        } else {
-            format!(", about {left_s:.0} s left")
-        };
-        let line = format!("{}: {:.0} % done{left}", self.what, 100.0 * part);
-        // Whoever reads no stderr has lost nothing but this.
-        let _ = if self.terminal {
-            write!(std::io::stderr(), "\r{line}\x1b[K")
-        } else {
-            writeln!(std::io::stderr(), "{line}")
-        };
     }
 }
 
 impl Drop for Progress {
     fn drop(&mut self) {
-        if self.terminal && self.said.is_some() {
-            let _ = write!(std::io::stderr(), "\r\x1b[K");
-        }
+        works().list.retain(|work| work.number != self.0);
+        clear();
     }
 }
 
-/// Does a work that does not say how far it is, and says how long it has taken: on a terminal after two seconds, in a log after ten.
-pub(crate) fn meanwhile<T>(what: &str, silent: bool, work: impl FnOnce() -> T) -> T {
-    if silent {
-        return work();
+/// Does a work that does not say how far it is.
+pub(crate) fn meanwhile<T>(what: &str, work: impl FnOnce() -> T) -> T {
+    let _told = Progress::new(what);
+    work()
+}
+
+/// From now on nothing is told.
+pub(crate) fn silence() {
+    works().is_silent = true;
+}
+
+/// Takes the line off the terminal: something else is to be written there.
+pub(crate) fn clear() {
+    let was_shown = std::mem::take(&mut works().is_shown);
+    if was_shown {
+        write("\r\x1b[K");
     }
-    let pause = if is_terminal(&std::io::stderr()) {
-        PATIENCE
-    } else {
-        LOG_EVERY
-    };
+}
+
+/// Whether it has a line on the terminal.
+pub(crate) fn is_shown() -> bool {
+    works().is_shown
+}
+
+/// Runs a command and tells how far it is; `name` where the command as a whole is a work.
+pub(crate) fn telling<T>(name: Option<&str>, command: impl FnOnce() -> T) -> T {
+    let terminal = say::is_terminal(&std::io::stderr());
+    let every = if terminal { ON_TERMINAL } else { IN_LOG };
+    let whole = name.map(Progress::new);
     let (done, wait) = channel::<()>();
-    std::thread::scope(|scope| {
-        scope.spawn(move || {
-            let started = Instant::now();
-            while wait.recv_timeout(pause) == Err(RecvTimeoutError::Timeout) {
-                let taken_s = started.elapsed().as_secs_f64();
-                // Whoever reads no stderr has lost nothing but this.
-                let _ = writeln!(std::io::stderr(), "{what}: {taken_s:.0} s so far");
+    let tell = move || {
+        let mut told = Instant::now();
+        while wait.recv_timeout(LOOK) == Err(RecvTimeoutError::Timeout) {
+            let line = {
+                let mut works = works();
+                if works.is_silent || told.elapsed() < every {
+                    continue;
+                }
+                let Some(line) = works.line(Instant::now(), every) else {
+                    continue;
+                };
+                works.is_shown = terminal;
+                line
+            };
+            told = Instant::now();
+            if terminal {
+                write(&format!("\r\x1b[K{}", say::cut_to_terminal(&line)));
+            } else {
+                write(&format!("{line}\n"));
             }
-        });
-        let result = work();
-        drop(done);
+        }
+    };
+    std::thread::scope(|scope| {
+        // Where there can be no such thread, the command goes on in silence.
+        let _ = std::thread::Builder::new()
+            .name("progress".to_owned())
+            .spawn_scoped(scope, tell);
+        let result = command();
+        drop((whole, done));
         result
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_newest_work_that_takes_long_is_told() {
+        let mut works = Works {
+            list: Vec::new(),
+            begun: 0,
+            is_silent: false,
+            is_shown: false,
+        };
+        let begun = Instant::now();
+        let least = ON_TERMINAL;
+        let at = |works: &Works, s: f64| works.line(begun + Duration::from_secs_f64(s), least);
+        assert_eq!(at(&works, 60.0), None);
+        for (what, since_s) in [("export", 0.0), ("reading", 10.0)] {
+            works.begin(what);
+            works.list.last_mut().unwrap().since = begun + Duration::from_secs_f64(since_s);
+        }
+        assert_eq!(at(&works, 1.9), None);
+        assert_eq!(at(&works, 11.0).unwrap(), "export: 11 s so far");
+        assert_eq!(at(&works, 14.0).unwrap(), "reading: 4 s so far");
+        works.list[1].part = Some(0.001);
+        assert_eq!(at(&works, 14.0).unwrap(), "reading: 0 % done");
+        works.list[1].part = Some(0.25);
+        works.list[1].skin = Some("palm".into());
+        assert_eq!(at(&works, 14.0).unwrap(), "palm: reading: 25 % done, about 12 s left");
+    }
 }

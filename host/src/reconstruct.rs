@@ -100,9 +100,6 @@ pub(crate) struct Arguments {
     /// One JSON object a line.
     #[arg(long)]
     json: bool,
-    /// Says nothing of how far a long table is.
-    #[arg(long, hide_short_help = true)]
-    no_progress: bool,
 }
 
 #[derive(Serialize)]
@@ -203,7 +200,7 @@ struct Input {
 /// Reads the table or the recording, and says what was assumed.
 fn read(arguments: &Arguments) -> Result<Input> {
     if let Some(path) = &arguments.from {
-        let recorded = recorded_frames::table(path, &arguments.part, arguments.no_progress)?;
+        let recorded = recorded_frames::table(path, &arguments.part)?;
         if recorded.baseline.is_none() && arguments.baseline.says_nothing() {
             bail!(
                 "{}: the frames of its baseline are not in the part that is read; name some with --baseline",
@@ -221,7 +218,7 @@ fn read(arguments: &Arguments) -> Result<Input> {
         return Err(Usage(why.to_owned()).into());
     }
     let path = arguments.file.as_deref().unwrap_or_else(|| Path::new(""));
-    let table = table_file::read(path, arguments.order, &arguments.variable, arguments.no_progress)?;
+    let table = table_file::read(path, arguments.order, &arguments.variable)?;
     Ok(Input {
         table,
         sheet: None,
@@ -263,13 +260,7 @@ fn by_presses(
         return Err(Usage(format!("{why} {}", of_the_model.join(", "))).into());
     }
     let compared = arguments.baseline.or(baseline);
-    presses::locate::run(
-        table,
-        calibration,
-        &compared.comparison(),
-        arguments.json,
-        arguments.no_progress,
-    )
+    presses::locate::run(table, calibration, &compared.comparison(), arguments.json)
 }
 
 /// Runs the command.
@@ -328,7 +319,6 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         trust_electrodes: arguments.trust_electrodes,
         frame_s: arguments.frame_s,
         calibration,
-        no_progress: arguments.no_progress,
     };
     let compared = arguments.baseline.or(baseline.as_deref());
     let ready = TableBatch::new(&table, (&chosen.sheet, pattern, chosen.cell_mm), &compared, &how)?;
@@ -375,7 +365,7 @@ fn reconstruct<'a>(
     frames: Vec<Frame<'_>>,
     batch: &mut Batch,
 ) -> Result<Vec<Done<'a>>> {
-    let mut progress = Progress::new("reconstructing", arguments.no_progress);
+    let progress = Progress::new("reconstructing");
     let pictures = arguments.png.is_some() || arguments.cells.is_some();
     let count = table.columns.len();
     let mut results = Vec::with_capacity(frames.len());
@@ -387,9 +377,7 @@ fn reconstruct<'a>(
         next = frame.place + 1;
         // Before the first one much is made ready.
         let mut result = if results.is_empty() {
-            meanwhile("the first frame", arguments.no_progress, || {
-                batch.frame(frame.place, &frame.values)
-            })
+            meanwhile("the first frame", || batch.frame(frame.place, &frame.values))
         } else {
             batch.frame(frame.place, &frame.values)
         }?;
@@ -451,7 +439,7 @@ fn write_pictures(folder: &Path, imager: &Imager, results: &[Done<'_>]) -> Resul
 
 /// To a tenth: more digits of a time are noise.
 fn print(results: &[Done<'_>], source: &Source, values: usize, left_out: &[&Finding], json: bool) -> Result<()> {
-    let mut out = BufWriter::new(std::io::stdout().lock());
+    let mut out = BufWriter::new(crate::say::stdout());
     for Done {
         frame,
         baseline,

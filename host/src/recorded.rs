@@ -15,8 +15,9 @@ use inverse::quality::doubt::Doubt;
 use inverse::reference::baseline::Baseline;
 use inverse::reference::diagnosis::Fault;
 use inverse::reference::screening::Finding;
-use inverse::touches::gestures::{GestureOptions, TouchEvent};
+use inverse::touches::gestures::{GestureOptions, Gestures, TouchEvent};
 use inverse::touches::touch::Touch;
+use inverse::touches::tracker::Numbered;
 use link::{LinkCounters, MeasuredFrame};
 use protocol::Hello;
 use recording::{FORMAT, Pose, Reader, Tap, Topic};
@@ -344,6 +345,13 @@ impl From<NoteRecord> for BaselineNote {
     }
 }
 
+/// The touches that are there where a recording begins, with their numbers, and what they are doing.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Touching {
+    pub(crate) numbered: Numbered,
+    pub(crate) gestures: Gestures,
+}
+
 /// A step of the live reconstruction beside the pictures.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "step", rename_all = "snake_case")]
@@ -352,8 +360,12 @@ pub(crate) enum LiveRecord {
     Baseline { frame: u32, left: usize },
     /// A new one is taken from now on.
     Tare,
-    /// This one is in force.
-    Resume { baseline: BaselineRecord },
+    /// This one is in force. A recording that begins among touches goes on with them.
+    Resume {
+        baseline: BaselineRecord,
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        touching: Option<Box<Touching>>,
+    },
     /// What is said of the one in force.
     InForce { note: Option<NoteRecord> },
     /// Something happened on the line.
@@ -455,9 +467,9 @@ impl Notes {
         self.step(None, &LiveRecord::Tare);
     }
 
-    pub(crate) fn resume(&self, baseline: &Baseline) {
-        let baseline = baseline.into();
-        self.step(None, &LiveRecord::Resume { baseline });
+    pub(crate) fn resume(&self, baseline: &Baseline, touching: Option<Touching>) {
+        let (baseline, touching) = (baseline.into(), touching.map(Box::new));
+        self.step(None, &LiveRecord::Resume { baseline, touching });
     }
 
     pub(crate) fn event(&self, said: &Said) {
@@ -540,5 +552,43 @@ impl Notes {
                 .ok()?;
             Some(bytes)
         });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use inverse::touches::tracker::{Tracker, TrackerOptions};
+
+    /// To the last bit: what a replay begins with is what was there.
+    #[test]
+    fn touches_that_a_recording_begins_with_are_read_as_they_were() {
+        let mut tracker = Tracker::new(TrackerOptions::new(20.0, 0.5));
+        let mut gestures = Gestures::default();
+        for k in 0..40 {
+            let time_s = 0.01 * f64::from(k);
+            let mut touches = [10.0 / 3.0, 50.0].map(|x_mm| Touch {
+                x_mm: x_mm + time_s / 7.0,
+                rise: 0.2,
+                total_mm2: 90.0,
+                ..Touch::default()
+            });
+            tracker.update(time_s, &mut touches, false);
+            gestures.update(time_s, &touches[..2 - (k / 20) as usize]);
+            // Frames may be missing just before.
+            if k == 39 {
+                tracker.gap();
+            }
+        }
+        let touching = Some(Box::new(Touching {
+            numbered: tracker.numbered(),
+            gestures: gestures.with(GestureOptions::default()),
+        }));
+        let baseline = BaselineRecord::from(&Baseline::of_frames(2, &[&[1.0, 0.1], &[1.1, 0.2]]));
+        let record = LiveRecord::Resume { baseline, touching };
+        let text = serde_json::to_string(&record).unwrap();
+        // But for the frames of a touch, which no event of one that has its number depends on.
+        let read: LiveRecord = serde_json::from_str(&text).unwrap();
+        assert_eq!(serde_json::to_string(&read).unwrap(), text);
     }
 }

@@ -1,11 +1,11 @@
 //! What a recording keeps of its board: who it said it was, and what it was set to.
 
-use crate::progress::Progress;
+use crate::reading::Reading;
 use crate::recorded::SessionRecord;
-use anyhow::{Context, Result};
+use anyhow::Result;
 use clap::Args;
 use protocol::{Decoder, FromBoard, Hello, MAX_FROM_BOARD_LEN, Notice, Plan, ResetCause, SelfTest, Status, Watch};
-use recording::{Playback, Reader, Speed, Topic};
+use recording::{Playback, Speed, Topic};
 use std::path::{Path, PathBuf};
 
 /// Why a recording has no such thing.
@@ -46,11 +46,8 @@ impl From {
     ///
     /// # Errors
     /// As of [`RecordedBoard::read`].
-    pub(crate) fn board(&self, silent: bool) -> Result<Option<RecordedBoard>> {
-        self.from
-            .as_deref()
-            .map(|path| RecordedBoard::read(path, silent))
-            .transpose()
+    pub(crate) fn board(&self) -> Result<Option<RecordedBoard>> {
+        self.from.as_deref().map(RecordedBoard::read).transpose()
     }
 }
 
@@ -59,12 +56,9 @@ impl RecordedBoard {
     ///
     /// # Errors
     /// It cannot be read, or no board introduced itself in it.
-    pub(crate) fn read(path: &Path, silent: bool) -> Result<Self> {
+    pub(crate) fn read(path: &Path) -> Result<Self> {
         let session = SessionRecord::read(path)?;
         let played = Playback::open(path, Speed::Unpaced)?;
-        let bytes = std::fs::metadata(recording::split(path).0)
-            .with_context(|| path.display().to_string())?
-            .len();
         let hello = played.hello().clone();
         let mut board = Self {
             source: format!("recording of {}", session.source),
@@ -77,8 +71,7 @@ impl RecordedBoard {
             self_test: None,
             careful: None,
         };
-        let mut progress = Progress::new("reading the recording", silent);
-        let mut reader = Reader::open(path)?;
+        let mut reader = Reading::open(path)?;
         let mut decoder = Decoder::<MAX_FROM_BOARD_LEN>::new();
         while let Some(message) = reader.next()? {
             if message.topic == Some(Topic::Board) {
@@ -88,7 +81,6 @@ impl RecordedBoard {
                     }
                 });
             }
-            progress.at(reader.bytes() as usize, bytes as usize);
         }
         Ok(board)
     }

@@ -3,17 +3,15 @@
 use crate::files::measurements::{Column, MeasurementTable};
 use crate::files::sheet_line::SheetLine;
 use crate::number;
-use crate::progress::Progress;
+use crate::reading::Reading;
 use crate::recorded::{LiveRecord, SessionRecord};
 use crate::sheet::rewired;
 use ::forward::{Pattern, Sheet};
-use anyhow::{Context, Result, bail};
+use anyhow::{Result, bail};
 use clap::Args;
 use link::MeasuredFrame;
 use protocol::{Command, Decoder, FromBoard, Hello, MAX_FROM_BOARD_LEN, Plan};
-use recording::{Ended, Playback, Reader, Speed, Topic};
-use std::fs::File;
-use std::io::BufReader;
+use recording::{Ended, Playback, Speed, Topic};
 use std::path::Path;
 
 /// Which frames of a recording, on the command line.
@@ -54,7 +52,7 @@ pub(crate) struct RecordedFrame {
 
 /// The frames of a recording.
 pub(crate) struct RecordedFrames {
-    reader: Reader<BufReader<File>>,
+    reader: Reading,
     decoder: Decoder<MAX_FROM_BOARD_LEN>,
     hello: Hello,
     plan: Plan,
@@ -65,8 +63,6 @@ pub(crate) struct RecordedFrames {
     count: u64,
     wire_bytes: u64,
     part: Part,
-    progress: Progress,
-    bytes: u64,
     /// Numbers of the frames of the baseline that was taken first, while it is read.
     baseline: Vec<u32>,
     complete: bool,
@@ -77,10 +73,10 @@ impl RecordedFrames {
     ///
     /// # Errors
     /// It cannot be read, or no board introduced itself in it.
-    pub(crate) fn open(path: &Path, part: &Part, silent: bool) -> Result<Self> {
+    pub(crate) fn open(path: &Path, part: &Part) -> Result<Self> {
         let board = Playback::open(path, Speed::Unpaced)?;
         Ok(Self {
-            reader: Reader::open(path)?,
+            reader: Reading::open(path)?,
             decoder: Decoder::new(),
             hello: board.hello().clone(),
             plan: board.plan().clone(),
@@ -89,10 +85,6 @@ impl RecordedFrames {
             count: 0,
             wire_bytes: 0,
             part: part.clone(),
-            progress: Progress::new("reading the recording", silent),
-            bytes: std::fs::metadata(recording::split(path).0)
-                .with_context(|| path.display().to_string())?
-                .len(),
             baseline: Vec::new(),
             complete: false,
         })
@@ -162,7 +154,6 @@ impl RecordedFrames {
             self.before = Some((measured.time_s, publish_ns, at_s));
             let number = self.count;
             self.count += 1;
-            self.progress.at(self.reader.bytes() as usize, self.bytes as usize);
             if self.part.takes(number, at_s) {
                 return Ok(Some(RecordedFrame {
                     measured,
@@ -204,10 +195,10 @@ pub(crate) struct RecordedTable {
 ///
 /// # Errors
 /// It cannot be read, or is too long for a table.
-pub(crate) fn table(path: &Path, part: &Part, silent: bool) -> Result<RecordedTable> {
+pub(crate) fn table(path: &Path, part: &Part) -> Result<RecordedTable> {
     let session = SessionRecord::read(path)?;
     let sheet = session.sheet()?;
-    let mut frames = RecordedFrames::open(path, part, silent)?;
+    let mut frames = RecordedFrames::open(path, part)?;
     let pattern = frames.pattern(&session.wires)?;
     let mut columns: Vec<Column> = Vec::new();
     let mut sequences = Vec::new();

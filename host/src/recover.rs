@@ -40,7 +40,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         .with_context(|| arguments.file.display().to_string())?
         .len();
     let mut reader = Reader::open(&arguments.file)?;
-    let mut progress = Progress::new("recovering", arguments.json);
+    let progress = Progress::new("recovering");
     let out = &arguments.out;
     if out.try_exists().is_ok_and(|there| there) {
         bail!(

@@ -8,6 +8,7 @@ use crate::live_run::Run;
 use crate::page::{page, pages};
 use crate::played_board::{Frames, PlayedBoard};
 use crate::presses::file::PressCalibration;
+use crate::progress::Progress;
 use crate::recorded::SessionRecord;
 use crate::replay_control::{Asked, Control};
 use crate::replay_index::{Index, Stretch};
@@ -19,7 +20,7 @@ use crate::say::{self, say};
 use crate::script::{Script, Step};
 use crate::usage::Usage;
 use crate::{ending, skin_file};
-use anyhow::{Result, anyhow};
+use anyhow::{Context, Result, anyhow};
 use clap::Args;
 use inverse::live::Live;
 use inverse::reference::imager::Imager;
@@ -150,6 +151,8 @@ struct Player<'a> {
     arguments: &'a Arguments,
     stop: &'a AtomicBool,
     control: &'a Control,
+    /// Of the file.
+    bytes: usize,
     record: SessionRecord,
     learned: Option<PressCalibration>,
     /// Until it is shown.
@@ -184,6 +187,9 @@ impl<'a> Player<'a> {
             arguments,
             stop,
             control,
+            bytes: std::fs::metadata(recording::split(path).0)
+                .with_context(|| path.display().to_string())?
+                .len() as usize,
             learned: record.presses()?,
             page: None,
             node: None,
@@ -386,6 +392,11 @@ impl<'a> Player<'a> {
     /// Takes the steps of a part of a recording.
     fn steps(&mut self, of: &Stretch, run: &mut Run<'_>, script: &mut Script, board: &PlayedBoard) -> Result<Went> {
         let mut frames = Frames::default();
+        let told = match (of.to_baseline, self.arguments.speed) {
+            (true, _) => Some(Progress::new("going there")),
+            (false, Speed::Unpaced) => Some(Progress::new("replaying")),
+            (false, Speed::Times(_)) => None,
+        };
         let most = self.arguments.show.frames;
         while !self.stop.load(Ordering::Relaxed) && most.is_none_or(|most| self.pictures < most) {
             self.look(run.output);
@@ -403,11 +414,18 @@ impl<'a> Player<'a> {
                 continue;
             }
             self.at_ns = script.log_ns();
+            if let Some(told) = &told {
+                told.at(script.place() as usize, self.bytes);
+            }
             run.output.set_now(script.unix_s());
             match step {
                 Step::Tare => run.begin_baseline()?,
-                Step::Resume(baseline) => {
+                Step::Resume(baseline, touching) => {
                     run.live.resume(baseline)?;
+                    if let Some(touching) = touching {
+                        run.live.go_on(touching.numbered);
+                        run.gestures = touching.gestures.with(self.record.gestures());
+                    }
                     run.in_force()?;
                 }
                 Step::InForce(note) => {

@@ -1,12 +1,11 @@
 //! The recording of `skin run`: begun with the session by `--record`, or at the page, as often as somebody asks.
 
 use crate::live_run::Run;
-use crate::recorded::Notes;
+use crate::recorded::{Notes, Touching};
 use crate::recording_file::{self, RecordTo};
 use crate::say::{self, say};
 use anyhow::{Result, anyhow, bail};
 use inverse::live::Live;
-use inverse::touches::gestures::Gestures;
 use recording::Recorder;
 use std::time::Instant;
 use view::web::Recording as Shown;
@@ -131,14 +130,18 @@ impl Run<'_> {
             return Ok(());
         };
         let notes = Notes::new(tap, &recordable.record);
-        notes.resume(&baseline);
         // Another one may have been taken since it was made.
         if !anew.baseline().is_some_and(|of| of.is_same(&baseline)) {
             anew = anew.anew();
-            anew.resume(baseline)?;
+            anew.resume(baseline.clone())?;
         }
+        let touching = Touching {
+            numbered: self.live.numbered(),
+            gestures: self.gestures.clone(),
+        };
+        anew.go_on(touching.numbered.clone());
+        notes.resume(&baseline, Some(touching));
         *self.live = anew;
-        self.gestures = Gestures::new(recordable.record.gestures());
         self.notes = Some(notes);
         self.in_force()
     }

@@ -188,7 +188,7 @@ pub(crate) fn one(arguments: &SourceArguments, outputs: &Outputs<'_>, within: Wi
     run.output.header(&session, &record, &run.live.imager().grid)?;
     if let Some(baseline) = stored {
         if let Some(notes) = &run.notes {
-            notes.resume(&baseline);
+            notes.resume(&baseline, None);
         }
         run.live.resume(baseline)?;
     }
@@ -280,7 +280,7 @@ pub(crate) fn pattern(session: &Session, wires: &[usize]) -> Result<Pattern> {
 
 fn modelled(sheet: &Sheet, pattern: Pattern) -> Result<Arc<Imager>> {
     let cell_mm = Method::Nnls.cell_mm_on(sheet)?;
-    let modelled = progress::meanwhile("modelling the sheet", false, || {
+    let modelled = progress::meanwhile("modelling the sheet", || {
         Imager::new(sheet, Drive::PAPER, pattern, cell_mm)
     });
     Ok(Arc::new(modelled?))

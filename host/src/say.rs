@@ -1,10 +1,11 @@
 //! What the program says to people: on stderr, and into the recording where there is one.
 
+use crate::progress;
 use recording::Tap;
 use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::fmt::Arguments;
-use std::io::{IsTerminal, Write};
+use std::io::{IsTerminal, StdoutLock, Write};
 use std::sync::{Arc, LazyLock, Mutex, MutexGuard, PoisonError};
 
 thread_local! {
@@ -57,8 +58,7 @@ pub(crate) fn line(text: Arguments<'_>) {
         Some(skin) => format!("{skin}: {text}"),
         None => text.to_string(),
     };
-    // Whoever closed stderr does not want to know.
-    let _ = writeln!(std::io::stderr(), "{text}");
+    err(format_args!("{text}\n"));
     for (_, tap) in recorded().iter().filter(|(of, _)| of.is_none() || *of == skin) {
         tap.said(&text);
     }
@@ -104,9 +104,34 @@ pub(crate) fn is_coloured(to: &impl IsTerminal) -> bool {
     is_terminal(to) && std::env::var_os("NO_COLOR").is_none_or(|v| v.is_empty())
 }
 
+/// A text as long as the terminal is wide: a line that wraps could not be written over.
+pub(crate) fn cut_to_terminal(text: &str) -> String {
+    let size = terminal_size::terminal_size_of(std::io::stderr());
+    let columns = size.map(|(terminal_size::Width(columns), _)| columns.into());
+    cut(
+        text,
+        columns.map_or(usize::MAX, |columns: usize| columns.saturating_sub(1)),
+    )
+}
+
+/// A text of so many characters at most, which ends with an ellipsis where it was longer.
+fn cut(text: &str, most: usize) -> String {
+    if text.chars().count() <= most {
+        return text.to_owned();
+    }
+    let kept: String = text.chars().take(most.saturating_sub(1)).collect();
+    if most == 0 { kept } else { kept + "\u{2026}" }
+}
+
+/// Stdout, for a result: the line that tells how far it is makes room.
+pub(crate) fn stdout() -> StdoutLock<'static> {
+    progress::clear();
+    std::io::stdout().lock()
+}
+
 /// Writes to stdout, for `println!`. Whoever closed it has read enough: then the program ends well.
 pub(crate) fn out(text: Arguments<'_>) {
-    if let Err(e) = writeln!(std::io::stdout(), "{text}") {
+    if let Err(e) = writeln!(stdout(), "{text}") {
         let closed = e.kind() == std::io::ErrorKind::BrokenPipe;
         if !closed {
             let _ = writeln!(std::io::stderr(), "skin: stdout: {e}");
@@ -117,6 +142,7 @@ pub(crate) fn out(text: Arguments<'_>) {
 
 /// Writes to stderr, for `eprint!` and `eprintln!`. Whoever closed it does not want to know.
 pub(crate) fn err(text: Arguments<'_>) {
+    progress::clear();
     let _ = write!(std::io::stderr(), "{text}");
 }
 
@@ -129,5 +155,18 @@ mod tests {
         let lines: Vec<&str> = shown.split('\n').collect();
         assert_eq!(lines[..2], ["a: ?[2J?é", "\tb"]);
         assert_eq!(lines[2].chars().count(), 2004);
+    }
+
+    #[test]
+    fn a_cut_text_is_never_longer_and_begins_as_the_whole() {
+        let text = "(12, \u{2212}40) mm +20 %  \u{2248} 12 N";
+        let length = text.chars().count();
+        assert_eq!(super::cut(text, length), text);
+        for most in 0..length {
+            let cut = super::cut(text, most);
+            assert_eq!(cut.chars().count(), most);
+            let begin = cut.strip_suffix('\u{2026}').unwrap_or(&cut);
+            assert!(text.starts_with(begin) && (cut.ends_with('\u{2026}') || most == 0));
+        }
     }
 }

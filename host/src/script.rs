@@ -1,7 +1,7 @@
 //! What a recording says of the live reconstruction, step by step, for its replay.
 
 use crate::event::Said;
-use crate::recorded::LiveRecord;
+use crate::recorded::{LiveRecord, Touching};
 use anyhow::{Result, anyhow};
 use inverse::reference::baseline::Baseline;
 use recording::{Known, Reader, Topic};
@@ -20,7 +20,7 @@ pub(crate) enum Step {
         picture: Option<PictureRecord>,
     },
     Tare,
-    Resume(Baseline),
+    Resume(Baseline, Option<Box<Touching>>),
     InForce(Option<BaselineNote>),
     Event(Said),
 }
@@ -76,6 +76,11 @@ impl Script {
         })
     }
 
+    /// Where in the file it is.
+    pub(crate) fn place(&self) -> u64 {
+        self.reader.place()
+    }
+
     /// When the last step was recorded, s since 1970.
     pub(crate) fn unix_s(&self) -> f64 {
         1e-9 * self.log_ns as f64
@@ -116,7 +121,7 @@ impl Script {
                     return Ok(Some(match step {
                         LiveRecord::Baseline { frame, .. } => Step::Frame { frame, picture: None },
                         LiveRecord::Tare => Step::Tare,
-                        LiveRecord::Resume { baseline } => Step::Resume(baseline.into()),
+                        LiveRecord::Resume { baseline, touching } => Step::Resume(baseline.into(), touching),
                         LiveRecord::InForce { note } => Step::InForce(note.map(BaselineNote::from)),
                         LiveRecord::Event { said } => Step::Event(said),
                         LiveRecord::Port => continue,

@@ -112,7 +112,7 @@ impl WatchName {
 /// No board, or one that refuses.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let action = arguments.action.as_ref().unwrap_or(&Action::Show);
-    if let Some(recorded) = arguments.recorded.board(arguments.json)? {
+    if let Some(recorded) = arguments.recorded.board()? {
         if !matches!(action, Action::Show) {
             let why = "a recording only shows what was set; name the board with --port to change it";
             return Err(Usage(why.to_owned()).into());
@@ -124,7 +124,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
             watch: recorded.watch.as_ref().map(Option::as_ref),
         };
         if arguments.json {
-            std::io::stdout().write_all(&json::line(&as_json(&shown, None, hello, source))?)?;
+            crate::say::stdout().write_all(&json::line(&as_json(&shown, None, hello, source))?)?;
         } else {
             describe(&shown, hello, source);
         }
@@ -164,7 +164,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         watch: Some(settings.watch.as_ref()),
     };
     if arguments.json {
-        std::io::stdout().write_all(&json::line(&as_json(&shown, baseline.as_ref(), &hello, &source))?)?;
+        crate::say::stdout().write_all(&json::line(&as_json(&shown, baseline.as_ref(), &hello, &source))?)?;
     } else {
         describe(&shown, &hello, &source);
         if let Some(baseline) = &baseline {

@@ -396,7 +396,12 @@ impl Played {
         while let Some(step) = self.script.next()? {
             match step {
                 Step::Tare => live.tare(),
-                Step::Resume(baseline) => live.resume(baseline)?,
+                Step::Resume(baseline, touching) => {
+                    live.resume(baseline)?;
+                    if let Some(touching) = touching {
+                        live.go_on(touching.numbered);
+                    }
+                }
                 Step::InForce(_) => {}
                 Step::Event(then) => {
                     self.frames.happened(&then.event);

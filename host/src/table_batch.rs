@@ -26,13 +26,11 @@ pub(crate) struct How {
     pub frame_s: Option<f64>,
     /// What forces are computed with.
     pub calibration: Option<Calibration>,
-    /// Whether nothing is said of how far it is.
-    pub no_progress: bool,
 }
 
 impl How {
     /// As a table is reconstructed for which nothing is said.
-    pub(crate) fn plain(no_progress: bool) -> Self {
+    pub(crate) fn plain() -> Self {
         Self {
             drive: Drive::PAPER,
             method: Method::Nnls,
@@ -40,7 +38,6 @@ impl How {
             trust_electrodes: false,
             frame_s: None,
             calibration: None,
-            no_progress,
         }
     }
 }
@@ -51,7 +48,6 @@ pub(crate) struct TableBatch<'a> {
     pub prepared: Prepared<'a>,
     imager: Arc<Imager>,
     options: BatchOptions,
-    no_progress: bool,
 }
 
 impl<'a> TableBatch<'a> {
@@ -65,7 +61,7 @@ impl<'a> TableBatch<'a> {
         baseline: &BaselineArguments,
         how: &How,
     ) -> Result<Self> {
-        let imager = progress::meanwhile("modelling the sheet", how.no_progress, || {
+        let imager = progress::meanwhile("modelling the sheet", || {
             Imager::for_method(how.method, sheet, how.drive, pattern, cell_mm)
         })?;
         let prepared = baseline.prepare(table, &imager)?;
@@ -87,7 +83,6 @@ impl<'a> TableBatch<'a> {
             prepared,
             imager: Arc::new(imager),
             options,
-            no_progress: how.no_progress,
         })
     }
 
@@ -97,10 +92,8 @@ impl<'a> TableBatch<'a> {
     /// A baseline of another length.
     pub(crate) fn batch(&self) -> Result<Batch> {
         let unpressed: Vec<&[f64]> = self.prepared.unpressed.iter().map(AsRef::as_ref).collect();
-        Ok(progress::meanwhile(
-            "inspecting the baseline",
-            self.no_progress,
-            || Batch::new(Arc::clone(&self.imager), &unpressed, self.options),
-        )?)
+        Ok(progress::meanwhile("inspecting the baseline", || {
+            Batch::new(Arc::clone(&self.imager), &unpressed, self.options)
+        })?)
     }
 }

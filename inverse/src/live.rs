@@ -11,7 +11,7 @@ use crate::reference::inspection::{Inspection, InspectionOptions, inspect};
 use crate::solvers::Method;
 use crate::touches::polarity::Polarity;
 use crate::touches::radius_filter::RadiusFilter;
-use crate::touches::tracker::{Tracker, TrackerOptions};
+use crate::touches::tracker::{Numbered, Tracker, TrackerOptions};
 use std::sync::Arc;
 
 /// How a live picture is made.
@@ -197,6 +197,16 @@ impl Live {
         self.taker = None;
         self.gone_since_s = None;
         self.put_in_force(baseline)
+    }
+
+    /// The touches that are followed, with their numbers.
+    pub fn numbered(&self) -> Numbered {
+        self.tracker.numbered()
+    }
+
+    /// Goes on with the touches that another one followed in the frames before: they keep their numbers.
+    pub fn go_on(&mut self, numbered: Numbered) {
+        self.tracker.go_on(numbered);
     }
 
     /// Frames are missing here, however many: touches that were there keep their numbers, if they are there after it.

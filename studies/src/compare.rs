@@ -84,7 +84,8 @@ const RUNS: usize = 3;
 const MOST: Duration = Duration::from_secs(2);
 
 /// Runs every way on the same frames: 1 to 4 discs of 25 mm and +20 %, 50 mm apart or more, at 27 dB. The noise is
-/// estimated from the frame. `progress` is called with every way before its run.
+/// estimated from the frame. `progress` is called with every way before its run, its number and how many there
+/// are.
 ///
 /// # Errors
 /// [`StudyError`] where the sheet cannot be modelled.
@@ -92,7 +93,7 @@ pub fn compare(
     drive: Drive,
     frames: usize,
     seed: u64,
-    mut progress: impl FnMut(&str),
+    mut progress: impl FnMut(&str, usize, usize),
 ) -> Result<Vec<Entry>, StudyError> {
     let mut rng = rng(seed);
     let first = imager(drive, CELLS_MM[0])?;
@@ -105,8 +106,9 @@ pub fn compare(
         measured.push((scene, frame));
     }
     let mut entries = Vec::new();
-    for way in ways() {
-        progress(&format!("{} on {} mm cells", name(way), way.cell_mm));
+    let ways = ways();
+    for (k, way) in ways.iter().copied().enumerate() {
+        progress(&format!("{} on {} mm cells", name(way), way.cell_mm), k, ways.len());
         let known = |(m, i): &&(Method, Arc<Imager>)| *m == way.method && i.grid.cell_mm() == way.cell_mm;
         let imager = match imagers.iter().find(known) {
             Some((_, imager)) => Arc::clone(imager),
@@ -237,7 +239,7 @@ mod tests {
     /// On the same frames: the failure of the generalised inverse as in the paper, and the gain of the fit.
     #[test]
     fn the_generalised_inverse_fails_where_nnls_works_and_the_fit_is_better_still() {
-        let entries = compare(Drive::PAPER, 6, 31, |_| ()).unwrap();
+        let entries = compare(Drive::PAPER, 6, 31, |_, _, _| ()).unwrap();
         let of = |method: &str| {
             let full = entries.iter().find(|e| e.method == method && e.cell_mm == 5.0);
             full.map(|e| e.median_mm).unwrap()

@@ -251,7 +251,7 @@ fn counters(link: &Link) -> Known<Counters> {
 fn of_recording(path: &Path, seconds: f64) -> Result<Facts> {
     let record = SessionRecord::read(path)?;
     let sheet = record.sheet()?;
-    let said = RecordedBoard::read(path, false)?;
+    let said = RecordedBoard::read(path)?;
     let board = PlayedBoard::open(path, Speed::Unpaced)?;
     let session = &board.session;
     let baseline_frames = Some(record.baseline_frames);

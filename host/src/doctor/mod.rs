@@ -138,7 +138,7 @@ pub(crate) fn measure(examined: &Examined, witness: Option<Witness<'_>>) -> Resu
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let facts = measure(&arguments.examined, None)?;
     let examination = Examination::of(&facts, arguments.examined.state_dir.as_deref());
-    let mut out = std::io::stdout().lock();
+    let mut out = crate::say::stdout();
     if arguments.json {
         out.write_all(&json::line(&examination)?)?;
     } else {

@@ -2,6 +2,7 @@
 
 use crate::files::cdr::Cdr;
 use crate::files::replace::beside;
+use crate::reading::Reading;
 use crate::recorded::SessionRecord;
 use crate::recorded_frames::{Part, RecordedFrame, RecordedFrames};
 use crate::ros2::SKIN;
@@ -9,7 +10,7 @@ use crate::ros2::messages::{self, Header};
 use crate::skin_file;
 use anyhow::{Context, Result, bail};
 use inverse::touches::touch::Touch;
-use recording::{Reader, Topic, Writer};
+use recording::{Topic, Writer};
 use serde::Deserialize;
 use serde_json::Value;
 use std::fmt::Write;
@@ -209,9 +210,9 @@ fn write(from: &Path, folder: &Path) -> Result<[u32; TOPICS.len()]> {
 }
 
 fn write_skin(bag: &mut Bag, from: &Path) -> Result<()> {
-    let mut frames = RecordedFrames::open(from, &Part::default(), false)?;
+    let mut frames = RecordedFrames::open(from, &Part::default())?;
     let mut frame = frames.next()?;
-    let mut others = Reader::open(from)?;
+    let mut others = Reading::open(from)?;
     while let Some(message) = others.next()? {
         let topic = message.topic.filter(|t| matches!(t, Topic::Touches | Topic::Picture));
         let (Some(topic), unix_ns) = (topic, message.publish_ns) else {

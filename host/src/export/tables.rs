@@ -2,12 +2,13 @@
 
 use crate::files::parquet::{Cell, Column, Kind, Parquet};
 use crate::files::replace::beside;
+use crate::reading::Reading;
 use crate::recorded::SessionRecord;
 use crate::recorded_frames::{Part, RecordedFrames};
 use crate::recording_file::day;
 use crate::skin_file::{self, Place};
 use anyhow::{Context, Result, bail};
-use recording::{Reader, Topic};
+use recording::Topic;
 use serde_json::Value;
 use std::fs::File;
 use std::io::BufWriter;
@@ -162,7 +163,7 @@ pub(super) fn on_robot(sheet: Option<&Place>, touch: &Value) -> Option<[f64; 3]>
 }
 
 fn touches(from: &Path, sheet: Option<&Place>, path: &Path, session: &str) -> Result<(u64, u64)> {
-    let mut reader = Reader::open(from)?;
+    let mut reader = Reading::open(from)?;
     let (mut touches, mut pictures) = (0, 0);
     let rows = |file: &mut Parquet<BufWriter<File>>| {
         while let Some(message) = reader.next()? {
@@ -202,7 +203,7 @@ fn touches(from: &Path, sheet: Option<&Place>, path: &Path, session: &str) -> Re
 }
 
 fn frames(from: &Path, session: &SessionRecord, path: &Path, said: &str) -> Result<u64> {
-    let mut recorded = RecordedFrames::open(from, &Part::default(), false)?;
+    let mut recorded = RecordedFrames::open(from, &Part::default())?;
     let pattern = recorded.pattern(&session.wires)?;
     let measurements: Vec<[usize; 4]> = pattern
         .measurements()

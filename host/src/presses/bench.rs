@@ -135,7 +135,7 @@ struct Skin {
 impl Skin {
     fn read(folder: &Path, name: &str) -> Result<Self> {
         let file = folder.join(format!("{name}.csv"));
-        let table = MeasurementTable::read(&file, Progress::new("reading", false).told())?;
+        let table = MeasurementTable::read(&file, Progress::new("reading").told())?;
         let list = folder.join(format!("{name}{TRUTH}"));
         let known = truth::read(&list)?;
         let difference = known.iter().all(|k| k.before.is_none());
@@ -154,7 +154,7 @@ impl Skin {
         let later = &self.known[self.known.len() - held_out..];
         let names: Vec<&str> = later.iter().map(|p| p.frame.as_str()).collect();
         let from = Stretch::begin();
-        let (_, found) = model::of_frames(&self.table, (&self.list, self.difference), &names, (None, None), false)?;
+        let (_, found) = model::of_frames(&self.table, (&self.list, self.difference), &names, (None, None))?;
         let frame_us = from.seconds() * 1e6 / held_out as f64;
         let touches = || (found.iter().zip(later)).filter_map(|(f, p)| Some((f.strongest.as_ref()?, p.place_mm)));
         let pairs: Vec<_> = touches().map(|(t, place)| ([t.x_mm, t.y_mm], place)).collect();

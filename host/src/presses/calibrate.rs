@@ -56,9 +56,13 @@ pub(crate) struct Arguments {
     /// One JSON object on stdout.
     #[arg(long)]
     json: bool,
-    /// Says nothing of how far a long table is.
-    #[arg(long, hide_short_help = true)]
-    no_progress: bool,
+}
+
+impl Arguments {
+    /// Whether it needs nobody to press.
+    pub(crate) fn is_alone(&self) -> bool {
+        self.table.is_some()
+    }
 }
 
 #[derive(Serialize)]
@@ -152,7 +156,7 @@ struct Input {
 /// A table or a list of presses that makes no sense, too few presses, a board that does not answer, a file that cannot be written.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let mut input = input(arguments)?;
-    let table = MeasurementTable::read(&input.table, Progress::new("reading", arguments.no_progress).told())?;
+    let table = MeasurementTable::read(&input.table, Progress::new("reading").told())?;
     for note in &table.notes {
         eprintln!("{}: {note}", table.file);
     }
@@ -164,7 +168,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         electrodes: table.electrodes,
         turn: input.sheet.as_ref().map_or(Ok(1), turn)?,
     };
-    let mut progress = Progress::new("learning", arguments.no_progress);
+    let progress = Progress::new("learning");
     let (learned, found) = learn(&presses, &setting, |done, whole| progress.at(done, whole))
         .with_context(|| format!("{}: no calibration can be made", table.file))?;
     drop(progress);
@@ -198,7 +202,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         forces_known: known.iter().filter(|press| press.force_n.is_some()).count(),
         ..line(&found, &known, &table, &presses)
     };
-    let mut out = std::io::stdout().lock();
+    let mut out = crate::say::stdout();
     if arguments.json {
         out.write_all(&json::line(&line)?)?;
     } else {
@@ -319,7 +323,6 @@ fn by_model(
         input.sheet.as_ref(),
         arguments.sheet.as_deref(),
         found.error_mm,
-        arguments.no_progress,
     )
 }
 

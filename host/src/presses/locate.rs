@@ -97,7 +97,6 @@ pub(crate) fn run(
     calibration: &PressCalibration,
     comparison: &Comparison<'_>,
     json: bool,
-    no_progress: bool,
 ) -> Result<()> {
     let file = &calibration.file;
     if let (Some(named), Some(sheet)) = (&table.sheet, &calibration.sheet)
@@ -122,9 +121,9 @@ pub(crate) fn run(
         calibration.presses, calibration.error_mm
     );
     let frames = frames(table, comparison)?;
-    let mut progress = Progress::new("locating", no_progress);
+    let progress = Progress::new("locating");
     let mut before_mm = None;
-    let mut out = BufWriter::new(std::io::stdout().lock());
+    let mut out = BufWriter::new(crate::say::stdout());
     for (k, frame) in frames.iter().enumerate() {
         let change = order.ordered(&frame.change);
         let presence = calibration.learned.locate(&change, before_mm);

@@ -94,7 +94,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     }
     match &arguments.csv {
         Some(path) => write(path, &list)?,
-        None => std::io::stdout().lock().write_all(list.as_bytes())?,
+        None => crate::say::stdout().write_all(list.as_bytes())?,
     }
     Ok(())
 }

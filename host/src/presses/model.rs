@@ -31,7 +31,6 @@ pub(super) fn tried(
     sheet: Option<&Sheet>,
     sheet_file: Option<&Path>,
     learned_mm: [f64; 2],
-    no_progress: bool,
 ) -> Result<ModelKeys> {
     let places: HashMap<&str, [f64; 2]> = known.iter().map(|p| (p.frame.as_str(), p.place_mm)).collect();
     let span = |axis: usize| {
@@ -42,7 +41,7 @@ pub(super) fn tried(
     let some: Vec<&str> = (known.iter().step_by(known.len().div_ceil(MOST)))
         .map(|p| p.frame.as_str())
         .collect();
-    let (sheet, found) = of_frames(table, (list, false), &some, (sheet, sheet_file), no_progress)?;
+    let (sheet, found) = of_frames(table, (list, false), &some, (sheet, sheet_file))?;
     let mut errors: Vec<f64> = (found.iter().zip(&some))
         .map(|(found, name)| {
             let place = places[name];
@@ -83,18 +82,17 @@ pub(super) fn of_frames(
     (list, difference): (&Path, bool),
     names: &[&str],
     (sheet, sheet_file): (Option<&Sheet>, Option<&Path>),
-    no_progress: bool,
 ) -> Result<(Sheet, Vec<AtPress>)> {
     let given = sheet.filter(|_| sheet_file.is_none()).cloned();
     let chosen = Geometry::of(sheet_file).choose_with(table, Method::Nnls, given)?;
     let way = (&chosen.sheet, chosen.pattern, chosen.cell_mm);
     let baseline = BaselineArguments::of_presses(list, difference);
-    let ready = TableBatch::new(table, way, &baseline, &How::plain(no_progress))?;
+    let ready = TableBatch::new(table, way, &baseline, &How::plain())?;
     let mut batch = ready.batch()?;
     let frames: HashMap<&str, _> = (ready.prepared.frames.iter())
         .map(|f| (table.columns[f.place].name.as_str(), f))
         .collect();
-    let mut progress = Progress::new("trying the sheet's model", no_progress);
+    let progress = Progress::new("trying the sheet's model");
     let mut found = Vec::new();
     for name in names {
         let Some(frame) = frames.get(name) else {

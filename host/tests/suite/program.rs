@@ -7,7 +7,8 @@ use std::process::{Child, Command, Output};
 /// The program with these arguments.
 pub(crate) fn program(arguments: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_skin"));
-    command.args(arguments);
+    // On a slow machine more would be said than on a fast one.
+    command.args(arguments).env("SKIN_NO_PROGRESS", "1");
     command
 }
 

@@ -2,5 +2,8 @@
 
 #[test]
 fn transcripts() {
-    trycmd::TestCases::new().case("tests/cli/*.trycmd");
+    let cases = trycmd::TestCases::new();
+    // On a slow machine more would be said than on a fast one.
+    cases.env("SKIN_NO_PROGRESS", "1");
+    cases.case("tests/cli/*.trycmd");
 }

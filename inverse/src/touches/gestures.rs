@@ -4,7 +4,7 @@
 //! frames give the same events. Definitions are lengths, times and areas ([`GestureOptions`]); docs/events.md has them for readers.
 
 use crate::touches::touch::Touch;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
 /// What the events are defined by. Chosen by hand where no source is given.
@@ -137,7 +137,7 @@ pub struct TouchEvent {
 }
 
 /// What a touch is doing.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 enum State {
     /// It came down, and has neither moved nor rested.
     Down,
@@ -148,7 +148,7 @@ enum State {
 }
 
 /// A touch that has a number.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 struct Followed {
     id: u32,
     state: State,
@@ -174,14 +174,14 @@ struct Followed {
 }
 
 /// A tap that may be the first of two.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 struct Tapped {
     lifted_s: f64,
     at_mm: [f64; 2],
 }
 
 /// What a touch left where it was lifted.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 struct Dent {
     lifted_s: f64,
     at_mm: [f64; 2],
@@ -192,15 +192,17 @@ struct Dent {
     began_s: f64,
 }
 
-/// Makes events of touches, frame after frame.
-#[derive(Clone, Debug, Default)]
+/// Makes events of touches, frame after frame. One that is read again goes on where it was, with the options that it is given.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Gestures {
+    #[serde(skip)]
     options: GestureOptions,
     followed: Vec<Followed>,
     taps: Vec<Tapped>,
     dents: Vec<Dent>,
     /// Times of the last frames, s, oldest first.
     times: Vec<f64>,
+    #[serde(skip)]
     events: Vec<TouchEvent>,
 }
 
@@ -218,6 +220,12 @@ impl Gestures {
             options,
             ..Self::default()
         }
+    }
+
+    /// The same touches, with these options.
+    #[must_use]
+    pub fn with(self, options: GestureOptions) -> Self {
+        Self { options, ..self }
     }
 
     /// Takes the numbered touches of a frame, measured at the board's time (s); what they did. Touches without a number are passed over.

@@ -12,6 +12,7 @@
 
 use crate::touches::assignment::assign;
 use crate::touches::touch::Touch;
+use serde::{Deserialize, Serialize};
 
 /// How far and how long a touch is followed. No experiment is on record; chosen by hand.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -59,7 +60,14 @@ pub struct Tracker {
     next: u32,
 }
 
-#[derive(Clone, Debug)]
+/// The touches that are followed, and the number that comes next: another tracker can go on with them.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Numbered {
+    known: Vec<Known>,
+    next: u32,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Known {
     /// None before it was seen in enough frames.
     id: Option<u32>,
@@ -74,7 +82,7 @@ struct Known {
 }
 
 /// Place and velocity of a touch whose velocity changes at random: Kalman's filter, one for both directions.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 struct Motion {
     at_mm: [f64; 2],
     velocity_mm_s: [f64; 2],
@@ -145,10 +153,23 @@ impl Tracker {
         }
     }
 
+    /// The touches that are followed now.
+    pub fn numbered(&self) -> Numbered {
+        Numbered {
+            known: self.known.clone(),
+            next: self.next,
+        }
+    }
+
+    /// Goes on with the touches that another one followed, from its next frame on.
+    pub fn go_on(&mut self, numbered: Numbered) {
+        (self.known, self.next) = (numbered.known, numbered.next);
+    }
+
     /// Frames are missing here: what was there before counts as seen until the next one.
     pub fn gap(&mut self) {
         for known in self.known.iter_mut().filter(|k| k.present) {
-            known.seen_s = f64::INFINITY;
+            known.seen_s = f64::MAX;
             known.motion.velocity_mm_s = [0.0; 2];
         }
     }

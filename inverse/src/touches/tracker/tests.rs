@@ -235,3 +235,31 @@ proptest! {
         }
     }
 }
+
+/// A recording that begins among touches: they keep their numbers, and what is new gets the next one.
+#[test]
+fn one_that_goes_on_with_anothers_touches_numbers_them_alike() {
+    // Two that cross, one that flickers, one that is gone for a while.
+    let frame = |tracker: &mut Tracker, k: u32| {
+        let at = f64::from(k) - 50.0;
+        let mut there = vec![[at, at], [at, -at]];
+        if k.is_multiple_of(3) {
+            there.push([80.0, 80.0]);
+        }
+        if !(30..60).contains(&k) {
+            there.push([-80.0, 20.0]);
+        }
+        numbers(tracker, 0.01 * f64::from(k), &there)
+    };
+    for cut in 0..100 {
+        let (mut whole, mut first) = (tracker(), tracker());
+        for k in 0..cut {
+            assert_eq!(frame(&mut first, k), frame(&mut whole, k));
+        }
+        let mut second = tracker();
+        second.go_on(first.numbered());
+        for k in cut..110 {
+            assert_eq!(frame(&mut second, k), frame(&mut whole, k), "cut at {cut}");
+        }
+    }
+}
