@@ -834,7 +834,8 @@ def cost(folder, count):
     got = {f"s{k}": {m.frame for m in messages[f"rt/s{k}/touches"]} for k in range(count)}
     shown = [(line["skin"], line["frame"]) for line in running.lines if line["kind"] == "picture"]
     # Before its publisher is known a reader gets nothing, nor what the end cut off.
-    known = [(name, frame) for name, frame in shown if min(got[name]) <= frame <= max(got[name])]
+    ends = {name: (min(frames), max(frames)) for name, frames in got.items()}
+    known = [(name, frame) for name, frame in shown if ends[name][0] <= frame <= ends[name][1]]
     lost = sum(frame not in got[name] for name, frame in known)
     # Where the machine fell behind, the program itself sent newer ones in their place, and counted; its last line is missing where it
     # could not end in order.

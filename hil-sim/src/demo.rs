@@ -4,8 +4,10 @@ use crate::board::SimConfig;
 use crate::scene::Scene;
 use crate::scene_file::SceneFile;
 use crate::touch::Touch;
-use forward::Sheet;
+use forward::{Geometry, Sheet};
 
+/// Radius of the paper's sheet, which the places are for, mm.
+const PAPER_RADIUS_MM: f64 = 97.5;
 /// Time that a finger takes to come down or to lift, s.
 const RAMP_S: f64 = 0.25;
 
@@ -56,9 +58,20 @@ impl Scene {
 }
 
 impl SceneFile {
-    /// [`Scene::demo`] on a sheet, with the default board: one round.
+    /// [`Scene::demo`] on a sheet, with the default board: one round. Its places are stretched as the sheet's bounding box is.
     pub fn demo(sheet: Sheet) -> Self {
-        let scene = Scene::demo();
+        let mut scene = Scene::demo();
+        // What is no sheet is refused where its rubber is made.
+        if let Ok(geometry) = Geometry::new(&sheet) {
+            let (low, high) = geometry.bounding_box();
+            let stretched = |axis: usize, at_mm: f64| {
+                let (middle, half) = (0.5 * (low[axis] + high[axis]), 0.5 * (high[axis] - low[axis]));
+                middle + at_mm * (half / PAPER_RADIUS_MM)
+            };
+            for key in scene.touches.iter_mut().flat_map(|touch| &mut touch.keys) {
+                (key.x_mm, key.y_mm) = (stretched(0, key.x_mm), stretched(1, key.y_mm));
+            }
+        }
         Self {
             title: "One to four fingers".to_owned(),
             description: "Fingers that come, move and go, for ever.".to_owned(),
@@ -73,6 +86,7 @@ impl SceneFile {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use forward::Outline;
 
     #[test]
     fn the_demo_keeps_its_distances_and_shows_one_to_four() {
@@ -84,7 +98,7 @@ mod tests {
             assert!(t > 1.2 || now.is_empty(), "{t}");
             seen[now.len()] += 1;
             for (k, a) in now.iter().enumerate() {
-                assert!(a.x_mm.hypot(a.y_mm) <= 97.5 - 20.0, "{t} {a:?}");
+                assert!(a.x_mm.hypot(a.y_mm) <= PAPER_RADIUS_MM - 20.0, "{t} {a:?}");
                 for b in &now[..k] {
                     let apart = (a.x_mm - b.x_mm).hypot(a.y_mm - b.y_mm);
                     assert!(apart >= 45.0, "{t}: {apart}");
@@ -93,5 +107,25 @@ mod tests {
         }
         // Each number for a second or more.
         assert!(seen.iter().all(|n| *n >= 100), "{seen:?}");
+    }
+
+    #[test]
+    fn the_demo_stays_on_any_sheet_of_its_box() {
+        assert_eq!(SceneFile::demo(Sheet::paper()).scene.touches, Scene::demo().touches);
+        let strip = Sheet {
+            outline: Outline::Rectangle {
+                width_mm: 240.0,
+                height_mm: 100.0,
+                centre_mm: [500.0, -20.0],
+            },
+            ..Sheet::disc(195.0, 4, 10.0, 1.0, 1000.0)
+        };
+        let geometry = Geometry::new(&strip).unwrap();
+        let scene = SceneFile::demo(strip).scene;
+        for step in 0..2400 {
+            for touch in scene.truth(f64::from(step) * 0.01) {
+                assert!(geometry.is_clear([touch.x_mm, touch.y_mm], 9.0), "{touch:?}");
+            }
+        }
     }
 }

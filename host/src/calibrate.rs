@@ -83,7 +83,8 @@ impl Arguments {
     pub(crate) fn is_alone(&self) -> bool {
         match &self.what {
             Some(What::Presses(presses)) => presses.is_alone(),
-            _ => true,
+            Some(What::Marks(_) | What::Gcode(_)) => true,
+            None => self.port.is_none(),
         }
     }
 }

@@ -116,25 +116,26 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     if shards * frames != arguments.count {
         eprintln!("notice: {} frames are made: whole shards of {frames}", shards * frames);
     }
-    let numbers: Vec<u64> = (0..shards)
-        .filter(|n| n % arguments.shard.of + 1 == arguments.shard.number)
-        .collect();
-    let progress = Progress::new("shards");
-    for (k, number) in numbers.iter().copied().enumerate() {
-        progress.at(k, numbers.len());
+    let mut missing = Vec::new();
+    for number in (0..shards).filter(|n| n % arguments.shard.of + 1 == arguments.shard.number) {
         let name = format!("shard-{number:05}.{}", arguments.format.ending());
         let path = arguments.out.join(name);
         if path.exists() {
             eprintln!("{}: is there, and is left as it is", path.display());
-            continue;
+        } else {
+            missing.push((number, path));
         }
+    }
+    let progress = Progress::new("shards");
+    for (k, (number, path)) in missing.iter().enumerate() {
+        progress.at(k, missing.len());
         let began = Instant::now();
-        let shard = dataset.shard(number).with_context(|| format!("shard {number}"))?;
+        let shard = dataset.shard(*number).with_context(|| format!("shard {number}"))?;
         match arguments.format {
-            Format::Parquet => table(&path, &shard, &text)?,
-            Format::Npz => arrays(&path, &shard, dataset.most_touches())?,
+            Format::Parquet => table(path, &shard, &text)?,
+            Format::Npz => arrays(path, &shard, dataset.most_touches())?,
         }
-        say(&path, &shard, began.elapsed().as_secs_f64());
+        say(path, &shard, began.elapsed().as_secs_f64());
         println!("{}", path.display());
     }
     Ok(())

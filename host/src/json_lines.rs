@@ -19,7 +19,7 @@ use inverse::touches::touch::Touch;
 use link::{LinkCounters, MeasuredFrame, Session};
 use serde::Serialize;
 use serde_json::{Value, json};
-use std::io::{self, Write};
+use std::io::Write;
 use view::picture::BaselineNote;
 
 /// Version of the lines. It grows when a reader of the version before would misunderstand them.
@@ -328,7 +328,7 @@ pub(crate) fn picture(
 /// Nobody reads it.
 pub(crate) fn write(line: &[u8]) -> Result<()> {
     let named = say::skin().and_then(|skin| of_skin(&skin, line));
-    let mut out = io::stdout().lock();
+    let mut out = say::stdout();
     out.write_all(named.as_deref().unwrap_or(line))?;
     out.flush()?;
     Ok(())

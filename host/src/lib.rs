@@ -111,7 +111,7 @@ struct Cli {
     command: Option<Command>,
     #[command(flatten)]
     run: run::Arguments,
-    /// Says nothing of how far a work is that takes more than two seconds.
+    /// Says nothing of how far a work is that takes more than two seconds, in a log ten.
     #[arg(long, global = true, hide_short_help = true)]
     no_progress: bool,
 }
@@ -228,7 +228,10 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
     let usual = usual.with_target("rustdds", LevelFilter::ERROR);
     let levels = asked.unwrap_or(usual);
     let log = tracing_subscriber::fmt::layer()
-        .with_writer(std::io::stderr)
+        .with_writer(|| {
+            progress::clear();
+            std::io::stderr()
+        })
         // A log that cannot be written is no reason to end.
         .log_internal_errors(false)
         .with_ansi(say::is_coloured(&std::io::stderr()));

@@ -531,9 +531,13 @@ impl Output {
 
     /// A line on the terminal, written anew at most twice a second, when it says something else.
     fn status(&mut self, result: &FrameResult) {
+        if progress::is_shown() {
+            // It is written over this one.
+            self.said.clear();
+            return;
+        }
         // The lines of several skins would overwrite one another.
         if say::skin().is_some()
-            || progress::is_shown()
             || !say::is_terminal(&std::io::stderr())
             || self.said_at.elapsed() < Duration::from_millis(500)
         {

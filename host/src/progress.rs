@@ -29,16 +29,16 @@ struct Works {
     list: Vec<Work>,
     begun: u64,
     is_silent: bool,
-    /// Whether a line of it is on the terminal.
-    is_shown: bool,
 }
 
 static WORKS: Mutex<Works> = Mutex::new(Works {
     list: Vec::new(),
     begun: 0,
     is_silent: false,
-    is_shown: false,
 });
+
+/// Whether a line of it is on the terminal. Whoever writes one holds this, and no work waits for it.
+static SHOWN: Mutex<bool> = Mutex::new(false);
 
 fn works() -> MutexGuard<'static, Works> {
     WORKS.lock().unwrap_or_else(PoisonError::into_inner)
@@ -57,27 +57,29 @@ impl Works {
         self.begun
     }
 
-    /// The newest of those that have taken so long, in words.
+    /// The newest of those that have taken so long, in words; none where nothing is to be told.
     fn line(&self, now: Instant, least: Duration) -> Option<String> {
+        if self.is_silent {
+            return None;
+        }
         let taken = |work: &Work| now.saturating_duration_since(work.since);
         let work = self.list.iter().rev().find(|work| taken(work) >= least)?;
         let taken_s = taken(work).as_secs_f64();
         let skin = work.skin.as_ref().map_or(String::new(), |skin| format!("{skin}: "));
         let far = match work.part {
-            None => format!("{taken_s:.0} s so far"),
             // The first hundredth tells nothing of the rest.
-            Some(part) if part < 0.01 => "0 % done".to_owned(),
-            Some(part) => format!(
+            Some(part) if part >= 0.01 => format!(
                 "{:.0} % done, about {:.0} s left",
                 100.0 * part,
                 taken_s * (1.0 / part - 1.0)
             ),
+            _ => format!("{taken_s:.0} s so far"),
         };
         Some(format!("{skin}{}: {far}", work.what))
     }
 }
 
-/// Writes with no lock held: whoever reads stderr slowly stops no work. Whoever does not read it has lost nothing but this.
+/// Whoever does not read stderr has lost nothing but this.
 fn write(text: &str) {
     let _ = std::io::stderr().write_all(text.as_bytes());
 }
@@ -133,15 +135,15 @@ pub(crate) fn silence() {
 
 /// Takes the line off the terminal: something else is to be written there.
 pub(crate) fn clear() {
-    let was_shown = std::mem::take(&mut works().is_shown);
-    if was_shown {
+    let mut shown = SHOWN.lock().unwrap_or_else(PoisonError::into_inner);
+    if std::mem::take(&mut *shown) {
         write("\r\x1b[K");
     }
 }
 
-/// Whether it has a line on the terminal.
+/// Whether it has a line on the terminal, or is about to.
 pub(crate) fn is_shown() -> bool {
-    works().is_shown
+    SHOWN.try_lock().map_or(true, |shown| *shown)
 }
 
 /// Runs a command and tells how far it is; `name` where the command as a whole is a work.
@@ -153,26 +155,23 @@ pub(crate) fn telling<T>(name: Option<&str>, command: impl FnOnce() -> T) -> T {
     let tell = move || {
         let mut told = Instant::now();
         while wait.recv_timeout(LOOK) == Err(RecvTimeoutError::Timeout) {
-            let line = {
-                let mut works = works();
-                if works.is_silent || told.elapsed() < every {
-                    continue;
-                }
-                let Some(line) = works.line(Instant::now(), every) else {
-                    continue;
-                };
-                works.is_shown = terminal;
-                line
+            if told.elapsed() < every {
+                continue;
+            }
+            let Some(line) = works().line(Instant::now(), every) else {
+                continue;
             };
             told = Instant::now();
+            let mut shown = SHOWN.lock().unwrap_or_else(PoisonError::into_inner);
             if terminal {
                 write(&format!("\r\x1b[K{}", say::cut_to_terminal(&line)));
+                *shown = true;
             } else {
                 write(&format!("{line}\n"));
             }
         }
     };
-    std::thread::scope(|scope| {
+    let result = std::thread::scope(|scope| {
         // Where there can be no such thread, the command goes on in silence.
         let _ = std::thread::Builder::new()
             .name("progress".to_owned())
@@ -180,7 +179,10 @@ pub(crate) fn telling<T>(name: Option<&str>, command: impl FnOnce() -> T) -> T {
         let result = command();
         drop((whole, done));
         result
-    })
+    });
+    // What it told last may have come after the work's end.
+    clear();
+    result
 }
 
 #[cfg(test)]
@@ -193,7 +195,6 @@ mod tests {
             list: Vec::new(),
             begun: 0,
             is_silent: false,
-            is_shown: false,
         };
         let begun = Instant::now();
         let least = ON_TERMINAL;
@@ -207,9 +208,11 @@ mod tests {
         assert_eq!(at(&works, 11.0).unwrap(), "export: 11 s so far");
         assert_eq!(at(&works, 14.0).unwrap(), "reading: 4 s so far");
         works.list[1].part = Some(0.001);
-        assert_eq!(at(&works, 14.0).unwrap(), "reading: 0 % done");
+        assert_eq!(at(&works, 14.0).unwrap(), "reading: 4 s so far");
         works.list[1].part = Some(0.25);
         works.list[1].skin = Some("palm".into());
         assert_eq!(at(&works, 14.0).unwrap(), "palm: reading: 25 % done, about 12 s left");
+        works.is_silent = true;
+        assert_eq!(at(&works, 14.0), None);
     }
 }

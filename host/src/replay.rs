@@ -422,7 +422,8 @@ impl<'a> Player<'a> {
                 Step::Tare => run.begin_baseline()?,
                 Step::Resume(baseline, touching) => {
                     run.live.resume(baseline)?;
-                    if let Some(touching) = touching {
+                    // A jump takes frames of the baseline only: they are seconds or hours before what it shows.
+                    if let Some(touching) = touching.filter(|_| !of.to_baseline) {
                         run.live.go_on(touching.numbered);
                         run.gestures = touching.gestures.with(self.record.gestures());
                     }

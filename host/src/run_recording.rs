@@ -35,8 +35,10 @@ impl Run<'_> {
         if self.recorder.is_some() || self.recordable.as_ref().is_some_and(|r| r.made.is_some()) {
             return;
         }
-        let outcome = self.prepare_recording();
-        self.say_of_recording(outcome);
+        match self.prepare_recording() {
+            Ok(()) => self.note_recording(Some("the recording begins in a moment".to_owned())),
+            Err(why) => self.say_of_recording(Err(why)),
+        }
     }
 
     fn say_of_recording(&mut self, outcome: Result<()>) {

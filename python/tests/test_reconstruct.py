@@ -163,20 +163,27 @@ def test_threads_find_what_one_finds(unpressed: np.ndarray, pressed: np.ndarray)
 
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
 def test_ctrl_c_ends_many_frames_in_one_call() -> None:
-    # Of a pressed sheet with noise, none of them the last one's: it takes a minute.
-    code = """import numpy as np, skin
+    # Of a pressed sheet with noise, none of them the last one's. Python itself looks for signals only when the call is over.
+    code = """import numpy as np, skin, time
 unpressed, pressed = skin.forward(), skin.forward(touches=[(30.0, -20.0, 12.5, 0.2)])
 reconstructor = skin.Reconstructor(unpressed)
-values = pressed * (1 + 1e-4 * np.random.default_rng(1).standard_normal((30_000, pressed.size)))
-print("ready", flush=True)
-reconstructor.frames(values)
+values = pressed * (1 + 1e-4 * np.random.default_rng(1).standard_normal((10_000, pressed.size)))
+began = time.monotonic()
+reconstructor.frames(values[:200])
+whole_s = 50 * (time.monotonic() - began)
+began = time.monotonic()
+try:
+    print("ready", flush=True)
+    reconstructor.frames(values)
+except KeyboardInterrupt:
+    print((time.monotonic() - began) / whole_s)
 """
     with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         assert process.stdout is not None and process.stderr is not None
         assert process.stdout.readline() == b"ready\n"
         process.send_signal(signal.SIGINT)
-        assert b"KeyboardInterrupt" in process.stderr.read()
-        assert process.wait(timeout=60) != 0
+        part, said = process.communicate()
+        assert float(part) < 0.5, said
 
 
 def test_another_sheet(tmp_path: Path) -> None:

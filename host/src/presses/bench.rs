@@ -86,10 +86,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     if names.is_empty() {
         eprintln!("skipped: {folder} has no table NAME.csv with a list NAME{TRUTH} beside it");
     }
-    let mut out = std::io::stdout().lock();
     if !arguments.json {
         writeln!(
-            out,
+            crate::say::stdout(),
             "skin      known  median  95th pct   within 2 sd  one touch  both of two  at rest  expected   frame  learning   ridge: median  95th pct"
         )?;
     }
@@ -99,9 +98,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         let held_out = (skin.presses.len() as f64 * HELD_OUT) as usize;
         let mut print = |row: Row| -> Result<()> {
             if arguments.json {
-                out.write_all(&json::line(&row)?)?;
+                crate::say::stdout().write_all(&json::line(&row)?)?;
             } else {
-                write!(out, "{}", words(&row))?;
+                write!(crate::say::stdout(), "{}", words(&row))?;
             }
             rows.push(row);
             Ok(())

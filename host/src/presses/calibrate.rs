@@ -7,6 +7,7 @@ use crate::baselines;
 use crate::files::measurements::MeasurementTable;
 use crate::json;
 use crate::progress::Progress;
+use crate::table_file;
 use crate::usage::Usage;
 use ::forward::Sheet;
 use anyhow::{Context, Result, bail};
@@ -156,10 +157,7 @@ struct Input {
 /// A table or a list of presses that makes no sense, too few presses, a board that does not answer, a file that cannot be written.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let mut input = input(arguments)?;
-    let table = MeasurementTable::read(&input.table, Progress::new("reading").told())?;
-    for note in &table.notes {
-        eprintln!("{}: {note}", table.file);
-    }
+    let table = table_file::read(&input.table, None, &[])?;
     let known = truth::read(&input.truth)?;
     let list = input.truth.display().to_string();
     let presses = changes::presses(&table, &list, &known, arguments.difference)?;

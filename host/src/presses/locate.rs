@@ -11,7 +11,7 @@ use ::forward::Measurement;
 use anyhow::{Result, bail};
 use inverse::learned::{Gain, Located, Order, Presence};
 use serde::Serialize;
-use std::io::{BufWriter, Write};
+use std::io::Write;
 use std::path::Path;
 
 /// What the frames are compared with.
@@ -123,7 +123,6 @@ pub(crate) fn run(
     let frames = frames(table, comparison)?;
     let progress = Progress::new("locating");
     let mut before_mm = None;
-    let mut out = BufWriter::new(crate::say::stdout());
     for (k, frame) in frames.iter().enumerate() {
         let change = order.ordered(&frame.change);
         let presence = calibration.learned.locate(&change, before_mm);
@@ -147,13 +146,12 @@ pub(crate) fn run(
                 calibration: file,
                 doubt,
             };
-            out.write_all(&json::line(&line)?)?;
+            crate::say::stdout().write_all(&json::line(&line)?)?;
         } else {
-            write!(out, "{}", words(frame, &presence, gain))?;
+            write!(crate::say::stdout(), "{}", words(frame, &presence, gain))?;
         }
         progress.at(k + 1, frames.len());
     }
-    out.flush()?;
     Ok(())
 }
 

@@ -145,6 +145,8 @@ fn what_the_page_records_is_replayed_with_every_touch() {
     let mut files = Vec::new();
     for _ in 0..2 {
         page.send("start_recording");
+        // The button is answered at once; that the reconstruction is made takes a while.
+        page.recording(|m| m["note"].as_str().is_some_and(|note| note.contains("begins")));
         let shown = page.recording(|m| m["file"].is_string() && m["bytes"].as_u64() >= Some(150_000));
         assert!(shown["seconds"].is_u64(), "{shown}");
         page.send("stop_recording");
@@ -155,6 +157,7 @@ fn what_the_page_records_is_replayed_with_every_touch() {
     }
     let told = page.end();
     assert_ne!(files[0], files[1]);
+    let mut numbered: Vec<u64> = Vec::new();
     for file in &files {
         assert!(
             told.contains(&format!("recording into {}", file.file_name().unwrap().display())),
@@ -168,7 +171,19 @@ fn what_the_page_records_is_replayed_with_every_touch() {
             said(&replay)
         );
         assert!(!said(&replay).contains("warning"), "{}", said(&replay));
+        let lines = String::from_utf8(replay.stdout).unwrap();
+        let mut lines = lines.lines().map(|line| serde_json::from_str::<Value>(line).unwrap());
+        let first = lines.find(|line| line["kind"] == "picture").unwrap();
+        // Of the touches that were there already: they have their numbers, and come down no more.
+        numbered.extend(
+            first["touches"]
+                .as_array()
+                .unwrap()
+                .iter()
+                .filter_map(|t| t["id"].as_u64()),
+        );
     }
+    assert!(!numbered.is_empty());
     // What is played is in a file already.
     let mut page = Page::of(folder.path(), &["replay", files[0].to_str().unwrap()]);
     page.until(|m| m["kind"] == "scene" && m["preparing"] == false);

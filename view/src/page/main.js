@@ -63,6 +63,8 @@ const connection = new Connection({
   scene(scene) {
     page.newest = null;
     page.number = 0;
+    // The first picture of another scene has its texts at once: the next may take a while.
+    page.readAt = 0;
     page.scene = scene;
     page.baseline = scene.baseline ?? null;
     page.away = scene.away ?? null;

@@ -156,9 +156,9 @@ export class Sheet {
     this.compact = Math.min(w, h) < 400;
     this.widths = new Map();
     const text = (this.text = Math.max(11, Math.min(15, Math.min(w, h) / 48)));
-    // Room for the electrodes' numbers all round, the banner above, the colour bar beside or below.
+    // Room for the electrodes' numbers all round, the banner above, the colour bar beside, or below it and the scale.
     const edge = 2.5 * text;
-    const [side, head, foot] = [this.wide ? 84 : 0, Math.max(46, this.below + 6) + 1.3 * text, this.wide ? 8 : 58];
+    const [side, head, foot] = [this.wide ? 84 : 0, Math.max(46, this.below + 6) + 1.3 * text, this.wide ? 8 : 78];
     const room = { x: edge, y: head, w: w - side - 2 * edge, h: h - head - foot - edge };
     if (!this.wide) Object.assign(room, { x: 2 * text, w: w - 4 * text });
     const scale = (this.scale = Math.max(0.1, Math.min(room.w / (right - left), room.h / (top - bottom))));

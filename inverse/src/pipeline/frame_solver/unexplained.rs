@@ -89,11 +89,11 @@ impl FrameSolver {
     /// What speaks for a touch beside each of these drifts, of which the first is none. `independent`: values with errors of their own.
     fn evidence_by_drift(&mut self, task: Task, ways: &[Drifting], independent: f64) -> Vec<Evidence> {
         let said = self.said();
-        let only_one = self.options.sequence || !self.imager.is_searched();
-        let ways = match (self.options.drifts, only_one) {
+        // Responses that no other step needs would have to be made first: as long as many frames take, or a second for many values.
+        let ways = match (self.options.drifts, self.options.sequence) {
             (false, _) => &ways[..1],
-            // The responses without drift would have to be made first: as long as many frames take.
             (true, true) => &ways[ways.len() - 1..],
+            (true, false) if !self.imager.is_searched() => &ways[1..],
             (true, false) => ways,
         };
         let mut whole = None;
