@@ -138,15 +138,10 @@ fn a_day_is_recorded_in_bounded_memory() {
     let info: Value = serde_json::from_slice(&info.stdout).unwrap();
     println!("info: {:.0} s; {info}", started.elapsed().as_secs_f64());
     let count = |key: &str| info[key].as_u64().unwrap();
-    // What a busy disk is too slow for is counted. The last one has no number, and what is sent while the program ends is not asked for.
+    // The last one has no number, and what is sent while the program ends is not asked for.
     let kept = count("frames") + count("lost_frames");
     assert!((kept as i64 - i64::from(FRAMES)).abs() <= 2, "{kept}");
-    println!(
-        "{} messages and {} bytes were lost",
-        count("lost_messages"),
-        count("lost_bytes")
-    );
-    assert!(count("frames") >= u64::from(FRAMES) / 100 * 90, "{info}");
+    assert_eq!((count("lost_messages"), count("lost_bytes")), (0, 0));
     // The index has a line for every chunk; all else stays as it was after the first tenth.
     let after_a_tenth = curve[curve.len() / 10];
     assert!(most_mb < after_a_tenth + 200, "{after_a_tenth} MB, later {most_mb} MB");
