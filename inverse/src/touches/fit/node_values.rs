@@ -1,17 +1,24 @@
 //! The columns of a table's nodes: as they were tabulated, or reduced when a touch first comes near.
 //!
-//! A reduction of all of them takes as long as hundreds of frames, and touches come near few.
+//! A reduction of all of them takes as long as hundreds of frames and 30 MB, and touches come near few.
 
 use crate::linalg::aligned::Aligned;
 use crate::linalg::columns::Columns;
 use crate::linalg::kernels::{LANES, padded};
 use crate::touches::fit::discs::{Discs, RowSums};
+use crate::touches::fit::responses::RADII;
 use nalgebra::DMatrix;
 use std::cell::RefCell;
 use std::sync::Arc;
 
 /// Columns reduced by one product of matrices. It bounds the memory that this takes.
 const COLUMNS_AT_ONCE: usize = 768;
+
+/// Nodes that are kept of those that touches come near, 4 MB of 16 electrodes: those of 60 touches. Of more all are made anew.
+const MOST_NODES: usize = 1024;
+
+/// Columns of a node: they stay beside one another.
+const OF_NODE: usize = RADII.len();
 
 /// The columns of all nodes, the discs of every radius for each.
 #[derive(Clone, Debug)]
@@ -36,16 +43,22 @@ enum Source {
 #[derive(Clone, Debug)]
 pub(super) struct Reduced {
     source: Source,
+    stride: usize,
+    /// The columns that every search looks at, one after the other, and the numbers 0, 1, 2 ...
+    coarse: (Aligned, Vec<usize>),
     made: RefCell<Made>,
 }
 
 /// What is there already.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 struct Made {
     values: Aligned,
-    stride: usize,
+    /// Where the first column of every node is, counted in columns, if it is there. Empty where all are, in their order.
+    places: Vec<Option<u32>>,
     /// By column.
     ready: Vec<bool>,
+    /// Room for the places of columns.
+    found: Vec<usize>,
 }
 
 impl NodeValues {
@@ -62,53 +75,73 @@ impl NodeValues {
         Self::Whole(Arc::new(values))
     }
 
-    /// The columns, `count` of them, times a matrix. The `eager` ones are made at once, or all of them if they may be kept; the others
+    /// The columns, `count` of them, times a matrix. The `coarse` ones are made at once, or all of them if they may be kept; the others
     /// when [`NodeValues::with`] first asks for them.
-    pub(super) fn reduced(&self, by: &DMatrix<f64>, count: usize, eager: &[usize], at_once: bool) -> Self {
-        let to = padded(by.nrows(), LANES);
+    pub(super) fn reduced(&self, by: &DMatrix<f64>, count: usize, coarse: &[usize], at_once: bool) -> Self {
+        let stride = padded(by.nrows(), LANES);
+        let mut few = Aligned::zeros(coarse.len() * stride);
         let mut made = Made {
-            values: Aligned::zeros(count * to),
-            stride: to,
+            places: vec![None; count.div_ceil(OF_NODE)],
             ready: vec![false; count],
+            ..Made::default()
         };
         let source = match self {
             Self::Summed(discs, sums) => {
-                return Self::Reduced(Box::new(Reduced {
-                    source: Source::Cells(Arc::clone(discs), sums.times(by)),
-                    made: RefCell::new(made),
-                }));
+                let sums = sums.times(by);
+                for (disc, out) in coarse.iter().zip(few.chunks_exact_mut(stride.max(1))) {
+                    discs.mean(&sums, *disc, &mut out[..sums.length()]);
+                }
+                Source::Cells(Arc::clone(discs), sums)
             }
-            Self::Whole(values) => Arc::clone(values),
-            Self::Reduced(reduced) => reduced.whole(),
-        };
-        let all: Vec<usize>;
-        let eager = if at_once {
-            all = (0..count).collect();
-            &all
-        } else {
-            eager
-        };
-        let from = padded(by.ncols(), LANES);
-        for eager in eager.chunks(COLUMNS_AT_ONCE) {
-            let out = by * DMatrix::from_fn(by.ncols(), eager.len(), |row, k| source[eager[k] * from + row]);
-            for (k, column) in eager.iter().zip(out.column_iter()) {
-                made.values[k * to..][..by.nrows()].copy_from_slice(column.as_slice());
+            Self::Whole(_) | Self::Reduced(_) => {
+                let values = self.whole(count);
+                product(by, &values, coarse, &mut few);
+                if at_once {
+                    let all: Vec<usize> = (0..count).collect();
+                    made = Made {
+                        values: Aligned::zeros(count * stride),
+                        ..Made::default()
+                    };
+                    product(by, &values, &all, &mut made.values);
+                }
+                Source::Columns(values, Columns::new(&by.transpose(), 1.0))
             }
-        }
-        eager.iter().for_each(|k| made.ready[*k] = true);
+        };
         Self::Reduced(Box::new(Reduced {
-            source: Source::Columns(source, Columns::new(&by.transpose(), 1.0)),
+            source,
+            stride,
+            coarse: (few, (0..coarse.len()).collect()),
             made: RefCell::new(made),
         }))
     }
 
-    /// Looks at columns, after those that are `needed` were made: `look` is told where they are.
+    /// All columns, in their order.
+    fn whole(&self, count: usize) -> Arc<Aligned> {
+        if let Self::Whole(values) = self {
+            return Arc::clone(values);
+        }
+        let all: Vec<usize> = (0..count).collect();
+        self.with(&all, |values, places| {
+            let stride = values.len() / places.len().max(1);
+            let mut whole = Aligned::zeros(values.len());
+            for (out, place) in whole.chunks_exact_mut(stride.max(1)).zip(places) {
+                out.copy_from_slice(&values[place * stride..][..stride]);
+            }
+            Arc::new(whole)
+        })
+    }
+
+    /// Looks at columns, after those that are `needed` were made: `look` is told where they are. Those of a node stay beside one another.
     pub(super) fn with<R>(&self, needed: &[usize], look: impl FnOnce(&[f64], &[usize]) -> R) -> R {
         match self {
             Self::Whole(values) => look(values, needed),
             Self::Reduced(reduced) => {
-                reduced.make(needed.iter().copied());
-                look(&reduced.made.borrow().values, needed)
+                let mut made = reduced.made.borrow_mut();
+                if made.places.is_empty() {
+                    return look(&made.values, needed);
+                }
+                made.make(&reduced.source, reduced.stride, needed);
+                look(&made.values, &made.found)
             }
             Self::Summed(discs, sums) => {
                 let stride = padded(sums.length(), LANES);
@@ -121,25 +154,52 @@ impl NodeValues {
             }
         }
     }
+
+    /// Looks at the columns that were named coarse, and in this order.
+    pub(super) fn with_coarse<R>(&self, coarse: &[usize], look: impl FnOnce(&[f64], &[usize]) -> R) -> R {
+        match self {
+            Self::Reduced(reduced) => look(&reduced.coarse.0, &reduced.coarse.1),
+            Self::Whole(_) | Self::Summed(..) => self.with(coarse, look),
+        }
+    }
 }
 
-impl Reduced {
-    fn whole(&self) -> Arc<Aligned> {
-        let columns = self.made.borrow().ready.len();
-        self.make(0..columns);
-        Arc::new(self.made.borrow().values.clone())
+/// Columns of `values` times a matrix, one after the other.
+fn product(by: &DMatrix<f64>, values: &[f64], columns: &[usize], out: &mut [f64]) {
+    let (from, to) = (padded(by.ncols(), LANES), padded(by.nrows(), LANES));
+    let columns = columns.chunks(COLUMNS_AT_ONCE);
+    for (columns, out) in columns.zip(out.chunks_mut((COLUMNS_AT_ONCE * to).max(1))) {
+        let product = by * DMatrix::from_fn(by.ncols(), columns.len(), |row, k| values[columns[k] * from + row]);
+        for (out, column) in out.chunks_exact_mut(to).zip(product.column_iter()) {
+            out[..by.nrows()].copy_from_slice(column.as_slice());
+        }
     }
+}
 
-    fn make(&self, columns: impl Iterator<Item = usize>) {
-        let made = &mut *self.made.borrow_mut();
-        let to = made.stride;
-        for column in columns {
-            if std::mem::replace(&mut made.ready[column], true) {
+impl Made {
+    /// Makes columns that are not there yet, and finds all.
+    fn make(&mut self, source: &Source, stride: usize, columns: &[usize]) {
+        self.found.clear();
+        if self.values.len() > MOST_NODES * OF_NODE * stride {
+            self.values.clear();
+            self.places.fill(None);
+            self.ready.fill(false);
+        }
+        for &column in columns {
+            let (node, of_node) = (column / OF_NODE, column % OF_NODE);
+            let first = *self.places[node].get_or_insert_with(|| {
+                let first = self.values.len() / stride.max(1);
+                self.values.grow((first + OF_NODE) * stride);
+                first as u32
+            });
+            let place = first as usize + of_node;
+            self.found.push(place);
+            if std::mem::replace(&mut self.ready[column], true) {
                 continue;
             }
-            let out = &mut made.values[column * to..][..to];
-            match &self.source {
-                Source::Columns(source, by) => by.dots(&source[column * by.rows()..][..by.rows()], out),
+            let out = &mut self.values[place * stride..][..stride];
+            match source {
+                Source::Columns(values, by) => by.dots(&values[column * by.rows()..][..by.rows()], out),
                 Source::Cells(discs, sums) => discs.mean(sums, column, &mut out[..sums.length()]),
             }
         }
@@ -166,25 +226,58 @@ mod tests {
         }
         let by = DMatrix::from_fn(rows, length, |i, j| (1.3 * i as f64 + 0.7 * j as f64).cos());
         let product = |column: usize| &by * nalgebra::DVector::from_column_slice(&source[column * from..][..length]);
-        let near = |values: &[f64], column: usize| {
-            let off = product(column) - nalgebra::DVector::from_column_slice(&values[column * to..][..rows]);
+        let near = |values: &[f64], place: usize, column: usize| {
+            let off = product(column) - nalgebra::DVector::from_column_slice(&values[place * to..][..rows]);
             off.amax() < 1e-13
         };
         let whole = NodeValues::Whole(Arc::new(source.clone()));
-        let eager: Vec<usize> = (0..columns).step_by(3).collect();
-        let reduced = whole.reduced(&by, columns, &eager, false);
-        reduced.with(&[], |v, _| assert!((0..columns).all(|c| near(v, c) == (c % 3 == 0))));
-        reduced.with(&[7, 8], |v, places| {
-            assert!(near(v, 7) && near(v, 8) && !near(v, 10));
-            assert_eq!(places, [7, 8]);
+        let coarse: Vec<usize> = (0..columns).step_by(3).collect();
+        let reduced = whole.reduced(&by, columns, &coarse, false);
+        reduced.with_coarse(&coarse, |v, places| {
+            assert_eq!((v.len(), places.len()), (5 * to, 5));
+            assert!(coarse.iter().zip(places).all(|(c, place)| near(v, *place, *c)));
         });
-        let NodeValues::Reduced(reduced) = reduced else {
-            panic!("reduced columns are not reduced");
-        };
-        let all = reduced.whole();
-        assert!((0..columns).all(|c| near(&all, c)));
-        let at_once = whole.reduced(&by, columns, &eager, true);
-        at_once.with(&[], |v, _| assert!((0..columns).all(|c| near(v, c))));
+        // A node's columns are beside one another; nobody asked for the others.
+        reduced.with(&[7, 8, 14], |v, places| {
+            assert_eq!((v.len(), places), (2 * OF_NODE * to, [2, 3, OF_NODE + 4].as_slice()));
+            assert!(near(v, 2, 7) && near(v, 3, 8) && near(v, OF_NODE + 4, 14));
+            let others = (0..2 * OF_NODE).filter(|k| !places.contains(k));
+            assert!({ others }.all(|k| v[k * to..][..to].iter().all(|x| *x == 0.0)));
+        });
+        let at_once = whole.reduced(&by, columns, &coarse, true);
+        at_once.with(&[], |v, _| assert!((0..columns).all(|c| near(v, c, c))));
+        for all in [reduced.whole(columns), at_once.whole(columns)] {
+            assert!(all.len() == columns * to && (0..columns).all(|c| near(&all, c, c)));
+        }
+    }
+
+    /// Touches that come near every node, twice: the columns are the product all the same, and take the memory of some nodes.
+    #[test]
+    fn of_many_nodes_some_are_kept() {
+        let (rows, nodes) = (3, 2 * MOST_NODES);
+        let stride = padded(rows, LANES);
+        let values = Aligned::zeros(nodes * OF_NODE * stride);
+        let mut whole = NodeValues::Whole(Arc::new(values));
+        if let NodeValues::Whole(values) = &mut whole {
+            let values = Arc::get_mut(values).unwrap();
+            for (k, v) in values.iter_mut().enumerate().filter(|(k, _)| k % stride < rows) {
+                *v = k as f64;
+            }
+        }
+        let by = DMatrix::from_diagonal_element(rows, rows, 2.0);
+        let reduced = whole.reduced(&by, nodes * OF_NODE, &[], false);
+        let mut most = 0;
+        for node in (0..nodes).chain(0..nodes) {
+            let needed = [OF_NODE * node + 1, OF_NODE * node + 2];
+            reduced.with(&needed, |v, places| {
+                most = most.max(v.len());
+                for (column, place) in needed.iter().zip(places) {
+                    let of_column = (0..rows).map(|k| 2.0 * (column * stride + k) as f64);
+                    assert!(v[place * stride..].iter().zip(of_column).all(|(v, of)| *v == of));
+                }
+            });
+        }
+        assert!(most <= (MOST_NODES + 1) * OF_NODE * stride);
     }
 
     /// Columns that are summed up from the cells are those that are tabulated, to the last bit, and so are their reductions but for

@@ -17,7 +17,7 @@ use std::cell::{OnceCell, RefCell};
 use std::sync::Arc;
 
 /// Radii tabulated, over the expected radius.
-const RADII: [f64; 5] = [0.5, 1.0, 1.5, 2.0, 2.7];
+pub(super) const RADII: [f64; 5] = [0.5, 1.0, 1.5, 2.0, 2.7];
 /// How many of them one interpolation takes, and of how many nodes.
 const AT_ONCE: usize = 3;
 const NODES: usize = 16;
@@ -261,22 +261,24 @@ impl ResponseTable {
     pub fn coarse_norms(&self) -> &[f64] {
         self.norms.get_or_init(|| {
             let stride = self.stride();
-            self.values.with(&self.lattice.coarse_columns, |values, columns| {
-                let norm = |column: &usize| {
-                    let v = &values[column * stride..][..self.length];
-                    v.iter().map(|x| x * x).sum::<f64>().sqrt()
-                };
-                columns.iter().map(norm).collect()
-            })
+            self.values
+                .with_coarse(&self.lattice.coarse_columns, |values, columns| {
+                    let norm = |column: &usize| {
+                        let v = &values[column * stride..][..self.length];
+                        v.iter().map(|x| x * x).sum::<f64>().sqrt()
+                    };
+                    columns.iter().map(norm).collect()
+                })
         })
     }
 
     /// Products of those values with a vector of [`ResponseTable::stride`] entries; `out` is emptied first.
     pub fn coarse_products(&self, v: &[f64], out: &mut Vec<f64>) {
         if v.len() == self.stride() && !v.is_empty() {
-            self.values.with(&self.lattice.coarse_columns, |values, columns| {
-                dots_of(self.arch, values, columns, v, out)
-            });
+            self.values
+                .with_coarse(&self.lattice.coarse_columns, |values, columns| {
+                    dots_of(self.arch, values, columns, v, out)
+                });
         } else {
             out.clear();
         }
