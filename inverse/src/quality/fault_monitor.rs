@@ -4,7 +4,7 @@
 //! stays broken. In frames that follow one another a fault is therefore looked for from the third on, and named when two tell the same.
 
 use crate::reference::Difference;
-use crate::reference::diagnosis::{Diagnosis, Fault, values_of, values_of_channel};
+use crate::reference::diagnosis::{Diagnosis, Fault, Told, values_of, values_of_channel};
 use crate::reference::imager::Imager;
 use std::sync::Arc;
 
@@ -21,6 +21,52 @@ const REJECTED: usize = 32;
 /// Most frames between two looks that find nothing.
 const LONGEST_WAIT: usize = 64;
 
+/// Frames from which a fault that may be one is none: their mean would have told.
+const MOST_OPEN: usize = 64;
+/// How far a frame may be off the mean of those before, in standard deviations of its mean square, to be one of them.
+const ALIKE: f64 = 5.0;
+
+/// The mean of frames one after another that differ by nothing but noise. A contact and a finger on it tell different stories, but a
+/// frame by itself may be too noisy to tell which.
+struct Mean {
+    difference: Difference,
+    frames: f64,
+}
+
+impl Mean {
+    /// Takes a frame; begins anew where it is another. `sigma_v`: noise of one value, V of the model.
+    fn take(mean: &mut Option<Self>, d: &Difference, sigma_v: f64) {
+        if let Some(mean) = mean.as_mut().filter(|mean| mean.is_alike(d, sigma_v)) {
+            mean.frames += 1.0;
+            let part = 1.0 / mean.frames;
+            (mean.difference.y)
+                .iter_mut()
+                .zip(&d.y)
+                .for_each(|(mean, y)| *mean += part * (y - *mean));
+            return;
+        }
+        *mean = Some(Self {
+            difference: d.clone(),
+            frames: 1.0,
+        });
+    }
+
+    fn is_alike(&self, d: &Difference, sigma_v: f64) -> bool {
+        let before = &self.difference;
+        if before.used != d.used || before.spread != d.spread {
+            return false;
+        }
+        let variance = sigma_v * sigma_v * (1.0 + 1.0 / self.frames);
+        let values = (0..d.used.len()).filter(|k| d.used[*k]);
+        let (mut square, mut count) = (0.0, 0.0_f64);
+        for k in values {
+            square += ((d.y[k] - before.y[k]) / d.spread[k]).powi(2) / variance;
+            count += 1.0;
+        }
+        square < count + ALIKE * (2.0 * count).sqrt()
+    }
+}
+
 /// Names faults.
 pub(crate) struct FaultMonitor {
     imager: Arc<Imager>,
@@ -32,10 +78,13 @@ pub(crate) struct FaultMonitor {
     alone: bool,
     /// Electrodes whose contact is known to have changed.
     contacts: Vec<usize>,
+    /// Whether the last look left open whether there is a fault.
+    open: bool,
     /// What the last looks told, and how many.
     candidate: Option<(Fault, usize)>,
-    /// Suspicious frames one after another, and frames until the next look.
+    /// Suspicious frames one after another, the mean of the last, and frames until the next look.
     suspicious: usize,
+    mean: Option<Mean>,
     until: usize,
     wait: usize,
     against: usize,
@@ -54,8 +103,10 @@ impl FaultMonitor {
             named: None,
             alone: false,
             contacts: Vec::new(),
+            open: false,
             candidate: None,
             suspicious: 0,
+            mean: None,
             until: 0,
             wait: 1,
             against: 0,
@@ -97,15 +148,16 @@ impl FaultMonitor {
         self.named
     }
 
-    /// Whether a fault is a candidate: then every frame counts.
+    /// Whether a fault is a candidate, or may be one: then every frame counts.
     pub(crate) fn is_open(&self) -> bool {
-        self.candidate.is_some()
+        self.candidate.is_some() || self.open
     }
 
     /// Forgets all that earlier frames said.
     pub(crate) fn clear(&mut self) {
         (self.named, self.candidate) = (None, None);
         (self.suspicious, self.until, self.wait, self.against) = (0, 0, 1, 0);
+        (self.open, self.mean) = (false, None);
     }
 
     /// Hands over contacts that changed, if these are what is named: they are taken out of frames elsewhere.
@@ -150,8 +202,12 @@ impl FaultMonitor {
         let known = self.of_values(values, d, unchanged);
         let unexplained = unexplained || known.is_some();
         self.suspicious = if unexplained { self.suspicious + 1 } else { 0 };
+        match sigma_v.filter(|_| unexplained && self.sequence) {
+            Some(sigma_v) => Mean::take(&mut self.mean, d, sigma_v),
+            None => self.mean = None,
+        }
         if !unexplained && self.named.is_none() {
-            (self.candidate, self.wait) = (None, 1);
+            (self.candidate, self.wait, self.open) = (None, 1, false);
             return false;
         }
         let asked = known.is_some() || due || (unexplained && self.until == 0 && self.named.is_none());
@@ -164,9 +220,14 @@ impl FaultMonitor {
             Fault::Contacts(electrodes) => electrodes.list().iter().all(|l| known.contains(l)),
             _ => false,
         };
-        let told = known.map(|fault| (fault, true)).or_else(|| self.explain(d, sigma_v));
-        self.alone = told.is_some_and(|(_, alone)| alone);
-        let told = told.map(|(fault, _)| fault);
+        let known = known.map(|fault| Told::Fault { fault, alone: true });
+        let told = known.unwrap_or_else(|| self.explain(d, sigma_v));
+        self.open = told == Told::Perhaps && self.suspicious < MOST_OPEN;
+        self.alone = matches!(told, Told::Fault { alone: true, .. });
+        let told = match told {
+            Told::Fault { fault, .. } => Some(fault),
+            Told::Nothing | Told::Perhaps => None,
+        };
         let rejected = self.rejected.map(|(fault, _)| fault);
         let told =
             told.filter(|fault| !known_contacts(fault, &self.contacts) && !rejected.is_some_and(|r| r.is_same(fault)));
@@ -235,15 +296,18 @@ impl FaultMonitor {
         self.searches
     }
 
-    fn explain(&mut self, d: &Difference, sigma_v: Option<f64>) -> Option<(Fault, bool)> {
+    fn explain(&mut self, d: &Difference, sigma_v: Option<f64>) -> Told {
         if !self.imager.is_searched() {
-            return None;
+            return Told::Nothing;
         }
         self.searches += 1;
-        let diagnosis = self
-            .diagnosis
-            .get_or_insert_with(|| Diagnosis::new(&self.imager))
-            .as_mut()?;
-        diagnosis.explain(d, sigma_v)
+        let diagnosis = self.diagnosis.get_or_insert_with(|| Diagnosis::new(&self.imager));
+        let Some(diagnosis) = diagnosis else {
+            return Told::Nothing;
+        };
+        match &self.mean {
+            Some(mean) => diagnosis.explain(&mean.difference, sigma_v.map(|sigma| sigma / mean.frames.sqrt())),
+            None => diagnosis.explain(d, sigma_v),
+        }
     }
 }

@@ -14,5 +14,6 @@ mod gestures;
 mod live_scenes;
 mod looks;
 mod manifests;
+mod rim;
 mod safety;
 mod touches;

@@ -49,7 +49,12 @@ impl Evidence {
 
     /// The same as another covariance has it: comparable with the costs of that one.
     pub(crate) fn of_touches_beside(&self, other: &Self) -> f64 {
-        self.of_touches() + 0.5 * (self.w.log_det - other.w.log_det)
+        self.of_touches() + self.wider_than(other)
+    }
+
+    /// What costs have to be made larger by, to be comparable with those of another covariance.
+    pub(crate) fn wider_than(&self, other: &Self) -> f64 {
+        0.5 * (self.w.log_det - other.w.log_det)
     }
 
     /// Cost of a fault that predicts a frame (V, the change). Values that take no part are not looked at.
@@ -85,6 +90,21 @@ impl Evidence {
             self.of_touches() - 0.5 * b * size + 0.5 * (1.0 + variance * a).ln(),
             size,
         )
+    }
+
+    /// Cost of what adds columns, each of one standard deviation.
+    pub(crate) fn beside(&self, columns: &DMatrix<f64>) -> f64 {
+        let along = &self.w.g * columns;
+        let mut own = columns.clone();
+        own.column_iter_mut()
+            .for_each(|mut column| column.component_mul_assign(&self.w.own));
+        let spread = DMatrix::identity(columns.ncols(), columns.ncols()) + columns.tr_mul(&own) - along.tr_mul(&along);
+        let Some(factor) = Cholesky::new(spread) else {
+            return f64::INFINITY;
+        };
+        let b = columns.tr_mul(&self.wy);
+        let log_det: f64 = factor.l_dirty().diagonal().iter().map(|v| v.ln()).sum();
+        self.of_touches() - 0.5 * b.dot(&factor.solve(&b)) + log_det
     }
 
     /// What [`Evidence::along`] is told by in any frame of the same covariance: with `(a, g)` a frame y costs `(a' y)² / 2 - g` less.
@@ -179,6 +199,12 @@ mod tests {
             let with = &c + 0.49 * &p * p.transpose();
             let along = evidence.along(&p, 0.7).0;
             near(along + constant, cost(&y, &with));
+            near(evidence.beside(&DMatrix::from_columns(&[0.7 * &p])), along);
+            let two = DMatrix::from_fn(9, 2, |i, k| ((3 * i + 7 * k) as f64).sin());
+            near(
+                evidence.beside(&two) + constant,
+                cost(&y, &(&c + &two * two.transpose())),
+            );
             let (by, gain) = evidence.score(&p, 0.7);
             near(evidence.of_touches() - 0.5 * by.dot(&y).powi(2) + gain, along);
             // Free values are independent of the rest, with the variance of the range.

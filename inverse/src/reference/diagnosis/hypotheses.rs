@@ -4,11 +4,13 @@ use super::covariance::Covariance;
 use super::evidence::Evidence;
 use super::fault::{Electrodes, Fault, MOST_ELECTRODES};
 use super::freed::{Cost, Freed};
+use super::press::Press;
 use crate::reference::Difference;
 use crate::reference::drift::{DriftShapes, Drifting};
 use crate::reference::imager::Imager;
 use crate::reference::screening::consensus;
 use forward::{Drive, ElectrodeMatrix, Measurement, Pair, Solver};
+
 use nalgebra::{DMatrix, DVector};
 use std::sync::Arc;
 
@@ -21,8 +23,10 @@ const DEPTH: f64 = 0.7;
 /// Standard deviations of what drifts: the gain and the sheet's resistance, and every contact.
 const COMMON: f64 = 0.1;
 const CONTACT: f64 = 0.01;
-/// Relative error of what a fault is predicted to change: the model's electrodes are not quite the sheet's.
+/// Relative error of what a fault is predicted to change: the model's electrodes are not quite the sheet's. Of a sheet that is as its model
+/// it is less, which tells a fault from a press.
 const PREDICTION: f64 = 0.02;
+const EXACT: [f64; 2] = [PREDICTION / 4.0, PREDICTION / 16.0];
 /// Relative error of the values of a sheet as it is built, and how much more probable a baseline must be with a fault, as a logarithm.
 const BUILT: f64 = 0.1;
 const CLEAR: f64 = 50.0;
@@ -69,24 +73,47 @@ struct Scores {
     gain: Vec<f64>,
 }
 
+/// What a frame tells of faults.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Told {
+    /// Touches and drift explain it, or nothing that is known.
+    Nothing,
+    /// A press on an electrode, or a fault of it: more frames tell.
+    Perhaps,
+    /// A fault.
+    Fault {
+        /// Which one.
+        fault: Fault,
+        /// Whether nothing else comes into question: touches alone leave more than is expected.
+        alone: bool,
+    },
+}
+
 /// The best explanation so far, its cost and that of touches alone.
 struct Best {
     fault: Option<Fault>,
     cost: f64,
+    /// Resistances of the contacts that explain the frame best, ohm.
+    worse: Vec<(usize, f64)>,
     /// The part of the cost that values have which are not free.
     left: f64,
     touches: f64,
+    /// Whether the frame by itself rather speaks for a fault than for the press that it may be.
+    perhaps: bool,
 }
 
 impl Best {
-    fn offer(&mut self, cost: f64, fault: impl FnOnce() -> Fault) {
-        self.offer_free(cost, cost, fault);
+    /// Whether it is the best now.
+    fn offer(&mut self, cost: f64, fault: impl FnOnce() -> Fault) -> bool {
+        self.offer_free(cost, cost, fault)
     }
 
-    fn offer_free(&mut self, cost: f64, left: f64, fault: impl FnOnce() -> Fault) {
-        if cost < self.cost {
+    fn offer_free(&mut self, cost: f64, left: f64, fault: impl FnOnce() -> Fault) -> bool {
+        let better = cost < self.cost;
+        if better {
             (self.cost, self.left, self.fault) = (cost, left, Some(fault()));
         }
+        better
     }
 }
 
@@ -234,17 +261,22 @@ impl Diagnosis {
 
     /// The fault that explains a difference best; none where touches and drift do, or where it leaves more than twice the square that
     /// is expected. `sigma_v`: noise of one value, V of the model.
-    /// With it, whether nothing else comes into question: touches alone leave more than that.
-    pub(crate) fn explain(&mut self, d: &Difference, sigma_v: Option<f64>) -> Option<(Fault, bool)> {
+    pub(crate) fn explain(&mut self, d: &Difference, sigma_v: Option<f64>) -> Told {
         let sigma_v = sigma_v.unwrap_or(LEAST_NOISE * self.mean_v);
-        let own = |k: usize| (sigma_v * d.spread[k]).hypot(PREDICTION * d.y[k]);
-        let best = self.best(d, own)?;
+        let own = |k: usize, prediction: f64| (sigma_v * d.spread[k]).hypot(prediction * d.y[k]);
+        let Some(best) = self.best(d, own) else {
+            return Told::Nothing;
+        };
         let values = d.used.iter().filter(|used| **used).count() as f64;
-        if best.left > values {
-            // It is nothing that is known.
-            return None;
+        match best.fault {
+            // Otherwise it is nothing that is known.
+            Some(fault) if best.left <= values => Told::Fault {
+                fault,
+                alone: best.touches > values,
+            },
+            None if best.perhaps => Told::Perhaps,
+            _ => Told::Nothing,
         }
-        best.fault.map(|fault| (fault, best.touches > values))
     }
 
     /// The fault of a whole baseline (any unit) after which no touches are to be had; none where its values are those of the sheet, or
@@ -267,7 +299,7 @@ impl Diagnosis {
                 used,
             };
             let values = d.used.iter().filter(|used| **used).count();
-            let own = |k: usize| BUILT * (v[k].abs().hypot(d.y[k])).max(0.1 * mean_v);
+            let own = |k: usize, _| BUILT * (v[k].abs().hypot(d.y[k])).max(0.1 * mean_v);
             self.best(&d, own)
                 .filter(|best| best.cost < values as f64 && best.touches - best.cost > CLEAR)
         };
@@ -278,18 +310,24 @@ impl Diagnosis {
         best.fault.filter(|fault| !fault.leaves_touches())
     }
 
-    /// The best explanation of a difference, with the standard deviation of every value's own error.
-    fn best(&mut self, d: &Difference, own: impl Fn(usize) -> f64) -> Option<Best> {
-        let own: Vec<f64> = (0..d.used.len())
-            .map(|k| if d.used[k] { own(k) } else { f64::NAN })
-            .collect();
+    /// The best explanation of a difference, with the standard deviation of every value's own error for a relative error of what is
+    /// predicted.
+    fn best(&mut self, d: &Difference, own: impl Fn(usize, f64) -> f64) -> Option<Best> {
+        let own = |prediction: f64| -> Vec<f64> {
+            let used = d.used.iter().enumerate();
+            used.map(|(k, used)| if *used { own(k, prediction) } else { f64::NAN })
+                .collect()
+        };
+        let (predicted, own) = (own, own(PREDICTION));
         let evidence = Evidence::new(&d.y, (&mut self.covariance, 1.0), &own, self.largest_v)?;
         let touches = evidence.of_touches();
         let mut best = Best {
             fault: None,
             cost: touches,
+            worse: Vec::new(),
             left: touches,
             touches,
+            perhaps: false,
         };
         self.offer_source(&evidence, &mut best);
         self.offer_multiplexers(&evidence, &mut best);
@@ -305,8 +343,39 @@ impl Diagnosis {
                 (best.fault, best.cost, best.left) = (None, strong, strong);
             }
         }
+        if let Some(press) = best.fault.and_then(|fault| Press::instead_of(fault, &self.imager)) {
+            let prior = best.cost - self.cost_of(&best, d, &evidence);
+            let place = press.places() * (self.electrodes() as f64).ln();
+            let (mut broken, mut touched) = (best.cost, place + evidence.beside(&press.columns));
+            for prediction in EXACT {
+                let own = predicted(prediction);
+                let other = Evidence::new(&d.y, (&mut self.covariance, 1.0), &own, self.largest_v)?;
+                let wider = other.wider_than(&evidence);
+                broken = broken.min(prior + self.cost_of(&best, d, &other) + wider);
+                touched = touched.min(place + other.beside(&press.columns) + wider);
+            }
+            tracing::debug!(?best.fault, broken, touched, prior, "a press instead");
+            if touched < broken {
+                (best.fault, best.cost, best.left) = (None, touched, touched);
+                // Nothing but how seldom it is speaks against the fault.
+                best.perhaps = broken - prior < touched - place;
+            }
+        }
         tracing::debug!(?best.fault, touches, best.cost, "looked for a fault");
         Some(best)
+    }
+
+    /// Cost of the best fault, without that of its being there, in a frame seen otherwise. Of faults that no press looks like it is infinite.
+    fn cost_of(&self, best: &Best, d: &Difference, evidence: &Evidence) -> f64 {
+        let of_channel = |pair: [usize; 2]| self.channel_columns(&values_of_channel(&self.imager, pair), d);
+        match best.fault {
+            Some(Fault::Contacts(_)) => self.refine_contacts(&mut best.worse.clone(), evidence),
+            Some(Fault::Open(electrodes)) => evidence.free(&self.values_of(electrodes.list())).0,
+            Some(Fault::Gain(pair, _)) => evidence.along(&of_channel(pair)[0], GAIN).0,
+            Some(Fault::Offset(pair)) => evidence.along(&of_channel(pair)[1], OFFSET * self.mean_v).0,
+            Some(Fault::Value(k, _)) => evidence.free(&[k]).0,
+            _ => f64::INFINITY,
+        }
     }
 
     fn offer_source(&self, evidence: &Evidence, best: &mut Best) {
@@ -368,9 +437,11 @@ impl Diagnosis {
             }
             before = cost;
             let electrodes: Vec<usize> = worse.iter().map(|(l, _)| *l).collect();
-            best.offer(FAULT + count as f64 * one + cost, || {
+            if best.offer(FAULT + count as f64 * one + cost, || {
                 Fault::Contacts(Electrodes::of(&electrodes))
-            });
+            }) {
+                best.worse.clone_from(&worse);
+            }
         }
     }
 

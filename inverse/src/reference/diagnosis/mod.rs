@@ -9,6 +9,7 @@ mod evidence;
 mod fault;
 mod freed;
 mod hypotheses;
+mod press;
 
 pub use fault::{Electrodes, Fault, MOST_ELECTRODES};
-pub(crate) use hypotheses::{Diagnosis, values_of, values_of_channel};
+pub(crate) use hypotheses::{Diagnosis, Told, values_of, values_of_channel};
