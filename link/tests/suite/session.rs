@@ -4,8 +4,7 @@
 use forward::{ElectrodeMatrix, Pattern};
 use hil_sim::{FixedSheet, Pace, SimBoard, SimConfig, SimPort};
 use link::plans::adjacent_plan;
-use link::{Link, LinkError};
-use link::{MeasuredFrame, Session};
+use link::{Link, LinkError, LinkNotices, MeasuredFrame, Session};
 use nalgebra::DMatrix;
 use protocol::{Hello, Plan, Sampling, Version};
 use std::collections::VecDeque;
@@ -285,6 +284,67 @@ fn a_program_that_is_too_slow_takes_the_newest_frame_and_the_port_is_read_all_th
     assert_eq!(
         (counters.skipped_frames, counters.lost_frames),
         (u64::from(FRAMES) - 1, 0)
+    );
+}
+
+/// What a session tells of a port whose bytes were cut off between two frames, taken by a program that comes so late.
+fn told_of_a_cut(pause: Duration) -> Vec<String> {
+    const BEFORE: u32 = 500;
+    let values = protocol::Frame {
+        values: std::iter::repeat_n(protocol::Value::new(1000), 208).collect(),
+        ..protocol::Frame::default()
+    };
+    let whole = |sequence| {
+        framed(&protocol::FromBoard::Frame(protocol::Frame {
+            sequence,
+            ..values.clone()
+        }))
+    };
+    let port = Scripted::default();
+    {
+        let mut says = port.says.lock().unwrap();
+        says.extend((0..BEFORE).flat_map(whole));
+        says.extend(&whole(BEFORE)[..100]);
+        says.extend((2000..2050).flat_map(whole));
+        says.make_contiguous();
+    }
+    let link = Link::open(Box::new(port)).unwrap();
+    // The link keeps fewer frames than come before the cut.
+    while !link.was_full() {
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    std::thread::sleep(pause);
+    let mut notices = LinkNotices::default();
+    let mut said = Vec::new();
+    loop {
+        let Some(protocol::FromBoard::Frame(frame)) = link.receive(LONG).unwrap() else {
+            panic!("no frame")
+        };
+        let measured = MeasuredFrame {
+            sequence: frame.sequence,
+            time_s: 0.01 * f64::from(frame.sequence),
+            values_v: Vec::new(),
+        };
+        said.extend(
+            notices
+                .take(&link.counters(), Some(&measured))
+                .map(|notice| notice.to_string()),
+        );
+        if frame.sequence == 2049 {
+            return said;
+        }
+    }
+}
+
+#[test]
+fn a_program_that_reads_too_late_is_told_so_and_not_of_its_cable() {
+    // More than any read waits.
+    let said = told_of_a_cut(Duration::from_millis(300));
+    assert_eq!(
+        said,
+        [
+            "1500 of 1501 frames are lost: they were read too late; this computer is too busy, or the program takes frames too slowly"
+        ]
     );
 }
 
