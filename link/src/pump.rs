@@ -131,6 +131,8 @@ struct Served<'a> {
     arrival: Arrival,
     /// Whether the read before came too late.
     was_late: bool,
+    /// Whether a part of the message that comes was read too late.
+    is_cut: bool,
     /// Until when the port was listened to.
     listened: Instant,
     /// What is to be sent still, and how long it was listened while the port took none of it.
@@ -150,6 +152,7 @@ impl<'a> Served<'a> {
             last_sequence: None,
             arrival: counters.arrival,
             was_late: false,
+            is_cut: false,
             listened: Instant::now(),
             unsent: Vec::new(),
             stuck: Duration::ZERO,
@@ -241,8 +244,10 @@ impl<'a> Served<'a> {
         let (mut lost, mut frames, mut alive, mut read) = (0, 0, false, false);
         let (messages, last_sequence, arrival) = (&self.pump.messages, &mut self.last_sequence, &mut self.arrival);
         arrival.late_reads += u64::from(is_late);
-        // What is cut off in a buffer that is full may begin in one read and end in the next.
-        let explained = std::mem::replace(&mut self.was_late, is_late) || is_late;
+        // What a late read leaves comes with the next; and what is cut off in a buffer that was full may end many reads later.
+        let is_rest = std::mem::replace(&mut self.was_late, is_late) || is_late;
+        self.is_cut |= is_rest;
+        let is_cut = &mut self.is_cut;
         self.decoder.push(bytes, |message: Result<FromBoard, _>| match message {
             Ok(message) => {
                 read = true;
@@ -255,10 +260,11 @@ impl<'a> Served<'a> {
                         lost += if gap < u32::MAX / 2 { u64::from(gap) } else { 0 };
                     }
                 }
+                *is_cut = is_rest;
                 messages.put(Ok(harmless(message)), *arrival);
             }
             Err(e) => {
-                arrival.damaged += u64::from(!explained);
+                arrival.damaged += u64::from(!std::mem::replace(is_cut, is_rest));
                 tracing::debug!("a damaged message: {e}");
             }
         });
