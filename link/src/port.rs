@@ -38,7 +38,7 @@ pub struct LinkCounters {
 pub struct Arrival {
     /// Messages that arrived damaged though the port was read in time: the line's doing.
     pub damaged: u64,
-    /// Reads that came too late. Bytes wait for them in the system's buffer, and once that is full they are lost there: the doing of a
+    /// Reads that came too late, and gaps that they left. Bytes wait for them in the system's buffer, and once that is full they are lost there: the doing of a
     /// computer that is too busy, or of a program that takes frames too slowly.
     pub late_reads: u64,
 }

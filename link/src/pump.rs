@@ -258,13 +258,17 @@ impl<'a> Served<'a> {
                         // A board that was reset starts at 0 again: a huge gap is no loss.
                         let gap = frame.sequence.wrapping_sub(last).wrapping_sub(1);
                         lost += if gap < u32::MAX / 2 { u64::from(gap) } else { 0 };
+                        arrival.late_reads += u64::from(gap > 0 && *is_cut);
                     }
                 }
                 *is_cut = is_rest;
                 messages.put(Ok(harmless(message)), *arrival);
             }
             Err(e) => {
-                arrival.damaged += u64::from(!std::mem::replace(is_cut, is_rest));
+                match std::mem::replace(is_cut, is_rest) {
+                    true => arrival.late_reads += 1,
+                    false => arrival.damaged += 1,
+                }
                 tracing::debug!("a damaged message: {e}");
             }
         });
