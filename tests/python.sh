@@ -41,7 +41,7 @@ else
     ln "$library" "$site/skin/_skin.abi3.so" 2>/dev/null || cp "$library" "$site/skin/_skin.abi3.so"
 fi
 # Not from python/: the package that is installed is tested.
-"$python" -m mypy --config-file python/pyproject.toml --cache-dir "$target/mypy" python/tests python/examples python/benches
+"$python" -m mypy --config-file python/pyproject.toml --cache-dir "$target/mypy" python/tests python/examples python/benches contrib/rerun_layout.py
 "$python" -m mypy --config-file python/pyproject.toml --cache-dir "$target/mypy" -p skin
 # The stubs say what is there, and all of it.
 "$python" -m mypy.stubtest skin._skin

@@ -68,7 +68,11 @@ impl From<&ConnectionEvent> for Said {
 impl From<&LinkNotice> for Said {
     fn from(of: &LinkNotice) -> Self {
         let event = match *of {
-            LinkNotice::Lost { lost, of, damaged } => Event::FramesLost { lost, of, damaged },
+            LinkNotice::Lost { lost, of, arrival } => Event::FramesLost {
+                lost,
+                of,
+                damaged: arrival.damaged,
+            },
             LinkNotice::Silent { s } => Event::Silence { silent_s: s },
             LinkNotice::Reset => Event::BoardReset,
         };

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use protocol::FromBoard;
 
 use crate::error::LinkError;
+use crate::port::Arrival;
 
 /// Messages that may wait, unless more are [held](Inbox::hold).
 const MOST: usize = 256;
@@ -22,7 +23,9 @@ pub(crate) struct Inbox {
 
 #[derive(Debug, Default)]
 struct State {
-    waiting: VecDeque<Message>,
+    waiting: VecDeque<(Message, Arrival)>,
+    /// How messages had arrived when the one that was taken last did.
+    arrival: Arrival,
     /// Frames older than the newest by more than so many samples are passed over.
     span: Option<u64>,
     skipped: u64,
@@ -35,7 +38,7 @@ struct State {
     ended: bool,
 }
 
-fn is_frame(message: &Message) -> bool {
+fn is_frame((message, _): &(Message, Arrival)) -> bool {
     matches!(message, Ok(FromBoard::Frame(_)))
 }
 
@@ -57,7 +60,7 @@ impl State {
     /// Passes over all frames but the newest, if the oldest is too old.
     fn skip(&mut self) {
         let Some(span) = self.span else { return };
-        let mut frames = self.waiting.iter().filter_map(|m| match m {
+        let mut frames = self.waiting.iter().filter_map(|(m, _)| match m {
             Ok(FromBoard::Frame(frame)) => Some(frame),
             _ => None,
         });
@@ -83,14 +86,14 @@ impl Inbox {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn put(&self, message: Message) {
+    fn put(&self, message: Message, arrival: Arrival) {
         let mut state = self.state();
         while state.waiting.len() >= state.most() && !state.closed && !(state.span.is_some() && state.drop_oldest()) {
             state.was_full |= state.span.is_none();
             state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
         }
         if !state.closed {
-            state.waiting.push_back(message);
+            state.waiting.push_back((message, arrival));
             self.changed.notify_all();
         }
     }
@@ -101,7 +104,8 @@ impl Inbox {
         let mut state = self.state();
         loop {
             state.skip();
-            if let Some(message) = state.waiting.pop_front() {
+            if let Some((message, arrival)) = state.waiting.pop_front() {
+                state.arrival = arrival;
                 self.changed.notify_all();
                 return Some(message);
             }
@@ -131,7 +135,7 @@ impl Inbox {
     }
 
     pub(crate) fn hold(&self, bytes: usize) {
-        self.state().held = bytes / size_of::<Message>();
+        self.state().held = bytes / size_of::<(Message, Arrival)>();
         self.changed.notify_all();
     }
 
@@ -141,6 +145,10 @@ impl Inbox {
 
     pub(crate) fn skipped(&self) -> u64 {
         self.state().skipped
+    }
+
+    pub(crate) fn arrival(&self) -> Arrival {
+        self.state().arrival
     }
 
     /// Nobody reads any more.
@@ -169,8 +177,8 @@ pub(crate) struct Writer(Arc<Inbox>);
 
 impl Writer {
     /// Puts a message in. Where every frame counts it waits for a place, and drops the message once nobody reads.
-    pub(crate) fn put(&self, message: Message) {
-        self.0.put(message);
+    pub(crate) fn put(&self, message: Message, arrival: Arrival) {
+        self.0.put(message, arrival);
     }
 }
 
@@ -211,29 +219,29 @@ mod tests {
         let inbox = Inbox::default();
         inbox.skip_over(25);
         for k in 0..3 {
-            inbox.put(frame(k, 10 * u64::from(k)));
+            inbox.put(frame(k, 10 * u64::from(k)), Arrival::default());
         }
         assert_eq!(sequences(&inbox), [Some(0), Some(1), Some(2)], "20 samples are not old");
         for k in 0..4 {
-            inbox.put(frame(k, 10 * u64::from(k)));
-            inbox.put(Ok(FromBoard::Ack(Command::Start)));
+            inbox.put(frame(k, 10 * u64::from(k)), Arrival::default());
+            inbox.put(Ok(FromBoard::Ack(Command::Start)), Arrival::default());
         }
         assert_eq!(sequences(&inbox), [None, None, None, Some(3), None]);
         assert_eq!(inbox.skipped(), 3);
         // What is too old when all is to be kept is passed over; nothing after it is.
         for k in 0..6 {
-            inbox.put(frame(k, 10 * u64::from(k)));
+            inbox.put(frame(k, 10 * u64::from(k)), Arrival::default());
         }
         inbox.keep_all();
         for k in 6..9 {
-            inbox.put(frame(k, 10 * u64::from(k)));
+            inbox.put(frame(k, 10 * u64::from(k)), Arrival::default());
         }
         assert_eq!(sequences(&inbox), [Some(5), Some(6), Some(7), Some(8)]);
         assert_eq!(inbox.skipped(), 8);
         inbox.skip_over(25);
         // A reset: the times fall.
-        inbox.put(frame(4, 1000));
-        inbox.put(frame(0, 0));
+        inbox.put(frame(4, 1000), Arrival::default());
+        inbox.put(frame(0, 0), Arrival::default());
         assert_eq!(sequences(&inbox), [Some(4), Some(0)]);
     }
 
@@ -241,15 +249,15 @@ mod tests {
     fn as_many_frames_wait_as_the_memory_has_places_for() {
         let inbox = Arc::new(Inbox::default());
         let places = 1000;
-        inbox.hold(places * size_of::<Message>());
+        inbox.hold(places * size_of::<(Message, Arrival)>());
         let all = u32::try_from(MOST + places).unwrap();
         for k in 0..all {
-            inbox.put(frame(k, u64::from(k)));
+            inbox.put(frame(k, u64::from(k)), Arrival::default());
         }
         assert!(!inbox.was_full());
         // One more waits for a place, and says so.
         let writer = inbox.writer();
-        let waits = std::thread::spawn(move || writer.put(frame(all, u64::from(all))));
+        let waits = std::thread::spawn(move || writer.put(frame(all, u64::from(all)), Arrival::default()));
         while !inbox.was_full() {
             std::thread::yield_now();
         }
@@ -276,7 +284,7 @@ mod tests {
             let mut last = None;
             for (arrive, looks) in steps {
                 for _ in 0..arrive {
-                    inbox.put(frame(put, 7 * u64::from(put)));
+                    inbox.put(frame(put, 7 * u64::from(put)), Arrival::default());
                     put += 1;
                 }
                 for _ in 0..looks {

@@ -45,5 +45,5 @@ pub use connection::ConnectionEvent;
 pub use error::LinkError;
 pub use link::{Link, Stopper};
 pub use notices::{LinkNotice, LinkNotices};
-pub use port::{LinkCounters, Port, Reopen};
+pub use port::{Arrival, LinkCounters, Port, Reopen};
 pub use session::{MeasuredFrame, Session};

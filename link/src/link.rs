@@ -180,6 +180,7 @@ impl Link {
     pub fn counters(&self) -> LinkCounters {
         LinkCounters {
             skipped_frames: self.inbox.skipped(),
+            arrival: self.inbox.arrival(),
             ..*self.counters.lock().unwrap_or_else(PoisonError::into_inner)
         }
     }

@@ -1,6 +1,6 @@
 //! What a person is told of the line: frames that are lost, silence, a board that was reset.
 
-use crate::port::LinkCounters;
+use crate::port::{Arrival, LinkCounters};
 use crate::session::MeasuredFrame;
 use std::collections::VecDeque;
 use std::fmt;
@@ -26,8 +26,8 @@ pub enum LinkNotice {
         lost: u64,
         /// Of how many.
         of: u64,
-        /// Messages that arrived damaged meanwhile.
-        damaged: u64,
+        /// How messages arrived meanwhile.
+        arrival: Arrival,
     },
     /// Nothing comes.
     Silent {
@@ -41,14 +41,19 @@ pub enum LinkNotice {
 impl fmt::Display for LinkNotice {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Lost { lost, of, damaged } => {
-                write!(f, "{lost} of {of} frames are lost within a second: ")?;
-                match damaged {
-                    0 => write!(f, "the board gave them up; look at its supply, and take a slower plan"),
-                    n => write!(
+            Self::Lost { lost, of, arrival } => {
+                write!(f, "{lost} of {of} frames are lost: ")?;
+                match arrival {
+                    Arrival { damaged: 1.., .. } => write!(
                         f,
-                        "{n} messages arrived damaged; look at the cable and what runs beside it"
+                        "{} messages arrived damaged; look at the cable and what runs beside it",
+                        arrival.damaged
                     ),
+                    Arrival { late_reads: 1.., .. } => write!(
+                        f,
+                        "they were read too late; this computer is too busy, or the program takes frames too slowly"
+                    ),
+                    _ => write!(f, "the board gave them up; look at its supply, and take a slower plan"),
                 }
             }
             Self::Silent { s } => write!(
@@ -68,7 +73,7 @@ struct At {
     /// Frames taken so far.
     taken: u64,
     skipped: u64,
-    damaged: u64,
+    arrival: Arrival,
 }
 
 /// Watches the counters of a link.
@@ -88,14 +93,13 @@ impl LinkNotices {
         let Some(&MeasuredFrame { time_s, sequence, .. }) = frame else {
             return self.wait(counters);
         };
-        let decoder = counters.decoder;
         self.taken += 1;
         let now = At {
             time_s,
             sequence,
             taken: self.taken,
             skipped: counters.skipped_frames,
-            damaged: u64::from(decoder.crc) + u64::from(decoder.malformed) + u64::from(decoder.overflow),
+            arrival: counters.arrival,
         };
         self.silent = false;
         let reset = self.frames.back().is_some_and(|last| time_s < last.time_s);
@@ -129,7 +133,10 @@ impl LinkNotices {
         Some(LinkNotice::Lost {
             lost,
             of: all,
-            damaged: now.damaged.saturating_sub(before.damaged),
+            arrival: Arrival {
+                damaged: now.arrival.damaged.saturating_sub(before.arrival.damaged),
+                late_reads: now.arrival.late_reads.saturating_sub(before.arrival.late_reads),
+            },
         })
     }
 
@@ -200,7 +207,7 @@ mod tests {
             let expected = LinkNotice::Lost {
                 lost,
                 of: 100,
-                damaged: 0,
+                arrival: Arrival::default(),
             };
             assert_eq!(said, (lost > 1).then_some(expected));
         }

@@ -29,6 +29,18 @@ pub struct LinkCounters {
     pub frameless: Duration,
     /// Bytes received since the last message that could be read: many say that the line carries something else.
     pub bytes_unread: u64,
+    /// How the messages arrived, up to the one that was taken last: the link reads ahead of who takes them.
+    pub arrival: Arrival,
+}
+
+/// How messages arrived, counted since the link was opened.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Arrival {
+    /// Messages that arrived damaged though the port was read in time: the line's doing.
+    pub damaged: u64,
+    /// Reads that came too late, and gaps that they left. Bytes wait for them in the system's buffer, and once that is full they are lost there: the doing of a
+    /// computer that is too busy, or of a program that takes frames too slowly.
+    pub late_reads: u64,
 }
 
 /// Opens a port again that was lost. It is asked every 0.1 s, and must not take much longer than a second.

@@ -2,7 +2,7 @@
 
 use crate::error::LinkError;
 use crate::inbox::Writer;
-use crate::port::{LinkCounters, Port, Reopen};
+use crate::port::{Arrival, LinkCounters, Port, Reopen};
 use crate::printable::printable;
 use protocol::{Decoder, FromBoard, Hello, MAX_FROM_BOARD_LEN, MAX_TO_BOARD_LEN, ToBoard, Version, encode};
 use std::io::{self, ErrorKind};
@@ -22,6 +22,10 @@ pub(crate) enum Order {
 
 /// Most that one turn of the thread counts as listening: reads return within some 100 ms, unless the program was stopped.
 const LONGEST_READ: Duration = Duration::from_millis(200);
+/// Bytes of a read at most, which take 40 ms at 1 Mbit/s. A read returns with the first byte: where it fills this so long after the read
+/// before, they had waited.
+const MOST_READ: usize = 4096;
+const FULL_READ: Duration = Duration::from_millis(30);
 /// A port that is gone is looked for so often.
 const LOOK: Duration = Duration::from_millis(100);
 
@@ -81,7 +85,8 @@ impl Pump {
                 return;
             };
             again = true;
-            self.messages.put(Err(LinkError::Lost(why)));
+            let arrival = self.counters().arrival;
+            self.messages.put(Err(LinkError::Lost(why)), arrival);
             port = self.reopened();
         }
     }
@@ -123,6 +128,11 @@ struct Served<'a> {
     pump: &'a Pump,
     decoder: Decoder<MAX_FROM_BOARD_LEN>,
     last_sequence: Option<u32>,
+    arrival: Arrival,
+    /// Whether the read before came too late.
+    was_late: bool,
+    /// Whether a part of the message that comes was read too late.
+    is_cut: bool,
     /// Until when the port was listened to.
     listened: Instant,
     /// What is to be sent still, and how long it was listened while the port took none of it.
@@ -133,12 +143,16 @@ struct Served<'a> {
 impl<'a> Served<'a> {
     fn new(port: Box<dyn Port>, pump: &'a Pump) -> Self {
         let mut decoder = Decoder::new();
-        decoder.counters = pump.counters().decoder;
+        let counters = *pump.counters();
+        decoder.counters = counters.decoder;
         Self {
             port,
             pump,
             decoder,
             last_sequence: None,
+            arrival: counters.arrival,
+            was_late: false,
+            is_cut: false,
             listened: Instant::now(),
             unsent: Vec::new(),
             stuck: Duration::ZERO,
@@ -185,7 +199,7 @@ impl<'a> Served<'a> {
     }
 
     fn serve(&mut self, again: bool) -> io::Result<End> {
-        let mut bytes = [0; 4096];
+        let mut bytes = [0; MOST_READ];
         // A lone delimiter ends whatever the board's receiver had half of.
         self.unsent.push(0);
         self.write()?;
@@ -205,7 +219,10 @@ impl<'a> Served<'a> {
             }
             self.write()?;
             let read = self.port.read(&mut bytes);
-            let listened = self.listened.elapsed().min(LONGEST_READ);
+            let since = self.listened.elapsed();
+            let is_full = matches!(read, Ok(MOST_READ));
+            let is_late = since > LONGEST_READ || is_full && (since > FULL_READ || self.was_late);
+            let listened = since.min(LONGEST_READ);
             self.listened = Instant::now();
             if !matches!(&read, Err(e) if e.kind() == ErrorKind::Interrupted) {
                 let mut counters = self.pump.counters();
@@ -215,17 +232,22 @@ impl<'a> Served<'a> {
             }
             match read {
                 Ok(0) => return Err(ErrorKind::UnexpectedEof.into()),
-                Ok(count) => self.take(&bytes[..count]),
+                Ok(count) => self.take(&bytes[..count], is_late),
                 Err(e) if is_wait(&e) => {}
                 Err(e) => return Err(e),
             }
         }
     }
 
-    /// Takes bytes that were read.
-    fn take(&mut self, bytes: &[u8]) {
+    /// Takes bytes that were read, in time or late.
+    fn take(&mut self, bytes: &[u8], is_late: bool) {
         let (mut lost, mut frames, mut alive, mut read) = (0, 0, false, false);
-        let (messages, last_sequence) = (&self.pump.messages, &mut self.last_sequence);
+        let (messages, last_sequence, arrival) = (&self.pump.messages, &mut self.last_sequence, &mut self.arrival);
+        arrival.late_reads += u64::from(is_late);
+        // What a late read leaves comes with the next; and what is cut off in a buffer that was full may end many reads later.
+        let is_rest = std::mem::replace(&mut self.was_late, is_late) || is_late;
+        self.is_cut |= is_rest;
+        let is_cut = &mut self.is_cut;
         self.decoder.push(bytes, |message: Result<FromBoard, _>| match message {
             Ok(message) => {
                 read = true;
@@ -236,22 +258,29 @@ impl<'a> Served<'a> {
                         // A board that was reset starts at 0 again: a huge gap is no loss.
                         let gap = frame.sequence.wrapping_sub(last).wrapping_sub(1);
                         lost += if gap < u32::MAX / 2 { u64::from(gap) } else { 0 };
+                        arrival.late_reads += u64::from(gap > 0 && *is_cut);
                     }
                 }
-                messages.put(Ok(harmless(message)));
+                *is_cut = is_rest;
+                messages.put(Ok(harmless(message)), *arrival);
             }
-            Err(e) => tracing::debug!("a damaged message: {e}"),
+            Err(e) => {
+                match std::mem::replace(is_cut, is_rest) {
+                    true => arrival.late_reads += 1,
+                    false => arrival.damaged += 1,
+                }
+                tracing::debug!("a damaged message: {e}");
+            }
         });
         if let Some(version) = self.decoder.foreign.take()
             && version.major != Version::CURRENT.major
         {
-            self.pump.messages.put(Err(LinkError::Version {
-                board: version.major,
-                ours: Version::CURRENT.major,
-            }));
+            let (board, ours) = (version.major, Version::CURRENT.major);
+            messages.put(Err(LinkError::Version { board, ours }), *arrival);
         }
         let mut counters = self.pump.counters();
         counters.decoder = self.decoder.counters;
+        counters.arrival = self.arrival;
         counters.bytes += bytes.len() as u64;
         counters.frames += frames;
         counters.lost_frames += lost;

@@ -126,7 +126,7 @@ class Frame:
         """Part of the change that the touches take, where they do not explain the frame."""
     @property
     def compute_us(self) -> float | None:
-        """For reconstruct: time that the frame took in Rust alone, microseconds."""
+        """For reconstruct and recordings: time that the frame took in Rust alone, microseconds. Of a board it would be waiting."""
 
 @final
 class Press:

@@ -2,7 +2,7 @@
 
 use crate::arrays::{Frames, points};
 use crate::error::{SkinWarning, raised, said};
-use crate::frame::{Found, Frame};
+use crate::frame::Frame;
 use crate::sheet::{Sheet, drive};
 use ::forward::Pattern;
 use ::forward::order::ValueOrder;
@@ -89,23 +89,23 @@ pub(crate) struct Reconstructor {
 
 impl Reconstructor {
     /// The frame of these values, in the order that was said.
-    fn solve(&self, values: Vec<f64>) -> Result<Found, ImagerError> {
+    fn solve(&self, values: Vec<f64>) -> Result<Frame, ImagerError> {
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         let begin = Instant::now();
         let picked = self.picked.of(&values);
         let place = state.place;
-        let result = state.batch.frame(place, &picked)?;
+        let mut result = state.batch.frame(place, &picked)?;
+        let compute_us = 1e6 * begin.elapsed().as_secs_f64();
         state.place += 1;
         let time_s = self.frame_s.map(|s| s * place as f64);
         // Its number has 32 bits, as a board's.
         let of = (place as u32, time_s, values);
-        let found = Found::new(of, &result, state.batch.imager());
-        // Whoever calls it in Rust drops it as well.
-        drop(result);
-        Ok(found.took(1e6 * begin.elapsed().as_secs_f64()))
+        let rises = std::mem::take(&mut result.x);
+        Ok(Frame::new(of, (&result, rises), state.batch.imager(), Some(compute_us)))
     }
 
-    fn all(&self, py: Python<'_>, values: &Bound<'_, PyAny>) -> PyResult<Vec<Frame>> {
+    /// Frames that are as long as the baseline's.
+    fn taken(&self, values: &Bound<'_, PyAny>) -> PyResult<Frames> {
         let frames = Frames::of("values", values)?;
         if frames.length != self.picked.of {
             return Err(said(format!(
@@ -113,6 +113,11 @@ impl Reconstructor {
                 frames.length, self.picked.of
             )));
         }
+        Ok(frames)
+    }
+
+    fn all(&self, py: Python<'_>, values: &Bound<'_, PyAny>) -> PyResult<Vec<Frame>> {
+        let frames = self.taken(values)?;
         let mut found = Vec::new();
         let mut rows = frames.rows();
         loop {
@@ -129,11 +134,9 @@ impl Reconstructor {
             let all = solved.map_err(|error: ImagerError| raised(error))?;
             py.check_signals()?;
             if all {
-                break;
+                return Ok(found);
             }
         }
-        // Python's objects are made together at the end: after a frame's sums the processor's caches hold nothing of Python.
-        found.into_iter().map(|found| Frame::new(py, found)).collect()
     }
 }
 
@@ -193,11 +196,11 @@ impl Reconstructor {
     }
 
     fn frame(&self, py: Python<'_>, values: &Bound<'_, PyAny>) -> PyResult<Frame> {
-        let mut found = self.all(py, values)?;
-        match (found.pop(), found.is_empty()) {
-            (Some(frame), true) => Ok(frame),
-            _ => Err(said("several frames; ask for them with frames")),
+        let frame = self.taken(values)?;
+        if frame.values.len() > frame.length {
+            return Err(said("several frames; ask for them with frames"));
         }
+        py.detach(|| self.solve(frame.values)).map_err(raised)
     }
 
     fn frames(&self, py: Python<'_>, values: &Bound<'_, PyAny>) -> PyResult<Vec<Frame>> {

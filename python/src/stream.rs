@@ -1,7 +1,7 @@
 //! Frames of a board, of the simulated skin or of a recording, one after another.
 
 use crate::error::{raised, said};
-use crate::frame::{Found, Frame};
+use crate::frame::Frame;
 use crate::reconstruct::warn;
 use crate::sheet::Sheet;
 use host::stream::{Next, Origin, Stream, StreamOptions};
@@ -25,11 +25,13 @@ pub(crate) struct Skin {
     /// The process that opened it: threads do not live on in another.
     process: u32,
     name: String,
+    /// Nothing is waited for then.
+    is_recording: bool,
 }
 
 /// What came of asking.
 enum Taken {
-    Frame(Box<Found>),
+    Frame(Box<Frame>),
     Waiting,
     Ended,
 }
@@ -58,10 +60,17 @@ impl Skin {
         };
         let mut lines = Vec::new();
         let imager = std::sync::Arc::clone(stream.imager());
+        let begin = Instant::now();
         let taken = match stream.next(WAIT)? {
             Next::Frame(frame, result) => {
+                let compute_us = self.is_recording.then(|| 1e6 * begin.elapsed().as_secs_f64());
                 let of = (frame.sequence, Some(frame.time_s), frame.values_v);
-                Taken::Frame(Box::new(Found::new(of, result, &imager)))
+                Taken::Frame(Box::new(Frame::new(
+                    of,
+                    (result, result.x.clone()),
+                    &imager,
+                    compute_us,
+                )))
             }
             Next::Waiting => Taken::Waiting,
             Next::Ended => Taken::Ended,
@@ -143,7 +152,7 @@ impl Skin {
                 warn(py, &line)?;
             }
             match taken {
-                Taken::Frame(found) => return Ok(Some(Frame::new(py, *found)?)),
+                Taken::Frame(frame) => return Ok(Some(*frame)),
                 Taken::Ended => return Ok(None),
                 Taken::Waiting => {}
             }
@@ -257,5 +266,6 @@ pub(crate) fn open(
         stream: Mutex::new(Some(stream)),
         closed: AtomicBool::new(false),
         process: std::process::id(),
+        is_recording: matches!(origin, Origin::Recording(_)),
     })
 }

@@ -13,6 +13,7 @@ import pytest
 import skin
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
+CONTRIB = Path(__file__).parents[2] / "contrib"
 
 
 def example(name: str, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
@@ -61,6 +62,14 @@ def test_point_sets_are_displacements_and_forces_in_the_link(
     assert features["observation.tactile"]["shape"] == [2, 6] and "not measured" in features["observation.tactile"]["unknown"]
 
 
+def printed(file: Path) -> str:
+    """What Rerun reads in a file."""
+    command = [sys.executable, "-m", "rerun", "rrd", "print", str(file)]
+    said = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    assert said.returncode == 0, said.stderr
+    return said.stdout
+
+
 def test_rerun_gets_picture_touches_and_forces(
     frames: list[skin.Frame], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -68,13 +77,15 @@ def test_rerun_gets_picture_touches_and_forces(
     module = example("rerun_live", monkeypatch)
     file = tmp_path / "skin.rrd"
     rerun.init("skin")
-    rerun.save(str(file), default_blueprint=module.BLUEPRINT)
-    known: set[int] = set()
+    rerun.save(str(file))
     for frame in frames:
-        module.log(frame, known)
+        module.log(frame)
     rerun.disconnect()
-    command = [sys.executable, "-m", "rerun", "rrd", "print", str(file)]
-    said = subprocess.run(command, capture_output=True, text=True, timeout=300)
-    assert said.returncode == 0, said.stderr
+    layout = tmp_path / "skin.rbl"
+    subprocess.run([sys.executable, CONTRIB / "rerun_layout.py", layout], check=True, timeout=300)
+    said = printed(file)
     for entity in ("/skin/picture", "/skin/touches", "/force/touch1"):
-        assert entity in said.stdout
+        assert entity in said
+    # The layout is of the same application, and shows what is logged.
+    laid = printed(layout)
+    assert '"skin"' in laid and "/view/" in laid and "ViewBlueprint" in laid

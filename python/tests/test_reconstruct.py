@@ -72,7 +72,7 @@ def test_the_picture_is_the_sheet(unpressed: np.ndarray, pressed: np.ndarray) ->
 
 def test_arrays_are_the_memory_that_rust_filled(unpressed: np.ndarray, pressed: np.ndarray) -> None:
     (frame,) = skin.reconstruct(pressed[0], unpressed)
-    assert frame.values is frame.values and frame.image is frame.image
+    assert frame.values is frame.values and frame.image is frame.image and frame.touches is frame.touches
     for array in (frame.values, frame.image):
         # NumPy did not take memory of its own.
         assert not array.flags.owndata and array.base is not None and array.flags.c_contiguous
@@ -145,6 +145,26 @@ def test_one_by_one_or_all_together(unpressed: np.ndarray, pressed: np.ndarray) 
     assert [frame.sequence for frame in single] == [0, 1, 2, 3]
     assert [frame.time_s for frame in single] == pytest.approx([0, 0.1, 0.2, 0.3])
     assert np.abs(one.electrodes_mm - skin.Sheet.paper().electrodes_mm).max() < 0.5
+
+
+def test_threads_that_ask_a_frame_at_once_get_the_same_objects(unpressed: np.ndarray, pressed: np.ndarray) -> None:
+    reconstructor = skin.Reconstructor(unpressed)
+    for values in pressed:
+        frame = reconstructor.frame(values)
+        start = threading.Barrier(4)
+        got: list[tuple[object, object, object]] = []
+
+        def ask(frame: skin.Frame = frame, start: threading.Barrier = start, got: list[tuple[object, object, object]] = got) -> None:
+            start.wait()
+            got.append((frame.touches, frame.image, frame.values))
+
+        threads = [threading.Thread(target=ask) for _ in range(4)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        assert len(got) == 4 and all(one is other for objects in got for one, other in zip(objects, got[0], strict=True))
+        assert len(frame.touches) == 1 and np.array_equal(frame.values, values)
 
 
 def test_threads_find_what_one_finds(unpressed: np.ndarray, pressed: np.ndarray) -> None:

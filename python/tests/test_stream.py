@@ -6,6 +6,8 @@ import socket
 import subprocess
 import sys
 import threading
+import time
+import warnings
 from itertools import islice
 from pathlib import Path
 
@@ -95,6 +97,8 @@ def test_a_recording_has_what_was_shown(recording: Path) -> None:
     assert [frame.touches for frame in again] == [kept.touches[k] for k in shown]
     assert all(np.array_equal(frame.values, kept.values[k]) for frame, k in zip(again, shown, strict=True))
     assert any(frame.touches for frame in again)
+    # Nothing is waited for: the time is that of the sums.
+    assert all(frame.compute_us is not None and frame.compute_us > 0 for frame in again)
 
 
 def test_a_recording_can_be_reconstructed_anew(recording: Path) -> None:
@@ -151,6 +155,17 @@ def test_python_goes_on_while_a_board_is_waited_for() -> None:
             skin.open(f"tcp://127.0.0.1:{server.getsockname()[1]}")
         assert heard.is_set()
         thread.join()
+
+
+def test_who_takes_no_frames_is_told_so_and_not_of_a_cable() -> None:
+    with skin.open(simulate=True) as frames, warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        # Longer than the link and the port keep frames: 2 s and 1 s. A machine that is busy simulates fewer.
+        time.sleep(6)
+        for _ in islice(frames, 20):
+            pass
+    lost = [text for text in (str(warning.message) for warning in said) if "lost" in text]
+    assert len(lost) <= 1 and all("they were read too late" in text for text in lost)
 
 
 def test_threads_share_the_frames_and_one_may_close() -> None:

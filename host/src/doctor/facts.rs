@@ -13,7 +13,7 @@ use inverse::live::LiveOptions;
 use inverse::reference::baseline::Baseline;
 use inverse::reference::imager::Imager;
 use link::plans::live_plan;
-use link::{Link, LinkCounters, LinkNotice, LinkNotices, MeasuredFrame, Session};
+use link::{Arrival, Link, LinkCounters, LinkNotice, LinkNotices, MeasuredFrame, Session};
 use protocol::{Counters, FromBoard, Hello, Plan, SelfTest, Status, ToBoard};
 use recording::{Speed, Tap};
 use std::path::{Path, PathBuf};
@@ -119,6 +119,12 @@ impl Measured {
     pub(crate) fn damaged(&self) -> u64 {
         let decoder = self.link.decoder;
         u64::from(decoder.crc) + u64::from(decoder.malformed) + u64::from(decoder.overflow)
+    }
+
+    /// Whether what is lost or damaged was read too late from a port, and is not the line's doing.
+    pub(crate) fn was_late(&self, origin: &Origin) -> bool {
+        let Arrival { damaged, late_reads } = self.link.arrival;
+        *origin == Origin::Port && damaged == 0 && late_reads > 0
     }
 }
 

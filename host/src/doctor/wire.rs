@@ -31,6 +31,9 @@ const SLOWER: &str = "take a slower plan: skin run --plan";
 /// What disturbs a line.
 const CABLE: &str = "look at the cable, its length and what runs beside it; try another cable and another USB port";
 
+/// What keeps this program from its port.
+const BUSY: &str = "this computer is too busy: close other programs, and examine again";
+
 fn frames(facts: &Facts, measured: &Measured) -> Line {
     let name = "frames";
     let (all, lost, span_s) = measured.count();
@@ -44,6 +47,7 @@ fn frames(facts: &Facts, measured: &Measured) -> Line {
         ]
     });
     let (why, cause, advice) = match (measured.damaged(), counted) {
+        _ if measured.was_late(&facts.origin) => ("they were read too late", Cause::Software, BUSY),
         (damaged, _) if damaged > 0 => ("they arrived damaged", Cause::Wiring, CABLE),
         (_, Some([overruns, ..])) if overruns > 0 => (
             "the board lost samples and gave them up",
@@ -101,7 +105,9 @@ fn damage(facts: &Facts, measured: &Measured) -> Line {
     let text = format!("{damaged} of {} messages damaged", damaged + whole);
     let to_board = format!("{text}; the board met {refused} receive errors");
     let part = damaged as f64 / (damaged + whole).max(1) as f64;
-    let line = if damaged > 1 && part > MUCH_DAMAGE {
+    let line = if damaged > 0 && measured.was_late(&facts.origin) {
+        Line::look(name, format!("{text}: they were read too late"), Cause::Software, BUSY)
+    } else if damaged > 1 && part > MUCH_DAMAGE {
         Line::bad(name, text, Cause::Wiring, CABLE)
     } else if damaged > 0 {
         Line::look(name, text, Cause::Wiring, CABLE)

@@ -4,8 +4,7 @@
 use forward::{ElectrodeMatrix, Pattern};
 use hil_sim::{FixedSheet, Pace, SimBoard, SimConfig, SimPort};
 use link::plans::adjacent_plan;
-use link::{Link, LinkError};
-use link::{MeasuredFrame, Session};
+use link::{Link, LinkError, LinkNotices, MeasuredFrame, Session};
 use nalgebra::DMatrix;
 use protocol::{Hello, Plan, Sampling, Version};
 use std::collections::VecDeque;
@@ -285,6 +284,96 @@ fn a_program_that_is_too_slow_takes_the_newest_frame_and_the_port_is_read_all_th
     assert_eq!(
         (counters.skipped_frames, counters.lost_frames),
         (u64::from(FRAMES) - 1, 0)
+    );
+}
+
+/// A port with bytes that have waited, and others that come a few at a time.
+struct Waited {
+    waited: VecDeque<u8>,
+    later: VecDeque<u8>,
+}
+
+impl Read for Waited {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        if !self.waited.is_empty() {
+            return self.waited.read(buffer);
+        }
+        if self.later.is_empty() {
+            std::thread::sleep(Duration::from_millis(1));
+            return Err(ErrorKind::TimedOut.into());
+        }
+        let most = buffer.len().min(50);
+        self.later.read(&mut buffer[..most])
+    }
+}
+
+impl Write for Waited {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+/// What a session tells of a port whose bytes were cut off between two frames, taken by a program that comes so late.
+fn told_of_a_cut(pause: Duration) -> Vec<String> {
+    const BEFORE: u32 = 500;
+    let values = protocol::Frame {
+        values: std::iter::repeat_n(protocol::Value::new(1000), 208).collect(),
+        ..protocol::Frame::default()
+    };
+    let whole = |sequence| {
+        framed(&protocol::FromBoard::Frame(protocol::Frame {
+            sequence,
+            ..values.clone()
+        }))
+    };
+    let mut waited: Vec<u8> = (0..BEFORE).flat_map(whole).collect();
+    waited.extend(&whole(BEFORE)[..100]);
+    let later: Vec<u8> = (2000..2050).flat_map(whole).collect();
+    let link = Link::open(Box::new(Waited {
+        waited: waited.into(),
+        later: later.into(),
+    }))
+    .unwrap();
+    // The link keeps fewer frames than come before the cut.
+    while !link.was_full() {
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    std::thread::sleep(pause);
+    let mut notices = LinkNotices::default();
+    let mut said = Vec::new();
+    loop {
+        let Some(protocol::FromBoard::Frame(frame)) = link.receive(LONG).unwrap() else {
+            panic!("no frame")
+        };
+        let measured = MeasuredFrame {
+            sequence: frame.sequence,
+            time_s: 0.01 * f64::from(frame.sequence),
+            values_v: Vec::new(),
+        };
+        said.extend(
+            notices
+                .take(&link.counters(), Some(&measured))
+                .map(|notice| notice.to_string()),
+        );
+        if frame.sequence == 2049 {
+            return said;
+        }
+    }
+}
+
+#[test]
+fn a_program_that_reads_too_late_is_told_so_and_not_of_its_cable() {
+    // More than any read waits.
+    let said = told_of_a_cut(Duration::from_millis(300));
+    assert_eq!(
+        said,
+        [
+            "1501 of 1502 frames are lost: they were read too late; this computer is too busy, or the program takes frames too slowly"
+        ]
     );
 }
 
