@@ -7,8 +7,8 @@ use recording::{Known, Reader, Topic};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Frames arrive so long before their pictures are recorded, ns, or as long as the recording itself says: a replay looks for them from
-/// there on.
+/// Frames arrive so long before the steps that took them are recorded, ns, and as much longer as the recording itself says: a replay
+/// looks for them from there on.
 const LEAD_NS: u64 = 2_000_000_000;
 
 /// A baseline of a recording.
@@ -41,7 +41,8 @@ pub(crate) struct Index {
     /// Chunks that can be begun with: time of the first message, and place.
     chunks: Vec<(u64, u64)>,
     baselines: Vec<BaselineSpan>,
-    /// Pictures were recorded so long after their frames were measured, at most.
+    /// Steps and pictures were recorded so long after their frames were measured, at most. The first baseline's waited for the model of
+    /// the sheet.
     latest_ns: u64,
     /// Of the first step and of the last one.
     pub(crate) began_ns: u64,
@@ -60,7 +61,7 @@ impl Index {
         let mut latest_ns = 0;
         while let Some(message) = reader.next()? {
             let (log_ns, topic) = (message.log_ns, message.topic);
-            if topic == Some(Topic::Touches) {
+            if matches!(topic, Some(Topic::Live | Topic::Touches)) {
                 latest_ns = latest_ns.max(log_ns.saturating_sub(message.publish_ns));
             }
             let step = (topic == Some(Topic::Live))
@@ -162,5 +163,65 @@ impl Index {
             });
         }
         way
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use recording::Writer;
+    use serde_json::json;
+
+    const S: u64 = 1_000_000_000;
+
+    /// The frames of the first baseline wait for the model of the sheet, on a busy machine for longer than any picture later on.
+    #[test]
+    fn a_baseline_is_played_from_its_first_frame_on_however_late_it_was_taken() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("late.mcap");
+        let mut writer = Writer::create(&path).unwrap();
+        let mut put = |topic, log_s: u64, measured_s: u64, message: &str| {
+            writer
+                .message(topic, log_s * S, measured_s * S, message.as_bytes())
+                .unwrap();
+            // Every second has a chunk of its own.
+            writer.flush().unwrap();
+        };
+        for s in 100..140 {
+            put(Topic::Board, s, s, "a frame");
+            match s {
+                // Taken 20 s after they were measured.
+                120 | 121 => put(
+                    Topic::Live,
+                    s,
+                    s - 20,
+                    &json!({"step": "baseline", "frame": s - 120, "left": 121 - s}).to_string(),
+                ),
+                122 => put(
+                    Topic::Live,
+                    s,
+                    s,
+                    &json!({"step": "in_force", "note": null}).to_string(),
+                ),
+                125.. => put(Topic::Touches, s, s, "{}"),
+                _ => {}
+            }
+        }
+        writer.finish().unwrap();
+        let index = Index::of(&path, &AtomicBool::new(false)).unwrap().unwrap();
+        let first_ns = |place: Option<u64>| {
+            let mut reader = match place {
+                Some(place) => Reader::open_at(&path, index.known(), place).unwrap(),
+                None => Reader::open(&path).unwrap(),
+            };
+            reader.next().unwrap().unwrap().log_ns
+        };
+        let way = index.way(index.ended_ns, 130 * S);
+        assert_eq!(way.len(), 1, "{way:?}");
+        let way = index.way(index.began_ns, 130 * S);
+        let [baseline, there] = &way[..] else { panic!("{way:?}") };
+        assert!(baseline.anew && baseline.to_baseline && !there.anew, "{way:?}");
+        assert!(first_ns(baseline.place) <= 100 * S, "{way:?}");
+        assert!(first_ns(there.place) <= 130 * S - LEAD_NS, "{way:?}");
     }
 }
