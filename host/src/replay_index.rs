@@ -8,8 +8,11 @@ use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Frames arrive so long before the steps that took them are recorded, ns, and as much longer as the recording itself says: a replay
-/// looks for them from there on.
+/// looks for them from there on. How late a frame came itself the recording does not say, so that one may have come earlier still
+/// ([`Index::earlier`]).
 const LEAD_NS: u64 = 2_000_000_000;
+/// A frame that did not come within so long before is not in the file, ns: more than memory has room for frames that wait.
+const MOST_LEAD_NS: u64 = 600_000_000_000;
 
 /// A baseline of a recording.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -33,6 +36,15 @@ pub(crate) struct Stretch {
     pub(crate) anew: bool,
     /// Whether it ends once that is in force.
     pub(crate) to_baseline: bool,
+    /// So long before its steps their frames are looked for, ns.
+    lead_ns: u64,
+}
+
+impl Stretch {
+    /// Whether frames may have come before it begins.
+    pub(crate) fn may_be_earlier(&self) -> bool {
+        self.place.is_some() && self.lead_ns < MOST_LEAD_NS
+    }
 }
 
 /// What a recording holds when; times are log times, ns.
@@ -127,11 +139,21 @@ impl Index {
             .saturating_sub(1)
     }
 
-    /// Where to begin for what was recorded from a time on.
-    fn place(&self, log_ns: u64) -> Option<u64> {
-        let wanted = log_ns.saturating_sub(self.latest_ns.saturating_add(LEAD_NS));
+    /// Where to begin for what was recorded from a time on, of frames that came so long before at most.
+    fn place(&self, log_ns: u64, lead_ns: u64) -> Option<u64> {
+        let wanted = log_ns.saturating_sub(lead_ns);
         let chunks = self.chunks.partition_point(|(begun_ns, _)| *begun_ns <= wanted);
         self.chunks.get(chunks.checked_sub(1)?).map(|(_, place)| *place)
+    }
+
+    /// The same part, with its frames looked for from twice as long before: the first of them was not in it.
+    pub(crate) fn earlier(&self, part: &Stretch) -> Stretch {
+        let lead_ns = part.lead_ns.saturating_mul(2);
+        Stretch {
+            place: self.place(part.begin_ns, lead_ns),
+            lead_ns,
+            ..*part
+        }
     }
 
     /// What to play to be at a time, for a replay that has got as far as another one: where the baseline differs, that first.
@@ -141,25 +163,28 @@ impl Index {
         let span = self.baselines.get(wanted);
         let in_force = |log_ns: u64| span.and_then(|b| b.in_force_ns).is_some_and(|since| since <= log_ns);
         let has_it = self.baseline(from_ns) == wanted && in_force(from_ns);
+        let lead_ns = self.latest_ns.saturating_add(LEAD_NS);
         let mut way = Vec::new();
         // Before it was in force nothing was shown: it is taken again.
         if !has_it || !in_force(to_ns) {
             let begin_ns = span.map_or(0, |b| b.begun_ns);
             way.push(Stretch {
-                place: self.place(begin_ns),
+                place: self.place(begin_ns, lead_ns),
                 begin_ns,
                 pictures_ns: begin_ns,
                 anew: true,
                 to_baseline: in_force(to_ns),
+                lead_ns,
             });
         }
         if in_force(to_ns) {
             way.push(Stretch {
-                place: self.place(to_ns),
+                place: self.place(to_ns, lead_ns),
                 begin_ns: to_ns,
                 pictures_ns: to_ns,
                 anew: false,
                 to_baseline: false,
+                lead_ns,
             });
         }
         way
@@ -222,6 +247,15 @@ mod tests {
         let [baseline, there] = &way[..] else { panic!("{way:?}") };
         assert!(baseline.anew && baseline.to_baseline && !there.anew, "{way:?}");
         assert!(first_ns(baseline.place) <= 100 * S, "{way:?}");
-        assert!(first_ns(there.place) <= 130 * S - LEAD_NS, "{way:?}");
+        let began_ns = first_ns(there.place);
+        assert!((100 * S..=130 * S - LEAD_NS).contains(&began_ns), "{way:?}");
+        // Twice as long before, and so on to the beginning of the file.
+        assert!(there.may_be_earlier());
+        let mut earlier = index.earlier(there);
+        assert!(first_ns(earlier.place) < began_ns, "{earlier:?}");
+        while earlier.may_be_earlier() {
+            earlier = index.earlier(&earlier);
+        }
+        assert_eq!((earlier.place, earlier.begin_ns), (None, there.begin_ns));
     }
 }
