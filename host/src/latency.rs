@@ -1,15 +1,15 @@
 //! `skin bench latency`: how long a contact takes to a line of JSON and to the page, part by part.
 //!
-//! The simulated board runs in real time, and from its port on everything is that of `skin run --every-frame`: link, reconstruction, events, JSON
-//! through a pipe, the page through a socket. The board's parts are exact, in its own time. The rest is measured by the clock of this
-//! machine. A browser draws a message with its next refresh; that is not part of it.
+//! The board is simulated beforehand, and its frames come at their times ([`ahead`]). From its port on everything is that of `skin run
+//! --every-frame`: link, reconstruction, events, JSON through a pipe, the page through a socket. The board's parts are exact, in its own
+//! time. The rest is measured by the clock of this machine. A browser draws a message with its next refresh; that is not part of it.
 
+use self::ahead::{Ahead, BITS};
 use crate::json_lines::{self, Beside};
 use crate::progress::Progress;
 use crate::run_session::imager;
-use crate::simulated_skin::start_held;
 use anyhow::{Context, Result, bail};
-use hil_sim::{Key, SceneFile, Shape, Touch};
+use hil_sim::{Key, Pace, SceneFile, Shape, SimPort, Touch};
 use inverse::live::{Live, LiveFrame, LiveOptions};
 use inverse::pipeline::FrameResult;
 use inverse::touches::gestures::{Gesture, GestureOptions, Gestures};
@@ -26,6 +26,8 @@ use view::picture::Stats;
 use view::surface::Surface;
 use view::web::{LiveOptions as PageOptions, LiveView};
 
+mod ahead;
+
 /// Contacts that are measured.
 const CONTACTS: usize = 40;
 /// From one contact to the next, s: no whole number of frames, so that contacts fall anywhere into one.
@@ -37,8 +39,6 @@ const RISE_S: f64 = 0.015;
 const FORCE_N: f64 = 15.0;
 /// Places of the contacts, in turn, mm.
 const PLACES_MM: [[f64; 2]; 4] = [[30.0, 10.0], [-45.0, 30.0], [0.0, -50.0], [-20.0, -10.0]];
-/// Bits on the wire of a byte.
-const BITS: f64 = 10.0;
 
 /// A part of the way, over all contacts, ms.
 #[derive(Debug, Serialize)]
@@ -101,9 +101,12 @@ impl Write for Clocked {
     }
 }
 
-/// When the force of a contact begins, s of the scene.
+/// What the board measured before is for the baseline, s.
+const BEGIN_S: f64 = 2.0;
+
+/// When the force of a contact begins, s of the board's time.
 fn contact_s(k: usize) -> f64 {
-    0.5 + EVERY_S * k as f64
+    BEGIN_S + 0.5 + EVERY_S * k as f64
 }
 
 /// Fingers that come down at the contacts' times, on rubber that does not creep and is looked at every 2 ms.
@@ -135,12 +138,11 @@ fn scene(seed: u64) -> Result<SceneFile> {
 /// The simulated skin, its sheet or the page do not start.
 pub(crate) fn measure(seed: u64) -> Result<Measured> {
     let scene = scene(seed)?;
-    let port = start_held(&scene)?;
+    let board = SimPort::new(scene.board()?, Pace::Unpaced).context("the simulated skin does not start")?;
+    let port = Ahead::new(board, BEGIN_S, scene.duration_s);
+    let begin = port.beginning();
     let last_read = Arc::new(Mutex::new(Instant::now()));
-    let session = Session::start(
-        Box::new(Clocked(Box::new(port.clone()), Arc::clone(&last_read))),
-        live_plan,
-    )?;
+    let session = Session::start(Box::new(Clocked(Box::new(port), Arc::clone(&last_read))), live_plan)?;
     let frame_s = session.frame_s();
     // As `skin run` has it: pictures are made where an output wants them.
     let options = LiveOptions {
@@ -157,9 +159,8 @@ pub(crate) fn measure(seed: u64) -> Result<Measured> {
     let progress = Progress::new("contacts");
     let mut seen: Vec<Seen> = (0..CONTACTS).map(|_| Seen::default()).collect();
     // Least time from a frame's end to the arrival of its last byte: how the two clocks go.
-    let (mut offsets, mut frames) = (Vec::new(), 0_u64);
+    let mut offsets = Vec::new();
     let began = Instant::now();
-    let mut bytes_before = 0;
     loop {
         let Some(frame) = session.frame(Duration::from_millis(100))? else {
             session.check_silence(Duration::from_secs(10))?;
@@ -172,15 +173,16 @@ pub(crate) fn measure(seed: u64) -> Result<Measured> {
             LiveFrame::Baseline { left } => {
                 if left == 0 {
                     // No frame is passed over: what a busy machine adds is its own part, and the board's stays exact.
-                    port.begin_scene();
-                    bytes_before = session.link().counters().bytes;
+                    begin.begin();
                 }
                 continue;
             }
             LiveFrame::Picture(result) => result,
         };
         let solved = Instant::now();
-        frames += 1;
+        if frame.time_s < BEGIN_S {
+            continue;
+        }
         offsets.push(read.duration_since(began).as_secs_f64() - frame.time_s);
         let events = gestures.update(frame.time_s, &result.touches).to_vec();
         let beside = Beside {
@@ -199,17 +201,14 @@ pub(crate) fn measure(seed: u64) -> Result<Measured> {
             &beside,
         )?)?;
         let contact = events.iter().any(|e| e.event == Gesture::Contact);
-        let scene_s = port.scene_began_s().map(|began_s| frame.time_s - began_s);
-        if let Some(scene_s) = scene_s {
-            let shown = Shown {
-                sequence: frame.sequence,
-                time_s: scene_s,
-                read,
-                decoded,
-                solved,
-            };
-            note(&mut seen, &shown, result, contact, frame_s);
-        }
+        let shown = Shown {
+            sequence: frame.sequence,
+            time_s: frame.time_s,
+            read,
+            decoded,
+            solved,
+        };
+        note(&mut seen, &shown, result, contact, frame_s);
         let result = if Surface::is_smoothed(result) {
             live.picture()
         } else {
@@ -218,18 +217,17 @@ pub(crate) fn measure(seed: u64) -> Result<Measured> {
         let result = result.context("there is no baseline")?;
         let picture = Surface::of(&imager)?.picture(result, frame.sequence.into(), frame.time_s, Stats::default());
         page.publish(picture)?;
-        let Some(scene_s) = scene_s else { continue };
-        progress.at((scene_s / EVERY_S).max(0.0) as usize, CONTACTS);
-        if scene_s > scene.duration_s {
+        progress.at(((frame.time_s - BEGIN_S) / EVERY_S) as usize, CONTACTS);
+        // Frames end with the simulated time.
+        if frame.time_s + 2.0 * frame_s > scene.duration_s {
             break;
         }
     }
     drop(progress);
-    let bytes = session.link().counters().bytes - bytes_before;
-    let wire_s = bytes as f64 / frames as f64 * BITS / f64::from(BAUD);
-    let scene_began_s = port.scene_began_s().context("the scene did not begin")?;
+    let counters = session.link().counters();
+    let wire_s = counters.bytes as f64 / counters.frames as f64 * BITS / f64::from(BAUD);
     let least = offsets.iter().copied().fold(f64::INFINITY, f64::min);
-    let expected = |shown: &Shown| began + Duration::from_secs_f64((shown.time_s + scene_began_s + least).max(0.0));
+    let expected = |shown: &Shown| began + Duration::from_secs_f64((shown.time_s + least).max(0.0));
     // Arrivals end with their writers.
     drop((page, to_json));
     let rows = rows(&seen, frame_s, wire_s, &expected, [&on_json, &on_page])?;
@@ -261,7 +259,7 @@ fn note(seen: &mut [Seen], shown: &Shown, result: &FrameResult, contact: bool, f
 const PARTS: [(&str, bool); 10] = [
     ("contact to the end of the first frame that shows it", false),
     ("sent at 1 Mbit/s", false),
-    ("the simulated board came late by, in no sum", false),
+    ("the frame came late by, in no sum", false),
     ("decoded", false),
     ("reconstructed", false),
     ("JSON line made and read", false),
@@ -290,7 +288,7 @@ fn rows(
             bail!("contact {k} was not seen: this machine could not keep up with the board");
         };
         let board_s = |shown: &Shown| shown.time_s + frame_s - contact_s(k);
-        // A real board is not late: it need not compute the rubber.
+        // That this machine woke late is no part of the way.
         let whole_s = |shown: &Shown, at: Instant| board_s(shown) + wire_s + since(shown.read, at);
         // A page that is slower than the frames is given the newest one only: then the way of this one is not known.
         let (json, page) = (arrived(&on_json, touch), arrived(&on_page, touch));

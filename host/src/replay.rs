@@ -141,6 +141,8 @@ enum Went {
     ToBaseline,
     /// Something else was asked for, or the replay is to stand still.
     Over,
+    /// Its first frame came before it: nothing was taken.
+    Missed,
     /// It is enough.
     Stopped,
 }
@@ -264,9 +266,13 @@ impl<'a> Player<'a> {
         let mut is_first = true;
         loop {
             let mut went = Went::Over;
-            for stretch in std::mem::take(&mut way) {
+            for mut stretch in std::mem::take(&mut way) {
                 went = self.stretch(&stretch, is_first, &mut live, output, commands)?;
                 is_first = false;
+                while let (Went::Missed, Some(index)) = (&went, &self.index) {
+                    stretch = index.earlier(&stretch);
+                    went = self.stretch(&stretch, false, &mut live, output, commands)?;
+                }
                 if !matches!(went, Went::ToBaseline) {
                     break;
                 }
@@ -279,7 +285,7 @@ impl<'a> Player<'a> {
                     "{}: at its end; the page goes back, and Ctrl-C ends",
                     self.path.display()
                 ),
-                Went::Over | Went::ToBaseline => {}
+                Went::Over | Went::ToBaseline | Went::Missed => {}
             }
             let at_end = matches!(went, Went::Ended);
             // It stands still until something else is asked for.
@@ -392,6 +398,7 @@ impl<'a> Player<'a> {
     /// Takes the steps of a part of a recording.
     fn steps(&mut self, of: &Stretch, run: &mut Run<'_>, script: &mut Script, board: &PlayedBoard) -> Result<Went> {
         let mut frames = Frames::default();
+        let mut took = false;
         let told = match (of.to_baseline, self.arguments.speed) {
             (true, _) => Some(Progress::new("going there")),
             (false, Speed::Unpaced) => Some(Progress::new("replaying")),
@@ -444,8 +451,13 @@ impl<'a> Player<'a> {
                     let Some(replayed) = &mut run.replayed else {
                         return Ok(Went::Stopped);
                     };
+                    let stopped = self.stop.load(Ordering::Relaxed);
+                    if found.is_none() && !took && of.may_be_earlier() && !stopped {
+                        return Ok(Went::Missed);
+                    }
+                    took = true;
                     let Some(found) = found else {
-                        replayed.missing += u64::from(!self.stop.load(Ordering::Relaxed));
+                        replayed.missing += u64::from(!stopped);
                         continue;
                     };
                     replayed.expected = picture;

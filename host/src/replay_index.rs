@@ -7,9 +7,12 @@ use recording::{Known, Reader, Topic};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Frames arrive so long before their pictures are recorded, ns, or as long as the recording itself says: a replay looks for them from
-/// there on.
+/// Frames arrive so long before the steps that took them are recorded, ns, and as much longer as the recording itself says: a replay
+/// looks for them from there on. How late a frame came itself the recording does not say, so that one may have come earlier still
+/// ([`Index::earlier`]).
 const LEAD_NS: u64 = 2_000_000_000;
+/// A frame that did not come within so long before is not in the file, ns: more than memory has room for frames that wait.
+const MOST_LEAD_NS: u64 = 600_000_000_000;
 
 /// A baseline of a recording.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -33,6 +36,15 @@ pub(crate) struct Stretch {
     pub(crate) anew: bool,
     /// Whether it ends once that is in force.
     pub(crate) to_baseline: bool,
+    /// So long before its steps their frames are looked for, ns.
+    lead_ns: u64,
+}
+
+impl Stretch {
+    /// Whether frames may have come before it begins.
+    pub(crate) fn may_be_earlier(&self) -> bool {
+        self.place.is_some() && self.lead_ns < MOST_LEAD_NS
+    }
 }
 
 /// What a recording holds when; times are log times, ns.
@@ -41,7 +53,8 @@ pub(crate) struct Index {
     /// Chunks that can be begun with: time of the first message, and place.
     chunks: Vec<(u64, u64)>,
     baselines: Vec<BaselineSpan>,
-    /// Pictures were recorded so long after their frames were measured, at most.
+    /// Steps and pictures were recorded so long after their frames were measured, at most. The first baseline's waited for the model of
+    /// the sheet.
     latest_ns: u64,
     /// Of the first step and of the last one.
     pub(crate) began_ns: u64,
@@ -60,7 +73,7 @@ impl Index {
         let mut latest_ns = 0;
         while let Some(message) = reader.next()? {
             let (log_ns, topic) = (message.log_ns, message.topic);
-            if topic == Some(Topic::Touches) {
+            if matches!(topic, Some(Topic::Live | Topic::Touches)) {
                 latest_ns = latest_ns.max(log_ns.saturating_sub(message.publish_ns));
             }
             let step = (topic == Some(Topic::Live))
@@ -126,11 +139,21 @@ impl Index {
             .saturating_sub(1)
     }
 
-    /// Where to begin for what was recorded from a time on.
-    fn place(&self, log_ns: u64) -> Option<u64> {
-        let wanted = log_ns.saturating_sub(self.latest_ns.saturating_add(LEAD_NS));
+    /// Where to begin for what was recorded from a time on, of frames that came so long before at most.
+    fn place(&self, log_ns: u64, lead_ns: u64) -> Option<u64> {
+        let wanted = log_ns.saturating_sub(lead_ns);
         let chunks = self.chunks.partition_point(|(begun_ns, _)| *begun_ns <= wanted);
         self.chunks.get(chunks.checked_sub(1)?).map(|(_, place)| *place)
+    }
+
+    /// The same part, with its frames looked for from twice as long before: the first of them was not in it.
+    pub(crate) fn earlier(&self, part: &Stretch) -> Stretch {
+        let lead_ns = part.lead_ns.saturating_mul(2);
+        Stretch {
+            place: self.place(part.begin_ns, lead_ns),
+            lead_ns,
+            ..*part
+        }
     }
 
     /// What to play to be at a time, for a replay that has got as far as another one: where the baseline differs, that first.
@@ -140,27 +163,99 @@ impl Index {
         let span = self.baselines.get(wanted);
         let in_force = |log_ns: u64| span.and_then(|b| b.in_force_ns).is_some_and(|since| since <= log_ns);
         let has_it = self.baseline(from_ns) == wanted && in_force(from_ns);
+        let lead_ns = self.latest_ns.saturating_add(LEAD_NS);
         let mut way = Vec::new();
         // Before it was in force nothing was shown: it is taken again.
         if !has_it || !in_force(to_ns) {
             let begin_ns = span.map_or(0, |b| b.begun_ns);
             way.push(Stretch {
-                place: self.place(begin_ns),
+                place: self.place(begin_ns, lead_ns),
                 begin_ns,
                 pictures_ns: begin_ns,
                 anew: true,
                 to_baseline: in_force(to_ns),
+                lead_ns,
             });
         }
         if in_force(to_ns) {
             way.push(Stretch {
-                place: self.place(to_ns),
+                place: self.place(to_ns, lead_ns),
                 begin_ns: to_ns,
                 pictures_ns: to_ns,
                 anew: false,
                 to_baseline: false,
+                lead_ns,
             });
         }
         way
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use recording::Writer;
+    use serde_json::json;
+
+    const S: u64 = 1_000_000_000;
+
+    /// The frames of the first baseline wait for the model of the sheet, on a busy machine for longer than any picture later on.
+    #[test]
+    fn a_baseline_is_played_from_its_first_frame_on_however_late_it_was_taken() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("late.mcap");
+        let mut writer = Writer::create(&path).unwrap();
+        let mut put = |topic, log_s: u64, measured_s: u64, message: &str| {
+            writer
+                .message(topic, log_s * S, measured_s * S, message.as_bytes())
+                .unwrap();
+            // Every second has a chunk of its own.
+            writer.flush().unwrap();
+        };
+        for s in 100..140 {
+            put(Topic::Board, s, s, "a frame");
+            match s {
+                // Taken 20 s after they were measured.
+                120 | 121 => put(
+                    Topic::Live,
+                    s,
+                    s - 20,
+                    &json!({"step": "baseline", "frame": s - 120, "left": 121 - s}).to_string(),
+                ),
+                122 => put(
+                    Topic::Live,
+                    s,
+                    s,
+                    &json!({"step": "in_force", "note": null}).to_string(),
+                ),
+                125.. => put(Topic::Touches, s, s, "{}"),
+                _ => {}
+            }
+        }
+        writer.finish().unwrap();
+        let index = Index::of(&path, &AtomicBool::new(false)).unwrap().unwrap();
+        let first_ns = |place: Option<u64>| {
+            let mut reader = match place {
+                Some(place) => Reader::open_at(&path, index.known(), place).unwrap(),
+                None => Reader::open(&path).unwrap(),
+            };
+            reader.next().unwrap().unwrap().log_ns
+        };
+        let way = index.way(index.ended_ns, 130 * S);
+        assert_eq!(way.len(), 1, "{way:?}");
+        let way = index.way(index.began_ns, 130 * S);
+        let [baseline, there] = &way[..] else { panic!("{way:?}") };
+        assert!(baseline.anew && baseline.to_baseline && !there.anew, "{way:?}");
+        assert!(first_ns(baseline.place) <= 100 * S, "{way:?}");
+        let began_ns = first_ns(there.place);
+        assert!((100 * S..=130 * S - LEAD_NS).contains(&began_ns), "{way:?}");
+        // Twice as long before, and so on to the beginning of the file.
+        assert!(there.may_be_earlier());
+        let mut earlier = index.earlier(there);
+        assert!(first_ns(earlier.place) < began_ns, "{earlier:?}");
+        while earlier.may_be_earlier() {
+            earlier = index.earlier(&earlier);
+        }
+        assert_eq!((earlier.place, earlier.begin_ns), (None, there.begin_ns));
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::ending::until_it_hangs;
 use crate::program::{Started, output, program, said, text};
-use recording::{Ended, Reader, Topic};
+use recording::{Ended, Reader, Topic, Writer};
 use serde_json::{Value, json};
 use std::io::{BufRead, BufReader, Read};
 use std::net::TcpStream;
@@ -367,5 +367,60 @@ fn a_replay_goes_where_the_page_asks() {
     page.shows(|_, place| place["paused"] == true && place["at_ms"].as_u64() >= Some(length_ms.saturating_sub(20)));
     let said = page.end();
     assert!(said.contains("went to another place"), "{said}");
+    assert!(!said.contains("warning"), "{said}");
+}
+
+/// The same recording by a program that took every frame so much later, and does not know it.
+fn taken_later(from: &Path, to: &Path, by_ns: u64) {
+    let mut messages = Vec::new();
+    let mut reader = Reader::open(from).unwrap();
+    while let Some(message) = reader.next().unwrap() {
+        let Some(topic) = message.topic else { continue };
+        let late = matches!(topic, Topic::Live | Topic::Touches);
+        let log_ns = message.log_ns + if late { by_ns } else { 0 };
+        messages.push((log_ns, topic, message.data.to_vec()));
+    }
+    messages.sort_by_key(|(log_ns, ..)| *log_ns);
+    let mut writer = Writer::create(to).unwrap();
+    for chunk in messages.chunks(50) {
+        for (log_ns, topic, data) in chunk {
+            writer.message(*topic, *log_ns, *log_ns, data).unwrap();
+        }
+        writer.flush().unwrap();
+    }
+    writer.finish().unwrap();
+}
+
+/// On a busy machine frames wait, and what a recording says of their times is when they came on average.
+#[test]
+fn a_replay_finds_frames_that_waited_longer_than_the_recording_says() {
+    let folder = tempfile::tempdir().unwrap();
+    let (file, late) = (folder.path().join("soon.mcap"), folder.path().join("late.mcap"));
+    let run = [
+        "run",
+        "--scene",
+        "one-touch",
+        "--json",
+        "--every-frame",
+        "--frames",
+        "400",
+        "--record",
+    ];
+    let run = output(&[&run[..], &[text(&file)]].concat());
+    assert!(run.status.success(), "{}", said(&run));
+    taken_later(&file, &late, 8_000_000_000);
+    let (began_ns, pictures) = recorded(&late);
+    let mut page = Page::of(folder.path(), &["replay", text(&late)]);
+    page.until(|m| m["kind"] == "replay");
+    page.send("pause");
+    page.shows(|_, place| place["paused"] == true);
+    for at in [350, 50, 200] {
+        let at_ms = (pictures[at].log_ns - began_ns) / 1_000_000;
+        page.ask(json!({ "kind": "seek", "at_ms": at_ms }));
+        let from = pictures.partition_point(|p| p.log_ns < began_ns + 1_000_000 * at_ms);
+        let wanted = pictures[from].frame;
+        page.shows(|f, place| f.sequence == wanted && place["paused"] == true);
+    }
+    let said = page.end();
     assert!(!said.contains("warning"), "{said}");
 }

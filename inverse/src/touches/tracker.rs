@@ -7,7 +7,7 @@
 //!
 //! A touch gets its number once it was seen in several frames one after another, so that what flickers has none. What flickers is
 //! noise, a touch that is taken for two, or a frame that is doubted. A touch that is none of these has its number at once: it is alone,
-//! its rise is far beyond its uncertainty, and nothing speaks against the frame. One that vanished is waited for, and gets its number
+//! its rise is far beyond its uncertainty or its place is certain, and nothing speaks against the frame. One that vanished is waited for, and gets its number
 //! back at once.
 
 use crate::touches::assignment::assign;
@@ -28,6 +28,10 @@ pub struct TrackerOptions {
     /// But a touch whose integrated rise is so many of its standard uncertainties, and that is farther than twice the reach from all
     /// others, has it from its first frame on. More waits oftener.
     pub clear_sd: f64,
+    /// So has one whose place is as certain as this, one standard uncertainty in mm. A touch that comes down while its frame is measured
+    /// may be of any size at a place that is known: its rise is uncertain, that it is there is not. Noise has no place to a tenth of a
+    /// finger's radius. Less waits oftener.
+    pub clear_mm: f64,
     /// Speed of a touch when it is first seen, one direction's standard deviation, mm/s. Less follows later what comes down moving.
     pub speed_mm_s: f64,
     /// Change of the velocity in a second, one direction's standard deviation, mm/s. More follows turns sooner; less foretells better
@@ -45,6 +49,7 @@ impl TrackerOptions {
             patience_s,
             frames: 3,
             clear_sd: 10.0,
+            clear_mm: 1.0,
             speed_mm_s: 300.0,
             change_mm_s: 50.0,
             place_sd_mm: [3.0, 0.5],
@@ -230,6 +235,8 @@ impl Tracker {
         let stands_out = touch
             .total_sd_mm2
             .is_some_and(|sd| touch.total_mm2.abs() >= self.following.clear_sd * sd);
+        let uncertain_mm = touch.x_sd_mm.zip(touch.y_sd_mm).map(|(x, y)| x.max(y));
+        let has_place = uncertain_mm.is_some_and(|sd| sd <= self.following.clear_mm);
         let here = [touch.x_mm, touch.y_mm];
         let far = 4.0 * self.following.reach_mm * self.following.reach_mm;
         let others = touches
@@ -239,7 +246,7 @@ impl Tracker {
             .map(|(_, t)| [t.x_mm, t.y_mm]);
         let known = expected.iter().zip(&self.known).filter(|(_, known)| known.id.is_some());
         let mut all = others.chain(known.map(|(motion, _)| motion.at_mm));
-        stands_out && all.all(|there| squared(here, there) > far)
+        (stands_out || has_place) && all.all(|there| squared(here, there) > far)
     }
 
     /// By how much the places of known ones are more uncertain than they say, mm²: two that are near each other may be seen as one

@@ -1,9 +1,19 @@
 // Where the labels of the touches go, and what they say (as view/labels.rs does for images).
 
+// Directions from a ring's centre to its label's nearest point, and which part of the label is that point: its end, or its middle.
+const END = 0.5;
 const SIDES = [
   [[1, 0], [-1, 0], [0.7, -0.7], [-0.7, -0.7], [0.7, 0.7], [-0.7, 0.7], [0, -1], [0, 1]],
   [[1, -0.4], [-1, -0.4], [1, 0.4], [-1, 0.4], [0.3, -1], [-0.3, -1], [0.3, 1], [-0.3, 1]],
-].flat();
+]
+  .flat()
+  .map(([dx, dy]) => ({ dx, dy, along: [END * Math.sign(dx), END * Math.sign(dy)] }));
+// The straight ones shifted along the ring by a quarter of the label: where an electrode's number is beside one end of it.
+for (const [dx, dy] of [[1, 0], [-1, 0], [0, -1], [0, 1]]) {
+  for (const by of [0.25, -0.25]) {
+    SIDES.push({ dx, dy, along: dx ? [END * dx, by] : [by, END * dy] });
+  }
+}
 // Colours of numbers in style.css.
 const COLOURS = 8;
 
@@ -103,9 +113,9 @@ export class Labels {
   candidates(ring) {
     const gaps = [0, 1, 2.2, 3.6].map((k) => 6 + k * ring.h);
     return gaps.flatMap((gap, g) =>
-      SIDES.map(([dx, dy], k) => ({
-        x: ring.x + dx * (ring.r + gap) + 0.5 * ring.w * (Math.sign(dx) - 1),
-        y: ring.y + dy * (ring.r + gap) + 0.5 * ring.h * (Math.sign(dy) - 1),
+      SIDES.map(({ dx, dy, along }, k) => ({
+        x: ring.x + dx * (ring.r + gap) + ring.w * (along[0] - 0.5),
+        y: ring.y + dy * (ring.r + gap) + ring.h * (along[1] - 0.5),
         w: ring.w,
         h: ring.h,
         index: SIDES.length * g + k,

@@ -67,6 +67,26 @@ fn a_clear_touch_has_its_number_at_once() {
     assert_eq!(of(8.0, None, true), (false, 1));
 }
 
+/// One of which only the size is uncertain is there.
+#[test]
+fn a_touch_of_a_certain_place_has_its_number_at_once() {
+    let of = |x_sd_mm: f64, y_sd_mm: f64, beside: Option<f64>, doubted: bool| {
+        let mut touches = vec![Touch {
+            total_mm2: 43.0,
+            total_sd_mm2: Some(17.0),
+            x_sd_mm: Some(x_sd_mm),
+            y_sd_mm: Some(y_sd_mm),
+            ..touch(0.0, 0.0)
+        }];
+        touches.extend(beside.map(|x_mm| touch(x_mm, 0.0)));
+        tracker().update(0.0, &mut touches, doubted);
+        touches[0].id.is_some()
+    };
+    assert!(of(1.0, 0.4, None, false) && of(0.4, 1.0, Some(41.0), false));
+    assert!(!of(1.1, 0.4, None, false) && !of(0.4, 1.1, None, false));
+    assert!(!of(0.4, 0.4, Some(39.0), false) && !of(0.4, 0.4, None, true));
+}
+
 /// It may be a part of the one that is there, or that is looked for.
 #[test]
 fn what_comes_beside_a_known_touch_waits_for_its_number() {
