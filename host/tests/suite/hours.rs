@@ -156,6 +156,6 @@ fn a_run_as_long_as_one_likes_takes_no_more_memory() {
     let hours: f64 = std::env::var("SKIN_HOURS").map_or(1.0, |s| s.parse().unwrap());
     let file = std::env::var_os("SKIN_HOURS_RECORD");
     let (early, end) = run(3600.0 * hours, file.as_deref().map(Path::new));
-    // What is kept for frames of rare kinds finds room in what the start took and gave back, or takes a few MB.
-    assert!(end <= early + (16 << 10), "{early} {end} KiB");
+    // Frames wait, up to 64 MB of them, where the board is quicker than the program, as on a busy machine.
+    assert!(end <= early + (64 << 10), "{early} {end} KiB");
 }

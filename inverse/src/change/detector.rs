@@ -184,7 +184,7 @@ impl ChangeDetector {
         self.most = most_averaged.min(self.options.most_frames);
         let change = self.look(frame);
         match change {
-            Change::Nothing => self.remembers = false,
+            Change::Nothing => self.forget(),
             Change::New => {
                 self.remembers = false;
                 self.rest.begin(frame);
@@ -259,7 +259,9 @@ impl ChangeDetector {
     /// the parameters of its touches move it: columns of `stride` entries.
     pub(crate) fn remember(&mut self, reduced: &[f64], slopes: &[f64], stride: usize) {
         let directions = self.projector.directions();
-        self.remembers = stride >= directions && reduced.len() >= directions && !slopes.is_empty();
+        // What it has not looked at it cannot take the mean of.
+        let has_seen = self.rest.frames() > 0;
+        self.remembers = has_seen && stride >= directions && reduced.len() >= directions && !slopes.is_empty();
         if !self.remembers {
             return;
         }
@@ -291,8 +293,48 @@ impl ChangeDetector {
         last.limit_along = limits[usize::from(self.most > 1)];
     }
 
-    /// Forgets it: the next frame that is not nothing is new.
+    /// Forgets it, and the frames at rest: the next frame that is not nothing is new.
     pub(crate) fn forget(&mut self) {
         self.remembers = false;
+        self.rest.end();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::DMatrix;
+
+    /// The mean of no frame is none: what a detector is told of a frame that it has not looked at, or has forgotten, makes it take none.
+    #[test]
+    fn a_frame_that_was_not_looked_at_is_no_mean() {
+        let values = 12;
+        let sensitivity = DMatrix::from_fn(values, 30, |i, j| ((1.0 + i as f64) * (0.3 + j as f64)).sin());
+        let problem = Problem::new(&sensitivity, 0.0);
+        let weights = (vec![1.0; values], vec![1.0; values]);
+        let options = ChangeOptions::default();
+        let mut detector = ChangeDetector::new(&problem, weights, 1e-3, 0.0, 1e3, 1e-6, options).unwrap();
+        let frame: Vec<f64> = (0..values).map(|k| 1.0 + (k as f64).cos()).collect();
+        let reduced = detector
+            .projector
+            .project(|out| out.iter_mut().zip(&frame).for_each(|(out, v)| *out = v - 1.0))
+            .to_vec();
+        let told = |detector: &mut ChangeDetector| {
+            detector.remember(&reduced, &reduced, reduced.len());
+            detector.once_more();
+        };
+        told(&mut detector);
+        assert_eq!(detector.test(&frame, 16), Change::New);
+        told(&mut detector);
+        assert_eq!(detector.test(&frame, 16), Change::Mean);
+        assert_eq!(detector.rest().mean(), frame);
+        detector.forget();
+        told(&mut detector);
+        assert_eq!(detector.test(&frame, 16), Change::New);
+        // A frame with nothing in it is not averaged either.
+        told(&mut detector);
+        assert_eq!(detector.test(&vec![1.0; values], 16), Change::Nothing);
+        told(&mut detector);
+        assert_eq!(detector.test(&frame, 16), Change::New);
     }
 }

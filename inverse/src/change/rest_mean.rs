@@ -50,6 +50,14 @@ impl RestMean {
         self.clear();
     }
 
+    /// Has no frames any more.
+    pub(super) fn end(&mut self) {
+        if self.frames > 0 {
+            self.frames = 0;
+            self.clear();
+        }
+    }
+
     /// Forgets the frames since the result.
     fn clear(&mut self) {
         self.sum.clear();

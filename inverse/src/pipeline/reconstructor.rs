@@ -215,6 +215,8 @@ impl Reconstructor {
         }
         self.due = self.broken.begin(self.contacts.changed());
         if self.due {
+            // No detector looks at this frame.
+            self.detectors.iter_mut().flatten().for_each(ChangeDetector::forget);
             self.reconstruct(values, Averaged::ONE, false)?;
             return Ok(true);
         }

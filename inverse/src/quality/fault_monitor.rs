@@ -29,7 +29,9 @@ const ALIKE: f64 = 5.0;
 /// The mean of frames one after another that differ by nothing but noise. A contact and a finger on it tell different stories, but a
 /// frame by itself may be too noisy to tell which.
 struct Mean {
+    /// The mean difference to the baseline.
     difference: Difference,
+    /// Of how many frames, at most [`MOST_OPEN`]: of more it follows the last.
     frames: f64,
 }
 
@@ -37,7 +39,7 @@ impl Mean {
     /// Takes a frame; begins anew where it is another. `sigma_v`: noise of one value, V of the model.
     fn take(mean: &mut Option<Self>, d: &Difference, sigma_v: f64) {
         if let Some(mean) = mean.as_mut().filter(|mean| mean.is_alike(d, sigma_v)) {
-            mean.frames += 1.0;
+            mean.frames = (mean.frames + 1.0).min(MOST_OPEN as f64);
             let part = 1.0 / mean.frames;
             (mean.difference.y)
                 .iter_mut()
@@ -82,9 +84,11 @@ pub(crate) struct FaultMonitor {
     open: bool,
     /// What the last looks told, and how many.
     candidate: Option<(Fault, usize)>,
-    /// Suspicious frames one after another, the mean of the last, and frames until the next look.
+    /// Suspicious frames one after another.
     suspicious: usize,
+    /// The mean of the last of them.
     mean: Option<Mean>,
+    /// Frames until the next look.
     until: usize,
     wait: usize,
     against: usize,
@@ -150,7 +154,7 @@ impl FaultMonitor {
 
     /// Whether a fault is a candidate, or may be one: then every frame counts.
     pub(crate) fn is_open(&self) -> bool {
-        self.candidate.is_some() || self.open
+        self.candidate.is_some() || (self.open && self.suspicious < MOST_OPEN)
     }
 
     /// Forgets all that earlier frames said.
@@ -222,7 +226,12 @@ impl FaultMonitor {
         };
         let known = known.map(|fault| Told::Fault { fault, alone: true });
         let told = known.unwrap_or_else(|| self.explain(d, sigma_v));
-        self.open = told == Told::Perhaps && self.suspicious < MOST_OPEN;
+        self.open = told == Told::Perhaps;
+        if self.open && self.named.is_some() {
+            // It does not speak against the fault.
+            self.until = AGAIN[0];
+            return false;
+        }
         self.alone = matches!(told, Told::Fault { alone: true, .. });
         let told = match told {
             Told::Fault { fault, .. } => Some(fault),

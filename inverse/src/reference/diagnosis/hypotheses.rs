@@ -10,7 +10,6 @@ use crate::reference::drift::{DriftShapes, Drifting};
 use crate::reference::imager::Imager;
 use crate::reference::screening::consensus;
 use forward::{Drive, ElectrodeMatrix, Measurement, Pair, Solver};
-
 use nalgebra::{DMatrix, DVector};
 use std::sync::Arc;
 
@@ -23,8 +22,8 @@ const DEPTH: f64 = 0.7;
 /// Standard deviations of what drifts: the gain and the sheet's resistance, and every contact.
 const COMMON: f64 = 0.1;
 const CONTACT: f64 = 0.01;
-/// Relative error of what a fault is predicted to change: the model's electrodes are not quite the sheet's. Of a sheet that is as its model
-/// it is less, which tells a fault from a press.
+/// Relative error of what a fault is predicted to change: the model's electrodes are not quite the sheet's. Of a sheet that is as its
+/// model it is less, which tells a fault from a press.
 const PREDICTION: f64 = 0.02;
 const EXACT: [f64; 2] = [PREDICTION / 4.0, PREDICTION / 16.0];
 /// Relative error of the values of a sheet as it is built, and how much more probable a baseline must be with a fault, as a logarithm.
@@ -264,7 +263,7 @@ impl Diagnosis {
     pub(crate) fn explain(&mut self, d: &Difference, sigma_v: Option<f64>) -> Told {
         let sigma_v = sigma_v.unwrap_or(LEAST_NOISE * self.mean_v);
         let own = |k: usize, prediction: f64| (sigma_v * d.spread[k]).hypot(prediction * d.y[k]);
-        let Some(best) = self.best(d, own) else {
+        let Some(best) = self.best(d, own, &EXACT) else {
             return Told::Nothing;
         };
         let values = d.used.iter().filter(|used| **used).count() as f64;
@@ -300,7 +299,7 @@ impl Diagnosis {
             };
             let values = d.used.iter().filter(|used| **used).count();
             let own = |k: usize, _| BUILT * (v[k].abs().hypot(d.y[k])).max(0.1 * mean_v);
-            self.best(&d, own)
+            self.best(&d, own, &[])
                 .filter(|best| best.cost < values as f64 && best.touches - best.cost > CLEAR)
         };
         let best = [common, 1.0]
@@ -311,8 +310,8 @@ impl Diagnosis {
     }
 
     /// The best explanation of a difference, with the standard deviation of every value's own error for a relative error of what is
-    /// predicted.
-    fn best(&mut self, d: &Difference, own: impl Fn(usize, f64) -> f64) -> Option<Best> {
+    /// predicted. `exact`: smaller ones that may be the case.
+    fn best(&mut self, d: &Difference, own: impl Fn(usize, f64) -> f64, exact: &[f64]) -> Option<Best> {
         let own = |prediction: f64| -> Vec<f64> {
             let used = d.used.iter().enumerate();
             used.map(|(k, used)| if *used { own(k, prediction) } else { f64::NAN })
@@ -343,13 +342,16 @@ impl Diagnosis {
                 (best.fault, best.cost, best.left) = (None, strong, strong);
             }
         }
-        if let Some(press) = best.fault.and_then(|fault| Press::instead_of(fault, &self.imager)) {
+        // A baseline is not held against presses: what is found in it leaves no touches.
+        let may_press = best.fault.filter(|_| !exact.is_empty());
+        if let Some(press) = may_press.and_then(|fault| Press::instead_of(fault, &self.imager)) {
             let prior = best.cost - self.cost_of(&best, d, &evidence);
             let place = press.places() * (self.electrodes() as f64).ln();
             let (mut broken, mut touched) = (best.cost, place + evidence.beside(&press.columns));
-            for prediction in EXACT {
+            for prediction in exact.iter().copied() {
                 let own = predicted(prediction);
-                let other = Evidence::new(&d.y, (&mut self.covariance, 1.0), &own, self.largest_v)?;
+                let other = Evidence::new(&d.y, (&mut self.covariance, 1.0), &own, self.largest_v);
+                let Some(other) = other else { continue };
                 let wider = other.wider_than(&evidence);
                 broken = broken.min(prior + self.cost_of(&best, d, &other) + wider);
                 touched = touched.min(place + other.beside(&press.columns) + wider);
@@ -365,7 +367,7 @@ impl Diagnosis {
         Some(best)
     }
 
-    /// Cost of the best fault, without that of its being there, in a frame seen otherwise. Of faults that no press looks like it is infinite.
+    /// Cost of the best fault, without that of its being there, in a frame seen otherwise; infinite for faults that no press looks like.
     fn cost_of(&self, best: &Best, d: &Difference, evidence: &Evidence) -> f64 {
         let of_channel = |pair: [usize; 2]| self.channel_columns(&values_of_channel(&self.imager, pair), d);
         match best.fault {

@@ -75,7 +75,7 @@ mod tests {
     use crate::reference::diagnosis::Electrodes;
     use forward::{Drive, Pattern, Sheet};
 
-    /// A uniform rise of all that a press reaches is nearly one of one standard deviation along its columns, and what is opposite is not.
+    /// The columns span a fingertip on the electrode to a twentieth of what it changes, and one on the other side of the sheet not to half.
     #[test]
     fn columns_span_smooth_rises_at_the_electrode() {
         let pattern = Pattern::adjacent(16).unwrap();

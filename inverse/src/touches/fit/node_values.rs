@@ -121,9 +121,13 @@ impl NodeValues {
             return Arc::clone(values);
         }
         let all: Vec<usize> = (0..count).collect();
+        let stride = match self {
+            Self::Whole(values) => values.len() / count.max(1),
+            Self::Reduced(reduced) => reduced.stride,
+            Self::Summed(_, sums) => padded(sums.length(), LANES),
+        };
         self.with(&all, |values, places| {
-            let stride = values.len() / places.len().max(1);
-            let mut whole = Aligned::zeros(values.len());
+            let mut whole = Aligned::zeros(count * stride);
             for (out, place) in whole.chunks_exact_mut(stride.max(1)).zip(places) {
                 out.copy_from_slice(&values[place * stride..][..stride]);
             }
@@ -131,7 +135,8 @@ impl NodeValues {
         })
     }
 
-    /// Looks at columns, after those that are `needed` were made: `look` is told where they are. Those of a node stay beside one another.
+    /// Looks at columns, after those that are `needed` were made: `look` is told where they are, and must not ask for others. Those of a
+    /// node stay beside one another.
     pub(super) fn with<R>(&self, needed: &[usize], look: impl FnOnce(&[f64], &[usize]) -> R) -> R {
         match self {
             Self::Whole(values) => look(values, needed),
