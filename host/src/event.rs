@@ -22,7 +22,14 @@ pub(crate) enum Event {
     /// The board was reset, and measures again.
     BoardReset,
     /// Frames are lost.
-    FramesLost { lost: u64, of: u64, damaged: u64 },
+    FramesLost {
+        lost: u64,
+        of: u64,
+        damaged: u64,
+        /// Recordings of older programs have none.
+        #[serde(default)]
+        late: u64,
+    },
     /// Nothing comes.
     Silence { silent_s: f64 },
     /// The board was restarted by faults of its own, and does less than it was told to keep.
@@ -72,6 +79,7 @@ impl From<&LinkNotice> for Said {
                 lost,
                 of,
                 damaged: arrival.damaged,
+                late: arrival.late,
             },
             LinkNotice::Silent { s } => Event::Silence { silent_s: s },
             LinkNotice::Reset => Event::BoardReset,

@@ -49,7 +49,7 @@ impl fmt::Display for LinkNotice {
                         "{} messages arrived damaged; look at the cable and what runs beside it",
                         arrival.damaged
                     ),
-                    Arrival { late_reads: 1.., .. } => write!(
+                    Arrival { late: 1.., .. } => write!(
                         f,
                         "they were read too late; this computer is too busy, or the program takes frames too slowly"
                     ),
@@ -135,7 +135,7 @@ impl LinkNotices {
             of: all,
             arrival: Arrival {
                 damaged: now.arrival.damaged.saturating_sub(before.arrival.damaged),
-                late_reads: now.arrival.late_reads.saturating_sub(before.arrival.late_reads),
+                late: now.arrival.late.saturating_sub(before.arrival.late),
             },
         })
     }

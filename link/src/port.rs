@@ -38,9 +38,9 @@ pub struct LinkCounters {
 pub struct Arrival {
     /// Messages that arrived damaged though the port was read in time: the line's doing.
     pub damaged: u64,
-    /// Reads that came too late, and gaps that they left. Bytes wait for them in the system's buffer, and once that is full they are lost there: the doing of a
-    /// computer that is too busy, or of a program that takes frames too slowly.
-    pub late_reads: u64,
+    /// Messages cut off and gaps that late reads left. Bytes wait for a read in the system's buffer. Once that is full they are lost there:
+    /// the doing of a computer that is too busy, or of a program that takes frames too slowly.
+    pub late: u64,
 }
 
 /// Opens a port again that was lost. It is asked every 0.1 s, and must not take much longer than a second.

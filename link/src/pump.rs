@@ -243,7 +243,6 @@ impl<'a> Served<'a> {
     fn take(&mut self, bytes: &[u8], is_late: bool) {
         let (mut lost, mut frames, mut alive, mut read) = (0, 0, false, false);
         let (messages, last_sequence, arrival) = (&self.pump.messages, &mut self.last_sequence, &mut self.arrival);
-        arrival.late_reads += u64::from(is_late);
         // What a late read leaves comes with the next; and what is cut off in a buffer that was full may end many reads later.
         let is_rest = std::mem::replace(&mut self.was_late, is_late) || is_late;
         self.is_cut |= is_rest;
@@ -258,7 +257,7 @@ impl<'a> Served<'a> {
                         // A board that was reset starts at 0 again: a huge gap is no loss.
                         let gap = frame.sequence.wrapping_sub(last).wrapping_sub(1);
                         lost += if gap < u32::MAX / 2 { u64::from(gap) } else { 0 };
-                        arrival.late_reads += u64::from(gap > 0 && *is_cut);
+                        arrival.late += u64::from(gap > 0 && *is_cut);
                     }
                 }
                 *is_cut = is_rest;
@@ -266,7 +265,7 @@ impl<'a> Served<'a> {
             }
             Err(e) => {
                 match std::mem::replace(is_cut, is_rest) {
-                    true => arrival.late_reads += 1,
+                    true => arrival.late += 1,
                     false => arrival.damaged += 1,
                 }
                 tracing::debug!("a damaged message: {e}");

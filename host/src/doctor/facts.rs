@@ -123,8 +123,8 @@ impl Measured {
 
     /// Whether what is lost or damaged was read too late from a port, and is not the line's doing.
     pub(crate) fn was_late(&self, origin: &Origin) -> bool {
-        let Arrival { damaged, late_reads } = self.link.arrival;
-        *origin == Origin::Port && damaged == 0 && late_reads > 0
+        let Arrival { damaged, late } = self.link.arrival;
+        *origin == Origin::Port && damaged == 0 && late > 0
     }
 }
 
