@@ -129,9 +129,7 @@ impl Ahead {
         let begun = self.begin.0.get()?;
         Some(Duration::from_secs_f64(due_s).saturating_sub(begun.elapsed()))
     }
-}
 
-impl Ahead {
     /// Takes what the board answers, in whole messages; from its first frame on all that it will say.
     fn listen(&mut self) -> Result<()> {
         let mut bytes = [0; 4096];
@@ -152,14 +150,10 @@ impl Ahead {
         let wait = next.and_then(|(time_s, message)| self.wait(*time_s, message.len()));
         let wait = wait.unwrap_or(Duration::MAX);
         std::thread::sleep(wait.min(WAIT));
-        if wait <= WAIT {
-            self.out.extend(
-                self.said
-                    .messages
-                    .pop_front()
-                    .into_iter()
-                    .flat_map(|(_, message)| message),
-            );
+        if wait <= WAIT
+            && let Some((_, message)) = self.said.messages.pop_front()
+        {
+            self.out.extend(message);
         }
     }
 }

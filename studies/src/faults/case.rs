@@ -130,13 +130,16 @@ pub fn cases() -> Vec<Case> {
             ],
         ),
     ]);
-    for ohm in [20, 100, 500, 5000] {
+    for ohm in [20, 50, 100, 500, 5000] {
         out.push(Case::board(&[&format!("contact_raised:3,{ohm}")], &["electrode 3 "]));
     }
-    out.push(Case::board(
-        &["contact_raised:3,100", "contact_raised:9,100"],
-        &["electrodes 3 and 9 "],
-    ));
+    for ohm in [50, 100] {
+        let both = [3, 9].map(|electrode| format!("contact_raised:{electrode},{ohm}"));
+        out.push(Case::board(
+            &both.each_ref().map(String::as_str),
+            &["electrodes 3 and 9 "],
+        ));
+    }
     out.push(Case::board(
         &["contact_raised:3,500", "contact_raised:9,200"],
         &["electrodes 3 and 9 "],

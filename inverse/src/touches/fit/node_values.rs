@@ -117,15 +117,12 @@ impl NodeValues {
 
     /// All columns, in their order.
     fn whole(&self, count: usize) -> Arc<Aligned> {
-        if let Self::Whole(values) = self {
-            return Arc::clone(values);
-        }
-        let all: Vec<usize> = (0..count).collect();
         let stride = match self {
-            Self::Whole(values) => values.len() / count.max(1),
+            Self::Whole(values) => return Arc::clone(values),
             Self::Reduced(reduced) => reduced.stride,
             Self::Summed(_, sums) => padded(sums.length(), LANES),
         };
+        let all: Vec<usize> = (0..count).collect();
         self.with(&all, |values, places| {
             let mut whole = Aligned::zeros(count * stride);
             for (out, place) in whole.chunks_exact_mut(stride.max(1)).zip(places) {
@@ -175,7 +172,7 @@ fn product(by: &DMatrix<f64>, values: &[f64], columns: &[usize], out: &mut [f64]
     let columns = columns.chunks(COLUMNS_AT_ONCE);
     for (columns, out) in columns.zip(out.chunks_mut((COLUMNS_AT_ONCE * to).max(1))) {
         let product = by * DMatrix::from_fn(by.ncols(), columns.len(), |row, k| values[columns[k] * from + row]);
-        for (out, column) in out.chunks_exact_mut(to).zip(product.column_iter()) {
+        for (out, column) in out.chunks_exact_mut(to.max(1)).zip(product.column_iter()) {
             out[..by.nrows()].copy_from_slice(column.as_slice());
         }
     }
@@ -253,6 +250,17 @@ mod tests {
         at_once.with(&[], |v, _| assert!((0..columns).all(|c| near(v, c, c))));
         for all in [reduced.whole(columns), at_once.whole(columns)] {
             assert!(all.len() == columns * to && (0..columns).all(|c| near(&all, c, c)));
+        }
+    }
+
+    /// Where no value takes part nothing is left of the columns.
+    #[test]
+    fn columns_of_no_rows_are_empty() {
+        let whole = NodeValues::Whole(Arc::new(Aligned::zeros(OF_NODE * LANES)));
+        for at_once in [false, true] {
+            let reduced = whole.reduced(&DMatrix::zeros(0, 3), OF_NODE, &[1], at_once);
+            reduced.with_coarse(&[1], |v, places| assert!(v.is_empty() && places.len() == 1));
+            reduced.with(&[0, 1], |v, places| assert!(v.is_empty() && places.len() == 2));
         }
     }
 
