@@ -3,8 +3,16 @@
 
 use crate::port::{Port, Reopen};
 pub use crate::usb::{UsbPort, left_alone, usb_ports};
+#[cfg(unix)]
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+#[cfg(unix)]
+use rustix::fs::OFlags;
+#[cfg(unix)]
+use std::fs::File;
 use std::io::{self, Read, Write};
 use std::net::{TcpStream, ToSocketAddrs};
+#[cfg(unix)]
+use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
 use std::time::Duration;
 
@@ -92,15 +100,21 @@ pub fn open(path: &str) -> Result<Box<dyn Port>, String> {
         })?;
         return Ok(Box::new(bridge));
     }
-    match serialport::new(path, BAUD).timeout(READ_WAIT).open() {
-        Ok(mut port) => {
-            // BOOT0 first, so that the reset that ends with the other finds it low. A port without these lines needs neither.
-            let _ = port.write_data_terminal_ready(false);
-            let _ = port.write_request_to_send(false);
-            Ok(Box::new(SerialPort(port)))
-        }
-        Err(e) => Err(explained(path, &e)),
-    }
+    // First, because afterwards the port is held.
+    #[cfg(unix)]
+    let reader = Reader::open(path);
+    let mut port = serialport::new(path, BAUD)
+        .timeout(READ_WAIT)
+        .open()
+        .map_err(|e| explained(path, &e))?;
+    // BOOT0 first, so that the reset that ends with the other finds it low. A port without these lines needs neither.
+    let _ = port.write_data_terminal_ready(false);
+    let _ = port.write_request_to_send(false);
+    Ok(Box::new(SerialPort {
+        #[cfg(unix)]
+        reader: reader.map_err(|e| explained(path, &e.into()))?,
+        port,
+    }))
 }
 
 /// Whether a port's name is that of a bridge.
@@ -168,21 +182,53 @@ pub(crate) fn explained(path: &str, error: &serialport::Error) -> String {
 }
 
 /// A serial port as a plain stream of bytes.
-struct SerialPort(Box<dyn serialport::SerialPort>);
+struct SerialPort {
+    #[cfg(unix)]
+    reader: Reader,
+    port: Box<dyn serialport::SerialPort>,
+}
+
+/// What a port is read by: a descriptor of its own, whose reads never block. Those of `serialport` wait for a byte, without end, once
+/// the system has said that there is one. Where another program took it, or the terminal's mode was changed, none may come.
+#[cfg(unix)]
+struct Reader(File);
+
+#[cfg(unix)]
+impl Reader {
+    fn open(path: &str) -> io::Result<Self> {
+        let flags = OFlags::NOCTTY | OFlags::NONBLOCK;
+        let flags = flags.bits().cast_signed();
+        File::options().read(true).custom_flags(flags).open(path).map(Self)
+    }
+}
+
+#[cfg(unix)]
+impl Read for Reader {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let wait = Timespec::try_from(READ_WAIT).map_err(io::Error::other)?;
+        match poll(&mut [PollFd::new(&self.0, PollFlags::IN)], Some(&wait))? {
+            0 => Err(io::ErrorKind::TimedOut.into()),
+            _ => self.0.read(buffer),
+        }
+    }
+}
 
 impl Read for SerialPort {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        self.0.read(buffer)
+        #[cfg(unix)]
+        return self.reader.read(buffer);
+        #[cfg(not(unix))]
+        self.port.read(buffer)
     }
 }
 
 impl Write for SerialPort {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.0.write(bytes)
+        self.port.write(bytes)
     }
 
     fn flush(&mut self) -> io::Result<()> {
-        self.0.flush()
+        self.port.flush()
     }
 }
 
@@ -223,6 +269,38 @@ mod tests {
         let is_of = |name: &Path| is_of(port.to_str().unwrap(), name.to_str().unwrap());
         assert!(is_of(&link) && is_of(&port));
         assert!(!is_of(&folder.path().join("ttyUSB1")) && !is_of(folder.path()));
+    }
+
+    /// Two who read one port are told both that there is a byte. Who comes second must not wait for the next, which here never comes.
+    #[cfg(unix)]
+    #[test]
+    fn a_read_ends_though_another_program_took_the_bytes() {
+        use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+        use std::sync::{Arc, atomic::AtomicU32, atomic::Ordering::Relaxed};
+        use std::time::Instant;
+
+        let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
+        grantpt(&master).unwrap();
+        unlockpt(&master).unwrap();
+        let path = ptsname(&master, Vec::new()).unwrap().into_string().unwrap();
+        let mut other = Reader::open(&path).unwrap();
+        let mut port = open(&path).unwrap();
+        std::thread::spawn(move || while !matches!(other.read(&mut [0; 64]), Ok(0)) {});
+        let reads = Arc::new(AtomicU32::new(0));
+        let counted = Arc::clone(&reads);
+        std::thread::spawn(move || {
+            while !matches!(port.read(&mut [0; 64]), Ok(0)) {
+                counted.fetch_add(1, Relaxed);
+            }
+        });
+        for _ in 0..300 {
+            rustix::io::write(&master, b"f").unwrap();
+            let (before, since) = (reads.load(Relaxed), Instant::now());
+            while reads.load(Relaxed) < before + 2 {
+                assert!(since.elapsed() < Duration::from_secs(60), "read {before} does not end");
+                std::thread::sleep(Duration::from_millis(1));
+            }
+        }
     }
 
     #[test]
