@@ -139,6 +139,11 @@ impl Inbox {
         self.changed.notify_all();
     }
 
+    /// Whether a frame waits.
+    pub(crate) fn has_frames(&self) -> bool {
+        self.state().waiting.iter().any(is_frame)
+    }
+
     pub(crate) fn was_full(&self) -> bool {
         std::mem::take(&mut self.state().was_full)
     }

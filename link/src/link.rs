@@ -71,6 +71,11 @@ impl Link {
         (counters.silent, counters.frameless) = (Duration::ZERO, Duration::ZERO);
     }
 
+    /// Whether a frame waits to be taken.
+    pub(crate) fn has_frames(&self) -> bool {
+        self.inbox.has_frames()
+    }
+
     /// Sends a command; it leaves before the next read.
     pub fn send(&self, command: ToBoard) {
         self.order(Order::Send(Box::new(command)));

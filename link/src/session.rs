@@ -170,11 +170,15 @@ impl Session {
     }
 
     /// Says so where the board has sent neither a frame nor, if it is to watch, a sign of life while its port was listened to for so
-    /// long. Where the port can be opened again, that is done instead.
+    /// long. It counts from when no frame waits any more. Where the port can be opened again, that is done instead.
     ///
     /// # Errors
     /// [`LinkError::NoFrames`], [`LinkError::Watches`].
     pub fn check_silence(&self, most: Duration) -> Result<(), LinkError> {
+        if self.link.has_frames() {
+            self.link.expect_frames();
+            return Ok(());
+        }
         let counters = self.link.counters();
         // Only who watches may do without frames.
         let watches = self.watch.borrow().is_some();

@@ -12,8 +12,9 @@ use crate::touches::touch::Touch;
 
 /// Frames for which the test of new touches waits for a search that does not come to its end; then the search is patient.
 const MOST_PUT_OFF: usize = 2;
-/// Frames one after another that touches leave unexplained because one is coming down.
-const LANDING: usize = 2;
+/// Frames one after another that touches leave unexplained because one is coming down, or that a fault needs to be named: it comes
+/// from one frame to the next, and what drifts does not.
+const LANDING: usize = 4;
 
 /// The detectors of changes, by what drifts.
 pub(crate) type Detectors = [Option<ChangeDetector>; Drifting::ALL.len()];

@@ -19,6 +19,8 @@ const DOZES: u8 = 2;
 const BLOCKED: u8 = 3;
 /// Its driver never returns.
 const HANGS: u8 = 4;
+/// It sends nothing.
+const SILENT: u8 = 5;
 
 /// A board that works until it does not.
 #[derive(Clone)]
@@ -60,6 +62,10 @@ impl Read for Hostile {
         if matches!(self.mode(), BEATS | DOZES) {
             std::thread::sleep(Duration::from_millis(5));
             return beat().as_slice().read(buffer);
+        }
+        if self.mode() == SILENT {
+            std::thread::sleep(Duration::from_millis(5));
+            return Err(ErrorKind::TimedOut.into());
         }
         while self.mode() == HANGS {
             std::thread::sleep(Duration::from_millis(1));
@@ -112,6 +118,25 @@ fn signs_of_life_without_a_frame_are_said() {
         matches!(why, LinkError::Watches { .. }) && why.to_string().contains("no frame"),
         "{why}"
     );
+}
+
+#[test]
+fn frames_that_wait_are_taken_before_their_board_is_called_silent() {
+    let port = Hostile::new();
+    let session = port.session();
+    let start = Instant::now();
+    while session.link().counters().frames < 100 {
+        assert!(start.elapsed() < LONG);
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    port.turns(SILENT);
+    std::thread::sleep(Duration::from_millis(2000));
+    for taken in 0..100 {
+        session.check_silence(Duration::from_millis(1500)).unwrap();
+        assert!(session.frame(Duration::ZERO).unwrap().is_some(), "{taken}");
+    }
+    let why = outcome(&session, usize::MAX).unwrap_err();
+    assert!(matches!(why, LinkError::NoFrames { .. }), "{why}");
 }
 
 #[test]
