@@ -12,9 +12,11 @@ use crate::touches::touch::Touch;
 
 /// Frames for which the test of new touches waits for a search that does not come to its end; then the search is patient.
 const MOST_PUT_OFF: usize = 2;
-/// Frames one after another that touches leave unexplained because one is coming down, or that a fault needs to be named: it comes
-/// from one frame to the next, and what drifts does not.
-const LANDING: usize = 4;
+/// Frames one after another that touches leave unexplained because one is coming down.
+const LANDING: usize = 2;
+/// What comes from one frame to the next is a touch or a fault, and nothing that drifts slowly. For so many frames what is rare is not
+/// asked for then: so long it may take to tell which.
+const SUDDEN: usize = 64;
 
 /// The detectors of changes, by what drifts.
 pub(crate) type Detectors = [Option<ChangeDetector>; Drifting::ALL.len()];
@@ -33,6 +35,9 @@ pub(crate) struct ContactTest {
     until: usize,
     /// Frames one after another before this one that touches left some of unexplained.
     left_before: usize,
+    /// Whether a frame was explained before, by touches or by nothing; and frames for which what came after it is sudden.
+    explained_before: bool,
+    sudden: usize,
     /// Frames one after another in which that test was put off.
     put_off: usize,
     /// Whether a mean of frames at rest leaves what drift may explain: the next frame is asked by itself.
@@ -58,6 +63,8 @@ impl ContactTest {
             stood: 0,
             until: 0,
             left_before: 0,
+            explained_before: false,
+            sudden: 0,
             put_off: 0,
             left_at_rest: false,
             evened: None,
@@ -111,12 +118,12 @@ impl ContactTest {
         self.monitor.is_open() || self.left_at_rest
     }
 
-    /// Forgets all that earlier frames said.
+    /// Forgets all that earlier frames said, but that there was one: it shows nothing.
     pub(crate) fn clear(&mut self) {
         self.monitor.clear();
         self.polarity.clear();
         (self.drifting, self.stood, self.until) = (Drifting::Common, 0, 0);
-        self.left_before = 0;
+        (self.left_before, self.explained_before, self.sudden) = (0, true, 0);
         self.left_at_rest = false;
     }
 
@@ -191,8 +198,19 @@ impl ContactTest {
             }
             self.stood = 0;
         }
-        let left = result.changed && self.leaves(result);
-        self.left_before = if left { self.left_before + 1 } else { 0 };
+        if !(result.changed && self.leaves(result)) {
+            (self.left_before, self.explained_before, self.sudden) = (0, true, 0);
+            return;
+        }
+        let far = !result
+            .misfit
+            .is_some_and(|misfit| solver.explains(misfit, task.averaged.gain));
+        if self.sudden == 0 && far && self.explained_before && self.left_before < LANDING {
+            // A contact is asked for as soon as no touch comes down any more.
+            (self.sudden, self.until) = (SUDDEN, self.until.min(LANDING));
+        }
+        self.sudden = self.sudden.saturating_sub(1);
+        self.left_before += 1;
     }
 
     /// Decides whether some touches change the resistivity the other way. While a touch `lands`, only of frames that no touches
@@ -238,8 +256,8 @@ impl ContactTest {
         solver.end_other();
     }
 
-    /// Decides what drifts: a new touch must explain the frame better than that. What is rare is not asked for while a touch `lands`, but
-    /// in the next frame that touches leave unexplained.
+    /// Decides what drifts: a new touch must explain the frame better than that. What is rare is not asked for while a touch `lands`, or
+    /// what touches leave unexplained came at once; but in the next frame that they do.
     fn test_drifting(
         &mut self,
         (evidence, lands): (Option<Evidence>, bool),
@@ -271,7 +289,7 @@ impl ContactTest {
             if is_rare(other) && !(solver.imager().is_searched() && self.leaves(result)) {
                 continue;
             }
-            if is_rare(other) && lands {
+            if is_rare(other) && (lands || self.sudden > 0) {
                 self.until = 1;
                 continue;
             }
