@@ -15,7 +15,7 @@ use crate::touches::touch::Touch;
 
 /// Strengths below this part of the usual one are none: what a press leaves behind is as large.
 const LEAST_STRENGTH: f64 = 0.1;
-/// Odds from which evidence for a touch somewhere is strong (Jeffreys 1961). With less it has no place either.
+/// Odds from which evidence for a touch is strong (Jeffreys 1961), in a frame that by itself shows nothing.
 const STRONG: f64 = 10.0;
 
 /// Gives frames (the baseline's unit) that no discs explain, or that show nothing by themselves, the touch that they have by what all of
@@ -70,13 +70,14 @@ pub(crate) fn locate_together(
             .filter(|(_, r)| r.explained.is_some())
             .filter_map(|(f, _)| strength(f)),
     );
+    let outline = imager.model.geometry().outline();
     for (found, result) in found.into_iter().zip(results) {
         let Some((touch, evidence, part)) = found else { continue };
-        let may = match result.explained {
-            Some(_) => result.touches.len() < 2,
-            None => result.touches.is_empty(),
-        };
-        if may && evidence > STRONG.ln() && touch.total_mm2.abs() > LEAST_STRENGTH * usual {
+        let hidden = !result.changed;
+        let may = (hidden && evidence > STRONG.ln()) || (result.explained.is_some() && result.touches.len() < 2);
+        let sd_mm = touch.x_sd_mm.unwrap_or(0.0).max(touch.y_sd_mm.unwrap_or(0.0));
+        let placed = sd_mm <= options.unplaced_mm.max(outline.nearest([touch.x_mm, touch.y_mm]).1);
+        if may && placed && touch.total_mm2.abs() > LEAST_STRENGTH * usual {
             result.touches = vec![touch];
             result.explained = Some(part);
             result.changed = true;
