@@ -368,9 +368,9 @@ fn reconstruct<'a>(
     let progress = Progress::new("reconstructing");
     let pictures = arguments.png.is_some() || arguments.cells.is_some();
     let count = table.columns.len();
-    let mut results = Vec::with_capacity(frames.len());
+    let mut results: Vec<FrameResult> = Vec::with_capacity(frames.len());
     let mut next = 0;
-    for frame in frames {
+    for frame in &frames {
         for place in next..frame.place {
             batch.pass_over(place);
         }
@@ -387,14 +387,21 @@ fn reconstruct<'a>(
             // Of ten minutes of frames the cells alone take most of a gigabyte.
             result.x = Vec::new();
         }
-        results.push(Done {
-            frame: name,
-            baseline: frame.baseline,
-            result,
-        });
+        results.push(result);
         progress.at(next, count);
     }
-    Ok(results)
+    let values: Vec<&[f64]> = frames.iter().map(|f| f.values.as_ref()).collect();
+    if batch.together(&values, &mut results) {
+        eprintln!(
+            "notice: the frames together tell how far each measurement follows the model, and touches were located by that"
+        );
+    }
+    let done = |(frame, result): (Frame<'_>, FrameResult)| Done {
+        frame: table.columns[frame.place].name.as_str(),
+        baseline: frame.baseline,
+        result,
+    };
+    Ok(frames.into_iter().zip(results).map(done).collect())
 }
 
 fn write_cells(folder: &Path, imager: &Imager, results: &[Done<'_>]) -> Result<()> {

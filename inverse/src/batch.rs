@@ -1,7 +1,7 @@
 //! A table of frames to pictures: baseline from some of its frames, then every other frame in order.
 
 use crate::force::meter::{Calibration, ForceMeter};
-use crate::pipeline::{FrameResult, Reconstructor, ReconstructorOptions};
+use crate::pipeline::{FrameResult, Reconstructor, ReconstructorOptions, locate_together};
 use crate::reference::Reference;
 use crate::reference::baseline::Baseline;
 use crate::reference::imager::{Imager, ImagerError};
@@ -49,6 +49,7 @@ impl BatchOptions {
 /// Reconstructs the frames of one table.
 pub struct Batch {
     reconstructor: Reconstructor,
+    options: ReconstructorOptions,
     /// What the baseline is worth, and what it said of the electrodes.
     inspection: Inspection,
     interval_s: Option<f64>,
@@ -88,6 +89,7 @@ impl Batch {
         Ok(Self {
             reconstructor: Reconstructor::new(Reference::new(imager, baseline.values_v.clone(), noise)?, how)
                 .after(inspection.fault),
+            options: how,
             inspection,
             interval_s: options.interval_s,
             meter,
@@ -123,5 +125,13 @@ impl Batch {
             result.touches.retain(Touch::is_pressed);
         }
         Ok(result)
+    }
+
+    /// Looks once more at all frames that were reconstructed, and what came of them. Of a sheet that the model describes only in part they
+    /// tell together how far each measurement follows the model. Frames that follow one another are left alone. Whether it told anything.
+    pub fn together(&self, frames: &[&[f64]], results: &mut [FrameResult]) -> bool {
+        self.interval_s.is_none()
+            && frames.len() == results.len()
+            && locate_together(self.reconstructor.reference(), &self.options, frames, results).is_some()
     }
 }

@@ -10,6 +10,7 @@ use crate::table_sheet::Geometry;
 use ::forward::Sheet;
 use ::forward::file::sheet_text;
 use anyhow::{Result, bail};
+use inverse::pipeline::FrameResult;
 use inverse::solvers::Method;
 use inverse::touches::touch::Touch;
 use std::collections::HashMap;
@@ -93,14 +94,19 @@ pub(super) fn of_frames(
         .map(|f| (table.columns[f.place].name.as_str(), f))
         .collect();
     let progress = Progress::new("trying the sheet's model");
-    let mut found = Vec::new();
+    let (mut values, mut results) = (Vec::new(), Vec::new());
     for name in names {
         let Some(frame) = frames.get(name) else {
             bail!("the table has no frame {name}");
         };
-        let result = batch.frame(frame.place, &frame.values)?;
+        results.push(batch.frame(frame.place, &frame.values)?);
+        values.push(frame.values.as_ref());
+        progress.at(results.len(), names.len());
+    }
+    batch.together(&values, &mut results);
+    let at_press = |result: &FrameResult| {
         let strongest = (result.touches.iter()).max_by(|a, b| a.total_mm2.abs().total_cmp(&b.total_mm2.abs()));
-        found.push(AtPress {
+        AtPress {
             strongest: strongest.cloned(),
             touches: result.touches.len(),
             explained: match result.explained {
@@ -108,8 +114,7 @@ pub(super) fn of_frames(
                 None if result.touches.is_empty() => 0.0,
                 None => 1.0 - result.residual,
             },
-        });
-        progress.at(found.len(), names.len());
-    }
-    Ok((chosen.sheet, found))
+        }
+    };
+    Ok((chosen.sheet, results.iter().map(at_press).collect()))
 }

@@ -42,6 +42,21 @@ fn touches_beside_what_is_left_out_are_right() {
     }
 }
 
+/// What drifts slowly does not take the place of a fault that comes from one frame to the next.
+#[test]
+fn a_sudden_fault_is_taken_for_no_drift() {
+    let sudden = [
+        ("one channel's gain +1 %", When::AtRest),
+        ("one channel's gain +5 %", When::AtRest),
+        ("`contact_raised:3,50`", When::UnderTouch),
+    ];
+    for (name, when) in sudden {
+        let case = cases().into_iter().find(|c| c.name == name).unwrap();
+        let named = run(name, when).naming(&case).map(|(after_s, _)| after_s);
+        assert!(named.is_some_and(|after_s| after_s < 0.3), "{name}: {named:?}");
+    }
+}
+
 /// Where nothing is left that tells touches, none are shown.
 #[test]
 fn what_leaves_no_touches_is_doubted_and_shows_none() {
