@@ -35,9 +35,11 @@ pub(crate) struct ContactTest {
     until: usize,
     /// Frames one after another before this one that touches left some of unexplained.
     left_before: usize,
-    /// Whether a frame was explained before, by touches or by nothing; and frames for which what came after it is sudden.
+    /// Whether a frame was explained before, by touches or by nothing; frames for which what came after it is sudden; and what drifted
+    /// until then.
     explained_before: bool,
     sudden: usize,
+    drifted_before: Drifting,
     /// Frames one after another in which that test was put off.
     put_off: usize,
     /// Whether a mean of frames at rest leaves what drift may explain: the next frame is asked by itself.
@@ -65,6 +67,7 @@ impl ContactTest {
             left_before: 0,
             explained_before: false,
             sudden: 0,
+            drifted_before: Drifting::Common,
             put_off: 0,
             left_at_rest: false,
             evened: None,
@@ -111,6 +114,11 @@ impl ContactTest {
     /// Whether something rare drifts, and the touches beside it leave some of a frame unexplained.
     pub(crate) fn leaves_beside_rare(&self, result: &FrameResult) -> bool {
         is_rare(self.drifting) && self.leaves(result)
+    }
+
+    /// Whether what the frames show came from one to the next, not long ago.
+    pub(crate) fn is_sudden(&self) -> bool {
+        self.sudden > 0
     }
 
     /// Whether an electrode is a candidate: then every frame counts.
@@ -170,6 +178,7 @@ impl ContactTest {
             self.clear();
         }
         let task = solver.begin(task);
+        let before = self.drifting;
         if task.quiet {
             self.drifting = self.may_drift();
         }
@@ -198,19 +207,18 @@ impl ContactTest {
             }
             self.stood = 0;
         }
-        if !(result.changed && self.leaves(result)) {
-            (self.left_before, self.explained_before, self.sudden) = (0, true, 0);
-            return;
-        }
-        let far = !result
-            .misfit
-            .is_some_and(|misfit| solver.explains(misfit, task.averaged.gain));
+        let left = result.changed && self.leaves(result);
+        let far = left && !result.misfit.is_some_and(|m| solver.explains(m, task.averaged.gain));
         if self.sudden == 0 && far && self.explained_before && self.left_before < LANDING {
             // A contact is asked for as soon as no touch comes down any more.
             (self.sudden, self.until) = (SUDDEN, self.until.min(LANDING));
+            self.drifted_before = before;
+        } else if !left && self.drifting.index() <= self.drifted_before.index() {
+            self.sudden = 0;
         }
         self.sudden = self.sudden.saturating_sub(1);
-        self.left_before += 1;
+        self.explained_before |= !left;
+        self.left_before = if left { self.left_before + 1 } else { 0 };
     }
 
     /// Decides whether some touches change the resistivity the other way. While a touch `lands`, only of frames that no touches

@@ -369,7 +369,7 @@ impl Reconstructor {
             .filter(|(l, change)| change.abs() > least && !known.contains(l))
             .count();
         // What drifting contacts explain, now and then, is no reason to forget a fault that the frames before told.
-        let may = touches > 0 || self.broken.is_open();
+        let may = touches > 0 || self.broken.is_open() || self.contacts.is_sudden();
         let suspected = !unexplained && may && (contacts > 0 || self.broken.suspects(&self.whole));
         let sigma_v = self.reference.noise().or(result.noise).map(|n| n.sigma);
         let frame = (values, &self.whole, self.reference.unchanged());
