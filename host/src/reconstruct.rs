@@ -391,9 +391,11 @@ fn reconstruct<'a>(
         progress.at(next, count);
     }
     let values: Vec<&[f64]> = frames.iter().map(|f| f.values.as_ref()).collect();
-    if batch.together(&values, &mut results) {
+    let together = meanwhile("all frames together", || batch.together(&values, &mut results));
+    if together > 0 {
         eprintln!(
-            "notice: the frames together tell how far each measurement follows the model, and touches were located by that"
+            "notice: all frames together tell how far each measurement follows the model; the touches of {together} were located by that, \
+             and are doubted"
         );
     }
     let done = |(frame, result): (Frame<'_>, FrameResult)| Done {

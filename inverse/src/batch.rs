@@ -128,10 +128,11 @@ impl Batch {
     }
 
     /// Looks once more at all frames that were reconstructed, and what came of them. Of a sheet that the model describes only in part they
-    /// tell together how far each measurement follows the model. Frames that follow one another are left alone. Whether it told anything.
-    pub fn together(&self, frames: &[&[f64]], results: &mut [FrameResult]) -> bool {
-        self.interval_s.is_none()
-            && frames.len() == results.len()
-            && locate_together(self.reconstructor.reference(), &self.options, frames, results).is_some()
+    /// tell together how far each measurement follows the model. Frames that follow one another are left alone. Gives the number of frames that have other touches now.
+    pub fn together(&self, frames: &[&[f64]], results: &mut [FrameResult]) -> usize {
+        if self.interval_s.is_some() || frames.len() != results.len() {
+            return 0;
+        }
+        locate_together(self.reconstructor.reference(), &self.options, frames, results)
     }
 }

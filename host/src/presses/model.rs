@@ -1,4 +1,4 @@
-//! How well the sheet's model locates presses at known places, without anything learned.
+//! How well the sheet's model locates presses at known places, without known places.
 
 use super::file::ModelKeys;
 use super::truth::KnownPress;

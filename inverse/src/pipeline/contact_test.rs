@@ -170,6 +170,8 @@ impl ContactTest {
             self.until = self.until.saturating_sub(1);
             // In variances of one frame's noise, as the test of a frame has it.
             let misfit = result.misfit.map(|misfit| 1.0 + (misfit - 1.0) / task.averaged.gain);
+            // A frame like many before is not sudden any more.
+            self.sudden = self.sudden.saturating_sub(task.averaged.frames);
             self.left_at_rest = self.until == 0 && misfit.is_none_or(|m| m > self.options.explained);
             return;
         }
@@ -264,8 +266,8 @@ impl ContactTest {
         solver.end_other();
     }
 
-    /// Decides what drifts: a new touch must explain the frame better than that. What is rare is not asked for while a touch `lands`, or
-    /// what touches leave unexplained came at once; but in the next frame that they do.
+    /// Decides what drifts: a new touch must explain the frame better than that. What is rare is not asked for while a touch `lands`, nor
+    /// while what touches leave came at once (`SUDDEN`). It is asked for in the next such frame after.
     fn test_drifting(
         &mut self,
         (evidence, lands): (Option<Evidence>, bool),
@@ -298,7 +300,7 @@ impl ContactTest {
                 continue;
             }
             if is_rare(other) && (lands || self.sudden > 0) {
-                self.until = 1;
+                self.until = if lands { 1 } else { self.until.min(self.sudden) };
                 continue;
             }
             best = self.compare_with(other, best, solver, task, detectors, result);

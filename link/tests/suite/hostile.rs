@@ -3,7 +3,7 @@
 use crate::session::{LONG, Scripted, board, framed};
 use hil_sim::SimPort;
 use link::plans::adjacent_plan;
-use link::{Link, LinkError, Session, greet};
+use link::{Link, LinkCounters, LinkError, Session, greet};
 use protocol::{FromBoard, Heartbeat, Hello, Watching};
 use std::io::{self, ErrorKind, Read, Write};
 use std::sync::Arc;
@@ -124,13 +124,17 @@ fn signs_of_life_without_a_frame_are_said() {
 fn frames_that_wait_are_taken_before_their_board_is_called_silent() {
     let port = Hostile::new();
     let session = port.session();
+    session.link().hold(1 << 24);
     let start = Instant::now();
-    while session.link().counters().frames < 100 {
-        assert!(start.elapsed() < LONG);
-        std::thread::sleep(Duration::from_millis(5));
-    }
+    let until = |is: fn(LinkCounters) -> bool| {
+        while !is(session.link().counters()) {
+            assert!(start.elapsed() < LONG);
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    };
+    until(|counters| counters.frames >= 100);
     port.turns(SILENT);
-    std::thread::sleep(Duration::from_millis(2000));
+    until(|counters| counters.frameless > Duration::from_millis(1500));
     for taken in 0..100 {
         session.check_silence(Duration::from_millis(1500)).unwrap();
         assert!(session.frame(Duration::ZERO).unwrap().is_some(), "{taken}");

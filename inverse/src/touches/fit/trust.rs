@@ -13,9 +13,9 @@ use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
 use std::collections::BTreeSet;
 
 /// Fewest frames that tell it.
-const FEWEST: usize = 20;
-/// Most frames that are asked, spread over all.
-const MOST: usize = 400;
+pub(crate) const FEWEST: usize = 20;
+/// Most frames that need be asked.
+pub(crate) const MOST: usize = 400;
 /// Rounds of places, then gains and variances. More let gains follow what places have wrong.
 const ROUNDS: usize = 3;
 /// Standard deviation of the gains beforehand: that of contacts and amplifiers.
@@ -38,6 +38,8 @@ pub(crate) struct Trust {
     of_values: Vec<f64>,
     /// Weighted responses at the coarse places of a table, measurements x places.
     responses: DMatrix<f64>,
+    /// The squares of their norms.
+    norms: Vec<f64>,
     places_mm: Vec<[f64; 2]>,
     /// Variance of a coordinate within the cell of a place, mm².
     cell_mm2: f64,
@@ -91,6 +93,11 @@ fn weighted(matrix: &DMatrix<f64>, by: impl Fn(usize) -> f64) -> DMatrix<f64> {
     out
 }
 
+/// Squares of the norms of columns.
+fn squares(columns: &DMatrix<f64>) -> Vec<f64> {
+    columns.column_iter().map(|column| column.norm_squared()).collect()
+}
+
 /// Logarithms of the densities of places, from the products of a frame with their responses.
 fn log_densities(
     products: impl Iterator<Item = (f64, f64)>,
@@ -121,7 +128,7 @@ impl Frames {
         let sd = |c: usize| told.variances[c].sqrt();
         let values = weighted(&self.values, |c| sd(c).recip());
         let responses = weighted(&self.responses, |c| told.gains[c] / sd(c));
-        let norms: Vec<f64> = responses.column_iter().map(|r| r.norm_squared()).collect();
+        let norms = squares(&responses);
         let mut strengths = responses.tr_mul(&values);
         let mut density = strengths.clone();
         for (k, mut column) in density.column_iter_mut().enumerate() {
@@ -243,12 +250,7 @@ impl Trust {
         frames: &[&[f64]],
         (polarity, independent): (Polarity, f64),
     ) -> Option<Self> {
-        let some: Vec<&[f64]> = frames
-            .iter()
-            .step_by(frames.len().div_ceil(MOST).max(1))
-            .copied()
-            .collect();
-        (some.len() >= FEWEST && table.length() == measurements.len()).then_some(())?;
+        (frames.len() >= FEWEST && table.length() == measurements.len()).then_some(())?;
         let places_mm = table.coarse().to_vec();
         let responses = table_responses(table);
         let rms = |row: &[f64]| (row.iter().map(|v| v * v).sum::<f64>() / row.len() as f64).sqrt();
@@ -257,7 +259,7 @@ impl Trust {
             .collect();
         let of_values: Vec<f64> = (0..table.length())
             .map(|c| {
-                let values: Vec<f64> = some.iter().map(|f| f[c]).collect();
+                let values: Vec<f64> = frames.iter().map(|f| f[c]).collect();
                 // Of gross values as much as of usual ones.
                 (0..5).fold(rms(&values), |size, _| {
                     let limit = LARGEST * size;
@@ -267,8 +269,8 @@ impl Trust {
             .collect();
         let over = |v: f64| if v > 0.0 { v.recip() } else { 0.0 };
         let all = Frames {
-            values: DMatrix::from_fn(table.length(), some.len(), |c, k| {
-                (some[k][c] * over(of_values[c])).clamp(-LARGEST, LARGEST)
+            values: DMatrix::from_fn(table.length(), frames.len(), |c, k| {
+                (frames[k][c] * over(of_values[c])).clamp(-LARGEST, LARGEST)
             }),
             responses: weighted(&responses, |c| over(of_responses[c])),
             polarity,
@@ -286,9 +288,11 @@ impl Trust {
         let factor = |c: usize| told.variances[c].sqrt().recip();
         let of_model = |c: usize| told.gains[c] * factor(c) * over(of_responses[c]);
         let cell_mm = 2.0 * table.step_mm();
+        let responses = weighted(&responses, of_model);
         Some(Self {
+            norms: squares(&responses),
             limits: of_values.iter().map(|v| LARGEST * v).collect(),
-            responses: weighted(&responses, of_model),
+            responses,
             of_values: of_values
                 .iter()
                 .enumerate()
@@ -319,8 +323,7 @@ impl Trust {
     pub(crate) fn place(&self, change: &[f64], (polarity, independent): (Polarity, f64)) -> Option<Placed> {
         let frame = DVector::from_vec(self.alike(change));
         let products = self.responses.tr_mul(&frame);
-        let norms = self.responses.column_iter().map(|r| r.norm_squared());
-        let products = products.iter().copied().zip(norms);
+        let products = products.iter().copied().zip(self.norms.iter().copied());
         let logs: Vec<f64> = log_densities(products, frame.norm_squared(), (polarity, independent)).collect();
         let most = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         (most > 0.0).then_some(())?;
@@ -408,11 +411,11 @@ mod tests {
             let alike = Trust {
                 of_values: vec![1.0; table.length()],
                 limits: vec![f64::INFINITY; table.length()],
+                norms: squares(&table_responses(&table)),
                 responses: table_responses(&table),
                 ..trust.clone()
             };
             let [with, without] = [&trust, &alike].map(|trust| off(trust, &half));
-            println!("{with} {without}");
             assert!(with < 0.6 * without, "seed {seed}: {with} mm, {without} mm");
             assert!(of(&half[..FEWEST - 1]).is_none());
             assert!(of(&frames(&table, 10, &mut rng)).is_none(), "seed {seed}");
