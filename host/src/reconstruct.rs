@@ -368,9 +368,9 @@ fn reconstruct<'a>(
     let progress = Progress::new("reconstructing");
     let pictures = arguments.png.is_some() || arguments.cells.is_some();
     let count = table.columns.len();
-    let mut results: Vec<FrameResult> = Vec::with_capacity(frames.len());
+    let mut results = Vec::with_capacity(frames.len());
     let mut next = 0;
-    for frame in &frames {
+    for frame in frames {
         for place in next..frame.place {
             batch.pass_over(place);
         }
@@ -387,23 +387,14 @@ fn reconstruct<'a>(
             // Of ten minutes of frames the cells alone take most of a gigabyte.
             result.x = Vec::new();
         }
-        results.push(result);
+        results.push(Done {
+            frame: name,
+            baseline: frame.baseline,
+            result,
+        });
         progress.at(next, count);
     }
-    let values: Vec<&[f64]> = frames.iter().map(|f| f.values.as_ref()).collect();
-    let together = meanwhile("all frames together", || batch.together(&values, &mut results));
-    if together > 0 {
-        eprintln!(
-            "notice: all frames together tell how far each measurement follows the model; the touches of {together} were located by that, \
-             and are doubted"
-        );
-    }
-    let done = |(frame, result): (Frame<'_>, FrameResult)| Done {
-        frame: table.columns[frame.place].name.as_str(),
-        baseline: frame.baseline,
-        result,
-    };
-    Ok(frames.into_iter().zip(results).map(done).collect())
+    Ok(results)
 }
 
 fn write_cells(folder: &Path, imager: &Imager, results: &[Done<'_>]) -> Result<()> {

@@ -1,7 +1,7 @@
 //! A table of frames to pictures: baseline from some of its frames, then every other frame in order.
 
 use crate::force::meter::{Calibration, ForceMeter};
-use crate::pipeline::{FrameResult, Reconstructor, ReconstructorOptions, locate_together};
+use crate::pipeline::{FrameResult, Reconstructor, ReconstructorOptions};
 use crate::reference::Reference;
 use crate::reference::baseline::Baseline;
 use crate::reference::imager::{Imager, ImagerError};
@@ -49,7 +49,6 @@ impl BatchOptions {
 /// Reconstructs the frames of one table.
 pub struct Batch {
     reconstructor: Reconstructor,
-    options: ReconstructorOptions,
     /// What the baseline is worth, and what it said of the electrodes.
     inspection: Inspection,
     interval_s: Option<f64>,
@@ -89,7 +88,6 @@ impl Batch {
         Ok(Self {
             reconstructor: Reconstructor::new(Reference::new(imager, baseline.values_v.clone(), noise)?, how)
                 .after(inspection.fault),
-            options: how,
             inspection,
             interval_s: options.interval_s,
             meter,
@@ -125,14 +123,5 @@ impl Batch {
             result.touches.retain(Touch::is_pressed);
         }
         Ok(result)
-    }
-
-    /// Looks once more at all frames that were reconstructed, and what came of them. Of a sheet that the model describes only in part they
-    /// tell together how far each measurement follows the model. Frames that follow one another are left alone. Gives the number of frames that have other touches now.
-    pub fn together(&self, frames: &[&[f64]], results: &mut [FrameResult]) -> usize {
-        if self.interval_s.is_some() || frames.len() != results.len() {
-            return 0;
-        }
-        locate_together(self.reconstructor.reference(), &self.options, frames, results)
     }
 }

@@ -1,4 +1,4 @@
-//! How well the sheet's model locates presses at known places, without known places.
+//! How well the sheet's model locates presses at known places, without anything learned.
 
 use super::file::ModelKeys;
 use super::truth::KnownPress;
@@ -10,7 +10,6 @@ use crate::table_sheet::Geometry;
 use ::forward::Sheet;
 use ::forward::file::sheet_text;
 use anyhow::{Result, bail};
-use inverse::pipeline::FrameResult;
 use inverse::solvers::Method;
 use inverse::touches::touch::Touch;
 use std::collections::HashMap;
@@ -94,19 +93,14 @@ pub(super) fn of_frames(
         .map(|f| (table.columns[f.place].name.as_str(), f))
         .collect();
     let progress = Progress::new("trying the sheet's model");
-    let (mut values, mut results) = (Vec::new(), Vec::new());
+    let mut found = Vec::new();
     for name in names {
         let Some(frame) = frames.get(name) else {
             bail!("the table has no frame {name}");
         };
-        results.push(batch.frame(frame.place, &frame.values)?);
-        values.push(frame.values.as_ref());
-        progress.at(results.len(), names.len());
-    }
-    batch.together(&values, &mut results);
-    let at_press = |result: &FrameResult| {
+        let result = batch.frame(frame.place, &frame.values)?;
         let strongest = (result.touches.iter()).max_by(|a, b| a.total_mm2.abs().total_cmp(&b.total_mm2.abs()));
-        AtPress {
+        found.push(AtPress {
             strongest: strongest.cloned(),
             touches: result.touches.len(),
             explained: match result.explained {
@@ -114,7 +108,8 @@ pub(super) fn of_frames(
                 None if result.touches.is_empty() => 0.0,
                 None => 1.0 - result.residual,
             },
-        }
-    };
-    Ok((chosen.sheet, results.iter().map(at_press).collect()))
+        });
+        progress.at(found.len(), names.len());
+    }
+    Ok((chosen.sheet, found))
 }

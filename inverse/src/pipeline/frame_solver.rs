@@ -1,6 +1,6 @@
 //! One frame, with the values and contacts that take part given: weigh, reduce, gate, picture, fit.
 
-pub(super) mod unexplained;
+mod unexplained;
 mod unreached;
 
 use self::unreached::tells_noise;

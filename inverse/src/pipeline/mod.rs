@@ -8,11 +8,9 @@ mod options;
 mod polarity_test;
 mod reconstructor;
 mod result;
-mod together;
 mod weighted;
 
 pub use frame_solver::Work;
 pub use options::ReconstructorOptions;
 pub use reconstructor::Reconstructor;
 pub use result::FrameResult;
-pub(crate) use together::locate_together;

@@ -9,7 +9,7 @@ use crate::touches::polarity::Polarity;
 
 /// Values for each electrode whose errors are independent, where discs do not explain a frame: the errors of real skins lie in few
 /// directions.
-pub(crate) const INDEPENDENT: f64 = 2.0;
+const INDEPENDENT: f64 = 2.0;
 
 /// Logarithms of how probable a frame is with errors of unknown size.
 #[derive(Clone, Copy)]

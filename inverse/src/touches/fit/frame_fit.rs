@@ -239,7 +239,7 @@ pub(super) fn significance(disc: &Disc, sigma: f64, variance: Option<f64>) -> f6
 }
 
 /// The touch that a disc is. `of` gives the covariances of its parameters, the strength's over `sigma`.
-pub(crate) fn touch_of(disc: &Disc, sigma: f64, of: impl Fn(usize, usize) -> Option<f64>) -> Touch {
+pub(super) fn touch_of(disc: &Disc, sigma: f64, of: impl Fn(usize, usize) -> Option<f64>) -> Touch {
     let rise = disc.rise();
     let sd = |variance: f64| variance.max(0.0).sqrt();
     let [by_radius, by_strength] = disc.total_slopes();

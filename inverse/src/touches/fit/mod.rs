@@ -15,7 +15,6 @@
 //! - [`frame_fit`]: fits one frame, and states the uncertainties.
 //! - [`nonlinear`]: the linearisation error of discs; [`linearisation_error`]: the same, carried from frame to frame.
 //! - `matched_filter`: the touches that explain best what no discs explain.
-//! - `trust`: how far each measurement follows the model, told by many such frames.
 //! - [`electrode_uncertainty`]: what the electrodes' uncertainty adds to that of touches.
 //! - `nuisance`: what changes frames beside touches, and what it does to their accuracy.
 //! - [`reduction`]: brings frames of the model into the space of the data.
@@ -42,7 +41,6 @@ pub mod prior;
 pub mod reduction;
 pub mod responses;
 mod splits;
-pub(crate) mod trust;
 
 pub use disc::{Disc, Discs, MOST_TOUCHES};
 pub use frame_fit::{Fitted, Frame, Seeds, Start, fit};
