@@ -91,7 +91,7 @@ fn main() -> anyhow::Result<()> {
                 let frame = live.frame(&clean);
                 let found = live.reconstructor.frame(&frame)?;
                 if found.contacts != [electrode] || found.touches.len() != touches.len() {
-                    tracing::debug!(?electrode, ?worse, ?touches, ?found.contacts, ?found.touches, ?found.misfit, "wrong");
+                    tracing::debug!(?electrode, ?worse, ?touches, ?found.contacts, ?found.faults, ?found.doubt, ?found.touches, ?found.misfit, "wrong");
                 }
                 named += usize::from(found.contacts == [electrode]);
                 right += usize::from(found.touches.len() == touches.len());

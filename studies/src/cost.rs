@@ -316,7 +316,6 @@ pub(super) fn sequence(
 mod tests {
     use super::*;
     use crate::test_sheet::live_reconstructor;
-    use inverse::pipeline::Work;
     use inverse::reference::noise::FrameNoise;
 
     #[test]
@@ -336,6 +335,9 @@ mod tests {
         }
     }
 
+    /// Longest frame of a sequence, ms on the machine that the steps were measured on.
+    const MOST_MS: f64 = 50.0;
+
     /// Whatever is on the sheet, and whatever is broken, no frame of a sequence takes more work than this.
     #[test]
     fn no_frame_takes_more_than_so_much_work() {
@@ -347,19 +349,12 @@ mod tests {
             let mut r = live_reconstructor(&imager, &sheet.baseline, FrameNoise::of_frames(sigma)).unwrap();
             for (k, frame) in kind.noisy(sigma, &mut rng).iter().enumerate() {
                 r.frame_after(frame, Some(INTERVAL_S)).unwrap();
-                let Work {
-                    fits,
-                    solutions,
-                    problems,
-                    searches,
-                } = r.work();
-                let all = (fits <= 16, solutions <= 2, problems <= 6, searches <= 4);
-                assert_eq!(
-                    all,
-                    (true, true, true, true),
-                    "{}, frame {k}: {:?}",
+                let work = r.work();
+                assert!(
+                    work.nominal_ms() <= MOST_MS,
+                    "{}, frame {k}: {:.0} ms, {work:?}",
                     kind.name,
-                    r.work()
+                    work.nominal_ms()
                 );
             }
         }

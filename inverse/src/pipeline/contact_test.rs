@@ -21,6 +21,22 @@ const SUDDEN: usize = 64;
 /// The detectors of changes, by what drifts.
 pub(crate) type Detectors = [Option<ChangeDetector>; Drifting::ALL.len()];
 
+/// What a frame was not asked, since it had taken long enough: the next one is.
+#[derive(Clone, Copy, Debug, Default)]
+struct Owed {
+    /// Which kind of drift comes next.
+    drifting: Option<usize>,
+    candidates: bool,
+    /// Whether touches of the other sign are, and whether because a touch is new.
+    polarity: Option<bool>,
+}
+
+impl Owed {
+    fn is_something(self) -> bool {
+        self.drifting.is_some() || self.candidates || self.polarity.is_some()
+    }
+}
+
 /// Tests frames for contacts that drifted or changed, one frame after another.
 pub(crate) struct ContactTest {
     options: ContactOptions,
@@ -42,6 +58,11 @@ pub(crate) struct ContactTest {
     drifted_before: Drifting,
     /// Frames one after another in which that test was put off.
     put_off: usize,
+    owed: Owed,
+    /// Contacts that full fits of this frame decided on.
+    decided: Vec<usize>,
+    /// Electrodes whose values are left out.
+    left_out: Vec<usize>,
     /// Whether a mean of frames at rest leaves what drift may explain: the next frame is asked by itself.
     left_at_rest: bool,
     /// A frame without its contacts' scales.
@@ -69,6 +90,9 @@ impl ContactTest {
             sudden: 0,
             drifted_before: Drifting::Common,
             put_off: 0,
+            owed: Owed::default(),
+            decided: Vec::new(),
+            left_out: Vec::new(),
             left_at_rest: false,
             evened: None,
             kept: FrameResult::default(),
@@ -80,19 +104,18 @@ impl ContactTest {
         self.monitor.changed()
     }
 
-    /// Accepts contacts that changed.
-    pub(crate) fn accept(&mut self, electrodes: &[usize]) {
-        let known = self.monitor.changed();
-        let mut changed: Vec<usize> = known.iter().chain(electrodes).copied().collect();
-        changed.sort_unstable();
-        changed.dedup();
-        changed.truncate(self.options.most_contacts);
-        self.monitor.keep(changed);
-        self.monitor.stay();
+    /// Contacts that full fits of this frame decided on.
+    pub(crate) fn decided(&self) -> &[usize] {
+        &self.decided
     }
 
-    /// Gives these up again.
-    pub(crate) fn give_up(&mut self, electrodes: &[usize]) {
+    /// Takes electrodes whose values are left out: nothing more is to be known of their contacts.
+    pub(crate) fn leave_out(&mut self, electrodes: &[usize]) {
+        if self.left_out == electrodes {
+            return;
+        }
+        self.left_out.clear();
+        self.left_out.extend_from_slice(electrodes);
         let mut changed = self.monitor.changed().to_vec();
         changed.retain(|l| !electrodes.contains(l));
         self.monitor.keep(changed);
@@ -121,9 +144,9 @@ impl ContactTest {
         self.sudden > 0
     }
 
-    /// Whether an electrode is a candidate: then every frame counts.
+    /// Whether an electrode is a candidate, or something is still to be asked: then every frame counts.
     pub(crate) fn is_open(&self) -> bool {
-        self.monitor.is_open() || self.left_at_rest
+        self.monitor.is_open() || self.left_at_rest || self.owed.is_something()
     }
 
     /// Forgets all that earlier frames said, but that there was one: it shows nothing.
@@ -133,6 +156,7 @@ impl ContactTest {
         (self.drifting, self.stood, self.until) = (Drifting::Common, 0, 0);
         (self.left_before, self.explained_before, self.sudden) = (0, true, 0);
         self.left_at_rest = false;
+        self.owed = Owed::default();
     }
 
     /// Solves a frame into the result, with the contacts that changed left out. What drifts and the contacts of the task are
@@ -145,6 +169,7 @@ impl ContactTest {
         result: &mut FrameResult,
     ) -> Option<Touch> {
         self.asked = self.detector();
+        self.decided.clear();
         self.judge(solver, task, detectors, result);
         let gone = self.polarity.learn(result);
         self.without_contacts(solver, task, |solver, task| solver.finish(task, result));
@@ -193,11 +218,20 @@ impl ContactTest {
             self.test_again(changed, solver, task, detectors, result);
         } else {
             let mut evidence = self.solve_with(solver, task, detectors, result);
-            let new = result.touches.len() > self.stood;
-            if !task.quiet {
-                evidence = self.test_drifting((evidence, lands), solver, task, detectors, result);
+            let owed = std::mem::take(&mut self.owed);
+            let new = result.touches.len() > self.stood || owed.polarity == Some(true);
+            // What was put off comes first.
+            let [polarity, candidates] = [owed.polarity.is_some(), owed.candidates].map(|o| o && !solver.keeps_free());
+            if polarity || candidates {
+                self.owed.drifting = owed.drifting;
+            } else if !task.quiet {
+                evidence = self.test_drifting((evidence, lands, owed.drifting), solver, task, detectors, result);
             }
-            evidence = self.test_candidates(evidence, solver, task, detectors, result);
+            if polarity || (solver.is_spent() && !candidates) {
+                self.owed.candidates = owed.candidates || self.monitor.asks_next();
+            } else {
+                evidence = self.test_candidates(evidence, solver, task, detectors, result);
+            }
             if !task.quiet {
                 self.test_polarity((evidence, new, lands), solver, task, detectors, result);
             }
@@ -244,7 +278,14 @@ impl ContactTest {
         let may = solver.fits() && result.changed;
         // Whether contacts drifted or changed is decided first.
         let decided = self.put_off == 0 && !self.monitor.is_open();
-        if !(may && decided && (new || unexplained) && self.polarity.asks(new, unexplained)) {
+        if !(may && decided && (new || unexplained)) {
+            return;
+        }
+        if solver.is_spent() {
+            self.owed.polarity = Some(new);
+            return;
+        }
+        if !self.polarity.asks(new, unexplained) {
             return;
         }
         let before = self.polarity.now();
@@ -270,7 +311,7 @@ impl ContactTest {
     /// while what touches leave came at once (`SUDDEN`). It is asked for in the next such frame after.
     fn test_drifting(
         &mut self,
-        (evidence, lands): (Option<Evidence>, bool),
+        (evidence, lands, owed): (Option<Evidence>, bool, Option<usize>),
         solver: &mut FrameSolver,
         task: Task,
         detectors: &mut Detectors,
@@ -280,7 +321,7 @@ impl ContactTest {
         let touches = result.touches.len();
         // A frame that changed without a touch is asked as well: a contact may be what changed it.
         let due = self.until == 0 && (self.leaves(result) || touches == 0 || self.drifting != Drifting::Common);
-        let asked = touches > self.stood || due || self.monitor.is_open();
+        let asked = touches > self.stood || due || owed.is_some() || self.monitor.is_open();
         if !(solver.fits() && result.changed && asked) {
             self.stood = self.stood.min(touches);
             return evidence;
@@ -293,7 +334,9 @@ impl ContactTest {
         self.put_off = 0;
         self.until = self.options.retest_frames;
         let (before, mut best) = (self.drifting, evidence);
-        for other in Drifting::ALL.into_iter().filter(|d| *d != before) {
+        let next = owed.unwrap_or(0);
+        let others = Drifting::ALL.into_iter().filter(|d| *d != before && d.index() >= next);
+        for other in others {
             // What hides touches more than contacts do is asked for only where something is left to explain, and where that takes no
             // seconds.
             if is_rare(other) && !(solver.imager().is_searched() && self.leaves(result)) {
@@ -302,6 +345,10 @@ impl ContactTest {
             if is_rare(other) && (lands || self.sudden > 0) {
                 self.until = if lands { 1 } else { self.until.min(self.sudden) };
                 continue;
+            }
+            if solver.is_spent() {
+                self.owed.drifting = Some(other.index());
+                return best;
             }
             best = self.compare_with(other, best, solver, task, detectors, result);
         }
@@ -313,7 +360,7 @@ impl ContactTest {
     }
 
     /// Whether touches leave some of a frame unexplained.
-    fn leaves(&self, result: &FrameResult) -> bool {
+    pub(crate) fn leaves(&self, result: &FrameResult) -> bool {
         result.misfit.is_none_or(|misfit| misfit > self.options.explained)
     }
 
@@ -410,8 +457,8 @@ impl ContactTest {
         result: &mut FrameResult,
     ) -> Option<Evidence> {
         while solver.imager().is_searched() && self.monitor.changed().len() < self.options.most_contacts {
-            let changed = self.monitor.changed();
-            let candidate = solver.candidate(changed, result);
+            let known = [self.monitor.changed(), &self.left_out].concat();
+            let candidate = solver.candidate(&known, result);
             if !self.monitor.propose(candidate.map(|c| c.electrode)) {
                 break;
             }
@@ -430,6 +477,7 @@ impl ContactTest {
                 break;
             }
             tracing::debug!(?candidate, ?with, ?without, "a contact");
+            self.decided.extend(candidate.map(|c| c.electrode));
             without = with;
         }
         without

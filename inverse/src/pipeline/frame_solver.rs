@@ -30,20 +30,41 @@ use std::time::Instant;
 /// tanks leave up to 0.15, those of real skins half and more.
 const MOST_RESIDUAL: f64 = 0.3;
 
-/// Solutions of the sheet that a frame of a sequence may take: 6 ms each. The next frame goes on.
+/// Solutions of the sheet that a frame of a sequence may take, and evaluations of the response to one touch that a fit of it may. The next
+/// frame goes on.
 const MOST_SOLUTIONS: usize = 2;
+const MOST_EVALUATIONS: usize = 1500;
+
+/// Values of a frame that this holds for: of more, all but solutions takes longer in proportion at least.
+const VALUES: usize = 208;
+
+/// What a frame of a sequence may have taken before anything else is asked of it, ms; what is asked takes as long again at most.
+const MOST_MS: f64 = 25.0;
 
 /// What a frame took, in steps that take long: the same on every machine.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Work {
     /// Pictures with their fits of touches, 0.2 ms and more.
     pub fits: usize,
+    /// Evaluations of the response to one touch in these fits, 4 us.
+    pub evaluations: usize,
     /// Solutions of the sheet with touches, 6 ms.
     pub solutions: usize,
     /// Problems made anew for other values or contacts, 15 ms.
     pub problems: usize,
     /// Searches for what is broken, 10 to 25 ms.
     pub searches: usize,
+}
+
+impl Work {
+    /// How long that takes about on a processor of 2023 with 16 electrodes, ms: the same number on every machine.
+    pub fn nominal_ms(&self) -> f64 {
+        0.3 * self.fits as f64
+            + 0.005 * self.evaluations as f64
+            + 6.0 * self.solutions as f64
+            + 15.0 * self.problems as f64
+            + 20.0 * self.searches as f64
+    }
 }
 
 /// Of how many frames the values are the mean.
@@ -167,6 +188,8 @@ pub(crate) struct FrameSolver {
     spare: Vec<Touch>,
     /// What this frame has taken.
     work: Work,
+    /// Whether time for a search is kept free in it.
+    keeps_free: bool,
 }
 
 impl FrameSolver {
@@ -192,6 +215,7 @@ impl FrameSolver {
             ridges: [None; Drifting::ALL.len()],
             spare: Vec::new(),
             work: Work::default(),
+            keeps_free: false,
             imager: Arc::clone(imager),
             options,
         }
@@ -202,20 +226,37 @@ impl FrameSolver {
         &self.imager
     }
 
-    /// Begins a frame: nothing was done for it.
-    pub(crate) fn begin_frame(&mut self) {
-        self.work = Work::default();
-        let most = if self.options.sequence {
-            MOST_SOLUTIONS
-        } else {
-            usize::MAX
+    /// Begins a frame: nothing was done for it. `keeps_free`: time for a search is.
+    pub(crate) fn begin_frame(&mut self, keeps_free: bool) {
+        self.keeps_free = keeps_free;
+        self.work = Work {
+            searches: usize::from(keeps_free),
+            ..Work::default()
         };
-        self.fitter.iter_mut().for_each(|fitter| fitter.begin_frame(most));
+        let [solutions, evaluations] = if self.options.sequence {
+            let values = self.imager.pattern.len().max(VALUES);
+            [MOST_SOLUTIONS, MOST_EVALUATIONS * VALUES / values]
+        } else {
+            [usize::MAX; 2]
+        };
+        (self.fitter.iter_mut()).for_each(|fitter| fitter.begin_frame(solutions, evaluations));
+    }
+
+    /// Whether the frame has taken as long as it may: what else is to be asked waits for the next.
+    pub(crate) fn is_spent(&self) -> bool {
+        let part = (VALUES as f64 / self.imager.pattern.len().max(1) as f64).min(1.0);
+        self.options.sequence && self.work().nominal_ms() > part * MOST_MS
+    }
+
+    /// Whether time for a search is kept free in this frame.
+    pub(crate) fn keeps_free(&self) -> bool {
+        self.keeps_free
     }
 
     /// What the frame has taken so far.
     pub(crate) fn work(&self) -> Work {
         Work {
+            evaluations: self.fitter.as_ref().map_or(0, Fitter::evaluations),
             solutions: self.fitter.as_ref().map_or(0, Fitter::solutions),
             ..self.work
         }

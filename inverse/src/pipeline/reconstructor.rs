@@ -7,7 +7,7 @@ use crate::pipeline::frame_solver::{Averaged, FrameSolver, Task, Work};
 use crate::pipeline::options::ReconstructorOptions;
 use crate::pipeline::result::FrameResult;
 use crate::quality::doubt::Doubt;
-use crate::quality::fault_monitor::FaultMonitor;
+use crate::quality::fault_monitor::{FaultMonitor, Seen};
 use crate::quality::faults::FaultDetector;
 use crate::reference::diagnosis::{Electrodes, Fault};
 use crate::reference::drift::Drifting;
@@ -15,6 +15,7 @@ use crate::reference::imager::{Imager, ImagerError};
 use crate::reference::noise::NoiseEstimate;
 use crate::reference::{Difference, Reference};
 use crate::touches::polarity::Polarity;
+use forward::Drive;
 use std::sync::Arc;
 
 /// Misfit of the same touches beside a fault, over that without, from which the fault is one.
@@ -32,8 +33,9 @@ pub struct Reconstructor {
     before: Option<Fault>,
     /// Whether the fault that is named is to be looked for in the frame.
     due: bool,
-    /// Whether other values are left out than in the frame before.
+    /// Whether other values are left out than in the frame before; and what an unpressed frame has without these.
     left_changed: bool,
+    left: Difference,
     /// A fault that was named just now in a frame with so many touches and this misfit, whose place it has to take.
     instead_of: Option<(Fault, usize, Option<f64>)>,
     contacts: ContactTest,
@@ -65,7 +67,7 @@ impl Reconstructor {
     pub fn new(reference: Reference, options: ReconstructorOptions) -> Self {
         let imager = reference.imager();
         let mut solver = FrameSolver::new(imager, options);
-        let detectors = detectors(&mut solver, &reference, reference.unchanged(), true);
+        let detectors = detectors(&mut solver, &reference);
         let mut broken = FaultMonitor::new(imager, options.sequence);
         if let Some(noise) = reference.noise().filter(|_| options.sequence && options.fit.is_some()) {
             broken.prepare(noise.sigma, reference.unchanged());
@@ -77,6 +79,7 @@ impl Reconstructor {
             before: None,
             due: false,
             left_changed: false,
+            left: reference.unchanged().clone(),
             instead_of: None,
             contacts: ContactTest::new(&options),
             solver,
@@ -144,7 +147,7 @@ impl Reconstructor {
     /// As for [`Reconstructor::frame`].
     pub fn frame_after(&mut self, values: &[f64], interval_s: Option<f64>) -> Result<&mut FrameResult, ImagerError> {
         self.since_picture_s += interval_s.unwrap_or(f64::INFINITY);
-        self.solver.begin_frame();
+        self.solver.begin_frame(self.broken.is_owed());
         self.searches = self.broken.searches();
         if !self.options.sequence {
             self.gain = 1.0;
@@ -210,9 +213,7 @@ impl Reconstructor {
 
     /// A frame divided by the gain; false where it is like the one before, and so is the result.
     fn frame_of_gain(&mut self, values: &[f64], interval_s: Option<f64>) -> Result<bool, ImagerError> {
-        if std::mem::take(&mut self.left_changed) {
-            self.look_without_faults();
-        }
+        self.look_without_faults();
         self.due = self.broken.begin(self.contacts.changed());
         if self.due {
             // No detector looks at this frame.
@@ -229,7 +230,10 @@ impl Reconstructor {
             .as_mut()
             .map(|d| d.test(values, most_averaged));
         match change {
-            Some(Change::Nothing) if !self.drifted(values)? => self.clear(),
+            Some(Change::Nothing) if !self.drifted(values)? => {
+                self.clear();
+                self.look_for_end(values)?;
+            }
             Some(Change::Nothing) => self.reconstruct(values, Averaged::ONE, true)?,
             Some(Change::Same) => {
                 self.result.anew = false;
@@ -257,6 +261,23 @@ impl Reconstructor {
         Ok(self
             .solver
             .drifted(&self.difference, self.contacts.may_drift(), noise.sigma))
+    }
+
+    /// A fault is over as soon as nothing touches and its values are those of the baseline.
+    fn look_for_end(&mut self, values: &[f64]) -> Result<(), ImagerError> {
+        let Some(noise) = self.reference.noise().filter(|_| self.broken.named().is_some()) else {
+            return Ok(());
+        };
+        self.reference.difference_into(values, &mut self.whole)?;
+        if self
+            .broken
+            .is_over(&self.whole, self.reference.unchanged(), noise.sigma)
+        {
+            self.broken.clear();
+            self.left_changed = true;
+            self.show_faults();
+        }
+        Ok(())
     }
 
     fn detector(&self) -> Option<&ChangeDetector> {
@@ -318,7 +339,11 @@ impl Reconstructor {
             let blind = self.broken.named().is_some_and(|fault| !fault.leaves_touches());
             if !blind {
                 self.broken.leave_out(&mut self.difference);
+                self.contacts.leave_out(self.broken.electrodes_left_out().list());
                 self.solve(averaged, quiet);
+            }
+            if self.hand_over_contacts() {
+                break;
             }
             if self.took_no_place() {
                 self.difference.copy_from(&self.whole);
@@ -343,8 +368,26 @@ impl Reconstructor {
                 break;
             }
         }
+        if self.broken.is_open() && self.result.changed && self.contacts.leaves(&self.result) {
+            // What is shown may be what a fault looks like.
+            self.result.doubt = self.result.doubt.or(Some(Doubt::NotTouches));
+        }
         self.show_faults();
         Ok(())
+    }
+
+    /// Contacts that were decided on are named as what is broken in the frames that follow: their values are left out then, since no shapes
+    /// are those of every change. True where that is so. A given current does not go with its wires: nothing but the shapes tells there
+    /// that contacts are still changed.
+    fn hand_over_contacts(&mut self) -> bool {
+        let decided = self.contacts.decided();
+        let may = self.options.sequence && matches!(self.imager().drive, Drive::Voltage { .. });
+        if !may || decided.is_empty() || !self.broken.name_contacts(decided) {
+            return false;
+        }
+        self.left_changed = true;
+        self.solver.forget();
+        true
     }
 
     /// Looks for what is broken in a frame that touches do not explain, or that a fault would explain as well. True where something
@@ -373,13 +416,16 @@ impl Reconstructor {
         let suspected = !unexplained && may && (contacts > 0 || self.broken.suspects(&self.whole));
         let sigma_v = self.reference.noise().or(result.noise).map(|n| n.sigma);
         let frame = (values, &self.whole, self.reference.unchanged());
-        if !self.broken.take(frame, sigma_v, unexplained || suspected, due) {
+        let seen = Seen {
+            unexplained: unexplained || suspected,
+            due,
+            spent: self.solver.is_spent(),
+            sudden: self.contacts.is_sudden(),
+        };
+        if !self.broken.take(frame, sigma_v, seen) {
             return false;
         }
         let named = self.broken.named();
-        if let Some(Fault::Contacts(electrodes)) = self.broken.take_contacts() {
-            self.contacts.accept(electrodes.list());
-        }
         if let Some(fault) = named.filter(|_| suspected && touches > 0 && !self.broken.is_alone()) {
             self.instead_of = Some((fault, touches, misfit));
         }
@@ -399,19 +445,25 @@ impl Reconstructor {
             return false;
         }
         self.broken.reject(fault);
-        if let Fault::Contacts(electrodes) = fault {
-            self.contacts.give_up(electrodes.list());
-        }
         true
     }
 
-    /// Lets the detectors of changes look at the values that are left. They have seen no frame then.
+    /// Lets the detectors of changes look at the values that are left. They have seen no frame then. Each takes as long as some frames to
+    /// make, so it is made when it is needed.
     fn look_without_faults(&mut self) {
-        let mut left = self.reference.unchanged().clone();
-        self.broken.leave_out(&mut left);
-        let used = left.used.iter().filter(|used| **used).count();
-        if self.options.sequence && self.detectors.iter().flatten().any(|d| d.used() != used) {
-            self.detectors = detectors(&mut self.solver, &self.reference, &left, false);
+        if !self.options.sequence {
+            return;
+        }
+        if std::mem::take(&mut self.left_changed) {
+            let mut left = self.reference.unchanged().clone();
+            self.broken.leave_out(&mut left);
+            if left.used != self.left.used {
+                (self.left, self.detectors) = (left, Drifting::ALL.map(|_| None));
+            }
+        }
+        let now = self.contacts.detector();
+        if let (None, Some(drifting)) = (&self.detectors[now], Drifting::ALL.get(now)) {
+            self.detectors[now] = detector(&mut self.solver, &self.reference, &self.left, *drifting, false);
         }
     }
 
@@ -430,6 +482,11 @@ impl Reconstructor {
             self.result.clear(self.reference.noise(), used);
             (self.result.anew, self.result.doubt) = (true, Some(Doubt::Fault(fault)));
             self.solver.forget();
+        }
+        self.result.contacts.clear();
+        self.result.contacts.extend_from_slice(self.contacts.changed());
+        if let Some(Fault::Contacts(electrodes)) = named {
+            self.result.contacts.extend_from_slice(electrodes.list());
         }
         self.result.faults.clear();
         self.result.faults.extend(named.into_iter().chain(contacts));
@@ -482,7 +539,9 @@ impl Reconstructor {
             (true, true) => 2,
             (true, false) => self.options.unexplained_frames,
         };
-        let contact = (!changed.is_empty()).then(|| Doubt::Fault(Fault::Contacts(Electrodes::of(changed))));
+        // With their shapes left out, touches that explain the rest are right.
+        let doubted = !changed.is_empty() && self.result.changed && self.contacts.leaves(&self.result);
+        let contact = doubted.then(|| Doubt::Fault(Fault::Contacts(Electrodes::of(changed))));
         self.result.doubt = Doubt::of(&self.difference, model_v, self.options.doubts)
             .or(gone.map(|touch| Doubt::Gone {
                 x_mm: touch.x_mm.round() as i32,
@@ -495,8 +554,6 @@ impl Reconstructor {
             // Whatever they are, they are no touches on the sheet of the baseline.
             self.result.touches.clear();
         }
-        self.result.contacts.clear();
-        self.result.contacts.extend_from_slice(changed);
         let left_out = self.judged.iter().zip(&self.difference.used).enumerate();
         let left_out = left_out.filter(|(_, (before, now))| **before && !**now);
         self.result.rejected.clear();
@@ -520,27 +577,35 @@ fn task(difference: &Difference, noise: Option<NoiseEstimate>, averaged: Average
     }
 }
 
-/// Detectors of changes in the values of a difference that has nothing in it, by what drifts. Those of what drifts rarely are made
-/// `at_once` only as far as every frame needs them.
-fn detectors(solver: &mut FrameSolver, reference: &Reference, unchanged: &Difference, at_once: bool) -> Detectors {
+/// Detectors of changes against a reference, by what drifts: all that the frames of a sequence may need.
+fn detectors(solver: &mut FrameSolver, reference: &Reference) -> Detectors {
     let mut detectors = Drifting::ALL.map(|_| None);
-    let Some(noise) = reference.noise() else {
-        return detectors;
-    };
-    let share = reference.baseline_share();
-    let is_searched = reference.imager().is_searched();
-    let in_sequence = solver.is_of_sequence();
-    let asked = |drifting: &Drifting| match (is_searched, in_sequence) {
-        (true, _) => true,
-        (false, true) => !is_rare(*drifting),
-        // A frame by itself of many values that drifts is solved: a detector takes longer.
-        (false, false) => *drifting == Drifting::Common,
-    };
     // The first is in use next.
-    for drifting in Drifting::ALL.into_iter().rev().filter(asked) {
-        let at_once = at_once && is_searched && matches!(drifting, Drifting::Common | Drifting::Contacts);
-        detectors[drifting.index()] =
-            solver.detector(unchanged, reference.baseline(), noise.sigma, share, drifting, at_once);
+    for drifting in Drifting::ALL.into_iter().rev() {
+        detectors[drifting.index()] = detector(solver, reference, reference.unchanged(), drifting, true);
     }
     detectors
+}
+
+/// The detector of changes in the values of a difference that has nothing in it. None where the noise is not known, and where frames of
+/// many values are solved sooner. Those of what drifts rarely are made `at_once` only as far as every frame needs them.
+fn detector(
+    solver: &mut FrameSolver,
+    reference: &Reference,
+    unchanged: &Difference,
+    drifting: Drifting,
+    at_once: bool,
+) -> Option<ChangeDetector> {
+    let noise = reference.noise()?;
+    let is_searched = reference.imager().is_searched();
+    let asked = match (is_searched, solver.is_of_sequence()) {
+        (true, _) => true,
+        (false, true) => !is_rare(drifting),
+        (false, false) => drifting == Drifting::Common,
+    };
+    let at_once = at_once && is_searched && matches!(drifting, Drifting::Common | Drifting::Contacts);
+    let (baseline, share) = (reference.baseline(), reference.baseline_share());
+    asked
+        .then(|| solver.detector(unchanged, baseline, noise.sigma, share, drifting, at_once))
+        .flatten()
 }

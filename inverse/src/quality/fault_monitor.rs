@@ -4,7 +4,7 @@
 //! stays broken. In frames that follow one another a fault is therefore looked for from the third on, and named when two tell the same.
 
 use crate::reference::Difference;
-use crate::reference::diagnosis::{Diagnosis, Fault, Told, values_of, values_of_channel};
+use crate::reference::diagnosis::{Diagnosis, Electrodes, Fault, Told, values_of, values_of_channel};
 use crate::reference::imager::Imager;
 use std::sync::Arc;
 
@@ -69,6 +69,19 @@ impl Mean {
     }
 }
 
+/// What is known of a frame.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Seen {
+    /// Touches do not explain it, or values contradict each other.
+    pub(crate) unexplained: bool,
+    /// What [`FaultMonitor::begin`] said.
+    pub(crate) due: bool,
+    /// It has taken too long for a search, which is put off.
+    pub(crate) spent: bool,
+    /// What it shows came not long ago, from one frame to the next.
+    pub(crate) sudden: bool,
+}
+
 /// Names faults.
 pub(crate) struct FaultMonitor {
     imager: Arc<Imager>,
@@ -91,11 +104,13 @@ pub(crate) struct FaultMonitor {
     /// Frames until the next look.
     until: usize,
     wait: usize,
+    longest_wait: usize,
     against: usize,
     /// A fault that took no touch's place, and for how many frames it is none.
     rejected: Option<(Fault, usize)>,
-    /// Searches so far.
+    /// Searches so far, and whether one was put off.
     searches: usize,
+    owed: bool,
 }
 
 impl FaultMonitor {
@@ -113,9 +128,11 @@ impl FaultMonitor {
             mean: None,
             until: 0,
             wait: 1,
+            longest_wait: LONGEST_WAIT,
             against: 0,
             rejected: None,
             searches: 0,
+            owed: false,
         }
     }
 
@@ -141,6 +158,37 @@ impl FaultMonitor {
         self.alone
     }
 
+    /// Names contacts that are known to have changed; false where another fault is named.
+    pub(crate) fn name_contacts(&mut self, electrodes: &[usize]) -> bool {
+        let known = match self.named {
+            Some(Fault::Contacts(known)) => known,
+            Some(_) => return false,
+            None => Electrodes::default(),
+        };
+        let mut all = [known.list(), electrodes].concat();
+        all.sort_unstable();
+        all.dedup();
+        (self.named, self.candidate, self.open) = (Some(Fault::Contacts(Electrodes::of(&all))), None, false);
+        (self.until, self.against) = (AGAIN[0], 0);
+        true
+    }
+
+    /// Whether the values that are left out because of the fault that is named are those of the baseline again. `sigma_v`: noise of one
+    /// value, V of the model.
+    pub(crate) fn is_over(&self, d: &Difference, unchanged: &Difference, sigma_v: f64) -> bool {
+        let values = self.left_out();
+        let values: Vec<usize> = values.into_iter().filter(|k| unchanged.used[*k]).collect();
+        if values.is_empty() || values.iter().any(|k| !d.used[*k]) {
+            return false;
+        }
+        let square: f64 = values
+            .iter()
+            .map(|k| (d.y[*k] / (sigma_v * d.spread[*k])).powi(2))
+            .sum();
+        let count = values.len() as f64;
+        square < count + ALIKE * (2.0 * count).sqrt()
+    }
+
     /// The fault that was named took no touch's place: it is none for a while.
     pub(crate) fn reject(&mut self, fault: Fault) {
         (self.named, self.candidate) = (None, None);
@@ -157,16 +205,16 @@ impl FaultMonitor {
         self.candidate.is_some() || (self.open && self.suspicious < MOST_OPEN)
     }
 
+    /// Whether the next frame is to leave time for a search.
+    pub(crate) fn is_owed(&self) -> bool {
+        self.owed
+    }
+
     /// Forgets all that earlier frames said.
     pub(crate) fn clear(&mut self) {
         (self.named, self.candidate) = (None, None);
         (self.suspicious, self.until, self.wait, self.against) = (0, 0, 1, 0);
         (self.open, self.mean) = (false, None);
-    }
-
-    /// Hands over contacts that changed, if these are what is named: they are taken out of frames elsewhere.
-    pub(crate) fn take_contacts(&mut self) -> Option<Fault> {
-        self.named.take_if(|fault| matches!(fault, Fault::Contacts(_)))
     }
 
     /// Begins a frame, with the contacts that are known to have changed: whether the fault that was named is to be looked for again.
@@ -182,27 +230,39 @@ impl FaultMonitor {
 
     /// Leaves the values out that the named fault spoils, in a difference.
     pub(crate) fn leave_out(&self, d: &mut Difference) {
-        let imager = &self.imager;
-        let values = match self.named {
-            Some(Fault::Open(electrodes)) => values_of(imager, electrodes.list()),
-            Some(Fault::Gain(pair, _) | Fault::Offset(pair) | Fault::Rail(pair)) => values_of_channel(imager, pair),
-            Some(Fault::Value(k, _)) => vec![k],
-            _ => return,
-        };
-        for k in values {
+        for k in self.left_out() {
             (d.used[k], d.y[k]) = (false, 0.0);
         }
     }
 
-    /// Takes a frame as it was measured (V) and its difference. `unexplained`: touches do not explain it, or values contradict each
-    /// other. `due`: what [`FaultMonitor::begin`] said. True when another fault is named now, or none any more.
+    /// Electrodes whose values are left out.
+    pub(crate) fn electrodes_left_out(&self) -> Electrodes {
+        match self.named {
+            Some(Fault::Open(electrodes) | Fault::Contacts(electrodes)) => electrodes,
+            _ => Electrodes::default(),
+        }
+    }
+
+    fn left_out(&self) -> Vec<usize> {
+        let imager = &self.imager;
+        match self.named {
+            Some(Fault::Open(electrodes) | Fault::Contacts(electrodes)) => values_of(imager, electrodes.list()),
+            Some(Fault::Gain(pair, _) | Fault::Offset(pair) | Fault::Rail(pair)) => values_of_channel(imager, pair),
+            Some(Fault::Value(k, _)) => vec![k],
+            _ => Vec::new(),
+        }
+    }
+
+    /// Takes a frame as it was measured (V) and its difference. True when another fault is named now, or none any more.
     pub(crate) fn take(
         &mut self,
         (values, d, unchanged): (&[f64], &Difference, &Difference),
         sigma_v: Option<f64>,
-        unexplained: bool,
-        due: bool,
+        seen: Seen,
     ) -> bool {
+        let Seen { unexplained, due, .. } = seen;
+        let owed = std::mem::take(&mut self.owed);
+        self.longest_wait = if seen.sudden { LONGEST_WAIT / 8 } else { LONGEST_WAIT };
         let known = self.of_values(values, d, unchanged);
         let unexplained = unexplained || known.is_some();
         self.suspicious = if unexplained { self.suspicious + 1 } else { 0 };
@@ -214,10 +274,16 @@ impl FaultMonitor {
             (self.candidate, self.wait, self.open) = (None, 1, false);
             return false;
         }
-        let asked = known.is_some() || due || (unexplained && self.until == 0 && self.named.is_none());
+        // What comes beside a fault that is named is asked for as it comes.
+        let beside = self.named.is_some() && self.suspicious == SUSPICIOUS;
+        let asked = known.is_some() || due || beside || (unexplained && self.until == 0 && self.named.is_none());
         let early = self.sequence && self.suspicious < SUSPICIOUS && known.is_none() && !due;
         let again = self.candidate.is_some();
         if early || !(asked || again) {
+            return false;
+        }
+        if seen.spent && known.is_none() && !owed && self.imager.is_searched() {
+            (self.owed, self.until) = (true, 0);
             return false;
         }
         let known_contacts = |fault: &Fault, known: &[usize]| match fault {
@@ -248,7 +314,7 @@ impl FaultMonitor {
         let Some(told) = told else {
             self.candidate = None;
             self.until = self.wait;
-            self.wait = (2 * self.wait).min(LONGEST_WAIT);
+            self.wait = (2 * self.wait).min(self.longest_wait);
             self.against += 1;
             let over = self.named.is_some() && (self.against >= AGAINST || !self.sequence);
             if over {

@@ -22,8 +22,8 @@ fn live_sheet(drive: Drive, seed: u64) -> LiveSheet {
 /// Contacts named in the frame with noise, and places of the touches, mm.
 fn contacts_and_touches(live: &mut LiveSheet, clean: &[f64]) -> (Vec<usize>, Vec<[f64; 2]>) {
     let found = live.reconstruct(clean).unwrap();
-    let doubted = found.doubt.is_some();
-    assert!(doubted || found.contacts.is_empty());
+    // What is left out is said.
+    assert_eq!(found.faults.is_empty(), found.contacts.is_empty());
     (
         found.contacts.clone(),
         found.touches.iter().map(|t| [t.x_mm, t.y_mm]).collect(),
@@ -157,8 +157,9 @@ fn a_contact_that_recovers_is_accepted_again() {
         let (contacts, found) = contacts_and_touches(&mut live, &worse);
         assert_eq!((contacts.as_slice(), found.len()), ([6].as_slice(), 1));
     }
-    let frames = (0..40)
+    // A fault that leaves touches is looked for again after 64 frames, and over when two looks do not find it.
+    let frames = (0..80)
         .take_while(|_| !contacts_and_touches(&mut live, &well).0.is_empty())
         .count();
-    assert!(frames <= 20, "{frames}");
+    assert!(frames <= 66, "{frames}");
 }

@@ -71,6 +71,8 @@ struct Job<'a> {
     hurried: bool,
     /// Number of the frame.
     turn: usize,
+    /// Evaluations in this frame at which the fits end.
+    until_evaluations: usize,
 }
 
 /// Which values are fitted.
@@ -244,6 +246,9 @@ pub struct Fitter {
     /// Solutions of the sheet in this frame, and the most there may be.
     solutions: usize,
     most_solutions: usize,
+    /// Evaluations of the response to one touch in this frame, and the most there may be for one fit of it.
+    evaluations: usize,
+    most_evaluations: usize,
     /// Touches that were found in this frame, by a search that came to its end.
     found: Discs,
     /// Of the frame fitted last.
@@ -295,6 +300,8 @@ impl Fitter {
             was_corrected: false,
             solutions: 0,
             most_solutions: usize::MAX,
+            evaluations: 0,
+            most_evaluations: usize::MAX,
             found: Discs::new(),
             drift: Drift::with_room(imager.pattern.electrodes()),
             alone: Drift::with_room(imager.pattern.electrodes()),
@@ -317,15 +324,22 @@ impl Fitter {
         self.scattering = ScatteringModel::new(&imager.model, imager.drive, &imager.pattern);
     }
 
-    /// Begins a frame, which may take so many solutions of the sheet, however often it is fitted.
-    pub(crate) fn begin_frame(&mut self, most_solutions: usize) {
+    /// Begins a frame, which may take so many solutions of the sheet, however often it is fitted, and every fit so many evaluations of the
+    /// response to one touch.
+    pub(crate) fn begin_frame(&mut self, most_solutions: usize, most_evaluations: usize) {
         (self.solutions, self.most_solutions) = (0, most_solutions);
+        (self.evaluations, self.most_evaluations) = (0, most_evaluations);
         self.found.clear();
     }
 
     /// Solutions of the sheet in this frame.
     pub(crate) fn solutions(&self) -> usize {
         self.solutions
+    }
+
+    /// Evaluations of the response to one touch in this frame.
+    pub(crate) fn evaluations(&self) -> usize {
+        self.evaluations
     }
 
     /// Whether the sheet may be solved so many times more.
@@ -405,6 +419,7 @@ impl Fitter {
                 && !data.patient
                 && self.followed.unfinished < self.options.most_unfinished,
             turn: self.followed.turn,
+            until_evaluations: self.evaluations.saturating_add(self.most_evaluations),
             data,
         };
         let (prior, from_found) = (self.prior, job.data.from_found);
@@ -617,6 +632,7 @@ impl Fitter {
             prior: &self.prior,
             order: &self.options.order,
         };
+        let left = job.until_evaluations.saturating_sub(self.evaluations);
         let frame = Frame {
             values: match values {
                 Values::Measured => job.data.values,
@@ -626,12 +642,18 @@ impl Fitter {
             chi_square_threshold: job.chi_square_threshold,
             error,
             polarity: job.data.polarity,
-            most_work: if job.hurried { self.prior.most_work } else { usize::MAX },
+            most_work: if job.hurried {
+                self.prior.most_work.min(left)
+            } else {
+                left
+            },
         };
         self.was_corrected = matches!(values, Values::Corrected);
         let least_misfit = || self.followed.least_misfit(job.data.gain, self.options.misfit_scatter);
         let (least_misfit, scratch) = (follows.then(least_misfit), &mut self.scratch);
-        self.fits.fit(model, frame, seeds, least_misfit, job.turn, scratch)
+        self.fits.fit(model, frame, seeds, least_misfit, job.turn, scratch)?;
+        self.evaluations += self.fits.now.work;
+        Some(())
     }
 
     /// The chi-square threshold, kept as long as the noise is known as well.

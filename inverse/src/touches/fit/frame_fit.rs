@@ -45,6 +45,8 @@ pub struct Fitted {
     pub followed: bool,
     /// Whether the search for them came to its end.
     pub finished: bool,
+    /// What the search cost, in evaluations of the response to one touch.
+    pub work: usize,
     /// Whether the linearisation error taken off the data was that of these touches, as far as it matters.
     pub settled: bool,
     /// Mean square of the whitened residual per degree of freedom: 1 where noise explains it.
@@ -178,6 +180,7 @@ fn fit_whitened(
         d.strength.abs() * interpolation::dot(table.arch(), response, response).sqrt()
     };
     (out.followed, out.finished, out.settled) = (found.followed, found.finished, true);
+    out.work = found.work;
     (out.sigma, out.variance) = (sigma, variance);
     let mut found: ArrayVec<(Touch, Disc, f64, usize), MOST_TOUCHES> = best
         .discs

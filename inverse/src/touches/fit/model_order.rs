@@ -130,6 +130,8 @@ pub struct Search<'a> {
     polarity: Polarity,
     /// What fits may still cost, in evaluations of the response to one touch.
     remaining_work: usize,
+    /// What they have cost.
+    work: usize,
 }
 
 /// Where a search begins besides the picture's peaks.
@@ -153,6 +155,8 @@ pub struct Found {
     pub followed: bool,
     /// Whether the search came to its end.
     pub finished: bool,
+    /// What it cost, in evaluations of the response to one touch.
+    pub work: usize,
 }
 
 /// Fall of chi-square that an additional touch must bring not to be noise: the quantile of Fisher's distribution for
@@ -180,6 +184,7 @@ impl<'a> Search<'a> {
             scratch,
             polarity: Polarity::Up,
             remaining_work: usize::MAX,
+            work: 0,
         })
     }
 
@@ -233,6 +238,7 @@ impl<'a> Search<'a> {
         let work = &mut self.scratch.work;
         let fit = fit(table, prior, &order.steps, self.data, start, most_steps, work)?;
         self.remaining_work = self.remaining_work.saturating_sub(fit.work);
+        self.work += fit.work;
         Some(fit)
     }
 
@@ -282,6 +288,7 @@ impl<'a> Search<'a> {
             fit,
             followed,
             finished: self.remaining_work > 0,
+            work: self.work,
         }
     }
 
