@@ -13,7 +13,7 @@ between the turns, since that costs microseconds of its own where caches are col
 Five fingers, with noise, so that every frame is reconstructed anew; and the unpressed sheet, where nothing is computed.
 
 The last line tells how cold the machine itself is. `hashlib` computes as long as a frame of five fingers, in a few kilobytes: it puts
-nothing out of the caches. What a call of `math.sqrt` costs after it is the doing of other programs on the machine.
+nothing out of the caches. What a call of `math.sqrt` costs after it is not the doing of the sums.
 """
 
 import hashlib
