@@ -23,6 +23,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from itertools import islice
 from pathlib import Path
 
@@ -41,9 +42,10 @@ Blocks = np.ndarray
 def blocks_us(frames: Iterable[skin.Frame], read: bool) -> Blocks:
     """Of each five turns of a loop, us a turn: in all, and of it in Rust; and how many touches the last one has, where they are read."""
     source = iter(frames)
-    blocks = []
+    blocks: list[tuple[float, float, int]] = []
     while True:
-        turns, rust_us, touches = 0, 0.0, ()
+        turns, rust_us = 0, 0.0
+        touches: tuple[skin.Touch, ...] = ()
         begin = time.perf_counter_ns()
         if read:
             for frame in islice(source, TURNS):
@@ -66,6 +68,10 @@ def measured(pressed: bool, count: int) -> tuple[skin.Reconstructor, list[np.nda
     values = skin.forward(touches=[(x, y, 10.0, 0.2) for x, y in FINGERS]) if pressed else unpressed
     baseline = unpressed * (1 + NOISE * noise.standard_normal((24, unpressed.size)))
     return skin.Reconstructor(baseline), list(values * (1 + NOISE * noise.standard_normal((count, values.size))))
+
+
+def one_by_one(reconstructor: skin.Reconstructor, rows: list[np.ndarray], read: bool) -> Blocks:
+    return blocks_us(map(reconstructor.frame, rows), read)
 
 
 def together(reconstructor: skin.Reconstructor, rows: list[np.ndarray], read: bool) -> Blocks:
@@ -122,8 +128,8 @@ def main() -> None:
     rust_us = 0.0
     for name, pressed in (("unpressed", False), ("five fingers", True)):
         reconstructor, rows = measured(pressed, count)
-        say(f"{name}, one by one", lambda read, of=reconstructor, rows=rows: blocks_us(map(of.frame, rows), read))
-        say(f"{name}, {TOGETHER} in a call", lambda read, of=reconstructor, rows=rows: together(of, rows, read))
+        say(f"{name}, one by one", partial(one_by_one, reconstructor, rows))
+        say(f"{name}, {TOGETHER} in a call", partial(together, reconstructor, rows))
         rust_us = reconstructor.frame(rows[0]).compute_us or 0.0
     with tempfile.TemporaryDirectory() as folder:
         file = str(Path(folder) / "hand.mcap")
