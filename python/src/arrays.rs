@@ -2,9 +2,10 @@
 
 use crate::error::{raised, said};
 use numpy::ndarray::Array2;
-use numpy::{PyArray2, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
+use numpy::{PyArray1, PyArray2, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::intern;
 use pyo3::prelude::*;
+use pyo3::sync::PyOnceLock;
 
 /// Frames of one length.
 pub(crate) struct Frames {
@@ -70,8 +71,23 @@ impl Frames {
     }
 }
 
+/// NumPy can be had. What makes an array without it panics, and takes the numbers with it.
+pub(crate) fn need_numpy(py: Python<'_>) -> PyResult<()> {
+    static THERE: PyOnceLock<()> = PyOnceLock::new();
+    THERE
+        .get_or_try_init(py, || py.import(intern!(py, "numpy")).map(drop))
+        .copied()
+}
+
+/// Numbers as an array, without a copy.
+pub(crate) fn vector<T: numpy::Element>(py: Python<'_>, values: Vec<T>) -> PyResult<Bound<'_, PyArray1<T>>> {
+    need_numpy(py)?;
+    Ok(PyArray1::from_vec(py, values))
+}
+
 /// Numbers row by row as an array of two axes, without a copy.
 pub(crate) fn matrix<T: numpy::Element>(py: Python<'_>, values: Vec<T>, columns: usize) -> PyResult<Py<PyArray2<T>>> {
+    need_numpy(py)?;
     let rows = values.len() / columns.max(1);
     let array = Array2::from_shape_vec([rows, columns], values).map_err(raised)?;
     Ok(PyArray2::from_owned_array(py, array).unbind())

@@ -1,12 +1,12 @@
 //! A frame with what was found in it.
 
-use crate::arrays::matrix;
+use crate::arrays::{matrix, need_numpy, vector};
 use crate::touch::Touch;
 use inverse::pipeline::FrameResult;
 use inverse::reference::imager::Imager;
 use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
-use pyo3::sync::PyOnceLock;
+use pyo3::sync::MutexExt;
 use pyo3::types::PyTuple;
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -74,12 +74,16 @@ impl Frame {
 impl Frame {
     #[getter]
     fn values<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        self.values.get(py, |values| Ok(PyArray1::from_vec(py, values)))
+        self.values.get(py, |values| {
+            need_numpy(py)?;
+            vector(py, std::mem::take(values))
+        })
     }
 
     #[getter]
     fn touches<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
-        self.touches.get(py, |touches| PyTuple::new(py, touches))
+        self.touches
+            .get(py, |touches| PyTuple::new(py, touches.iter().copied()))
     }
 
     #[getter]
@@ -88,8 +92,8 @@ impl Frame {
             let grid = &self.imager.grid;
             let (columns, rows) = grid.shape();
             let mut image = vec![f64::NAN; rows * columns];
-            for ([column, row], rise) in grid.cells().iter().zip(rises) {
-                image[*row as usize * columns + *column as usize] = rise;
+            for ([column, row], rise) in grid.cells().iter().zip(rises.iter()) {
+                image[*row as usize * columns + *column as usize] = *rise;
             }
             Ok(matrix(py, image, columns)?.into_bound(py))
         })
@@ -112,30 +116,33 @@ impl Frame {
 }
 
 /// An object of Python's that is made of what Rust found when it is first asked for, and kept.
-struct Made<Found, Object> {
-    /// Until then.
-    found: Mutex<Found>,
-    object: PyOnceLock<Py<Object>>,
+struct Made<Found, Object>(Mutex<State<Found, Object>>);
+
+enum State<Found, Object> {
+    Found(Found),
+    Object(Py<Object>),
 }
 
-impl<Found: Default, Object> Made<Found, Object> {
+impl<Found, Object> Made<Found, Object> {
     fn of(found: Found) -> Self {
-        Self {
-            found: Mutex::new(found),
-            object: PyOnceLock::new(),
-        }
+        Self(Mutex::new(State::Found(found)))
     }
 
-    /// The object; `make` takes over what was found, once.
+    /// The object. `make` takes what it wants of what was found as the last thing it does: where it fails it is asked again.
     fn get<'py>(
         &self,
         py: Python<'py>,
-        make: impl FnOnce(Found) -> PyResult<Bound<'py, Object>>,
+        make: impl FnOnce(&mut Found) -> PyResult<Bound<'py, Object>>,
     ) -> PyResult<Bound<'py, Object>> {
-        let object = self.object.get_or_try_init(py, || {
-            let found = std::mem::take(&mut *self.found.lock().unwrap_or_else(PoisonError::into_inner));
-            make(found).map(Bound::unbind)
-        })?;
-        Ok(object.bind(py).clone())
+        // Whoever waits for another thread lets go of the interpreter's lock, and nobody else does.
+        let mut state = self.0.lock_py_attached(py).unwrap_or_else(PoisonError::into_inner);
+        match &mut *state {
+            State::Object(object) => Ok(object.bind(py).clone()),
+            State::Found(found) => {
+                let object = make(found)?;
+                *state = State::Object(object.clone().unbind());
+                Ok(object)
+            }
+        }
     }
 }

@@ -133,10 +133,10 @@ fn changes(
     let change = |(k, frame): (usize, &[f64])| {
         let picked_frame = picked.of(frame);
         match &before {
-            None => picked_frame,
+            None => picked_frame.into_owned(),
             Some(before) => {
                 let unpressed = picked.of(before[if before.len() == 1 { 0 } else { k }]);
-                picked_frame.iter().zip(unpressed).map(|(v, u)| v - u).collect()
+                picked_frame.iter().zip(unpressed.iter()).map(|(v, u)| v - u).collect()
             }
         }
     };

@@ -12,6 +12,7 @@ use inverse::solvers::Method;
 use inverse::touches::polarity::Polarity;
 use numpy::PyArray2;
 use pyo3::prelude::*;
+use std::borrow::Cow;
 use std::ffi::CString;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -23,7 +24,7 @@ const LOOK: Duration = Duration::from_millis(100);
 pub(crate) struct Picked {
     /// How many values a frame has.
     pub(crate) of: usize,
-    /// Those that are used.
+    /// Those that are used, in order.
     kept: Vec<usize>,
 }
 
@@ -36,9 +37,12 @@ impl Picked {
         }
     }
 
-    /// Those of a frame.
-    pub(crate) fn of(&self, frame: &[f64]) -> Vec<f64> {
-        self.kept.iter().map(|k| frame[*k]).collect()
+    /// Those of a frame; the frame itself where all are used.
+    pub(crate) fn of<'a>(&self, frame: &'a [f64]) -> Cow<'a, [f64]> {
+        if self.kept.len() == frame.len() {
+            return Cow::Borrowed(frame);
+        }
+        Cow::Owned(self.kept.iter().map(|k| frame[*k]).collect())
     }
 }
 
@@ -166,8 +170,12 @@ impl Reconstructor {
         let drive = self::drive(drive, 1e-3)?;
         let baseline = Frames::of("baseline", baseline)?;
         let (pattern, picked) = pattern(&sheet, order, baseline.length)?;
-        let unpressed: Vec<Vec<f64>> = baseline.rows().map(|frame| picked.of(frame)).collect();
-        if !unpressed.iter().flatten().any(|v| v.is_finite() && *v != 0.0) {
+        let unpressed: Vec<Cow<'_, [f64]>> = baseline.rows().map(|frame| picked.of(frame)).collect();
+        if !unpressed
+            .iter()
+            .flat_map(|frame| frame.iter())
+            .any(|v| v.is_finite() && *v != 0.0)
+        {
             return Err(said("baseline: it holds no value; give a frame of the unpressed sheet"));
         }
         let batch = py.detach(|| -> anyhow::Result<Batch> {
@@ -180,7 +188,7 @@ impl Reconstructor {
                 interval_s: frame_s,
                 ..usual
             };
-            let unpressed: Vec<&[f64]> = unpressed.iter().map(Vec::as_slice).collect();
+            let unpressed: Vec<&[f64]> = unpressed.iter().map(AsRef::as_ref).collect();
             Ok(Batch::new(Arc::new(imager), &unpressed, options)?)
         });
         let batch = batch.map_err(raised)?;

@@ -1,6 +1,6 @@
 //! A recording in memory.
 
-use crate::arrays::matrix;
+use crate::arrays::{matrix, vector};
 use crate::error::raised;
 use crate::sheet::Sheet;
 use crate::touch::Touch;
@@ -73,10 +73,10 @@ pub(crate) fn load(py: Python<'_>, path: PathBuf) -> PyResult<Recording> {
                 pattern: loaded.pattern,
             },
         )?,
-        times_s: PyArray1::from_vec(py, loaded.at_s).unbind(),
-        sequences: PyArray1::from_vec(py, loaded.sequences).unbind(),
+        times_s: vector(py, loaded.at_s)?.unbind(),
+        sequences: vector(py, loaded.sequences)?.unbind(),
         values: matrix(py, loaded.values_v, values)?,
-        baseline: PyArray1::from_vec(py, baseline).unbind(),
+        baseline: vector(py, baseline)?.unbind(),
         touches: PyTuple::new(py, touches)?.unbind(),
     })
 }

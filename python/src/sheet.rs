@@ -1,6 +1,6 @@
 //! A sheet, and what it gives when it is touched.
 
-use crate::arrays::{matrix, points};
+use crate::arrays::{matrix, points, vector};
 use crate::error::{raised, said};
 use crate::touch::Pressed;
 use ::forward::file::{parse_sheet, sheet_text};
@@ -138,5 +138,5 @@ pub(crate) fn forward<'py>(
     let drive = self::drive(drive, 1.0)?;
     let touches: Vec<DiscTouch> = touches.into_iter().flatten().map(DiscTouch::from).collect();
     let values = py.detach(|| touched_frame(&sheet.sheet, &sheet.pattern, drive, &touches));
-    Ok(PyArray1::from_vec(py, values.map_err(raised)?))
+    vector(py, values.map_err(raised)?)
 }
