@@ -27,7 +27,7 @@ struct Owed {
     /// Which kind of drift comes next.
     drifting: Option<usize>,
     candidates: bool,
-    /// Whether touches of the other sign are, and whether because a touch is new.
+    /// Whether touches of the other sign are to be tried, and whether because a touch is new.
     polarity: Option<bool>,
 }
 
@@ -211,7 +211,7 @@ impl ContactTest {
         }
         // What a frame has of a touch while it comes down differs from value to value, which is like anything smooth.
         let lands = self.sequence && self.left_before < LANDING;
-        // The decision for or against a contact compares what both come to in the end.
+        // The decision for or against a contact compares what both come to in the end, or as far as a frame may go.
         let patient = !self.sequence || self.monitor.asks_next() || self.put_off >= MOST_PUT_OFF;
         let task = Task { patient, ..task };
         if let Some(changed) = self.monitor.begin(task.quiet) {
@@ -220,20 +220,21 @@ impl ContactTest {
             let mut evidence = self.solve_with(solver, task, detectors, result);
             let owed = std::mem::take(&mut self.owed);
             let new = result.touches.len() > self.stood || owed.polarity == Some(true);
-            // What was put off comes first.
-            let [polarity, candidates] = [owed.polarity.is_some(), owed.candidates].map(|o| o && !solver.keeps_free());
-            if polarity || candidates {
-                self.owed.drifting = owed.drifting;
-            } else if !task.quiet {
-                evidence = self.test_drifting((evidence, lands, owed.drifting), solver, task, detectors, result);
+            // The first question that was put off is asked, whatever the frame has taken.
+            let late = owed.is_something() && !solver.keeps_free();
+            if !task.quiet {
+                let from = owed.drifting.map(|next| (next, late));
+                evidence = self.test_drifting((evidence, lands, from), solver, task, detectors, result);
             }
-            if polarity || (solver.is_spent() && !candidates) {
-                self.owed.candidates = owed.candidates || self.monitor.asks_next();
+            let late = late && owed.drifting.is_none();
+            if self.owed.drifting.is_some() || (solver.is_spent() && !(late && owed.candidates)) {
+                self.owed.candidates = self.monitor.asks_next();
             } else {
                 evidence = self.test_candidates(evidence, solver, task, detectors, result);
             }
+            let late = late && !owed.candidates;
             if !task.quiet {
-                self.test_polarity((evidence, new, lands), solver, task, detectors, result);
+                self.test_polarity((evidence, new, lands, late), solver, task, detectors, result);
             }
         }
         if task.quiet {
@@ -261,7 +262,7 @@ impl ContactTest {
     /// explain.
     fn test_polarity(
         &mut self,
-        (evidence, new, lands): (Option<Evidence>, bool, bool),
+        (evidence, new, lands, late): (Option<Evidence>, bool, bool, bool),
         solver: &mut FrameSolver,
         task: Task,
         detectors: &mut Detectors,
@@ -276,12 +277,13 @@ impl ContactTest {
         };
         let unexplained = result.touches.is_empty() || !result.misfit.is_some_and(explains);
         let may = solver.fits() && result.changed;
-        // Whether contacts drifted or changed is decided first.
+        // Whether contacts drifted or changed is decided first, in this frame or in those before.
         let decided = self.put_off == 0 && !self.monitor.is_open();
         if !(may && decided && (new || unexplained)) {
             return;
         }
-        if solver.is_spent() {
+        let first = self.owed.drifting.is_some() || self.owed.candidates;
+        if first || (solver.is_spent() && !late) {
             self.owed.polarity = Some(new);
             return;
         }
@@ -311,7 +313,7 @@ impl ContactTest {
     /// while what touches leave came at once (`SUDDEN`). It is asked for in the next such frame after.
     fn test_drifting(
         &mut self,
-        (evidence, lands, owed): (Option<Evidence>, bool, Option<usize>),
+        (evidence, lands, from): (Option<Evidence>, bool, Option<(usize, bool)>),
         solver: &mut FrameSolver,
         task: Task,
         detectors: &mut Detectors,
@@ -321,7 +323,7 @@ impl ContactTest {
         let touches = result.touches.len();
         // A frame that changed without a touch is asked as well: a contact may be what changed it.
         let due = self.until == 0 && (self.leaves(result) || touches == 0 || self.drifting != Drifting::Common);
-        let asked = touches > self.stood || due || owed.is_some() || self.monitor.is_open();
+        let asked = touches > self.stood || due || from.is_some() || self.monitor.is_open();
         if !(solver.fits() && result.changed && asked) {
             self.stood = self.stood.min(touches);
             return evidence;
@@ -334,7 +336,7 @@ impl ContactTest {
         self.put_off = 0;
         self.until = self.options.retest_frames;
         let (before, mut best) = (self.drifting, evidence);
-        let next = owed.unwrap_or(0);
+        let (next, mut late) = from.unwrap_or_default();
         let others = Drifting::ALL.into_iter().filter(|d| *d != before && d.index() >= next);
         for other in others {
             // What hides touches more than contacts do is asked for only where something is left to explain, and where that takes no
@@ -346,7 +348,7 @@ impl ContactTest {
                 self.until = if lands { 1 } else { self.until.min(self.sudden) };
                 continue;
             }
-            if solver.is_spent() {
+            if solver.is_spent() && !std::mem::take(&mut late) {
                 self.owed.drifting = Some(other.index());
                 return best;
             }

@@ -35,18 +35,15 @@ const MOST_RESIDUAL: f64 = 0.3;
 const MOST_SOLUTIONS: usize = 2;
 const MOST_EVALUATIONS: usize = 1500;
 
-/// Values of a frame that this holds for: of more, all but solutions takes longer in proportion at least.
-const VALUES: usize = 208;
-
 /// What a frame of a sequence may have taken before anything else is asked of it, ms; what is asked takes as long again at most.
 const MOST_MS: f64 = 25.0;
 
 /// What a frame took, in steps that take long: the same on every machine.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Work {
-    /// Pictures with their fits of touches, 0.2 ms and more.
+    /// Pictures with their fits of touches, 0.3 ms.
     pub fits: usize,
-    /// Evaluations of the response to one touch in these fits, 4 us.
+    /// Evaluations of the response to one touch in these fits, 5 us.
     pub evaluations: usize,
     /// Solutions of the sheet with touches, 6 ms.
     pub solutions: usize,
@@ -234,8 +231,7 @@ impl FrameSolver {
             ..Work::default()
         };
         let [solutions, evaluations] = if self.options.sequence {
-            let values = self.imager.pattern.len().max(VALUES);
-            [MOST_SOLUTIONS, MOST_EVALUATIONS * VALUES / values]
+            [MOST_SOLUTIONS, MOST_EVALUATIONS]
         } else {
             [usize::MAX; 2]
         };
@@ -244,8 +240,7 @@ impl FrameSolver {
 
     /// Whether the frame has taken as long as it may: what else is to be asked waits for the next.
     pub(crate) fn is_spent(&self) -> bool {
-        let part = (VALUES as f64 / self.imager.pattern.len().max(1) as f64).min(1.0);
-        self.options.sequence && self.work().nominal_ms() > part * MOST_MS
+        self.options.sequence && self.work().nominal_ms() > MOST_MS
     }
 
     /// Whether time for a search is kept free in this frame.

@@ -234,7 +234,12 @@ impl Reconstructor {
                 self.clear();
                 self.look_for_end(values)?;
             }
-            Some(Change::Nothing) => self.reconstruct(values, Averaged::ONE, true)?,
+            Some(Change::Nothing) => {
+                self.reconstruct(values, Averaged::ONE, true)?;
+                if !self.result.changed {
+                    self.look_for_end(values)?;
+                }
+            }
             Some(Change::Same) => {
                 self.result.anew = false;
                 return Ok(false);
@@ -269,10 +274,8 @@ impl Reconstructor {
             return Ok(());
         };
         self.reference.difference_into(values, &mut self.whole)?;
-        if self
-            .broken
-            .is_over(&self.whole, self.reference.unchanged(), noise.sigma)
-        {
+        let sigma_v = noise.sigma * (1.0 + self.reference.baseline_share()).sqrt();
+        if self.broken.is_over(&self.whole, self.reference.unchanged(), sigma_v) {
             self.broken.clear();
             self.left_changed = true;
             self.show_faults();
@@ -339,7 +342,6 @@ impl Reconstructor {
             let blind = self.broken.named().is_some_and(|fault| !fault.leaves_touches());
             if !blind {
                 self.broken.leave_out(&mut self.difference);
-                self.contacts.leave_out(self.broken.electrodes_left_out().list());
                 self.solve(averaged, quiet);
             }
             if self.hand_over_contacts() {
@@ -385,6 +387,7 @@ impl Reconstructor {
         if !may || decided.is_empty() || !self.broken.name_contacts(decided) {
             return false;
         }
+        self.instead_of = None;
         self.left_changed = true;
         self.solver.forget();
         true
@@ -470,7 +473,8 @@ impl Reconstructor {
     /// Says what is broken. Where it leaves no touches, none are shown.
     fn show_faults(&mut self) {
         let named = self.broken.named();
-        if self.broken.is_open() {
+        self.contacts.leave_out(self.broken.electrodes_left_out().list());
+        if self.broken.is_open() || self.broken.is_owed() {
             // Every frame counts.
             self.detectors.iter_mut().flatten().for_each(ChangeDetector::forget);
         }

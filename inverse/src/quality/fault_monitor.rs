@@ -4,7 +4,7 @@
 //! stays broken. In frames that follow one another a fault is therefore looked for from the third on, and named when two tell the same.
 
 use crate::reference::Difference;
-use crate::reference::diagnosis::{Diagnosis, Electrodes, Fault, Told, values_of, values_of_channel};
+use crate::reference::diagnosis::{Diagnosis, Electrodes, Fault, MOST_ELECTRODES, Told, values_of, values_of_channel};
 use crate::reference::imager::Imager;
 use std::sync::Arc;
 
@@ -106,6 +106,8 @@ pub(crate) struct FaultMonitor {
     wait: usize,
     longest_wait: usize,
     against: usize,
+    /// Frames at rest one after another that speak against it.
+    well: usize,
     /// A fault that took no touch's place, and for how many frames it is none.
     rejected: Option<(Fault, usize)>,
     /// Searches so far, and whether one was put off.
@@ -130,6 +132,7 @@ impl FaultMonitor {
             wait: 1,
             longest_wait: LONGEST_WAIT,
             against: 0,
+            well: 0,
             rejected: None,
             searches: 0,
             owed: false,
@@ -141,9 +144,17 @@ impl FaultMonitor {
         if !self.imager.is_searched() {
             return;
         }
-        self.diagnosis = Some(Diagnosis::new(&self.imager));
+        self.diagnosis = Some(self.made());
         if let Some(Some(diagnosis)) = &mut self.diagnosis {
             diagnosis.prepare(sigma_v, unchanged);
+        }
+    }
+
+    fn made(&self) -> Option<Diagnosis> {
+        if self.sequence {
+            Diagnosis::of_sequence(&self.imager)
+        } else {
+            Diagnosis::new(&self.imager)
         }
     }
 
@@ -158,7 +169,7 @@ impl FaultMonitor {
         self.alone
     }
 
-    /// Names contacts that are known to have changed; false where another fault is named.
+    /// Names contacts that are known to have changed; false where another fault is named, or too many.
     pub(crate) fn name_contacts(&mut self, electrodes: &[usize]) -> bool {
         let known = match self.named {
             Some(Fault::Contacts(known)) => known,
@@ -168,6 +179,9 @@ impl FaultMonitor {
         let mut all = [known.list(), electrodes].concat();
         all.sort_unstable();
         all.dedup();
+        if all.len() > MOST_ELECTRODES {
+            return false;
+        }
         (self.named, self.candidate, self.open) = (Some(Fault::Contacts(Electrodes::of(&all))), None, false);
         (self.until, self.against) = (AGAIN[0], 0);
         true
@@ -175,18 +189,17 @@ impl FaultMonitor {
 
     /// Whether the values that are left out because of the fault that is named are those of the baseline again. `sigma_v`: noise of one
     /// value, V of the model.
-    pub(crate) fn is_over(&self, d: &Difference, unchanged: &Difference, sigma_v: f64) -> bool {
+    pub(crate) fn is_over(&mut self, d: &Difference, unchanged: &Difference, sigma_v: f64) -> bool {
         let values = self.left_out();
         let values: Vec<usize> = values.into_iter().filter(|k| unchanged.used[*k]).collect();
-        if values.is_empty() || values.iter().any(|k| !d.used[*k]) {
-            return false;
-        }
         let square: f64 = values
             .iter()
             .map(|k| (d.y[*k] / (sigma_v * d.spread[*k])).powi(2))
             .sum();
         let count = values.len() as f64;
-        square < count + ALIKE * (2.0 * count).sqrt()
+        let well = count > 0.0 && values.iter().all(|k| d.used[*k]) && square < count + ALIKE * (2.0 * count).sqrt();
+        self.well = if well { self.well + 1 } else { 0 };
+        self.well >= AGAINST
     }
 
     /// The fault that was named took no touch's place: it is none for a while.
@@ -214,7 +227,7 @@ impl FaultMonitor {
     pub(crate) fn clear(&mut self) {
         (self.named, self.candidate) = (None, None);
         (self.suspicious, self.until, self.wait, self.against) = (0, 0, 1, 0);
-        (self.open, self.mean) = (false, None);
+        (self.open, self.mean, self.owed, self.well) = (false, None, false, 0);
     }
 
     /// Begins a frame, with the contacts that are known to have changed: whether the fault that was named is to be looked for again.
@@ -263,6 +276,9 @@ impl FaultMonitor {
         let Seen { unexplained, due, .. } = seen;
         let owed = std::mem::take(&mut self.owed);
         self.longest_wait = if seen.sudden { LONGEST_WAIT / 8 } else { LONGEST_WAIT };
+        if self.named.is_none() {
+            self.until = self.until.min(self.longest_wait);
+        }
         let known = self.of_values(values, d, unchanged);
         let unexplained = unexplained || known.is_some();
         self.suspicious = if unexplained { self.suspicious + 1 } else { 0 };
@@ -292,8 +308,8 @@ impl FaultMonitor {
         };
         let known = known.map(|fault| Told::Fault { fault, alone: true });
         let told = known.unwrap_or_else(|| self.explain(d, sigma_v));
-        self.open = told == Told::Perhaps;
-        if self.open && self.named.is_some() {
+        self.open = told == Told::Perhaps && self.named.is_none();
+        if told == Told::Perhaps && self.named.is_some() {
             // It does not speak against the fault.
             self.until = AGAIN[0];
             return false;
@@ -306,6 +322,10 @@ impl FaultMonitor {
         let rejected = self.rejected.map(|(fault, _)| fault);
         let told =
             told.filter(|fault| !known_contacts(fault, &self.contacts) && !rejected.is_some_and(|r| r.is_same(fault)));
+        if told.is_none() && beside && !due {
+            // What is there besides may be a touch. It does not speak against the fault.
+            return false;
+        }
         self.judge(told)
     }
 
@@ -376,8 +396,10 @@ impl FaultMonitor {
             return Told::Nothing;
         }
         self.searches += 1;
-        let diagnosis = self.diagnosis.get_or_insert_with(|| Diagnosis::new(&self.imager));
-        let Some(diagnosis) = diagnosis else {
+        if self.diagnosis.is_none() {
+            self.diagnosis = Some(self.made());
+        }
+        let Some(Some(diagnosis)) = &mut self.diagnosis else {
             return Told::Nothing;
         };
         match &self.mean {

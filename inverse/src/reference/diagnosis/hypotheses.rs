@@ -9,8 +9,9 @@ use crate::reference::Difference;
 use crate::reference::drift::{DriftShapes, Drifting};
 use crate::reference::imager::Imager;
 use crate::reference::screening::consensus;
-use forward::{Drive, ElectrodeMatrix, Measurement, Pair, Solver};
+use forward::{Drive, ElectrodeMatrix, Measurement, Pair, Pattern, Solver};
 use nalgebra::{DMatrix, DVector};
+use std::borrow::Cow;
 use std::sync::Arc;
 
 /// Standard deviation of a cell's rise: fingers and hands.
@@ -49,9 +50,15 @@ const MOST_TRIED: usize = 3;
 const FAULT: f64 = 12.0;
 const RESISTANCE: f64 = 2.0;
 
+/// Of more values a part tells what is broken in frames that follow one another: a search takes a power of their number.
+const MOST_LOOKED_AT: usize = 256;
+
 /// Tells faults from frames. What earlier frames have left changes no result.
 pub(crate) struct Diagnosis {
+    /// With those of the values that are looked at.
     imager: Arc<Imager>,
+    /// Which ones these are; none where all are.
+    looked_at: Option<Vec<usize>>,
     /// Of the unpressed sheet.
     potentials_ohm: DMatrix<f64>,
     /// What touches and drift do to a frame.
@@ -132,7 +139,44 @@ impl Diagnosis {
             largest_v: v.iter().fold(0.0, |m, v| m.max(v.abs())),
             channels: channels(imager),
             scores: None,
+            looked_at: None,
             imager: Arc::clone(imager),
+        })
+    }
+
+    /// The same for frames that follow one another: a part of many values is looked at. Any electrode, drive and amplifier has its share.
+    pub(crate) fn of_sequence(imager: &Arc<Imager>) -> Option<Self> {
+        let part = MOST_LOOKED_AT as f64 / imager.pattern.len().max(1) as f64;
+        if part >= 1.0 {
+            return Self::new(imager);
+        }
+        // Multiples of the golden ratio are spread evenly over the values of whatever comes at equal distances.
+        let golden = 0.5 * (5.0_f64.sqrt() - 1.0);
+        let looked_at: Vec<usize> = (0..imager.pattern.len())
+            .filter(|k| (golden * *k as f64).fract() < part)
+            .collect();
+        let measurements = looked_at.iter().map(|k| imager.pattern.measurements()[*k]).collect();
+        let seen = Imager {
+            pattern: Pattern::from_list(imager.pattern.electrodes(), measurements).ok()?,
+            model_v: looked_at.iter().map(|k| imager.model_v[*k]).collect(),
+            sensitivity: imager.sensitivity.select_rows(&looked_at),
+            ..Imager::clone(imager)
+        };
+        Some(Self {
+            looked_at: Some(looked_at),
+            ..Self::new(&Arc::new(seen))?
+        })
+    }
+
+    /// What is looked at of a difference.
+    fn seen<'a>(&self, d: &'a Difference) -> Cow<'a, Difference> {
+        let Some(looked_at) = &self.looked_at else {
+            return Cow::Borrowed(d);
+        };
+        Cow::Owned(Difference {
+            y: DVector::from_iterator(looked_at.len(), looked_at.iter().map(|k| d.y[*k])),
+            spread: looked_at.iter().map(|k| d.spread[*k]).collect(),
+            used: looked_at.iter().map(|k| d.used[*k]).collect(),
         })
     }
 
@@ -212,6 +256,7 @@ impl Diagnosis {
 
     /// Makes ready for [`Diagnosis::suspects`]: frames of this noise, V of the model.
     pub(crate) fn prepare(&mut self, sigma_v: f64, unchanged: &Difference) {
+        let unchanged = &*self.seen(unchanged);
         let own: Vec<f64> = (0..unchanged.used.len())
             .map(|k| {
                 if unchanged.used[k] {
@@ -244,6 +289,7 @@ impl Diagnosis {
         let Some(Scores { along, gain }) = &self.scores else {
             return false;
         };
+        let d = self.seen(d);
         let cost = FAULT + RESISTANCE + (gain.len() as f64).ln();
         (along.column_iter().zip(gain)).any(|(along, gain)| 0.5 * along.dot(&d.y).powi(2) > cost + gain)
     }
@@ -261,6 +307,7 @@ impl Diagnosis {
     /// The fault that explains a difference best; none where touches and drift do, or where it leaves more than twice the square that
     /// is expected. `sigma_v`: noise of one value, V of the model.
     pub(crate) fn explain(&mut self, d: &Difference, sigma_v: Option<f64>) -> Told {
+        let d = &*self.seen(d);
         let sigma_v = sigma_v.unwrap_or(LEAST_NOISE * self.mean_v);
         let own = |k: usize, prediction: f64| (sigma_v * d.spread[k]).hypot(prediction * d.y[k]);
         let Some(best) = self.best(d, own, &EXACT) else {
@@ -270,11 +317,19 @@ impl Diagnosis {
         match best.fault {
             // Otherwise it is nothing that is known.
             Some(fault) if best.left <= values => Told::Fault {
-                fault,
+                fault: self.of_all_values(fault),
                 alone: best.touches > values,
             },
             None if best.perhaps => Told::Perhaps,
             _ => Told::Nothing,
+        }
+    }
+
+    /// A fault of what is looked at as one of all values.
+    fn of_all_values(&self, fault: Fault) -> Fault {
+        match (fault, &self.looked_at) {
+            (Fault::Value(k, of), Some(looked_at)) => Fault::Value(looked_at[k], of),
+            _ => fault,
         }
     }
 

@@ -651,9 +651,10 @@ impl Fitter {
         self.was_corrected = matches!(values, Values::Corrected);
         let least_misfit = || self.followed.least_misfit(job.data.gain, self.options.misfit_scatter);
         let (least_misfit, scratch) = (follows.then(least_misfit), &mut self.scratch);
-        self.fits.fit(model, frame, seeds, least_misfit, job.turn, scratch)?;
+        self.fits.now.work = 0;
+        let fitted = self.fits.fit(model, frame, seeds, least_misfit, job.turn, scratch);
         self.evaluations += self.fits.now.work;
-        Some(())
+        fitted
     }
 
     /// The chi-square threshold, kept as long as the noise is known as well.
