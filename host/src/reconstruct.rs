@@ -280,13 +280,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let Input { table, sheet, baseline } = read(arguments)?;
     let of_presses = of_presses.map(presses::file::read).transpose()?;
     // The sheet of a model that locates the calibration's presses better than what they taught.
-    let mut calibrated = None;
+    let (mut calibrated, mut told) = (None, None);
     if let Some(presses) = of_presses {
-        let Some((sheet, median_mm)) = &presses.better else {
+        let Some(model) = &presses.better else {
             return by_presses(arguments, &table, &presses, baseline.as_deref());
         };
-        eprintln!("calibration: {}", presses::live::model_text(&presses.file, *median_mm));
-        calibrated = Some((presses.file.clone(), sheet.clone()));
+        eprintln!("calibration: {}", presses::live::model_text(&presses.file, model));
+        calibrated = Some((presses.file.clone(), model.sheet.clone()));
+        told.clone_from(&model.told);
     }
     let method = arguments.method;
     let known = sheet.or_else(|| calibrated.as_ref().map(|(_, sheet)| sheet.clone()));
@@ -319,6 +320,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         trust_electrodes: arguments.trust_electrodes,
         frame_s: arguments.frame_s,
         calibration,
+        told,
     };
     let compared = arguments.baseline.or(baseline.as_deref());
     let ready = TableBatch::new(&table, (&chosen.sheet, pattern, chosen.cell_mm), &compared, &how)?;

@@ -12,6 +12,7 @@ use inverse::force::meter::Calibration;
 use inverse::live::LiveOptions;
 use inverse::pipeline::FrameResult;
 use inverse::quality::doubt::Doubt;
+use inverse::reference::ToldSheet;
 use inverse::reference::baseline::Baseline;
 use inverse::reference::diagnosis::Fault;
 use inverse::reference::screening::Finding;
@@ -97,6 +98,9 @@ pub(crate) struct SessionRecord {
     /// How many they were.
     #[serde(default)]
     pub(crate) learned_from: Option<usize>,
+    /// What presses told of the sheet, where its model is used.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) told: Option<ToldSheet>,
     /// What the calibration was; none without, and in recordings of a program that did not tell.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) calibrated_by: Option<CalibrationNote>,
@@ -151,6 +155,7 @@ impl SessionRecord {
             calibration: calibration.transpose()?,
             presses: of.presses.map(|presses| presses.text.clone()),
             learned_from: of.presses.map(|presses| presses.presses),
+            told: None,
             calibrated_by: None,
             uncalibrated_n_per_mm2: options.uncalibrated_n_per_mm2.filter(|_| options.calibration.is_none()),
             find_electrodes: options.find_electrodes,
@@ -206,6 +211,19 @@ impl SessionRecord {
     pub(crate) fn presses(&self) -> Result<Option<PressCalibration>> {
         let read = |text: &String| presses::file::parse("the calibration of the recording".to_owned(), text.clone());
         Ok(self.presses.as_ref().map(read).transpose()?)
+    }
+
+    /// What presses told of the sheet.
+    ///
+    /// # Errors
+    /// They are damaged.
+    pub(crate) fn told(&self) -> Result<Option<Arc<ToldSheet>>> {
+        match &self.told {
+            Some(told) if !told.is_sound() => {
+                bail!("the calibration of the recording: its numbers do not fit one another")
+            }
+            told => Ok(told.clone().map(Arc::new)),
+        }
     }
 
     /// Whether its forces are those of a typical rubber.

@@ -388,7 +388,7 @@ impl<'a> Player<'a> {
                 .nominal
                 .insert(imager(session, &self.record.sheet()?, &self.record.wires)?),
         };
-        let live = Live::new(Arc::clone(nominal), self.record.options()?);
+        let live = Live::new(Arc::clone(nominal), self.record.options()?).with_told(self.record.told()?);
         Ok(match &self.learned {
             Some(learned) => live.with_learned(learned.taught()),
             None => live,

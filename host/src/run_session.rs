@@ -135,6 +135,7 @@ pub(crate) fn one(arguments: &SourceArguments, outputs: &Outputs<'_>, within: Wi
     };
     let mut record = SessionRecord::new(&recorded, &options, started_unix_s)?;
     record.calibrated_by = calibration.note.clone();
+    record.told = calibration.told.as_deref().cloned();
     if let Some(skin) = skin {
         record.skin = Some(skin.name.clone());
         record.place = skin.place.clone();
@@ -151,7 +152,7 @@ pub(crate) fn one(arguments: &SourceArguments, outputs: &Outputs<'_>, within: Wi
     });
     let node = node.transpose()?;
     let nominal = modelled(&sheet, pattern)?;
-    let live = Live::new(nominal, options);
+    let live = Live::new(nominal, options).with_told(calibration.told.clone());
     let mut live = match learned {
         Some(learned) => live.with_learned(learned.taught()),
         None => live,

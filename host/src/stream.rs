@@ -193,6 +193,7 @@ impl Stream {
         }
         let how = live_options(arguments, &session, &calibration, EVERY_FRAME_S);
         let live = live(&session, &sheet, &options.wires, how, calibration.learned.as_ref())?;
+        let live = live.with_told(calibration.told.clone());
         // While the sheet was modelled frames came: they are the baseline's.
         let board = Board {
             session,
@@ -223,7 +224,8 @@ impl Stream {
                 ..record.options()?
             },
             learned.as_ref(),
-        )?;
+        )?
+        .with_told(record.told()?);
         let said = record.differs().map(|differs| format!("{}: {differs}", path.display()));
         let played = Played {
             board,

@@ -7,6 +7,7 @@ use ::forward::{Drive, Pattern, Sheet};
 use anyhow::Result;
 use inverse::batch::{Batch, BatchOptions};
 use inverse::force::meter::Calibration;
+use inverse::reference::ToldSheet;
 use inverse::reference::imager::Imager;
 use inverse::solvers::Method;
 use inverse::touches::polarity::Polarity;
@@ -26,6 +27,8 @@ pub(crate) struct How {
     pub frame_s: Option<f64>,
     /// What forces are computed with.
     pub calibration: Option<Calibration>,
+    /// What presses told of the sheet.
+    pub told: Option<Arc<ToldSheet>>,
 }
 
 impl How {
@@ -38,6 +41,7 @@ impl How {
             trust_electrodes: false,
             frame_s: None,
             calibration: None,
+            told: None,
         }
     }
 }
@@ -61,9 +65,10 @@ impl<'a> TableBatch<'a> {
         baseline: &BaselineArguments,
         how: &How,
     ) -> Result<Self> {
-        let imager = progress::meanwhile("modelling the sheet", || {
+        let mut imager = progress::meanwhile("modelling the sheet", || {
             Imager::for_method(how.method, sheet, how.drive, pattern, cell_mm)
         })?;
+        imager.told.clone_from(&how.told);
         let prepared = baseline.prepare(table, &imager)?;
         let defaults = BatchOptions::of(how.method);
         let options = BatchOptions {

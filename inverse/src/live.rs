@@ -4,10 +4,10 @@ use crate::force::meter::{Calibration, ForceMeter};
 use crate::learned::{LearnedSheet, PressFollower};
 use crate::pipeline::{FrameResult, Reconstructor, ReconstructorOptions};
 use crate::quality::doubt::Doubt;
-use crate::reference::Reference;
 use crate::reference::baseline::{Baseline, BaselineTaker};
 use crate::reference::imager::{Imager, ImagerError};
 use crate::reference::inspection::{Inspection, InspectionOptions, inspect};
+use crate::reference::{Reference, ToldSheet};
 use crate::solvers::Method;
 use crate::touches::polarity::Polarity;
 use crate::touches::radius_filter::RadiusFilter;
@@ -149,6 +149,17 @@ impl Live {
     #[must_use]
     pub fn with_learned(mut self, learned: LearnedSheet) -> Self {
         self.learned = Some(learned);
+        self
+    }
+
+    /// Takes the sheet to be what presses told of it, from the next baseline on that shows its electrodes.
+    #[must_use]
+    pub fn with_told(mut self, told: Option<Arc<ToldSheet>>) -> Self {
+        if let Some(told) = told {
+            let mut nominal = Imager::clone(&self.nominal);
+            nominal.told = Some(told);
+            self.nominal = Arc::new(nominal);
+        }
         self
     }
 

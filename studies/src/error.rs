@@ -1,6 +1,7 @@
 //! Why a study fails.
 
 use forward::{ForwardError, PatternError};
+use inverse::learned::LearnError;
 use inverse::reference::imager::ImagerError;
 use link::LinkError;
 use thiserror::Error;
@@ -22,6 +23,9 @@ pub enum StudyError {
     /// The measurements.
     #[error(transparent)]
     Pattern(#[from] PatternError),
+    /// What presses teach.
+    #[error(transparent)]
+    Learn(#[from] LearnError),
     /// The board or its link.
     #[error(transparent)]
     Link(#[from] LinkError),

@@ -31,6 +31,7 @@ pub mod drift;
 pub mod error;
 pub mod faults;
 pub mod fig7;
+pub mod flawed_sheet;
 pub mod greit;
 pub mod live_sheet;
 pub mod merit;

@@ -48,8 +48,21 @@ impl TestSheet {
     /// # Errors
     /// [`ForwardError`] where electrodes overlap.
     pub fn of_sheet(imager: &Arc<Imager>, drive: Drive, sheet: &Sheet) -> Result<Self, ForwardError> {
+        Self::with_accuracy(imager, drive, sheet, 5e-5)
+    }
+
+    /// The same whose voltages have this relative error at most: 5e-5 by default, 1e-3 that of an imager.
+    ///
+    /// # Errors
+    /// As for [`TestSheet::of_sheet`].
+    pub fn with_accuracy(
+        imager: &Arc<Imager>,
+        drive: Drive,
+        sheet: &Sheet,
+        accuracy: f64,
+    ) -> Result<Self, ForwardError> {
         let options = ModelOptions {
-            accuracy: 5e-5,
+            accuracy,
             ..ModelOptions::default()
         };
         let solver = Solver::new(Arc::new(Model::new(sheet, &options)?))?;

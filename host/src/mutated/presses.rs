@@ -1,11 +1,12 @@
 //! What presses at known places are kept in: the list of places, and the calibration made of them.
 
 use super::{feed, utf8};
-use crate::presses::file::{self, ModelKeys, Of};
+use crate::presses::file::{self, ModelKeys, Of, ToldKeys};
 use crate::presses::truth;
 use ::forward::file::parse_sheet;
 use ::forward::{Measurement, Pair};
 use inverse::learned::{Gain, Press, Setting, learn};
+use inverse::reference::ToldSheet;
 use std::f64::consts::TAU;
 use std::fmt::Write;
 use std::sync::Arc;
@@ -16,7 +17,7 @@ const RADIUS_MM: f64 = 50.0;
 const RUBBER: &str =
     "\n[rubber]\ndelayed_ratio = 0.3\ntau_s = 5.0\nexponent = 1.0\nunit_rise_mpa = 0.25\nforce_sd_n = 0.1\n";
 
-/// Places by the golden angle, in an order that jumps.
+/// ToldSheet by the golden angle, in an order that jumps.
 fn place(k: usize) -> [f64; 2] {
     let k = (k * 17) % 24;
     let (sin, cos) = (2.399_963 * k as f64).sin_cos();
@@ -69,6 +70,19 @@ fn calibrations() -> Vec<Vec<u8>> {
         error_95th_percentile_mm: 2.0,
         better: true,
         sheet: sheet.to_owned(),
+        told: Some(ToldKeys {
+            untold_median_mm: 1.5,
+            untold_95th_percentile_mm: 3.0,
+            moved_mm: 0.7,
+            of_sheet: ToldSheet {
+                first_mm: [-50.0; 2],
+                step_mm: 50.0,
+                columns: 3,
+                bumps: 0.6,
+                unknowns: (0..37).map(|k| 0.01 * f64::from(k % 5)).collect(),
+                sd_mm: vec![[0.1, 0.2]; 9],
+            },
+        }),
     };
     let forces: Vec<_> = (0..24).map(|k| (place(k), 1.0, 5.0 + 0.1 * k as f64)).collect();
     let gain = Gain::learn(&forces).unwrap();

@@ -130,11 +130,23 @@ struct ModelLine {
     error_95th_percentile_mm: f64,
     /// Whether it is better than what was learned, and used.
     better: bool,
+    /// The same errors with nothing told, where the presses told of its sheet.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    untold_median_mm: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    untold_95th_percentile_mm: Option<f64>,
+    /// By how much touches are moved then: root mean square over the sheet.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    moved_mm: Option<f64>,
 }
 
 impl ModelLine {
-    const fn of(keys: &ModelKeys) -> Self {
+    fn of(keys: &ModelKeys) -> Self {
+        let told = keys.told.as_ref();
         Self {
+            untold_median_mm: told.map(|told| told.untold_median_mm),
+            untold_95th_percentile_mm: told.map(|told| told.untold_95th_percentile_mm),
+            moved_mm: told.map(|told| told.moved_mm),
             error_median_mm: keys.error_median_mm,
             error_95th_percentile_mm: keys.error_95th_percentile_mm,
             better: keys.better,
@@ -464,11 +476,22 @@ fn words(line: &Line<'_>) -> String {
     };
     if let Some(model) = &line.model {
         text += &format!(
-            "\nsheet's model   {:.2} mm median, {:.2} mm 95th percentile, with nothing learned: {}",
+            "\nsheet's model   {:.2} mm median, {:.2} mm 95th percentile, {}: {}",
             model.error_median_mm,
             model.error_95th_percentile_mm,
+            match model.moved_mm {
+                Some(_) => "each press by what the others tell of the sheet",
+                None => "with nothing learned",
+            },
             if model.better { "better, and used" } else { "not used" }
         );
+        if let (Some(median), Some(high), Some(moved)) =
+            (model.untold_median_mm, model.untold_95th_percentile_mm, model.moved_mm)
+        {
+            text += &format!(
+                "\n                {median:.2} and {high:.2} mm with nothing told; the presses move touches by {moved:.2} mm"
+            );
+        }
     }
     if let Some(why) = &line.model_not_tried {
         text += &format!("\nsheet's model   not tried: {why}");

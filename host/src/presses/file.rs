@@ -12,6 +12,7 @@ use ::forward::file::{MOST_ELECTRODES, parse_sheet};
 use ::forward::{Measurement, Pair, Sheet};
 use inverse::force::meter::Calibration;
 use inverse::learned::{Findings, Gain, Learned, LearnedSheet, Stored, StoredGain};
+use inverse::reference::ToldSheet;
 use of::{pattern_sha256, sha256};
 use serde::{Deserialize, Serialize};
 use std::io::{ErrorKind, Write};
@@ -67,6 +68,24 @@ pub(crate) struct ModelKeys {
     pub better: bool,
     /// The sheet, as a file of its own.
     pub sheet: String,
+    /// What the presses told of the sheet, where they did.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub told: Option<ToldKeys>,
+}
+
+/// What presses told of the sheet of a model. The errors beside it are then those of each press by what the
+/// others told.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct ToldKeys {
+    /// Distance at which the model locates the presses with nothing told, mm: median.
+    pub untold_median_mm: f64,
+    /// The same: 95th percentile.
+    pub untold_95th_percentile_mm: f64,
+    /// By how much it moves the presses, mm: root mean square.
+    pub moved_mm: f64,
+    /// The sheet as they told it.
+    pub of_sheet: ToldSheet,
 }
 
 /// Maps and all that comes with them.
@@ -146,6 +165,16 @@ impl Keys {
     }
 }
 
+/// A model that locates presses better than what was learned.
+pub(crate) struct BetterModel {
+    /// Its sheet.
+    pub sheet: Sheet,
+    /// Median distance of the presses, mm.
+    pub median_mm: f64,
+    /// What they told of it.
+    pub told: Option<Arc<ToldSheet>>,
+}
+
 /// A calibration from presses.
 pub(crate) struct PressCalibration {
     /// The file it was read from.
@@ -162,8 +191,8 @@ pub(crate) struct PressCalibration {
     pub presses: usize,
     /// Median distance of presses that were not learned from to where they are located, mm.
     pub error_mm: f64,
-    /// The sheet of a model that locates the presses better, with the median distance of these, mm.
-    pub better: Option<(Sheet, f64)>,
+    /// A model that locates the presses better.
+    pub better: Option<BetterModel>,
     /// The sheet that it was made on, where that is known.
     pub sheet: Option<Sheet>,
     /// Newtons over the sheet, where forces were known.
@@ -451,8 +480,24 @@ pub(crate) fn parse(file: String, text: String) -> Result<PressCalibration, Cali
         .ok_or_else(|| malformed("a measurement names an electrode that is not there".to_owned()))?;
     let learned =
         Learned::restore(&keys.learned, &measurements, keys.electrodes).map_err(|e| malformed(e.to_string()))?;
-    let better = (keys.model.filter(|model| model.better))
-        .map(|model| parse_sheet(&model.sheet).map(|(sheet, _)| (sheet, model.error_median_mm)))
+    let better = keys.model.filter(|model| model.better);
+    if better
+        .as_ref()
+        .and_then(|model| model.told.as_ref())
+        .is_some_and(|told| !told.of_sheet.is_sound())
+    {
+        return Err(malformed(
+            "what presses told of the sheet: its numbers do not fit one another; calibrate anew".to_owned(),
+        ));
+    }
+    let better = better
+        .map(|model| {
+            parse_sheet(&model.sheet).map(|(sheet, _)| BetterModel {
+                sheet,
+                median_mm: model.error_median_mm,
+                told: model.told.map(|told| Arc::new(told.of_sheet)),
+            })
+        })
         .transpose()
         .map_err(|e| malformed(format!("its sheet: {e}")))?;
     let of_pattern = whole.of.pattern_sha256.as_ref();

@@ -1,6 +1,6 @@
 //! `skin run --calibration`: of the rubber's creep, or from presses at known places.
 
-use super::file::{self, PressCalibration};
+use super::file::{self, BetterModel, PressCalibration};
 use super::{locate, store};
 use crate::baselines;
 use crate::files::calibration_file;
@@ -13,8 +13,10 @@ use ::forward::{Pattern, Sheet};
 use anyhow::{Result, bail};
 use hil_sim::BOARD_NAME;
 use inverse::force::meter::Calibration;
+use inverse::reference::ToldSheet;
 use link::Session;
 use std::path::Path;
+use std::sync::Arc;
 
 /// What a session's calibration is.
 #[derive(Default)]
@@ -23,6 +25,8 @@ pub(crate) struct Chosen {
     pub(crate) rubber: Option<Calibration>,
     /// What presses taught, where that takes the place of the model.
     pub(crate) learned: Option<PressCalibration>,
+    /// What presses told of the model's sheet.
+    pub(crate) told: Option<Arc<ToldSheet>>,
     /// What is told of it.
     pub(crate) note: Option<CalibrationNote>,
     /// The file and the sheet that it was made on, where that is known.
@@ -127,20 +131,22 @@ impl Chosen {
                 made_on: file::made_on(path)?.map(|sheet| (name.clone(), sheet)),
                 asked: true,
                 learned: None,
+                told: None,
             };
             return Ok((chosen, said));
         }
         let mut calibration = file::read(path)?;
         let rubber = calibration.rubber;
         let made_on = calibration.sheet.clone().map(|sheet| (name.clone(), sheet));
-        if let Some((sheet, median_mm)) = calibration.better.take() {
-            said.push(format!("calibration: {}{by_itself}", model_text(&name, median_mm)));
+        if let Some(model) = calibration.better.take() {
+            said.push(format!("calibration: {}{by_itself}", model_text(&name, &model)));
             let chosen = Self {
                 note: note(None, rubber.is_some(), rubber.is_some()),
-                made_on: Some((name.clone(), sheet)),
+                made_on: Some((name.clone(), model.sheet)),
                 rubber,
                 asked: true,
                 learned: None,
+                told: model.told,
             };
             return Ok((chosen, said));
         }
@@ -176,6 +182,7 @@ impl Chosen {
             note: note(Some(calibration.presses), calibration.gain.is_some(), false),
             made_on,
             learned: Some(calibration),
+            told: None,
             asked: true,
         };
         Ok((chosen, said))
@@ -201,8 +208,13 @@ impl Chosen {
 }
 
 /// Says that the model is used.
-pub(crate) fn model_text(file: &str, median_mm: f64) -> String {
+pub(crate) fn model_text(file: &str, model: &BetterModel) -> String {
+    let with = match model.told {
+        Some(_) => ", with what they told of the sheet",
+        None => "",
+    };
     format!(
-        "{file}: the sheet's model located its presses better than what they taught ({median_mm:.2} mm median error), and is used"
+        "{file}: the sheet's model located its presses better than what they taught ({:.2} mm median error), and is used{with}",
+        model.median_mm
     )
 }

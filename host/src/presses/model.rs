@@ -1,26 +1,31 @@
-//! How well the sheet's model locates presses at known places, without anything learned.
+//! How well the sheet's model locates presses at known places: alone, and with what they tell of its sheet.
 
-use super::file::ModelKeys;
+use super::file::{ModelKeys, ToldKeys};
 use super::truth::KnownPress;
 use crate::files::measurements::MeasurementTable;
-use crate::progress::Progress;
+use crate::progress::{self, Progress};
 use crate::table_baseline::BaselineArguments;
 use crate::table_batch::{How, TableBatch};
 use crate::table_sheet::Geometry;
 use ::forward::Sheet;
 use ::forward::file::sheet_text;
 use anyhow::{Result, bail};
+use inverse::learned::{SeenPress, model_is_better, told};
+use inverse::reference::ToldSheet;
+use inverse::reference::inspection::Inspection;
 use inverse::solvers::Method;
 use inverse::touches::touch::Touch;
 use std::collections::HashMap;
 use std::path::Path;
+use std::sync::Arc;
 
 /// Most presses that are tried: they tell a median well enough, and on a sheet that is not the model's each takes its time.
 const MOST: usize = 60;
 
 /// The model of a sheet (the paper's disc where no file says another), tried on presses spread over a list. A press in which it finds
-/// nothing counts as half the extent of the presses. The strongest touch counts where it finds several. `learned_mm` is what it is
-/// compared with: median and 95th percentile.
+/// nothing counts as half the extent of the presses. The strongest touch counts where it finds several. What the presses tell of the
+/// sheet is taken where each is located better by what the others tell. `learned_mm` is what it is compared with: median and 95th
+/// percentile.
 ///
 /// # Errors
 /// Why there is no model of the table.
@@ -32,7 +37,7 @@ pub(super) fn tried(
     sheet_file: Option<&Path>,
     learned_mm: [f64; 2],
 ) -> Result<ModelKeys> {
-    let places: HashMap<&str, [f64; 2]> = known.iter().map(|p| (p.frame.as_str(), p.place_mm)).collect();
+    let known_mm: HashMap<&str, [f64; 2]> = known.iter().map(|p| (p.frame.as_str(), p.place_mm)).collect();
     let span = |axis: usize| {
         let along = || known.iter().map(|p| p.place_mm[axis]);
         along().fold(f64::MIN, f64::max) - along().fold(f64::MAX, f64::min)
@@ -41,25 +46,71 @@ pub(super) fn tried(
     let some: Vec<&str> = (known.iter().step_by(known.len().div_ceil(MOST)))
         .map(|p| p.frame.as_str())
         .collect();
-    let (sheet, found) = of_frames(table, (list, false), &some, (sheet, sheet_file))?;
-    let mut errors: Vec<f64> = (found.iter().zip(&some))
-        .map(|(found, name)| {
-            let place = places[name];
-            let off = |touch: &Touch| (touch.x_mm - place[0]).hypot(touch.y_mm - place[1]);
-            found.strongest.as_ref().map_or(missed_mm, off)
-        })
+    // What is uncertain of the sheet is told by the presses.
+    let found = of_frames(
+        table,
+        (list, false),
+        &some,
+        (sheet, sheet_file),
+        Some(ToldSheet::trusted()),
+    )?;
+    let off = |touch: &Touch, place: [f64; 2]| (touch.x_mm - place[0]).hypot(touch.y_mm - place[1]);
+    let errors = (found.presses.iter().zip(&some))
+        .map(|(found, name)| found.strongest.as_ref().map_or(missed_mm, |t| off(t, known_mm[name])));
+    let untold = errors_at(errors.collect())?;
+    let seen: Vec<SeenPress> = (found.presses.iter().zip(&some))
+        .filter_map(|(found, name)| seen(found.strongest.as_ref()?, known_mm[name]))
         .collect();
+    let told = progress::meanwhile("fitting the sheet to the presses", || told(&found.inspection, &seen));
+    let told = told.filter(|told| told.better);
+    let errors = match &told {
+        Some(told) => {
+            let missed = found.presses.len().saturating_sub(seen.len());
+            let errors = told.errors_mm.iter().copied();
+            errors_at(errors.chain(std::iter::repeat_n(missed_mm, missed)).collect())?
+        }
+        None => untold,
+    };
+    Ok(ModelKeys {
+        error_median_mm: errors[0],
+        error_95th_percentile_mm: errors[1],
+        better: model_is_better(errors, learned_mm),
+        sheet: sheet_text(&found.sheet)?,
+        told: told.map(|told| ToldKeys {
+            untold_median_mm: untold[0],
+            untold_95th_percentile_mm: untold[1],
+            moved_mm: told.moved_mm,
+            of_sheet: told.sheet,
+        }),
+    })
+}
+
+fn seen(touch: &Touch, place_mm: [f64; 2]) -> Option<SeenPress> {
+    Some(SeenPress {
+        place_mm,
+        found_mm: [touch.x_mm, touch.y_mm],
+        sd_mm: [touch.x_sd_mm?, touch.y_sd_mm?],
+    })
+}
+
+/// Median and 95th percentile.
+fn errors_at(mut errors: Vec<f64>) -> Result<[f64; 2]> {
     errors.sort_by(f64::total_cmp);
     let at = |part: f64| errors.get((part * (errors.len().saturating_sub(1)) as f64).round() as usize);
     let (Some(&median), Some(&high)) = (at(0.5), at(0.95)) else {
         bail!("the list names no frame of the table");
     };
-    Ok(ModelKeys {
-        error_median_mm: median,
-        error_95th_percentile_mm: high,
-        better: median < learned_mm[0] && high < learned_mm[1],
-        sheet: sheet_text(&sheet)?,
-    })
+    Ok([median, high])
+}
+
+/// What a model finds in some frames.
+pub(super) struct Found {
+    /// Its sheet.
+    pub sheet: Sheet,
+    /// What the baseline was worth to it.
+    pub inspection: Inspection,
+    /// In the order of the frames.
+    pub presses: Vec<AtPress>,
 }
 
 /// What a model finds in the frame of a press.
@@ -73,7 +124,7 @@ pub(super) struct AtPress {
 }
 
 /// What the model of a sheet (the paper's disc where no file says another) finds in some frames of a table, in their order. `list` names
-/// the frames before them, unless the columns hold changes.
+/// the frames before them, unless the columns hold changes. `told`: what is known of the sheet.
 ///
 /// # Errors
 /// Why there is no model of the table.
@@ -82,12 +133,17 @@ pub(super) fn of_frames(
     (list, difference): (&Path, bool),
     names: &[&str],
     (sheet, sheet_file): (Option<&Sheet>, Option<&Path>),
-) -> Result<(Sheet, Vec<AtPress>)> {
+    told: Option<ToldSheet>,
+) -> Result<Found> {
     let given = sheet.filter(|_| sheet_file.is_none()).cloned();
     let chosen = Geometry::of(sheet_file).choose_with(table, Method::Nnls, given)?;
     let way = (&chosen.sheet, chosen.pattern, chosen.cell_mm);
     let baseline = BaselineArguments::of_presses(list, difference);
-    let ready = TableBatch::new(table, way, &baseline, &How::plain())?;
+    let how = How {
+        told: told.map(Arc::new),
+        ..How::plain()
+    };
+    let ready = TableBatch::new(table, way, &baseline, &how)?;
     let mut batch = ready.batch()?;
     let frames: HashMap<&str, _> = (ready.prepared.frames.iter())
         .map(|f| (table.columns[f.place].name.as_str(), f))
@@ -111,5 +167,9 @@ pub(super) fn of_frames(
         });
         progress.at(found.len(), names.len());
     }
-    Ok((chosen.sheet, found))
+    Ok(Found {
+        sheet: chosen.sheet,
+        inspection: batch.inspection().clone(),
+        presses: found,
+    })
 }

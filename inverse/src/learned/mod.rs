@@ -23,6 +23,7 @@ mod search;
 mod sensitivities;
 mod stale;
 mod symmetry;
+mod told;
 mod validation;
 
 #[cfg(test)]
@@ -40,3 +41,4 @@ pub use maps::StoredMaps;
 pub use order::Order;
 pub use press_taker::{PressTaker, Seen, TakenPress, TakerOptions};
 pub use symmetry::turn;
+pub use told::{SeenPress, Told, model_is_better, told};

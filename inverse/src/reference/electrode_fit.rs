@@ -9,6 +9,7 @@
 
 mod amplifiers;
 mod linear;
+mod uneven;
 
 pub use amplifiers::{Amplifier, AmplifierError};
 
@@ -16,6 +17,7 @@ use crate::reference::imager::Imager;
 use linear::{Linear, Scales};
 use nalgebra::DVector;
 use std::sync::Arc;
+pub(crate) use uneven::UnevenSheet;
 
 /// What the baseline says of the electrodes.
 #[derive(Clone, Debug)]
@@ -228,6 +230,9 @@ fn settle(
         // About where the electrodes are now: for the next step, or for what the last one leaves.
         linear = Linear::new(&here, baseline, options).ok_or(NoFit::TooFew)?;
         if last {
+            if let Some(told) = &imager.told {
+                here = told.seen_by(here);
+            }
             linear.about = linear.slopes() * &at;
             let fit = ElectrodeFit {
                 misfit: linear.misfit(),

@@ -2,6 +2,7 @@
 //! difference that connects a measured frame to both.
 
 use crate::reference::difference::Difference;
+use crate::reference::told_sheet::ToldSheet;
 use crate::solvers::Method;
 use forward::{
     CellError, CellGrid, Drive, ForwardError, Geometry, Model, ModelOptions, Pattern, Sensitivity, Sheet, Solver,
@@ -112,6 +113,9 @@ pub struct Imager {
     /// Covariance of what is uncertain of the electrodes: the logarithms of their contact impedances, then their places
     /// along the rim (mm). None where they are taken as certain.
     pub electrode_covariance: Option<DMatrix<f64>>,
+    /// What presses told of the sheet: it takes the place of what the electrodes' uncertainty says. Of an imager whose electrodes are not
+    /// looked for it is of no effect. None where no presses told anything.
+    pub told: Option<Arc<ToldSheet>>,
 }
 
 impl Imager {
@@ -142,6 +146,7 @@ impl Imager {
             drive,
             grid,
             electrode_covariance: None,
+            told: None,
         })
     }
 

@@ -13,8 +13,11 @@ mod low_rank;
 pub mod noise;
 pub mod screening;
 mod taken;
+mod told_sheet;
 pub mod wiring;
 
 pub use difference::Difference;
 pub use drift::Drift;
 pub use taken::Reference;
+pub use told_sheet::ToldSheet;
+pub(crate) use told_sheet::normalised;

@@ -11,6 +11,7 @@ mod contacts;
 mod dataset;
 mod drift;
 mod faults;
+mod flawed_sheet;
 mod hand;
 mod model_error;
 mod noise;

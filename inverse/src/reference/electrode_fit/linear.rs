@@ -49,6 +49,17 @@ struct Posterior {
 
 impl Linear {
     pub(super) fn new(imager: &Imager, baseline: &[f64], options: &ElectrodeFitOptions) -> Option<Self> {
+        let solver = Solver::new(imager.model.clone()).ok()?;
+        Self::solved(imager, &solver, baseline, options)
+    }
+
+    /// About a sheet that is solved, which an imager's voltages and sensitivity are of.
+    pub(super) fn solved(
+        imager: &Imager,
+        solver: &Solver,
+        baseline: &[f64],
+        options: &ElectrodeFitOptions,
+    ) -> Option<Self> {
         let n = imager.model.electrodes();
         let mut sizes: Vec<f64> = baseline.iter().copied().filter(|v| *v > 0.0 && v.is_finite()).collect();
         sizes.sort_by(f64::total_cmp);
@@ -59,10 +70,9 @@ impl Linear {
         if used.len() < options.least_values * n {
             return None;
         }
-        let solver = Solver::new(imager.model.clone()).ok()?;
         let slopes =
-            Sensitivity::by_electrode(&solver).matrix_v(imager.drive, solver.electrode_matrix(), &imager.pattern);
-        let bumps = &imager.sensitivity * bumps(imager, options.bumps);
+            Sensitivity::by_electrode(solver).matrix_v(imager.drive, solver.electrode_matrix(), &imager.pattern);
+        let bumps = &imager.sensitivity * Bumps::new(imager, options.bumps).over_cells(imager);
         let bump_count = bumps.ncols();
         let mut columns = DMatrix::zeros(used.len(), 2 * n + bump_count + 2);
         for (row, k) in used.iter().enumerate() {
@@ -188,6 +198,11 @@ impl Linear {
 
     /// The scales with the greatest evidence.
     pub(super) fn best(&self, y: &DVector<f64>, reach: f64) -> Scales {
+        self.best_of(y, reach).1
+    }
+
+    /// The same with the logarithm of that evidence.
+    pub(super) fn best_of(&self, y: &DVector<f64>, reach: f64) -> (f64, Scales) {
         let products = self.products(y);
         let mut best = (
             f64::NEG_INFINITY,
@@ -218,13 +233,26 @@ impl Linear {
                 }
             }
         }
-        best.1
+        best
     }
 
     /// Mean and covariance of contacts and places.
     pub(super) fn solve(&self, y: &DVector<f64>, s: Scales) -> Option<(DVector<f64>, DMatrix<f64>)> {
+        self.solve_first(y, s, 2 * self.n)
+    }
+
+    /// The same of contacts, places and the bumps of an unevenness.
+    pub(super) fn solve_uneven(&self, y: &DVector<f64>, s: Scales) -> Option<(DVector<f64>, DMatrix<f64>)> {
+        self.solve_first(y, s, self.columns.ncols() - 2)
+    }
+
+    /// What the logarithms of the values are by contacts, places and bumps.
+    pub(super) fn by_uneven(&self, unknowns: &DVector<f64>) -> DVector<f64> {
+        self.columns.columns(0, unknowns.len()) * unknowns
+    }
+
+    fn solve_first(&self, y: &DVector<f64>, s: Scales, count: usize) -> Option<(DVector<f64>, DMatrix<f64>)> {
         let Posterior { sd, factor, along, .. } = self.posterior(s, &self.products(y))?;
-        let count = 2 * self.n;
         // A contact is its own part and what all have in common.
         let common = sd.len() - 2;
         let mut parts = DMatrix::zeros(sd.len(), count);
@@ -240,22 +268,54 @@ impl Linear {
     }
 }
 
-/// Smooth bumps over the cells whose squares add up to 1 on average: what an uneven sheet is made of.
-fn bumps(imager: &Imager, distance: f64) -> DMatrix<f64> {
-    let step = distance * imager.reach_mm();
-    let count = (1.0 / distance).ceil() as i32;
-    let centres: Vec<[f64; 2]> = (-count..=count)
-        .flat_map(|i| (-count..=count).map(move |k| [f64::from(i) * step, f64::from(k) * step]))
-        .collect();
-    let mut out = DMatrix::from_fn(imager.grid.len(), centres.len(), |cell, k| {
-        let [x, y] = imager.grid.centre(cell);
-        let d2 = (x - centres[k][0]).powi(2) + (y - centres[k][1]).powi(2);
-        (-0.5 * d2 / (0.75 * step).powi(2)).exp()
-    });
-    out /= (out.norm_squared() / imager.grid.len() as f64)
-        .sqrt()
-        .max(f64::MIN_POSITIVE);
-    out
+/// Smooth bumps whose squares add up to 1 on average: what an uneven sheet is made of.
+#[derive(Clone, Debug)]
+pub(super) struct Bumps {
+    centres_mm: Vec<[f64; 2]>,
+    /// Standard deviation of a bump, mm.
+    width_mm: f64,
+    height: f64,
+}
+
+impl Bumps {
+    /// At this distance from one another, over the sheet's reach.
+    pub(super) fn new(imager: &Imager, distance: f64) -> Self {
+        let step = distance * imager.reach_mm();
+        let count = (1.0 / distance).ceil() as i32;
+        let centres_mm = (-count..=count)
+            .flat_map(|i| (-count..=count).map(move |k| [f64::from(i) * step, f64::from(k) * step]))
+            .collect();
+        let mut bumps = Self {
+            centres_mm,
+            width_mm: 0.75 * step,
+            height: 1.0,
+        };
+        let square = bumps.over_cells(imager).norm_squared() / imager.grid.len() as f64;
+        bumps.height = 1.0 / square.sqrt().max(f64::MIN_POSITIVE);
+        bumps
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.centres_mm.len()
+    }
+
+    fn at(&self, bump: usize, place_mm: [f64; 2]) -> f64 {
+        let [x, y] = self.centres_mm[bump];
+        let d2 = (place_mm[0] - x).powi(2) + (place_mm[1] - y).powi(2);
+        self.height * (-0.5 * d2 / self.width_mm.powi(2)).exp()
+    }
+
+    /// A row for each cell, a column for each bump.
+    fn over_cells(&self, imager: &Imager) -> DMatrix<f64> {
+        DMatrix::from_fn(imager.grid.len(), self.len(), |cell, k| {
+            self.at(k, imager.grid.centre(cell))
+        })
+    }
+
+    /// The sum of bumps of some heights.
+    pub(super) fn sum(&self, heights: &[f64], place_mm: [f64; 2]) -> f64 {
+        (0..self.len()).map(|k| heights[k] * self.at(k, place_mm)).sum()
+    }
 }
 
 #[cfg(test)]

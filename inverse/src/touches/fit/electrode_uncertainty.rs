@@ -49,8 +49,7 @@ impl ElectrodeUncertainty {
             let responses = responses_with(imager, &off.into_owned())?;
             for (cell, (slopes, variance)) in slopes.iter().zip(&mut variance).enumerate() {
                 let Some(slopes) = slopes else { continue };
-                let bump = bump(imager, &responses, cell, radius_mm);
-                let shift = slopes.fitted(&(bump - &slopes.by[3]));
+                let shift = slopes.moved(imager, &responses, cell, radius_mm);
                 variance[0] += shift[0] * shift[0];
                 variance[1] += shift[1] * shift[1];
             }
@@ -129,14 +128,15 @@ fn slopes(imager: &Imager, responses: &DMatrix<f64>, cell: usize, radius_mm: f64
 }
 
 /// The model in use, linear about a touch: it says by how much a changed response moves the fitted touch.
-struct Slopes {
+pub(crate) struct Slopes {
     /// Derivatives by x, y, width and strength: the last one is the response itself.
     by: [DVector<f64>; 4],
     inverse: Matrix4<f64>,
 }
 
 impl Slopes {
-    fn new(imager: &Imager, responses: &DMatrix<f64>, cell: usize, radius_mm: f64) -> Option<Self> {
+    /// About a touch of this radius on a cell; `None` where the model does not tell its place.
+    pub(crate) fn new(imager: &Imager, responses: &DMatrix<f64>, cell: usize, radius_mm: f64) -> Option<Self> {
         let [x, y, width] = slopes(imager, responses, cell, radius_mm);
         let by = [x, y, width, bump(imager, responses, cell, radius_mm)];
         let normal = Matrix4::from_fn(|i, j| by[i].dot(&by[j]));
@@ -148,5 +148,11 @@ impl Slopes {
 
     fn fitted(&self, change: &DVector<f64>) -> Vector4<f64> {
         self.inverse * Vector4::from_fn(|i, _| self.by[i].dot(change))
+    }
+
+    /// By how much such a touch on a sheet that answers differently is put beside its place, mm.
+    pub(crate) fn moved(&self, imager: &Imager, responses: &DMatrix<f64>, cell: usize, radius_mm: f64) -> [f64; 2] {
+        let shift = self.fitted(&(bump(imager, responses, cell, radius_mm) - &self.by[3]));
+        [shift[0], shift[1]]
     }
 }

@@ -1,5 +1,6 @@
 //! Fits frame after frame: keeps what depends on the sheet only, and corrects the linear model where its error shows.
 
+use crate::reference::ToldSheet;
 use crate::reference::drift::{Drift, Drifting};
 use crate::reference::imager::Imager;
 use crate::reference::noise::{NoiseEstimate, NoiseSource};
@@ -218,6 +219,19 @@ struct Aside {
     corrected: Corrected,
 }
 
+/// What presses told of the sheet, of electrodes that were found in the baseline as they were then.
+fn told(imager: &Imager) -> Option<&ToldSheet> {
+    imager.told.as_deref().filter(|_| imager.electrode_covariance.is_some())
+}
+
+/// What the electrodes' uncertainty adds to that of touches, unless presses told of the sheet.
+fn uncertain(imager: &Imager, radius_mm: f64) -> Option<ElectrodeUncertainty> {
+    match told(imager) {
+        Some(_) => None,
+        None => ElectrodeUncertainty::new(imager, radius_mm),
+    }
+}
+
 /// Fits touches to the frames of one imager.
 pub struct Fitter {
     prior: FitOptions,
@@ -225,6 +239,8 @@ pub struct Fitter {
     imager: Arc<Imager>,
     /// Responses to touches, V of the model.
     volts: ResponseTable,
+    /// Those of the even sheet, where presses told of another one: errors of the linear model are taken to be the same on both.
+    even: Option<ResponseTable>,
     /// What the electrodes' uncertainty adds to that of touches, where there is one; made when touches first need it.
     electrodes: Option<Option<ElectrodeUncertainty>>,
     /// Made when a frame first needs it.
@@ -275,7 +291,11 @@ impl Fitter {
 
     /// The same with other thresholds.
     pub fn with_options(imager: &Arc<Imager>, prior: FitOptions, options: FitterOptions) -> Option<Self> {
-        let volts = ResponseTable::new(&imager.model, imager.drive, &imager.pattern, prior.radius_mm)?;
+        let even = ResponseTable::new(&imager.model, imager.drive, &imager.pattern, prior.radius_mm)?;
+        let (volts, even) = match told(imager).and_then(|_| ResponseTable::told(imager, prior.radius_mm)) {
+            Some(told) => (told, Some(even)),
+            None => (even, None),
+        };
         let fits = || Fits::with_room(volts.stride(), prior.most_touches.min(MOST_TOUCHES));
         let aside = || Aside {
             fits: fits(),
@@ -297,6 +317,7 @@ impl Fitter {
             aside: Drifting::ALL.map(|_| aside()),
             other: aside(),
             volts,
+            even,
             was_corrected: false,
             solutions: 0,
             most_solutions: usize::MAX,
@@ -320,7 +341,7 @@ impl Fitter {
     /// Makes ready for touches that move, which takes some 20 ms, and what is made of the electrodes' uncertainty.
     pub(crate) fn prepare_motion(&mut self) {
         let imager = &self.imager;
-        self.electrodes = Some(ElectrodeUncertainty::new(imager, self.prior.radius_mm));
+        self.electrodes = Some(uncertain(imager, self.prior.radius_mm));
         self.scattering = ScatteringModel::new(&imager.model, imager.drive, &imager.pattern);
     }
 
@@ -448,8 +469,14 @@ impl Fitter {
         self.followed.note(&job.data, fitted, explained);
         if self.followed.holds {
             let (imager, radius_mm) = (&self.imager, self.prior.radius_mm);
-            let made = || ElectrodeUncertainty::new(imager, radius_mm);
-            if let Some(electrodes) = self.electrodes.get_or_insert_with(made) {
+            let made = || uncertain(imager, radius_mm);
+            if let Some(told) = told(imager) {
+                for t in &mut fitted.touches {
+                    let [x, y] = told.sd_at([t.x_mm, t.y_mm]);
+                    t.x_sd_mm = t.x_sd_mm.map(|sd| sd.hypot(x));
+                    t.y_sd_mm = t.y_sd_mm.map(|sd| sd.hypot(y));
+                }
+            } else if let Some(electrodes) = self.electrodes.get_or_insert_with(made) {
                 for t in &mut fitted.touches {
                     let [x, y] = electrodes.variance(imager, [t.x_mm, t.y_mm]);
                     t.x_sd_mm = t.x_sd_mm.map(|sd| sd.hypot(x.sqrt()));
@@ -600,7 +627,8 @@ impl Fitter {
     fn solve(&mut self, job: &Job) -> Option<LinearisationError> {
         let scattering = self.scattering.as_ref().filter(|_| !job.data.unhurried);
         let (discs, mean) = (&self.fits.now.discs, job.data.gain > 1.0);
-        let scattered = scattering.and_then(|s| LinearisationError::scattered(s, &self.volts, discs, mean));
+        let scattered = scattering
+            .and_then(|s| LinearisationError::scattered(s, self.even.as_ref().unwrap_or(&self.volts), discs, mean));
         if scattered.is_some() {
             return scattered;
         }
@@ -609,7 +637,12 @@ impl Fitter {
         }
         self.solutions += 1;
         let (nonlinear, discs) = (self.nonlinear.as_mut()?, &self.fits.now.discs);
-        LinearisationError::solve(nonlinear, &self.volts, discs, job.data.unhurried)
+        LinearisationError::solve(
+            nonlinear,
+            self.even.as_ref().unwrap_or(&self.volts),
+            discs,
+            job.data.unhurried,
+        )
     }
 
     /// Estimated norm of the linearisation error of the touches fitted last, in standard deviations of the noise.

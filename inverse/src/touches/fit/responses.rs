@@ -7,6 +7,7 @@
 //! solution: the tests below hold that.
 
 use crate::linalg::kernels::{LANES, dots_of, padded};
+use crate::reference::imager::Imager;
 use crate::touches::fit::discs::{Discs, RowSums};
 use crate::touches::fit::interpolation::{Radii, Stencil, interpolate};
 use crate::touches::fit::node_values::NodeValues;
@@ -130,16 +131,31 @@ fn radii_at(r: f64, unit: f64) -> Radii {
     }
 }
 
+fn lattice_step(model: &Model) -> f64 {
+    let (low, high) = model.geometry().bounding_box();
+    0.5 * (high[0] - low[0]).max(high[1] - low[1]) / STEPS
+}
+
 impl ResponseTable {
     /// Tabulates a sheet. `radius_mm` is the expected radius. `None` when the model cannot be solved or the sheet is
     /// too small for a touch of that size.
     pub fn new(model: &Arc<Model>, drive: Drive, pattern: &Pattern, radius_mm: f64) -> Option<Self> {
-        let (low, high) = model.geometry().bounding_box();
-        let extent = 0.5 * (high[0] - low[0]).max(high[1] - low[1]);
-        let step = extent / STEPS;
-        let grid = CellGrid::new(model.geometry(), step).ok()?;
+        let grid = CellGrid::new(model.geometry(), lattice_step(model)).ok()?;
         let solver = Solver::new(Arc::clone(model)).ok()?;
         let cells = Sensitivity::by_cell(&solver, &grid).matrix_v(drive, solver.electrode_matrix(), pattern);
+        Some(Self::of_cells(model, &grid, &cells, radius_mm))
+    }
+
+    /// The same of the sheet that presses told an imager; `None` where they told nothing of it.
+    pub fn told(imager: &Imager, radius_mm: f64) -> Option<Self> {
+        let told = imager.told.as_ref().filter(|told| !told.unknowns.is_empty())?;
+        let grid = CellGrid::new(imager.model.geometry(), lattice_step(&imager.model)).ok()?;
+        let cells = told.responses(imager, &grid)?;
+        Some(Self::of_cells(&imager.model, &grid, &cells, radius_mm))
+    }
+
+    fn of_cells(model: &Model, grid: &CellGrid, cells: &DMatrix<f64>, radius_mm: f64) -> Self {
+        let step = lattice_step(model);
         let length = cells.nrows();
         let (columns, rows) = grid.shape();
         let (nc, nr) = (columns + 2 * MARGIN as usize, rows + 2 * MARGIN as usize);
@@ -181,9 +197,9 @@ impl ResponseTable {
         };
         // Per mm² of strength: the discs' means of the cells' sensitivity over their area.
         let discs = Discs::new(nodes, &RADII.map(|k| k * radius_mm), step);
-        let sums = RowSums::new(&grid, &cells);
+        let sums = RowSums::new(grid, cells);
         let values = NodeValues::of_discs(discs, sums, lattice.count(), MOST_TABULATED);
-        Some(Self::of(Arc::new(lattice), length, values))
+        Self::of(Arc::new(lattice), length, values)
     }
 
     fn of(lattice: Arc<Lattice>, length: usize, values: NodeValues) -> Self {
