@@ -51,7 +51,7 @@ pub struct Told {
     pub sheet: ToldSheet,
     /// Distances of the presses from where the model puts them with what the others told, mm, in their order.
     pub errors_mm: Vec<f64>,
-    /// Whether that is nearer than without.
+    /// Whether that is nearer than without, by more than one standard error.
     pub better: bool,
     /// Root mean square of how far the model alone puts touches beside their places, at those of the presses, mm.
     pub moved_mm: f64,
@@ -125,7 +125,13 @@ pub fn told(inspection: &Inspection, presses: &[SeenPress]) -> Option<Told> {
     let alone: Vec<f64> = presses.iter().map(alone_mm).collect();
     let sds: Vec<f64> = presses.iter().map(|p| p.sd_mm[0].hypot(p.sd_mm[1])).collect();
     let floor = median(sds.iter().copied());
-    let loss = |errors: &[f64]| errors.iter().map(|e| (e * e + floor * floor).ln()).sum::<f64>();
+    // By more than the presses happen to say: by one standard error of the mean gain.
+    let loss = |e: &f64| (e * e + floor * floor).ln();
+    let gains: Vec<f64> = alone.iter().zip(&errors_mm).map(|(a, e)| loss(a) - loss(e)).collect();
+    let count = gains.len() as f64;
+    let gain = gains.iter().sum::<f64>() / count;
+    let square: f64 = gains.iter().map(|g| (g - gain).powi(2)).sum();
+    let error = (square / (count * (count - 1.0))).sqrt();
     let moved: f64 = presses
         .iter()
         .map(|p| {
@@ -136,8 +142,8 @@ pub fn told(inspection: &Inspection, presses: &[SeenPress]) -> Option<Told> {
         })
         .sum();
     let moved_mm = (moved / presses.len() as f64).sqrt();
-    (sheet.is_sound() && moved_mm.is_finite()).then(|| Told {
-        better: loss(&errors_mm) < loss(&alone),
+    (sheet.is_sound() && moved_mm.is_finite()).then_some(Told {
+        better: gain > error,
         sheet,
         errors_mm,
         moved_mm,

@@ -220,21 +220,22 @@ impl ContactTest {
             let mut evidence = self.solve_with(solver, task, detectors, result);
             let owed = std::mem::take(&mut self.owed);
             let new = result.touches.len() > self.stood || owed.polarity == Some(true);
-            // The first question that was put off is asked, whatever the frame has taken.
-            let late = owed.is_something() && !solver.keeps_free();
-            if !task.quiet {
-                let from = owed.drifting.map(|next| (next, late));
+            // What was put off comes first, whatever the frame has taken; the cheapest of it before the others.
+            let may = !solver.keeps_free();
+            let (polarity, candidates) = (may && owed.polarity.is_some(), may && owed.candidates);
+            if polarity || candidates {
+                self.owed.drifting = owed.drifting;
+            } else if !task.quiet {
+                let from = owed.drifting.map(|next| (next, may));
                 evidence = self.test_drifting((evidence, lands, from), solver, task, detectors, result);
             }
-            let late = late && owed.drifting.is_none();
-            if self.owed.drifting.is_some() || (solver.is_spent() && !(late && owed.candidates)) {
-                self.owed.candidates = self.monitor.asks_next();
+            if polarity || (solver.is_spent() && !candidates) {
+                self.owed.candidates = owed.candidates || self.monitor.asks_next();
             } else {
                 evidence = self.test_candidates(evidence, solver, task, detectors, result);
             }
-            let late = late && !owed.candidates;
             if !task.quiet {
-                self.test_polarity((evidence, new, lands, late), solver, task, detectors, result);
+                self.test_polarity((evidence, new, lands, polarity), solver, task, detectors, result);
             }
         }
         if task.quiet {
@@ -277,13 +278,12 @@ impl ContactTest {
         };
         let unexplained = result.touches.is_empty() || !result.misfit.is_some_and(explains);
         let may = solver.fits() && result.changed;
-        // Whether contacts drifted or changed is decided first, in this frame or in those before.
+        // Whether contacts drifted or changed is decided first, but for what this frame has no time for.
         let decided = self.put_off == 0 && !self.monitor.is_open();
         if !(may && decided && (new || unexplained)) {
             return;
         }
-        let first = self.owed.drifting.is_some() || self.owed.candidates;
-        if first || (solver.is_spent() && !late) {
+        if solver.is_spent() && !late {
             self.owed.polarity = Some(new);
             return;
         }

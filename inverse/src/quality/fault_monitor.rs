@@ -16,6 +16,8 @@ const NAMES: usize = 2;
 /// against it before it is over.
 const AGAIN: [usize; 2] = [64, 16];
 const AGAINST: usize = 2;
+/// Values of frames at rest that end a fault: a single value may be as in the baseline by chance.
+const WELL: usize = 8;
 /// Frames for which a fault that took no touch's place is not named again.
 const REJECTED: usize = 32;
 /// Most frames between two looks that find nothing.
@@ -106,7 +108,7 @@ pub(crate) struct FaultMonitor {
     wait: usize,
     longest_wait: usize,
     against: usize,
-    /// Frames at rest one after another that speak against it.
+    /// Values of frames at rest one after another that speak against it.
     well: usize,
     /// A fault that took no touch's place, and for how many frames it is none.
     rejected: Option<(Fault, usize)>,
@@ -198,8 +200,8 @@ impl FaultMonitor {
             .sum();
         let count = values.len() as f64;
         let well = count > 0.0 && values.iter().all(|k| d.used[*k]) && square < count + ALIKE * (2.0 * count).sqrt();
-        self.well = if well { self.well + 1 } else { 0 };
-        self.well >= AGAINST
+        self.well = if well { self.well + values.len() } else { 0 };
+        self.well >= WELL
     }
 
     /// The fault that was named took no touch's place: it is none for a while.

@@ -127,7 +127,7 @@ mod tests {
     fn between_nodes_the_deviation_is_that_of_the_plane_through_them() {
         let (columns, rows) = (4, 3);
         let node = |k: usize| [-10.0 + 5.0 * (k % columns) as f64, 20.0 + 5.0 * (k / columns) as f64];
-        let plane = |p: [f64; 2]| [3.0 + 0.2 * p[0] - 0.05 * p[1], 0.3 * p[1]];
+        let plane = |p: [f64; 2]| [4.0 + 0.2 * p[0] - 0.05 * p[1], 0.3 * p[1]];
         let told = ToldSheet {
             first_mm: node(0),
             step_mm: 5.0,
