@@ -460,6 +460,9 @@ impl Output {
         if self.left_out.iter().any(|f| f.kind == FindingKind::Unsearched) {
             text += ", not searched for faults";
         }
+        if self.left_out.iter().any(|f| f.kind == FindingKind::Untold) {
+            text += ", without what presses told of the sheet";
+        }
         text
     }
 

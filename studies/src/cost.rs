@@ -351,6 +351,16 @@ mod tests {
                 r.frame_after(frame, Some(INTERVAL_S)).unwrap();
                 let work = r.work();
                 assert!(
+                    work.fits <= 16 && work.solutions <= 2,
+                    "{}, frame {k}: {work:?}",
+                    kind.name
+                );
+                assert!(
+                    work.problems <= 6 && work.searches <= 4,
+                    "{}, frame {k}: {work:?}",
+                    kind.name
+                );
+                assert!(
                     work.nominal_ms() <= MOST_MS,
                     "{}, frame {k}: {:.0} ms, {work:?}",
                     kind.name,

@@ -17,7 +17,7 @@ const RADIUS_MM: f64 = 50.0;
 const RUBBER: &str =
     "\n[rubber]\ndelayed_ratio = 0.3\ntau_s = 5.0\nexponent = 1.0\nunit_rise_mpa = 0.25\nforce_sd_n = 0.1\n";
 
-/// ToldSheet by the golden angle, in an order that jumps.
+/// Places by the golden angle, in an order that jumps.
 fn place(k: usize) -> [f64; 2] {
     let k = (k * 17) % 24;
     let (sin, cos) = (2.399_963 * k as f64).sin_cos();

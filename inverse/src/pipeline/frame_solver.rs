@@ -103,7 +103,7 @@ pub(crate) struct Task<'a> {
     pub(crate) seen: bool,
     /// Whether the frame shows no touch: what it shows is drift, or contacts.
     pub(crate) quiet: bool,
-    /// Whether every search of the fit is to come to its end in this frame, however long it takes.
+    /// Whether every search of the fit goes as far as a frame may: to its end, where frames do not follow one another.
     pub(crate) patient: bool,
     /// Whether the error of the linear model may be solved for.
     pub(crate) corrected: bool,

@@ -12,8 +12,8 @@ use std::sync::Arc;
 const SUSPICIOUS: usize = 3;
 /// Frames that have to tell the same fault.
 const NAMES: usize = 2;
-/// Frames until a fault that was named is looked for again: one that leaves touches, and one that leaves none; and times that speak
-/// against it before it is over.
+/// Frames until a fault that was named is looked for again: one that leaves touches; and one that leaves none, or contacts, which come and
+/// go. Then times that speak against it before it is over.
 const AGAIN: [usize; 2] = [64, 16];
 const AGAINST: usize = 2;
 /// Values of frames at rest that end a fault: a single value may be as in the baseline by chance.
@@ -25,6 +25,12 @@ const LONGEST_WAIT: usize = 64;
 
 /// Frames from which a fault that may be one is none: their mean would have told.
 const MOST_OPEN: usize = 64;
+/// Frames until this fault is looked for again.
+fn next_look(fault: Fault) -> usize {
+    let soon = !fault.leaves_touches() || matches!(fault, Fault::Contacts(_));
+    AGAIN[usize::from(soon)]
+}
+
 /// How far a frame may be off the mean of those before, in standard deviations of its mean square, to be one of them.
 const ALIKE: f64 = 5.0;
 
@@ -185,7 +191,8 @@ impl FaultMonitor {
             return false;
         }
         (self.named, self.candidate, self.open) = (Some(Fault::Contacts(Electrodes::of(&all))), None, false);
-        (self.until, self.against) = (AGAIN[0], 0);
+        (self.until, self.against) = (next_look(Fault::Contacts(Electrodes::of(&all))), 0);
+        self.wait = 1;
         true
     }
 
@@ -313,7 +320,7 @@ impl FaultMonitor {
         self.open = told == Told::Perhaps && self.named.is_none();
         if told == Told::Perhaps && self.named.is_some() {
             // It does not speak against the fault.
-            self.until = AGAIN[0];
+            self.until = self.named.map_or(0, next_look);
             return false;
         }
         self.alone = matches!(told, Told::Fault { alone: true, .. });
@@ -347,7 +354,7 @@ impl FaultMonitor {
         (self.against, self.wait) = (0, 1);
         if let Some(named) = self.named.filter(|named| named.is_same(&told)) {
             self.candidate = None;
-            self.until = AGAIN[usize::from(!told.leaves_touches())];
+            self.until = next_look(told);
             // Its size may be another.
             self.named = Some(if named == told { named } else { told });
             return false;
@@ -361,7 +368,7 @@ impl FaultMonitor {
             return false;
         }
         tracing::debug!(?told, "a fault");
-        (self.named, self.candidate, self.until) = (Some(told), None, AGAIN[usize::from(!told.leaves_touches())]);
+        (self.named, self.candidate, self.until) = (Some(told), None, next_look(told));
         true
     }
 

@@ -124,7 +124,9 @@ pub fn inspect(
         }
     }
     bad_contacts::name(&mut findings, pattern, electrodes.as_ref(), &options.electrodes);
-    findings.extend((!imager.is_searched()).then(|| unsearched(pattern)));
+    findings.extend((!imager.is_searched()).then(|| of_no_value(FindingKind::Unsearched, pattern)));
+    let used_told = electrodes.as_ref().is_some_and(|fit| fit.imager.told.is_some());
+    findings.extend((imager.told.is_some() && !used_told).then(|| of_no_value(FindingKind::Untold, pattern)));
     let baseline = baseline.without(&used);
     let misfit = electrodes.as_ref().map_or_else(
         || misfit(&imager.model_v, &baseline.values_v, &screening.fitted),
@@ -172,10 +174,10 @@ fn amplifier_finding(pattern: &Pattern, amplifier: &Amplifier, used: &mut [bool]
     }
 }
 
-/// That frames have too many values to be searched.
-fn unsearched(pattern: &Pattern) -> Finding {
+/// What is left out without a value: searches of too many values, and what presses told.
+fn of_no_value(kind: FindingKind, pattern: &Pattern) -> Finding {
     Finding {
-        kind: FindingKind::Unsearched,
+        kind,
         electrodes: Vec::new(),
         value: None,
         factor: None,

@@ -83,6 +83,8 @@ pub enum FindingKind {
     SenseOffset,
     /// The values of a sense pair are all missing: out of range, as a rule.
     SenseMissing,
+    /// What presses told of the sheet cannot be used with this baseline. It concerns no value.
+    Untold,
     /// Frames have too many values to look for what is broken, and for what drifts seldom. It concerns no value.
     Unsearched,
 }
@@ -183,6 +185,11 @@ impl fmt::Display for Finding {
                 "the amplifier between electrodes {} and {} gives no value in the baseline, as at its rail: {out}",
                 e(0).min(e(1)),
                 e(0).max(e(1))
+            ),
+            FindingKind::Untold => write!(
+                f,
+                "what presses told of the sheet is not used, since it goes with electrodes that are found in the baseline: look at the \
+                 baseline, or calibrate anew"
             ),
             FindingKind::Unsearched => write!(
                 f,

@@ -150,11 +150,7 @@ impl Diagnosis {
         if part >= 1.0 {
             return Self::new(imager);
         }
-        // Multiples of the golden ratio are spread evenly over the values of whatever comes at equal distances.
-        let golden = 0.5 * (5.0_f64.sqrt() - 1.0);
-        let looked_at: Vec<usize> = (0..imager.pattern.len())
-            .filter(|k| (golden * *k as f64).fract() < part)
-            .collect();
+        let looked_at = spread_evenly(imager.pattern.measurements(), part);
         let measurements = looked_at.iter().map(|k| imager.pattern.measurements()[*k]).collect();
         let seen = Imager {
             pattern: Pattern::from_list(imager.pattern.electrodes(), measurements).ok()?,
@@ -623,6 +619,24 @@ fn channels(imager: &Imager) -> Vec<([usize; 2], Vec<usize>)> {
     out
 }
 
+/// A part of the values, spread evenly over drives and over the places in each: by multiples of the powers of the plastic number, which are
+/// so in two dimensions (Roberts 2018, "The unreasonable effectiveness of quasirandom sequences").
+fn spread_evenly(measurements: &[Measurement], part: f64) -> Vec<usize> {
+    const BY: [f64; 2] = [0.754_877_666_246_692_7, 0.569_840_290_998_053_2];
+    let (mut drive, mut place) = (0.0, 0.0);
+    let mut chosen = Vec::new();
+    for (k, m) in measurements.iter().enumerate() {
+        if k > 0 && measurements[k - 1].drive != m.drive {
+            (drive, place) = (drive + 1.0, 0.0);
+        }
+        if (BY[0] * drive + BY[1] * place).fract() < part {
+            chosen.push(k);
+        }
+        place += 1.0;
+    }
+    chosen
+}
+
 /// Values in which one of these electrodes takes part.
 pub(crate) fn values_of(imager: &Imager, electrodes: &[usize]) -> Vec<usize> {
     let measurements = imager.pattern.measurements().iter().enumerate();
@@ -658,4 +672,38 @@ fn least(of: impl Fn(f64) -> f64, start: (f64, f64), [mut low, mut high]: [f64; 
         }
     }
     best
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Of many values every drive and every amplifier has its share in those that are looked at: a third of it at least.
+    #[test]
+    fn a_part_of_many_values_has_some_of_every_pair() {
+        for electrodes in [18, 24, 32, 46] {
+            for pattern in [Pattern::adjacent(electrodes), Pattern::opposite(electrodes)].map(Result::unwrap) {
+                let part = MOST_LOOKED_AT as f64 / pattern.len() as f64;
+                if part >= 1.0 {
+                    continue;
+                }
+                let looked_at = spread_evenly(pattern.measurements(), part);
+                assert!((looked_at.len() as f64 / MOST_LOOKED_AT as f64 - 1.0).abs() < 0.1);
+                let least = part * pattern.len() as f64 / electrodes as f64 / 3.0;
+                let all = pattern.measurements();
+                // Whichever way round.
+                let same = |a: Pair, b: Pair| a == b || (a.plus == b.minus && a.minus == b.plus);
+                let count =
+                    |is: &dyn Fn(&Measurement) -> bool| looked_at.iter().filter(|k| is(&all[**k])).count() as f64;
+                for m in all {
+                    let drives = count(&|other| same(other.drive, m.drive));
+                    let senses = count(&|other| same(other.sense, m.sense));
+                    assert!(
+                        drives >= least && senses >= least,
+                        "{electrodes}, {m:?}: {drives} {senses} {least}"
+                    );
+                }
+            }
+        }
+    }
 }

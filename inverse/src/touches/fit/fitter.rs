@@ -36,7 +36,7 @@ pub struct Data<'a> {
     pub gain: f64,
     /// Which way touches change the resistivity.
     pub polarity: Polarity,
-    /// Whether the search must end in this frame, however many follow.
+    /// Whether the search goes as far as a frame may, however many follow.
     pub patient: bool,
     /// Whether the error of the linear model may be solved for: that takes as long as many fits.
     pub corrected: bool,
@@ -684,7 +684,8 @@ impl Fitter {
         self.was_corrected = matches!(values, Values::Corrected);
         let least_misfit = || self.followed.least_misfit(job.data.gain, self.options.misfit_scatter);
         let (least_misfit, scratch) = (follows.then(least_misfit), &mut self.scratch);
-        self.fits.now.work = 0;
+        // What is fitted takes its place.
+        self.fits.before.work = 0;
         let fitted = self.fits.fit(model, frame, seeds, least_misfit, job.turn, scratch);
         self.evaluations += self.fits.now.work;
         fitted
