@@ -30,13 +30,16 @@ use std::time::Instant;
 /// tanks leave up to 0.15, those of real skins half and more.
 const MOST_RESIDUAL: f64 = 0.3;
 
-/// Solutions of the sheet that a frame of a sequence may take, and evaluations of the response to one touch that a fit of it may. The next
-/// frame goes on.
+/// Solutions of the sheet that a frame of a sequence may take: the next frame goes on.
 const MOST_SOLUTIONS: usize = 2;
-const MOST_EVALUATIONS: usize = 1500;
+/// Evaluations of the response to one touch that a fit may take: of frames of a sequence, of which the next one goes on, and of others.
+const MOST_EVALUATIONS: [usize; 2] = [1500, 10_000];
 
 /// What a frame of a sequence may have taken before anything else is asked of it, ms; what is asked takes as long again at most.
 const MOST_MS: f64 = 25.0;
+/// Values of a frame for which work takes as long as it is said to. That of more grows with this power of their number.
+const NOMINAL_VALUES: f64 = 208.0;
+const GROWTH: f64 = 1.5;
 
 /// What a frame took, in steps that take long: the same on every machine.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -230,17 +233,20 @@ impl FrameSolver {
             searches: usize::from(keeps_free),
             ..Work::default()
         };
-        let [solutions, evaluations] = if self.options.sequence {
-            [MOST_SOLUTIONS, MOST_EVALUATIONS]
+        let (solutions, evaluations) = if self.options.sequence {
+            (MOST_SOLUTIONS, MOST_EVALUATIONS[0])
         } else {
-            [usize::MAX; 2]
+            (usize::MAX, MOST_EVALUATIONS[1])
         };
         (self.fitter.iter_mut()).for_each(|fitter| fitter.begin_frame(solutions, evaluations));
     }
 
     /// Whether the frame has taken as long as it may: what else is to be asked waits for the next.
     pub(crate) fn is_spent(&self) -> bool {
-        self.options.sequence && self.work().nominal_ms() > MOST_MS
+        let growth = (self.imager.pattern.len() as f64 / NOMINAL_VALUES)
+            .max(1.0)
+            .powf(GROWTH);
+        self.options.sequence && growth * self.work().nominal_ms() > MOST_MS
     }
 
     /// Whether time for a search is kept free in this frame.
@@ -392,10 +398,16 @@ impl FrameSolver {
         let said = self.said();
         let ridge = self.ridges[task.drifting.index()].filter(|_| !hidden);
         let ridge = ridge.unwrap_or(noise.sigma / self.options.expected_rise);
-        self.weigh(task.difference, (Drifting::Nothing, task.changed));
+        // Beside what drifts where there is no time for another problem.
+        let beside = if self.is_spent() {
+            task.drifting
+        } else {
+            Drifting::Nothing
+        };
+        self.weigh(task.difference, (beside, task.changed));
         self.reduce(task.difference);
-        if let Some(weighted) = self.weightings.current_mut() {
-            let pictures = &mut weighted.pictures;
+        if let Some(weighted) = self.weightings.current() {
+            let pictures = &weighted.pictures;
             self.image
                 .solve_with_falls(&self.options, pictures, &self.values, (ridge, said), result);
         }

@@ -4,7 +4,7 @@ use crate::pipeline::options::ReconstructorOptions;
 use crate::pipeline::result::FrameResult;
 use crate::pipeline::weighted::Pictures;
 use crate::reference::imager::Imager;
-use crate::solvers::{Method, Nnls, discrepancy_ridge, lawson_hanson, pseudo_inverse, tikhonov};
+use crate::solvers::{Method, discrepancy_ridge, lawson_hanson, pseudo_inverse, tikhonov};
 use crate::touches::peaks::TouchFinder;
 use crate::touches::polarity::Polarity;
 use crate::touches::touch::Touch;
@@ -16,8 +16,6 @@ pub(crate) struct ImageSolver {
     /// Room for a picture, or values, of the other sign, and its peaks.
     turned: Vec<f64>,
     hollows: Vec<Touch>,
-    /// Room for rises, then falls.
-    both: Vec<f64>,
     cells: usize,
 }
 
@@ -27,7 +25,6 @@ impl ImageSolver {
             finder: TouchFinder::new(&imager.grid, options.touches),
             turned: Vec::new(),
             hollows: Vec::new(),
-            both: Vec::new(),
             cells: imager.grid.len(),
         }
     }
@@ -133,29 +130,16 @@ impl ImageSolver {
     pub(crate) fn solve_with_falls(
         &mut self,
         options: &ReconstructorOptions,
-        pictures: &mut Pictures,
+        pictures: &Pictures,
         values: &[f64],
         (ridge, polarity): (f64, Polarity),
         result: &mut FrameResult,
     ) {
-        let (problem, options_of) = (&pictures.problem, pictures.nnls.options());
-        let (both, nnls) = pictures.with_falls.get_or_insert_with(|| {
-            (
-                problem.with_falls(1.0),
-                Nnls::new(options_of).with_rounding(options.sequence || options.rounding),
-            )
-        });
-        nnls.set_ridge(ridge);
-        self.both.resize(both.cells(), 0.0);
-        let solution = nnls.solve_into(both, values, &mut self.both);
-        pictures.scale(&mut self.both);
-        let (rises, falls) = self.both.split_at(self.cells);
-        for ((x, rise), fall) in result.x.iter_mut().zip(rises).zip(falls) {
-            *x = rise - fall;
-        }
-        result.residual = solution.residual;
-        result.gap = solution.gap;
-        result.status = solution.status;
+        // Without a sign to keep to it is ridge regression.
+        let mut solution = tikhonov(&pictures.problem, &DVector::from_column_slice(values), ridge);
+        pictures.scale(solution.x.as_mut_slice());
+        result.x.copy_from_slice(solution.x.as_slice());
+        (result.residual, result.gap, result.status) = (solution.residual, solution.gap, solution.status);
         self.find(Polarity::Either, result);
         let largest = |sign: f64| result.touches.iter().map(|t| sign * t.total_mm2).fold(0.0, f64::max);
         let [rise, fall] = [1.0, -1.0].map(|sign| options.least_over_fall * largest(sign));

@@ -67,9 +67,6 @@ pub struct ReconstructorOptions {
     pub tolerance: f64,
     /// Most steps of a non-negative solve.
     pub most_steps: usize,
-    /// Whether a picture is as exact as rounding lets it be where the noise is small beside what it leaves. More takes thousands of
-    /// steps: seconds, of many values.
-    pub rounding: bool,
     /// A picture's largest rise over the expected one before more is expected, and the solve repeated: the ridge would hold
     /// it down.
     pub largest_over_expected: f64,
@@ -133,7 +130,6 @@ impl ReconstructorOptions {
             unexplained_frames: 4,
             tolerance: 1e-9,
             most_steps: 60,
-            rounding: imager.pattern.len() > MANY_VALUES,
             largest_over_expected: 4.0,
             most_rescalings: 2,
             least_over_fall: 0.5,

@@ -100,9 +100,7 @@ pub(crate) struct Pictures {
     pub(crate) solving: Option<(f64, Problem)>,
     /// Solves for pictures, each from the one before.
     pub(crate) nnls: Nnls,
-    /// The problem with cells that fall; made when a frame first needs it.
-    pub(crate) with_falls: Option<(Problem, Nnls)>,
-    /// The last three for pictures that no touches are looked for in: where touches begin does not depend on who wants to see one.
+    /// The last two for pictures that no touches are looked for in: where touches begin does not depend on who wants to see one.
     shown: Option<Box<Shown>>,
 }
 
@@ -110,7 +108,6 @@ pub(crate) struct Pictures {
 struct Shown {
     solving: Option<(f64, Problem)>,
     nnls: Nnls,
-    with_falls: Option<(Problem, Nnls)>,
 }
 
 /// Reduced responses.
@@ -175,9 +172,8 @@ impl Weighted {
                     tolerance: options.tolerance,
                     most_steps: options.most_steps,
                 })
-                // What follows in a moment need not be exact.
-                .with_rounding(options.sequence || options.rounding),
-                with_falls: None,
+                // Where the noise is small beside what the picture leaves, it is as exact as rounding lets it be: more takes seconds.
+                .with_rounding(true),
                 shown: None,
             },
             tables: None,
@@ -255,13 +251,11 @@ impl Pictures {
             Box::new(Shown {
                 solving: None,
                 nnls: self.nnls.anew(),
-                with_falls: None,
             })
         });
         let mut exchange = |pictures: &mut Self| {
             std::mem::swap(&mut pictures.solving, &mut shown.solving);
             std::mem::swap(&mut pictures.nnls, &mut shown.nnls);
-            std::mem::swap(&mut pictures.with_falls, &mut shown.with_falls);
         };
         exchange(self);
         let made = make(self);
@@ -273,10 +267,8 @@ impl Pictures {
     /// Starts the next picture without the last one.
     fn forget(&mut self) {
         self.nnls.reset();
-        self.with_falls.iter_mut().for_each(|(_, nnls)| nnls.reset());
         if let Some(shown) = &mut self.shown {
             shown.nnls.reset();
-            shown.with_falls.iter_mut().for_each(|(_, nnls)| nnls.reset());
         }
     }
 
@@ -293,9 +285,7 @@ impl Pictures {
 
     /// Makes a solution of the scaled problem relative rises (and falls, where it holds both).
     pub(crate) fn scale(&self, x: &mut [f64]) {
-        for part in x.chunks_exact_mut(self.prior.len().max(1)) {
-            part.iter_mut().zip(&self.prior).for_each(|(x, prior)| *x *= prior);
-        }
+        x.iter_mut().zip(&self.prior).for_each(|(x, prior)| *x *= prior);
     }
 }
 

@@ -126,22 +126,7 @@ impl Problem {
             return self.clone();
         }
         let (a, singular) = (self.a.rows(0, kept), self.singular.rows(0, kept));
-        self.sharing_basis(a.into_owned(), singular.into_owned(), self.finite)
-    }
-
-    /// The same problem with a second set of cells, which lower the resistivity at `weight` times the effect. x then
-    /// holds the rises, followed by the falls over `weight`.
-    pub fn with_falls(&self, weight: f64) -> Self {
-        let (rank, cells) = (self.rank(), self.cells());
-        let mut a = DMatrix::zeros(rank, 2 * cells);
-        a.columns_mut(0, cells).copy_from(&*self.a);
-        a.columns_mut(cells, cells).copy_from(&(&*self.a * -weight));
-        let singular = &self.singular * 1.0_f64.hypot(weight);
-        self.sharing_basis(a, singular, self.finite && weight.is_finite())
-    }
-
-    /// A problem of other cells, or of fewer directions, with the basis of this one: that is the largest part of many values.
-    fn sharing_basis(&self, a: DMatrix<f64>, singular: DVector<f64>, finite: bool) -> Self {
+        let (a, singular) = (a.into_owned(), singular.into_owned());
         let scale = if singular.is_empty() { 1.0 } else { singular[0] };
         Self {
             columns: Arc::new(Columns::new(&a, scale)),
@@ -149,7 +134,7 @@ impl Problem {
             basis: Arc::clone(&self.basis),
             a: Arc::new(a),
             singular,
-            finite,
+            finite: self.finite,
         }
     }
 
@@ -311,8 +296,6 @@ mod tests {
             "{}",
             off.amax()
         );
-        let (both, both_alone) = (few.with_falls(0.7), alone.with_falls(0.7));
-        assert!((solve(&both).x - solve(&both_alone).x).amax() < 1e-8);
         let mut projector = Projector::new(&whole, few.rank());
         let projected = projector
             .project(|to| to[..rows].copy_from_slice(b.as_slice()))

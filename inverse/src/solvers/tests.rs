@@ -1,6 +1,6 @@
 //! What holds for the solver on any data: optimality, scale, rubbish. Long runs and more: `studies::stress`.
 
-use crate::solvers::{Nnls, NnlsOptions, Problem, Status, lawson_hanson};
+use crate::solvers::{Nnls, NnlsOptions, Problem, Status, lawson_hanson, tikhonov};
 use nalgebra::{DMatrix, DVector};
 use proptest::prelude::*;
 use rand::rngs::StdRng;
@@ -16,6 +16,13 @@ fn options(ridge: f64) -> NnlsOptions {
 
 fn random(rows: usize, cells: usize, rng: &mut StdRng) -> DMatrix<f64> {
     DMatrix::from_fn(rows, cells, |_, _| rng.random_range(-1.0..1.0))
+}
+
+/// With a second set of columns, which do the opposite.
+fn both_signs(a: &DMatrix<f64>, weight: f64) -> DMatrix<f64> {
+    let mut both = a.clone().resize_horizontally(2 * a.ncols(), 0.0);
+    both.columns_mut(a.ncols(), a.ncols()).copy_from(&(a * -weight));
+    both
 }
 
 /// Largest `|min(x_j |a_j|, -g_j / |a_j|)|` over `|b|`, from the whole matrix.
@@ -74,11 +81,23 @@ proptest! {
     #[test]
     fn a_cone_that_is_the_whole_space_is_fitted(seed in any::<u64>()) {
         let mut rng = StdRng::seed_from_u64(seed);
-        let problem = Problem::new(&random(10, 15, &mut rng), 0.0).with_falls(0.7);
+        let problem = Problem::new(&both_signs(&random(10, 15, &mut rng), 0.7), 0.0);
         let b = DVector::from_fn(10, |_, _| rng.random_range(-1.0..1.0));
         let s = Nnls::new(options(0.0)).solve(&problem, &b);
         prop_assert_eq!(s.status, Status::Converged);
         prop_assert!(s.residual < 1e-7);
+    }
+
+    /// Cells that may rise and fall alike are those of ridge regression, which needs no search.
+    #[test]
+    fn without_a_sign_it_is_ridge_regression(seed in any::<u64>(), ridge in 1e-2..10.0_f64) {
+        let mut rng = StdRng::seed_from_u64(seed);
+        let a = random(8, 15, &mut rng);
+        let b = DVector::from_fn(8, |_, _| rng.random_range(-1.0..1.0));
+        let both = Nnls::new(options(ridge)).solve(&Problem::new(&both_signs(&a, 1.0), 0.0), &b);
+        let linear = tikhonov(&Problem::new(&a, 0.0), &b, ridge);
+        prop_assert!((both.x.rows(0, 15) - both.x.rows(15, 15) - &linear.x).amax() < 1e-6 * linear.x.amax().max(1e-3));
+        prop_assert!((both.residual - linear.residual).abs() < 1e-6);
     }
 
     /// Whatever comes in, what goes out is finite, not negative, and either proven or said not to be.

@@ -1,58 +1,57 @@
 //! Discs about the nodes of a lattice, as means of the cells that they cover.
 
+use crate::linalg::kernels::{LANES, add_columns, padded};
 use forward::CellGrid;
 use nalgebra::{DMatrix, DMatrixView};
+use pulp::Arch;
 use std::sync::Arc;
 
 /// Divisions of a cell's side when its part inside a disc is counted.
 const CUTS: i32 = 16;
+/// Edges whose sums are added at once.
+const EDGES_AT_ONCE: usize = 64;
 
-/// Cells of one row, beside one another, of which a disc covers the same part.
+/// What a disc has of the cells of one row before a column: where this edge is, counted from the disc's centre, and the part of them.
 #[derive(Debug)]
-struct Span {
-    /// Columns from the first to before the last, and the row, all counted from the disc's centre.
-    first: i64,
-    last: i64,
+struct Edge {
+    column: i64,
     row: i64,
     part: f64,
 }
 
-/// What a disc around the centre of a cell covers; the parts sum up to 1.
-fn coverage(radius_cells: f64) -> Vec<Span> {
+/// What a disc around the centre of a cell covers, as edges between cells of which it has other parts; the parts of all cells sum up to 1.
+fn coverage(radius_cells: f64) -> Vec<Edge> {
     let reach = radius_cells.ceil() as i64 + 1;
-    let mut out: Vec<Span> = Vec::new();
+    let offset = |k: i32| (f64::from(k) + 0.5) / f64::from(CUTS) - 0.5;
+    let inside = |column: i64, row: i64| {
+        let cuts = (0..CUTS).flat_map(|i| (0..CUTS).map(move |j| [i, j]));
+        let within = |[i, j]: &[i32; 2]| (column as f64 + offset(*i)).hypot(row as f64 + offset(*j)) < radius_cells;
+        cuts.filter(within).count()
+    };
+    let mut out: Vec<Edge> = Vec::new();
+    let mut sum = 0;
     for row in -reach..=reach {
-        for column in -reach..=reach {
-            let offset = |k: i32| (f64::from(k) + 0.5) / f64::from(CUTS) - 0.5;
-            let mut inside = 0;
-            for i in 0..CUTS {
-                for j in 0..CUTS {
-                    let d = (column as f64 + offset(i)).hypot(row as f64 + offset(j));
-                    inside += i32::from(d < radius_cells);
-                }
+        let mut before = 0;
+        for column in -reach..=reach + 1 {
+            let here = inside(column, row);
+            sum += here;
+            if here != before {
+                let part = before as f64 - here as f64;
+                out.push(Edge { column, row, part });
             }
-            let part = f64::from(inside);
-            match out.last_mut() {
-                Some(span) if span.row == row && span.last == column && span.part == part => span.last += 1,
-                _ if inside > 0 => out.push(Span {
-                    first: column,
-                    last: column + 1,
-                    row,
-                    part,
-                }),
-                _ => {}
-            }
+            before = here;
         }
     }
-    let sum: f64 = out.iter().map(|s| s.part * (s.last - s.first) as f64).sum();
-    out.iter_mut().for_each(|s| s.part /= sum);
+    out.iter_mut().for_each(|edge| edge.part /= sum as f64);
     out
 }
 
-/// Sums of the cells' columns along every row of the grid, so that a span costs two of them however long it is.
+/// Sums of the cells' columns along every row of the grid, so that cells beside one another cost two of them however many they are.
 #[derive(Clone, Debug)]
 pub(super) struct RowSums {
     length: usize,
+    /// Numbers from the sum of one place to that of the next.
+    stride: usize,
     columns: usize,
     rows: usize,
     /// For every row `columns + 1` places of sums, those of the cells before each column.
@@ -64,7 +63,7 @@ pub(super) struct RowSums {
 impl RowSums {
     pub(super) fn new(grid: &CellGrid, cells: &DMatrix<f64>) -> Self {
         let (columns, rows) = grid.shape();
-        let n = cells.nrows();
+        let n = padded(cells.nrows(), LANES);
         let mut sums = Vec::with_capacity((cells.ncols() + 1) * n);
         sums.resize(n, 0.0);
         let mut places = Vec::with_capacity((columns + 1) * rows);
@@ -85,7 +84,8 @@ impl RowSums {
             }
         }
         Self {
-            length: n,
+            length: cells.nrows(),
+            stride: n,
             columns,
             rows,
             places: places.into(),
@@ -95,10 +95,14 @@ impl RowSums {
 
     /// Those of the cells' columns times a matrix.
     pub(super) fn times(&self, by: &DMatrix<f64>) -> Self {
-        let count = self.sums.len() / self.length.max(1);
-        let sums = by * DMatrixView::from_slice(&self.sums, self.length, count);
+        let count = self.sums.len() / self.stride.max(1);
+        let stride = padded(by.nrows(), LANES);
+        let mut sums = DMatrix::zeros(stride, count);
+        let own = DMatrixView::from_slice_with_strides(&self.sums, self.length, count, 1, self.stride);
+        sums.rows_mut(0, by.nrows()).gemm(1.0, by, &own, 0.0);
         Self {
             length: by.nrows(),
+            stride,
             sums: sums.data.into(),
             places: Arc::clone(&self.places),
             ..*self
@@ -110,22 +114,12 @@ impl RowSums {
         self.length
     }
 
-    /// Adds the cells of a span around a centre, times a weight; cells outside of the grid count as zero.
-    fn add(&self, span: &Span, [column, row]: [i64; 2], weight: f64, out: &mut [f64]) {
-        let row = match usize::try_from(row + span.row) {
-            Ok(row) if row < self.rows => row,
-            _ => return,
-        };
-        let [first, last] = [span.first, span.last].map(|k| (column + k).clamp(0, self.columns as i64) as usize);
-        let of = |k: usize| {
-            let place = self.places[row * (self.columns + 1) + k] as usize;
-            &self.sums[place * self.length..][..self.length]
-        };
-        if first < last {
-            for ((o, a), b) in out.iter_mut().zip(of(first)).zip(of(last)) {
-                *o += weight * (b - a);
-            }
-        }
+    /// Where the sum up to an edge is, about a centre; none where it is nothing. Cells outside of the grid count as zero.
+    fn place(&self, edge: &Edge, [column, row]: [i64; 2]) -> Option<usize> {
+        let row = usize::try_from(row + edge.row).ok().filter(|row| *row < self.rows)?;
+        let column = (column + edge.column).clamp(0, self.columns as i64) as usize;
+        let place = self.places[row * (self.columns + 1) + column] as usize;
+        (place > 0).then_some(place)
     }
 }
 
@@ -135,8 +129,9 @@ pub(super) struct Discs {
     /// Column and row of the cell of every node.
     nodes: Vec<[i64; 2]>,
     /// By radius.
-    stencils: Vec<Vec<Span>>,
+    stencils: Vec<Vec<Edge>>,
     cell_mm2: f64,
+    arch: Arch,
 }
 
 impl Discs {
@@ -146,18 +141,28 @@ impl Discs {
             nodes,
             stencils: radii_mm.iter().map(|radius| coverage(radius / cell_mm)).collect(),
             cell_mm2: cell_mm * cell_mm,
+            arch: Arch::new(),
         }
     }
 
-    /// Writes a disc's mean of the cells' values over their area; zeros for a disc that there is not.
+    /// Writes a disc's mean of the cells' values over their area; zeros for a disc that there is not. `out`: the length of one cell, padded
+    /// to whole registers.
     pub(super) fn mean(&self, sums: &RowSums, disc: usize, out: &mut [f64]) {
         let radii = self.stencils.len();
         out.fill(0.0);
         let Some(node) = self.nodes.get(disc / radii) else {
             return;
         };
-        for span in &self.stencils[disc % radii] {
-            sums.add(span, *node, span.part / self.cell_mm2, out);
+        for edges in self.stencils[disc % radii].chunks(EDGES_AT_ONCE) {
+            let mut list = [(0, 0.0); EDGES_AT_ONCE];
+            let mut count = 0;
+            for edge in edges {
+                if let Some(place) = sums.place(edge, *node) {
+                    list[count] = (place, edge.part / self.cell_mm2);
+                    count += 1;
+                }
+            }
+            add_columns(self.arch, &sums.sums, &list[..count], out);
         }
     }
 }
@@ -182,16 +187,16 @@ mod tests {
         let times = sums.times(&by);
         assert_eq!((sums.length(), times.length()), (2, 3));
         for disc in [2, 3] {
-            let (mut mean, mut product) = (vec![f64::NAN; 2], vec![f64::NAN; 3]);
+            let (mut mean, mut product) = (vec![f64::NAN; LANES], vec![f64::NAN; LANES]);
             discs.mean(&sums, disc, &mut mean);
             discs.mean(&times, disc, &mut product);
             let expected = value(grid.centre(cell)) / 25.0;
             assert!((mean[0] - expected).abs() < 1e-12 && (mean[1] - 2.0 * expected).abs() < 1e-12);
-            let expected = &by * nalgebra::DVector::from_column_slice(&mean);
+            let expected = &by * nalgebra::DVector::from_column_slice(&mean[..2]);
             assert!(expected.iter().zip(&product).all(|(a, b)| (a - b).abs() < 1e-12));
         }
-        let mut beyond = [f64::NAN; 2];
+        let mut beyond = [f64::NAN; LANES];
         discs.mean(&sums, 4, &mut beyond);
-        assert_eq!(beyond, [0.0; 2]);
+        assert_eq!(beyond, [0.0; LANES]);
     }
 }

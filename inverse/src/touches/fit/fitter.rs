@@ -520,7 +520,7 @@ impl Fitter {
         {
             return self.renew(job, scale, size);
         }
-        if self.may_solve(job, 1) && self.expected_error() > self.options.worth_a_solution {
+        if self.may_solve(job, 1) && self.expected_error() > self.options.worth_a_solution && self.may_explain(job) {
             self.correct(job)?;
             // In a mean, the first of its frames decided between one touch and two.
             if job.data.gain <= 1.0
@@ -546,7 +546,7 @@ impl Fitter {
         let unexplained = job.data.unexplained(self.fits.now.misfit);
         let failed_before = |then| unexplained <= options.failed_until * then;
         self.fits.now.settled |= self.carried.failed.is_some_and(failed_before);
-        if !self.fits.now.settled && self.may_solve(job, 1) {
+        if !self.fits.now.settled && self.may_solve(job, 1) && self.may_explain(job) {
             let before = self.fits.now.misfit;
             let Some(error) = self.solve(job) else {
                 return Some(());
@@ -572,6 +572,16 @@ impl Fitter {
         let error = self.carried.error.as_ref()?;
         let error = size * error.error(&self.options.growth, &fitted.discs, scale);
         Some(error <= self.options.carried_error * fitted.misfit.max(1.0).sqrt())
+    }
+
+    /// Whether touches may explain the frame once their linearisation error is taken off: at most the residual is smaller by its norm.
+    fn may_explain(&self, job: &Job) -> bool {
+        let (fitted, options) = (&self.fits.now, &self.options);
+        let norm = job.data.values.iter().map(|v| v * v).sum::<f64>().sqrt() / job.data.noise.sigma;
+        let error = options.error_estimate * self.expected_error();
+        let left = (1.0 - error / (fitted.relative_residual * norm).max(f64::MIN_POSITIVE)).max(0.0);
+        options.explains(left * left * fitted.misfit, job.data.gain)
+            || left * fitted.relative_residual <= options.most_residual
     }
 
     /// Takes the linearisation error of the touches fitted last off the data and fits again, until that changes

@@ -20,6 +20,8 @@ pub struct FitterOptions {
     /// Norm of the expected linearisation error that is worth a nonlinear solution. Less solves more often, 5 ms each.
     /// At 27 dB a touch of +20 % alone is below, two side by side are above.
     pub worth_a_solution: f64,
+    /// How many times its estimate the linearisation error may be.
+    pub error_estimate: f64,
     /// Norm of the error of a carried linearisation error before it is solved for anew. It is less than
     /// `worth_a_solution`, because all of it may lie along one touch's move.
     pub carried_error: f64,
@@ -71,6 +73,7 @@ impl Default for FitterOptions {
             linear_error: 0.02,
             linear_error_shows: 9.0,
             worth_a_solution: 4.2,
+            error_estimate: 2.0,
             carried_error: 1.5,
             still_worth: 0.7,
             most_rounds: 4,

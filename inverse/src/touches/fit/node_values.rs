@@ -70,7 +70,7 @@ impl NodeValues {
         }
         let mut values = Aligned::zeros(count * stride);
         for (disc, out) in values.chunks_exact_mut(stride.max(1)).enumerate() {
-            discs.mean(&sums, disc, &mut out[..sums.length()]);
+            discs.mean(&sums, disc, out);
         }
         Self::Whole(Arc::new(values))
     }
@@ -89,7 +89,7 @@ impl NodeValues {
             Self::Summed(discs, sums) => {
                 let sums = sums.times(by);
                 for (disc, out) in coarse.iter().zip(few.chunks_exact_mut(stride.max(1))) {
-                    discs.mean(&sums, *disc, &mut out[..sums.length()]);
+                    discs.mean(&sums, *disc, out);
                 }
                 Source::Cells(Arc::clone(discs), sums)
             }
@@ -149,7 +149,7 @@ impl NodeValues {
                 let stride = padded(sums.length(), LANES);
                 let mut values = Aligned::zeros(needed.len() * stride);
                 for (disc, out) in needed.iter().zip(values.chunks_exact_mut(stride.max(1))) {
-                    discs.mean(sums, *disc, &mut out[..sums.length()]);
+                    discs.mean(sums, *disc, out);
                 }
                 let places: Vec<usize> = (0..needed.len()).collect();
                 look(&values, &places)
@@ -202,7 +202,7 @@ impl Made {
             let out = &mut self.values[place * stride..][..stride];
             match source {
                 Source::Columns(values, by) => by.dots(&values[column * by.rows()..][..by.rows()], out),
-                Source::Cells(discs, sums) => discs.mean(sums, column, &mut out[..sums.length()]),
+                Source::Cells(discs, sums) => discs.mean(sums, column, out),
             }
         }
     }
