@@ -173,6 +173,9 @@ struct Source {
     /// A calibration from presses whose sheet this is.
     #[serde(skip_serializing_if = "Option::is_none")]
     calibration: Option<String>,
+    /// Part of what the frames before differ from the sheet at rest that has gone in the frames themselves, 0 to 1.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    recovered: Option<f64>,
 }
 
 /// A frame's name, what it was compared with, and what came of it.
@@ -300,7 +303,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     if let Some(missing) = chosen.table_pattern.missing_text(&table.measurements) {
         eprintln!("warning: {}: {missing}", table.file);
     }
-    let source = Source {
+    let mut source = Source {
+        recovered: None,
         sheet: chosen.line.to_string(),
         pattern: chosen.table_pattern.name.clone(),
         missing: chosen
@@ -323,7 +327,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         told,
     };
     let compared = arguments.baseline.or(baseline.as_deref());
-    let ready = TableBatch::new(&table, (&chosen.sheet, pattern, chosen.cell_mm), &compared, &how)?;
+    let mut ready = TableBatch::new(&table, (&chosen.sheet, pattern, chosen.cell_mm), &compared, &how)?;
     eprintln!(
         "sheet: {}; pattern: {}; baseline: {}",
         source.sheet, source.pattern, ready.prepared.name
@@ -347,6 +351,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         let most = found.moved_mm.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
         eprintln!("electrodes found in the baseline, up to {most:.1} mm from where they were said to be");
     }
+    source.recovered = ready.prepared.recover(&batch)?;
     let results = reconstruct(arguments, &table, ready.prepared.frames, &mut batch)?;
     table_notices::of_all(results.iter().map(|done| &done.result), method);
     // Everything is computed and every picture written before the first line is printed: no part passes for the whole.

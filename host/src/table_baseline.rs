@@ -5,8 +5,10 @@ use crate::files::before::{self, Before};
 use crate::files::measurements::{MeasurementTable, Names, TableError};
 use crate::number;
 use crate::presses::locate::Comparison;
+use crate::progress;
 use anyhow::{Result, anyhow, bail};
 use clap::Args;
+use inverse::batch::{Batch, OwnFrame};
 use inverse::reference::baseline::Baseline;
 use inverse::reference::imager::Imager;
 use std::borrow::Cow;
@@ -37,6 +39,8 @@ pub(crate) struct Frame<'a> {
     pub place: usize,
     /// Its values, in the unit of the reference.
     pub values: Cow<'a, [f64]>,
+    /// What was measured, and just before it, where it has a baseline of its own.
+    pub own: Option<OwnFrame<'a>>,
     /// What it is compared with, in words.
     pub baseline: String,
 }
@@ -61,8 +65,6 @@ pub(crate) struct Prepared<'a> {
 
 /// Names that are listed in full.
 const MOST_LISTED: usize = 8;
-/// A frame's own baseline below this part of its median is too small to divide by.
-const LEAST_BASELINE: f64 = 1e-3;
 /// Changes of more than this part of the model's voltages are hardly in volts.
 const LARGEST_CHANGE: f64 = 1.0;
 /// A finger of +20 % changes the voltages by 0.002 (in the middle) to 0.016 (at the rim) of them, root mean squares.
@@ -157,6 +159,7 @@ impl BaselineArguments {
                 .map(|(m, d)| m + unit_v * d)
                 .collect::<Vec<_>>()
                 .into(),
+            own: None,
             baseline: "the model".to_owned(),
         };
         let part = parts(table, model).fold(0.0, f64::max) * unit_v;
@@ -180,6 +183,34 @@ impl BaselineArguments {
             tells_noise: false,
             drifts: false,
         }
+    }
+}
+
+impl Prepared<'_> {
+    /// Compares frames that have each their own baseline with what that has become meanwhile: rubber recovers after a press. The part that
+    /// has gone of what it differs from the sheet at rest; none where none is to be seen. Is said on stderr.
+    ///
+    /// # Errors
+    /// A frame of another length.
+    pub(crate) fn recover(&mut self, batch: &Batch) -> Result<Option<f64>> {
+        let unpressed: Vec<&[f64]> = self.unpressed.iter().map(AsRef::as_ref).collect();
+        let rest = Baseline::of_frames(unpressed.first().map_or(0, |frame| frame.len()), &unpressed).values_v;
+        let own: Vec<OwnFrame<'_>> = self.frames.iter().filter_map(|frame| frame.own).collect();
+        let recovered = progress::meanwhile("comparing frames with those before", || batch.recovered(&rest, &own))?;
+        if recovered <= 0.0 {
+            return Ok(None);
+        }
+        for frame in &mut self.frames {
+            if let Some(own) = frame.own {
+                frame.values = own.compared(&rest, recovered).into();
+            }
+        }
+        eprintln!(
+            "of what the frames before differ from the sheet at rest, {:.0} % has gone in the frames themselves, as they tell (creep): \
+             that is taken off",
+            100.0 * recovered
+        );
+        Ok(Some(recovered))
     }
 }
 
@@ -216,6 +247,7 @@ fn plain(table: &MeasurementTable, common: Vec<usize>) -> Prepared<'_> {
     let frame = |place: usize| Frame {
         place,
         values: table.columns[place].values.as_slice().into(),
+        own: None,
         baseline: name.clone(),
     };
     Prepared {
@@ -235,8 +267,7 @@ fn plain(table: &MeasurementTable, common: Vec<usize>) -> Prepared<'_> {
     }
 }
 
-/// For each frame the one that a file names. With the reference's baseline B, the frame V and its own baseline b, B V / b has the
-/// difference to B that V has to b: `V_model (V / b - 1)`.
+/// For each frame the one that a file names.
 fn own<'a>(table: &'a MeasurementTable, names: &Names<'_>, common: &[usize], path: &Path) -> Result<Prepared<'a>> {
     let file = path.display();
     let find = |entry: &Before, name: &str| {
@@ -287,15 +318,21 @@ fn own<'a>(table: &'a MeasurementTable, names: &Names<'_>, common: &[usize], pat
     for (place, column) in table.columns.iter().enumerate() {
         if let Some(before) = own.get(&place) {
             let before = &table.columns[*before];
+            let own = OwnFrame {
+                before: &before.values,
+                values: &column.values,
+            };
             frames.push(Frame {
                 place,
-                values: rescaled(&reference, &before.values, &column.values).into(),
+                values: own.compared(&reference, 0.0).into(),
+                own: Some(own),
                 baseline: before.name.clone(),
             });
         } else if listed_frames.contains(&place) || (!common.is_empty() && !befores.contains(&place)) {
             frames.push(Frame {
                 place,
                 values: column.values.as_slice().into(),
+                own: None,
                 baseline: listed(table, common),
             });
         } else if !befores.contains(&place) {
@@ -319,17 +356,6 @@ fn own<'a>(table: &'a MeasurementTable, names: &Names<'_>, common: &[usize], pat
     })
 }
 
-/// `B V / b`; not a number where b is missing or next to nothing.
-fn rescaled(reference: &[f64], before: &[f64], frame: &[f64]) -> Vec<f64> {
-    let mut sizes: Vec<f64> = before.iter().map(|v| v.abs()).filter(|v| v.is_finite()).collect();
-    sizes.sort_by(f64::total_cmp);
-    let least = sizes.get(sizes.len() / 2).map_or(f64::INFINITY, |m| LEAST_BASELINE * m);
-    let values = reference.iter().zip(before).zip(frame);
-    values
-        .map(|((r, b), v)| if b.abs() > least { r * v / b } else { f64::NAN })
-        .collect()
-}
-
 /// Frames by their names, all or the first few.
 fn listed(table: &MeasurementTable, places: &[usize]) -> String {
     let names: Vec<&str> = places.iter().map(|k| table.columns[*k].name.as_str()).collect();
@@ -346,18 +372,6 @@ fn shortened(names: &[&str]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_rescaled_frame_has_the_difference_to_its_own_baseline() {
-        let reference = [2.0, -3.0, 5.0, 1.0];
-        let before = [1.0, -6.0, 0.0, f64::NAN];
-        let frame = [1.1, -6.6, 1.0, 1.0];
-        let scaled = rescaled(&reference, &before, &frame);
-        for k in 0..2 {
-            assert!((scaled[k] / reference[k] - frame[k] / before[k]).abs() < 1e-15);
-        }
-        assert!(scaled[2].is_nan() && scaled[3].is_nan());
-    }
 
     #[test]
     fn long_lists_are_shortened() {

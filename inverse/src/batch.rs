@@ -1,5 +1,7 @@
 //! A table of frames to pictures: baseline from some of its frames, then every other frame in order.
 
+mod recovery;
+
 use crate::force::meter::{Calibration, ForceMeter};
 use crate::pipeline::{FrameResult, Reconstructor, ReconstructorOptions};
 use crate::reference::Reference;
@@ -10,6 +12,7 @@ use crate::reference::noise::FrameNoise;
 use crate::solvers::Method;
 use crate::touches::polarity::Polarity;
 use crate::touches::touch::Touch;
+pub use recovery::OwnFrame;
 use std::sync::Arc;
 
 /// How a table is reconstructed.
@@ -51,8 +54,20 @@ pub struct Batch {
     reconstructor: Reconstructor,
     /// What the baseline is worth, and what it said of the electrodes.
     inspection: Inspection,
+    how: ReconstructorOptions,
+    noise: FrameNoise,
     interval_s: Option<f64>,
     meter: Option<ForceMeter>,
+}
+
+fn reconstructor(
+    inspection: &Inspection,
+    how: ReconstructorOptions,
+    noise: FrameNoise,
+) -> Result<Reconstructor, ImagerError> {
+    let baseline = inspection.baseline.values_v.clone();
+    let reference = Reference::new(Arc::clone(&inspection.imager), baseline, noise)?;
+    Ok(Reconstructor::new(reference, how).after(inspection.fault))
 }
 
 impl Batch {
@@ -69,14 +84,14 @@ impl Batch {
             options.find_electrodes,
             &InspectionOptions::default(),
         );
-        let (imager, baseline) = (Arc::clone(&inspection.imager), &inspection.baseline);
+        let (imager, baseline) = (&inspection.imager, &inspection.baseline);
         let how = ReconstructorOptions {
             polarity: options.polarity,
             drifts: options.drifts,
             sequence: options.interval_s.is_some(),
-            ..ReconstructorOptions::for_imager(&imager, options.method)
+            ..ReconstructorOptions::for_imager(imager, options.method)
         };
-        let meter = options.calibration.map(|c| ForceMeter::new(&imager, c));
+        let meter = options.calibration.map(|c| ForceMeter::new(imager, c));
         let noise = if unpressed.len() < options.noise_frames {
             FrameNoise::Unknown
         } else {
@@ -86,9 +101,10 @@ impl Batch {
             }
         };
         Ok(Self {
-            reconstructor: Reconstructor::new(Reference::new(imager, baseline.values_v.clone(), noise)?, how)
-                .after(inspection.fault),
+            reconstructor: reconstructor(&inspection, how, noise)?,
             inspection,
+            how,
+            noise,
             interval_s: options.interval_s,
             meter,
         })

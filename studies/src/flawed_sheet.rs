@@ -10,7 +10,7 @@ use crate::score::quantile;
 use crate::test_sheet::{TestSheet, misplaced, noise_v, noisy};
 use forward::{DiscTouch, Drive, Sheet};
 use hil_sim::Material;
-use inverse::batch::{Batch, BatchOptions};
+use inverse::batch::{Batch, BatchOptions, OwnFrame};
 use inverse::learned::{Press, SeenPress, Setting, learn, model_is_better, told};
 use inverse::reference::ToldSheet;
 use inverse::reference::baseline::Baseline;
@@ -210,11 +210,15 @@ fn by_model(
     let reference = Baseline::of_frames(imager.pattern.len(), &unpressed).values_v;
     let mut batch = Batch::new(Arc::new(imager), &unpressed, options)?;
     let (mut located, mut seen) = (Located::default(), Vec::new());
+    fn own(press: &Pressed) -> OwnFrame<'_> {
+        OwnFrame {
+            before: &press.before,
+            values: &press.frame,
+        }
+    }
+    let recovered = batch.recovered(&reference, &presses.iter().map(own).collect::<Vec<_>>())?;
     for (k, press) in presses.iter().enumerate() {
-        let rescaled: Vec<f64> = (reference.iter().zip(&press.before).zip(&press.frame))
-            .map(|((r, b), v)| r * v / b)
-            .collect();
-        let touches = batch.frame(k, &rescaled)?.touches;
+        let touches = batch.frame(k, &own(press).compared(&reference, recovered))?.touches;
         let strongest = touches
             .iter()
             .max_by(|a, b| a.total_mm2.abs().total_cmp(&b.total_mm2.abs()));

@@ -143,8 +143,9 @@ pub(super) fn of_frames(
         told: told.map(Arc::new),
         ..How::plain()
     };
-    let ready = TableBatch::new(table, way, &baseline, &how)?;
+    let mut ready = TableBatch::new(table, way, &baseline, &how)?;
     let mut batch = ready.batch()?;
+    ready.prepared.recover(&batch)?;
     let frames: HashMap<&str, _> = (ready.prepared.frames.iter())
         .map(|f| (table.columns[f.place].name.as_str(), f))
         .collect();

@@ -1,9 +1,12 @@
 //! A calibration with a few presses is never worse than the model without: on a sheet with misplaced electrodes it is better, on one that
 //! the model describes it is the same.
 
-use forward::Drive;
+use forward::{DiscTouch, Drive};
+use inverse::batch::{Batch, BatchOptions, OwnFrame};
+use inverse::solvers::Method;
+use std::sync::Arc;
 use studies::flawed_sheet::{Flaws, compare};
-use studies::imager;
+use studies::{TestSheet, imager, noise_v, noisy, rng};
 
 /// Squares of distances that count as none, mm²: a press is located to a tenth of a millimetre.
 const FLOOR_MM2: f64 = 0.01;
@@ -11,6 +14,50 @@ const FLOOR_MM2: f64 = 0.01;
 fn loss(errors_mm: &[f64]) -> f64 {
     let sum: f64 = errors_mm.iter().map(|e| (e * e + FLOOR_MM2).ln()).sum();
     sum / errors_mm.len() as f64
+}
+
+/// Of a dent that the press before left a part has gone in the next frame: touches that explain the frames tell that part, and that none
+/// has gone.
+#[test]
+fn the_part_of_a_dent_that_has_gone_is_found() {
+    let imager = imager(Drive::PAPER, 5.0).unwrap();
+    let mut random = rng(3);
+    let mut sheet = TestSheet::new(&imager, Drive::PAPER, 0.0, 0.0, &mut random).unwrap();
+    let rest = sheet.baseline.clone();
+    let press = |k: usize, rise: f64| {
+        let (angle, radius) = (2.4 * k as f64, 20.0 + 6.0 * (k % 9) as f64);
+        DiscTouch {
+            centre_mm: [radius * angle.cos(), radius * angle.sin()],
+            radius_mm: 12.5,
+            rise,
+        }
+    };
+    for gone in [0.0, 0.3, 0.7] {
+        let pairs: Vec<[Vec<f64>; 2]> = (1..25)
+            .map(|k| {
+                let before = sheet.clean_frame(&[press(k - 1, 0.1)]).unwrap();
+                let both = [press(k - 1, 0.1 * (1.0 - gone)), press(k, 0.2)];
+                let pressed = sheet.clean_frame(&both).unwrap();
+                let sigma = noise_v(&pressed, &rest, 27.0);
+                [
+                    noisy(before, 0.3 * sigma, &mut random),
+                    noisy(pressed, sigma, &mut random),
+                ]
+            })
+            .collect();
+        fn own([before, values]: &[Vec<f64>; 2]) -> OwnFrame<'_> {
+            OwnFrame { before, values }
+        }
+        let own: Vec<OwnFrame<'_>> = pairs.iter().map(own).collect();
+        let options = BatchOptions {
+            drifts: false,
+            noise_frames: usize::MAX,
+            ..BatchOptions::of(Method::Nnls)
+        };
+        let batch = Batch::new(Arc::clone(&imager), &[&rest], options).unwrap();
+        let found = batch.recovered(&rest, &own).unwrap();
+        assert!((found - gone).abs() < 0.1, "{gone}: {found}");
+    }
 }
 
 #[test]
