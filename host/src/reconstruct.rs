@@ -173,9 +173,9 @@ struct Source {
     /// A calibration from presses whose sheet this is.
     #[serde(skip_serializing_if = "Option::is_none")]
     calibration: Option<String>,
-    /// Part of what the frames before differ from the sheet at rest that has gone in the frames themselves, 0 to 1.
+    /// Part of earlier dents that has gone between the frame before and the frame, 0 to 1.
     #[serde(skip_serializing_if = "Option::is_none")]
-    recovered: Option<f64>,
+    creep_recovered: Option<f64>,
 }
 
 /// A frame's name, what it was compared with, and what came of it.
@@ -304,7 +304,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         eprintln!("warning: {}: {missing}", table.file);
     }
     let mut source = Source {
-        recovered: None,
+        creep_recovered: None,
         sheet: chosen.line.to_string(),
         pattern: chosen.table_pattern.name.clone(),
         missing: chosen
@@ -351,7 +351,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         let most = found.moved_mm.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
         eprintln!("electrodes found in the baseline, up to {most:.1} mm from where they were said to be");
     }
-    source.recovered = ready.prepared.recover(&batch)?;
+    source.creep_recovered = ready.prepared.recover(&batch)?;
     let results = reconstruct(arguments, &table, ready.prepared.frames, &mut batch)?;
     table_notices::of_all(results.iter().map(|done| &done.result), method);
     // Everything is computed and every picture written before the first line is printed: no part passes for the whole.

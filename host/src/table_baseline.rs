@@ -187,15 +187,18 @@ impl BaselineArguments {
 }
 
 impl Prepared<'_> {
-    /// Compares frames that have each their own baseline with what that has become meanwhile: rubber recovers after a press. The part that
-    /// has gone of what it differs from the sheet at rest; none where none is to be seen. Is said on stderr.
+    /// Takes dents of earlier presses off frames that have each their own baseline: rubber recovers while the frame is pressed. Gives the
+    /// part that has recovered, and says it on stderr; none where none is to be seen.
     ///
     /// # Errors
     /// A frame of another length.
     pub(crate) fn recover(&mut self, batch: &Batch) -> Result<Option<f64>> {
-        let unpressed: Vec<&[f64]> = self.unpressed.iter().map(AsRef::as_ref).collect();
-        let rest = Baseline::of_frames(unpressed.first().map_or(0, |frame| frame.len()), &unpressed).values_v;
         let own: Vec<OwnFrame<'_>> = self.frames.iter().filter_map(|frame| frame.own).collect();
+        if own.is_empty() {
+            return Ok(None);
+        }
+        let unpressed: Vec<&[f64]> = self.unpressed.iter().map(AsRef::as_ref).collect();
+        let rest = Baseline::of_frames(own[0].values.len(), &unpressed).values_v;
         let recovered = progress::meanwhile("comparing frames with those before", || batch.recovered(&rest, &own))?;
         if recovered <= 0.0 {
             return Ok(None);
@@ -206,8 +209,8 @@ impl Prepared<'_> {
             }
         }
         eprintln!(
-            "of what the frames before differ from the sheet at rest, {:.0} % has gone in the frames themselves, as they tell (creep): \
-             that is taken off",
+            "creep: {:.0} % of the dents in the frames before have gone in the frames themselves. That is taken off (docs/tables.md, \
+             Baselines)",
             100.0 * recovered
         );
         Ok(Some(recovered))

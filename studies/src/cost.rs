@@ -11,6 +11,7 @@ pub use frames::Frames;
 use inverse::live::{Live, LiveFrame, LiveOptions};
 use inverse::pipeline::FrameResult;
 use inverse::reference::imager::Imager;
+use protocol::Plan;
 use rand::rngs::StdRng;
 use serde::Serialize;
 use std::sync::Arc;
@@ -127,14 +128,18 @@ const FEW: usize = 24;
 /// Time from a frame to the next, s.
 const INTERVAL_S: f64 = 1.0 / 210.0;
 
-/// Measures the times of frames with the noise at which four fingers have 27 dB: of the paper's sheet, and of one with 32 electrodes.
+/// Measures the times of frames with the noise at which four fingers have 27 dB: of the paper's sheet, and of one with 32 electrodes, as a
+/// board measures it and with all neighbouring pairs.
 /// `told` is told the name of every kind before it is measured.
 ///
 /// # Errors
 /// [`StudyError`] where the sheet cannot be modelled.
 pub fn costs(drive: Drive, frames: usize, seed: u64, mut told: impl FnMut(&str)) -> Result<Vec<Cost>, StudyError> {
     let mut costs = of_paper(drive, frames, seed, &mut told)?;
-    costs.extend(of_32_electrodes(drive, frames, seed, &mut told)?);
+    let all = Pattern::adjacent(32)?;
+    for pattern in [as_boards_measure(32)?, all] {
+        costs.extend(of_many_electrodes(drive, pattern, frames, seed, &mut told)?);
+    }
     Ok(costs)
 }
 
@@ -165,18 +170,29 @@ fn of_paper(drive: Drive, frames: usize, seed: u64, mut told: impl FnMut(&str)) 
     Ok(costs)
 }
 
-/// The same with 32 electrodes.
-fn of_32_electrodes(
+/// The values that a board of so many electrodes sends.
+fn as_boards_measure(electrodes: u8) -> Result<Pattern, StudyError> {
+    let plan = Plan::sparse(electrodes)?;
+    let pair = |p: protocol::Pair| [usize::from(p.plus), usize::from(p.minus)];
+    let pairs = plan
+        .measurements(electrodes)
+        .map(|(drive, sense)| [pair(drive), pair(sense)]);
+    Ok(Pattern::from_pairs(usize::from(electrodes), pairs)?)
+}
+
+/// The same of a disc with so many electrodes as a pattern has.
+fn of_many_electrodes(
     drive: Drive,
+    pattern: Pattern,
     frames: usize,
     seed: u64,
     mut told: impl FnMut(&str),
 ) -> Result<Vec<Cost>, StudyError> {
-    let (mut rng, electrodes) = (rng(seed), 32);
+    let (mut rng, electrodes) = (rng(seed), pattern.electrodes());
     let paper = Sheet::paper();
     let contact_mm = paper.electrodes.first().map_or(0.0, |e| e.contact_mm);
     let disc = Sheet::disc(195.0, electrodes, 7.0, contact_mm, paper.sheet_resistance_ohm);
-    let imager = Arc::new(Imager::new(&disc, drive, Pattern::adjacent(electrodes)?, 5.0)?);
+    let imager = Arc::new(Imager::new(&disc, drive, pattern, 5.0)?);
     let mut sheet = TestSheet::of_sheet(&imager, drive, &disc)?;
     let sigma = noise(&mut sheet, &mut rng)?;
     let mut costs = Vec::new();

@@ -4,6 +4,7 @@ use forward::{ForwardError, PatternError};
 use inverse::learned::LearnError;
 use inverse::reference::imager::ImagerError;
 use link::LinkError;
+use protocol::PlanError;
 use thiserror::Error;
 use view::picture::PictureError;
 
@@ -29,6 +30,9 @@ pub enum StudyError {
     /// The board or its link.
     #[error(transparent)]
     Link(#[from] LinkError),
+    /// What a board is to measure.
+    #[error(transparent)]
+    Plan(#[from] PlanError),
     /// The simulated board does not come up.
     #[error("the simulated board does not start: {0}")]
     Simulator(String),

@@ -153,7 +153,14 @@ impl Skin {
         let later = &self.known[self.known.len() - held_out..];
         let names: Vec<&str> = later.iter().map(|p| p.frame.as_str()).collect();
         let from = Stretch::begin();
-        let found = model::of_frames(&self.table, (&self.list, self.difference), &names, (None, None), None)?.presses;
+        let found = model::of_frames(
+            &self.table,
+            (&self.list, self.difference),
+            &names,
+            (None, None),
+            (None, false),
+        )?
+        .presses;
         let frame_us = from.seconds() * 1e6 / held_out as f64;
         let touches = || (found.iter().zip(later)).filter_map(|(f, p)| Some((f.strongest.as_ref()?, p.place_mm)));
         let pairs: Vec<_> = touches().map(|(t, place)| ([t.x_mm, t.y_mm], place)).collect();

@@ -52,7 +52,7 @@ pub(super) fn tried(
         (list, false),
         &some,
         (sheet, sheet_file),
-        Some(ToldSheet::trusted()),
+        (Some(ToldSheet::trusted()), true),
     )?;
     let off = |touch: &Touch, place: [f64; 2]| (touch.x_mm - place[0]).hypot(touch.y_mm - place[1]);
     let errors = (found.presses.iter().zip(&some))
@@ -124,7 +124,8 @@ pub(super) struct AtPress {
 }
 
 /// What the model of a sheet (the paper's disc where no file says another) finds in some frames of a table, in their order. `list` names
-/// the frames before them, unless the columns hold changes. `told`: what is known of the sheet.
+/// the frames before them, unless the columns hold changes. `told`: what is known of the sheet; `recovers`: whether dents of earlier presses
+/// are taken off.
 ///
 /// # Errors
 /// Why there is no model of the table.
@@ -133,7 +134,7 @@ pub(super) fn of_frames(
     (list, difference): (&Path, bool),
     names: &[&str],
     (sheet, sheet_file): (Option<&Sheet>, Option<&Path>),
-    told: Option<ToldSheet>,
+    (told, recovers): (Option<ToldSheet>, bool),
 ) -> Result<Found> {
     let given = sheet.filter(|_| sheet_file.is_none()).cloned();
     let chosen = Geometry::of(sheet_file).choose_with(table, Method::Nnls, given)?;
@@ -145,7 +146,9 @@ pub(super) fn of_frames(
     };
     let mut ready = TableBatch::new(table, way, &baseline, &how)?;
     let mut batch = ready.batch()?;
-    ready.prepared.recover(&batch)?;
+    if recovers {
+        ready.prepared.recover(&batch)?;
+    }
     let frames: HashMap<&str, _> = (ready.prepared.frames.iter())
         .map(|f| (table.columns[f.place].name.as_str(), f))
         .collect();

@@ -10,6 +10,8 @@ use crate::pipeline::ReconstructorOptions;
 use crate::reference::imager::ImagerError;
 use crate::touches::fit::prior::FitOptions;
 
+/// Fewest frames that tell it.
+const FEWEST: usize = 8;
 /// Frames that are tried, spread over the table.
 const MOST_TRIED: usize = 30;
 /// Parts that are tried: 0 and so many equal steps to 1. Between them the least is that of a parabola.
@@ -32,9 +34,14 @@ pub struct OwnFrame<'a> {
 
 impl OwnFrame<'_> {
     /// The frame in the unit of the sheet at rest, `r V / (b + p (r - b))`: it has the difference to that which it has to its own
-    /// baseline. `recovered` is the part p, 0 to 1. Not a number where the baseline is missing or next to nothing.
+    /// baseline. `recovered` is the part p, 0 to 1. Not a number where the baseline is missing or next to nothing, or where p is not 0 and
+    /// the sheet at rest has the other sign.
     pub fn compared(&self, rest: &[f64], recovered: f64) -> Vec<f64> {
-        let own = |(r, b): (&f64, &f64)| if recovered > 0.0 { b + recovered * (r - b) } else { *b };
+        let own = |(r, b): (&f64, &f64)| match recovered > 0.0 {
+            true if r * b > 0.0 => b + recovered * (r - b),
+            true => f64::NAN,
+            false => *b,
+        };
         let own: Vec<f64> = rest.iter().zip(self.before).map(own).collect();
         let mut sizes: Vec<f64> = own.iter().map(|v| v.abs()).filter(|v| v.is_finite()).collect();
         sizes.sort_by(f64::total_cmp);
@@ -48,12 +55,13 @@ impl OwnFrame<'_> {
 
 impl Batch {
     /// The part of what the frames before differ from the sheet at `rest` that has gone in the frames themselves, 0 to 1; 0 where that
-    /// cannot be told: of frames that no single touch explains, and of those that follow one another.
+    /// cannot be told: of fewer than eight frames, of frames that no single touch explains, and of those that follow one another.
     ///
     /// # Errors
     /// [`ImagerError::Baseline`] when a frame does not have the pattern's length.
     pub fn recovered(&self, rest: &[f64], frames: &[OwnFrame<'_>]) -> Result<f64, ImagerError> {
-        if self.interval_s.is_some() || frames.is_empty() {
+        let is_told = self.how.fit.is_some() && self.inspection.fault.is_none() && self.interval_s.is_none();
+        if !is_told || frames.len() < FEWEST {
             return Ok(0.0);
         }
         let tried: Vec<&OwnFrame<'_>> = frames.iter().step_by(frames.len().div_ceil(MOST_TRIED)).collect();
@@ -72,7 +80,8 @@ impl Batch {
         for step in 0..=STEPS {
             let mut of = Vec::with_capacity(tried.len());
             for frame in &tried {
-                let misfit = reconstructor.frame(&frame.compared(rest, at(step)))?.misfit;
+                let result = reconstructor.frame(&frame.compared(rest, at(step)))?;
+                let misfit = if result.changed { result.misfit } else { Some(1.0) };
                 of.push(misfit.unwrap_or(UNEXPLAINED).min(UNEXPLAINED));
             }
             left.push(of);
@@ -118,7 +127,12 @@ mod tests {
             assert!((compared[k] / rest[k] - own.values[k] / own.before[k]).abs() < 1e-15);
         }
         assert!(compared[2].is_nan() && compared[3].is_nan());
-        // Of a sheet that is at rest again the frame before says nothing.
+        // Of a sheet that is at rest again the frame before says nothing, but where it has the other sign.
         assert_eq!(own.compared(&rest, 1.0)[..2], own.values[..2]);
+        let half = own.compared(&[-2.0, -3.0, 5.0, 1.0], 0.5);
+        assert!(
+            half[0].is_nan() && (half[1] - 3.0 * 6.6 / 4.5).abs() < 1e-12,
+            "{half:?}"
+        );
     }
 }

@@ -328,7 +328,7 @@ impl ContactTest {
             self.stood = self.stood.min(touches);
             return evidence;
         }
-        if self.sequence && !solver.is_finished() && self.put_off < MOST_PUT_OFF {
+        if !solver.is_finished() && self.put_off < MOST_PUT_OFF {
             // What drifts would take the place of touches that are not found yet.
             self.put_off += 1;
             return evidence;

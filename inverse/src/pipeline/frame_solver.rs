@@ -30,14 +30,14 @@ use std::time::Instant;
 /// tanks leave up to 0.15, those of real skins half and more.
 const MOST_RESIDUAL: f64 = 0.3;
 
-/// Solutions of the sheet that a frame of a sequence may take: the next frame goes on.
+/// Solutions of the sheet that a frame of a sequence may take, and evaluations of the response to one touch that a fit of it may. The next
+/// frame goes on.
 const MOST_SOLUTIONS: usize = 2;
-/// Evaluations of the response to one touch that a fit may take: of frames of a sequence, of which the next one goes on, and of others.
-const MOST_EVALUATIONS: [usize; 2] = [1500, 10_000];
+const MOST_EVALUATIONS: usize = 1500;
 
 /// What a frame of a sequence may have taken before anything else is asked of it, ms; what is asked takes as long again at most.
 const MOST_MS: f64 = 25.0;
-/// Values of a frame for which work takes as long as it is said to. That of more grows with this power of their number.
+/// [`Work::nominal_ms`] is for frames of this many values. Larger ones take longer, by this power of the number.
 const NOMINAL_VALUES: f64 = 208.0;
 const GROWTH: f64 = 1.5;
 
@@ -233,10 +233,10 @@ impl FrameSolver {
             searches: usize::from(keeps_free),
             ..Work::default()
         };
-        let (solutions, evaluations) = if self.options.sequence {
-            (MOST_SOLUTIONS, MOST_EVALUATIONS[0])
+        let [solutions, evaluations] = if self.options.sequence {
+            [MOST_SOLUTIONS, MOST_EVALUATIONS]
         } else {
-            (usize::MAX, MOST_EVALUATIONS[1])
+            [usize::MAX; 2]
         };
         (self.fitter.iter_mut()).for_each(|fitter| fitter.begin_frame(solutions, evaluations));
     }

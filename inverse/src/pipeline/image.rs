@@ -138,7 +138,8 @@ impl ImageSolver {
         // Without a sign to keep to it is ridge regression.
         let mut solution = tikhonov(&pictures.problem, &DVector::from_column_slice(values), ridge);
         pictures.scale(solution.x.as_mut_slice());
-        result.x.copy_from_slice(solution.x.as_slice());
+        result.x.clear();
+        result.x.extend_from_slice(solution.x.as_slice());
         (result.residual, result.gap, result.status) = (solution.residual, solution.gap, solution.status);
         self.find(Polarity::Either, result);
         let largest = |sign: f64| result.touches.iter().map(|t| sign * t.total_mm2).fold(0.0, f64::max);

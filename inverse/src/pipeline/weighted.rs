@@ -283,7 +283,7 @@ impl Pictures {
         }
     }
 
-    /// Makes a solution of the scaled problem relative rises (and falls, where it holds both).
+    /// Makes a solution of the scaled problem relative rises.
     pub(crate) fn scale(&self, x: &mut [f64]) {
         x.iter_mut().zip(&self.prior).for_each(|(x, prior)| *x *= prior);
     }

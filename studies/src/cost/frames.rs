@@ -151,9 +151,9 @@ impl Frames {
         kinds.push(shorted(sheet, frames, &Happening::One.touches(0))?);
         kinds.push(rod("a rod", sheet, frames, 3.0)?);
         kinds.push(random("random frames, 30 %", sheet, frames, 0.3, rng));
-        let electrodes = sheet.imager.pattern.electrodes();
+        let (electrodes, values) = (sheet.imager.pattern.electrodes(), sheet.imager.pattern.len());
         for kind in &mut kinds {
-            kind.name = format!("{electrodes} electrodes: {}", kind.name);
+            kind.name = format!("{electrodes} electrodes, {values} values: {}", kind.name);
         }
         Ok(kinds)
     }

@@ -11,15 +11,17 @@ const CUTS: i32 = 16;
 /// Edges whose sums are added at once.
 const EDGES_AT_ONCE: usize = 64;
 
-/// What a disc has of the cells of one row before a column: where this edge is, counted from the disc's centre, and the part of them.
+/// An edge between two cells of one row of which a disc covers different parts.
 #[derive(Debug)]
 struct Edge {
+    /// The cell after it, counted from the disc's centre.
     column: i64,
     row: i64,
-    part: f64,
+    /// The part covered of the cell before it, less that of the cell after it.
+    step: f64,
 }
 
-/// What a disc around the centre of a cell covers, as edges between cells of which it has other parts; the parts of all cells sum up to 1.
+/// The edges of a disc around the centre of a cell. The parts covered of all cells sum up to 1.
 fn coverage(radius_cells: f64) -> Vec<Edge> {
     let reach = radius_cells.ceil() as i64 + 1;
     let offset = |k: i32| (f64::from(k) + 0.5) / f64::from(CUTS) - 0.5;
@@ -36,13 +38,13 @@ fn coverage(radius_cells: f64) -> Vec<Edge> {
             let here = inside(column, row);
             sum += here;
             if here != before {
-                let part = before as f64 - here as f64;
-                out.push(Edge { column, row, part });
+                let step = before as f64 - here as f64;
+                out.push(Edge { column, row, step });
             }
             before = here;
         }
     }
-    out.iter_mut().for_each(|edge| edge.part /= sum as f64);
+    out.iter_mut().for_each(|edge| edge.step /= sum as f64);
     out
 }
 
@@ -158,7 +160,7 @@ impl Discs {
             let mut count = 0;
             for edge in edges {
                 if let Some(place) = sums.place(edge, *node) {
-                    list[count] = (place, edge.part / self.cell_mm2);
+                    list[count] = (place, edge.step / self.cell_mm2);
                     count += 1;
                 }
             }

@@ -520,7 +520,17 @@ impl Fitter {
         {
             return self.renew(job, scale, size);
         }
-        if self.may_solve(job, 1) && self.expected_error() > self.options.worth_a_solution && self.may_explain(job) {
+        let is_worth = |now: &Self| now.expected_error() > now.options.worth_a_solution && now.may_explain(job, 0.0);
+        let mut corrects = self.may_solve(job, 1) && is_worth(self);
+        if !corrects && (shows || carried.is_some()) {
+            let was_worth = self.expected_error() > self.options.worth_a_solution;
+            self.carried.error = None;
+            self.again(job, Values::Measured)?;
+            self.fits.now.settled &= self.may_solve(job, 1);
+            // With the touches that this one added the frame may be one that a correction explains.
+            corrects = was_worth && self.may_solve(job, 1) && is_worth(self);
+        }
+        if corrects {
             self.correct(job)?;
             // In a mean, the first of its frames decided between one touch and two.
             if job.data.gain <= 1.0
@@ -529,10 +539,6 @@ impl Fitter {
             {
                 self.try_merged(job, discs)?;
             }
-        } else if shows || carried.is_some() {
-            self.carried.error = None;
-            self.again(job, Values::Measured)?;
-            self.fits.now.settled &= self.may_solve(job, 1);
         }
         Some(())
     }
@@ -546,7 +552,7 @@ impl Fitter {
         let unexplained = job.data.unexplained(self.fits.now.misfit);
         let failed_before = |then| unexplained <= options.failed_until * then;
         self.fits.now.settled |= self.carried.failed.is_some_and(failed_before);
-        if !self.fits.now.settled && self.may_solve(job, 1) && self.may_explain(job) {
+        if !self.fits.now.settled && self.may_solve(job, 1) && self.may_explain(job, size) {
             let before = self.fits.now.misfit;
             let Some(error) = self.solve(job) else {
                 return Some(());
@@ -574,11 +580,12 @@ impl Fitter {
         Some(error <= self.options.carried_error * fitted.misfit.max(1.0).sqrt())
     }
 
-    /// Whether touches may explain the frame once their linearisation error is taken off: at most the residual is smaller by its norm.
-    fn may_explain(&self, job: &Job) -> bool {
+    /// Whether the touches fitted last may explain the frame once their linearisation error is taken off. The residual is then smaller by
+    /// the norm of that error at most, and by that of what was taken off already (`taken`), which may be wrong.
+    fn may_explain(&self, job: &Job, taken: f64) -> bool {
         let (fitted, options) = (&self.fits.now, &self.options);
         let norm = job.data.values.iter().map(|v| v * v).sum::<f64>().sqrt() / job.data.noise.sigma;
-        let error = options.error_estimate * self.expected_error();
+        let error = options.error_estimate * self.expected_error() + taken;
         let left = (1.0 - error / (fitted.relative_residual * norm).max(f64::MIN_POSITIVE)).max(0.0);
         options.explains(left * left * fitted.misfit, job.data.gain)
             || left * fitted.relative_residual <= options.most_residual

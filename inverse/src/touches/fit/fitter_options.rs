@@ -20,7 +20,8 @@ pub struct FitterOptions {
     /// Norm of the expected linearisation error that is worth a nonlinear solution. Less solves more often, 5 ms each.
     /// At 27 dB a touch of +20 % alone is below, two side by side are above.
     pub worth_a_solution: f64,
-    /// How many times its estimate the linearisation error may be.
+    /// How many times its estimate the linearisation error may be. Less solves for fewer frames that touches do not explain, and leaves
+    /// some uncorrected that they would.
     pub error_estimate: f64,
     /// Norm of the error of a carried linearisation error before it is solved for anew. It is less than
     /// `worth_a_solution`, because all of it may lie along one touch's move.
