@@ -413,6 +413,51 @@ fn a_frame_with_a_baseline_of_its_own_is_compared_with_that() {
     );
 }
 
+/// Each press comes where a dent of the one before is still, of which 30 % goes meanwhile. That is found, said and taken off.
+#[test]
+fn dents_that_recover_under_a_press_are_taken_off() {
+    let folder = Folder::new();
+    let rows = forward(&[]);
+    let places: Vec<[f64; 2]> = (0..11)
+        .map(|k| {
+            let (angle, radius) = (2.4 * f64::from(k), 25.0 + 5.0 * f64::from(k % 7));
+            [radius * angle.cos(), radius * angle.sin()]
+        })
+        .collect();
+    let touch = |[x, y]: [f64; 2], rise: f64| format!("{x:.2},{y:.2},10,{rise}");
+    let noisy = |frame: Vec<f64>, n: usize| -> Vec<f64> {
+        let noise = |c: usize| 1.0 + 3e-5 * ((c * 104_729 + n * 1_299_709) as f64).sin();
+        frame.iter().enumerate().map(|(c, v)| v * noise(c)).collect()
+    };
+    let mut frames = Vec::new();
+    let mut list = "frame,before\n".to_owned();
+    let names: Vec<[String; 2]> = (1..11).map(|k| [format!("u{k}"), format!("p{k}")]).collect();
+    for (k, [u, p]) in names.iter().enumerate() {
+        let before = values(&forward(&["--touch", &touch(places[k], 0.06)]));
+        let pressed = [
+            "--touch",
+            &touch(places[k], 0.042),
+            "--touch",
+            &touch(places[k + 1], 0.3),
+        ];
+        frames.push((u.as_str(), noisy(before, 2 * k)));
+        frames.push((p.as_str(), noisy(values(&forward(&pressed)), 2 * k + 1)));
+        list += &format!("{p},{u}\n");
+    }
+    frames.push(("rest", values(&rows)));
+    let file = folder.file("t.csv", table(&rows, &frames));
+    let before = folder.file("before.csv", list);
+    let (lines, said) = reconstruct(&file, &["--before", before.to_str().unwrap(), "--baseline", "rest"]);
+    let found = lines[0]["creep_recovered"].as_f64().unwrap_or(0.0);
+    assert!((found - 0.3).abs() < 0.1 && said.contains("creep: "), "{found}: {said}");
+    for (line, [x, y]) in lines.iter().zip(&places[1..]) {
+        let [[a, b]] = self::places(line)[..] else {
+            panic!("{line}")
+        };
+        assert!((a - x).hypot(b - y) < 0.5, "{a} {b}, {x} {y}");
+    }
+}
+
 #[test]
 fn changes_alone_are_found_with_the_models_voltages() {
     let folder = Folder::new();

@@ -16,8 +16,6 @@ const FEWEST: usize = 8;
 const MOST_TRIED: usize = 30;
 /// Parts that are tried: 0 and so many equal steps to 1. Between them the least is that of a parabola.
 const STEPS: usize = 5;
-/// Mean square misfit above which it does not matter how badly a touch explains a frame.
-const UNEXPLAINED: f64 = 4.0;
 /// By how many standard errors frames have to leave less.
 const CLEAR: f64 = 2.0;
 /// A sheet's value below this part of the median is too small to divide by.
@@ -55,7 +53,7 @@ impl OwnFrame<'_> {
 
 impl Batch {
     /// The part of what the frames before differ from the sheet at `rest` that has gone in the frames themselves, 0 to 1; 0 where that
-    /// cannot be told: of fewer than eight frames, of frames that no single touch explains, and of those that follow one another.
+    /// cannot be told: of fewer than eight frames, and of those that follow one another.
     ///
     /// # Errors
     /// [`ImagerError::Baseline`] when a frame does not have the pattern's length.
@@ -66,37 +64,41 @@ impl Batch {
         }
         let tried: Vec<&OwnFrame<'_>> = frames.iter().step_by(frames.len().div_ceil(MOST_TRIED)).collect();
         let at = |step: usize| step as f64 / STEPS as f64;
-        // What one touch leaves of each frame with each part: more of them look like dents.
+        // What one touch leaves of each frame with each part, however much that is: more touches look like dents.
         let single = |fit| FitOptions { most_touches: 1, ..fit };
         let mut reconstructor = reconstructor(
             &self.inspection,
             ReconstructorOptions {
                 fit: self.how.fit.map(single),
+                most_misfit: f64::INFINITY,
                 ..self.how
             },
             self.noise,
         )?;
-        let mut left: Vec<Vec<f64>> = Vec::with_capacity(STEPS + 1);
-        for step in 0..=STEPS {
-            let mut of = Vec::with_capacity(tried.len());
-            for frame in &tried {
+        // By frame, then by part, as logarithms.
+        let mut left: Vec<Vec<f64>> = Vec::with_capacity(tried.len());
+        for frame in &tried {
+            let mut of = Vec::with_capacity(STEPS + 1);
+            for step in 0..=STEPS {
                 let result = reconstructor.frame(&frame.compared(rest, at(step)))?;
+                // What has not changed leaves its noise.
                 let misfit = if result.changed { result.misfit } else { Some(1.0) };
-                of.push(misfit.unwrap_or(UNEXPLAINED).min(UNEXPLAINED));
+                of.extend(misfit.map(|misfit| misfit.max(f64::MIN_POSITIVE).ln()));
             }
-            left.push(of);
+            // One that cannot be fitted says nothing.
+            if of.len() > STEPS {
+                left.push(of);
+            }
         }
-        let count = tried.len() as f64;
-        let sums: Vec<f64> = left.iter().map(|of| of.iter().sum()).collect();
+        if left.len() < FEWEST {
+            return Ok(0.0);
+        }
+        let count = left.len() as f64;
+        let sums: Vec<f64> = (0..=STEPS).map(|k| left.iter().map(|of| of[k]).sum()).collect();
         let best = (0..=STEPS).min_by(|a, b| sums[*a].total_cmp(&sums[*b])).unwrap_or(0);
-        let less: Vec<f64> = left[0]
-            .iter()
-            .zip(&left[best])
-            .map(|(none, best)| none - best)
-            .collect();
-        let mean = less.iter().sum::<f64>() / count;
-        let square: f64 = less.iter().map(|less| (less - mean).powi(2)).sum();
-        let error = (square / (count * (count - 1.0).max(1.0))).sqrt();
+        let mean = (sums[0] - sums[best]) / count;
+        let square: f64 = left.iter().map(|of| (of[0] - of[best] - mean).powi(2)).sum();
+        let error = (square / (count * (count - 1.0))).sqrt();
         if best == 0 || mean <= CLEAR * error {
             return Ok(0.0);
         }

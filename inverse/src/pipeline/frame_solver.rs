@@ -17,6 +17,7 @@ use crate::reference::noise::{NoiseEstimate, NoiseSource};
 use crate::stats::fisher_quantile;
 use crate::touches::fit::disc::MOST_TOUCHES;
 use crate::touches::fit::fitter::{Beside, Data, Fitter, Places};
+use crate::touches::fit::fitter_options::FitterOptions;
 use crate::touches::fit::matched_filter::MatchedFilter;
 use crate::touches::fit::reduction::WeightedProjection;
 use crate::touches::polarity::Polarity;
@@ -195,7 +196,11 @@ pub(crate) struct FrameSolver {
 impl FrameSolver {
     pub(crate) fn new(imager: &Arc<Imager>, options: ReconstructorOptions) -> Self {
         let drift = DriftShapes::new(imager);
-        let mut fitter = options.fit.and_then(|f| Fitter::new(imager, f));
+        let of_fitter = FitterOptions {
+            most_misfit: options.most_misfit,
+            ..FitterOptions::default()
+        };
+        let mut fitter = options.fit.and_then(|f| Fitter::with_options(imager, f, of_fitter));
         if options.sequence {
             fitter.iter_mut().for_each(Fitter::prepare_motion);
         }

@@ -7,6 +7,7 @@ use crate::quality::faults::FaultOptions;
 use crate::reference::imager::Imager;
 use crate::solvers::Method;
 use crate::touches::fit::FitOptions;
+use crate::touches::fit::fitter_options::FitterOptions;
 use crate::touches::peaks::TouchOptions;
 use crate::touches::polarity::Polarity;
 
@@ -63,6 +64,9 @@ pub struct ReconstructorOptions {
     /// Frames one after another that no touches explain before that is reported: a touch that comes down while a frame is
     /// measured fits none either.
     pub unexplained_frames: usize,
+    /// Mean square misfit, in noise variances of one frame, up to which discs explain a frame. More shows discs where something else
+    /// presses.
+    pub most_misfit: f64,
     /// Largest relative KKT residual of a converged non-negative solve.
     pub tolerance: f64,
     /// Most steps of a non-negative solve.
@@ -128,6 +132,7 @@ impl ReconstructorOptions {
             picture_s: 0.0,
             follow_s: 10.0,
             unexplained_frames: 4,
+            most_misfit: FitterOptions::default().most_misfit,
             tolerance: 1e-9,
             most_steps: 60,
             largest_over_expected: 4.0,
