@@ -174,6 +174,8 @@ struct Player<'a> {
     /// The model of the sheet, once it was made.
     nominal: Option<Arc<Imager>>,
     told: Option<Instant>,
+    /// When it began to play last.
+    began: Instant,
 }
 
 impl<'a> Player<'a> {
@@ -204,6 +206,7 @@ impl<'a> Player<'a> {
             gestures: Gestures::new(record.gestures()),
             nominal: None,
             told: None,
+            began: Instant::now(),
             record,
         })
     }
@@ -291,13 +294,20 @@ impl<'a> Player<'a> {
             // It stands still until something else is asked for.
             while !self.control.is_over(self.asked.number) {
                 self.look(output);
-                self.tell(output, true);
+                if self.began.elapsed() >= TOLD {
+                    self.tell(output, true);
+                }
                 if self.stop.load(Ordering::Relaxed) || !self.control.is_watched() {
                     return Ok(at_end);
                 }
                 std::thread::sleep(LOOK);
             }
             self.asked = self.control.asked();
+            if !self.asked.paused {
+                // A page sees that it plays, however soon it is at its end.
+                (self.told, self.began) = (None, Instant::now());
+                self.tell(output, false);
+            }
             self.replayed.jumped = true;
             let to_ns = self.asked.to_ns.unwrap_or(0);
             // Another skin's page may ask before this one's was read.
