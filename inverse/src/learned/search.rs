@@ -47,6 +47,9 @@ const LIKELY: f64 = 1.0;
 const DISPLACED_SD: f64 = 0.1;
 /// How often it is estimated, each time from what is left.
 const DISPLACED_REPETITIONS: usize = 2;
+/// Chance that the mean of presses all over a sheet is taken for another middle than the origin. A coordinate of each has a quarter of
+/// the squared radius as its variance, and the squared distance of their mean is distributed exponentially.
+const MIDDLE_BY_CHANCE: f64 = 0.01;
 /// Standard errors by which a symmetry has to be refuted.
 const SURELY: f64 = 3.0;
 /// Residuals beyond this many scales are drawn in.
@@ -193,9 +196,12 @@ pub(super) fn choose(
         prior,
         ..choice.clone()
     };
-    // The origin is where the sheet's middle should be. Few presses cannot tell another one.
+    // The origin is where the sheet's middle should be. Few presses cannot tell another one: those of a disc around the origin lie
+    // beside it by chance.
     let mut middles = vec![[0.0; 2]];
-    if middle[0].hypot(middle[1]) > 0.2 * reach(presses, middle) {
+    let mean = [0, 1].map(|axis| along(axis).sum::<f64>() / presses.len() as f64);
+    let by_chance = reach(presses, middle) * (-MIDDLE_BY_CHANCE.ln() / (2.0 * presses.len() as f64)).sqrt();
+    if middle[0].hypot(middle[1]) > 0.2 * reach(presses, middle) && mean[0].hypot(mean[1]) > by_chance {
         middles.push(middle);
     }
     let ways = middles.iter().flat_map(|m| [(*m, false), (*m, true)]);

@@ -171,6 +171,22 @@ fn a_few_presses_teach_a_skin_that_turns_and_its_handedness() {
 }
 
 #[test]
+fn few_presses_that_lie_beside_the_origin_by_chance_do_not_move_the_middle() {
+    let mut skin = Skin::new(false, 0.0, 0.1);
+    let mut presses = skin.presses(40);
+    presses.retain(|p| p.place_mm[0] > -0.4 * REACH_MM);
+    let (_, found) = learn(&presses[..10], &skin.setting(), |_, _| {}).unwrap();
+    assert_eq!(found.centre_mm, [0.0; 2]);
+    // Far away it is no chance.
+    for press in &mut presses {
+        press.place_mm[0] += 3.0 * REACH_MM;
+    }
+    let (_, found) = learn(&presses[..20], &skin.setting(), |_, _| {}).unwrap();
+    let off = (found.centre_mm[0] - 3.0 * REACH_MM).hypot(found.centre_mm[1]);
+    assert!(off < 0.5 * REACH_MM, "{:?}", found.centre_mm);
+}
+
+#[test]
 fn more_presses_are_better_and_a_skin_without_symmetry_is_learned_as_well() {
     let mut skin = Skin::new(false, 0.0, 0.1);
     let few = skin.learn(10).0;
