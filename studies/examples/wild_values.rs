@@ -1,13 +1,17 @@
 //! Frames with values that have nothing to do with the sheet. Table: docs/reliability.md, Wild values.
 //!
-//! `cargo run --release -p studies --example wild_values -- [--scenes N] [--seed S] [--db D] [--opposite]`
+//! `cargo run --release -p studies --example wild_values -- [--scenes N] [--seed S] [--db D] [--opposite] [--known]`
 //! With --opposite the drives are opposite electrodes: a pattern without reciprocal pairs.
 //!
 //! Single frames with two touches of +20 %, and empty frames with the same noise. In every frame other values are wild. The noise is
-//! estimated from every frame.
+//! estimated from every frame; with --known it is known, as from a recording of the unpressed sheet.
 
 use forward::{Drive, Pattern, Sheet};
+use inverse::pipeline::{Reconstructor, ReconstructorOptions};
+use inverse::reference::Reference;
 use inverse::reference::imager::Imager;
+use inverse::reference::noise::FrameNoise;
+use inverse::solvers::Method;
 use rand::Rng;
 use rand::rngs::StdRng;
 use std::fmt::Display;
@@ -21,7 +25,7 @@ fn row(
     name: impl Display,
     count: usize,
     spoil: Spoil,
-    (scenes, seed, db): (usize, u64, f64),
+    (scenes, seed, db, known): (usize, u64, f64, bool),
     imager: &Arc<Imager>,
 ) -> Result<(), StudyError> {
     let drive = Drive::PAPER;
@@ -40,6 +44,10 @@ fn row(
         let scene = Kind::Equal(2).scene(&mut rng, db);
         let clean = sheet.clean_frame(&scene.touches)?;
         let sigma = noise_v(&clean, &sheet.baseline, db);
+        if known {
+            let reference = Reference::new(Arc::clone(imager), sheet.baseline.clone(), FrameNoise::of_frames(sigma))?;
+            reconstructor = Reconstructor::new(reference, ReconstructorOptions::for_imager(imager, Method::Nnls));
+        }
         let frame = wild(noisy(clean, sigma, &mut rng), sigma, &mut rng);
         let found = reconstructor.frame(&frame)?;
         doubted += usize::from(found.doubt.is_some());
@@ -78,16 +86,19 @@ fn main() -> anyhow::Result<()> {
         "| wild values | how many | count right | position mm, median / 95 % | wrong and silent | doubted | empty frames with touches, silent |\n\
          |---|---|---|---|---|---|---|"
     );
-    row("none", 0, |v, _| v, (scenes, seed, db), &imager)?;
-    let kinds: [(&str, Spoil); 4] = [
+    let known = given.iter().any(|a| a == "--known");
+    row("none", 0, |v, _| v, (scenes, seed, db, known), &imager)?;
+    let kinds: [(&str, Spoil); 6] = [
         ("ten times", |v, _| 10.0 * v),
         ("half as much again", |v, _| 1.5 * v),
         ("the other sign", |v, _| -v),
         ("20 times the noise off", |v, noise| v + 20.0 * noise),
+        ("10 times the noise off", |v, noise| v + 10.0 * noise),
+        ("6 times the noise off", |v, noise| v + 6.0 * noise),
     ];
     for (name, spoil) in kinds {
-        for count in [1, 3, 5, 10] {
-            row(name, count, spoil, (scenes, seed, db), &imager)?;
+        for count in [1, 3, 5, 10, 20] {
+            row(name, count, spoil, (scenes, seed, db, known), &imager)?;
         }
     }
     Ok(())

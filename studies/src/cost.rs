@@ -377,10 +377,10 @@ mod tests {
                     kind.name
                 );
                 assert!(
-                    work.nominal_ms() <= MOST_MS,
+                    r.nominal_ms() <= MOST_MS,
                     "{}, frame {k}: {:.0} ms, {work:?}",
                     kind.name,
-                    work.nominal_ms()
+                    r.nominal_ms()
                 );
             }
         }

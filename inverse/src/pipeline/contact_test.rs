@@ -1,7 +1,7 @@
 //! Whether a frame is one of touches, or of touches and contacts that changed.
 
 use crate::change::detector::ChangeDetector;
-use crate::pipeline::frame_solver::{FrameSolver, Task};
+use crate::pipeline::frame_solver::{Candidate, FrameSolver, Task};
 use crate::pipeline::options::ReconstructorOptions;
 use crate::pipeline::polarity_test::PolarityTest;
 use crate::pipeline::result::FrameResult;
@@ -121,6 +121,14 @@ impl ContactTest {
         self.monitor.keep(changed);
     }
 
+    /// A task with the signs of touches that are believed now.
+    pub(crate) fn signed<'a>(&self, task: Task<'a>) -> Task<'a> {
+        Task {
+            polarity: self.polarity.now(),
+            ..task
+        }
+    }
+
     /// Which detector tells whether the next frame is a change.
     pub(crate) fn detector(&self) -> usize {
         self.drifting.index()
@@ -231,6 +239,10 @@ impl ContactTest {
             }
             if polarity || (solver.is_spent() && !candidates) {
                 self.owed.candidates = owed.candidates || self.monitor.asks_next();
+                if !self.owed.candidates && self.may_ask(solver) {
+                    // What a frame names costs nothing.
+                    self.monitor.note(self.candidate(solver, result).map(|c| c.electrode));
+                }
             } else {
                 evidence = self.test_candidates(evidence, solver, task, detectors, result);
             }
@@ -348,7 +360,13 @@ impl ContactTest {
                 self.until = if lands { 1 } else { self.until.min(self.sudden) };
                 continue;
             }
-            if solver.is_spent() && !std::mem::take(&mut late) {
+            // A problem is made in one frame, and solved in the next.
+            let own = Task {
+                drifting: self.drifting,
+                changed: self.monitor.changed(),
+                ..task
+            };
+            if !std::mem::take(&mut late) && (solver.is_spent() || solver.make_ready(own, other)) {
                 self.owed.drifting = Some(other.index());
                 return best;
             }
@@ -449,6 +467,17 @@ impl ContactTest {
         }
     }
 
+    /// Whether contacts are looked for.
+    fn may_ask(&self, solver: &FrameSolver) -> bool {
+        solver.imager().is_searched() && self.monitor.changed().len() < self.options.most_contacts
+    }
+
+    /// A contact that the frame names, of those of which nothing is known.
+    fn candidate(&self, solver: &FrameSolver, result: &FrameResult) -> Option<Candidate> {
+        let known = [self.monitor.changed(), &self.left_out].concat();
+        solver.candidate(&known, result)
+    }
+
     /// Tests contacts that the frame names.
     fn test_candidates(
         &mut self,
@@ -458,9 +487,8 @@ impl ContactTest {
         detectors: &mut Detectors,
         result: &mut FrameResult,
     ) -> Option<Evidence> {
-        while solver.imager().is_searched() && self.monitor.changed().len() < self.options.most_contacts {
-            let known = [self.monitor.changed(), &self.left_out].concat();
-            let candidate = solver.candidate(&known, result);
+        while self.may_ask(solver) {
+            let candidate = self.candidate(solver, result);
             if !self.monitor.propose(candidate.map(|c| c.electrode)) {
                 break;
             }

@@ -1,5 +1,6 @@
 //! One frame, with the values and contacts that take part given: weigh, reduce, gate, picture, fit.
 
+mod outliers;
 mod unexplained;
 mod unreached;
 
@@ -9,6 +10,7 @@ use crate::pipeline::image::ImageSolver;
 use crate::pipeline::options::ReconstructorOptions;
 use crate::pipeline::result::FrameResult;
 use crate::pipeline::weighted::{Pictures, Weightings};
+use crate::pipeline::work::{Costs, Work};
 use crate::quality::contact::{Contacts, Evidence};
 use crate::reference::Difference;
 use crate::reference::drift::{ContactChange, Drift, DriftShapes, Drifting};
@@ -31,42 +33,14 @@ use std::time::Instant;
 /// tanks leave up to 0.15, those of real skins half and more.
 const MOST_RESIDUAL: f64 = 0.3;
 
-/// Solutions of the sheet that a frame of a sequence may take, and evaluations of the response to one touch that a fit of it may. The next
-/// frame goes on.
+/// Solutions of the sheet that a frame of a sequence may take, and how long evaluations of a fit of it may, ms. The next frame goes on.
 const MOST_SOLUTIONS: usize = 2;
-const MOST_EVALUATIONS: usize = 1500;
+const FIT_MS: f64 = 9.0;
+/// A fit of fewer is hardly one.
+const LEAST_EVALUATIONS: usize = 1000;
 
-/// What a frame of a sequence may have taken before anything else is asked of it, ms; what is asked takes as long again at most.
-const MOST_MS: f64 = 25.0;
-/// [`Work::nominal_ms`] is for frames of this many values. Larger ones take longer, by this power of the number.
-const NOMINAL_VALUES: f64 = 208.0;
-const GROWTH: f64 = 1.5;
-
-/// What a frame took, in steps that take long: the same on every machine.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Work {
-    /// Pictures with their fits of touches, 0.3 ms.
-    pub fits: usize,
-    /// Evaluations of the response to one touch in these fits, 5 us.
-    pub evaluations: usize,
-    /// Solutions of the sheet with touches, 6 ms.
-    pub solutions: usize,
-    /// Problems made anew for other values or contacts, 15 ms.
-    pub problems: usize,
-    /// Searches for what is broken, 10 to 25 ms.
-    pub searches: usize,
-}
-
-impl Work {
-    /// How long that takes about on a processor of 2023 with 16 electrodes, ms: the same number on every machine.
-    pub fn nominal_ms(&self) -> f64 {
-        0.3 * self.fits as f64
-            + 0.005 * self.evaluations as f64
-            + 6.0 * self.solutions as f64
-            + 15.0 * self.problems as f64
-            + 20.0 * self.searches as f64
-    }
-}
+/// What a frame of a sequence may have taken before anything else is asked of it, ms.
+const MOST_MS: f64 = 20.0;
 
 /// Of how many frames the values are the mean.
 #[derive(Clone, Copy, Debug)]
@@ -238,20 +212,48 @@ impl FrameSolver {
             searches: usize::from(keeps_free),
             ..Work::default()
         };
-        let [solutions, evaluations] = if self.options.sequence {
-            [MOST_SOLUTIONS, MOST_EVALUATIONS]
-        } else {
-            [usize::MAX; 2]
-        };
-        (self.fitter.iter_mut()).for_each(|fitter| fitter.begin_frame(solutions, evaluations));
+        self.fitter.iter_mut().for_each(Fitter::begin_frame);
+    }
+
+    /// How long the steps of a frame take.
+    pub(crate) fn costs(&self) -> Costs {
+        let pattern = &self.imager.pattern;
+        Costs::new(self.rank().unwrap_or(0), pattern.len(), pattern.electrodes())
+    }
+
+    /// Lets the next fit take what a fit may, and solve the sheet where the frame has time for that.
+    fn allow(&mut self) {
+        let (mut solutions, mut evaluations) = (usize::MAX, usize::MAX);
+        if self.options.sequence {
+            let costs = self.costs();
+            let taken = costs.of(self.work());
+            evaluations = LEAST_EVALUATIONS.max((FIT_MS / costs.evaluation) as usize);
+            let left = (MOST_MS - taken).max(0.0);
+            solutions = MOST_SOLUTIONS.min(self.work().solutions + (left / costs.solution) as usize);
+        }
+        (self.fitter.iter_mut()).for_each(|fitter| fitter.allow(solutions, evaluations));
     }
 
     /// Whether the frame has taken as long as it may: what else is to be asked waits for the next.
     pub(crate) fn is_spent(&self) -> bool {
-        let growth = (self.imager.pattern.len() as f64 / NOMINAL_VALUES)
-            .max(1.0)
-            .powf(GROWTH);
-        self.options.sequence && growth * self.work().nominal_ms() > MOST_MS
+        self.options.sequence && self.costs().of(self.work()) > MOST_MS
+    }
+
+    /// Makes the problem ready in which something else drifts than in the one in use; whether it had to be made.
+    pub(crate) fn make_ready(&mut self, own: Task, other: Drifting) -> bool {
+        let before = self.work.problems;
+        self.switch(own.difference, (other, own.changed));
+        let made = self.options.sequence && self.work.problems > before;
+        if made {
+            self.tabulate(false);
+        }
+        self.switch(own.difference, (own.drifting, own.changed));
+        made
+    }
+
+    /// Takes note of the searches for what is broken in this frame.
+    pub(crate) fn note_searches(&mut self, searches: usize) {
+        self.work.searches = self.work.searches.max(searches);
     }
 
     /// Whether time for a search is kept free in this frame.
@@ -475,6 +477,11 @@ impl FrameSolver {
         if left_out.0 != Drifting::Nothing {
             self.fit_beside(left_out.0);
         }
+        self.switch(difference, left_out);
+    }
+
+    /// Makes this problem the one in use.
+    fn switch(&mut self, difference: &Difference, left_out: (Drifting, &[usize])) {
         let (drift, contacts) = (self.drift.as_ref(), self.contacts.as_mut());
         self.work.problems +=
             self.weightings
@@ -565,6 +572,7 @@ impl FrameSolver {
         result: &mut FrameResult,
     ) {
         self.tabulate(false);
+        self.allow();
         let sigma = self.sigma(task, noise);
         let Some(weighted) = self.weightings.current_mut() else {
             return;

@@ -9,8 +9,9 @@ mod polarity_test;
 mod reconstructor;
 mod result;
 mod weighted;
+mod work;
 
-pub use frame_solver::Work;
 pub use options::ReconstructorOptions;
 pub use reconstructor::Reconstructor;
 pub use result::FrameResult;
+pub use work::Work;

@@ -3,12 +3,13 @@
 use crate::change::detector::{Change, ChangeDetector};
 use crate::pipeline::contact_test::{ContactTest, Detectors, is_rare};
 use crate::pipeline::following::Following;
-use crate::pipeline::frame_solver::{Averaged, FrameSolver, Task, Work};
+use crate::pipeline::frame_solver::{Averaged, FrameSolver, Task};
 use crate::pipeline::options::ReconstructorOptions;
 use crate::pipeline::result::FrameResult;
+use crate::pipeline::work::Work;
 use crate::quality::doubt::Doubt;
 use crate::quality::fault_monitor::{FaultMonitor, Seen};
-use crate::quality::faults::FaultDetector;
+use crate::quality::faults::{FaultDetector, leave_out};
 use crate::reference::diagnosis::{Electrodes, Fault};
 use crate::reference::drift::Drifting;
 use crate::reference::imager::{Imager, ImagerError};
@@ -128,6 +129,11 @@ impl Reconstructor {
         }
     }
 
+    /// How long that takes about on a processor of 2023, ms: the same number on every machine.
+    pub fn nominal_ms(&self) -> f64 {
+        self.solver.costs().of(self.work())
+    }
+
     /// Reconstructs a frame (the baseline's unit).
     ///
     /// With the noise known, a frame that shows nothing, or in a sequence ([`ReconstructorOptions::sequence`]) nothing new,
@@ -176,7 +182,7 @@ impl Reconstructor {
             self.result.drift.gain = gain * self.following.gain();
             let off = (found - 1.0).abs() > self.options.gain_step && gain > self.options.least_gain;
             let settled = !self.result.changed || (self.result.misfit.is_some() && self.solver.is_finished());
-            if last || !off || !settled {
+            if last || !off || !settled || self.solver.is_spent() {
                 break;
             }
             self.gain = gain;
@@ -370,12 +376,50 @@ impl Reconstructor {
                 break;
             }
         }
+        if !self.options.sequence && self.broken.named().is_none() {
+            self.solve_without_outliers(quiet);
+        }
         if self.broken.is_open() && self.result.changed && self.contacts.leaves(&self.result) {
             // What is shown may be what a fault looks like.
             self.result.doubt = self.result.doubt.or(Some(Doubt::NotTouches));
         }
         self.show_faults();
         Ok(())
+    }
+
+    /// Solves a frame that its touches do not explain without the values that stand out of what they leave, where the noise is known. The
+    /// result is kept where touches explain the others: no more than before, where these explained the frame in part.
+    fn solve_without_outliers(&mut self, quiet: bool) {
+        let may = self.imager().is_searched() && self.solver.fits() && self.contacts.changed().is_empty();
+        let Some(noise) = self.reference.noise().filter(|_| may) else {
+            return;
+        };
+        if !(self.result.changed && self.contacts.leaves(&self.result)) {
+            return;
+        }
+        let task = task(&self.difference, Some(noise), Averaged::ONE, quiet);
+        let outliers = self.solver.outliers(self.contacts.signed(task), noise);
+        if outliers.is_empty() {
+            return;
+        }
+        let (kept, before) = (self.result.clone(), self.difference.clone());
+        let mut used = self.difference.used.clone();
+        outliers.iter().for_each(|k| used[*k] = false);
+        leave_out(&mut self.difference, used);
+        self.solver.forget_touches();
+        self.solve_judged(Averaged::ONE, quiet, Some(noise));
+        let result = &self.result;
+        let explained = match (kept.misfit, result.misfit) {
+            _ if !result.changed => true,
+            (None, now) => now.is_some(),
+            (Some(_), _) => !self.contacts.leaves(result) && result.touches.len() <= kept.touches.len(),
+        };
+        if !explained || result.doubt.is_some() {
+            // All that the frame has decided is decided once more.
+            self.difference = before;
+            self.solver.forget_touches();
+            self.solve_judged(Averaged::ONE, quiet, Some(noise));
+        }
     }
 
     /// Contacts that were decided on are named as what is broken in the frames that follow: their values are left out then, since no shapes
@@ -425,7 +469,9 @@ impl Reconstructor {
             spent: self.solver.is_spent(),
             sudden: self.contacts.is_sudden(),
         };
-        if !self.broken.take(frame, sigma_v, seen) {
+        let other = self.broken.take(frame, sigma_v, seen);
+        self.solver.note_searches(self.broken.searches() - self.searches);
+        if !other {
             return false;
         }
         let named = self.broken.named();
@@ -522,8 +568,14 @@ impl Reconstructor {
             },
             ..noise
         });
+        self.solve_judged(averaged, quiet, known.or(estimated));
+    }
+
+    /// The same of values that were judged; `noise` is none where nothing tells it.
+    fn solve_judged(&mut self, averaged: Averaged, quiet: bool, noise: Option<NoiseEstimate>) {
+        let model_v = &self.reference.imager().model_v;
         self.averaged = averaged;
-        let task = task(&self.difference, known.or(estimated), averaged, quiet);
+        let task = task(&self.difference, noise, averaged, quiet);
         let gone = self
             .contacts
             .solve(&mut self.solver, task, &mut self.detectors, &mut self.result);

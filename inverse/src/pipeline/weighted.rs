@@ -198,6 +198,14 @@ impl Weighted {
         self.left_out.columns().len() / self.used.len().max(1)
     }
 
+    /// Weighs values, V of the model, without what says nothing of touches. Those that take no part are 0.
+    pub(crate) fn outside(&self, values: &mut [f64]) {
+        for (k, value) in values.iter_mut().enumerate() {
+            *value *= self.weight(k);
+        }
+        self.left_out.outside(values);
+    }
+
     /// What neither touches nor drift reach: all but the drift, and the directions of the largest singular values (a part `reached`).
     pub(crate) fn unreached(&mut self, reached: usize) -> &Unreached {
         self.unreached.get_or_insert_with(|| {

@@ -114,7 +114,7 @@ struct OutlierSearch {
 }
 
 /// One in so many pairs may be wild without an electrode or a drive to blame.
-pub(super) const MOST_WILD: usize = 8;
+pub(crate) const MOST_WILD: usize = 8;
 
 /// So many times as much as the worst that stays is what goes: the tail of a sheet that is not as the model has it does not stand apart.
 pub(super) const APART: f64 = 2.0;
@@ -432,7 +432,7 @@ pub(crate) fn leave_out(d: &mut Difference, used: Vec<bool>) {
 }
 
 /// How many times the noise the mean square of what is left out may be by chance.
-pub(super) fn limit(gone: usize, freedom: usize, tries: usize, false_alarm: f64) -> f64 {
+pub(crate) fn limit(gone: usize, freedom: usize, tries: usize, false_alarm: f64) -> f64 {
     let level = 1.0 - false_alarm / tries as f64;
     fisher_quantile(gone as f64, freedom as f64, level).unwrap_or(f64::INFINITY)
 }

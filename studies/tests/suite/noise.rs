@@ -1,10 +1,15 @@
 //! A pattern without reciprocal pairs tells the noise as well.
 
 use forward::{DiscTouch, Drive, Pattern, Sheet};
+use inverse::pipeline::{Reconstructor, ReconstructorOptions};
+use inverse::reference::Reference;
 use inverse::reference::imager::Imager;
-use inverse::reference::noise::NoiseSource;
+use inverse::reference::noise::{FrameNoise, NoiseSource};
+use inverse::solvers::Method;
+use rand::Rng;
+use rand::rngs::StdRng;
 use std::sync::Arc;
-use studies::{TestSheet, noise_v, noisy, rng};
+use studies::{TestSheet, imager, noise_v, noisy, rng};
 
 fn finger(x: f64, y: f64) -> DiscTouch {
     DiscTouch {
@@ -60,5 +65,68 @@ fn touches_are_fitted_without_reciprocal_pairs() {
     for _ in 0..20 {
         let frame = noisy(sheet.baseline.clone(), sigma, &mut rng);
         assert!(reconstructor.frame(&frame).unwrap().touches.is_empty());
+    }
+}
+
+/// One value in twenty that is off by ten standard deviations, or in ten: touches are where they are without.
+#[test]
+fn many_values_off_by_ten_times_the_noise_move_no_touch() {
+    let imager = imager(Drive::PAPER, 5.0).unwrap();
+    let mut rng = rng(112);
+    let mut sheet = TestSheet::new(&imager, Drive::PAPER, 0.0, 0.0, &mut rng).unwrap();
+    let touches = [finger(-30.0, 45.0), finger(20.0, -50.0)];
+    let clean = sheet.clean_frame(&touches).unwrap();
+    let sigma = noise_v(&clean, &sheet.baseline, 27.0);
+    let reference = Reference::new(
+        Arc::clone(&imager),
+        sheet.baseline.clone(),
+        FrameNoise::of_frames(sigma),
+    );
+    let options = ReconstructorOptions::for_imager(&imager, Method::Nnls);
+    let mut reconstructor = Reconstructor::new(reference.unwrap(), options);
+    const FRAMES: usize = 16;
+    let mut without = None;
+    for wild in [0, 10, 20] {
+        let (mut square, mut right, mut left_out, mut of_wild) = (0.0, 0, 0, 0);
+        let spoil = |clean: &[f64], rng: &mut StdRng| {
+            let mut frame = noisy(clean.to_vec(), sigma, rng);
+            let places = rand::seq::index::sample(rng, frame.len(), wild).into_vec();
+            for place in &places {
+                frame[*place] += if rng.random() { 10.0 } else { -10.0 } * sigma;
+            }
+            (frame, places)
+        };
+        for _ in 0..FRAMES {
+            let (empty, _) = spoil(&sheet.baseline, &mut rng);
+            let found = reconstructor.frame(&empty).unwrap();
+            assert!(
+                found.touches.is_empty() && found.doubt.is_none(),
+                "{wild} wild: {:?} {:?}",
+                found.touches,
+                found.doubt
+            );
+            let (frame, places) = spoil(&clean, &mut rng);
+            let found = reconstructor.frame(&frame).unwrap();
+            left_out += found.rejected.len();
+            of_wild += found.rejected.iter().filter(|k| places.contains(k)).count();
+            if found.touches.len() != touches.len() || found.doubt.is_some() {
+                continue;
+            }
+            right += 1;
+            for t in &touches {
+                let off = |f: &inverse::touches::touch::Touch| (f.x_mm - t.centre_mm[0]).hypot(f.y_mm - t.centre_mm[1]);
+                let near = found.touches.iter().map(off).fold(f64::INFINITY, f64::min);
+                square += near * near;
+            }
+        }
+        let rms = (square / (2 * right) as f64).sqrt();
+        let sound = *without.get_or_insert(rms);
+        assert!(right >= FRAMES - 1, "{wild} wild: {right} right");
+        assert!(rms < 2.0 * sound, "{wild} wild: {rms} mm, {sound} mm without");
+        // Some are told as pairs, of which one is sound.
+        assert!(
+            4 * of_wild >= 3 * left_out,
+            "{wild} wild: {of_wild} of {left_out} left out"
+        );
     }
 }

@@ -155,6 +155,13 @@ impl ContactMonitor {
         ripe.is_some()
     }
 
+    /// Takes the electrode that the linear fits of a frame name, in which there is no time to compare.
+    pub(crate) fn note(&mut self, electrode: Option<usize>) {
+        if self.propose(electrode) {
+            self.changed.pop();
+        }
+    }
+
     /// Decides on the candidate from the full fits of a frame with and without it.
     pub(crate) fn decide(&mut self, with: Option<Evidence>, without: Option<Evidence>) -> Decision {
         let full_fits = self.full_fits();

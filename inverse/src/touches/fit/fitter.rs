@@ -345,12 +345,16 @@ impl Fitter {
         self.scattering = ScatteringModel::new(&imager.model, imager.drive, &imager.pattern);
     }
 
-    /// Begins a frame, which may take so many solutions of the sheet, however often it is fitted, and every fit so many evaluations of the
-    /// response to one touch.
-    pub(crate) fn begin_frame(&mut self, most_solutions: usize, most_evaluations: usize) {
-        (self.solutions, self.most_solutions) = (0, most_solutions);
-        (self.evaluations, self.most_evaluations) = (0, most_evaluations);
+    /// Begins a frame, however often it is fitted.
+    pub(crate) fn begin_frame(&mut self) {
+        (self.solutions, self.evaluations) = (0, 0);
         self.found.clear();
+    }
+
+    /// Lets the next fit go on until the frame has taken so many solutions of the sheet, and the fit so many evaluations of the response
+    /// to one touch.
+    pub(crate) fn allow(&mut self, most_solutions: usize, most_evaluations: usize) {
+        (self.most_solutions, self.most_evaluations) = (most_solutions, most_evaluations);
     }
 
     /// Solutions of the sheet in this frame.
@@ -366,6 +370,16 @@ impl Fitter {
     /// Whether the sheet may be solved so many times more.
     fn may_solve(&self, job: &Job, times: usize) -> bool {
         job.data.corrected && self.solutions.saturating_add(times) <= self.most_solutions
+    }
+
+    /// Takes what the discs fitted last change off a difference, V of the model.
+    pub(crate) fn take_touches_off(&self, difference: &mut [f64]) {
+        let response = nonlinear::response_v(&self.volts, &self.fits.now.discs);
+        difference.iter_mut().zip(&response).for_each(|(v, r)| *v -= r);
+        if self.was_corrected {
+            let errors = difference.iter_mut().zip(&self.corrected.volts);
+            errors.for_each(|(v, error)| *v -= error);
+        }
     }
 
     /// What drifted in the frame fitted last.

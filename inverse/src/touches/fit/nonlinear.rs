@@ -115,7 +115,7 @@ impl ScatteringModel {
 }
 
 /// The table's response to discs, V of the model.
-fn response_v(table: &ResponseTable, discs: &[Disc]) -> Vec<f64> {
+pub(super) fn response_v(table: &ResponseTable, discs: &[Disc]) -> Vec<f64> {
     let mut sum = vec![0.0; table.stride()];
     let mut response: [Vec<f64>; 4] = std::array::from_fn(|_| vec![0.0; table.stride()]);
     for d in discs {
