@@ -406,7 +406,7 @@ impl FrameSolver {
         let ridge = self.ridges[task.drifting.index()].filter(|_| !hidden);
         let ridge = ridge.unwrap_or(noise.sigma / self.options.expected_rise);
         // Beside what drifts where there is no time for another problem.
-        let beside = if self.is_spent() {
+        let beside = if self.is_spent() || self.keeps_free {
             task.drifting
         } else {
             Drifting::Nothing

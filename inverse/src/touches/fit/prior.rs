@@ -33,7 +33,7 @@ pub struct FitOptions {
     pub model_error: f64,
     /// Most touches in a frame, at most [`MOST_TOUCHES`](crate::touches::fit::disc::MOST_TOUCHES).
     pub most_touches: usize,
-    /// What the search in one frame of many may cost, in evaluations of the response to one touch (3 to 5 us each). The
+    /// What the search in one frame of many may cost, in evaluations of the response to one touch (3 to 6 us each). The
     /// rest is left to the next frame. Four touches take 50 to 300, a hand that lands 1,500. More makes the longest
     /// frame longer (`skin bench cost`, column `p99`). There is no limit where the noise is estimated from the frame,
     /// which may be the only one.
