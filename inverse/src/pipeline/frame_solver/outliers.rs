@@ -81,7 +81,7 @@ impl FrameSolver {
     }
 
     /// What the touches fitted last leave of a difference, or all of it where it shows none.
-    fn left(&mut self, difference: &Difference, touched: bool) -> Option<Left> {
+    fn left(&self, difference: &Difference, touched: bool) -> Option<Left> {
         let mut values = difference.y.as_slice().to_vec();
         let fitter = self.fitter.as_ref()?;
         if touched {
