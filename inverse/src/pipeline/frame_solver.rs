@@ -646,7 +646,7 @@ impl FrameSolver {
         let (geometry, unplaced) = (self.imager.model.geometry(), self.options.unplaced_mm);
         let strengths = fitted.touches.iter().zip(&fitted.significances);
         let significant = strengths
-            .filter(|(_, s)| **s >= self.options.least_significance)
+            .filter(|(_, s)| **s >= fitter.options().least_significance)
             .map(|(t, _)| t);
         let placed = significant.filter(|t| is_placed(t, &fitted.touches, geometry, unplaced));
         result.touches.clear();

@@ -84,9 +84,6 @@ pub struct ReconstructorOptions {
     /// Standard deviation of a place, mm, from which a touch must be further from the rim, and from stronger touches, than that to
     /// be one. Fingers are known to a tenth of it.
     pub unplaced_mm: f64,
-    /// Least strength of a touch, in its standard deviations. What drift may have made is part of these. 4.2 is the quantile for
-    /// one false touch in 1,000 frames anywhere on the paper's disc, which has room for 60 fingertips.
-    pub least_significance: f64,
     /// A gain that drifted by more than this part since the frame before is divided out, and the frame solved once more: touches
     /// scale with it. Less costs time in drifting scenes.
     pub gain_step: f64,
@@ -140,7 +137,6 @@ impl ReconstructorOptions {
             least_over_fall: 0.5,
             least_sensitivity: 1e-3,
             unplaced_mm: 0.03 * extent,
-            least_significance: 4.2,
             gain_step: 0.005,
             least_gain: 0.2,
             change: ChangeOptions::default(),

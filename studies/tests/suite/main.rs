@@ -13,6 +13,7 @@ mod drift;
 mod faults;
 mod flawed_sheet;
 mod hand;
+mod landing;
 mod model_error;
 mod noise;
 mod polarity;

@@ -1,10 +1,13 @@
 //! Fits frame after frame: keeps what depends on the sheet only, and corrects the linear model where its error shows.
 
+mod merged;
+
+use self::merged::{merged_if_strong, merged_if_unresolved};
 use crate::reference::ToldSheet;
 use crate::reference::drift::{Drift, Drifting};
 use crate::reference::imager::Imager;
 use crate::reference::noise::{NoiseEstimate, NoiseSource};
-use crate::touches::fit::disc::{Disc, Discs, MOST_TOUCHES};
+use crate::touches::fit::disc::{Discs, MOST_TOUCHES};
 use crate::touches::fit::electrode_uncertainty::ElectrodeUncertainty;
 use crate::touches::fit::fitter_options::FitterOptions;
 use crate::touches::fit::frame_fit::{Fitted, Frame, Seeds, Start, fit};
@@ -130,6 +133,8 @@ struct Followed {
     gain: f64,
     /// Frames one after another in which a search did not come to its end.
     unfinished: usize,
+    /// Touches of the frame before; 0 where it is not followed.
+    touches: usize,
 }
 
 impl Default for Followed {
@@ -140,6 +145,7 @@ impl Default for Followed {
             least_unexplained: f64::INFINITY,
             gain: 1.0,
             unfinished: 0,
+            touches: 0,
         }
     }
 }
@@ -160,6 +166,7 @@ impl Followed {
         }
         self.unfinished = if fitted.finished { 0 } else { self.unfinished + 1 };
         self.holds = explained || !fitted.finished;
+        self.touches = if self.holds { fitted.discs.len() } else { 0 };
     }
 }
 
@@ -466,20 +473,14 @@ impl Fitter {
                 peaks().iter().map(|at| prior.seed(*at)).collect()
             }
         })?;
-        let fitted = &mut self.fits.now;
-        if let Some(Beside { nuisances, sizes }) = job.data.beside {
-            self.sizes.clear();
-            self.sizes.extend_from_slice(sizes);
-            if self.was_corrected {
-                self.error_sizes.clear();
-                nuisances.along(&self.corrected.volts, &mut self.error_sizes);
-                let errors = self.sizes.iter_mut().zip(&self.error_sizes);
-                errors.for_each(|(s, e)| *s -= e);
-            }
-            nuisances.refine(&self.sizes, fitted, &mut self.refining, &mut self.drift);
-        }
+        self.refine(&job.data);
+        let fitted = &self.fits.now;
         let explained = self.options.explains(fitted.misfit, job.data.gain)
             || fitted.relative_residual <= self.options.most_residual;
+        if explained || !fitted.finished {
+            self.tell_as_one(&mut job);
+        }
+        let fitted = &mut self.fits.now;
         self.followed.note(&job.data, fitted, explained);
         if self.followed.holds {
             let (imager, radius_mm) = (&self.imager, self.prior.radius_mm);
@@ -504,6 +505,52 @@ impl Fitter {
             found
         };
         self.followed.holds.then_some(&self.fits.now)
+    }
+
+    /// Makes the touches fitted last those beside what drifts.
+    fn refine(&mut self, data: &Data) {
+        let Some(Beside { nuisances, sizes }) = data.beside else {
+            return;
+        };
+        self.sizes.clear();
+        self.sizes.extend_from_slice(sizes);
+        if self.was_corrected {
+            self.error_sizes.clear();
+            nuisances.along(&self.corrected.volts, &mut self.error_sizes);
+            let errors = self.sizes.iter_mut().zip(&self.error_sizes);
+            errors.for_each(|(s, e)| *s -= e);
+        }
+        nuisances.refine(&self.sizes, &mut self.fits.now, &mut self.refining, &mut self.drift);
+    }
+
+    /// Fits one touch in place of two neighbours that the frame does not resolve: neither stands out beside the other. A touch that
+    /// lands while the frame is measured looks like two. Those that were two in the frame before stay two: they cross.
+    fn tell_as_one(&mut self, job: &mut Job) {
+        let (radius_mm, least) = (self.prior.radius_mm, self.options.least_significance);
+        while self.fits.now.discs.len() > self.followed.touches
+            && let Some(discs) = merged_if_unresolved(&self.fits.now, radius_mm, least)
+        {
+            let fitted = &mut self.fits.now;
+            let (finished, settled, followed) = (fitted.finished, fitted.settled, fitted.followed);
+            let two = std::mem::replace(&mut fitted.discs, discs);
+            fitted.followed = false;
+            // No search: it would find two again.
+            job.until_evaluations = self.evaluations;
+            let values = if self.was_corrected {
+                Values::Corrected
+            } else {
+                Values::Measured
+            };
+            if self.again(job, values).is_none() {
+                std::mem::swap(&mut self.fits.now, &mut self.fits.before);
+                (self.fits.now.discs, self.fits.now.followed) = (two, followed);
+                return;
+            }
+            self.carried.error = None;
+            self.fits.now.finished = finished;
+            self.fits.now.settled &= settled;
+            self.refine(&job.data);
+        }
     }
 
     /// Fits the linear model, corrected by what the frame before left or where a nonlinear solution is worth it.
@@ -549,7 +596,8 @@ impl Fitter {
             // In a mean, the first of its frames decided between one touch and two.
             if job.data.gain <= 1.0
                 && self.may_solve(job, 1)
-                && let Some(discs) = merged(&self.fits.now.discs, self.prior.radius_mm, self.options.too_strong)
+                && let Some(discs) =
+                    merged_if_strong(&self.fits.now.discs, self.prior.radius_mm, self.options.too_strong)
             {
                 self.try_merged(job, discs)?;
             }
@@ -736,31 +784,8 @@ impl Fitter {
 }
 
 fn forget(followed: &mut Followed, carried: &mut Carried) {
-    followed.holds = false;
+    (followed.holds, followed.touches) = (false, 0);
     (carried.error, carried.failed) = (None, None);
-}
-
-/// The discs with one of the expected size in place of two neighbours; `None` where no disc with a near neighbour has
-/// more than the contrast `too_strong`. The linearisation error of one strong touch can look like two touches.
-fn merged(discs: &Discs, radius_mm: f64, too_strong: f64) -> Option<Discs> {
-    let apart = |p: &Disc, q: &Disc| (p.at[0] - q.at[0]).hypot(p.at[1] - q.at[1]);
-    let pairs = (0..discs.len()).flat_map(|i| (0..i).map(move |k| (k, i)));
-    let (k, i) = pairs
-        .filter(|(k, i)| discs[*k].contrast().abs().max(discs[*i].contrast().abs()) > too_strong)
-        .filter(|(k, i)| discs[*k].strength * discs[*i].strength > 0.0)
-        .filter(|(k, i)| apart(&discs[*k], &discs[*i]) < 2.0 * radius_mm)
-        .min_by(|p, q| apart(&discs[p.0], &discs[p.1]).total_cmp(&apart(&discs[q.0], &discs[q.1])))?;
-    let (one, other) = (discs[k], discs[i]);
-    let strength = one.strength + other.strength;
-    let share = other.strength / strength;
-    let mut merged = discs.clone();
-    merged[k] = Disc {
-        at: std::array::from_fn(|c| one.at[c] + share * (other.at[c] - one.at[c])),
-        radius: radius_mm,
-        strength,
-    };
-    merged.remove(i);
-    Some(merged)
 }
 
 /// Whether a correction changed no integrated rise by more than this part of it.

@@ -47,6 +47,9 @@ pub struct FitterOptions {
     pub misfit_scatter: f64,
     /// Frames one after another whose search may be cut short. The next frame's has no limit.
     pub most_unfinished: usize,
+    /// Least strength of a touch, in its standard deviations. What drift may have made is part of these. 4.2 is the quantile for
+    /// one false touch in 1,000 frames anywhere on the paper's disc, which has room for 60 fingertips.
+    pub least_significance: f64,
     /// Contrast of a disc above which one touch in place of two is tried: a rise of seven.
     pub too_strong: f64,
     /// Mean square misfit, in noise variances of one frame, up to which discs explain a frame. More shows discs where
@@ -84,6 +87,7 @@ impl Default for FitterOptions {
             failed_until: 1.5,
             misfit_scatter: 0.4,
             most_unfinished: 8,
+            least_significance: 4.2,
             too_strong: 1.55,
             most_misfit: 4.0,
             most_residual: 0.06,

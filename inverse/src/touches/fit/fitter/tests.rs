@@ -1,6 +1,7 @@
 //! The fitter on discs of the linear model itself, and on the nonlinear one.
 
 use super::*;
+use crate::touches::fit::disc::Disc;
 use forward::{Drive, Pattern, Sheet};
 use nalgebra::DVector;
 use rand::{Rng, SeedableRng};
@@ -27,7 +28,7 @@ fn two_of_which_one_is_too_strong_are_merged_where_they_weigh() {
     const TOO_STRONG: f64 = 1.55;
     let far = disc(-70.0, 12.0, 100.0);
     let discs: Discs = [strong, far, weak].into_iter().collect();
-    let found = merged(&discs, 12.5, TOO_STRONG).unwrap();
+    let found = merged_if_strong(&discs, 12.5, TOO_STRONG).unwrap();
     assert_eq!(found.len(), 2);
     assert!(found.contains(&far));
     let one = found.iter().find(|d| **d != far).unwrap();
@@ -35,8 +36,8 @@ fn two_of_which_one_is_too_strong_are_merged_where_they_weigh() {
     assert!((one.strength - strength).abs() < 1e-9 && one.radius == 12.5);
     assert!((one.at[0] * strength - 18.0 * weak.strength).abs() < 1e-9 && (one.at[1] - 3.0).abs() < 1e-12);
     // Nobody near, or none too strong.
-    assert!(merged(&[strong, far].into_iter().collect(), 12.5, TOO_STRONG).is_none());
-    assert!(merged(&[weak, disc(10.0, 12.0, 100.0)].into_iter().collect(), 12.5, TOO_STRONG).is_none());
+    assert!(merged_if_strong(&[strong, far].into_iter().collect(), 12.5, TOO_STRONG).is_none());
+    assert!(merged_if_strong(&[weak, disc(10.0, 12.0, 100.0)].into_iter().collect(), 12.5, TOO_STRONG).is_none());
 }
 
 /// Discs of the linear model itself, with noise of one part in ten thousand of their response.
