@@ -9,14 +9,17 @@
 //! (Huber's pseudo-values), and each measurement's noise follows from what is left.
 
 mod design;
+mod normal;
 
 use self::design::{Design, GRAINED, features, precisions};
+use self::normal::{Normal, Turned};
 use super::frame::{Frame, MOST_DISPLACED};
 use super::orbits::Orbits;
 use super::sensitivities::Sensitivities;
 use crate::stats::median;
-use nalgebra::{Cholesky, DMatrix, DVector, DVectorView, Dyn, Matrix2, SymmetricEigen};
+use nalgebra::{DMatrix, DVector, DVectorView, Dyn, Matrix2, SymmetricEigen};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::f64::consts::PI;
 
 /// Repetitions of the fit.
@@ -109,6 +112,13 @@ pub(super) struct Maps {
     spread: DMatrix<f64>,
 }
 
+/// A solution: what it says of the presses along the directions that they see, directions x measurements, and the degrees of freedom
+/// that are left of every measurement.
+struct Solved {
+    along: DMatrix<f64>,
+    freedom: Vec<f64>,
+}
+
 /// Maps as numbers, for a file. A matrix is a list of its columns.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -196,8 +206,8 @@ impl Maps {
         let values = maps.over_scale(&presses.changes);
         let mut drawn_in = values.map(|v| if v.is_finite() { v } else { 0.0 });
         for _ in 0..REPETITIONS {
-            let freedom = maps.solve(&design, &drawn_in)?;
-            let fitted = maps.fitted(&design);
+            let Solved { along, freedom } = maps.solve(&design, prior.own, &drawn_in)?;
+            let fitted = &design.seen * along;
             let mut noise = vec![0.0; channels];
             let middle = median(maps.noise.iter().copied());
             for c in 0..channels {
@@ -219,9 +229,9 @@ impl Maps {
         }
         let middle = median(maps.noise.iter().copied());
         // What the presses tell of the prior's directions is taken off.
-        let mut told = design.vectors.clone();
+        let mut told = design.terms;
         for (mut column, value) in told.column_iter_mut().zip(&design.values) {
-            column *= (value / (value + middle)).sqrt();
+            column *= (prior.own / (value + middle)).sqrt();
         }
         maps.spread = (DMatrix::identity(size, size) - &told * told.transpose()) * (prior.own / middle);
         maps.weights = maps.whole();
@@ -236,72 +246,73 @@ impl Maps {
         })
     }
 
-    /// One solution for the posterior means, with the present noise. Returns the degrees of freedom that are left of every
-    /// measurement.
-    fn solve(&mut self, design: &Design, values: &DMatrix<f64>) -> Option<Vec<f64>> {
+    /// One solution for the posterior means, with the present noise. What a measurement has of its own is integrated out, which leaves
+    /// the directions that presses see with the variances `values + noise` (generalised least squares).
+    fn solve(&mut self, design: &Design, own: f64, values: &DMatrix<f64>) -> Option<Solved> {
         let count = values.nrows() as f64;
-        let (vectors, seen_values) = (&design.vectors, &design.values);
-        let seen = vectors.tr_mul(&design.here.tr_mul(values)) * design.own_root;
-        let size = Sensitivities::len();
-        let mut freedom = vec![0.0; values.ncols()];
+        let told = &design.seen_transposed * values;
+        let mut solved = Solved {
+            along: DMatrix::zeros(told.nrows(), told.ncols()),
+            freedom: vec![0.0; told.ncols()],
+        };
+        let mut own_along = solved.along.clone();
         let mut unlike = (0.0, 0.0);
         for (orbit, list) in self.orbits.lists().iter().enumerate() {
-            let mut normal = DMatrix::from_diagonal(&design.precisions);
-            let mut right = DVector::zeros(design.precisions.len());
-            for &c in list {
-                let parts = self.parts(self.orbits.members[c].turned);
-                let (turn, noise) = (design.turn(self.orbits.members[c].turned), self.noise[c]);
-                let gain = self.gains[c];
-                let inverse = seen_values.map(|v| 1.0 / (v + noise));
-                let mut half = turn.seen.clone();
-                for (mut row, d) in half.row_iter_mut().zip(&inverse) {
-                    row *= d.sqrt();
-                }
-                let weight = gain * gain / noise;
-                let mut square = turn.square.clone();
-                square.gemm(-1.0, &half.transpose(), &half, 1.0);
-                let mut told = DVector::zeros(size);
-                told.gemv_tr(1.0, &turn.features, &values.column(c), 0.0);
-                told.gemv_tr(-1.0, &turn.seen, &inverse.component_mul(&seen.column(c)), 1.0);
-                for (i, a) in parts.iter().enumerate() {
-                    right.rows_mut(i * size, size).axpy(a * gain / noise, &told, 1.0);
-                    // The upper half is not looked at.
-                    for (j, b) in parts[..=i].iter().enumerate() {
-                        let mut block = normal.view_mut((i * size, j * size), (size, size));
-                        block.zip_apply(&square, |n, s| *n += a * b * weight * s);
-                    }
-                }
+            let mut normal = Normal::new(Sensitivities::len(), &design.precisions);
+            for alike in self.alike(list) {
+                let parts = self.parts(self.orbits.members[alike[0]].turned);
+                let members = alike.into_iter().map(|c| Turned {
+                    terms: design.turn(self.orbits.members[c].turned),
+                    weights: (design.values.iter())
+                        .map(|v| (v + self.noise[c]).sqrt().recip())
+                        .collect(),
+                    gain: self.gains[c],
+                    told: told.column(c).iter().copied().collect(),
+                });
+                normal.add(members, parts);
             }
-            self.shared.set_column(orbit, &Cholesky::new(normal)?.solve(&right));
+            self.shared.set_column(orbit, &normal.solve()?);
             for &c in list {
-                let shared = self.shared_by(c);
-                let (turn, noise) = (design.turn(self.orbits.members[c].turned), self.noise[c]);
-                let inverse = seen_values.map(|v| 1.0 / (v + noise));
-                let (map, map_seen) = (&turn.features * &shared, &turn.seen * &shared);
-                // By generalised least squares: what the measurement has of its own is integrated out.
-                let product = |other: &DVector<f64>, other_seen: &DVector<f64>| {
-                    (map.dot(other) - map_seen.component_mul(&inverse).dot(other_seen)) / noise
-                };
+                let map = design.turn(self.orbits.members[c].turned).tr_mul(&self.shared_by(c));
+                let weights = design.values.map(|v| 1.0 / (v + self.noise[c]));
+                let weighted = map.component_mul(&weights);
                 let prior = self.gain_variance.recip();
-                let along = product(&values.column(c).into_owned(), &seen.column(c).into_owned());
-                let told = product(&map, &map_seen).max(f64::MIN_POSITIVE);
-                self.gains[c] = (along + prior) / (told + prior);
+                let along = weighted.dot(&told.column(c));
+                let by = weighted.dot(&map).max(f64::MIN_POSITIVE);
+                self.gains[c] = (along + prior) / (by + prior);
                 // What the presses alone say, by how much of it is not their noise (DerSimonian and Laird 1986).
-                let (off, noise_of) = ((along / told - 1.0).clamp(-1.0, 1.0), told.recip());
+                let (off, noise_of) = ((along / by - 1.0).clamp(-1.0, 1.0), by.recip());
                 let weight = (noise_of + self.gain_variance).powi(-2);
                 unlike.0 += weight * (off * off - noise_of);
                 unlike.1 += weight;
-                let left = seen.column(c) - map_seen * self.gains[c];
-                let weights = vectors * inverse.component_mul(&left);
-                self.own.set_column(c, &(weights * design.own_root));
-                freedom[c] = (count - seen_values.dot(&inverse)).max(0.15 * count);
+                let left = (told.column(c) - &map * self.gains[c]).component_mul(&weights);
+                own_along.set_column(c, &(&left * own));
+                solved
+                    .along
+                    .set_column(c, &(map * self.gains[c] + left.component_mul(&design.values)));
+                let tied = design.values.dot(&weights);
+                solved.freedom[c] = (count - tied).max(0.15 * count);
             }
         }
+        self.own = &design.terms * own_along;
         let variance: f64 = unlike.0 / unlike.1;
         if variance.is_finite() {
             self.gain_variance = variance.clamp(LEAST_GAIN_VARIANCE, GAIN_SD * GAIN_SD);
         }
-        Some(freedom)
+        Some(solved)
+    }
+
+    /// Measurements of an orbit by what they have of its parts.
+    fn alike(&self, list: &[usize]) -> Vec<Vec<usize>> {
+        if self.shared.nrows() == Sensitivities::len() {
+            return vec![list.to_vec()];
+        }
+        let mut alike: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+        for &c in list {
+            let direction = 2 * self.orbits.members[c].turned % self.frame.electrodes;
+            alike.entry(direction).or_default().push(c);
+        }
+        alike.into_values().collect()
     }
 
     /// By what a measurement turned so far has the parts of what its orbit shares.
@@ -331,17 +342,6 @@ impl Maps {
         self.basis.values_at(back, here.as_mut_slice());
         let sign = if member.negative { -1.0 } else { 1.0 };
         sign * self.scale[measurement] * here.dot(&self.shared_by(measurement))
-    }
-
-    /// What the maps say of the presses that they were learned from, over the scale.
-    fn fitted(&self, design: &Design) -> DMatrix<f64> {
-        let mut fitted = &design.here * &self.own;
-        for (c, member) in self.orbits.members.iter().enumerate() {
-            let turn = design.turn(member.turned);
-            let (shared, gain) = (&turn.features * self.shared_by(c), self.gains[c]);
-            fitted.column_mut(c).zip_apply(&shared, |f, s| *f += gain * s);
-        }
-        fitted
     }
 
     /// The change of every measurement by a press of the usual strength at each of some places: measurements x places.

@@ -34,29 +34,29 @@ pub(super) fn features(basis: &Sensitivities, places: impl Iterator<Item = Optio
     DMatrix::from_columns(&columns).transpose()
 }
 
-/// The presses as the terms see them, and what all measurements have in common.
+/// The presses as the terms see them: `here = seen terms^T`, with one row of `here` for each, its place's features and the part of those
+/// of the press before that is left. Features of places that are turned back are those of the places, turned: all measurements share
+/// the directions that presses see, of which there are no more than terms.
 pub(super) struct Design {
-    /// Of the places, with the part of those of the presses before that is left.
-    pub(super) here: DMatrix<f64>,
-    /// For every turn that a measurement has: its number, the features turned back, and two products of them.
-    pub(super) turns: Vec<(usize, Turn)>,
-    /// Eigenvectors and eigenvalues of what the presses see of the own parts, in units of their prior.
-    pub(super) vectors: DMatrix<f64>,
+    /// Presses x directions, orthonormal, and transposed.
+    pub(super) seen: DMatrix<f64>,
+    pub(super) seen_transposed: DMatrix<f64>,
+    /// Terms x directions.
+    pub(super) terms: DMatrix<f64>,
+    /// For every turn that a measurement has: its number, and the terms turned back.
+    turns: Vec<(usize, DMatrix<f64>)>,
+    /// Squares of the directions' sizes, in units of the own parts' prior.
     pub(super) values: DVector<f64>,
-    pub(super) own_root: f64,
     /// Precisions of the shared weights.
     pub(super) precisions: DVector<f64>,
 }
 
-/// Eigenvectors and eigenvalues of the columns' square, those without the ones that no row sees. Of fewer rows than columns they
-/// follow from the rows' square.
-fn seen(scaled: &DMatrix<f64>) -> Option<(DMatrix<f64>, DVector<f64>)> {
-    let few = scaled.nrows() < scaled.ncols();
-    let square = if few {
-        scaled * scaled.transpose()
-    } else {
-        scaled.tr_mul(scaled)
-    };
+/// Orthonormal directions of rows that columns see, and their sizes squared, without those that are not seen. Of fewer rows than
+/// columns they follow from the rows' square.
+fn directions(here: &DMatrix<f64>) -> Option<(DMatrix<f64>, DVector<f64>)> {
+    let few = here.nrows() < here.ncols();
+    let transposed = here.transpose();
+    let square = if few { here * &transposed } else { &transposed * here };
     let eigen = symmetric_eigen(square)?;
     let least = LEAST_SEEN * eigen.eigenvalues.max();
     let order: Vec<usize> = (0..eigen.eigenvalues.len())
@@ -64,8 +64,8 @@ fn seen(scaled: &DMatrix<f64>) -> Option<(DMatrix<f64>, DVector<f64>)> {
         .collect();
     let values = eigen.eigenvalues.select_rows(&order);
     let mut vectors = eigen.eigenvectors.select_columns(&order);
-    if few {
-        vectors = scaled.tr_mul(&vectors);
+    if !few {
+        vectors = here * &vectors;
         for (mut column, value) in vectors.column_iter_mut().zip(&values) {
             column /= value.sqrt();
         }
@@ -73,11 +73,13 @@ fn seen(scaled: &DMatrix<f64>) -> Option<(DMatrix<f64>, DVector<f64>)> {
     Some((vectors, values))
 }
 
-pub(super) struct Turn {
-    pub(super) features: DMatrix<f64>,
-    pub(super) square: DMatrix<f64>,
-    /// In the directions of the eigenvectors.
-    pub(super) seen: DMatrix<f64>,
+/// Weights turned around the centre, column by column.
+fn turned(weights: &DMatrix<f64>, angle: f64) -> DMatrix<f64> {
+    let mut out = DMatrix::zeros(weights.nrows(), weights.ncols());
+    for (from, mut to) in weights.column_iter().zip(out.column_iter_mut()) {
+        Sensitivities::add_turned(from.as_slice(), angle, 1.0, to.as_mut_slice());
+    }
+    out
 }
 
 impl Design {
@@ -89,41 +91,32 @@ impl Design {
         orbits: &Orbits,
         basis: &Sensitivities,
     ) -> Option<Self> {
-        let felt: Vec<[f64; 2]> = (presses.places_mm.iter().zip(&presses.before_mm))
-            .map(|(place, before)| frame.felt(*place, *before, prior.displaced))
-            .collect();
-        // What the press before left is a part of what it did.
-        let of_presses = |turned: usize| {
-            let back = |p: [f64; 2]| frame.turned_back(p, turned);
-            let here = features(basis, felt.iter().map(|p| Some(back(*p))));
-            here + features(basis, presses.before_mm.iter().map(|p| p.map(back))) * prior.memory
-        };
-        let here = of_presses(0);
-        let own_root = prior.own.sqrt();
-        let (vectors, values) = seen(&(&here * own_root))?;
-        let to_seen = &here * own_root * &vectors;
+        let felt = (presses.places_mm.iter().zip(&presses.before_mm))
+            .map(|(place, before)| Some(frame.felt(*place, *before, prior.displaced)));
+        let mut here = features(basis, felt);
+        if prior.memory != 0.0 {
+            // What the press before left is a part of what it did.
+            here += features(basis, presses.before_mm.iter().copied()) * prior.memory;
+        }
+        let (seen, values) = directions(&here)?;
+        let seen_transposed = seen.transpose();
+        let terms = (&seen_transposed * &here).transpose();
         let mut numbers: Vec<usize> = orbits.members.iter().map(|m| m.turned).collect();
         numbers.sort_unstable();
         numbers.dedup();
-        let turn = |turned: usize| {
-            let features = of_presses(turned);
-            Turn {
-                square: features.tr_mul(&features),
-                seen: to_seen.tr_mul(&features),
-                features,
-            }
-        };
+        let turns = numbers.into_iter().map(|t| (t, turned(&terms, -frame.angle(t))));
         Some(Self {
-            turns: numbers.into_iter().map(|t| (t, turn(t))).collect(),
-            here,
-            values,
-            vectors,
-            own_root,
+            turns: turns.collect(),
+            seen,
+            seen_transposed,
+            terms,
+            values: values * prior.own,
             precisions: precisions(prior),
         })
     }
 
-    pub(super) fn turn(&self, turned: usize) -> &Turn {
+    /// The terms turned back by so many electrodes.
+    pub(super) fn turn(&self, turned: usize) -> &DMatrix<f64> {
         let place = self.turns.partition_point(|(t, _)| *t < turned);
         &self.turns[place].1
     }
