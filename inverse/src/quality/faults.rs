@@ -113,8 +113,8 @@ struct OutlierSearch {
     earlier: Vec<(Candidate, usize)>,
 }
 
-/// One in so many pairs may be wild without an electrode or a drive to blame.
-pub(crate) const MOST_WILD: usize = 8;
+/// One in so many pairs or values may be wild without an electrode or a drive to blame.
+pub(crate) const MOST_WILD: usize = 4;
 
 /// So many times as much as the worst that stays is what goes: the tail of a sheet that is not as the model has it does not stand apart.
 pub(super) const APART: f64 = 2.0;

@@ -37,7 +37,7 @@ impl Unreached {
     }
 
     /// Values of a frame (over their noise, all alike) that have nothing to do with the others, by this probability of a false alarm
-    /// in a frame. An eighth of them at most.
+    /// in a frame. A quarter of them at most.
     pub(crate) fn wild(&self, values: &[f64], false_alarm: f64) -> Vec<usize> {
         let count = values.len();
         let mut projection = self.projection.clone();

@@ -130,3 +130,31 @@ fn many_values_off_by_ten_times_the_noise_move_no_touch() {
         );
     }
 }
+
+/// One value in ten with the other sign, and nothing but the frame tells its noise: what is wrong then is doubted, and half is right.
+#[test]
+fn what_many_wild_values_do_to_a_frame_is_not_silent() {
+    let imager = imager(Drive::PAPER, 5.0).unwrap();
+    let mut rng = rng(113);
+    let mut sheet = TestSheet::new(&imager, Drive::PAPER, 0.0, 0.0, &mut rng).unwrap();
+    let mut reconstructor = sheet.reconstructor().unwrap();
+    let touches = [finger(-30.0, 45.0), finger(20.0, -50.0)];
+    let clean = sheet.clean_frame(&touches).unwrap();
+    let sigma = noise_v(&clean, &sheet.baseline.clone(), 35.0);
+    const FRAMES: usize = 16;
+    let mut right = 0;
+    for _ in 0..FRAMES {
+        for truth in [&touches[..], &[]] {
+            let values = if truth.is_empty() { &sheet.baseline } else { &clean };
+            let mut frame = noisy(values.clone(), sigma, &mut rng);
+            for place in rand::seq::index::sample(&mut rng, frame.len(), 20) {
+                frame[place] *= -1.0;
+            }
+            let found = reconstructor.frame(&frame).unwrap();
+            let counted = found.touches.len() == truth.len();
+            right += usize::from(counted);
+            assert!(counted || found.doubt.is_some(), "{:?}", found.touches);
+        }
+    }
+    assert!(right > FRAMES, "{right} of {}", 2 * FRAMES);
+}

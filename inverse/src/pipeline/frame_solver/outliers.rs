@@ -29,7 +29,7 @@ struct Left {
 
 impl FrameSolver {
     /// Values of a frame that stand out of what touches leave beside a common drift; none where touches leave more than noise of most
-    /// values, or where these are more than an eighth: then something else is wrong. `noise` is that of a sound value.
+    /// values, or where these are more than a quarter: then something else is wrong. `noise` is that of a sound value.
     pub(crate) fn outliers(&mut self, task: Task, noise: NoiseEstimate) -> Vec<usize> {
         let mut difference = task.difference.clone();
         let mut result = FrameResult::nothing(&self.imager);
