@@ -34,9 +34,9 @@ pub(super) fn features(basis: &Sensitivities, places: impl Iterator<Item = Optio
     DMatrix::from_columns(&columns).transpose()
 }
 
-/// The presses as the terms see them: `here = seen terms^T`, with one row of `here` for each, its place's features and the part of those
-/// of the press before that is left. Features of places that are turned back are those of the places, turned: all measurements share
-/// the directions that presses see, of which there are no more than terms.
+/// The presses as the terms see them: `here = seen terms^T`. A row of `here` has the features of a press's place and, of those of the
+/// press before, the part that is left. Features of places that are turned back are the features, turned. So all measurements share the
+/// directions that presses see, of which there are no more than terms.
 pub(super) struct Design {
     /// Presses x directions, orthonormal, and transposed.
     pub(super) seen: DMatrix<f64>,
@@ -45,7 +45,7 @@ pub(super) struct Design {
     pub(super) terms: DMatrix<f64>,
     /// For every turn that a measurement has: its number, and the terms turned back.
     turns: Vec<(usize, DMatrix<f64>)>,
-    /// Squares of the directions' sizes, in units of the own parts' prior.
+    /// Squares of the directions' sizes, times the prior variance of what a measurement has of its own.
     pub(super) values: DVector<f64>,
     /// Precisions of the shared weights.
     pub(super) precisions: DVector<f64>,
@@ -119,5 +119,53 @@ impl Design {
     pub(super) fn turn(&self, turned: usize) -> &DMatrix<f64> {
         let place = self.turns.partition_point(|(t, _)| *t < turned);
         &self.turns[place].1
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use forward::Pattern;
+    use rand::rngs::StdRng;
+    use rand::{Rng, SeedableRng};
+
+    #[test]
+    fn what_presses_see_turned_is_what_turned_presses_see() {
+        let orbits = Orbits::new(Pattern::adjacent(8).unwrap().measurements(), 8, 1);
+        let mut random = StdRng::seed_from_u64(7);
+        for (count, clockwise) in [(20, false), (120, true)] {
+            let frame = Frame {
+                centre_mm: [3.0, -2.0],
+                reach_mm: 40.0,
+                radius_mm: 50.0,
+                electrodes: 8,
+                clockwise,
+            };
+            let prior = Prior {
+                shared: 0.5,
+                grain: 0.0,
+                own: 0.06,
+                memory: 0.2,
+                displaced: 0.1,
+            };
+            let mut place = || [3.0, -2.0].map(|middle: f64| middle + random.random_range(-28.0..28.0));
+            let places_mm: Vec<[f64; 2]> = (0..count).map(|_| place()).collect();
+            let before_mm: Vec<Option<[f64; 2]>> = (0..count).map(|k| (k % 5 > 0).then(&mut place)).collect();
+            let presses = Presses {
+                changes: DMatrix::zeros(count, orbits.members.len()),
+                places_mm: places_mm.clone(),
+                before_mm: before_mm.clone(),
+            };
+            let basis = frame.basis();
+            let design = Design::new(&presses, frame, prior, &orbits, &basis).unwrap();
+            for turned in 0..8 {
+                let back = |place| frame.turned_back(place, turned);
+                let felt = (places_mm.iter().zip(&before_mm)).map(|(p, b)| Some(back(frame.felt(*p, *b, 0.1))));
+                let left = features(&basis, before_mm.iter().map(|b| b.map(back))) * 0.2;
+                let wanted = features(&basis, felt) + left;
+                let found = &design.seen * design.turn(turned).transpose();
+                assert!((&found - &wanted).norm() < 1e-4 * wanted.norm(), "{count} {turned}");
+            }
+        }
     }
 }
