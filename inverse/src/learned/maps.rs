@@ -206,7 +206,7 @@ impl Maps {
         let values = maps.over_scale(&presses.changes);
         let mut drawn_in = values.map(|v| if v.is_finite() { v } else { 0.0 });
         for _ in 0..REPETITIONS {
-            let Solved { along, freedom } = maps.solve(&design, prior.own, &drawn_in)?;
+            let Solved { along, freedom } = maps.solve(&design, &drawn_in)?;
             let fitted = &design.seen * along;
             let mut noise = vec![0.0; channels];
             let middle = median(maps.noise.iter().copied());
@@ -248,7 +248,7 @@ impl Maps {
 
     /// One solution for the posterior means, with the present noise. What a measurement has of its own is integrated out, which leaves
     /// the directions that presses see with the variances `values + noise` (generalised least squares).
-    fn solve(&mut self, design: &Design, own: f64, values: &DMatrix<f64>) -> Option<Solved> {
+    fn solve(&mut self, design: &Design, values: &DMatrix<f64>) -> Option<Solved> {
         let count = values.nrows() as f64;
         let told = &design.seen_transposed * values;
         let mut solved = Solved {
@@ -286,7 +286,7 @@ impl Maps {
                 unlike.0 += weight * (off * off - noise_of);
                 unlike.1 += weight;
                 let left = (told.column(c) - &map * self.gains[c]).component_mul(&weights);
-                own_along.set_column(c, &(&left * own));
+                own_along.set_column(c, &(&left * design.own));
                 solved
                     .along
                     .set_column(c, &(map * self.gains[c] + left.component_mul(&design.values)));

@@ -47,6 +47,8 @@ pub(super) struct Design {
     turns: Vec<(usize, DMatrix<f64>)>,
     /// Squares of the directions' sizes, times the prior variance of what a measurement has of its own.
     pub(super) values: DVector<f64>,
+    /// That variance.
+    pub(super) own: f64,
     /// Precisions of the shared weights.
     pub(super) precisions: DVector<f64>,
 }
@@ -111,6 +113,7 @@ impl Design {
             seen_transposed,
             terms,
             values: values * prior.own,
+            own: prior.own,
             precisions: precisions(prior),
         })
     }
