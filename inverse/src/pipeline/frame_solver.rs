@@ -13,12 +13,13 @@ use crate::pipeline::weighted::{Pictures, Weightings};
 use crate::pipeline::work::{Costs, Work};
 use crate::quality::contact::{Contacts, Evidence};
 use crate::reference::Difference;
+use crate::reference::diagnosis::PARTS;
 use crate::reference::drift::{ContactChange, Drift, DriftShapes, Drifting};
 use crate::reference::imager::Imager;
 use crate::reference::noise::{NoiseEstimate, NoiseSource};
 use crate::stats::fisher_quantile;
 use crate::touches::fit::disc::MOST_TOUCHES;
-use crate::touches::fit::fitter::{Beside, Data, Fitter, Places};
+use crate::touches::fit::fitter::{Allowed, Beside, Data, Fitter, Places};
 use crate::touches::fit::fitter_options::FitterOptions;
 use crate::touches::fit::matched_filter::MatchedFilter;
 use crate::touches::fit::reduction::WeightedProjection;
@@ -209,7 +210,7 @@ impl FrameSolver {
     pub(crate) fn begin_frame(&mut self, keeps_free: bool) {
         self.keeps_free = keeps_free;
         self.work = Work {
-            searches: usize::from(keeps_free),
+            searches: if keeps_free { PARTS } else { 0 },
             ..Work::default()
         };
         self.fitter.iter_mut().for_each(Fitter::begin_frame);
@@ -223,15 +224,18 @@ impl FrameSolver {
 
     /// Lets the next fit take what a fit may, and solve the sheet where the frame has time for that.
     fn allow(&mut self) {
-        let (mut solutions, mut evaluations) = (usize::MAX, usize::MAX);
+        let mut allowed = Allowed::default();
         if self.options.sequence {
             let costs = self.costs();
-            let taken = costs.of(self.work());
-            evaluations = LEAST_EVALUATIONS.max((FIT_MS / costs.evaluation) as usize);
-            let left = (MOST_MS - taken).max(0.0);
-            solutions = MOST_SOLUTIONS.min(self.work().solutions + (left / costs.solution) as usize);
+            let beside = costs.of(self.work) / costs.evaluation;
+            allowed = Allowed {
+                evaluations: LEAST_EVALUATIONS.max((FIT_MS / costs.evaluation) as usize),
+                solutions: MOST_SOLUTIONS,
+                a_solution: costs.solution / costs.evaluation,
+                until: MOST_MS / costs.evaluation - beside,
+            };
         }
-        (self.fitter.iter_mut()).for_each(|fitter| fitter.allow(solutions, evaluations));
+        self.fitter.iter_mut().for_each(|fitter| fitter.allow(allowed));
     }
 
     /// Whether the frame has taken as long as it may: what else is to be asked waits for the next.
@@ -251,7 +255,20 @@ impl FrameSolver {
         made
     }
 
-    /// Takes note of the searches for what is broken in this frame.
+    /// Parts of a search for what is broken that the frame has time to begin, with `searches` done.
+    pub(crate) fn parts_of_searches(&self, searches: usize) -> usize {
+        if !self.options.sequence {
+            return usize::MAX;
+        }
+        let costs = self.costs();
+        let taken = costs.of(Work {
+            searches,
+            ..self.work()
+        });
+        ((MOST_MS - taken).max(0.0) / costs.search).ceil() as usize
+    }
+
+    /// Takes note of the parts of searches for what is broken in this frame.
     pub(crate) fn note_searches(&mut self, searches: usize) {
         self.work.searches = self.work.searches.max(searches);
     }
@@ -644,10 +661,7 @@ impl FrameSolver {
             }
         }
         let (geometry, unplaced) = (self.imager.model.geometry(), self.options.unplaced_mm);
-        let strengths = fitted.touches.iter().zip(&fitted.significances);
-        let significant = strengths
-            .filter(|(_, s)| **s >= fitter.options().least_significance)
-            .map(|(t, _)| t);
+        let significant = fitted.standing_out(fitter.options().least_significance);
         let placed = significant.filter(|t| is_placed(t, &fitted.touches, geometry, unplaced));
         result.touches.clear();
         result.touches.extend(placed.copied());

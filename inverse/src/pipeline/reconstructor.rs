@@ -49,8 +49,8 @@ pub struct Reconstructor {
     unexplained: usize,
     /// Time since the last picture, s.
     since_picture_s: f64,
-    /// Searches for what is broken before this frame.
-    searches: usize,
+    /// Parts of searches for what is broken before this frame.
+    searched: usize,
     /// Of how many frames the result is the mean's.
     averaged: Averaged,
     /// Room for a frame, and for the mean of several.
@@ -88,7 +88,7 @@ impl Reconstructor {
             following: Following::new(reference.baseline().len(), options.follow_s),
             unexplained: 0,
             since_picture_s: f64::INFINITY,
-            searches: 0,
+            searched: 0,
             averaged: Averaged::ONE,
             divided: Vec::new(),
             difference: reference.unchanged().clone(),
@@ -124,7 +124,7 @@ impl Reconstructor {
     /// What the last frame took.
     pub fn work(&self) -> Work {
         Work {
-            searches: self.broken.searches() - self.searches,
+            searches: self.broken.parts() - self.searched,
             ..self.solver.work()
         }
     }
@@ -154,7 +154,7 @@ impl Reconstructor {
     pub fn frame_after(&mut self, values: &[f64], interval_s: Option<f64>) -> Result<&mut FrameResult, ImagerError> {
         self.since_picture_s += interval_s.unwrap_or(f64::INFINITY);
         self.solver.begin_frame(self.broken.is_owed());
-        self.searches = self.broken.searches();
+        self.searched = self.broken.parts();
         if !self.options.sequence {
             self.gain = 1.0;
         }
@@ -222,9 +222,11 @@ impl Reconstructor {
         self.look_without_faults();
         self.due = self.broken.begin(self.contacts.changed());
         if self.due {
-            // No detector looks at this frame.
+            // What is broken is looked for in a frame that shows nothing, too.
+            let detector = self.detectors[self.contacts.detector()].as_mut();
+            let quiet = detector.is_some_and(|d| matches!(d.test(values, 1), Change::Nothing));
             self.detectors.iter_mut().flatten().for_each(ChangeDetector::forget);
-            self.reconstruct(values, Averaged::ONE, false)?;
+            self.reconstruct(values, Averaged::ONE, quiet)?;
             return Ok(true);
         }
         if self.broken.named().is_some_and(|fault| !fault.leaves_touches()) {
@@ -305,6 +307,8 @@ impl Reconstructor {
         self.instead_of = None;
         if self.broken.named().is_none() {
             self.broken.clear();
+        } else {
+            self.broken.put_nothing_off();
         }
         self.show_faults();
         self.unexplained = 0;
@@ -466,11 +470,11 @@ impl Reconstructor {
         let seen = Seen {
             unexplained: unexplained || suspected,
             due,
-            spent: self.solver.is_spent(),
+            parts: self.solver.parts_of_searches(self.broken.parts() - self.searched),
             sudden: self.contacts.is_sudden(),
         };
         let other = self.broken.take(frame, sigma_v, seen);
-        self.solver.note_searches(self.broken.searches() - self.searches);
+        self.solver.note_searches(self.broken.parts() - self.searched);
         if !other {
             return false;
         }

@@ -16,7 +16,7 @@ pub struct Work {
     pub solutions: usize,
     /// Problems made anew for other values or contacts.
     pub problems: usize,
-    /// Searches for what is broken.
+    /// Parts of searches for what is broken: each has three.
     pub searches: usize,
 }
 
@@ -27,7 +27,8 @@ pub(crate) struct Costs {
     pub(crate) evaluation: f64,
     pub(crate) solution: f64,
     problem: f64,
-    search: f64,
+    /// A part of one.
+    pub(crate) search: f64,
 }
 
 impl Costs {
@@ -44,7 +45,7 @@ impl Costs {
             solution: 8.0,
             problem: 15.0 * rank * values,
             // Pairs of electrodes.
-            search: 15.0 * electrodes * electrodes,
+            search: 5.0 * electrodes * electrodes,
         }
     }
 

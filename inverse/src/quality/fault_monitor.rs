@@ -4,7 +4,9 @@
 //! stays broken. In frames that follow one another a fault is therefore looked for from the third on, and named when two tell the same.
 
 use crate::reference::Difference;
-use crate::reference::diagnosis::{Diagnosis, Electrodes, Fault, MOST_ELECTRODES, Told, values_of, values_of_channel};
+use crate::reference::diagnosis::{
+    Diagnosis, Electrodes, Fault, MOST_ELECTRODES, Search, Told, values_of, values_of_channel,
+};
 use crate::reference::imager::Imager;
 use std::sync::Arc;
 
@@ -84,10 +86,18 @@ pub(crate) struct Seen {
     pub(crate) unexplained: bool,
     /// What [`FaultMonitor::begin`] said.
     pub(crate) due: bool,
-    /// It has taken too long for a search, which is put off.
-    pub(crate) spent: bool,
+    /// Parts of a search that it has time for; others are put off.
+    pub(crate) parts: usize,
     /// What it shows came not long ago, from one frame to the next.
     pub(crate) sudden: bool,
+}
+
+/// A search that goes on in the next frame.
+struct Begun {
+    search: Search,
+    /// Whether the fault that is named was to be looked for, and whether something came beside it.
+    due: bool,
+    beside: bool,
 }
 
 /// Names faults.
@@ -118,9 +128,10 @@ pub(crate) struct FaultMonitor {
     well: usize,
     /// A fault that took no touch's place, and for how many frames it is none.
     rejected: Option<(Fault, usize)>,
-    /// Searches so far, and whether one was put off.
-    searches: usize,
+    /// Parts of searches so far, whether one was put off, and what was begun.
+    parts: usize,
     owed: bool,
+    begun: Option<Begun>,
 }
 
 impl FaultMonitor {
@@ -142,8 +153,9 @@ impl FaultMonitor {
             against: 0,
             well: 0,
             rejected: None,
-            searches: 0,
+            parts: 0,
             owed: false,
+            begun: None,
         }
     }
 
@@ -193,6 +205,7 @@ impl FaultMonitor {
         (self.named, self.candidate, self.open) = (Some(Fault::Contacts(Electrodes::of(&all))), None, false);
         (self.until, self.against) = (next_look(Fault::Contacts(Electrodes::of(&all))), 0);
         self.wait = 1;
+        self.put_nothing_off();
         true
     }
 
@@ -214,6 +227,7 @@ impl FaultMonitor {
     /// The fault that was named took no touch's place: it is none for a while.
     pub(crate) fn reject(&mut self, fault: Fault) {
         (self.named, self.candidate) = (None, None);
+        self.put_nothing_off();
         self.rejected = Some((fault, REJECTED));
     }
 
@@ -229,14 +243,20 @@ impl FaultMonitor {
 
     /// Whether the next frame is to leave time for a search.
     pub(crate) fn is_owed(&self) -> bool {
-        self.owed
+        self.owed || self.candidate.is_some()
+    }
+
+    /// What was put off is not asked any more.
+    pub(crate) fn put_nothing_off(&mut self) {
+        (self.owed, self.begun) = (false, None);
     }
 
     /// Forgets all that earlier frames said.
     pub(crate) fn clear(&mut self) {
         (self.named, self.candidate) = (None, None);
         (self.suspicious, self.until, self.wait, self.against) = (0, 0, 1, 0);
-        (self.open, self.mean, self.owed, self.well) = (false, None, false, 0);
+        (self.open, self.mean, self.well) = (false, None, 0);
+        self.put_nothing_off();
     }
 
     /// Begins a frame, with the contacts that are known to have changed: whether the fault that was named is to be looked for again.
@@ -296,7 +316,7 @@ impl FaultMonitor {
             None => self.mean = None,
         }
         if !unexplained && self.named.is_none() {
-            (self.candidate, self.wait, self.open) = (None, 1, false);
+            (self.candidate, self.wait, self.open, self.begun) = (None, 1, false, None);
             return false;
         }
         // What comes beside a fault that is named is asked for as it comes.
@@ -304,19 +324,27 @@ impl FaultMonitor {
         let asked = known.is_some() || due || beside || (unexplained && self.until == 0 && self.named.is_none());
         let early = self.sequence && self.suspicious < SUSPICIOUS && known.is_none() && !due;
         let again = self.candidate.is_some();
-        if early || !(asked || again) {
+        if self.begun.is_none() && (early || !(asked || again)) {
             return false;
         }
-        if seen.spent && known.is_none() && !owed && self.imager.is_searched() {
-            (self.owed, self.until) = (true, 0);
-            return false;
-        }
+        let (told, due, beside) = match known {
+            Some(fault) => {
+                self.begun = None;
+                (Told::Fault { fault, alone: true }, due, beside)
+            }
+            None if !self.imager.is_searched() => (Told::Nothing, due, beside),
+            None => match self.search(d, sigma_v, (due, beside), seen.parts.max(usize::from(owed))) {
+                Some(told) => told,
+                None => {
+                    (self.owed, self.until) = (true, 0);
+                    return false;
+                }
+            },
+        };
         let known_contacts = |fault: &Fault, known: &[usize]| match fault {
             Fault::Contacts(electrodes) => electrodes.list().iter().all(|l| known.contains(l)),
             _ => false,
         };
-        let known = known.map(|fault| Told::Fault { fault, alone: true });
-        let told = known.unwrap_or_else(|| self.explain(d, sigma_v));
         self.open = told == Told::Perhaps && self.named.is_none();
         if told == Told::Perhaps && self.named.is_some() {
             // It does not speak against the fault.
@@ -395,25 +423,46 @@ impl FaultMonitor {
         (all == missing && all == had).then_some(Fault::Rail(pair))
     }
 
-    /// Searches for what is broken so far.
-    pub(crate) fn searches(&self) -> usize {
-        self.searches
+    /// Parts of searches for what is broken so far.
+    pub(crate) fn parts(&self) -> usize {
+        self.parts
     }
 
-    fn explain(&mut self, d: &Difference, sigma_v: Option<f64>) -> Told {
-        if !self.imager.is_searched() {
-            return Told::Nothing;
-        }
-        self.searches += 1;
+    /// Goes on with a search, or begins one, for so many parts: what it told, and what it was asked for. None where it is not at its end.
+    fn search(
+        &mut self,
+        d: &Difference,
+        sigma_v: Option<f64>,
+        (due, beside): (bool, bool),
+        parts: usize,
+    ) -> Option<(Told, bool, bool)> {
         if self.diagnosis.is_none() {
             self.diagnosis = Some(self.made());
         }
         let Some(Some(diagnosis)) = &mut self.diagnosis else {
-            return Told::Nothing;
+            return Some((Told::Nothing, due, beside));
         };
-        match &self.mean {
-            Some(mean) => diagnosis.explain(&mean.difference, sigma_v.map(|sigma| sigma / mean.frames.sqrt())),
-            None => diagnosis.explain(d, sigma_v),
+        let mut begun = match self.begun.take() {
+            Some(begun) => begun,
+            None if parts == 0 => return None,
+            None => {
+                let search = match &self.mean {
+                    Some(mean) => diagnosis.begin(&mean.difference, sigma_v.map(|sigma| sigma / mean.frames.sqrt())),
+                    None => diagnosis.begin(d, sigma_v),
+                };
+                let Some(search) = search else {
+                    return Some((Told::Nothing, due, beside));
+                };
+                Begun { search, due, beside }
+            }
+        };
+        for _ in 0..parts {
+            self.parts += 1;
+            if diagnosis.go_on(&mut begun.search) {
+                return Some((diagnosis.told(&begun.search), begun.due, begun.beside));
+            }
         }
+        self.begun = Some(begun);
+        None
     }
 }

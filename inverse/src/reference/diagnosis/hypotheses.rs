@@ -1,10 +1,14 @@
 //! The faults that a frame is compared with, and what each predicts.
 
+mod search;
+
+pub(crate) use self::search::{PARTS, Search};
+
+use self::search::Best;
 use super::covariance::Covariance;
 use super::evidence::Evidence;
 use super::fault::{Electrodes, Fault, MOST_ELECTRODES};
 use super::freed::{Cost, Freed};
-use super::press::Press;
 use crate::reference::Difference;
 use crate::reference::drift::{DriftShapes, Drifting};
 use crate::reference::imager::Imager;
@@ -23,10 +27,6 @@ const DEPTH: f64 = 0.7;
 /// Standard deviations of what drifts: the gain and the sheet's resistance, and every contact.
 const COMMON: f64 = 0.1;
 const CONTACT: f64 = 0.01;
-/// Relative error of what a fault is predicted to change: the model's electrodes are not quite the sheet's. Of a sheet that is as its
-/// model it is less, which tells a fault from a press.
-const PREDICTION: f64 = 0.02;
-const EXACT: [f64; 2] = [PREDICTION / 4.0, PREDICTION / 16.0];
 /// Relative error of the values of a sheet as it is built, and how much more probable a baseline must be with a fault, as a logarithm.
 const BUILT: f64 = 0.1;
 const CLEAR: f64 = 50.0;
@@ -93,34 +93,6 @@ pub(crate) enum Told {
         /// Whether nothing else comes into question: touches alone leave more than is expected.
         alone: bool,
     },
-}
-
-/// The best explanation so far, its cost and that of touches alone.
-struct Best {
-    fault: Option<Fault>,
-    cost: f64,
-    /// Resistances of the contacts that explain the frame best, ohm.
-    worse: Vec<(usize, f64)>,
-    /// The part of the cost that values have which are not free.
-    left: f64,
-    touches: f64,
-    /// Whether the frame by itself rather speaks for a fault than for the press that it may be.
-    perhaps: bool,
-}
-
-impl Best {
-    /// Whether it is the best now.
-    fn offer(&mut self, cost: f64, fault: impl FnOnce() -> Fault) -> bool {
-        self.offer_free(cost, cost, fault)
-    }
-
-    fn offer_free(&mut self, cost: f64, left: f64, fault: impl FnOnce() -> Fault) -> bool {
-        let better = cost < self.cost;
-        if better {
-            (self.cost, self.left, self.fault) = (cost, left, Some(fault()));
-        }
-        better
-    }
 }
 
 impl Diagnosis {
@@ -253,15 +225,7 @@ impl Diagnosis {
     /// Makes ready for [`Diagnosis::suspects`]: frames of this noise, V of the model.
     pub(crate) fn prepare(&mut self, sigma_v: f64, unchanged: &Difference) {
         let unchanged = &*self.seen(unchanged);
-        let own: Vec<f64> = (0..unchanged.used.len())
-            .map(|k| {
-                if unchanged.used[k] {
-                    sigma_v * unchanged.spread[k]
-                } else {
-                    f64::NAN
-                }
-            })
-            .collect();
+        let own = own_noise(unchanged, sigma_v);
         let contacts = (0..self.electrodes()).map(|l| (self.contacts(&[(l, SCORED_OHM)]), 1.0));
         let channels = self.channels.iter().flat_map(|(_, values)| {
             let [gain, offset] = self.channel_columns(values, unchanged);
@@ -280,7 +244,7 @@ impl Diagnosis {
     }
 
     /// Whether a small fault may take the place of touches in a frame: a worse contact, an amplifier's gain or offset. It takes a
-    /// product with a small matrix; [`Diagnosis::explain`] decides.
+    /// product with a small matrix; a search decides.
     pub(crate) fn suspects(&self, d: &Difference) -> bool {
         let Some(Scores { along, gain }) = &self.scores else {
             return false;
@@ -298,27 +262,6 @@ impl Diagnosis {
             (gain[k], offset[k]) = (self.imager.model_v[k], d.spread[k]);
         }
         [gain, offset]
-    }
-
-    /// The fault that explains a difference best; none where touches and drift do, or where it leaves more than twice the square that
-    /// is expected. `sigma_v`: noise of one value, V of the model.
-    pub(crate) fn explain(&mut self, d: &Difference, sigma_v: Option<f64>) -> Told {
-        let d = &*self.seen(d);
-        let sigma_v = sigma_v.unwrap_or(LEAST_NOISE * self.mean_v);
-        let own = |k: usize, prediction: f64| (sigma_v * d.spread[k]).hypot(prediction * d.y[k]);
-        let Some(best) = self.best(d, own, &EXACT) else {
-            return Told::Nothing;
-        };
-        let values = d.used.iter().filter(|used| **used).count() as f64;
-        match best.fault {
-            // Otherwise it is nothing that is known.
-            Some(fault) if best.left <= values => Told::Fault {
-                fault: self.of_all_values(fault),
-                alone: best.touches > values,
-            },
-            None if best.perhaps => Told::Perhaps,
-            _ => Told::Nothing,
-        }
     }
 
     /// A fault of what is looked at as one of all values.
@@ -349,86 +292,16 @@ impl Diagnosis {
                 used,
             };
             let values = d.used.iter().filter(|used| **used).count();
-            let own = |k: usize, _| BUILT * (v[k].abs().hypot(d.y[k])).max(0.1 * mean_v);
-            self.best(&d, own, &[])
-                .filter(|best| best.cost < values as f64 && best.touches - best.cost > CLEAR)
+            let error = |k: usize| BUILT * (v[k].abs().hypot(d.y[k])).max(0.1 * mean_v);
+            let own = (0..v.len()).map(|k| if d.used[k] { error(k) } else { f64::NAN });
+            let search = Search::new(self, d.clone(), own.collect(), &[0.0])?;
+            Some(search.end(self)).filter(|best| best.cost < values as f64 && best.touches - best.cost > CLEAR)
         };
         let best = [common, 1.0]
             .into_iter()
             .filter_map(&mut of)
             .min_by(|a, b| a.cost.total_cmp(&b.cost))?;
         best.fault.filter(|fault| !fault.leaves_touches())
-    }
-
-    /// The best explanation of a difference, with the standard deviation of every value's own error for a relative error of what is
-    /// predicted. `exact`: smaller ones that may be the case.
-    fn best(&mut self, d: &Difference, own: impl Fn(usize, f64) -> f64, exact: &[f64]) -> Option<Best> {
-        let own = |prediction: f64| -> Vec<f64> {
-            let used = d.used.iter().enumerate();
-            used.map(|(k, used)| if *used { own(k, prediction) } else { f64::NAN })
-                .collect()
-        };
-        let (predicted, own) = (own, own(PREDICTION));
-        let evidence = Evidence::new(&d.y, (&mut self.covariance, 1.0), &own, self.largest_v)?;
-        let touches = evidence.of_touches();
-        let mut best = Best {
-            fault: None,
-            cost: touches,
-            worse: Vec::new(),
-            left: touches,
-            touches,
-            perhaps: false,
-        };
-        self.offer_source(&evidence, &mut best);
-        self.offer_multiplexers(&evidence, &mut best);
-        self.offer_shorts(&evidence, &mut best);
-        self.offer_contacts(&evidence, &mut best);
-        self.offer_channels(&evidence, d, &mut best);
-        self.offer_values(&evidence, &mut best);
-        self.offer_open(&evidence, &mut best);
-        if best.fault.is_some() {
-            let strong = Evidence::new(&d.y, (&mut self.covariance, STRONG_RISE / RISE), &own, self.largest_v)?
-                .of_touches_beside(&evidence);
-            if strong < best.cost {
-                (best.fault, best.cost, best.left) = (None, strong, strong);
-            }
-        }
-        // A baseline is not held against presses: what is found in it leaves no touches.
-        let may_press = best.fault.filter(|_| !exact.is_empty());
-        if let Some(press) = may_press.and_then(|fault| Press::instead_of(fault, &self.imager)) {
-            let prior = best.cost - self.cost_of(&best, d, &evidence);
-            let place = press.places() * (self.electrodes() as f64).ln();
-            let (mut broken, mut touched) = (best.cost, place + evidence.beside(&press.columns));
-            for prediction in exact.iter().copied() {
-                let own = predicted(prediction);
-                let other = Evidence::new(&d.y, (&mut self.covariance, 1.0), &own, self.largest_v);
-                let Some(other) = other else { continue };
-                let wider = other.wider_than(&evidence);
-                broken = broken.min(prior + self.cost_of(&best, d, &other) + wider);
-                touched = touched.min(place + other.beside(&press.columns) + wider);
-            }
-            tracing::debug!(?best.fault, broken, touched, prior, "a press instead");
-            if touched < broken {
-                (best.fault, best.cost, best.left) = (None, touched, touched);
-                // Nothing but how seldom it is speaks against the fault.
-                best.perhaps = broken - prior < touched - place;
-            }
-        }
-        tracing::debug!(?best.fault, touches, best.cost, "looked for a fault");
-        Some(best)
-    }
-
-    /// Cost of the best fault, without that of its being there, in a frame seen otherwise; infinite for faults that no press looks like.
-    fn cost_of(&self, best: &Best, d: &Difference, evidence: &Evidence) -> f64 {
-        let of_channel = |pair: [usize; 2]| self.channel_columns(&values_of_channel(&self.imager, pair), d);
-        match best.fault {
-            Some(Fault::Contacts(_)) => self.refine_contacts(&mut best.worse.clone(), evidence),
-            Some(Fault::Open(electrodes)) => evidence.free(&self.values_of(electrodes.list())).0,
-            Some(Fault::Gain(pair, _)) => evidence.along(&of_channel(pair)[0], GAIN).0,
-            Some(Fault::Offset(pair)) => evidence.along(&of_channel(pair)[1], OFFSET * self.mean_v).0,
-            Some(Fault::Value(k, _)) => evidence.free(&[k]).0,
-            _ => f64::INFINITY,
-        }
     }
 
     fn offer_source(&self, evidence: &Evidence, best: &mut Best) {
@@ -572,6 +445,12 @@ impl Diagnosis {
             sets = tried.into_iter().filter_map(with).collect();
         }
     }
+}
+
+/// Standard deviation of every value's noise, V; not finite for a value that takes no part.
+fn own_noise(d: &Difference, sigma_v: f64) -> Vec<f64> {
+    let of = |(spread, used): (&f64, &bool)| if *used { sigma_v * spread } else { f64::NAN };
+    d.spread.iter().zip(&d.used).map(of).collect()
 }
 
 /// The one of these whose prediction costs least, and that cost.

@@ -1,8 +1,10 @@
 //! Fits frame after frame: keeps what depends on the sheet only, and corrects the linear model where its error shows.
 
 mod merged;
+mod state;
 
 use self::merged::{merged_if_strong, merged_if_unresolved};
+use self::state::{Aside, Carried, Corrected, Fits, Followed, Job, Values};
 use crate::reference::ToldSheet;
 use crate::reference::drift::{Drift, Drifting};
 use crate::reference::imager::Imager;
@@ -10,9 +12,9 @@ use crate::reference::noise::{NoiseEstimate, NoiseSource};
 use crate::touches::fit::disc::{Discs, MOST_TOUCHES};
 use crate::touches::fit::electrode_uncertainty::ElectrodeUncertainty;
 use crate::touches::fit::fitter_options::FitterOptions;
-use crate::touches::fit::frame_fit::{Fitted, Frame, Seeds, Start, fit};
+use crate::touches::fit::frame_fit::{Fitted, Frame, Seeds};
 use crate::touches::fit::linearisation_error::LinearisationError;
-use crate::touches::fit::model_order::{self, Before, DiscModel, Scratch};
+use crate::touches::fit::model_order::{self, DiscModel, Scratch};
 use crate::touches::fit::nonlinear::{self, NonlinearModel, ScatteringModel};
 use crate::touches::fit::nuisance::{NuisanceScratch, Nuisances};
 use crate::touches::fit::prior::FitOptions;
@@ -67,165 +69,6 @@ pub(crate) struct Beside<'a> {
     pub(crate) sizes: &'a [f64],
 }
 
-/// What is the same for all fits of a frame.
-struct Job<'a> {
-    data: Data<'a>,
-    chi_square_threshold: f64,
-    /// Whether the next frame may go on with it.
-    hurried: bool,
-    /// Number of the frame.
-    turn: usize,
-    /// Evaluations in this frame at which the fits end.
-    until_evaluations: usize,
-}
-
-/// Which values are fitted.
-#[derive(Clone, Copy)]
-enum Values {
-    Measured,
-    /// Without the linearisation error.
-    Corrected,
-}
-
-/// Values without a linearisation error.
-#[derive(Debug, Default)]
-struct Corrected {
-    error: Vec<f64>,
-    values: Vec<f64>,
-    /// What was taken off, V.
-    volts: Vec<f64>,
-}
-
-impl Corrected {
-    /// Takes `scale` times a linearisation error off the data. Returns the norm of what was taken off, over the noise.
-    fn take_off(&mut self, error: &LinearisationError, scale: f64, data: &mut Data) -> f64 {
-        self.error.clear();
-        data.reduction.reduce(error.volts(), &mut self.error);
-        self.error.resize(data.values.len(), 0.0);
-        self.values.clear();
-        let values = data.values.iter().zip(&self.error).map(|(v, e)| v - scale * e);
-        self.values.extend(values);
-        self.volts.clear();
-        self.volts.extend(error.volts().iter().map(|e| scale * e));
-        scale * self.error.iter().map(|v| v * v).sum::<f64>().sqrt() / data.noise.sigma
-    }
-}
-
-/// The nonlinear correction, carried from frame to frame.
-#[derive(Debug, Default)]
-struct Carried {
-    /// Linearisation error of the frame before, solved for in that frame or an earlier one.
-    error: Option<LinearisationError>,
-    /// Unexplained misfit after the last failed solution for a mean, in variances of one frame's noise.
-    failed: Option<f64>,
-}
-
-/// The touches of the frame before, as far as the next frame goes on from them.
-#[derive(Debug)]
-struct Followed {
-    /// Whether the next frame is to follow them.
-    holds: bool,
-    /// Frames so far.
-    turn: usize,
-    /// Least unexplained misfit since the touches were searched for, in variances of one frame's noise.
-    least_unexplained: f64,
-    /// The gain of the data in which that was found.
-    gain: f64,
-    /// Frames one after another in which a search did not come to its end.
-    unfinished: usize,
-    /// Touches of the frame before; 0 where it is not followed.
-    touches: usize,
-}
-
-impl Default for Followed {
-    fn default() -> Self {
-        Self {
-            holds: false,
-            turn: 0,
-            least_unexplained: f64::INFINITY,
-            gain: 1.0,
-            unfinished: 0,
-            touches: 0,
-        }
-    }
-}
-
-impl Followed {
-    /// The misfit that data of this gain have if they are explained as well as the best before. `scatter` is that of
-    /// the misfit of one frame: a mean determines it better.
-    fn least_misfit(&self, gain: f64, scatter: f64) -> f64 {
-        let scatter = if gain > self.gain { scatter / self.gain } else { 0.0 };
-        1.0 + gain * (self.least_unexplained + scatter)
-    }
-
-    /// Notes the outcome of a frame.
-    fn note(&mut self, data: &Data, fitted: &Fitted, explained: bool) {
-        let unexplained = data.unexplained(fitted.misfit);
-        if !(fitted.followed && self.least_unexplained <= unexplained) {
-            (self.least_unexplained, self.gain) = (unexplained, data.gain);
-        }
-        self.unfinished = if fitted.finished { 0 } else { self.unfinished + 1 };
-        self.holds = explained || !fitted.finished;
-        self.touches = if self.holds { fitted.discs.len() } else { 0 };
-    }
-}
-
-/// The last two fits.
-#[derive(Debug, Default)]
-struct Fits {
-    now: Fitted,
-    before: Fitted,
-}
-
-impl Fits {
-    fn with_room(stride: usize, most: usize) -> Self {
-        let fitted = || Fitted::with_room(stride, most);
-        Self {
-            now: fitted(),
-            before: fitted(),
-        }
-    }
-
-    /// Fits a frame from these places, or from the touches fitted last. With a misfit, the touches fitted last are
-    /// followed as long as the frame's misfit is about as small.
-    fn fit(
-        &mut self,
-        model: DiscModel,
-        frame: Frame,
-        seeds: Option<Seeds>,
-        least_misfit: Option<f64>,
-        turn: usize,
-        scratch: &mut Scratch,
-    ) -> Option<()> {
-        std::mem::swap(&mut self.before, &mut self.now);
-        let from = &self.before;
-        let follow = |misfit| Before {
-            discs: &from.all,
-            misfit,
-            finished: from.finished,
-            turn,
-        };
-        let mut those = || from.discs.clone();
-        let start = Start {
-            seeds: match seeds {
-                Some(seeds) => seeds,
-                None => &mut those,
-            },
-            before: least_misfit.map(follow),
-        };
-        fit(model, frame, start, scratch, &mut self.now)
-    }
-}
-
-/// What is kept from frame to frame of fits that are not in use.
-#[derive(Debug, Default)]
-struct Aside {
-    carried: Carried,
-    followed: Followed,
-    fits: Fits,
-    corrected: Corrected,
-}
-
 /// What presses told of the sheet, of electrodes that were found in the baseline as they were then.
 fn told(imager: &Imager) -> Option<&ToldSheet> {
     imager.told.as_deref().filter(|_| imager.electrode_covariance.is_some())
@@ -236,6 +79,30 @@ fn uncertain(imager: &Imager, radius_mm: f64) -> Option<ElectrodeUncertainty> {
     match told(imager) {
         Some(_) => None,
         None => ElectrodeUncertainty::new(imager, radius_mm),
+    }
+}
+
+/// What the next fit of a frame may take.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Allowed {
+    /// Most evaluations of the response to one touch.
+    pub(crate) evaluations: usize,
+    /// Most solutions of the sheet in the frame.
+    pub(crate) solutions: usize,
+    /// Evaluations that take as long as a solution, and those until which solutions of the frame have to be at their end.
+    pub(crate) a_solution: f64,
+    pub(crate) until: f64,
+}
+
+impl Default for Allowed {
+    /// Anything.
+    fn default() -> Self {
+        Self {
+            evaluations: usize::MAX,
+            solutions: usize::MAX,
+            a_solution: 0.0,
+            until: f64::INFINITY,
+        }
     }
 }
 
@@ -266,12 +133,11 @@ pub struct Fitter {
     other: Aside,
     /// Whether the values fitted last were corrected.
     was_corrected: bool,
-    /// Solutions of the sheet in this frame, and the most there may be.
+    /// Solutions of the sheet in this frame.
     solutions: usize,
-    most_solutions: usize,
-    /// Evaluations of the response to one touch in this frame, and the most there may be for one fit of it.
+    /// Evaluations of the response to one touch in this frame.
     evaluations: usize,
-    most_evaluations: usize,
+    allowed: Allowed,
     /// Touches that were found in this frame, by a search that came to its end.
     found: Discs,
     /// Of the frame fitted last.
@@ -327,9 +193,8 @@ impl Fitter {
             even,
             was_corrected: false,
             solutions: 0,
-            most_solutions: usize::MAX,
+            allowed: Allowed::default(),
             evaluations: 0,
-            most_evaluations: usize::MAX,
             found: Discs::new(),
             drift: Drift::with_room(imager.pattern.electrodes()),
             alone: Drift::with_room(imager.pattern.electrodes()),
@@ -358,10 +223,9 @@ impl Fitter {
         self.found.clear();
     }
 
-    /// Lets the next fit go on until the frame has taken so many solutions of the sheet, and the fit so many evaluations of the response
-    /// to one touch.
-    pub(crate) fn allow(&mut self, most_solutions: usize, most_evaluations: usize) {
-        (self.most_solutions, self.most_evaluations) = (most_solutions, most_evaluations);
+    /// Lets the next fit take so much.
+    pub(crate) fn allow(&mut self, allowed: Allowed) {
+        self.allowed = allowed;
     }
 
     /// Solutions of the sheet in this frame.
@@ -374,9 +238,16 @@ impl Fitter {
         self.evaluations
     }
 
-    /// Whether the sheet may be solved so many times more.
-    fn may_solve(&self, job: &Job, times: usize) -> bool {
-        job.data.corrected && self.solutions.saturating_add(times) <= self.most_solutions
+    /// Whether the sheet may be solved once more.
+    fn may_solve(&self, job: &Job) -> bool {
+        let Allowed {
+            solutions,
+            a_solution,
+            until,
+            ..
+        } = self.allowed;
+        let after = self.evaluations as f64 + a_solution * (self.solutions + 1) as f64;
+        job.data.corrected && self.solutions < solutions && after <= until
     }
 
     /// Takes what the discs fitted last change off a difference, V of the model.
@@ -416,7 +287,7 @@ impl Fitter {
     pub(crate) fn begin_other(&mut self) {
         self.end_other();
         self.found.clear();
-        forget(&mut self.followed, &mut self.carried);
+        self.forget_last();
     }
 
     /// Goes on from the last frame before that.
@@ -435,10 +306,16 @@ impl Fitter {
 
     /// Forgets the touches of the frame before: they have gone.
     pub fn forget(&mut self) {
-        forget(&mut self.followed, &mut self.carried);
+        self.forget_last();
         for aside in self.aside.iter_mut().chain([&mut self.other]) {
-            forget(&mut aside.followed, &mut aside.carried);
+            aside.followed.forget();
+            aside.carried = Carried::default();
         }
+    }
+
+    fn forget_last(&mut self) {
+        self.followed.forget();
+        self.carried = Carried::default();
     }
 
     /// Responses to touches, V of the model: to be reduced and weighted as the data are.
@@ -461,7 +338,7 @@ impl Fitter {
                 && !data.patient
                 && self.followed.unfinished < self.options.most_unfinished,
             turn: self.followed.turn,
-            until_evaluations: self.evaluations.saturating_add(self.most_evaluations),
+            until_evaluations: self.evaluations.saturating_add(self.allowed.evaluations),
             data,
         };
         let (prior, from_found) = (self.prior, job.data.from_found);
@@ -481,7 +358,8 @@ impl Fitter {
             self.tell_as_one(&mut job);
         }
         let fitted = &mut self.fits.now;
-        self.followed.note(&job.data, fitted, explained);
+        self.followed
+            .note(&job.data, fitted, explained, self.options.least_significance);
         if self.followed.holds {
             let (imager, radius_mm) = (&self.imager, self.prior.radius_mm);
             let made = || uncertain(imager, radius_mm);
@@ -582,20 +460,20 @@ impl Fitter {
             return self.renew(job, scale, size);
         }
         let is_worth = |now: &Self| now.expected_error() > now.options.worth_a_solution && now.may_explain(job, 0.0);
-        let mut corrects = self.may_solve(job, 1) && is_worth(self);
+        let mut corrects = self.may_solve(job) && is_worth(self);
         if !corrects && (shows || carried.is_some()) {
             let was_worth = self.expected_error() > self.options.worth_a_solution;
             self.carried.error = None;
             self.again(job, Values::Measured)?;
-            self.fits.now.settled &= self.may_solve(job, 1);
+            self.fits.now.settled &= self.may_solve(job);
             // With the touches that this one added the frame may be one that a correction explains.
-            corrects = was_worth && self.may_solve(job, 1) && is_worth(self);
+            corrects = was_worth && self.may_solve(job) && is_worth(self);
         }
         if corrects {
             self.correct(job)?;
             // In a mean, the first of its frames decided between one touch and two.
             if job.data.gain <= 1.0
-                && self.may_solve(job, 1)
+                && self.may_solve(job)
                 && let Some(discs) =
                     merged_if_strong(&self.fits.now.discs, self.prior.radius_mm, self.options.too_strong)
             {
@@ -614,7 +492,7 @@ impl Fitter {
         let unexplained = job.data.unexplained(self.fits.now.misfit);
         let failed_before = |then| unexplained <= options.failed_until * then;
         self.fits.now.settled |= self.carried.failed.is_some_and(failed_before);
-        if !self.fits.now.settled && self.may_solve(job, 1) && self.may_explain(job, size) {
+        if !self.fits.now.settled && self.may_solve(job) && self.may_explain(job, size) {
             let before = self.fits.now.misfit;
             let Some(error) = self.solve(job) else {
                 return Some(());
@@ -658,7 +536,7 @@ impl Fitter {
     fn correct(&mut self, job: &mut Job) -> Option<()> {
         // In a hurry, the next frame goes on with the correction.
         for round in 0..if job.hurried { 1 } else { self.options.most_rounds } {
-            if !self.may_solve(job, 1) {
+            if !self.may_solve(job) {
                 // As if in a hurry.
                 break;
             }
@@ -685,7 +563,7 @@ impl Fitter {
         if !self.fits.now.settled {
             self.correct(job)?;
         }
-        if !self.may_solve(job, 1) {
+        if !self.may_solve(job) {
             return Some(());
         }
         let (two, error) = (self.fits.now.clone(), self.carried.error.clone());
@@ -781,11 +659,6 @@ impl Fitter {
             }
         }
     }
-}
-
-fn forget(followed: &mut Followed, carried: &mut Carried) {
-    (followed.holds, followed.touches) = (false, 0);
-    (carried.error, carried.failed) = (None, None);
 }
 
 /// Whether a correction changed no integrated rise by more than this part of it.

@@ -77,6 +77,14 @@ impl Fitted {
             ..Self::default()
         }
     }
+
+    /// The touches whose strength is at least so many of its standard deviations.
+    pub fn standing_out(&self, least_significance: f64) -> impl Iterator<Item = &Touch> {
+        let strengths = self.touches.iter().zip(&self.significances);
+        strengths
+            .filter(move |(_, s)| **s >= least_significance)
+            .map(|(t, _)| t)
+    }
 }
 
 /// What is to be fitted.

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::touches::fit::disc::Disc;
+use crate::touches::fit::frame_fit::{Start, fit};
 use forward::{Drive, Pattern, Sheet};
 use nalgebra::DVector;
 use rand::{Rng, SeedableRng};

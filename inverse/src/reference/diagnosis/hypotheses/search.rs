@@ -1,0 +1,208 @@
+//! A search for the fault that explains a frame best. It has parts, so that a frame of a sequence need not have time for all of it.
+
+use super::{Diagnosis, GAIN, LEAST_NOISE, OFFSET, RISE, STRONG_RISE, Told, own_noise, values_of_channel};
+use crate::reference::Difference;
+use crate::reference::diagnosis::evidence::Evidence;
+use crate::reference::diagnosis::fault::Fault;
+use crate::reference::diagnosis::press::Press;
+
+/// Parts of a search, which take about as long as one another.
+pub(crate) const PARTS: usize = 3;
+/// Relative error of what a fault is predicted to change: the model's electrodes are not quite the sheet's. Of a sheet that is as its
+/// model it is less, which tells a fault from a press.
+const PREDICTION: f64 = 0.02;
+const PREDICTIONS: [f64; 3] = [PREDICTION, PREDICTION / 4.0, PREDICTION / 16.0];
+
+/// The best explanation so far, its cost and that of touches alone.
+pub(super) struct Best {
+    pub(super) fault: Option<Fault>,
+    pub(super) cost: f64,
+    /// Resistances of the contacts that explain the frame best, ohm.
+    pub(super) worse: Vec<(usize, f64)>,
+    /// The part of the cost that values have which are not free.
+    left: f64,
+    pub(super) touches: f64,
+    /// Whether the frame by itself rather speaks for a fault than for the press that it may be.
+    perhaps: bool,
+}
+
+impl Best {
+    /// Whether it is the best now.
+    pub(super) fn offer(&mut self, cost: f64, fault: impl FnOnce() -> Fault) -> bool {
+        self.offer_free(cost, cost, fault)
+    }
+
+    pub(super) fn offer_free(&mut self, cost: f64, left: f64, fault: impl FnOnce() -> Fault) -> bool {
+        let better = cost < self.cost;
+        if better {
+            (self.cost, self.left, self.fault) = (cost, left, Some(fault()));
+        }
+        better
+    }
+}
+
+/// A search that was begun.
+pub(crate) struct Search {
+    /// What is looked at.
+    d: Difference,
+    /// Standard deviation of every value's own noise, V of the model; not finite for a value that takes no part.
+    own: Vec<f64>,
+    /// Relative errors of what is predicted: the one that is searched with, and smaller ones that may be the case.
+    predictions: &'static [f64],
+    evidence: Evidence,
+    best: Best,
+    /// Parts that are done.
+    done: usize,
+}
+
+impl Search {
+    /// Of a difference. None where its covariance is none.
+    pub(super) fn new(
+        diagnosis: &mut Diagnosis,
+        d: Difference,
+        own: Vec<f64>,
+        predictions: &'static [f64],
+    ) -> Option<Self> {
+        let errors = errors(&d, &own, *predictions.first()?);
+        let evidence = Evidence::new(&d.y, (&mut diagnosis.covariance, 1.0), &errors, diagnosis.largest_v)?;
+        let touches = evidence.of_touches();
+        let best = Best {
+            fault: None,
+            cost: touches,
+            worse: Vec::new(),
+            left: touches,
+            touches,
+            perhaps: false,
+        };
+        Some(Self {
+            d,
+            own,
+            predictions,
+            evidence,
+            best,
+            done: 0,
+        })
+    }
+
+    /// The best explanation, after all parts.
+    pub(super) fn end(mut self, diagnosis: &mut Diagnosis) -> Best {
+        while !diagnosis.go_on(&mut self) {}
+        self.best
+    }
+}
+
+/// Standard deviation of what every value is off by with its noise and a relative error of what is predicted.
+fn errors(d: &Difference, own: &[f64], prediction: f64) -> Vec<f64> {
+    own.iter().zip(&d.y).map(|(own, y)| own.hypot(prediction * y)).collect()
+}
+
+impl Diagnosis {
+    /// Begins a search for what explains a difference. `sigma_v`: noise of one value, V of the model.
+    pub(crate) fn begin(&mut self, d: &Difference, sigma_v: Option<f64>) -> Option<Search> {
+        let d = self.seen(d).into_owned();
+        let sigma_v = sigma_v.unwrap_or(LEAST_NOISE * self.mean_v);
+        let own = own_noise(&d, sigma_v);
+        Search::new(self, d, own, &PREDICTIONS)
+    }
+
+    /// Goes on with the next part of a search; whether it was the last.
+    pub(crate) fn go_on(&mut self, search: &mut Search) -> bool {
+        let Search { d, evidence, best, .. } = search;
+        match search.done {
+            0 => {
+                self.offer_source(evidence, best);
+                self.offer_multiplexers(evidence, best);
+                self.offer_shorts(evidence, best);
+            }
+            1 => {
+                self.offer_contacts(evidence, best);
+                self.offer_channels(evidence, d, best);
+                self.offer_values(evidence, best);
+                self.offer_open(evidence, best);
+            }
+            _ => self.offer_presses(search),
+        }
+        search.done += 1;
+        search.done >= PARTS
+    }
+
+    /// What a search that is at its end told: the fault that explains the difference best; none where touches and drift do, or where it
+    /// leaves more than twice the square that is expected.
+    pub(crate) fn told(&self, search: &Search) -> Told {
+        let best = &search.best;
+        let values = search.d.used.iter().filter(|used| **used).count() as f64;
+        match best.fault {
+            // Otherwise it is nothing that is known.
+            Some(fault) if best.left <= values => Told::Fault {
+                fault: self.of_all_values(fault),
+                alone: best.touches > values,
+            },
+            None if best.perhaps => Told::Perhaps,
+            _ => Told::Nothing,
+        }
+    }
+
+    /// Holds the best fault against strong touches anywhere, and against a press on its electrodes.
+    fn offer_presses(&mut self, search: &mut Search) {
+        let Search {
+            d,
+            own,
+            predictions,
+            evidence,
+            best,
+            ..
+        } = search;
+        if best.fault.is_some() {
+            let errors = errors(d, own, predictions[0]);
+            let strong = Evidence::new(
+                &d.y,
+                (&mut self.covariance, STRONG_RISE / RISE),
+                &errors,
+                self.largest_v,
+            );
+            let Some(strong) = strong.map(|strong| strong.of_touches_beside(evidence)) else {
+                best.fault = None;
+                return;
+            };
+            if strong < best.cost {
+                (best.fault, best.cost, best.left) = (None, strong, strong);
+            }
+        }
+        // A baseline is not held against presses: what is found in it leaves no touches.
+        let exact = &predictions[1..];
+        let may_press = best.fault.filter(|_| !exact.is_empty());
+        if let Some(press) = may_press.and_then(|fault| Press::instead_of(fault, &self.imager)) {
+            let prior = best.cost - self.cost_of(best, d, evidence);
+            let place = press.places() * (self.electrodes() as f64).ln();
+            let (mut broken, mut touched) = (best.cost, place + evidence.beside(&press.columns));
+            for prediction in exact {
+                let errors = errors(d, own, *prediction);
+                let other = Evidence::new(&d.y, (&mut self.covariance, 1.0), &errors, self.largest_v);
+                let Some(other) = other else { continue };
+                let wider = other.wider_than(evidence);
+                broken = broken.min(prior + self.cost_of(best, d, &other) + wider);
+                touched = touched.min(place + other.beside(&press.columns) + wider);
+            }
+            tracing::debug!(?best.fault, broken, touched, prior, "a press instead");
+            if touched < broken {
+                (best.fault, best.cost, best.left) = (None, touched, touched);
+                // Nothing but how seldom it is speaks against the fault.
+                best.perhaps = broken - prior < touched - place;
+            }
+        }
+        tracing::debug!(?best.fault, best.touches, best.cost, "looked for a fault");
+    }
+
+    /// Cost of the best fault, without that of its being there, in a frame seen otherwise; infinite for faults that no press looks like.
+    fn cost_of(&self, best: &Best, d: &Difference, evidence: &Evidence) -> f64 {
+        let of_channel = |pair: [usize; 2]| self.channel_columns(&values_of_channel(&self.imager, pair), d);
+        match best.fault {
+            Some(Fault::Contacts(_)) => self.refine_contacts(&mut best.worse.clone(), evidence),
+            Some(Fault::Open(electrodes)) => evidence.free(&self.values_of(electrodes.list())).0,
+            Some(Fault::Gain(pair, _)) => evidence.along(&of_channel(pair)[0], GAIN).0,
+            Some(Fault::Offset(pair)) => evidence.along(&of_channel(pair)[1], OFFSET * self.mean_v).0,
+            Some(Fault::Value(k, _)) => evidence.free(&[k]).0,
+            _ => f64::INFINITY,
+        }
+    }
+}
