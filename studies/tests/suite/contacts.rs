@@ -71,6 +71,25 @@ fn a_worse_contact_is_named_and_shows_no_touch() {
     }
 }
 
+/// A contact that is named is looked at again and again, also in frames that show nothing else. None of these looks shows a touch.
+#[test]
+fn looks_at_a_contact_that_is_named_show_no_touch() {
+    for (electrode, ohm) in [(11, 200.0), (0, 500.0)] {
+        let mut live = live_sheet(Drive::PAPER, 81);
+        let clean = live.sheet.worse_frame(&[], &[(electrode, Worse::Face(ohm))]).unwrap();
+        for frame in 0..800 {
+            let (contacts, touches) = contacts_and_touches(&mut live, &clean);
+            if frame >= 20 {
+                assert_eq!(
+                    (contacts, touches),
+                    (vec![electrode], vec![]),
+                    "{ohm} ohm, frame {frame}"
+                );
+            }
+        }
+    }
+}
+
 /// A current hides what a contact does but for the shunt. At rest it is named nearly always. Beside a finger it may pass for a disc
 /// at the rim without a place, which is no touch: the finger is right all the same.
 #[test]
