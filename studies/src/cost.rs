@@ -372,7 +372,7 @@ mod tests {
                     kind.name
                 );
                 assert!(
-                    work.problems <= 6 && work.searches <= 5,
+                    work.problems <= 6 && work.search_parts <= 5,
                     "{}, frame {k}: {work:?}",
                     kind.name
                 );

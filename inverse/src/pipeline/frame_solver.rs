@@ -13,7 +13,6 @@ use crate::pipeline::weighted::{Pictures, Weightings};
 use crate::pipeline::work::{Costs, Work};
 use crate::quality::contact::{Contacts, Evidence};
 use crate::reference::Difference;
-use crate::reference::diagnosis::PARTS;
 use crate::reference::drift::{ContactChange, Drift, DriftShapes, Drifting};
 use crate::reference::imager::Imager;
 use crate::reference::noise::{NoiseEstimate, NoiseSource};
@@ -40,7 +39,7 @@ const FIT_MS: f64 = 9.0;
 /// A fit of fewer is hardly one.
 const LEAST_EVALUATIONS: usize = 1000;
 
-/// What a frame of a sequence may have taken before anything else is asked of it, ms.
+/// What a frame of a sequence may have taken before anything else is asked of it, and until which a solution has to be at its end, ms.
 const MOST_MS: f64 = 20.0;
 
 /// Of how many frames the values are the mean.
@@ -206,11 +205,11 @@ impl FrameSolver {
         &self.imager
     }
 
-    /// Begins a frame: nothing was done for it. `keeps_free`: time for a search is.
-    pub(crate) fn begin_frame(&mut self, keeps_free: bool) {
-        self.keeps_free = keeps_free;
+    /// Begins a frame: nothing was done for it. Time for so many parts of a search is kept free.
+    pub(crate) fn begin_frame(&mut self, owed: usize) {
+        self.keeps_free = owed > 0;
         self.work = Work {
-            searches: if keeps_free { PARTS } else { 0 },
+            search_parts: owed,
             ..Work::default()
         };
         self.fitter.iter_mut().for_each(Fitter::begin_frame);
@@ -255,22 +254,22 @@ impl FrameSolver {
         made
     }
 
-    /// Parts of a search for what is broken that the frame has time to begin, with `searches` done.
-    pub(crate) fn parts_of_searches(&self, searches: usize) -> usize {
+    /// Parts of a search for what is broken that the frame has time to begin, after so many.
+    pub(crate) fn search_parts(&self, done: usize) -> usize {
         if !self.options.sequence {
             return usize::MAX;
         }
         let costs = self.costs();
         let taken = costs.of(Work {
-            searches,
+            search_parts: done,
             ..self.work()
         });
-        ((MOST_MS - taken).max(0.0) / costs.search).ceil() as usize
+        ((MOST_MS - taken).max(0.0) / costs.search_part).ceil() as usize
     }
 
     /// Takes note of the parts of searches for what is broken in this frame.
-    pub(crate) fn note_searches(&mut self, searches: usize) {
-        self.work.searches = self.work.searches.max(searches);
+    pub(crate) fn note_search_parts(&mut self, done: usize) {
+        self.work.search_parts = self.work.search_parts.max(done);
     }
 
     /// Whether time for a search is kept free in this frame.

@@ -124,7 +124,7 @@ impl Reconstructor {
     /// What the last frame took.
     pub fn work(&self) -> Work {
         Work {
-            searches: self.broken.parts() - self.searched,
+            search_parts: self.broken.parts() - self.searched,
             ..self.solver.work()
         }
     }
@@ -153,7 +153,7 @@ impl Reconstructor {
     /// As for [`Reconstructor::frame`].
     pub fn frame_after(&mut self, values: &[f64], interval_s: Option<f64>) -> Result<&mut FrameResult, ImagerError> {
         self.since_picture_s += interval_s.unwrap_or(f64::INFINITY);
-        self.solver.begin_frame(self.broken.is_owed());
+        self.solver.begin_frame(self.broken.owed());
         self.searched = self.broken.parts();
         if !self.options.sequence {
             self.gain = 1.0;
@@ -224,7 +224,7 @@ impl Reconstructor {
         if self.due {
             // What is broken is looked for in a frame that shows nothing, too.
             let detector = self.detectors[self.contacts.detector()].as_mut();
-            let quiet = detector.is_some_and(|d| matches!(d.test(values, 1), Change::Nothing));
+            let quiet = self.options.sequence && detector.is_some_and(|d| matches!(d.test(values, 1), Change::Nothing));
             self.detectors.iter_mut().flatten().for_each(ChangeDetector::forget);
             self.reconstruct(values, Averaged::ONE, quiet)?;
             return Ok(true);
@@ -468,18 +468,19 @@ impl Reconstructor {
         let sigma_v = self.reference.noise().or(result.noise).map(|n| n.sigma);
         let frame = (values, &self.whole, self.reference.unchanged());
         let seen = Seen {
-            unexplained: unexplained || suspected,
+            unexplained,
+            suspected,
             due,
-            parts: self.solver.parts_of_searches(self.broken.parts() - self.searched),
+            parts: self.solver.search_parts(self.broken.parts() - self.searched),
             sudden: self.contacts.is_sudden(),
         };
         let other = self.broken.take(frame, sigma_v, seen);
-        self.solver.note_searches(self.broken.parts() - self.searched);
+        self.solver.note_search_parts(self.broken.parts() - self.searched);
         if !other {
             return false;
         }
         let named = self.broken.named();
-        if let Some(fault) = named.filter(|_| suspected && touches > 0 && !self.broken.is_alone()) {
+        if let Some(fault) = named.filter(|_| self.broken.is_suspected() && touches > 0 && !self.broken.is_alone()) {
             self.instead_of = Some((fault, touches, misfit));
         }
         true
@@ -524,7 +525,7 @@ impl Reconstructor {
     fn show_faults(&mut self) {
         let named = self.broken.named();
         self.contacts.leave_out(self.broken.electrodes_left_out().list());
-        if self.broken.is_open() || self.broken.is_owed() {
+        if self.broken.is_open() || self.broken.owed() > 0 {
             // Every frame counts.
             self.detectors.iter_mut().flatten().for_each(ChangeDetector::forget);
         }

@@ -17,7 +17,7 @@ pub struct Work {
     /// Problems made anew for other values or contacts.
     pub problems: usize,
     /// Parts of searches for what is broken: each has three.
-    pub searches: usize,
+    pub search_parts: usize,
 }
 
 /// How long the steps take about on a processor of 2023, ms.
@@ -27,8 +27,7 @@ pub(crate) struct Costs {
     pub(crate) evaluation: f64,
     pub(crate) solution: f64,
     problem: f64,
-    /// A part of one.
-    pub(crate) search: f64,
+    pub(crate) search_part: f64,
 }
 
 impl Costs {
@@ -45,7 +44,7 @@ impl Costs {
             solution: 8.0,
             problem: 15.0 * rank * values,
             // Pairs of electrodes.
-            search: 5.0 * electrodes * electrodes,
+            search_part: 5.0 * electrodes * electrodes,
         }
     }
 
@@ -55,6 +54,6 @@ impl Costs {
             + self.evaluation * work.evaluations as f64
             + self.solution * work.solutions as f64
             + self.problem * work.problems as f64
-            + self.search * work.searches as f64
+            + self.search_part * work.search_parts as f64
     }
 }

@@ -5,7 +5,7 @@
 
 use crate::reference::Difference;
 use crate::reference::diagnosis::{
-    Diagnosis, Electrodes, Fault, MOST_ELECTRODES, Search, Told, values_of, values_of_channel,
+    Diagnosis, Electrodes, Fault, MOST_ELECTRODES, PARTS, Search, Told, values_of, values_of_channel,
 };
 use crate::reference::imager::Imager;
 use std::sync::Arc;
@@ -84,6 +84,8 @@ impl Mean {
 pub(crate) struct Seen {
     /// Touches do not explain it, or values contradict each other.
     pub(crate) unexplained: bool,
+    /// Touches explain it, but a fault would, too.
+    pub(crate) suspected: bool,
     /// What [`FaultMonitor::begin`] said.
     pub(crate) due: bool,
     /// Parts of a search that it has time for; others are put off.
@@ -92,12 +94,21 @@ pub(crate) struct Seen {
     pub(crate) sudden: bool,
 }
 
+/// Why a fault is searched for.
+#[derive(Clone, Copy, Debug)]
+struct Reason {
+    /// The one that is named was to be looked for.
+    due: bool,
+    /// Something came beside it.
+    beside: bool,
+    /// See [`Seen::suspected`].
+    suspected: bool,
+}
+
 /// A search that goes on in the next frame.
 struct Begun {
     search: Search,
-    /// Whether the fault that is named was to be looked for, and whether something came beside it.
-    due: bool,
-    beside: bool,
+    reason: Reason,
 }
 
 /// Names faults.
@@ -109,6 +120,8 @@ pub(crate) struct FaultMonitor {
     named: Option<Fault>,
     /// Whether touches cannot take its place.
     alone: bool,
+    /// Whether it was searched for in a frame that touches explain.
+    suspected: bool,
     /// Electrodes whose contact is known to have changed.
     contacts: Vec<usize>,
     /// Whether the last look left open whether there is a fault.
@@ -128,9 +141,8 @@ pub(crate) struct FaultMonitor {
     well: usize,
     /// A fault that took no touch's place, and for how many frames it is none.
     rejected: Option<(Fault, usize)>,
-    /// Parts of searches so far, whether one was put off, and what was begun.
+    /// Parts of searches so far, and the search that was begun.
     parts: usize,
-    owed: bool,
     begun: Option<Begun>,
 }
 
@@ -142,6 +154,7 @@ impl FaultMonitor {
             diagnosis: None,
             named: None,
             alone: false,
+            suspected: false,
             contacts: Vec::new(),
             open: false,
             candidate: None,
@@ -154,7 +167,6 @@ impl FaultMonitor {
             well: 0,
             rejected: None,
             parts: 0,
-            owed: false,
             begun: None,
         }
     }
@@ -184,6 +196,11 @@ impl FaultMonitor {
         self.named.is_none() && diagnosis.is_some_and(|diagnosis| diagnosis.suspects(d))
     }
 
+    /// Whether the fault that was named last was searched for in a frame that touches explain.
+    pub(crate) fn is_suspected(&self) -> bool {
+        self.suspected
+    }
+
     /// Whether nothing but the fault that was named last explains the frame.
     pub(crate) fn is_alone(&self) -> bool {
         self.alone
@@ -205,7 +222,7 @@ impl FaultMonitor {
         (self.named, self.candidate, self.open) = (Some(Fault::Contacts(Electrodes::of(&all))), None, false);
         (self.until, self.against) = (next_look(Fault::Contacts(Electrodes::of(&all))), 0);
         self.wait = 1;
-        self.put_nothing_off();
+        self.begun = None;
         true
     }
 
@@ -227,7 +244,7 @@ impl FaultMonitor {
     /// The fault that was named took no touch's place: it is none for a while.
     pub(crate) fn reject(&mut self, fault: Fault) {
         (self.named, self.candidate) = (None, None);
-        self.put_nothing_off();
+        self.begun = None;
         self.rejected = Some((fault, REJECTED));
     }
 
@@ -241,22 +258,25 @@ impl FaultMonitor {
         self.candidate.is_some() || (self.open && self.suspicious < MOST_OPEN)
     }
 
-    /// Whether the next frame is to leave time for a search.
-    pub(crate) fn is_owed(&self) -> bool {
-        self.owed || self.candidate.is_some()
+    /// Parts of a search that the next frame is to leave time for.
+    pub(crate) fn owed(&self) -> usize {
+        match &self.begun {
+            Some(begun) => begun.search.left(),
+            None if self.candidate.is_some() && self.suspicious > 0 => PARTS,
+            None => 0,
+        }
     }
 
     /// What was put off is not asked any more.
     pub(crate) fn put_nothing_off(&mut self) {
-        (self.owed, self.begun) = (false, None);
+        self.begun = None;
     }
 
     /// Forgets all that earlier frames said.
     pub(crate) fn clear(&mut self) {
         (self.named, self.candidate) = (None, None);
         (self.suspicious, self.until, self.wait, self.against) = (0, 0, 1, 0);
-        (self.open, self.mean, self.well) = (false, None, 0);
-        self.put_nothing_off();
+        (self.open, self.mean, self.begun, self.well) = (false, None, None, 0);
     }
 
     /// Begins a frame, with the contacts that are known to have changed: whether the fault that was named is to be looked for again.
@@ -302,14 +322,13 @@ impl FaultMonitor {
         sigma_v: Option<f64>,
         seen: Seen,
     ) -> bool {
-        let Seen { unexplained, due, .. } = seen;
-        let owed = std::mem::take(&mut self.owed);
+        let Seen { suspected, due, .. } = seen;
         self.longest_wait = if seen.sudden { LONGEST_WAIT / 8 } else { LONGEST_WAIT };
         if self.named.is_none() {
             self.until = self.until.min(self.longest_wait);
         }
         let known = self.of_values(values, d, unchanged);
-        let unexplained = unexplained || known.is_some();
+        let unexplained = seen.unexplained || suspected || known.is_some();
         self.suspicious = if unexplained { self.suspicious + 1 } else { 0 };
         match sigma_v.filter(|_| unexplained && self.sequence) {
             Some(sigma_v) => Mean::take(&mut self.mean, d, sigma_v),
@@ -327,20 +346,19 @@ impl FaultMonitor {
         if self.begun.is_none() && (early || !(asked || again)) {
             return false;
         }
-        let (told, due, beside) = match known {
+        let reason = Reason { due, beside, suspected };
+        let (told, reason) = match known {
             Some(fault) => {
                 self.begun = None;
-                (Told::Fault { fault, alone: true }, due, beside)
+                (Told::Fault { fault, alone: true }, reason)
             }
-            None if !self.imager.is_searched() => (Told::Nothing, due, beside),
-            None => match self.search(d, sigma_v, (due, beside), seen.parts.max(usize::from(owed))) {
+            None if !self.imager.is_searched() => (Told::Nothing, reason),
+            None => match self.search(d, sigma_v, reason, seen.parts) {
                 Some(told) => told,
-                None => {
-                    (self.owed, self.until) = (true, 0);
-                    return false;
-                }
+                None => return false,
             },
         };
+        self.suspected = reason.suspected;
         let known_contacts = |fault: &Fault, known: &[usize]| match fault {
             Fault::Contacts(electrodes) => electrodes.list().iter().all(|l| known.contains(l)),
             _ => false,
@@ -359,7 +377,7 @@ impl FaultMonitor {
         let rejected = self.rejected.map(|(fault, _)| fault);
         let told =
             told.filter(|fault| !known_contacts(fault, &self.contacts) && !rejected.is_some_and(|r| r.is_same(fault)));
-        if told.is_none() && beside && !due {
+        if told.is_none() && reason.beside && !reason.due {
             // What is there besides may be a touch. It does not speak against the fault.
             return false;
         }
@@ -428,41 +446,80 @@ impl FaultMonitor {
         self.parts
     }
 
-    /// Goes on with a search, or begins one, for so many parts: what it told, and what it was asked for. None where it is not at its end.
-    fn search(
-        &mut self,
-        d: &Difference,
-        sigma_v: Option<f64>,
-        (due, beside): (bool, bool),
-        parts: usize,
-    ) -> Option<(Told, bool, bool)> {
+    /// Goes on with a search, or begins one, for so many parts; one that was begun before for one part at least. What it told, and why it
+    /// was asked; none where it is not at its end.
+    fn search(&mut self, d: &Difference, sigma_v: Option<f64>, reason: Reason, parts: usize) -> Option<(Told, Reason)> {
         if self.diagnosis.is_none() {
             self.diagnosis = Some(self.made());
         }
         let Some(Some(diagnosis)) = &mut self.diagnosis else {
-            return Some((Told::Nothing, due, beside));
+            return Some((Told::Nothing, reason));
         };
-        let mut begun = match self.begun.take() {
-            Some(begun) => begun,
-            None if parts == 0 => return None,
+        let (mut begun, parts) = match self.begun.take() {
+            Some(begun) => (begun, parts.max(1)),
             None => {
                 let search = match &self.mean {
                     Some(mean) => diagnosis.begin(&mean.difference, sigma_v.map(|sigma| sigma / mean.frames.sqrt())),
                     None => diagnosis.begin(d, sigma_v),
                 };
                 let Some(search) = search else {
-                    return Some((Told::Nothing, due, beside));
+                    return Some((Told::Nothing, reason));
                 };
-                Begun { search, due, beside }
+                (Begun { search, reason }, parts)
             }
         };
         for _ in 0..parts {
             self.parts += 1;
             if diagnosis.go_on(&mut begun.search) {
-                return Some((diagnosis.told(&begun.search), begun.due, begun.beside));
+                return Some((diagnosis.told(&begun.search), begun.reason));
             }
         }
         self.begun = Some(begun);
         None
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use forward::{Drive, Pattern, Sheet};
+    use nalgebra::DVector;
+
+    /// What comes beside a fault that is named, and is none, does not end it before it is looked for again; and the search for it takes
+    /// one part of each frame, of those that have time for no more.
+    #[test]
+    fn what_is_nothing_beside_a_fault_does_not_end_it() {
+        let pattern = Pattern::adjacent(16).unwrap();
+        let imager = Arc::new(Imager::new(&Sheet::paper(), Drive::PAPER, pattern, 10.0).unwrap());
+        let mut monitor = FaultMonitor::new(&imager, true);
+        assert!(monitor.name_contacts(&[3]));
+        let named = monitor.named();
+        // A finger in the middle.
+        let cell = (imager.grid.len() - 1) / 2;
+        let pressed = Difference {
+            y: DVector::from_column_slice(imager.sensitivity.column(cell).as_slice()),
+            spread: vec![1.0; imager.pattern.len()],
+            used: vec![true; imager.pattern.len()],
+        };
+        let mut unchanged = pressed.clone();
+        unchanged.y.fill(0.0);
+        let values: Vec<f64> = imager.model_v.iter().zip(&pressed.y).map(|(v, y)| v + y).collect();
+        let mut parts = Vec::new();
+        for frame in 1..AGAIN[1] {
+            assert!(!monitor.begin(&[]), "frame {frame}");
+            let seen = Seen {
+                unexplained: true,
+                parts: 0,
+                ..Seen::default()
+            };
+            let before = monitor.parts();
+            assert!(!monitor.take((&values, &pressed, &unchanged), Some(1e-6), seen));
+            parts.push(monitor.parts() - before);
+            assert_eq!(monitor.named(), named, "frame {frame}");
+        }
+        // It is begun in the third frame.
+        assert_eq!(parts[..7], [0, 0, 0, 1, 1, 1, 0]);
+        assert!(parts[7..].iter().all(|p| *p == 0), "{parts:?}");
+        assert!(monitor.begin(&[]));
     }
 }

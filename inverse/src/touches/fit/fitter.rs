@@ -402,10 +402,10 @@ impl Fitter {
     }
 
     /// Fits one touch in place of two neighbours that the frame does not resolve: neither stands out beside the other. A touch that
-    /// lands while the frame is measured looks like two. Those that were two in the frame before stay two: they cross.
+    /// lands while the frame is measured looks like two. Where as many stood out in the frame before they stay two: they cross.
     fn tell_as_one(&mut self, job: &mut Job) {
         let (radius_mm, least) = (self.prior.radius_mm, self.options.least_significance);
-        while self.fits.now.discs.len() > self.followed.touches
+        while self.fits.now.discs.len() > self.followed.stood_out
             && let Some(discs) = merged_if_unresolved(&self.fits.now, radius_mm, least)
         {
             let fitted = &mut self.fits.now;

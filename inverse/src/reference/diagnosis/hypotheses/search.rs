@@ -84,6 +84,11 @@ impl Search {
         })
     }
 
+    /// Parts that are left.
+    pub(crate) fn left(&self) -> usize {
+        PARTS - self.done.min(PARTS)
+    }
+
     /// The best explanation, after all parts.
     pub(super) fn end(mut self, diagnosis: &mut Diagnosis) -> Best {
         while !diagnosis.go_on(&mut self) {}
@@ -161,7 +166,7 @@ impl Diagnosis {
                 self.largest_v,
             );
             let Some(strong) = strong.map(|strong| strong.of_touches_beside(evidence)) else {
-                best.fault = None;
+                (best.fault, best.cost, best.left) = (None, best.touches, best.touches);
                 return;
             };
             if strong < best.cost {
@@ -204,5 +209,56 @@ impl Diagnosis {
             Some(Fault::Value(k, _)) => evidence.free(&[k]).0,
             _ => f64::INFINITY,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::reference::imager::Imager;
+    use forward::{Drive, Pattern, Sheet};
+    use nalgebra::DVector;
+    use std::sync::Arc;
+
+    /// A search tells the same in one go, and in parts between which other frames are searched; and it tells the fault.
+    #[test]
+    fn a_search_in_parts_tells_the_same() {
+        let pattern = Pattern::adjacent(16).unwrap();
+        let imager = Arc::new(Imager::new(&Sheet::paper(), Drive::PAPER, pattern, 10.0).unwrap());
+        let mut diagnosis = Diagnosis::new(&imager).unwrap();
+        let sigma_v = 1e-3 * diagnosis.mean_v;
+        let of = |change: DVector<f64>| Difference {
+            spread: vec![1.0; change.len()],
+            used: vec![true; change.len()],
+            y: change,
+        };
+        let short = of(diagnosis.short([2, 6], 30.0));
+        let exchanged = of(diagnosis.exchanged([3, 8]));
+        let contact = of(diagnosis.contacts(&[(4, 300.0)]));
+        let nothing = of(DVector::zeros(imager.pattern.len()));
+        let mut whole = |d: &Difference| {
+            let mut search = diagnosis.begin(d, Some(sigma_v)).unwrap();
+            while !diagnosis.go_on(&mut search) {}
+            diagnosis.told(&search)
+        };
+        let in_one = [&short, &exchanged, &contact, &nothing].map(&mut whole);
+        let mut cut = [&short, &exchanged, &contact, &nothing].map(|d| diagnosis.begin(d, Some(sigma_v)).unwrap());
+        for part in 0..PARTS {
+            for search in &mut cut {
+                assert_eq!(search.left(), PARTS - part);
+                assert_eq!(diagnosis.go_on(search), part + 1 == PARTS);
+            }
+        }
+        assert_eq!(cut.each_ref().map(|search| diagnosis.told(search)), in_one);
+        let faults = in_one.map(|told| match told {
+            Told::Fault { fault, .. } => Some(fault),
+            Told::Nothing | Told::Perhaps => None,
+        });
+        assert!(
+            matches!(faults[0], Some(Fault::Short { electrodes: [2, 6], .. })),
+            "{faults:?}"
+        );
+        assert!(matches!(faults[1], Some(Fault::Exchanged([3, 8]))), "{faults:?}");
+        assert_eq!(faults[3], None);
     }
 }

@@ -72,7 +72,7 @@ pub(super) struct Followed {
     /// Frames one after another in which a search did not come to its end.
     pub(super) unfinished: usize,
     /// Touches that stood out in the frame before; 0 where it is not followed.
-    pub(super) touches: usize,
+    pub(super) stood_out: usize,
 }
 
 impl Default for Followed {
@@ -83,7 +83,7 @@ impl Default for Followed {
             least_unexplained: f64::INFINITY,
             gain: 1.0,
             unfinished: 0,
-            touches: 0,
+            stood_out: 0,
         }
     }
 }
@@ -104,7 +104,7 @@ impl Followed {
         }
         self.unfinished = if fitted.finished { 0 } else { self.unfinished + 1 };
         self.holds = explained || !fitted.finished;
-        self.touches = if self.holds {
+        self.stood_out = if self.holds {
             fitted.standing_out(least_significance).count()
         } else {
             0
@@ -113,7 +113,7 @@ impl Followed {
 
     /// Begins anew with the next frame.
     pub(super) fn forget(&mut self) {
-        (self.holds, self.touches) = (false, 0);
+        (self.holds, self.stood_out) = (false, 0);
     }
 }
 
