@@ -6,7 +6,7 @@ use crate::reference::diagnosis::evidence::Evidence;
 use crate::reference::diagnosis::fault::Fault;
 use crate::reference::diagnosis::press::Press;
 
-/// Parts of a search, which take about as long as one another.
+/// Parts of a search. With 32 electrodes they take about as long as one another.
 pub(crate) const PARTS: usize = 3;
 /// Relative error of what a fault is predicted to change: the model's electrodes are not quite the sheet's. Of a sheet that is as its
 /// model it is less, which tells a fault from a press.
