@@ -200,7 +200,7 @@ impl ContactTest {
             // Contacts are tested on single frames only: the error of the disc model shows more in a mean.
             let task = Task { patient: false, ..task };
             self.solve_with(solver, task, detectors, result);
-            self.until = self.until.saturating_sub(1);
+            self.until = self.until.saturating_sub(task.averaged.frames);
             // In variances of one frame's noise, as the test of a frame has it.
             let misfit = result.misfit.map(|misfit| 1.0 + (misfit - 1.0) / task.averaged.gain);
             // A frame like many before is not sudden any more.
@@ -490,6 +490,7 @@ impl ContactTest {
         while self.may_ask(solver) {
             let candidate = self.candidate(solver, result);
             if !self.monitor.propose(candidate.map(|c| c.electrode)) {
+                self.doubt_candidate((candidate, without), solver, task, detectors, result);
                 break;
             }
             if candidate.is_some_and(|c| c.linear) {
@@ -511,6 +512,33 @@ impl ContactTest {
             without = with;
         }
         without
+    }
+
+    /// A contact that would explain alone what touches explain is compared with them at once, so that a touch which looks like one is
+    /// averaged while it rests.
+    fn doubt_candidate(
+        &mut self,
+        (candidate, without): (Option<Candidate>, Option<Evidence>),
+        solver: &mut FrameSolver,
+        task: Task,
+        detectors: &mut Detectors,
+        result: &mut FrameResult,
+    ) {
+        let explained = !result.touches.is_empty() && !self.leaves(result) && solver.is_finished();
+        let electrode = candidate.filter(|c| !c.linear).map(|c| c.electrode);
+        if !explained || solver.is_spent() || !self.monitor.propose_early(electrode) {
+            return;
+        }
+        self.kept.copy_from(result);
+        solver.begin_other(self.drifting);
+        let with = self.solve_with(solver, Task { patient: true, ..task }, detectors, result);
+        if solver.is_settled() {
+            self.monitor.doubt(with, without);
+        } else {
+            self.monitor.take_back();
+        }
+        result.copy_from(&self.kept);
+        solver.end_other();
     }
 
     /// Solves a frame without what drifted, and what the contacts did that changed.

@@ -301,6 +301,11 @@ impl FrameSolver {
         self.fitter.as_ref().is_some_and(|f| f.last().finished)
     }
 
+    /// Whether it did, and no solution of the sheet would change its touches.
+    pub(crate) fn is_settled(&self) -> bool {
+        self.is_finished() && self.fitter.as_ref().is_some_and(|f| f.last().settled)
+    }
+
     /// Whether touches are fitted to the measurements.
     pub(crate) fn fits(&self) -> bool {
         self.fitter.is_some()

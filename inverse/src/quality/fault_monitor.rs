@@ -226,15 +226,15 @@ impl FaultMonitor {
         true
     }
 
-    /// Whether the values that are left out because of the fault that is named are those of the baseline again. `sigma_v`: noise of one
-    /// value, V of the model.
+    /// Whether the values that are left out because of the fault that is named are those of the baseline again, in a frame that shows
+    /// nothing beside a gain that all values have in common. `sigma_v`: noise of one value, V of the model.
     pub(crate) fn is_over(&mut self, d: &Difference, unchanged: &Difference, sigma_v: f64) -> bool {
         let values = self.left_out();
+        // What the fault did to the gain is over with it.
+        let gain = common_gain(&self.imager.model_v, d, &values);
         let values: Vec<usize> = values.into_iter().filter(|k| unchanged.used[*k]).collect();
-        let square: f64 = values
-            .iter()
-            .map(|k| (d.y[*k] / (sigma_v * d.spread[*k])).powi(2))
-            .sum();
+        let left = |k: usize| (d.y[k] - gain * self.imager.model_v[k]) / (sigma_v * d.spread[k]);
+        let square: f64 = values.iter().map(|k| left(*k).powi(2)).sum();
         let count = values.len() as f64;
         let well = count > 0.0 && values.iter().all(|k| d.used[*k]) && square < count + ALIKE * (2.0 * count).sqrt();
         self.well = if well { self.well + values.len() } else { 0 };
@@ -479,11 +479,47 @@ impl FaultMonitor {
     }
 }
 
+/// By how much a gain that all values have in common is more than 1: the least squares of all but some of them.
+fn common_gain(model_v: &[f64], d: &Difference, without: &[usize]) -> f64 {
+    let values = (0..d.used.len()).filter(|k| d.used[*k] && !without.contains(k));
+    let (mut along, mut square) = (0.0, 0.0);
+    for k in values {
+        let weight = d.spread[k].powi(-2);
+        along += weight * model_v[k] * d.y[k];
+        square += weight * model_v[k] * model_v[k];
+    }
+    if square > 0.0 { along / square } else { 0.0 }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use forward::{Drive, Pattern, Sheet};
     use nalgebra::DVector;
+
+    /// The gain that was found while a contact was worse may be wrong by some per cent.
+    #[test]
+    fn a_fault_ends_whatever_the_common_gain_is() {
+        let pattern = Pattern::adjacent(16).unwrap();
+        let imager = Arc::new(Imager::new(&Sheet::paper(), Drive::PAPER, pattern, 10.0).unwrap());
+        let sigma_v = 1e-3 * imager.model_v.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
+        let unchanged = Difference {
+            y: DVector::zeros(imager.pattern.len()),
+            spread: vec![1.0; imager.pattern.len()],
+            used: vec![true; imager.pattern.len()],
+        };
+        for gain in [0.0, 0.07, -0.2] {
+            let mut d = unchanged.clone();
+            d.y.iter_mut().zip(&imager.model_v).for_each(|(y, v)| *y = gain * v);
+            let mut monitor = FaultMonitor::new(&imager, true);
+            assert!(monitor.name_contacts(&[11]));
+            assert!(monitor.is_over(&d, &unchanged, sigma_v), "{gain}");
+            for k in values_of(&imager, &[11]) {
+                d.y[k] += 0.1 * imager.model_v[k];
+            }
+            assert!(!monitor.is_over(&d, &unchanged, sigma_v), "{gain}");
+        }
+    }
 
     /// What comes beside a fault that is named, and is none, does not end it before it is looked for again; and the search for it takes
     /// one part of each frame, of those that have time for no more.

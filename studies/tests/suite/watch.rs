@@ -133,6 +133,36 @@ fn a_scene_at_rest_is_averaged() {
     assert!((10.0..20.0).contains(&(first.1 / last.1)), "{rms:?}");
 }
 
+/// With a given current a touch near the rim looks like a contact that changed. This is decided in its first frames, so that the others
+/// are averaged.
+#[test]
+fn a_touch_at_rest_is_averaged_as_soon_with_a_given_current() {
+    let mut live = LiveSheet::new(Drive::Current { amplitude_a: 1e-3 }, 78, |sheet, rng| {
+        sheet.frame(&scene(vec![touch(40.0, 0.0)]), rng)
+    })
+    .unwrap();
+    let empty = clean(&mut live, &[]);
+    let (places, looks) = (30, 8);
+    let mut averaged = 0;
+    for k in 0..places {
+        let (angle, radius) = (2.4 * f64::from(k), 62.0 * (f64::from(k) / f64::from(places)).sqrt());
+        let touched = clean(&mut live, &[touch(radius * angle.cos(), radius * angle.sin())]);
+        for _ in 0..8 {
+            let frame = live.frame(&empty);
+            live.reconstructor.frame(&frame).unwrap();
+        }
+        let mut frames = 0;
+        for _ in 0..looks {
+            let frame = live.frame(&touched);
+            let found = live.reconstructor.frame(&frame).unwrap();
+            assert_eq!(found.touches.len(), 1, "{k}");
+            frames = found.frames;
+        }
+        averaged += i32::from(frames >= 4);
+    }
+    assert!(averaged + 1 >= places, "{averaged} of {places}");
+}
+
 /// Frames of a table are unrelated: each is reconstructed alone, also with known noise. Empty frames show no touch.
 #[test]
 fn frames_of_a_table_are_not_each_others_results() {

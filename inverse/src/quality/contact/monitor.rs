@@ -29,6 +29,8 @@ struct Candidate {
     electrode: usize,
     named: usize,
     compared: usize,
+    /// Whether it was compared once when touches explained the frame.
+    doubted: bool,
     /// Sums over the frames compared.
     with: Evidence,
     without: Evidence,
@@ -144,6 +146,7 @@ impl ContactMonitor {
                 electrode,
                 named: 1,
                 compared: 0,
+                doubted: false,
                 with: Evidence::default(),
                 without: Evidence::default(),
             }),
@@ -158,8 +161,40 @@ impl ContactMonitor {
     /// Takes the electrode that the linear fits of a frame name, in which there is no time to compare.
     pub(crate) fn note(&mut self, electrode: Option<usize>) {
         if self.propose(electrode) {
-            self.changed.pop();
+            self.take_back();
         }
+    }
+
+    /// Proposes the candidate that `electrode` is, once, before it is ripe: until [`ContactMonitor::doubt`] or
+    /// [`ContactMonitor::take_back`]. False where it was doubted before.
+    pub(crate) fn propose_early(&mut self, electrode: Option<usize>) -> bool {
+        let early = self.candidate.filter(|s| Some(s.electrode) == electrode && !s.doubted);
+        self.changed.extend(early.map(|s| s.electrode));
+        early.is_some()
+    }
+
+    /// Takes the full fits of one frame with and without it: it is none where it would not stay one.
+    pub(crate) fn doubt(&mut self, with: Option<Evidence>, without: Option<Evidence>) {
+        let stays = with
+            .zip(without)
+            .is_some_and(|(with, without)| with.stays(without, &self.options));
+        match &mut self.candidate {
+            Some(candidate) if stays => {
+                candidate.doubted = true;
+                self.take_back();
+            }
+            _ => self.reject(),
+        }
+    }
+
+    /// The electrode that was proposed is compared later.
+    pub(crate) fn take_back(&mut self) {
+        self.changed.pop();
+    }
+
+    fn reject(&mut self) {
+        self.rejected = self.changed.pop().map(|l| (l, self.options.rejected_frames));
+        self.candidate = None;
     }
 
     /// Decides on the candidate from the full fits of a frame with and without it.
@@ -185,13 +220,8 @@ impl ContactMonitor {
                 self.candidate = None;
                 (self.until, self.inconclusive) = (self.retest_frames(), false);
             }
-            Decision::Unchanged => {
-                self.rejected = self.changed.pop().map(|l| (l, self.options.rejected_frames));
-                self.candidate = None;
-            }
-            Decision::Open => {
-                self.changed.pop();
-            }
+            Decision::Unchanged => self.reject(),
+            Decision::Open => self.take_back(),
         }
         decision
     }
@@ -267,6 +297,22 @@ mod tests {
         assert!(monitor.changed().is_empty());
         // In seven of eight it is.
         assert!(frames(&mut monitor, 40, |k| (k % 8 != 0).then_some(5)).is_some());
+    }
+
+    #[test]
+    fn one_that_costs_more_than_touches_is_none_before_it_is_ripe() {
+        let mut monitor = ContactMonitor::new(16, ContactOptions::default());
+        for (with, without, stays) in [(WORSE, BETTER, false), (BETTER, BETTER, false), (BETTER, WORSE, true)] {
+            monitor.clear();
+            monitor.begin(false);
+            assert!(!monitor.propose(Some(3)) && monitor.propose_early(Some(3)));
+            assert_eq!(monitor.changed(), [3]);
+            monitor.doubt(Some(with), Some(without));
+            assert_eq!((monitor.changed(), monitor.is_open()), (&[][..], stays));
+            // It is doubted once.
+            assert!(!monitor.propose_early(Some(3)));
+            assert_eq!(frames(&mut monitor, 20, |_| Some(3)).is_some(), stays);
+        }
     }
 
     #[test]
