@@ -1,12 +1,12 @@
 //! Contacts that changed since the baseline: whether they are distinguished from touches. Table: docs/results.md,
 //! Contacts that changed.
 //!
-//! `cargo run --release -p studies --example contacts -- [--scenes N] [--seed S]`
+//! `cargo run --release -p studies --example contacts -- [--scenes N] [--seed S] [--frames F]`
 //!
 //! Frames are those of a `LiveSheet`. The noise is that of a finger of +20 % half way to the rim at 27 dB. N scenes
-//! of every kind (default 20) have no finger, one, or two 50 mm apart. They are judged by their 30th frame after
-//! rest. N further scenes have one to four touches, one of them at the rim, and no contact changes. All of their 120
-//! frames are judged.
+//! of every kind (default 20) have no finger, one, or two 50 mm apart. They are judged by their Fth frame (default 30)
+//! after rest. N further scenes have one to four touches, one of them at the rim, and no contact changes. All of their
+//! 120 frames are judged.
 
 use forward::{DiscTouch, Drive};
 use rand::Rng;
@@ -16,8 +16,8 @@ use tracing_subscriber::filter::{LevelFilter, Targets};
 use tracing_subscriber::prelude::*;
 
 const RIM_MM: f64 = 97.5;
-/// Frames of a scene with a changed contact; the contact monitor accepts a contact after 16.
-const FRAMES: usize = 30;
+/// Frames of a scene with a changed contact, unless told; the contact monitor accepts a contact after 16.
+const FRAMES: u64 = 30;
 const SOUND_FRAMES: u64 = 120;
 
 fn finger(at: [f64; 2], rise: f64) -> DiscTouch {
@@ -55,7 +55,7 @@ fn main() -> anyhow::Result<()> {
     let given: Vec<String> = std::env::args().collect();
     let after = |name: &str| given.iter().position(|a| a == name).and_then(|k| given.get(k + 1));
     let number = |name: &str, default: u64| after(name).and_then(|v| v.parse().ok()).unwrap_or(default);
-    let (scenes, seed) = (number("--scenes", 20), number("--seed", 1));
+    let (scenes, seed, frames) = (number("--scenes", 20), number("--seed", 1), number("--frames", FRAMES));
     println!("seed {seed}, {scenes} scenes of every kind");
     println!(
         "| drive, change | electrode named, % | count right, % | position, median / 95th percentile mm | longest frame ms |"
@@ -82,7 +82,7 @@ fn main() -> anyhow::Result<()> {
                 // A frame of the untouched sheet separates the scenes.
                 let rest = live.empty();
                 live.reconstructor.frame(&rest)?;
-                for _ in 1..FRAMES {
+                for _ in 1..frames {
                     let frame = live.frame(&clean);
                     let start = std::time::Instant::now();
                     live.reconstructor.frame(&frame)?;

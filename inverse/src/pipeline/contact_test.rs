@@ -1,7 +1,7 @@
 //! Whether a frame is one of touches, or of touches and contacts that changed.
 
 use crate::change::detector::ChangeDetector;
-use crate::pipeline::frame_solver::{Candidate, FrameSolver, Task};
+use crate::pipeline::frame_solver::{Averaged, Candidate, FrameSolver, Task};
 use crate::pipeline::options::ReconstructorOptions;
 use crate::pipeline::polarity_test::PolarityTest;
 use crate::pipeline::result::FrameResult;
@@ -17,6 +17,9 @@ const LANDING: usize = 2;
 /// What comes from one frame to the next is a touch or a fault, and nothing that drifts slowly. For so many frames what is rare is not
 /// asked for then: so long it may take to tell which.
 const SUDDEN: usize = 64;
+
+/// Most frames until a scene at rest that touches do not explain is asked once more what drifts. Each time the wait doubles.
+const MOST_WAIT: usize = 256;
 
 /// The detectors of changes, by what drifts.
 pub(crate) type Detectors = [Option<ChangeDetector>; Drifting::ALL.len()];
@@ -49,6 +52,8 @@ pub(crate) struct ContactTest {
     asked: usize,
     stood: usize,
     until: usize,
+    /// Frames from one test to the next.
+    wait: usize,
     /// Frames one after another before this one that touches left some of unexplained.
     left_before: usize,
     /// Whether a frame was explained before, by touches or by nothing; frames for which what came after it is sudden; and what drifted
@@ -85,6 +90,7 @@ impl ContactTest {
             asked: 0,
             stood: 0,
             until: 0,
+            wait: options.contacts.retest_frames,
             left_before: 0,
             explained_before: false,
             sudden: 0,
@@ -164,6 +170,7 @@ impl ContactTest {
         (self.drifting, self.stood, self.until) = (Drifting::Common, 0, 0);
         (self.left_before, self.explained_before, self.sudden) = (0, true, 0);
         self.left_at_rest = false;
+        self.wait = self.options.retest_frames;
         self.owed = Owed::default();
     }
 
@@ -200,13 +207,21 @@ impl ContactTest {
             // Contacts are tested on single frames only: the error of the disc model shows more in a mean.
             let task = Task { patient: false, ..task };
             self.solve_with(solver, task, detectors, result);
-            self.until = self.until.saturating_sub(task.averaged.frames);
+            let Averaged { frames, grown, .. } = task.averaged;
+            let new = if grown { frames / 2 } else { frames };
+            self.until = self.until.saturating_sub(new);
             // In variances of one frame's noise, as the test of a frame has it.
             let misfit = result.misfit.map(|misfit| 1.0 + (misfit - 1.0) / task.averaged.gain);
             // A frame like many before is not sudden any more.
             self.sudden = self.sudden.saturating_sub(task.averaged.frames);
             self.left_at_rest = self.until == 0 && misfit.is_none_or(|m| m > self.options.explained);
+            if self.left_at_rest {
+                self.wait = (2 * self.wait).min(MOST_WAIT);
+            }
             return;
+        }
+        if !self.is_open() {
+            self.wait = self.options.retest_frames;
         }
         self.left_at_rest = false;
         if !self.sequence {
@@ -346,7 +361,7 @@ impl ContactTest {
             return evidence;
         }
         self.put_off = 0;
-        self.until = self.options.retest_frames;
+        self.until = self.wait;
         let (before, mut best) = (self.drifting, evidence);
         let (next, mut late) = from.unwrap_or_default();
         let others = Drifting::ALL.into_iter().filter(|d| *d != before && d.index() >= next);
@@ -524,7 +539,8 @@ impl ContactTest {
         detectors: &mut Detectors,
         result: &mut FrameResult,
     ) {
-        let explained = !result.touches.is_empty() && !self.leaves(result) && solver.is_finished();
+        solver.fit_beside(self.drifting);
+        let explained = !result.touches.is_empty() && !self.leaves(result) && solver.is_settled();
         let electrode = candidate.filter(|c| !c.linear).map(|c| c.electrode);
         if !explained || solver.is_spent() || !self.monitor.propose_early(electrode) {
             return;
@@ -532,7 +548,8 @@ impl ContactTest {
         self.kept.copy_from(result);
         solver.begin_other(self.drifting);
         let with = self.solve_with(solver, Task { patient: true, ..task }, detectors, result);
-        if solver.is_settled() {
+        // Where nothing is left, nothing was fitted.
+        if !result.changed || solver.is_settled() {
             self.monitor.doubt(with, without);
         } else {
             self.monitor.take_back();

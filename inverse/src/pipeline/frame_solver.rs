@@ -316,7 +316,7 @@ impl FrameSolver {
         self.fitter.as_ref().is_some_and(|f| f.options().explains(misfit, gain))
     }
 
-    /// Begins a fit with touches of other signs.
+    /// Begins another fit of the frame, with touches of other signs or without a contact.
     pub(crate) fn begin_other(&mut self, drifting: Drifting) {
         self.fit_beside(drifting);
         self.fitter.iter_mut().for_each(Fitter::begin_other);
@@ -487,7 +487,7 @@ impl FrameSolver {
     }
 
     /// Goes on from the touches that were fitted last beside this drift.
-    fn fit_beside(&mut self, drifting: Drifting) {
+    pub(crate) fn fit_beside(&mut self, drifting: Drifting) {
         if self.fitting != drifting {
             let before = std::mem::replace(&mut self.fitting, drifting);
             self.fitter.iter_mut().for_each(|f| f.exchange(before, drifting));

@@ -479,16 +479,20 @@ impl FaultMonitor {
     }
 }
 
-/// By how much a gain that all values have in common is more than 1: the least squares of all but some of them.
+/// By how much a gain that all values have in common is more than 1: of all but some of them, with the least absolute deviation.
 fn common_gain(model_v: &[f64], d: &Difference, without: &[usize]) -> f64 {
-    let values = (0..d.used.len()).filter(|k| d.used[*k] && !without.contains(k));
-    let (mut along, mut square) = (0.0, 0.0);
-    for k in values {
-        let weight = d.spread[k].powi(-2);
-        along += weight * model_v[k] * d.y[k];
-        square += weight * model_v[k] * model_v[k];
-    }
-    if square > 0.0 { along / square } else { 0.0 }
+    let values = (0..d.used.len()).filter(|k| d.used[*k] && model_v[*k] != 0.0 && !without.contains(k));
+    let mut ratios: Vec<[f64; 2]> = values
+        .map(|k| [d.y[k] / model_v[k], (model_v[k] / d.spread[k]).abs()])
+        .collect();
+    ratios.sort_by(|[a, _], [b, _]| a.total_cmp(b));
+    let half = 0.5 * ratios.iter().map(|[_, weight]| weight).sum::<f64>();
+    let mut sum = 0.0;
+    let median = ratios.iter().find(|[_, weight]| {
+        sum += weight;
+        sum >= half
+    });
+    median.map_or(0.0, |[gain, _]| *gain)
 }
 
 #[cfg(test)]

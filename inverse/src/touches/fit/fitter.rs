@@ -128,7 +128,7 @@ pub struct Fitter {
     fits: Fits,
     corrected: Corrected,
     scratch: Scratch,
-    /// Those of frames in which something else drifts, by what does; and of those with touches of other signs.
+    /// Those of frames in which something else drifts, by what does; and of those that are fitted in another way for once.
     aside: [Aside; Drifting::ALL.len()],
     other: Aside,
     /// Whether the values fitted last were corrected.
@@ -283,7 +283,7 @@ impl Fitter {
         }
     }
 
-    /// Begins a fit with touches of other signs without a frame before.
+    /// Begins another fit of the frame, of which the frame before says nothing.
     pub(crate) fn begin_other(&mut self) {
         self.end_other();
         self.found.clear();
@@ -307,7 +307,7 @@ impl Fitter {
     /// Forgets the touches of the frame before: they have gone.
     pub fn forget(&mut self) {
         self.forget_last();
-        for aside in self.aside.iter_mut().chain([&mut self.other]) {
+        for aside in &mut self.aside {
             aside.followed.forget();
             aside.carried = Carried::default();
         }
