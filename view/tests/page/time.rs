@@ -55,6 +55,8 @@ fn the_last_minutes_are_gone_back_through_and_live_goes_on() {
     while page.ask("document.querySelector('#connection-text').textContent.startsWith('no new')") != true {
         assert!(Instant::now() < end, "frames went on coming");
     }
+    // The state is told before it is drawn.
+    page.ask(DRAWN);
     let (at, seen) = (page.ask("document.querySelector('#time').value"), pixels(&mut page));
     page.press("ArrowLeft");
     let before = shown(&mut page);
