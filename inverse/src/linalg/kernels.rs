@@ -149,6 +149,53 @@ impl WithSimd for AddColumns<'_> {
     }
 }
 
+/// The same of columns in single precision, padded to a multiple of [`SINGLE_LANES`]: what is added is summed in single precision.
+pub(crate) fn add_columns_single(arch: Arch, columns: &[f32], list: &[(usize, f64)], y: &mut [f64]) {
+    arch.dispatch(AddColumnsSingle { columns, list, y });
+}
+
+struct AddColumnsSingle<'a> {
+    columns: &'a [f32],
+    list: &'a [(usize, f64)],
+    y: &'a mut [f64],
+}
+
+/// Registers that are summed at once.
+const REGISTERS: usize = 8;
+
+impl WithSimd for AddColumnsSingle<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { columns, list, y } = self;
+        let rows = padded(y.len(), SINGLE_LANES);
+        let lanes = S::F32_LANES;
+        let mut room = [0.0_f32; REGISTERS * SINGLE_LANES];
+        for (block, y) in y.chunks_mut(REGISTERS * lanes).enumerate() {
+            let from = block * REGISTERS * lanes;
+            let many = (rows - from).min(REGISTERS * lanes);
+            let mut sums = [simd.splat_f32s(0.0); REGISTERS];
+            for (j, x) in list {
+                let by = simd.splat_f32s(*x as f32);
+                let column = S::as_simd_f32s(&columns[j * rows + from..][..many]).0;
+                if let Ok(column) = <&[S::f32s; REGISTERS]>::try_from(column) {
+                    for (sum, v) in sums.iter_mut().zip(column) {
+                        *sum = simd.mul_add_e_f32s(*v, by, *sum);
+                    }
+                } else {
+                    for (sum, v) in sums.iter_mut().zip(column) {
+                        *sum = simd.mul_add_e_f32s(*v, by, *sum);
+                    }
+                }
+            }
+            let of_block = S::as_mut_simd_f32s(&mut room[..REGISTERS * lanes]).0;
+            of_block.iter_mut().zip(sums).for_each(|(to, sum)| *to = sum);
+            y.iter_mut().zip(&room).for_each(|(y, v)| *y += f64::from(*v));
+        }
+    }
+}
+
 /// `out_k = column_j . v` for the k-th j of a list, in single precision. The list's length is a multiple of
 /// [`COLUMNS_AT_ONCE`].
 pub(crate) fn dots_of_single(arch: Arch, columns: &[f32], list: &[u32], v: &[f32], out: &mut [f32]) {

@@ -70,6 +70,8 @@ pub(crate) struct ContactTest {
     left_out: Vec<usize>,
     /// Whether a mean of frames at rest leaves what drift may explain: the next frame is asked by itself.
     left_at_rest: bool,
+    /// Whether the frame is like the one before, and nothing was open there but a candidate.
+    rests: bool,
     /// A frame without its contacts' scales.
     evened: Option<Difference>,
     /// The result of a frame with other contacts.
@@ -100,6 +102,7 @@ impl ContactTest {
             decided: Vec::new(),
             left_out: Vec::new(),
             left_at_rest: false,
+            rests: false,
             evened: None,
             kept: FrameResult::default(),
         }
@@ -161,6 +164,16 @@ impl ContactTest {
     /// Whether an electrode is a candidate, or something is still to be asked: then every frame counts.
     pub(crate) fn is_open(&self) -> bool {
         self.monitor.is_open() || self.left_at_rest || self.owed.is_something()
+    }
+
+    /// Whether nothing is open but a candidate that is compared in the first frame that is like the one before.
+    pub(crate) fn waits_for_rest(&self) -> bool {
+        self.monitor.asks_early() && !self.rests && !self.left_at_rest && !self.owed.is_something()
+    }
+
+    /// Takes note whether the next frame is like the one before.
+    pub(crate) fn note_rest(&mut self, rests: bool) {
+        self.rests = rests;
     }
 
     /// Forgets all that earlier frames said, but that there was one: it shows nothing.
@@ -505,7 +518,9 @@ impl ContactTest {
         while self.may_ask(solver) {
             let candidate = self.candidate(solver, result);
             if !self.monitor.propose(candidate.map(|c| c.electrode)) {
-                self.doubt_candidate((candidate, without), solver, task, detectors, result);
+                if self.rests {
+                    self.doubt_candidate((candidate, without), solver, task, detectors, result);
+                }
                 break;
             }
             if candidate.is_some_and(|c| c.linear) {

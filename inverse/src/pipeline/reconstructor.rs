@@ -237,6 +237,16 @@ impl Reconstructor {
         let change = self.detectors[self.contacts.detector()]
             .as_mut()
             .map(|d| d.test(values, most_averaged));
+        let rests = matches!(change, Some(Change::Same | Change::Mean)) && self.contacts.waits_for_rest();
+        self.contacts.note_rest(rests);
+        if rests {
+            // What holds the averaging up is decided in the first frame at rest, by itself.
+            self.reconstruct(values, Averaged::ONE, false)?;
+            let decided = self.detector().is_some_and(|d| d.rest().frames() > 1);
+            if !decided || change == Some(Change::Same) {
+                return Ok(true);
+            }
+        }
         match change {
             Some(Change::Nothing) if !self.drifted(values)? => {
                 self.clear();
@@ -586,7 +596,9 @@ impl Reconstructor {
             .solve(&mut self.solver, task, &mut self.detectors, &mut self.result);
         let changed = self.contacts.changed();
         if let Some(detector) = &mut self.detectors[self.contacts.detector()]
-            && (self.contacts.is_open() || !changed.is_empty() || self.faults.is_open())
+            && ((self.contacts.is_open() && !self.contacts.waits_for_rest())
+                || !changed.is_empty()
+                || self.faults.is_open())
         {
             // Every frame counts.
             detector.forget();

@@ -79,6 +79,11 @@ impl ContactMonitor {
         self.inconclusive = false;
     }
 
+    /// Whether there is a candidate that was not doubted yet.
+    pub(crate) fn asks_early(&self) -> bool {
+        self.candidate.is_some_and(|s| !s.doubted)
+    }
+
     /// Whether the full fits are compared in the next frame: one that names the candidate once more, or one in which accepted
     /// contacts are tested again.
     pub(crate) fn asks_next(&self) -> bool {
