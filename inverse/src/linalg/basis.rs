@@ -1,6 +1,7 @@
 //! Orthonormal vectors by the method of Gram and Schmidt, and what of a vector lies outside their span.
 
 use crate::linalg::vector::{dot, square};
+use nalgebra::{DMatrix, DMatrixView};
 
 /// Share of a vector's square that has to be new for the vector to enter a [`Basis`].
 ///
@@ -40,6 +41,15 @@ impl Basis {
     pub(crate) fn outside(&self, v: &mut [f64]) -> f64 {
         take_away(&self.columns, v);
         square(v)
+    }
+
+    /// The same of every column of a matrix, by products of matrices.
+    pub(crate) fn outside_all(&self, matrix: &mut DMatrix<f64>) {
+        let rows = matrix.nrows();
+        let count = self.columns.len() / rows.max(1);
+        let own = DMatrixView::from_slice(&self.columns, rows, count);
+        let along = own.transpose() * &*matrix;
+        matrix.gemm(-1.0, &own, &along, 1.0);
     }
 }
 
@@ -81,6 +91,11 @@ mod tests {
         let mut v = [3.0, 4.0, 2.0];
         assert_eq!(basis.outside(&mut v), 4.0);
         assert_eq!(v, [0.0, 0.0, 2.0]);
+        let mut both = DMatrix::from_row_slice(3, 2, &[3.0, -1.0, 4.0, 0.5, 2.0, 7.0]);
+        basis.outside_all(&mut both);
+        assert_eq!(both, DMatrix::from_row_slice(3, 2, &[0.0, 0.0, 0.0, 0.0, 2.0, 7.0]));
+        Basis::default().outside_all(&mut both);
+        assert_eq!(both[(2, 1)], 7.0);
     }
 
     #[test]

@@ -210,6 +210,12 @@ impl ContactTest {
         gone
     }
 
+    /// Makes ready what a frame is solved with first. Whether that took all of its time.
+    pub(crate) fn prepare(&self, solver: &mut FrameSolver, difference: &Difference, quiet: bool) -> bool {
+        let drifting = if quiet { self.may_drift() } else { self.drifting };
+        solver.prepare(difference, (drifting, self.monitor.left_out_next(quiet)))
+    }
+
     /// Makes the picture of the frame that was solved last.
     pub(crate) fn picture(&mut self, solver: &mut FrameSolver, task: Task, result: &mut FrameResult) {
         self.without_contacts(solver, task, |solver, task| solver.picture(task, result));
@@ -363,7 +369,8 @@ impl ContactTest {
         let touches = result.touches.len();
         // A frame that changed without a touch is asked as well: a contact may be what changed it.
         let due = self.until == 0 && (self.leaves(result) || touches == 0 || self.drifting != Drifting::Common);
-        let asked = touches > self.stood || due || from.is_some() || self.monitor.is_open();
+        let open = self.monitor.is_open() && self.leaves(result);
+        let asked = touches > self.stood || due || from.is_some() || open;
         if !(solver.fits() && result.changed && asked) {
             self.stood = self.stood.min(touches);
             return evidence;
@@ -394,7 +401,7 @@ impl ContactTest {
                 changed: self.monitor.changed(),
                 ..task
             };
-            if !std::mem::take(&mut late) && (solver.is_spent() || solver.make_ready(own, other)) {
+            if (!std::mem::take(&mut late) && solver.is_spent()) || solver.make_ready(own, other) {
                 self.owed.drifting = Some(other.index());
                 return best;
             }

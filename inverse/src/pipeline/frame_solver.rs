@@ -41,6 +41,8 @@ const LEAST_EVALUATIONS: usize = 1000;
 
 /// What a frame of a sequence may have taken before anything else is asked of it, and until which a solution has to be at its end, ms.
 const MOST_MS: f64 = 20.0;
+/// What it may have taken when it is solved with what was made for it, ms: only problems of many values take as long.
+const MOST_PREPARED_MS: f64 = 40.0;
 
 /// Of how many frames the values are the mean.
 #[derive(Clone, Copy, Debug)]
@@ -242,16 +244,32 @@ impl FrameSolver {
         self.options.sequence && self.costs().of(self.work()) > MOST_MS
     }
 
-    /// Makes the problem ready in which something else drifts than in the one in use; whether it had to be made.
+    /// Makes the problem ready in which something else drifts than in the one in use; whether anything had to be made.
     pub(crate) fn make_ready(&mut self, own: Task, other: Drifting) -> bool {
-        let before = self.work.problems;
-        self.switch(own.difference, (other, own.changed));
-        let made = self.options.sequence && self.work.problems > before;
-        if made {
+        let before = self.made();
+        self.prepare(own.difference, (other, own.changed));
+        self.switch(own.difference, (own.drifting, own.changed));
+        self.options.sequence && self.made() != before
+    }
+
+    /// Makes a problem the one in use, and its tables where the frame has time for them. Whether that took all of its time.
+    pub(crate) fn prepare(&mut self, difference: &Difference, left_out: (Drifting, &[usize])) -> bool {
+        let before = self.made();
+        self.switch(difference, left_out);
+        if !self.is_prepared_since(before) {
             self.tabulate(false);
         }
-        self.switch(own.difference, (own.drifting, own.changed));
-        made
+        self.is_prepared_since(before)
+    }
+
+    /// Whether problems or tables were made since there were so many, and took all of the frame's time.
+    fn is_prepared_since(&self, before: (usize, usize)) -> bool {
+        self.made() != before && self.options.sequence && self.costs().of(self.work()) > MOST_PREPARED_MS
+    }
+
+    /// Problems and tables that were made in the frame.
+    fn made(&self) -> (usize, usize) {
+        (self.work.problems, self.work.tables)
     }
 
     /// Parts of a search for what is broken that the frame has time to begin, after so many.
@@ -546,6 +564,7 @@ impl FrameSolver {
 
     fn tabulate(&mut self, at_once: bool) {
         if let (Some(fitter), Some(weighted)) = (&self.fitter, self.weightings.current_mut()) {
+            self.work.tables += usize::from(weighted.tables.is_none());
             weighted.tabulate(fitter, self.drift.as_ref(), at_once);
         }
     }

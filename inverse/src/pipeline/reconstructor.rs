@@ -21,6 +21,9 @@ use std::sync::Arc;
 
 /// Misfit of the same touches beside a fault, over that without, from which the fault is one.
 const BETTER: f64 = 0.7;
+/// Frames that are put off one after another: one for a problem, one for its tables. What other values are left out of frame after frame is
+/// solved all the same.
+const MOST_PUT_OFF: usize = 2;
 
 /// Turns the frames of one reference into pictures, with its state from frame to frame.
 pub struct Reconstructor {
@@ -47,6 +50,8 @@ pub struct Reconstructor {
     following: Following,
     /// Frames one after another that no touches explained.
     unexplained: usize,
+    /// Frames one after another that had time only for what they are to be solved with.
+    put_off: usize,
     /// Time since the last picture, s.
     since_picture_s: f64,
     /// Parts of searches for what is broken before this frame.
@@ -87,6 +92,7 @@ impl Reconstructor {
             gain: 1.0,
             following: Following::new(reference.baseline().len(), options.follow_s),
             unexplained: 0,
+            put_off: 0,
             since_picture_s: f64::INFINITY,
             searched: 0,
             averaged: Averaged::ONE,
@@ -219,15 +225,18 @@ impl Reconstructor {
 
     /// A frame divided by the gain; false where it is like the one before, and so is the result.
     fn frame_of_gain(&mut self, values: &[f64], interval_s: Option<f64>) -> Result<bool, ImagerError> {
-        self.look_without_faults();
-        self.due = self.broken.begin(self.contacts.changed());
+        if !self.look_without_faults() {
+            // What the frame is to be solved with was made in its time.
+            self.result.anew = false;
+            return Ok(false);
+        }
+        self.due |= self.broken.begin(self.contacts.changed());
         if self.due {
             // What is broken is looked for in a frame that shows nothing, too.
             let detector = self.detectors[self.contacts.detector()].as_mut();
             let quiet = self.options.sequence && detector.is_some_and(|d| matches!(d.test(values, 1), Change::Nothing));
             self.detectors.iter_mut().flatten().for_each(ChangeDetector::forget);
-            self.reconstruct(values, Averaged::ONE, quiet)?;
-            return Ok(true);
+            return self.reconstruct(values, Averaged::ONE, quiet);
         }
         if self.broken.named().is_some_and(|fault| !fault.leaves_touches()) {
             self.result.anew = false;
@@ -241,10 +250,10 @@ impl Reconstructor {
         self.contacts.note_rest(rests);
         if rests {
             // What holds the averaging up is decided in the first frame at rest, by itself.
-            self.reconstruct(values, Averaged::ONE, false)?;
-            let decided = self.detector().is_some_and(|d| d.rest().frames() > 1);
+            let solved = self.reconstruct(values, Averaged::ONE, false)?;
+            let decided = solved && self.detector().is_some_and(|d| d.rest().frames() > 1);
             if !decided || change == Some(Change::Same) {
-                return Ok(true);
+                return Ok(solved);
             }
         }
         match change {
@@ -253,10 +262,11 @@ impl Reconstructor {
                 self.look_for_end(values)?;
             }
             Some(Change::Nothing) => {
-                self.reconstruct(values, Averaged::ONE, true)?;
-                if !self.result.changed {
+                let solved = self.reconstruct(values, Averaged::ONE, true)?;
+                if solved && !self.result.changed {
                     self.look_for_end(values)?;
                 }
+                return Ok(solved);
             }
             Some(Change::Same) => {
                 self.result.anew = false;
@@ -267,9 +277,9 @@ impl Reconstructor {
                 let averaged = self.averaged(&mut mean);
                 let done = self.reconstruct(&mean, averaged, false);
                 self.mean = mean;
-                done?;
+                return done;
             }
-            Some(Change::New) | None => self.reconstruct(values, Averaged::ONE, false)?,
+            Some(Change::New) | None => return self.reconstruct(values, Averaged::ONE, false),
         }
         Ok(true)
     }
@@ -343,7 +353,8 @@ impl Reconstructor {
 
     /// Reconstructs a frame, or the mean of several. `quiet`: it is known to show no touch. Where touches do not explain it, what is
     /// broken is looked for; once that is known, the frame is solved anew, or doubted where another follows.
-    fn reconstruct(&mut self, values: &[f64], averaged: Averaged, quiet: bool) -> Result<(), ImagerError> {
+    /// False where the frame has time only for what it is to be solved with.
+    fn reconstruct(&mut self, values: &[f64], averaged: Averaged, quiet: bool) -> Result<bool, ImagerError> {
         self.reference.difference_into(values, &mut self.difference)?;
         if !self.options.sequence {
             // What was in the frame before says nothing of this one.
@@ -354,7 +365,7 @@ impl Reconstructor {
             self.broken.leave_out(&mut self.difference);
             self.solve(averaged, quiet);
             self.show_faults();
-            return Ok(());
+            return Ok(true);
         }
         self.whole.copy_from(&self.difference);
         let mut due = std::mem::take(&mut self.due);
@@ -362,7 +373,11 @@ impl Reconstructor {
             let blind = self.broken.named().is_some_and(|fault| !fault.leaves_touches());
             if !blind {
                 self.broken.leave_out(&mut self.difference);
-                self.solve(averaged, quiet);
+                if !self.solve(averaged, quiet) {
+                    self.due = due;
+                    self.result.anew = false;
+                    return Ok(false);
+                }
             }
             if self.hand_over_contacts() {
                 break;
@@ -398,7 +413,7 @@ impl Reconstructor {
             self.result.doubt = self.result.doubt.or(Some(Doubt::NotTouches));
         }
         self.show_faults();
-        Ok(())
+        Ok(true)
     }
 
     /// Solves a frame that its touches do not explain without the values that stand out of what they leave, where the noise is known. The
@@ -513,10 +528,10 @@ impl Reconstructor {
     }
 
     /// Lets the detectors of changes look at the values that are left. They have seen no frame then. Each takes as long as some frames to
-    /// make, so it is made when it is needed.
-    fn look_without_faults(&mut self) {
+    /// make, so it is made when it is needed. False where the frame has no time for more.
+    fn look_without_faults(&mut self) -> bool {
         if !self.options.sequence {
-            return;
+            return true;
         }
         if std::mem::take(&mut self.left_changed) {
             let mut left = self.reference.unchanged().clone();
@@ -527,8 +542,14 @@ impl Reconstructor {
         }
         let now = self.contacts.detector();
         if let (None, Some(drifting)) = (&self.detectors[now], Drifting::ALL.get(now)) {
+            if has_detector(&self.solver, &self.reference, *drifting)
+                && self.solver.prepare(&self.left, (*drifting, &[]))
+            {
+                return false;
+            }
             self.detectors[now] = detector(&mut self.solver, &self.reference, &self.left, *drifting, false);
         }
+        true
     }
 
     /// Says what is broken. Where it leaves no touches, none are shown.
@@ -565,8 +586,9 @@ impl Reconstructor {
         self.solver.fits() && result.changed && result.touches.is_empty() && !explained
     }
 
-    /// Solves the difference of a frame, or of the mean of several.
-    fn solve(&mut self, averaged: Averaged, quiet: bool) {
+    /// Solves the difference of a frame, or of the mean of several. False where what it is solved with had to be made, and took the frame's
+    /// time.
+    fn solve(&mut self, averaged: Averaged, quiet: bool) -> bool {
         let model_v = &self.reference.imager().model_v;
         // Nothing is left out of frames that are averaged, and what would be of their mean is not in a frame.
         self.judged.clone_from(&self.difference.used);
@@ -574,6 +596,11 @@ impl Reconstructor {
         if averaged.frames == 1 {
             estimated = self.faults.judge(model_v, &mut self.difference);
             self.solver.leave_out_wild(estimated, &mut self.difference);
+            if self.put_off < MOST_PUT_OFF && self.contacts.prepare(&mut self.solver, &self.difference, quiet) {
+                self.put_off += 1;
+                return false;
+            }
+            self.put_off = 0;
         }
         let known = self.reference.noise().map(|noise| NoiseEstimate {
             sigma: if averaged.frames > 1 {
@@ -584,6 +611,7 @@ impl Reconstructor {
             ..noise
         });
         self.solve_judged(averaged, quiet, known.or(estimated));
+        true
     }
 
     /// The same of values that were judged; `noise` is none where nothing tells it.
@@ -660,8 +688,18 @@ fn detectors(solver: &mut FrameSolver, reference: &Reference) -> Detectors {
     detectors
 }
 
-/// The detector of changes in the values of a difference that has nothing in it. None where the noise is not known, and where frames of
-/// many values are solved sooner. Those of what drifts rarely are made `at_once` only as far as every frame needs them.
+/// Whether changes are looked for: not where the noise is not known, nor where frames of many values are solved sooner.
+fn has_detector(solver: &FrameSolver, reference: &Reference, drifting: Drifting) -> bool {
+    let asked = match (reference.imager().is_searched(), solver.is_of_sequence()) {
+        (true, _) => true,
+        (false, true) => !is_rare(drifting),
+        (false, false) => drifting == Drifting::Common,
+    };
+    asked && reference.noise().is_some()
+}
+
+/// The detector of changes in the values of a difference that has nothing in it, if there is one. Those of what drifts rarely are made
+/// `at_once` only as far as every frame needs them.
 fn detector(
     solver: &mut FrameSolver,
     reference: &Reference,
@@ -671,14 +709,9 @@ fn detector(
 ) -> Option<ChangeDetector> {
     let noise = reference.noise()?;
     let is_searched = reference.imager().is_searched();
-    let asked = match (is_searched, solver.is_of_sequence()) {
-        (true, _) => true,
-        (false, true) => !is_rare(drifting),
-        (false, false) => drifting == Drifting::Common,
-    };
     let at_once = at_once && is_searched && matches!(drifting, Drifting::Common | Drifting::Contacts);
     let (baseline, share) = (reference.baseline(), reference.baseline_share());
-    asked
+    has_detector(solver, reference, drifting)
         .then(|| solver.detector(unchanged, baseline, noise.sigma, share, drifting, at_once))
         .flatten()
 }

@@ -143,13 +143,11 @@ impl Weighted {
                 }
             }
         }
-        let leave_out = |values: &mut [f64]| {
-            for (value, used) in values.iter_mut().zip(&difference.used) {
-                if !used {
-                    *value = 0.0;
-                }
+        let leave_out = |columns: &mut DMatrix<f64>| {
+            for (mut row, _) in columns.row_iter_mut().zip(&difference.used).filter(|(_, used)| !**used) {
+                row.fill(0.0);
             }
-            left_out.outside(values);
+            left_out.outside_all(columns);
         };
         let weights: Vec<f64> = (0..difference.used.len()).map(|k| weight(difference, k)).collect();
         let prior = prior(&imager.sensitivity, &weights, options);

@@ -16,6 +16,8 @@ pub struct Work {
     pub solutions: usize,
     /// Problems made anew for other values or contacts.
     pub problems: usize,
+    /// Tables of responses made for them.
+    pub tables: usize,
     /// Parts of searches for what is broken: each has three.
     pub search_parts: usize,
 }
@@ -27,6 +29,7 @@ pub(crate) struct Costs {
     pub(crate) evaluation: f64,
     pub(crate) solution: f64,
     problem: f64,
+    table: f64,
     pub(crate) search_part: f64,
 }
 
@@ -42,7 +45,8 @@ impl Costs {
             evaluation: 0.006 * rank.powf(1.5),
             // The mesh is as fine.
             solution: 8.0,
-            problem: 15.0 * rank * values,
+            problem: 8.0 * rank * values,
+            table: 7.0 * rank * values,
             // Pairs of electrodes.
             search_part: 5.0 * electrodes * electrodes,
         }
@@ -54,6 +58,7 @@ impl Costs {
             + self.evaluation * work.evaluations as f64
             + self.solution * work.solutions as f64
             + self.problem * work.problems as f64
+            + self.table * work.tables as f64
             + self.search_part * work.search_parts as f64
     }
 }

@@ -97,11 +97,20 @@ impl ContactMonitor {
         !self.changed.is_empty() && self.until <= 1
     }
 
+    fn tests_again(&self, quiet: bool) -> bool {
+        self.is_due() || (quiet && !self.changed.is_empty())
+    }
+
+    /// The electrodes that the next frame is solved without first.
+    pub(crate) fn left_out_next(&self, quiet: bool) -> &[usize] {
+        if self.tests_again(quiet) { &[] } else { &self.changed }
+    }
+
     /// Begins a frame. Gives the accepted electrodes where it is time to test them again, or where that costs nothing
     /// (`quiet`): then [`ContactMonitor::changed`] has none until [`ContactMonitor::keep`].
     pub(crate) fn begin(&mut self, quiet: bool) -> Option<Vec<usize>> {
         self.rejected = self.rejected.and_then(|(l, frames)| Some((l, frames.checked_sub(1)?)));
-        if self.is_due() || (quiet && !self.changed.is_empty()) {
+        if self.tests_again(quiet) {
             return Some(std::mem::take(&mut self.changed));
         }
         self.until = self.until.saturating_sub(1);
