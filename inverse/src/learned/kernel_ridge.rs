@@ -1,6 +1,8 @@
 //! Kernel ridge regression from changes to places, or to what is left of them: plain learning.
 
 use super::maps::matrix;
+use crate::linalg::aligned::Aligned;
+use crate::linalg::columns::Columns;
 use crate::stats::median;
 use nalgebra::{Cholesky, DMatrix, DVector};
 use serde::{Deserialize, Serialize};
@@ -18,10 +20,12 @@ type Pairs = Vec<[f64; 2]>;
 
 /// A regression with a Gaussian kernel and a constant (Saunders, Gammerman and Vovk 1998), its width and ridge chosen by leaving
 /// one out. Large values are drawn in: each counts by the inverse hyperbolic sine over its usual size.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct KernelRidge {
     scale: Vec<f64>,
-    known: Vec<DVector<f64>>,
+    /// The presses, and their squares.
+    known: Columns,
+    squares: Vec<f64>,
     width: f64,
     weights: Vec<[f64; 2]>,
 }
@@ -57,21 +61,30 @@ impl KernelRidge {
         let all: Vec<usize> = (0..count).collect();
         let kernel = squares(&known, &all).map(|s| kernel(s, width));
         let (weights, left) = solve(kernel, ridge, places, &all)?;
-        let ridge = Self {
+        Some((Self::of(scale, &DMatrix::from_columns(&known), width, weights), left))
+    }
+
+    fn of(scale: Vec<f64>, known: &DMatrix<f64>, width: f64, weights: Pairs) -> Self {
+        Self {
             scale,
-            known,
+            squares: known.column_iter().map(|k| k.norm_squared()).collect(),
+            known: Columns::new(known, 1.0),
             width,
             weights,
-        };
-        Some((ridge, left))
+        }
     }
 
     /// The place of a press, mm.
     pub fn predict(&self, values: &[f64]) -> [f64; 2] {
         let there = drawn_in(values, &self.scale);
+        let mut padded = Aligned::zeros(self.known.rows());
+        padded[..there.len()].copy_from_slice(there.as_slice());
+        let mut products = Aligned::zeros(self.known.cells());
+        self.known.dots(&padded, &mut products);
+        let own = there.norm_squared();
         let mut place = [0.0; 2];
-        for (known, weights) in self.known.iter().zip(&self.weights) {
-            let kernel = kernel((known - &there).norm_squared(), self.width);
+        for ((square, product), weights) in self.squares.iter().zip(&*products).zip(&self.weights) {
+            let kernel = kernel((square + own - 2.0 * product).max(0.0), self.width);
             for (p, w) in place.iter_mut().zip(weights) {
                 *p += kernel * w;
             }
@@ -83,7 +96,9 @@ impl KernelRidge {
     pub fn stored(&self) -> StoredRidge {
         StoredRidge {
             scale: self.scale.clone(),
-            known: self.known.iter().map(|k| k.as_slice().to_vec()).collect(),
+            known: (0..self.weights.len())
+                .map(|k| self.known.column(k)[..self.scale.len()].to_vec())
+                .collect(),
             width: self.width,
             weights: self.weights.clone(),
         }
@@ -98,12 +113,7 @@ impl KernelRidge {
             && (1e-9..=1e9).contains(&stored.width)
             && stored.weights.iter().flatten().all(|w| w.abs() <= 1e9)
             && known.iter().all(|v| v.abs() <= 1e9);
-        sound.then(|| Self {
-            scale: stored.scale.clone(),
-            known: known.column_iter().map(|c| c.into_owned()).collect(),
-            width: stored.width,
-            weights: stored.weights.clone(),
-        })
+        sound.then(|| Self::of(stored.scale.clone(), &known, stored.width, stored.weights.clone()))
     }
 }
 

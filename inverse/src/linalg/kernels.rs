@@ -1,6 +1,6 @@
 //! The loops in which the solvers spend their time, compiled for the vector unit found at run time.
 //!
-//! Matrices are column by column, with a stride that is a multiple of [`LANES`]: no loop has a remainder.
+//! Matrices are column by column, with a stride that is a multiple of [`LANES`]: no loop over numbers has a remainder.
 
 use pulp::{Arch, Simd, WithSimd};
 
@@ -265,5 +265,36 @@ impl WithSimd for Crossings<'_> {
             slope = simd.mul_add_e_f64s(*q, moved, slope);
         }
         (simd.reduce_sum_f64s(value), simd.reduce_sum_f64s(slope))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Sums in single precision are those in double, to its rounding: for every length of columns and of the list.
+    #[test]
+    fn single_precision_sums_what_double_does() {
+        let arch = Arch::new();
+        for length in [0, 8, 16, 24, 120, 128, 136, 280] {
+            let (stride, columns) = (padded(length, SINGLE_LANES), 12);
+            let value = |k: usize, j: usize| (0.7 * k as f64 + 1.3 * j as f64).sin();
+            let double: Vec<f64> = (0..columns * length).map(|i| value(i % length, i / length)).collect();
+            let mut single = vec![0.0_f32; columns * stride];
+            for (j, column) in single.chunks_exact_mut(stride.max(1)).enumerate() {
+                column[..length]
+                    .iter_mut()
+                    .enumerate()
+                    .for_each(|(k, v)| *v = value(k, j) as f32);
+            }
+            for count in [0, 1, 4, 9] {
+                let list: Vec<(usize, f64)> = (0..count).map(|k| ((5 * k) % columns, 0.3 - 0.1 * k as f64)).collect();
+                let (mut a, mut b) = (vec![1.0; length], vec![1.0; length]);
+                add_columns(arch, &double, &list, &mut a);
+                add_columns_single(arch, &single, &list, &mut b);
+                assert!(a.iter().zip(&b).all(|(a, b)| (a - b).abs() < 1e-6), "{length} {count}");
+                assert!(count == 0 || length == 0 || a != vec![1.0; length]);
+            }
+        }
     }
 }

@@ -27,8 +27,8 @@ pub(crate) type Detectors = [Option<ChangeDetector>; Drifting::ALL.len()];
 /// What a frame was not asked, since it had taken long enough: the next one is.
 #[derive(Clone, Copy, Debug, Default)]
 struct Owed {
-    /// Which kind of drift comes next.
-    drifting: Option<usize>,
+    /// Which kind of drift comes next, and for how many frames it was put off.
+    drifting: Option<(usize, usize)>,
     candidates: bool,
     /// Whether touches of the other sign are to be tried, and whether because a touch is new.
     polarity: Option<bool>,
@@ -212,8 +212,12 @@ impl ContactTest {
 
     /// Makes ready what a frame is solved with first. Whether that took all of its time.
     pub(crate) fn prepare(&self, solver: &mut FrameSolver, difference: &Difference, quiet: bool) -> bool {
-        let drifting = if quiet { self.may_drift() } else { self.drifting };
-        solver.prepare(difference, (drifting, self.monitor.left_out_next(quiet)))
+        let first = match (self.monitor.tests_again(quiet), quiet) {
+            (true, _) => (Drifting::Contacts, &[][..]),
+            (false, true) => (self.may_drift(), self.monitor.changed()),
+            (false, false) => (self.drifting, self.monitor.changed()),
+        };
+        solver.prepare(difference, first)
     }
 
     /// Makes the picture of the frame that was solved last.
@@ -268,7 +272,7 @@ impl ContactTest {
             if polarity || candidates {
                 self.owed.drifting = owed.drifting;
             } else if !task.quiet {
-                let from = owed.drifting.map(|next| (next, may));
+                let from = owed.drifting.map(|(next, waited)| (next, waited, may));
                 evidence = self.test_drifting((evidence, lands, from), solver, task, detectors, result);
             }
             if polarity || (solver.is_spent() && !candidates) {
@@ -325,7 +329,7 @@ impl ContactTest {
         let unexplained = result.touches.is_empty() || !result.misfit.is_some_and(explains);
         let may = solver.fits() && result.changed;
         // Whether contacts drifted or changed is decided first, but for what this frame has no time for.
-        let decided = self.put_off == 0 && !self.monitor.is_open();
+        let decided = self.put_off == 0 && (!self.monitor.is_open() || self.waits_for_rest());
         if !(may && decided && (new || unexplained)) {
             return;
         }
@@ -359,7 +363,7 @@ impl ContactTest {
     /// while what touches leave came at once (`SUDDEN`). It is asked for in the next such frame after.
     fn test_drifting(
         &mut self,
-        (evidence, lands, from): (Option<Evidence>, bool, Option<(usize, bool)>),
+        (evidence, lands, from): (Option<Evidence>, bool, Option<(usize, usize, bool)>),
         solver: &mut FrameSolver,
         task: Task,
         detectors: &mut Detectors,
@@ -369,7 +373,8 @@ impl ContactTest {
         let touches = result.touches.len();
         // A frame that changed without a touch is asked as well: a contact may be what changed it.
         let due = self.until == 0 && (self.leaves(result) || touches == 0 || self.drifting != Drifting::Common);
-        let open = self.monitor.is_open() && self.leaves(result);
+        // Beside touches that explain it a candidate waits until they rest.
+        let open = self.monitor.is_open() && (self.leaves(result) || !self.waits_for_rest());
         let asked = touches > self.stood || due || from.is_some() || open;
         if !(solver.fits() && result.changed && asked) {
             self.stood = self.stood.min(touches);
@@ -383,7 +388,7 @@ impl ContactTest {
         self.put_off = 0;
         self.until = self.wait;
         let (before, mut best) = (self.drifting, evidence);
-        let (next, mut late) = from.unwrap_or_default();
+        let (next, mut waited, mut late) = from.unwrap_or_default();
         let others = Drifting::ALL.into_iter().filter(|d| *d != before && d.index() >= next);
         for other in others {
             // What hides touches more than contacts do is asked for only where something is left to explain, and where that takes no
@@ -395,14 +400,15 @@ impl ContactTest {
                 self.until = if lands { 1 } else { self.until.min(self.sudden) };
                 continue;
             }
-            // A problem is made in one frame, and solved in the next.
+            // A problem is made in one frame, its tables in the same or the next, and it is solved in the one after.
             let own = Task {
                 drifting: self.drifting,
                 changed: self.monitor.changed(),
                 ..task
             };
-            if (!std::mem::take(&mut late) && solver.is_spent()) || solver.make_ready(own, other) {
-                self.owed.drifting = Some(other.index());
+            let (late, waited) = (std::mem::take(&mut late), std::mem::take(&mut waited));
+            if (!late && solver.is_spent()) || (waited < MOST_PUT_OFF && solver.make_ready(own, other)) {
+                self.owed.drifting = Some((other.index(), waited + 1));
                 return best;
             }
             best = self.compare_with(other, best, solver, task, detectors, result);
@@ -524,6 +530,10 @@ impl ContactTest {
     ) -> Option<Evidence> {
         while self.may_ask(solver) {
             let candidate = self.candidate(solver, result);
+            if candidate.is_none() && self.waits_for_rest() && !self.leaves(result) {
+                // Contacts were not asked for.
+                break;
+            }
             if !self.monitor.propose(candidate.map(|c| c.electrode)) {
                 if self.rests {
                     self.doubt_candidate((candidate, without), solver, task, detectors, result);
@@ -551,8 +561,8 @@ impl ContactTest {
         without
     }
 
-    /// A contact that would explain alone what touches explain is compared with them at once, so that a touch which looks like one is
-    /// averaged while it rests.
+    /// A contact that would explain alone what touches explain is compared with them in the first frame at rest, so that a touch which
+    /// looks like one is averaged.
     fn doubt_candidate(
         &mut self,
         (candidate, without): (Option<Candidate>, Option<Evidence>),
@@ -588,7 +598,8 @@ impl ContactTest {
         detectors: &mut Detectors,
         result: &mut FrameResult,
     ) -> Option<Evidence> {
-        let (index, seen) = (self.detector(), self.detector() == self.asked);
+        // A frame at rest by itself is followed by the mean.
+        let (index, seen) = (self.detector(), self.detector() == self.asked && !self.rests);
         let detector = detectors[index].as_mut();
         self.without_contacts(solver, Task { seen, ..task }, |solver, task| {
             solver.solve(task, detector, result);

@@ -41,8 +41,8 @@ const LEAST_EVALUATIONS: usize = 1000;
 
 /// What a frame of a sequence may have taken before anything else is asked of it, and until which a solution has to be at its end, ms.
 const MOST_MS: f64 = 20.0;
-/// What it may have taken when it is solved with what was made for it, ms: only problems of many values take as long.
-const MOST_PREPARED_MS: f64 = 40.0;
+/// What making its problem may take, ms, for a frame to be solved with it: only problems of many values take longer.
+const MOST_MAKING_MS: f64 = 40.0;
 
 /// Of how many frames the values are the mean.
 #[derive(Clone, Copy, Debug)]
@@ -252,23 +252,34 @@ impl FrameSolver {
         self.options.sequence && self.made() != before
     }
 
-    /// Makes a problem the one in use, and its tables where the frame has time for them. Whether that took all of its time.
+    /// Makes a problem the one in use, and its tables where the frame has time for them. Whether making took so long that the frame is not
+    /// solved.
     pub(crate) fn prepare(&mut self, difference: &Difference, left_out: (Drifting, &[usize])) -> bool {
         let before = self.made();
         self.switch(difference, left_out);
-        if !self.is_prepared_since(before) {
+        if !self.took_long_since(before) {
             self.tabulate(false);
         }
-        self.is_prepared_since(before)
+        self.took_long_since(before)
     }
 
-    /// Whether problems or tables were made since there were so many, and took all of the frame's time.
-    fn is_prepared_since(&self, before: (usize, usize)) -> bool {
-        self.made() != before && self.options.sequence && self.costs().of(self.work()) > MOST_PREPARED_MS
+    /// Whether making problems and tables took long since there were so many.
+    fn took_long_since(&self, (problems, tables): (usize, usize)) -> bool {
+        let made = Work {
+            problems: self.work.problems - problems,
+            tables: self.work.tables - tables,
+            ..Work::default()
+        };
+        self.options.sequence && self.costs().of(made) > MOST_MAKING_MS
+    }
+
+    /// Whether the frame was solved, with whatever came of it.
+    pub(crate) fn has_solved(&self) -> bool {
+        self.work.fits > 0
     }
 
     /// Problems and tables that were made in the frame.
-    fn made(&self) -> (usize, usize) {
+    pub(crate) fn made(&self) -> (usize, usize) {
         (self.work.problems, self.work.tables)
     }
 

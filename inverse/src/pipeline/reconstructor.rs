@@ -21,9 +21,9 @@ use std::sync::Arc;
 
 /// Misfit of the same touches beside a fault, over that without, from which the fault is one.
 const BETTER: f64 = 0.7;
-/// Frames that are put off one after another: one for a problem, one for its tables. What other values are left out of frame after frame is
-/// solved all the same.
-const MOST_PUT_OFF: usize = 2;
+/// Frames one after another that are not solved because what they are solved with has to be made: one for a problem, one for its tables.
+/// Frames that leave out other values each time are solved all the same.
+const MOST_MAKING: usize = 2;
 
 /// Turns the frames of one reference into pictures, with its state from frame to frame.
 pub struct Reconstructor {
@@ -50,8 +50,9 @@ pub struct Reconstructor {
     following: Following,
     /// Frames one after another that no touches explained.
     unexplained: usize,
-    /// Frames one after another that had time only for what they are to be solved with.
-    put_off: usize,
+    /// Frames one after another that were not solved, but made what they are solved with; and whether this one is among them.
+    making: usize,
+    makes: bool,
     /// Time since the last picture, s.
     since_picture_s: f64,
     /// Parts of searches for what is broken before this frame.
@@ -92,7 +93,8 @@ impl Reconstructor {
             gain: 1.0,
             following: Following::new(reference.baseline().len(), options.follow_s),
             unexplained: 0,
-            put_off: 0,
+            making: 0,
+            makes: false,
             since_picture_s: f64::INFINITY,
             searched: 0,
             averaged: Averaged::ONE,
@@ -143,7 +145,8 @@ impl Reconstructor {
     /// Reconstructs a frame (the baseline's unit).
     ///
     /// With the noise known, a frame that shows nothing, or in a sequence ([`ReconstructorOptions::sequence`]) nothing new,
-    /// costs one product with a small matrix and no allocation: the result is then the earlier one ([`FrameResult::anew`]).
+    /// costs one product with a small matrix and no allocation: the result is then the earlier one ([`FrameResult::anew`]). So is it of a
+    /// frame of a sequence whose time went into what it is to be solved with, which of many values takes one or two.
     /// Frames of a sequence that show nothing new are averaged, and the result is made anew from the mean of 2, 4, 8 and 16.
     ///
     /// # Errors
@@ -161,6 +164,7 @@ impl Reconstructor {
         self.since_picture_s += interval_s.unwrap_or(f64::INFINITY);
         self.solver.begin_frame(self.broken.owed());
         self.searched = self.broken.parts();
+        self.makes = false;
         if !self.options.sequence {
             self.gain = 1.0;
         }
@@ -194,6 +198,14 @@ impl Reconstructor {
             self.gain = gain;
             self.detectors.iter_mut().flatten().for_each(ChangeDetector::forget);
         }
+        if self.makes {
+            // Nothing is known of this frame.
+            self.making += 1;
+            return Ok(());
+        }
+        if self.solver.made() == (0, 0) {
+            self.making = 0;
+        }
         if self.result.anew && (!self.options.sequence || self.since_picture_s > self.options.picture_s) {
             self.picture();
         }
@@ -225,6 +237,7 @@ impl Reconstructor {
 
     /// A frame divided by the gain; false where it is like the one before, and so is the result.
     fn frame_of_gain(&mut self, values: &[f64], interval_s: Option<f64>) -> Result<bool, ImagerError> {
+        self.contacts.note_rest(false);
         if !self.look_without_faults() {
             // What the frame is to be solved with was made in its time.
             self.result.anew = false;
@@ -251,6 +264,7 @@ impl Reconstructor {
         if rests {
             // What holds the averaging up is decided in the first frame at rest, by itself.
             let solved = self.reconstruct(values, Averaged::ONE, false)?;
+            self.contacts.note_rest(false);
             let decided = solved && self.detector().is_some_and(|d| d.rest().frames() > 1);
             if !decided || change == Some(Change::Same) {
                 return Ok(solved);
@@ -542,14 +556,19 @@ impl Reconstructor {
         }
         let now = self.contacts.detector();
         if let (None, Some(drifting)) = (&self.detectors[now], Drifting::ALL.get(now)) {
-            if has_detector(&self.solver, &self.reference, *drifting)
-                && self.solver.prepare(&self.left, (*drifting, &[]))
-            {
+            let may = self.may_make() && has_detector(&self.solver, &self.reference, *drifting);
+            if may && self.solver.prepare(&self.left, (*drifting, &[])) {
+                self.makes = true;
                 return false;
             }
             self.detectors[now] = detector(&mut self.solver, &self.reference, &self.left, *drifting, false);
         }
         true
+    }
+
+    /// Whether the frame may go by without being solved.
+    fn may_make(&self) -> bool {
+        self.making < MOST_MAKING && !self.solver.has_solved()
     }
 
     /// Says what is broken. Where it leaves no touches, none are shown.
@@ -596,11 +615,10 @@ impl Reconstructor {
         if averaged.frames == 1 {
             estimated = self.faults.judge(model_v, &mut self.difference);
             self.solver.leave_out_wild(estimated, &mut self.difference);
-            if self.put_off < MOST_PUT_OFF && self.contacts.prepare(&mut self.solver, &self.difference, quiet) {
-                self.put_off += 1;
+            if self.may_make() && self.contacts.prepare(&mut self.solver, &self.difference, quiet) {
+                self.makes = true;
                 return false;
             }
-            self.put_off = 0;
         }
         let known = self.reference.noise().map(|noise| NoiseEstimate {
             sigma: if averaged.frames > 1 {

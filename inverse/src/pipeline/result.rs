@@ -56,8 +56,8 @@ pub struct FrameResult {
     pub faults: Vec<Fault>,
     /// Electrodes whose contact changed since the baseline, and whose doing was taken out of the frame.
     pub contacts: Vec<usize>,
-    /// Whether this frame was reconstructed. Otherwise it differs from an earlier one by nothing but noise, and the rest is
-    /// that one's result.
+    /// Whether this frame was reconstructed. Otherwise the rest is an earlier one's result: it differs from that by nothing but noise, or
+    /// its time went into what the next one is solved with.
     pub anew: bool,
 }
 

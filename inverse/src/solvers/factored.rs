@@ -34,8 +34,8 @@ impl Factored {
         }
     }
 
-    /// The problem of the matrix whose columns `leave_out` has made of those of A, for any linear map of each column in place, and then
-    /// multiplied by `scales` above 0. The rank tolerance is that of [`Problem::new`].
+    /// The problem of another matrix: `leave_out` makes its columns of those of A, by any linear map of each column, and `scales` above 0
+    /// multiply them then. The rank tolerance is that of [`Problem::new`].
     pub fn problem(&self, leave_out: impl FnOnce(&mut DMatrix<f64>), scales: &[f64], rank_tolerance: f64) -> Problem {
         let mut columns = self.columns.clone();
         leave_out(&mut columns);

@@ -97,13 +97,9 @@ impl ContactMonitor {
         !self.changed.is_empty() && self.until <= 1
     }
 
-    fn tests_again(&self, quiet: bool) -> bool {
+    /// Whether the next frame tests accepted electrodes again.
+    pub(crate) fn tests_again(&self, quiet: bool) -> bool {
         self.is_due() || (quiet && !self.changed.is_empty())
-    }
-
-    /// The electrodes that the next frame is solved without first.
-    pub(crate) fn left_out_next(&self, quiet: bool) -> &[usize] {
-        if self.tests_again(quiet) { &[] } else { &self.changed }
     }
 
     /// Begins a frame. Gives the accepted electrodes where it is time to test them again, or where that costs nothing
