@@ -1,24 +1,27 @@
 //! One frame, with the values and contacts that take part given: weigh, reduce, gate, picture, fit.
 
+mod contacts;
 mod outliers;
+mod time;
 mod unexplained;
 mod unreached;
 
+pub(crate) use self::contacts::Candidate;
 use self::unreached::tells_noise;
 use crate::change::detector::ChangeDetector;
 use crate::pipeline::image::ImageSolver;
 use crate::pipeline::options::ReconstructorOptions;
 use crate::pipeline::result::FrameResult;
 use crate::pipeline::weighted::{Pictures, Weightings};
-use crate::pipeline::work::{Costs, Work};
-use crate::quality::contact::{Contacts, Evidence};
+use crate::pipeline::work::Work;
+use crate::quality::contact::Contacts;
 use crate::reference::Difference;
-use crate::reference::drift::{ContactChange, Drift, DriftShapes, Drifting};
+use crate::reference::drift::{Drift, DriftShapes, Drifting};
 use crate::reference::imager::Imager;
 use crate::reference::noise::{NoiseEstimate, NoiseSource};
 use crate::stats::fisher_quantile;
 use crate::touches::fit::disc::MOST_TOUCHES;
-use crate::touches::fit::fitter::{Allowed, Beside, Data, Fitter, Places};
+use crate::touches::fit::fitter::{Beside, Data, Fitter, Places};
 use crate::touches::fit::fitter_options::FitterOptions;
 use crate::touches::fit::matched_filter::MatchedFilter;
 use crate::touches::fit::reduction::WeightedProjection;
@@ -32,17 +35,6 @@ use std::time::Instant;
 /// A picture that leaves more than this part of a change is no picture of what is on the sheet: the model is wrong. Those of objects in
 /// tanks leave up to 0.15, those of real skins half and more.
 const MOST_RESIDUAL: f64 = 0.3;
-
-/// Solutions of the sheet that a frame of a sequence may take, and how long evaluations of a fit of it may, ms. The next frame goes on.
-const MOST_SOLUTIONS: usize = 2;
-const FIT_MS: f64 = 9.0;
-/// A fit of fewer is hardly one.
-const LEAST_EVALUATIONS: usize = 1000;
-
-/// What a frame of a sequence may have taken before anything else is asked of it, and until which a solution has to be at its end, ms.
-const MOST_MS: f64 = 20.0;
-/// What making its problem may take, ms, for a frame to be solved with it: only problems of many values take longer.
-const MOST_MAKING_MS: f64 = 40.0;
 
 /// Of how many frames the values are the mean.
 #[derive(Clone, Copy, Debug)]
@@ -129,14 +121,6 @@ impl Picture<'_> {
     }
 }
 
-/// A contact that may have changed.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Candidate {
-    pub(crate) electrode: usize,
-    /// Whether its change is small: estimated beside touches, which are right.
-    pub(crate) linear: bool,
-}
-
 /// Solves frames of one imager.
 pub(crate) struct FrameSolver {
     imager: Arc<Imager>,
@@ -205,114 +189,6 @@ impl FrameSolver {
     /// The imager.
     pub(crate) fn imager(&self) -> &Imager {
         &self.imager
-    }
-
-    /// Begins a frame: nothing was done for it. Time for so many parts of a search is kept free.
-    pub(crate) fn begin_frame(&mut self, owed: usize) {
-        self.keeps_free = owed > 0;
-        self.work = Work {
-            search_parts: owed,
-            ..Work::default()
-        };
-        self.fitter.iter_mut().for_each(Fitter::begin_frame);
-    }
-
-    /// How long the steps of a frame take.
-    pub(crate) fn costs(&self) -> Costs {
-        let pattern = &self.imager.pattern;
-        Costs::new(self.rank().unwrap_or(0), pattern.len(), pattern.electrodes())
-    }
-
-    /// Lets the next fit take what a fit may, and solve the sheet where the frame has time for that.
-    fn allow(&mut self) {
-        let mut allowed = Allowed::default();
-        if self.options.sequence {
-            let costs = self.costs();
-            let beside = costs.of(self.work) / costs.evaluation;
-            allowed = Allowed {
-                evaluations: LEAST_EVALUATIONS.max((FIT_MS / costs.evaluation) as usize),
-                solutions: MOST_SOLUTIONS,
-                a_solution: costs.solution / costs.evaluation,
-                until: MOST_MS / costs.evaluation - beside,
-            };
-        }
-        self.fitter.iter_mut().for_each(|fitter| fitter.allow(allowed));
-    }
-
-    /// Whether the frame has taken as long as it may: what else is to be asked waits for the next.
-    pub(crate) fn is_spent(&self) -> bool {
-        self.options.sequence && self.costs().of(self.work()) > MOST_MS
-    }
-
-    /// Makes the problem ready in which something else drifts than in the one in use; whether anything had to be made.
-    pub(crate) fn make_ready(&mut self, own: Task, other: Drifting) -> bool {
-        let before = self.made();
-        self.prepare(own.difference, (other, own.changed));
-        self.switch(own.difference, (own.drifting, own.changed));
-        self.options.sequence && self.made() != before
-    }
-
-    /// Makes a problem the one in use, and its tables where the frame has time for them. Whether making took so long that the frame is not
-    /// solved.
-    pub(crate) fn prepare(&mut self, difference: &Difference, left_out: (Drifting, &[usize])) -> bool {
-        let before = self.made();
-        self.switch(difference, left_out);
-        if !self.took_long_since(before) {
-            self.tabulate(false);
-        }
-        self.took_long_since(before)
-    }
-
-    /// Whether making problems and tables took long since there were so many.
-    fn took_long_since(&self, (problems, tables): (usize, usize)) -> bool {
-        let made = Work {
-            problems: self.work.problems - problems,
-            tables: self.work.tables - tables,
-            ..Work::default()
-        };
-        self.options.sequence && self.costs().of(made) > MOST_MAKING_MS
-    }
-
-    /// Whether the frame was solved, with whatever came of it.
-    pub(crate) fn has_solved(&self) -> bool {
-        self.work.fits > 0
-    }
-
-    /// Problems and tables that were made in the frame.
-    pub(crate) fn made(&self) -> (usize, usize) {
-        (self.work.problems, self.work.tables)
-    }
-
-    /// Parts of a search for what is broken that the frame has time to begin, after so many.
-    pub(crate) fn search_parts(&self, done: usize) -> usize {
-        if !self.options.sequence {
-            return usize::MAX;
-        }
-        let costs = self.costs();
-        let taken = costs.of(Work {
-            search_parts: done,
-            ..self.work()
-        });
-        ((MOST_MS - taken).max(0.0) / costs.search_part).ceil() as usize
-    }
-
-    /// Takes note of the parts of searches for what is broken in this frame.
-    pub(crate) fn note_search_parts(&mut self, done: usize) {
-        self.work.search_parts = self.work.search_parts.max(done);
-    }
-
-    /// Whether time for a search is kept free in this frame.
-    pub(crate) fn keeps_free(&self) -> bool {
-        self.keeps_free
-    }
-
-    /// What the frame has taken so far.
-    pub(crate) fn work(&self) -> Work {
-        Work {
-            evaluations: self.fitter.as_ref().map_or(0, Fitter::evaluations),
-            solutions: self.fitter.as_ref().map_or(0, Fitter::solutions),
-            ..self.work
-        }
     }
 
     /// Whether its frames follow one another.
@@ -705,28 +581,6 @@ impl FrameSolver {
         }
     }
 
-    /// What the last solve came to, to be compared with one with other contacts; none where nothing tells the noise.
-    pub(crate) fn evidence(&self, task: Task, result: &FrameResult) -> Option<Evidence> {
-        let of_changed = |c: &Contacts| task.changed.iter().map(|l| c.directions(*l)).sum::<usize>();
-        let directions = self.contacts.as_ref().map_or(0, of_changed);
-        let sigma = task.noise?.sigma;
-        let power = self.power() * self.reduced.len() as f64;
-        let (cost, open, misfit) = if result.changed {
-            let fitted = self.fitter.as_ref()?.last();
-            (fitted.cost, fitted.open, fitted.misfit)
-        } else {
-            let square = power / sigma.powi(2);
-            (square, 0.0, square / self.reduced.len() as f64)
-        };
-        let error = self.options.fit?.model_error;
-        Some(Evidence {
-            cost: cost + directions as f64 + result.drift.cost,
-            open,
-            misfit,
-            model: error * error * power / sigma.powi(2),
-        })
-    }
-
     /// Begins a frame: nothing is known of its contacts. The noise is estimated where nothing else tells it as well: a few pairs that
     /// happen to be reciprocal do not.
     pub(crate) fn begin<'a>(&mut self, task: Task<'a>) -> Task<'a> {
@@ -739,55 +593,6 @@ impl FrameSolver {
         Task {
             noise: self.residual_noise(),
             ..task
-        }
-    }
-
-    /// An electrode whose contact changed more than the others in the frame solved last, beside its touches; or one that would
-    /// explain the frame alone, without touches. `known` ones are left out.
-    pub(crate) fn candidate(&self, known: &[usize], result: &FrameResult) -> Option<Candidate> {
-        // An estimate of the noise by a few directions is not good enough to blame a contact.
-        if matches!(result.noise?.source, NoiseSource::Residual { .. }) {
-            return None;
-        }
-        let new = |electrode: &usize| !known.contains(electrode);
-        let beside = result
-            .drift
-            .contact
-            .filter(|c| self.is_fault(c))
-            .map(|c| c.electrode)
-            .filter(new);
-        let alone = self.alone.filter(new);
-        // What is found beside touches that do not explain the frame is worth less than what the frame says without them.
-        let most = self.options.contacts.explained;
-        let linear = !result.changed || result.misfit.is_some_and(|misfit| misfit <= most);
-        let electrode = if linear { beside.or(alone) } else { alone.or(beside) }?;
-        let linear = linear && beside.is_some();
-        Some(Candidate { electrode, linear })
-    }
-
-    fn is_fault(&self, contact: &ContactChange) -> bool {
-        let options = &self.options.contacts;
-        contact.evidence > options.evidence && contact.change.abs() > options.least_change
-    }
-
-    /// The contact that would explain the frame alone: its touches may be phantoms.
-    fn alone(&mut self, noise: NoiseEstimate) -> Option<usize> {
-        let fitter = self.fitter.as_mut()?;
-        let nuisances = self.weightings.current()?.tables.as_ref()?.nuisances.as_ref()?;
-        let along: f64 = self.sizes.iter().map(|v| v * v).sum();
-        let outside: f64 = self.reduced.iter().map(|v| v * v).sum();
-        if along < self.options.contacts.of_frame * (along + outside) {
-            return None;
-        }
-        let sizes = &self.sizes;
-        let contact = fitter.drift_alone(Beside { nuisances, sizes }, noise.sigma).contact;
-        contact.filter(|c| self.is_fault(c)).map(|c| c.electrode)
-    }
-
-    /// Undoes the scales of the drives through these electrodes, in a copy of the difference.
-    pub(crate) fn even_out(&self, changed: &[usize], difference: &mut Difference) {
-        if let Some(contacts) = &self.contacts {
-            contacts.even_out(changed, &self.imager.model_v, difference);
         }
     }
 }

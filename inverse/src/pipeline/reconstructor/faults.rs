@@ -1,0 +1,157 @@
+//! What is broken, from frame to frame.
+
+use super::{Reconstructor, detector, has_detector};
+use crate::change::detector::ChangeDetector;
+use crate::quality::doubt::Doubt;
+use crate::quality::fault_monitor::Seen;
+use crate::reference::diagnosis::{Electrodes, Fault};
+use crate::reference::drift::Drifting;
+use crate::reference::imager::ImagerError;
+use forward::Drive;
+
+/// Misfit of the same touches beside a fault, over that without, from which the fault is one.
+const BETTER: f64 = 0.7;
+
+impl Reconstructor {
+    /// A fault is over as soon as nothing touches and its values are those of the baseline.
+    pub(super) fn look_for_end(&mut self, values: &[f64]) -> Result<(), ImagerError> {
+        let Some(noise) = self.reference.noise().filter(|_| self.broken.named().is_some()) else {
+            return Ok(());
+        };
+        self.reference.difference_into(values, &mut self.whole)?;
+        let sigma_v = noise.sigma * (1.0 + self.reference.baseline_share()).sqrt();
+        if self.broken.is_over(&self.whole, self.reference.unchanged(), sigma_v) {
+            self.broken.clear();
+            self.left_changed = true;
+            self.show_faults();
+        }
+        Ok(())
+    }
+
+    /// Contacts that were decided on are named as what is broken in the frames that follow: their values are left out then, since no shapes
+    /// are those of every change. True where that is so. A given current does not go with its wires: nothing but the shapes tells there
+    /// that contacts are still changed.
+    pub(super) fn hand_over_contacts(&mut self) -> bool {
+        let decided = self.contacts.decided();
+        let may = self.options.sequence && matches!(self.imager().drive, Drive::Voltage { .. });
+        if !may || decided.is_empty() || !self.broken.name_contacts(decided) {
+            return false;
+        }
+        self.instead_of = None;
+        self.left_changed = true;
+        self.solver.forget();
+        true
+    }
+
+    /// Looks for what is broken in a frame that touches do not explain, or that a fault would explain as well. True where something
+    /// else is known now.
+    pub(super) fn look_for_faults(&mut self, values: &[f64], blind: bool, due: bool) -> bool {
+        let result = &self.result;
+        let unexplained = blind
+            || matches!(
+                result.doubt,
+                Some(Doubt::NotThisSheet | Doubt::NotTouches | Doubt::FewValues { .. } | Doubt::Gone { .. })
+            )
+            || self.is_bare(1.0)
+            || (self.solver.fits() && result.misfit.is_none() && result.changed)
+            || self.faults.is_open()
+            || self.faults.rejects();
+        let (touches, misfit) = (result.touches.len(), result.misfit);
+        // Contacts that changed by so much are no drift, and touches beside them may be what the linear shapes leave.
+        let least = self.options.contacts.least_change;
+        let known = self.contacts.changed();
+        let contacts = result.drift.contacts.iter().enumerate();
+        let contacts = contacts
+            .filter(|(l, change)| change.abs() > least && !known.contains(l))
+            .count();
+        // What drifting contacts explain, now and then, is no reason to forget a fault that the frames before told.
+        let may = touches > 0 || self.broken.is_open() || self.contacts.is_sudden();
+        let suspected = !unexplained && may && (contacts > 0 || self.broken.suspects(&self.whole));
+        let sigma_v = self.reference.noise().or(result.noise).map(|n| n.sigma);
+        let frame = (values, &self.whole, self.reference.unchanged());
+        let seen = Seen {
+            unexplained,
+            suspected,
+            due,
+            parts: self.solver.search_parts(self.broken.parts() - self.searched),
+            sudden: self.contacts.is_sudden(),
+        };
+        let other = self.broken.take(frame, sigma_v, seen);
+        self.solver.note_search_parts(self.broken.parts() - self.searched);
+        if !other {
+            return false;
+        }
+        let named = self.broken.named();
+        if let Some(fault) = named.filter(|_| self.broken.is_suspected() && touches > 0 && !self.broken.is_alone()) {
+            self.instead_of = Some((fault, touches, misfit));
+        }
+        true
+    }
+
+    /// Whether the fault that was named just now leaves as many touches as there were, as badly explained: it is none, and forgotten.
+    pub(super) fn took_no_place(&mut self) -> bool {
+        let Some((fault, touches, before)) = self.instead_of.take() else {
+            return false;
+        };
+        let now = self.result.touches.len();
+        let better = before
+            .zip(self.result.misfit)
+            .is_some_and(|(before, now)| now < BETTER * before);
+        if now < touches || (now == touches && better) {
+            return false;
+        }
+        self.broken.reject(fault);
+        true
+    }
+
+    /// Lets the detectors of changes look at the values that are left. They have seen no frame then. Each takes as long as some frames to
+    /// make, so it is made when it is needed. False where the frame has no time for more.
+    pub(super) fn look_without_faults(&mut self) -> bool {
+        if !self.options.sequence {
+            return true;
+        }
+        if std::mem::take(&mut self.left_changed) {
+            let mut left = self.reference.unchanged().clone();
+            self.broken.leave_out(&mut left);
+            if left.used != self.left.used {
+                (self.left, self.detectors) = (left, Drifting::ALL.map(|_| None));
+            }
+        }
+        let now = self.contacts.detector();
+        if let (None, Some(drifting)) = (&self.detectors[now], Drifting::ALL.get(now)) {
+            let may = self.may_make() && has_detector(&self.solver, &self.reference, *drifting);
+            if may && self.solver.prepare(&self.left, (*drifting, &[])) {
+                self.makes = true;
+                return false;
+            }
+            self.detectors[now] = detector(&mut self.solver, &self.reference, &self.left, *drifting, false);
+        }
+        true
+    }
+
+    /// Says what is broken. Where it leaves no touches, none are shown.
+    pub(super) fn show_faults(&mut self) {
+        let named = self.broken.named();
+        self.contacts.leave_out(self.broken.electrodes_left_out().list());
+        if self.broken.is_open() || self.broken.owed() > 0 {
+            // Every frame counts.
+            self.detectors.iter_mut().flatten().for_each(ChangeDetector::forget);
+        }
+        let contacts = self.contacts.changed();
+        let contacts = (!contacts.is_empty()).then(|| Fault::Contacts(Electrodes::of(contacts)));
+        let named = self.before.or(named);
+        if let Some(fault) = named.filter(|fault| !fault.leaves_touches()) {
+            let used = self.whole.used.iter().filter(|used| **used).count();
+            self.result.clear(self.reference.noise(), used);
+            (self.result.anew, self.result.doubt) = (true, Some(Doubt::Fault(fault)));
+            self.solver.forget();
+        }
+        self.result.contacts.clear();
+        self.result.contacts.extend_from_slice(self.contacts.changed());
+        if let Some(Fault::Contacts(electrodes)) = named {
+            self.result.contacts.extend_from_slice(electrodes.list());
+        }
+        self.result.faults.clear();
+        self.result.faults.extend(named.into_iter().chain(contacts));
+    }
+}
