@@ -386,6 +386,46 @@ mod tests {
         }
     }
 
+    /// Of many values a problem, and its tables, take a frame of their own. Two at most follow one another, and the finger is found again.
+    #[test]
+    fn what_many_values_are_solved_with_is_made_in_frames_of_its_own() {
+        const LONGEST_MS: f64 = 100.0;
+        let mut rng = rng(11);
+        let disc = Sheet::disc(195.0, 32, 7.0, 15.0, 1000.0);
+        let pattern = Pattern::adjacent(32).unwrap();
+        let imager = Arc::new(Imager::new(&disc, Drive::PAPER, pattern, 10.0).unwrap());
+        let mut sheet = TestSheet::of_sheet(&imager, Drive::PAPER, &disc).unwrap();
+        let sigma = noise(&mut sheet, &mut rng).unwrap();
+        let kinds = Frames::of_many_electrodes(&mut sheet, 16, &mut rng).unwrap();
+        let kind = kinds.iter().find(|k| k.name.ends_with("an electrode lost")).unwrap();
+        let mut r = live_reconstructor(&imager, &sheet.baseline, FrameNoise::of_frames(sigma)).unwrap();
+        let (mut making, mut made, mut found) = (0, 0, 0);
+        for (k, frame) in kind.noisy(sigma, &mut rng).iter().enumerate() {
+            let result = r.frame_after(frame, Some(INTERVAL_S)).unwrap();
+            let (anew, faults, at) = (
+                result.anew,
+                result.faults.len(),
+                result.touches.iter().map(|t| [t.x_mm, t.y_mm]).collect::<Vec<_>>(),
+            );
+            let work = r.work();
+            assert!(r.nominal_ms() <= LONGEST_MS, "{k}: {:.0} ms, {work:?}", r.nominal_ms());
+            assert!(work.problems + work.tables <= 1, "{k}: {work:?}");
+            making = if work.fits == 0 && work.problems + work.tables > 0 {
+                making + 1
+            } else {
+                0
+            };
+            assert!(making <= 2 && (making == 0 || !anew), "{k}: {work:?}");
+            made += work.problems + work.tables;
+            if faults > 0 && anew {
+                let [x, y] = Happening::One.touches(k)[0].centre_mm;
+                assert!(at.len() == 1 && (at[0][0] - x).hypot(at[0][1] - y) < 3.0, "{k}: {at:?}");
+                found += 1;
+            }
+        }
+        assert!(made >= 2 && found > 4, "{made} {found}");
+    }
+
     /// The frame that names electrodes that are lost is doubted, and from the next one on the finger is at its place.
     #[test]
     fn the_frame_after_a_fault_was_named_is_right() {
