@@ -267,7 +267,7 @@ pub fn compare(
     }
     let (alone, ..) = by_model(imager, None, others)?;
     let (tried, seen, batch) = by_model(imager, Some(ToldSheet::trusted()), known)?;
-    let told = told(batch.inspection(), &seen).filter(|told| told.better);
+    let told = told(batch.inspection(), &seen).filter(|told| told.stands);
     let errors = match &told {
         Some(told) => [0.5, 0.95].map(|part| quantile(&told.errors_mm, part)),
         None => tried.at(),

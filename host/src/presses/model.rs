@@ -62,7 +62,7 @@ pub(super) fn tried(
         .filter_map(|(found, name)| seen(found.strongest.as_ref()?, known_mm[name]))
         .collect();
     let told = progress::meanwhile("fitting the sheet to the presses", || told(&found.inspection, &seen));
-    let told = told.filter(|told| told.better);
+    let told = told.filter(|told| told.stands);
     let errors = match &told {
         Some(told) => {
             let missed = found.presses.len().saturating_sub(seen.len());

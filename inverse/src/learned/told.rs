@@ -51,8 +51,8 @@ pub struct Told {
     pub sheet: ToldSheet,
     /// Distances of the presses from where the model puts them with what the others told, mm, in their order.
     pub errors_mm: Vec<f64>,
-    /// Whether that is nearer than without, by more than one standard error.
-    pub better: bool,
+    /// Whether they are used: that is not farther than without, by more than one standard error.
+    pub stands: bool,
     /// Root mean square of how far the model alone puts touches beside their places, at those of the presses, mm.
     pub moved_mm: f64,
 }
@@ -125,7 +125,8 @@ pub fn told(inspection: &Inspection, presses: &[SeenPress]) -> Option<Told> {
     let alone: Vec<f64> = presses.iter().map(alone_mm).collect();
     let sds: Vec<f64> = presses.iter().map(|p| p.sd_mm[0].hypot(p.sd_mm[1])).collect();
     let floor = median(sds.iter().copied());
-    // By more than the presses happen to say: by one standard error of the mean gain.
+    // Unless presses speak against them by more than they happen to say: one standard error of the mean gain. Where they tell nothing,
+    // nothing moves.
     let loss = |e: &f64| (e * e + floor * floor).ln();
     let gains: Vec<f64> = alone.iter().zip(&errors_mm).map(|(a, e)| loss(a) - loss(e)).collect();
     let count = gains.len() as f64;
@@ -143,7 +144,7 @@ pub fn told(inspection: &Inspection, presses: &[SeenPress]) -> Option<Told> {
         .sum();
     let moved_mm = (moved / presses.len() as f64).sqrt();
     (sheet.is_sound() && moved_mm.is_finite()).then_some(Told {
-        better: gain > error,
+        stands: gain > -error,
         sheet,
         errors_mm,
         moved_mm,
