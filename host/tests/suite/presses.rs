@@ -282,7 +282,7 @@ fn options_of_the_model_are_refused_and_the_rubbers_commands_say_which_calibrati
 }
 
 /// A sheet as the model has it, simulated with a mesh of its own and no linearisation: what presses teach is worth less than the model,
-/// which is used then; the answer is that without a calibration.
+/// which is used then; the answer is nearly that without a calibration.
 #[test]
 fn where_the_model_locates_better_than_what_was_learned_it_is_used() {
     let folder = tempfile::tempdir().unwrap();
@@ -341,7 +341,27 @@ fn where_the_model_locates_better_than_what_was_learned_it_is_used() {
         with.lines().all(|l| l.contains(r#""calibration":"skin.cal""#)),
         "{with}"
     );
-    assert_eq!((touches(&with), touches(&with).len()), (touches(&without), 14));
+    // On a sheet that is as the model has it, presses tell next to nothing: touches stay within their uncertainty, and as near.
+    let of = |out: &str, key: &str| -> Vec<f64> {
+        let one = |t: serde_json::Value| t.as_array().filter(|t| t.len() == 1).and_then(|t| t[0][key].as_f64());
+        touches(out).into_iter().map(|t| one(t).unwrap()).collect()
+    };
+    let mut squares = [0.0; 2];
+    for (axis, key) in ["x_mm", "y_mm"].into_iter().enumerate() {
+        let (a, b, sd) = (
+            of(&without, key),
+            of(&with, key),
+            of(&without, ["x_sd_mm", "y_sd_mm"][axis]),
+        );
+        assert_eq!((a.len(), b.len()), (14, 14));
+        for k in 0..14 {
+            assert!((a[k] - b[k]).abs() < sd[k], "{key} {k}: {} {} {}", a[k], b[k], sd[k]);
+            for (sum, found) in squares.iter_mut().zip([&a, &b]) {
+                *sum += (found[k] - places[k][axis]).powi(2);
+            }
+        }
+    }
+    assert!(squares[1] < 1.2 * squares[0], "{squares:?}");
     // It is of one sheet.
     let other = [&reconstruct[..], &["--calibration", "skin.cal", "--diameter-mm", "150"]].concat();
     let out = skin().current_dir(folder.path()).args(other).output().unwrap();
