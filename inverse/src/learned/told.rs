@@ -125,8 +125,8 @@ pub fn told(inspection: &Inspection, presses: &[SeenPress]) -> Option<Told> {
     let alone: Vec<f64> = presses.iter().map(alone_mm).collect();
     let sds: Vec<f64> = presses.iter().map(|p| p.sd_mm[0].hypot(p.sd_mm[1])).collect();
     let floor = median(sds.iter().copied());
-    // Unless presses speak against them by more than they happen to say: one standard error of the mean gain. Where they tell nothing,
-    // nothing moves.
+    // Unless presses speak against them by more than they happen to say: one standard error of the mean gain. Where they tell little,
+    // little moves.
     let loss = |e: &f64| (e * e + floor * floor).ln();
     let gains: Vec<f64> = alone.iter().zip(&errors_mm).map(|(a, e)| loss(a) - loss(e)).collect();
     let count = gains.len() as f64;

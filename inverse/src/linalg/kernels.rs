@@ -179,6 +179,7 @@ impl WithSimd for AddColumnsSingle<'_> {
             for (j, x) in list {
                 let by = simd.splat_f32s(*x as f32);
                 let column = S::as_simd_f32s(&columns[j * rows + from..][..many]).0;
+                // A whole block stays in registers, the last one need not.
                 if let Ok(column) = <&[S::f32s; REGISTERS]>::try_from(column) {
                     for (sum, v) in sums.iter_mut().zip(column) {
                         *sum = simd.mul_add_e_f32s(*v, by, *sum);

@@ -374,6 +374,10 @@ impl Reconstructor {
                 if !self.solve(averaged, quiet) {
                     self.due = due;
                     self.result.anew = false;
+                    if !quiet {
+                        // What is shown is of an earlier frame.
+                        self.result.doubt = self.result.doubt.or(Some(Doubt::NotTouches));
+                    }
                     return Ok(false);
                 }
             }

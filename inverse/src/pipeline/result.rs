@@ -57,7 +57,7 @@ pub struct FrameResult {
     /// Electrodes whose contact changed since the baseline, and whose doing was taken out of the frame.
     pub contacts: Vec<usize>,
     /// Whether this frame was reconstructed. Otherwise the rest is an earlier one's result: it differs from that by nothing but noise, or
-    /// its time went into what the next one is solved with.
+    /// its time went into what the next one is solved with, and it is doubted.
     pub anew: bool,
 }
 
