@@ -190,8 +190,8 @@ impl Tracker {
         self.known.retain(|k| time_s - k.seen_s <= following.patience_s);
         let expected = |k: &Known| k.motion.after(time_s - k.seen_s, &following);
         let expected: Vec<Motion> = self.known.iter().map(expected).collect();
-        let crowd = self.crowd(&expected);
         let whose = self.assign(&expected, touches);
+        let crowd = self.crowd(&expected, &whose);
         // Before they are numbered: what is new is compared with what was known.
         let clear: Vec<bool> = (0..touches.len())
             .map(|k| !doubted && self.is_clear(&expected, touches, k))
@@ -249,15 +249,27 @@ impl Tracker {
         (stands_out || has_place) && all.all(|there| squared(here, there) > far)
     }
 
-    /// By how much the places of known ones are more uncertain than they say, mm²: two that are near each other may be seen as one
-    /// between them, or as two elsewhere. Then each goes on rather as it went.
-    fn crowd(&self, expected: &[Motion]) -> Vec<f64> {
+    /// By how much the places of known ones are more uncertain than they say, mm²: two that are near each other may be seen as two
+    /// elsewhere. Where one of two is no longer seen, the other may be anywhere between them, frame after frame on the same side. Each
+    /// then goes on rather as it went.
+    fn crowd(&self, expected: &[Motion], whose: &[usize]) -> Vec<f64> {
         let near = self.following.reach_mm * self.following.reach_mm;
-        let is_near = |a: &Motion, b: &Motion| squared(a.at_mm, b.at_mm) < near;
-        let crowded = |k: usize| (0..expected.len()).any(|j| j != k && is_near(&expected[j], &expected[k]));
-        (0..expected.len())
-            .map(|k| if crowded(k) { 0.25 * near } else { 0.0 })
-            .collect()
+        let between = |k: usize, j: usize| {
+            let squared = squared(expected[j].at_mm, expected[k].at_mm);
+            let hidden = !whose.contains(&j);
+            if hidden && squared < near {
+                near
+            } else if squared < near || hidden && squared < 1.5 * 1.5 * near {
+                0.25 * near
+            } else {
+                0.0
+            }
+        };
+        let of = |k: usize| {
+            let others = (0..expected.len()).filter(|j| *j != k);
+            others.map(|j| between(k, j)).fold(0.0, f64::max)
+        };
+        (0..expected.len()).map(of).collect()
     }
 
     /// Which known one every touch is; a number beyond them for a new one.
