@@ -332,6 +332,7 @@ pub(super) fn sequence(
 mod tests {
     use super::*;
     use crate::test_sheet::live_reconstructor;
+    use inverse::quality::doubt::Doubt;
     use inverse::reference::noise::FrameNoise;
 
     #[test]
@@ -404,7 +405,7 @@ mod tests {
             let result = r.frame_after(frame, Some(INTERVAL_S)).unwrap();
             let (anew, doubted, faults, at) = (
                 result.anew,
-                result.doubt.is_some(),
+                matches!(result.doubt, Some(Doubt::NotSolved | Doubt::Fault(_))),
                 result.faults.len(),
                 result.touches.iter().map(|t| [t.x_mm, t.y_mm]).collect::<Vec<_>>(),
             );

@@ -375,8 +375,7 @@ impl Reconstructor {
                     self.due = due;
                     self.result.anew = false;
                     if !quiet {
-                        // What is shown is of an earlier frame.
-                        self.result.doubt = self.result.doubt.or(Some(Doubt::NotTouches));
+                        self.result.doubt = self.result.doubt.or(Some(Doubt::NotSolved));
                     }
                     return Ok(false);
                 }

@@ -19,6 +19,8 @@ pub enum Doubt {
     NotThisSheet,
     /// Something changed, but no touches explain it.
     NotTouches,
+    /// The frame's time went into what frames are solved with from now on. What is shown is of the frame before.
+    NotSolved,
     /// With a calibration from presses: what touches leave over is larger than in those presses.
     UnlikePresses {
         /// By so many times.
@@ -105,6 +107,10 @@ impl fmt::Display for Doubt {
                 f,
                 "what the touches leave over is {times:.1} times as large as in the presses of the calibration; look at the \
                  contacts, or calibrate anew"
+            ),
+            Self::NotSolved => write!(
+                f,
+                "the frame was not solved: its time went into what the next ones are solved with; shown is the frame before"
             ),
             Self::NotTouches => write!(
                 f,
