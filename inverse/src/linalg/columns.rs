@@ -1,7 +1,7 @@
 //! A matrix in the layout of the kernels: column by column, padded, scaled.
 
 use crate::linalg::aligned::Aligned;
-use crate::linalg::kernels::{self, COLUMNS_AT_ONCE, LANES, padded};
+use crate::linalg::kernels::{self, COLUMNS_AT_ONCE, LANES, VECTORS_AT_ONCE, padded};
 use nalgebra::{DMatrix, DMatrixView, Dyn, U1};
 use pulp::Arch;
 
@@ -79,6 +79,13 @@ impl Columns {
     pub(crate) fn dots(&self, v: &[f64], out: &mut [f64]) {
         if self.rows > 0 {
             kernels::dots(self.arch, &self.values, v, out);
+        }
+    }
+
+    /// The same for several vectors, one after the other.
+    pub(crate) fn dots_with(&self, vectors: [&[f64]; VECTORS_AT_ONCE], out: &mut [f64]) {
+        if self.rows > 0 {
+            kernels::dots_with(self.arch, &self.values, vectors, out);
         }
     }
 

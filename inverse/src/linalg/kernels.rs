@@ -56,6 +56,52 @@ impl WithSimd for Dots<'_> {
     }
 }
 
+/// Vectors that [`dots_with`] takes at once, and columns: each is read a quarter as often.
+pub(crate) const VECTORS_AT_ONCE: usize = 4;
+
+/// What [`dots`] tells of several vectors, one after the other.
+pub(crate) fn dots_with(arch: Arch, columns: &[f64], vectors: [&[f64]; VECTORS_AT_ONCE], out: &mut [f64]) {
+    arch.dispatch(DotsWith { columns, vectors, out });
+}
+
+struct DotsWith<'a> {
+    columns: &'a [f64],
+    vectors: [&'a [f64]; VECTORS_AT_ONCE],
+    out: &'a mut [f64],
+}
+
+impl WithSimd for DotsWith<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        const AT_ONCE: usize = VECTORS_AT_ONCE;
+        let Self { columns, vectors, out } = self;
+        let rows = vectors[0].len();
+        let cells = out.len() / AT_ONCE;
+        let v: [&[S::f64s]; AT_ONCE] = vectors.map(|v| S::as_simd_f64s(&v[..rows]).0);
+        let length = v[0].len();
+        let v = v.map(|v| &v[..length]);
+        for (block, columns) in columns.chunks_exact(AT_ONCE * rows).enumerate() {
+            let mut sums = [[simd.splat_f64s(0.0); AT_ONCE]; AT_ONCE];
+            let c: [&[S::f64s]; AT_ONCE] =
+                std::array::from_fn(|k| &S::as_simd_f64s(&columns[k * rows..(k + 1) * rows]).0[..length]);
+            for i in 0..length {
+                for (sums, c) in sums.iter_mut().zip(&c) {
+                    for (sum, v) in sums.iter_mut().zip(&v) {
+                        *sum = simd.mul_add_e_f64s(c[i], v[i], *sum);
+                    }
+                }
+            }
+            for (k, sums) in sums.into_iter().enumerate() {
+                for (of_vector, sum) in sums.into_iter().enumerate() {
+                    out[of_vector * cells + block * AT_ONCE + k] = simd.reduce_sum_f64s(sum);
+                }
+            }
+        }
+    }
+}
+
 /// `out_k = column_j . v` for the k-th j of a list; `out` is emptied first.
 pub(crate) fn dots_of(arch: Arch, columns: &[f64], list: &[usize], v: &[f64], out: &mut Vec<f64>) {
     arch.dispatch(DotsOf { columns, list, v, out });
@@ -272,6 +318,27 @@ impl WithSimd for Crossings<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Several vectors at once give the same, to the last digit.
+    #[test]
+    fn dots_of_vectors_at_once_are_those_of_each() {
+        let arch = Arch::new();
+        for (rows, cells) in [(0, 8), (8, 8), (24, 16), (208, 120)] {
+            let columns: Vec<f64> = (0..rows * cells).map(|k| (0.7 * k as f64).sin()).collect();
+            let vectors: [Vec<f64>; VECTORS_AT_ONCE] =
+                std::array::from_fn(|j| (0..rows).map(|k| (1.3 * k as f64 + j as f64).cos()).collect());
+            let mut at_once = vec![0.0; VECTORS_AT_ONCE * cells];
+            let mut each = at_once.clone();
+            if rows > 0 {
+                dots_with(arch, &columns, vectors.each_ref().map(Vec::as_slice), &mut at_once);
+                for (v, out) in vectors.iter().zip(each.chunks_exact_mut(cells)) {
+                    dots(arch, &columns, v, out);
+                }
+                assert!(at_once.iter().all(|v| *v != 0.0));
+            }
+            assert_eq!(at_once, each);
+        }
+    }
 
     /// Sums in single precision are those in double, to its rounding: for every length of columns and of the list.
     #[test]

@@ -4,7 +4,7 @@
 
 use crate::linalg::aligned::Aligned;
 use crate::linalg::columns::Columns;
-use crate::linalg::kernels::{LANES, padded};
+use crate::linalg::kernels::{LANES, VECTORS_AT_ONCE, padded};
 use crate::touches::fit::discs::{Discs, RowSums};
 use crate::touches::fit::responses::RADII;
 use nalgebra::DMatrix;
@@ -59,6 +59,9 @@ struct Made {
     ready: Vec<bool>,
     /// Room for the places of columns.
     found: Vec<usize>,
+    /// Room for those that are to be made, with their places, and for some of them.
+    missing: Vec<(usize, usize)>,
+    few: Vec<f64>,
 }
 
 impl NodeValues {
@@ -196,15 +199,35 @@ impl Made {
             });
             let place = first as usize + of_node;
             self.found.push(place);
-            if std::mem::replace(&mut self.ready[column], true) {
-                continue;
-            }
-            let out = &mut self.values[place * stride..][..stride];
-            match source {
-                Source::Columns(values, by) => by.dots(&values[column * by.rows()..][..by.rows()], out),
-                Source::Cells(discs, sums) => discs.mean(sums, column, out),
+            if !std::mem::replace(&mut self.ready[column], true) {
+                self.missing.push((column, place));
             }
         }
+        match source {
+            Source::Columns(values, by) => self.multiply(values, by, stride),
+            Source::Cells(discs, sums) => {
+                for (column, place) in self.missing.drain(..) {
+                    discs.mean(sums, column, &mut self.values[place * stride..][..stride]);
+                }
+            }
+        }
+    }
+
+    /// Makes the missing columns, several at once: the matrix is larger than what the processor keeps nearest.
+    fn multiply(&mut self, from: &[f64], by: &Columns, stride: usize) {
+        let column = |column: usize| &from[column * by.rows()..][..by.rows()];
+        self.few.resize(VECTORS_AT_ONCE * stride, 0.0);
+        let (fours, rest) = self.missing.as_chunks::<VECTORS_AT_ONCE>();
+        for four in fours {
+            by.dots_with(four.map(|(c, _)| column(c)), &mut self.few);
+            for ((_, place), made) in four.iter().zip(self.few.chunks_exact(stride.max(1))) {
+                self.values[place * stride..][..stride].copy_from_slice(made);
+            }
+        }
+        for (c, place) in rest {
+            by.dots(column(*c), &mut self.values[place * stride..][..stride]);
+        }
+        self.missing.clear();
     }
 }
 
