@@ -253,16 +253,14 @@ impl Tracker {
     /// elsewhere. Where one of two is no longer seen, the other may be anywhere between them, frame after frame on the same side. Each
     /// then goes on rather as it went.
     fn crowd(&self, expected: &[Motion], whose: &[usize]) -> Vec<f64> {
-        let near = self.following.reach_mm * self.following.reach_mm;
+        let reach = self.following.reach_mm * self.following.reach_mm;
         let between = |k: usize, j: usize| {
-            let squared = squared(expected[j].at_mm, expected[k].at_mm);
-            let hidden = !whose.contains(&j);
-            if hidden && squared < near {
-                near
-            } else if squared < near || hidden && squared < 1.5 * 1.5 * near {
-                0.25 * near
-            } else {
+            if squared(expected[j].at_mm, expected[k].at_mm) > 1.5 * 1.5 * reach {
                 0.0
+            } else if whose.contains(&j) {
+                0.25 * reach
+            } else {
+                reach
             }
         };
         let of = |k: usize| {
