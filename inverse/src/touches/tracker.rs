@@ -7,7 +7,7 @@
 //!
 //! A touch gets its number once it was seen in several frames one after another, so that what flickers has none. What flickers is
 //! noise, a touch that is taken for two, or a frame that is doubted. A touch that is none of these has its number at once: it is alone,
-//! its rise is far beyond its uncertainty or its place is certain, and nothing speaks against the frame. One that vanished is waited for, and gets its number
+//! its rise is far beyond its uncertainty or its place is certain, it is not small beside another, and nothing speaks against the frame. One that vanished is waited for, and gets its number
 //! back at once.
 
 use crate::touches::assignment::assign;
@@ -32,6 +32,9 @@ pub struct TrackerOptions {
     /// may be of any size at a place that is known: its rise is uncertain, that it is there is not. Noise has no place to a tenth of a
     /// finger's radius. Less waits oftener.
     pub clear_mm: f64,
+    /// Neither has one whose integrated rise is less than this part of another's: where that one comes down or is lifted while the frame is
+    /// measured, what it leaves over may look like a touch, at the rim of a certain place. More waits oftener.
+    pub clear_part: f64,
     /// Speed of a touch when it is first seen, one direction's standard deviation, mm/s. Less follows later what comes down moving.
     pub speed_mm_s: f64,
     /// Change of the velocity in a second, one direction's standard deviation, mm/s. More follows turns sooner; less foretells better
@@ -50,6 +53,7 @@ impl TrackerOptions {
             frames: 3,
             clear_sd: 10.0,
             clear_mm: 1.0,
+            clear_part: 0.05,
             speed_mm_s: 300.0,
             change_mm_s: 50.0,
             place_sd_mm: [3.0, 0.5],
@@ -246,7 +250,9 @@ impl Tracker {
             .map(|(_, t)| [t.x_mm, t.y_mm]);
         let known = expected.iter().zip(&self.known).filter(|(_, known)| known.id.is_some());
         let mut all = others.chain(known.map(|(motion, _)| motion.at_mm));
-        (stands_out || has_place) && all.all(|there| squared(here, there) > far)
+        let largest = touches.iter().map(|t| t.total_mm2.abs()).fold(0.0, f64::max);
+        let is_part = touch.total_mm2.abs() < self.following.clear_part * largest;
+        (stands_out || has_place) && !is_part && all.all(|there| squared(here, there) > far)
     }
 
     /// By how much the places of known ones are more uncertain than they say, mm²: two that are near each other may be seen as two

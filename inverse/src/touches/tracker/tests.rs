@@ -87,6 +87,27 @@ fn a_touch_of_a_certain_place_has_its_number_at_once() {
     assert!(!of(0.4, 0.4, Some(39.0), false) && !of(0.4, 0.4, None, true));
 }
 
+/// A lift while the frame is measured leaves at the rim what looks like a touch.
+#[test]
+fn a_small_touch_beside_a_large_one_waits_for_its_number() {
+    let of = |total_mm2: f64| {
+        let certain = |x_mm: f64, total_mm2: f64| Touch {
+            total_mm2,
+            total_sd_mm2: Some(0.01),
+            x_sd_mm: Some(0.5),
+            y_sd_mm: Some(0.5),
+            ..touch(x_mm, 0.0)
+        };
+        let mut touches = [certain(-60.0, total_mm2), certain(30.0, -60.0)];
+        tracker().update(0.0, &mut touches, false);
+        touches.map(|t| t.id.is_some())
+    };
+    assert_eq!(
+        [of(2.9), of(3.1), of(-2.9), of(-3.1)],
+        [[false, true], [true; 2], [false, true], [true; 2]]
+    );
+}
+
 /// It may be a part of the one that is there, or that is looked for.
 #[test]
 fn what_comes_beside_a_known_touch_waits_for_its_number() {
