@@ -198,7 +198,9 @@ impl Reconstructor {
             self.detectors.iter_mut().flatten().for_each(ChangeDetector::forget);
         }
         if self.makes {
-            // Nothing is known of this frame.
+            // Nothing is known of this frame. What was known of the one before, a fault or a change that nothing explains, weighs more.
+            self.result.anew = false;
+            self.result.doubt = self.result.doubt.or(Some(Doubt::NotSolved));
             self.making += 1;
             return Ok(());
         }
@@ -239,7 +241,6 @@ impl Reconstructor {
         self.contacts.note_rest(false);
         if !self.look_without_faults() {
             // What the frame is to be solved with was made in its time.
-            self.result.anew = false;
             return Ok(false);
         }
         self.due |= self.broken.begin(self.contacts.changed());
@@ -373,10 +374,6 @@ impl Reconstructor {
                 self.broken.leave_out(&mut self.difference);
                 if !self.solve(averaged, quiet) {
                     self.due = due;
-                    self.result.anew = false;
-                    if !quiet {
-                        self.result.doubt = self.result.doubt.or(Some(Doubt::NotSolved));
-                    }
                     return Ok(false);
                 }
             }

@@ -19,7 +19,7 @@ pub enum Doubt {
     NotThisSheet,
     /// Something changed, but no touches explain it.
     NotTouches,
-    /// The frame's time went into what frames are solved with from now on. What is shown is of the frame before.
+    /// The frame's time went into what frames are solved with from now on. What is shown is of the last one solved.
     NotSolved,
     /// With a calibration from presses: what touches leave over is larger than in those presses.
     UnlikePresses {
@@ -110,7 +110,7 @@ impl fmt::Display for Doubt {
             ),
             Self::NotSolved => write!(
                 f,
-                "the frame was not solved: its time went into what the next ones are solved with; shown is the frame before"
+                "the frame was not solved: its time went into what the next ones are solved with; shown is the last one that was"
             ),
             Self::NotTouches => write!(
                 f,

@@ -6,9 +6,9 @@
 //! nothing while it is away, so it never takes the place of one that is there.
 //!
 //! A touch gets its number once it was seen in several frames one after another, so that what flickers has none. What flickers is
-//! noise, a touch that is taken for two, or a frame that is doubted. A touch that is none of these has its number at once: it is alone,
-//! its rise is far beyond its uncertainty or its place is certain, it is not small beside another, and nothing speaks against the frame. One that vanished is waited for, and gets its number
-//! back at once.
+//! noise, a touch that is taken for two, or a frame that is doubted. A touch that is none of these has its number at once. It is alone,
+//! and its rise is far beyond its uncertainty or its place is certain. It is not small beside another, and nothing speaks against the
+//! frame. One that vanished is waited for, and gets its number back at once.
 
 use crate::touches::assignment::assign;
 use crate::touches::touch::Touch;
@@ -32,8 +32,8 @@ pub struct TrackerOptions {
     /// may be of any size at a place that is known: its rise is uncertain, that it is there is not. Noise has no place to a tenth of a
     /// finger's radius. Less waits oftener.
     pub clear_mm: f64,
-    /// Neither has one whose integrated rise is less than this part of another's: where that one comes down or is lifted while the frame is
-    /// measured, what it leaves over may look like a touch, at the rim of a certain place. More waits oftener.
+    /// One whose integrated rise is less than this part of another's waits all the same. Where that one comes down or is lifted while the
+    /// frame is measured, what it leaves over may look like a touch at the rim, whose place is certain. More waits oftener.
     pub clear_part: f64,
     /// Speed of a touch when it is first seen, one direction's standard deviation, mm/s. Less follows later what comes down moving.
     pub speed_mm_s: f64,
@@ -60,6 +60,10 @@ impl TrackerOptions {
         }
     }
 }
+
+/// Reaches from one touch to another within which their places are uncertain: shortly before they are seen as one they are not where they
+/// are told.
+const NEAR: f64 = 1.5;
 
 /// Follows touches.
 #[derive(Clone, Debug)]
@@ -88,6 +92,9 @@ struct Known {
     present: bool,
     /// Frames in which it was seen.
     frames: u32,
+    /// Size of its integrated rise when it was seen last, mm².
+    #[serde(default)]
+    total_mm2: f64,
 }
 
 /// Place and velocity of a touch whose velocity changes at random: Kalman's filter, one for both directions.
@@ -197,8 +204,15 @@ impl Tracker {
         let whose = self.assign(&expected, touches);
         let crowd = self.crowd(&expected, &whose);
         // Before they are numbered: what is new is compared with what was known.
+        let known_mm2 = self.known.iter().filter(|k| k.id.is_some()).map(|k| k.total_mm2);
+        let largest_mm2 = touches
+            .iter()
+            .map(|t| t.total_mm2.abs())
+            .chain(known_mm2)
+            .fold(0.0, f64::max);
+        let small_mm2 = following.clear_part * largest_mm2;
         let clear: Vec<bool> = (0..touches.len())
-            .map(|k| !doubted && self.is_clear(&expected, touches, k))
+            .map(|k| !doubted && touches[k].total_mm2.abs() >= small_mm2 && self.is_clear(&expected, touches, k))
             .collect();
         self.known.iter_mut().for_each(|known| known.present = false);
         for ((touch, column), clear) in touches.iter_mut().zip(whose).zip(clear) {
@@ -215,12 +229,14 @@ impl Tracker {
                     seen_s: time_s,
                     present: true,
                     frames: 0,
+                    total_mm2: 0.0,
                 });
                 self.known.len() - 1
             };
             let known = &mut self.known[k];
             (known.seen_s, known.present) = (time_s, true);
             known.seen_mm = [touch.x_mm, touch.y_mm];
+            known.total_mm2 = touch.total_mm2.abs();
             known.frames = known.frames.saturating_add(1);
             if known.id.is_none() && (clear || known.frames >= following.frames) {
                 known.id = Some(self.next);
@@ -250,23 +266,20 @@ impl Tracker {
             .map(|(_, t)| [t.x_mm, t.y_mm]);
         let known = expected.iter().zip(&self.known).filter(|(_, known)| known.id.is_some());
         let mut all = others.chain(known.map(|(motion, _)| motion.at_mm));
-        let largest = touches.iter().map(|t| t.total_mm2.abs()).fold(0.0, f64::max);
-        let is_part = touch.total_mm2.abs() < self.following.clear_part * largest;
-        (stands_out || has_place) && !is_part && all.all(|there| squared(here, there) > far)
+        (stands_out || has_place) && all.all(|there| squared(here, there) > far)
     }
 
-    /// By how much the places of known ones are more uncertain than they say, mm²: two that are near each other may be seen as two
-    /// elsewhere. Where one of two is no longer seen, the other may be anywhere between them, frame after frame on the same side. Each
-    /// then goes on rather as it went.
+    /// By how much the places of known ones are more uncertain than they say, mm²: two that are near each other may be seen elsewhere.
+    /// Where one of the two is not seen, the other may be anywhere between them, and on the same side for many frames. Each then goes on
+    /// rather as it went.
     fn crowd(&self, expected: &[Motion], whose: &[usize]) -> Vec<f64> {
-        let reach = self.following.reach_mm * self.following.reach_mm;
+        let reach_mm2 = self.following.reach_mm * self.following.reach_mm;
         let between = |k: usize, j: usize| {
-            if squared(expected[j].at_mm, expected[k].at_mm) > 1.5 * 1.5 * reach {
-                0.0
-            } else if whose.contains(&j) {
-                0.25 * reach
-            } else {
-                reach
+            let is_near = squared(expected[j].at_mm, expected[k].at_mm) <= NEAR * NEAR * reach_mm2;
+            match (is_near, whose.contains(&j)) {
+                (true, true) => 0.25 * reach_mm2,
+                (true, false) if self.known[j].id.is_some() => reach_mm2,
+                _ => 0.0,
             }
         };
         let of = |k: usize| {

@@ -59,8 +59,9 @@ struct Made {
     ready: Vec<bool>,
     /// Room for the places of columns.
     found: Vec<usize>,
-    /// Room for those that are to be made, with their places, and for some of them.
+    /// Room for those that are to be made, with their places.
     missing: Vec<(usize, usize)>,
+    /// Room for as many as are made at once.
     few: Vec<f64>,
 }
 
