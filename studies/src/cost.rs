@@ -402,7 +402,9 @@ mod tests {
         let imager = imager(Drive::PAPER, 10.0).unwrap();
         let mut sheet = TestSheet::new(&imager, Drive::PAPER, 0.0, 0.0, &mut rng).unwrap();
         let sigma = noise(&mut sheet, &mut rng).unwrap();
-        for kind in Frames::of_paper(&mut sheet, 12, &mut rng).unwrap() {
+        let kinds = Frames::of_paper(&mut sheet, 12, &mut rng).unwrap();
+        assert!({ IN_TABLES }.iter().all(|name| kinds.iter().any(|k| k.name == *name)));
+        for kind in kinds {
             let mut r = live_reconstructor(&imager, &sheet.baseline, FrameNoise::of_frames(sigma)).unwrap();
             for (k, frame) in kind.noisy(sigma, &mut rng).iter().enumerate() {
                 r.frame_after(frame, Some(INTERVAL_S)).unwrap();
@@ -520,6 +522,8 @@ mod tests {
                 "{cost:?}"
             );
             assert_eq!(cost.solve_us > 0.0, happening == Happening::One, "{cost:?}");
+            let in_a_table = in_a_table(&imager, &sheet, &kind, sigma, &mut rng, |_| {}).unwrap();
+            assert_eq!((in_a_table.frames, in_a_table.counted), (4, Some(1.0)));
         }
     }
 }

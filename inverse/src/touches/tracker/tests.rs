@@ -229,7 +229,7 @@ proptest! {
         let way = |angle: f64, speed: f64| [speed * angle.cos(), speed * angle.sin()];
         let ways = [way(turn, speeds[0]), way(turn + between, speeds[1])];
         let apart = (ways[0][0] - ways[1][0]).hypot(ways[0][1] - ways[1][1]);
-        prop_assume!(2.0 * RESOLVED_MM / apart < 0.42);
+        prop_assume!(2.0 * RESOLVED_MM / apart < 0.43);
         let mut tracker = tracker();
         let mut first = None;
         // They meet at 0 s.
