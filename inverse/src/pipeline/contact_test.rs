@@ -133,6 +133,11 @@ impl ContactTest {
         self.monitor.keep(changed);
     }
 
+    /// A fault was named: what it looked like was no touch.
+    pub(crate) fn unlearn_signs(&mut self) {
+        self.polarity.unlearn();
+    }
+
     /// A task with the signs of touches that are believed now.
     pub(crate) fn signed<'a>(&self, task: Task<'a>) -> Task<'a> {
         Task {

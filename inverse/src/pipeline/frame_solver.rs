@@ -9,6 +9,7 @@ mod unreached;
 pub(crate) use self::contacts::Candidate;
 use self::unreached::tells_noise;
 use crate::change::detector::ChangeDetector;
+use crate::linalg::vector::square;
 use crate::pipeline::image::ImageSolver;
 use crate::pipeline::options::ReconstructorOptions;
 use crate::pipeline::result::FrameResult;
@@ -118,6 +119,11 @@ impl Picture<'_> {
         self.make();
         let touches = self.result.touches.iter().take(MOST_TOUCHES);
         touches.map(|t| [t.x_mm, t.y_mm]).collect()
+    }
+
+    /// Mean square of what it leaves, over the square of a value's noise.
+    fn misfit(&self, sigma: f64, freedom: usize) -> f64 {
+        (self.result.residual / sigma).powi(2) * square(self.values) / freedom.max(1) as f64
     }
 }
 
@@ -504,6 +510,8 @@ impl FrameSolver {
         let Some(weighted) = self.weightings.current_mut() else {
             return;
         };
+        let used = task.difference.used.iter().filter(|used| **used).count();
+        let freedom = used.saturating_sub(weighted.directions());
         let mut picture = Picture {
             image: &mut self.image,
             pictures: &mut weighted.pictures,
@@ -546,7 +554,14 @@ impl FrameSolver {
             unhurried: !self.options.sequence,
             from_found: self.options.sequence && task.changed.is_empty(),
         };
-        let explained = fitter.fit(data, &mut || picture.places()).is_some();
+        let options = *fitter.options();
+        let mut peaks = || {
+            let places = picture.places();
+            let misfit = picture.misfit(noise.sigma, freedom);
+            let may_explain = options.may_explain(misfit, picture.result.residual, task.averaged.gain);
+            may_explain.then_some(places)
+        };
+        let explained = fitter.fit(data, &mut peaks).is_some();
         if !explained {
             picture.make();
         }

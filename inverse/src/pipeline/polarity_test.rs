@@ -14,6 +14,8 @@ pub(crate) struct PolarityTest {
     said: Option<Polarity>,
     sequence: bool,
     learned: Option<Polarity>,
+    /// Whether that was learned since the sheet was last quiet.
+    just_learned: bool,
     /// With what the next frame is fitted first.
     now: Polarity,
     /// Frames of one baseline with rises, and with falls alone since the sheet was last quiet.
@@ -30,6 +32,7 @@ impl PolarityTest {
             said,
             sequence,
             learned: None,
+            just_learned: false,
             now: said.unwrap_or_default(),
             rises: 0,
             falls: 0,
@@ -72,7 +75,16 @@ impl PolarityTest {
             self.learned = Some(Polarity::Down);
         }
         self.now = self.known().unwrap_or_default();
-        (self.falls, self.until) = (0, 0);
+        (self.falls, self.until, self.just_learned) = (0, 0, false);
+    }
+
+    /// A fault explains what frames have shown since the sheet was last quiet: they taught nothing.
+    pub(crate) fn unlearn(&mut self) {
+        if std::mem::take(&mut self.just_learned) {
+            self.learned = None;
+            self.now = self.known().unwrap_or_default();
+        }
+        (self.rises, self.falls) = (0, 0);
     }
 
     /// Learns from a frame's result. What cannot be a touch is taken out of its touches. The strongest of these: where it is,
@@ -93,7 +105,7 @@ impl PolarityTest {
         if rises {
             self.rises += 1;
             if self.rises >= LEARNED_FRAMES && self.known().is_none() {
-                self.learned = Some(Polarity::Up);
+                (self.learned, self.just_learned) = (Some(Polarity::Up), true);
             }
         } else if falls {
             self.falls += 1;
@@ -123,4 +135,48 @@ fn strange(sheet: Polarity, result: &mut FrameResult) -> Option<Touch> {
         .copied();
     result.touches.retain(|t| sheet.allows(t.rise));
     strongest
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::touches::touch::Touch;
+
+    /// Frames with one touch of this rise.
+    fn show(test: &mut PolarityTest, rise: f64, frames: usize) {
+        for _ in 0..frames {
+            let mut result = FrameResult {
+                changed: true,
+                misfit: Some(1.0),
+                touches: vec![Touch { rise, ..Touch::default() }],
+                ..FrameResult::default()
+            };
+            test.learn(&mut result);
+        }
+    }
+
+    /// What many frames show alone is the sheet's sign; what turned out to be a fault says nothing of it.
+    #[test]
+    fn a_fault_teaches_no_sign() {
+        for (rise, learned) in [(0.3, Polarity::Up), (-0.3, Polarity::Down)] {
+            for frames in [LEARNED_FRAMES, 10 * LEARNED_FRAMES] {
+                let mut test = PolarityTest::new(None, true);
+                show(&mut test, rise, frames);
+                let mut broken = PolarityTest::new(None, true);
+                show(&mut broken, rise, frames);
+                broken.unlearn();
+                show(&mut broken, rise, LEARNED_FRAMES - 1);
+                for test in [&mut test, &mut broken] {
+                    test.clear();
+                }
+                assert_eq!((test.known(), broken.known()), (Some(learned), None), "{rise} {frames}");
+                assert_eq!(broken.now(), Polarity::default());
+                // What was known before stays.
+                show(&mut test, rise, frames);
+                test.unlearn();
+                test.clear();
+                assert_eq!(test.known(), Some(learned));
+            }
+        }
+    }
 }

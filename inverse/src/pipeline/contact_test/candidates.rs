@@ -74,6 +74,7 @@ impl ContactTest {
             if candidate.is_some_and(|c| c.linear) {
                 tracing::debug!(?candidate, "a contact stands out");
                 self.monitor.accept();
+                self.polarity.unlearn();
                 without = self.solve_with(solver, task, detectors, result);
                 continue;
             }
@@ -87,6 +88,7 @@ impl ContactTest {
             }
             tracing::debug!(?candidate, ?with, ?without, "a contact");
             self.decided.extend(candidate.map(|c| c.electrode));
+            self.polarity.unlearn();
             without = with;
         }
         without

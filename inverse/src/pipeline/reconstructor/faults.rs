@@ -82,6 +82,9 @@ impl Reconstructor {
             return false;
         }
         let named = self.broken.named();
+        if named.is_some() {
+            self.contacts.unlearn_signs();
+        }
         if let Some(fault) = named.filter(|_| self.broken.is_suspected() && touches > 0 && !self.broken.is_alone()) {
             self.instead_of = Some((fault, touches, misfit));
         }

@@ -324,8 +324,8 @@ impl Fitter {
     }
 
     /// Touches fitted from those of the frame before, or from the places of a picture's peaks, mm, which are asked for only where
-    /// those do not explain the frame. `None` when discs do not.
-    pub fn fit(&mut self, data: Data, peaks: &mut dyn FnMut() -> Places) -> Option<&Fitted> {
+    /// those do not explain the frame: none where the picture says that no discs do. `None` when discs do not.
+    pub fn fit(&mut self, data: Data, peaks: &mut dyn FnMut() -> Option<Places>) -> Option<&Fitted> {
         let source = data.noise.source;
         self.drift.clear();
         self.followed.turn = self.followed.turn.wrapping_add(1);
@@ -345,10 +345,9 @@ impl Fitter {
         let found = std::mem::take(&mut self.found);
         self.find(&mut job, &mut || {
             if from_found && !found.is_empty() {
-                found.clone()
-            } else {
-                peaks().iter().map(|at| prior.seed(*at)).collect()
+                return Some(found.clone());
             }
+            Some(peaks()?.iter().map(|at| prior.seed(*at)).collect())
         })?;
         self.refine(&job.data);
         let fitted = &self.fits.now;
@@ -453,6 +452,12 @@ impl Fitter {
                 let error = if shows { linear_error } else { model_error };
                 self.fit_from(job, Values::Measured, error, Some(seeds), follows)?;
             }
+        }
+        if self.fits.now.hopeless {
+            if self.carried.error.take().is_some() {
+                self.fit_from(job, Values::Measured, model_error, Some(&mut || None), false)?;
+            }
+            return Some(());
         }
         if let Some((scale, size)) = carried
             && self.fits.now.followed

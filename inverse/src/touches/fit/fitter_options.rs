@@ -58,6 +58,9 @@ pub struct FitterOptions {
     /// Norm of the residual over that of the data up to which discs explain a frame, whatever the noise. As
     /// `most_misfit`.
     pub most_residual: f64,
+    /// How many times the norm that `most_misfit` and `most_residual` allow a picture leaves at most of a frame that discs explain. Touches
+    /// are not looked for in frames of which it leaves more of both. Less saves searches, and gives up frames of strong touches.
+    pub most_of_picture: f64,
     /// How the number of touches is chosen.
     pub order: ModelOrderOptions,
     /// When a carried linearisation error is no longer that of the touches.
@@ -68,6 +71,12 @@ impl FitterOptions {
     /// Whether discs explain a frame that they leave this misfit of, by the noise alone; `gain` is that of a mean.
     pub(crate) fn explains(&self, misfit: f64, gain: f64) -> bool {
         misfit <= gain * self.most_misfit
+    }
+
+    /// Whether discs may explain a frame of which a picture leaves this misfit, and this part of the norm. It has discs of all sizes.
+    pub(crate) fn may_explain(&self, misfit: f64, residual: f64, gain: f64) -> bool {
+        let most = self.most_of_picture;
+        self.explains(misfit / most.powi(2), gain) || residual <= most * self.most_residual
     }
 }
 
@@ -91,6 +100,7 @@ impl Default for FitterOptions {
             too_strong: 1.55,
             most_misfit: 4.0,
             most_residual: 0.06,
+            most_of_picture: 5.0,
             order: ModelOrderOptions::default(),
             growth: ErrorGrowth::default(),
         }

@@ -45,6 +45,8 @@ pub struct Fitted {
     pub followed: bool,
     /// Whether the search for them came to its end.
     pub finished: bool,
+    /// Whether there was no search, since no touches would explain the frame.
+    pub hopeless: bool,
     /// What the search cost, in evaluations of the response to one touch.
     pub work: usize,
     /// Whether the linearisation error taken off the data was that of these touches, as far as it matters.
@@ -105,8 +107,9 @@ pub struct Frame<'a> {
     pub most_work: usize,
 }
 
-/// Touches to start with, asked for only where they are needed. Those without a strength get one.
-pub type Seeds<'a> = &'a mut dyn FnMut() -> Discs;
+/// Touches to start with, asked for only where they are needed. Those without a strength get one. None where no touches would explain the
+/// frame: then none are looked for.
+pub type Seeds<'a> = &'a mut dyn FnMut() -> Option<Discs>;
 
 /// Where a fit begins.
 pub struct Start<'a> {
@@ -162,7 +165,7 @@ fn fit_whitened(
         .within(frame.most_work)
         .of(frame.polarity);
     let seeds = start.seeds;
-    let found = search.run(&mut || in_noise(&seeds()), before)?;
+    let found = search.run(&mut || seeds().map(|discs| in_noise(&discs)), before)?;
     let best = found.fit;
     let freedom = (table.length() as f64 - 3.0 * best.discs.len() as f64).max(1.0);
     let misfit = best.square / freedom;
@@ -188,6 +191,7 @@ fn fit_whitened(
         d.strength.abs() * interpolation::dot(table.arch(), response, response).sqrt()
     };
     (out.followed, out.finished, out.settled) = (found.followed, found.finished, true);
+    out.hopeless = found.hopeless;
     out.work = found.work;
     (out.sigma, out.variance) = (sigma, variance);
     let mut found: ArrayVec<(Touch, Disc, f64, usize), MOST_TOUCHES> = best

@@ -13,6 +13,7 @@
 
 use crate::stats::fisher_quantile;
 use crate::touches::fit::disc::{Disc, Discs};
+use crate::touches::fit::frame_fit::Seeds;
 use crate::touches::fit::interpolation::{add_scaled, dot};
 use crate::touches::fit::levenberg_marquardt::{Fit, LevenbergMarquardtOptions, PARAMETERS, Workspace, fit};
 use crate::touches::fit::prior::FitOptions;
@@ -155,6 +156,8 @@ pub struct Found {
     pub followed: bool,
     /// Whether the search came to its end.
     pub finished: bool,
+    /// Whether there was none, since no touches would explain the frame. There are none then.
+    pub hopeless: bool,
     /// What it cost, in evaluations of the response to one touch.
     pub work: usize,
 }
@@ -255,8 +258,9 @@ impl<'a> Search<'a> {
         Self { polarity, ..self }
     }
 
-    /// Finds the touches: those of the frame before, or else from a picture's peaks.
-    pub fn run(mut self, seeds: &mut dyn FnMut() -> Discs, before: Option<Before>) -> Option<Found> {
+    /// Finds the touches: those of the frame before, or else from a picture's peaks. None where the picture says that no touches explain
+    /// the frame.
+    pub fn run(mut self, seeds: Seeds, before: Option<Before>) -> Option<Found> {
         let mut rival = None;
         if let Some(before) = before.filter(|b| !b.discs.is_empty()) {
             let fit = self.fit_in(before.discs, self.model.order.steps.few_steps)?;
@@ -267,7 +271,15 @@ impl<'a> Search<'a> {
             rival = Some(fit);
         }
         let most = self.model.prior.most_touches.min(Discs::new_const().capacity());
-        let mut start = seeds();
+        let Some(mut start) = seeds() else {
+            rival.into_iter().for_each(|rival| self.scratch.work.put(rival));
+            let nothing = self.fit_in(&[], self.model.order.steps.most_steps)?;
+            return Some(Found {
+                finished: true,
+                hopeless: true,
+                ..self.found(nothing, false)
+            });
+        };
         start.truncate(most);
         self.strengthen(&mut start);
         let mut best = self.fit_in(&start, self.model.order.steps.most_steps)?;
@@ -288,6 +300,7 @@ impl<'a> Search<'a> {
             fit,
             followed,
             finished: self.remaining_work > 0,
+            hopeless: false,
             work: self.work,
         }
     }

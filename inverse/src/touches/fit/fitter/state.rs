@@ -152,7 +152,7 @@ impl Fits {
             finished: from.finished,
             turn,
         };
-        let mut those = || from.discs.clone();
+        let mut those = || Some(from.discs.clone());
         let start = Start {
             seeds: match seeds {
                 Some(seeds) => seeds,

@@ -71,7 +71,7 @@ fn fitted(f: &Fitter, values: &DVector<f64>, sigma: f64, threshold: f64, seeds: 
     };
     let mut found = Fitted::default();
     let start = Start {
-        seeds: &mut || seeds.iter().copied().collect(),
+        seeds: &mut || Some(seeds.iter().copied().collect()),
         before: None,
     };
     let model = DiscModel {
@@ -182,7 +182,7 @@ fn the_linearisation_error_is_carried_from_frame_to_frame() {
                 polarity: Polarity::Up,
             };
             fitter
-                .fit(data, &mut || truth.iter().map(|d| d.at).collect())
+                .fit(data, &mut || Some(truth.iter().map(|d| d.at).collect()))
                 .unwrap()
                 .clone()
         };
