@@ -82,6 +82,17 @@ pub(crate) struct Task<'a> {
     pub(crate) corrected: bool,
 }
 
+/// What the touches of a frame leave of it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum Left {
+    /// No more than noise, or than the model is wrong by.
+    Little,
+    /// More: no discs explain the frame, or their search has not come to its end.
+    Much,
+    /// So much that no discs will explain it.
+    Most,
+}
+
 /// A frame's picture, made when it is asked for.
 struct Picture<'a> {
     image: &'a mut ImageSolver,
@@ -225,6 +236,22 @@ impl FrameSolver {
     /// Whether touches that leave this misfit explain a frame, by the noise alone; `gain` is that of a mean.
     pub(crate) fn explains(&self, misfit: f64, gain: f64) -> bool {
         self.fitter.as_ref().is_some_and(|f| f.options().explains(misfit, gain))
+    }
+
+    /// What the touches of a frame's result leave of it; of frames that do not follow one another only whether they explain it.
+    pub(crate) fn left_by(&self, result: &FrameResult, gain: f64) -> Left {
+        let Some(options) = self.fitter.as_ref().map(Fitter::options).filter(|_| result.changed) else {
+            return Left::Little;
+        };
+        match result.misfit {
+            None if result.explained.is_none() => Left::Much,
+            None => Left::Most,
+            Some(_) if !self.options.sequence => Left::Little,
+            // The residual is that of the touches.
+            Some(misfit) if options.explains(misfit, gain) || result.residual <= options.most_residual => Left::Little,
+            Some(misfit) if options.may_explain(misfit, result.residual, gain) => Left::Much,
+            Some(_) => Left::Most,
+        }
     }
 
     /// Begins another fit of the frame, with touches of other signs or without a contact.

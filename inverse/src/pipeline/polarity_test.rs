@@ -148,7 +148,10 @@ mod tests {
             let mut result = FrameResult {
                 changed: true,
                 misfit: Some(1.0),
-                touches: vec![Touch { rise, ..Touch::default() }],
+                touches: vec![Touch {
+                    rise,
+                    ..Touch::default()
+                }],
                 ..FrameResult::default()
             };
             test.learn(&mut result);

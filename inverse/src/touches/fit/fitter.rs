@@ -466,7 +466,11 @@ impl Fitter {
         }
         let is_worth = |now: &Self| now.expected_error() > now.options.worth_a_solution && now.may_explain(job, 0.0);
         let mut corrects = self.may_solve(job) && is_worth(self);
-        if !corrects && (shows || carried.is_some()) {
+        let fitted = &self.fits.now;
+        let most = !(self.options).may_explain(fitted.misfit, fitted.relative_residual, job.data.gain);
+        // What a search that came to its end leaves is far more than any error of the linear model.
+        let hidden = most && fitted.finished;
+        if !corrects && ((shows && !hidden) || carried.is_some()) {
             let was_worth = self.expected_error() > self.options.worth_a_solution;
             self.carried.error = None;
             self.again(job, Values::Measured)?;
