@@ -82,17 +82,6 @@ pub(crate) struct Task<'a> {
     pub(crate) corrected: bool,
 }
 
-/// What the touches of a frame leave of it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(crate) enum Left {
-    /// No more than noise, or than the model is wrong by.
-    Little,
-    /// More: no discs explain the frame, or their search has not come to its end.
-    Much,
-    /// So much that no discs will explain it.
-    Most,
-}
-
 /// A frame's picture, made when it is asked for.
 struct Picture<'a> {
     image: &'a mut ImageSolver,
@@ -132,9 +121,11 @@ impl Picture<'_> {
         touches.map(|t| [t.x_mm, t.y_mm]).collect()
     }
 
-    /// Mean square of what it leaves, over the square of a value's noise.
-    fn misfit(&self, sigma: f64, freedom: usize) -> f64 {
-        (self.result.residual / sigma).powi(2) * square(self.values) / freedom.max(1) as f64
+    /// Squares of what it leaves of the whole frame, and of the reduced one.
+    fn left(&self, reduced: &[f64]) -> [f64; 2] {
+        let whole = square(self.values);
+        let left = self.result.residual.powi(2) * whole;
+        [left, (left - whole + square(reduced)).max(0.0)]
     }
 }
 
@@ -158,6 +149,8 @@ pub(crate) struct FrameSolver {
     reduced: Vec<f64>,
     /// The frame along the nuisance directions.
     sizes: Vec<f64>,
+    /// Square of what the picture made last leaves of the reduced frame.
+    left: f64,
     /// The contact that would explain the frame alone.
     alone: Option<usize>,
     /// Ridges of the pictures solved last, by what drifts.
@@ -193,6 +186,7 @@ impl FrameSolver {
             values: Vec::new(),
             reduced: Vec::new(),
             sizes: Vec::new(),
+            left: 0.0,
             alone: None,
             ridges: [None; Drifting::ALL.len()],
             spare: Vec::new(),
@@ -236,22 +230,6 @@ impl FrameSolver {
     /// Whether touches that leave this misfit explain a frame, by the noise alone; `gain` is that of a mean.
     pub(crate) fn explains(&self, misfit: f64, gain: f64) -> bool {
         self.fitter.as_ref().is_some_and(|f| f.options().explains(misfit, gain))
-    }
-
-    /// What the touches of a frame's result leave of it; of frames that do not follow one another only whether they explain it.
-    pub(crate) fn left_by(&self, result: &FrameResult, gain: f64) -> Left {
-        let Some(options) = self.fitter.as_ref().map(Fitter::options).filter(|_| result.changed) else {
-            return Left::Little;
-        };
-        match result.misfit {
-            None if result.explained.is_none() => Left::Much,
-            None => Left::Most,
-            Some(_) if !self.options.sequence => Left::Little,
-            // The residual is that of the touches.
-            Some(misfit) if options.explains(misfit, gain) || result.residual <= options.most_residual => Left::Little,
-            Some(misfit) if options.may_explain(misfit, result.residual, gain) => Left::Much,
-            Some(_) => Left::Most,
-        }
     }
 
     /// Begins another fit of the frame, with touches of other signs or without a contact.
@@ -538,7 +516,7 @@ impl FrameSolver {
             return;
         };
         let used = task.difference.used.iter().filter(|used| **used).count();
-        let freedom = used.saturating_sub(weighted.directions());
+        let freedom = used.saturating_sub(weighted.directions()).max(1);
         let mut picture = Picture {
             image: &mut self.image,
             pictures: &mut weighted.pictures,
@@ -581,12 +559,22 @@ impl FrameSolver {
             unhurried: !self.options.sequence,
             from_found: self.options.sequence && task.changed.is_empty(),
         };
-        let options = *fitter.options();
+        let (options, sequence) = (*fitter.options(), self.options.sequence);
+        let (reduced, left) = (self.reduced.as_slice(), &mut self.left);
         let mut peaks = || {
             let places = picture.places();
-            let misfit = picture.misfit(noise.sigma, freedom);
-            let may_explain = options.may_explain(misfit, picture.result.residual, task.averaged.gain);
-            may_explain.then_some(places)
+            let [of_whole, of_reduced] = picture.left(reduced);
+            *left = of_reduced;
+            // What no sheet shows at any one time is in frames while touches move as well.
+            let (left, values, freedom) = match sequence {
+                true => (of_reduced, reduced, reduced.len()),
+                false => (of_whole, picture.values, freedom),
+            };
+            let misfit = left / (noise.sigma.powi(2) * freedom as f64);
+            let residual = (left / square(values)).sqrt();
+            options
+                .may_explain(misfit, residual, task.averaged.gain)
+                .then_some(places)
         };
         let explained = fitter.fit(data, &mut peaks).is_some();
         if !explained {

@@ -21,6 +21,8 @@ pub(crate) struct PolarityTest {
     /// Frames of one baseline with rises, and with falls alone since the sheet was last quiet.
     rises: usize,
     falls: usize,
+    /// Those with rises until the sheet was last quiet.
+    rises_before: usize,
     /// Frames until both signs are tried again.
     until: usize,
 }
@@ -36,6 +38,7 @@ impl PolarityTest {
             now: said.unwrap_or_default(),
             rises: 0,
             falls: 0,
+            rises_before: 0,
             until: 0,
         }
     }
@@ -76,6 +79,7 @@ impl PolarityTest {
         }
         self.now = self.known().unwrap_or_default();
         (self.falls, self.until, self.just_learned) = (0, 0, false);
+        self.rises_before = self.rises;
     }
 
     /// A fault explains what frames have shown since the sheet was last quiet: they taught nothing.
@@ -84,7 +88,7 @@ impl PolarityTest {
             self.learned = None;
             self.now = self.known().unwrap_or_default();
         }
-        (self.rises, self.falls) = (0, 0);
+        (self.rises, self.falls) = (self.rises_before, 0);
     }
 
     /// Learns from a frame's result. What cannot be a touch is taken out of its touches. The strongest of these: where it is,
@@ -174,7 +178,14 @@ mod tests {
                 }
                 assert_eq!((test.known(), broken.known()), (Some(learned), None), "{rise} {frames}");
                 assert_eq!(broken.now(), Polarity::default());
-                // What was known before stays.
+                // What was shown before, or known, stays.
+                let mut taps = PolarityTest::new(None, true);
+                show(&mut taps, 0.3, LEARNED_FRAMES - 1);
+                taps.clear();
+                show(&mut taps, rise, frames);
+                taps.unlearn();
+                show(&mut taps, 0.3, 1);
+                assert_eq!(taps.known(), Some(Polarity::Up));
                 show(&mut test, rise, frames);
                 test.unlearn();
                 test.clear();

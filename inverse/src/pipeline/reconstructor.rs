@@ -5,7 +5,7 @@ mod faults;
 use crate::change::detector::{Change, ChangeDetector};
 use crate::pipeline::contact_test::{ContactTest, Detectors, is_rare};
 use crate::pipeline::following::Following;
-use crate::pipeline::frame_solver::{Averaged, FrameSolver, Left, Task};
+use crate::pipeline::frame_solver::{Averaged, FrameSolver, Task};
 use crate::pipeline::options::ReconstructorOptions;
 use crate::pipeline::result::FrameResult;
 use crate::pipeline::work::Work;
@@ -506,23 +506,15 @@ impl Reconstructor {
             // Every frame counts.
             detector.forget();
         }
-        let (bare, left) = (
-            self.is_bare(averaged.gain),
-            self.solver.left_by(&self.result, averaged.gain),
-        );
-        let unexplained = bare || left > Left::Little;
+        let bare = self.is_bare(averaged.gain);
+        let unexplained = bare || (self.solver.fits() && self.result.misfit.is_none() && self.result.changed);
         self.unexplained = if unexplained { self.unexplained + 1 } else { 0 };
-        let patience = self.options.unexplained_frames;
-        let least = match (self.options.sequence, bare || left == Left::Most) {
+        let least = match (self.options.sequence, bare) {
             (false, _) => 1,
             // Half of the frame in which a touch lands is as before.
             (true, true) => 2,
-            (true, false) => patience,
+            (true, false) => self.options.unexplained_frames,
         };
-        if self.unexplained >= least {
-            // It stays so until touches explain a frame.
-            self.unexplained = self.unexplained.max(patience);
-        }
         // With their shapes left out, touches that explain the rest are right.
         let doubted = !changed.is_empty() && self.result.changed && self.contacts.leaves(&self.result);
         let contact = doubted.then(|| Doubt::Fault(Fault::Contacts(Electrodes::of(changed))));

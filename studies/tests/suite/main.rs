@@ -12,6 +12,7 @@ mod dataset;
 mod drift;
 mod faults;
 mod flawed_sheet;
+mod given_up;
 mod hand;
 mod landing;
 mod model_error;

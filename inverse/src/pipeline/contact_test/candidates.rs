@@ -74,7 +74,6 @@ impl ContactTest {
             if candidate.is_some_and(|c| c.linear) {
                 tracing::debug!(?candidate, "a contact stands out");
                 self.monitor.accept();
-                self.polarity.unlearn();
                 without = self.solve_with(solver, task, detectors, result);
                 continue;
             }

@@ -25,7 +25,13 @@ impl FrameSolver {
         let power = self.power() * self.reduced.len() as f64;
         let (cost, open, misfit) = if result.changed {
             let fitted = self.fitter.as_ref()?.last();
-            (fitted.cost, fitted.open, fitted.misfit)
+            if fitted.hopeless {
+                // No touches leave less than the picture does.
+                let square = self.left / sigma.powi(2);
+                (square, 0.0, square / self.reduced.len() as f64)
+            } else {
+                (fitted.cost, fitted.open, fitted.misfit)
+            }
         } else {
             let square = power / sigma.powi(2);
             (square, 0.0, square / self.reduced.len() as f64)

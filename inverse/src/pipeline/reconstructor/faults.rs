@@ -82,11 +82,11 @@ impl Reconstructor {
             return false;
         }
         let named = self.broken.named();
-        if named.is_some() {
-            self.contacts.unlearn_signs();
-        }
-        if let Some(fault) = named.filter(|_| self.broken.is_suspected() && touches > 0 && !self.broken.is_alone()) {
+        let suspected = named.filter(|_| self.broken.is_suspected() && touches > 0 && !self.broken.is_alone());
+        if let Some(fault) = suspected {
             self.instead_of = Some((fault, touches, misfit));
+        } else if named.is_some() {
+            self.contacts.unlearn_signs();
         }
         true
     }
@@ -101,6 +101,7 @@ impl Reconstructor {
             .zip(self.result.misfit)
             .is_some_and(|(before, now)| now < BETTER * before);
         if now < touches || (now == touches && better) {
+            self.contacts.unlearn_signs();
             return false;
         }
         self.broken.reject(fault);

@@ -323,8 +323,8 @@ impl Fitter {
         &self.volts
     }
 
-    /// Touches fitted from those of the frame before, or from the places of a picture's peaks, mm, which are asked for only where
-    /// those do not explain the frame: none where the picture says that no discs do. `None` when discs do not.
+    /// Touches fitted from those of the frame before, or from the places of a picture's peaks, mm. These are asked for only where the
+    /// former do not explain the frame; they are `None` where no discs may. Returns `None` when discs do not explain it.
     pub fn fit(&mut self, data: Data, peaks: &mut dyn FnMut() -> Option<Places>) -> Option<&Fitted> {
         let source = data.noise.source;
         self.drift.clear();
@@ -467,10 +467,12 @@ impl Fitter {
         let is_worth = |now: &Self| now.expected_error() > now.options.worth_a_solution && now.may_explain(job, 0.0);
         let mut corrects = self.may_solve(job) && is_worth(self);
         let fitted = &self.fits.now;
-        let most = !(self.options).may_explain(fitted.misfit, fitted.relative_residual, job.data.gain);
-        // What a search that came to its end leaves is far more than any error of the linear model.
-        let hidden = most && fitted.finished;
-        if !corrects && ((shows && !hidden) || carried.is_some()) {
+        // What a search that came to its end leaves is far more than the error of the linear model.
+        let far =
+            fitted.finished && !(self.options).may_explain(fitted.misfit, fitted.relative_residual, job.data.gain);
+        if !corrects && far && carried.is_none() {
+            self.fits.now.settled &= self.may_solve(job);
+        } else if !corrects && (shows || carried.is_some()) {
             let was_worth = self.expected_error() > self.options.worth_a_solution;
             self.carried.error = None;
             self.again(job, Values::Measured)?;

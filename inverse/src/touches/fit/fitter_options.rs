@@ -58,8 +58,8 @@ pub struct FitterOptions {
     /// Norm of the residual over that of the data up to which discs explain a frame, whatever the noise. As
     /// `most_misfit`.
     pub most_residual: f64,
-    /// How many times the norm that `most_misfit` and `most_residual` allow a picture leaves at most of a frame that discs explain. Touches
-    /// are not looked for in frames of which it leaves more of both. Less saves searches, and gives up frames of strong touches.
+    /// How many times the norm that discs may leave a picture may. Where it leaves more by `most_misfit` and by `most_residual`, no touches
+    /// are looked for. Less saves searches, and gives up frames of strong touches.
     pub most_of_picture: f64,
     /// How the number of touches is chosen.
     pub order: ModelOrderOptions,
@@ -73,7 +73,8 @@ impl FitterOptions {
         misfit <= gain * self.most_misfit
     }
 
-    /// Whether discs may explain a frame of which a picture leaves this misfit, and this part of the norm. It has discs of all sizes.
+    /// Whether discs may explain a frame of which a picture leaves this misfit, and this part of the norm: it is free to show any disc. Of
+    /// the first discs that were fitted to it the same is asked before others are.
     pub(crate) fn may_explain(&self, misfit: f64, residual: f64, gain: f64) -> bool {
         let most = self.most_of_picture;
         self.explains(misfit / most.powi(2), gain) || residual <= most * self.most_residual

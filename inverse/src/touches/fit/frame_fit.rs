@@ -43,7 +43,7 @@ pub struct Fitted {
     pub variance: f64,
     /// Whether they are those of the frame before, followed.
     pub followed: bool,
-    /// Whether the search for them came to its end.
+    /// Whether the search for them came to its end, or there was none.
     pub finished: bool,
     /// Whether there was no search, since no touches would explain the frame.
     pub hopeless: bool,
