@@ -57,6 +57,19 @@ fn a_sudden_fault_is_taken_for_no_drift() {
     }
 }
 
+/// A contact that changes while nothing touches may look like touches that fall until it is named. The finger that comes later rises all
+/// the same.
+#[test]
+fn a_fault_at_rest_teaches_no_sign() {
+    let cases = cases();
+    let case = cases.iter().find(|c| c.name == "`contact_raised:3,500`").unwrap();
+    let mut bench = Bench::new().unwrap();
+    for case in [&cases[0], case, case, case] {
+        let outcome = bench.run(case, When::AtRest).unwrap();
+        assert!(outcome.touched.right_part() > 0.95, "{}: {outcome:?}", case.name);
+    }
+}
+
 /// Where nothing is left that tells touches, none are shown.
 #[test]
 fn what_leaves_no_touches_is_doubted_and_shows_none() {

@@ -11,7 +11,7 @@ use inverse::touches::touch::Touch;
 use rand::Rng;
 use rand::rngs::StdRng;
 use std::f64::consts::PI;
-use studies::{TestSheet, Worse, imager, noise_v, noisy, quantile, rng};
+use studies::{TestSheet, imager, noise_v, noisy, quantile, rng};
 
 fn touch(at: [f64; 2], rise: f64) -> DiscTouch {
     DiscTouch {
@@ -174,43 +174,4 @@ fn a_finger_lifted_from_the_baseline_is_said_and_no_touch() {
             assert!(off < 0.5 && total.abs() < 0.1, "{k}, {n}: {off} mm, {total}");
         }
     }
-}
-
-/// A contact that changes while nothing touches may look like a fall until it is named, for longer than a sign takes to be learned. The
-/// touches that come later rise all the same.
-#[test]
-fn a_contact_that_changes_at_rest_turns_no_sign() {
-    let mut rng = rng(206);
-    let imager = imager(Drive::PAPER, 5.0).unwrap();
-    let mut sheet = TestSheet::new(&imager, Drive::PAPER, 0.0, 0.0, &mut rng).unwrap();
-    let finger = touch([30.0, 20.0], 0.2);
-    let clean = sheet.clean_frame(&[finger]).unwrap();
-    let sigma = noise_v(&clean, &sheet.baseline, 27.0);
-    let fitted = sheet.fitted_imager();
-    let worse = [(10, Worse::Wire(150.0))];
-    let empty = sheet.worse_frame(&[], &worse).unwrap();
-    let touched = sheet.worse_frame(&[finger], &worse).unwrap();
-    let mut long = 0;
-    for turn in 0..16 {
-        let noise = FrameNoise::of_frames(sigma);
-        let mut live = studies::live_reconstructor(&fitted, &sheet.baseline, noise).unwrap();
-        live.frame(&sheet.empty(sigma, &mut rng)).unwrap();
-        let mut falls = 0;
-        for _ in 0..60 {
-            let result = live.frame(&noisy(empty.clone(), sigma, &mut rng)).unwrap();
-            falls += usize::from(result.touches.iter().any(|t| t.rise < 0.0));
-        }
-        long += usize::from(falls >= 8);
-        for k in 0..40 {
-            let result = live.frame(&noisy(touched.clone(), sigma, &mut rng)).unwrap();
-            let rises: Vec<f64> = result.touches.iter().map(|t| t.rise).collect();
-            let case = format!("{turn}, frame {k}: {rises:?}, {:?}", result.doubt);
-            assert!(!matches!(result.doubt, Some(Doubt::Gone { .. })), "{case}");
-            assert!(k < 20 || (rises.len() == 1 && rises[0] > 0.0), "{case}");
-        }
-    }
-    assert!(
-        long >= 2,
-        "{long} of 16 looked like falls for as long as a sign takes to be learned"
-    );
 }
