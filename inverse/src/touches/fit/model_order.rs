@@ -12,14 +12,13 @@
 //! limit; one that reaches the limit goes on in the next frame.
 
 use crate::stats::fisher_quantile;
-use crate::touches::fit::disc::{Disc, Discs, MOST_TOUCHES};
+use crate::touches::fit::disc::{Disc, Discs};
 use crate::touches::fit::frame_fit::Seeds;
 use crate::touches::fit::interpolation::{add_scaled, dot};
 use crate::touches::fit::levenberg_marquardt::{Fit, LevenbergMarquardtOptions, PARAMETERS, Workspace, fit};
 use crate::touches::fit::prior::FitOptions;
 use crate::touches::fit::responses::ResponseTable;
 use crate::touches::polarity::Polarity;
-use arrayvec::ArrayVec;
 
 /// When touches are added, split, merged, removed and followed.
 ///
@@ -155,9 +154,9 @@ pub struct Found {
     pub fit: Fit,
     /// Whether they are those of the frame before.
     pub followed: bool,
-    /// Whether the search came to its end, or there was none.
+    /// Whether the search came to its end.
     pub finished: bool,
-    /// Whether there was no search, since no touches would explain the frame: none are found.
+    /// Whether there was none, since no touches would explain the frame. There are none then.
     pub hopeless: bool,
     /// What it cost, in evaluations of the response to one touch.
     pub work: usize,
@@ -259,7 +258,8 @@ impl<'a> Search<'a> {
         Self { polarity, ..self }
     }
 
-    /// Finds the touches: those of the frame before, or else from a picture's peaks. Without peaks there is no search.
+    /// Finds the touches: those of the frame before, or else from a picture's peaks. None where the picture says that no touches explain
+    /// the frame.
     pub fn run(mut self, seeds: Seeds, before: Option<Before>) -> Option<Found> {
         let mut rival = None;
         if let Some(before) = before.filter(|b| !b.discs.is_empty()) {
@@ -402,19 +402,9 @@ impl<'a> Search<'a> {
         let need = part * self.need(best);
         let mut candidates = self.scratch.spare.pop().unwrap_or_default();
         let covariance = self.scratch.work.covariance(table.arch(), best)?;
-        let significances: ArrayVec<f64, MOST_TOUCHES> = (best.discs.iter().enumerate())
-            .map(|(k, d)| {
-                let at = PARAMETERS * k + 3;
-                d.strength.powi(2) / covariance.of(at, at).max(f64::MIN_POSITIVE)
-            })
-            .collect();
-        if turn.is_none()
-            && let Some(fewer) = self.without_several(best, &significances, need)
-        {
-            self.give_back(candidates);
-            return Some(fewer);
-        }
-        for (k, &significance) in significances.iter().enumerate() {
+        for (k, d) in best.discs.iter().enumerate() {
+            let at = PARAMETERS * k + 3;
+            let significance = d.strength.powi(2) / covariance.of(at, at).max(f64::MIN_POSITIVE);
             if significance < order.removal_worth * need {
                 let mut discs = best.discs.clone();
                 discs.remove(k);
@@ -458,42 +448,6 @@ impl<'a> Search<'a> {
         }
         self.give_back(candidates);
         chosen
-    }
-
-    /// A fit without several touches that together are worth no more than one: none of them is then worth it.
-    fn without_several(&mut self, best: &Fit, significances: &[f64], need: f64) -> Option<Fit> {
-        let DiscModel { prior, order, .. } = self.model;
-        // Of two that may be one, either seems worth nothing.
-        let alone = |d: &Disc| {
-            let near =
-                |other: &&Disc| (d.at[0] - other.at[0]).hypot(d.at[1] - other.at[1]) < order.near * prior.radius_mm;
-            best.discs.iter().filter(near).count() == 1
-        };
-        let mut weak: ArrayVec<(f64, usize), MOST_TOUCHES> = (significances.iter().copied().zip(0..))
-            .filter(|(_, k)| alone(&best.discs[*k]))
-            .collect();
-        weak.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
-        let mut sum = 0.0;
-        let several = weak.iter().take_while(|(significance, _)| {
-            sum += significance;
-            sum <= need
-        });
-        weak.truncate(several.count());
-        if weak.len() < 2 {
-            return None;
-        }
-        let kept = best
-            .discs
-            .iter()
-            .enumerate()
-            .filter(|(k, _)| weak.iter().all(|w| w.1 != *k));
-        let discs: Discs = kept.map(|(_, d)| *d).collect();
-        let fewer = self.fit(&discs)?;
-        if fewer.objective - best.objective <= need {
-            return Some(fewer);
-        }
-        self.scratch.work.put(fewer);
-        None
     }
 
     fn give_back(&mut self, mut candidates: Candidates) {

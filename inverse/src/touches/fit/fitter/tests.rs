@@ -106,7 +106,7 @@ fn discs_of_the_model_come_back() {
         vec![],
         vec![[0.0, 0.0]],
         vec![[-25.0, 25.0], [30.0, -30.0], [60.0, 60.0]],
-        // Ten of which most leave at once.
+        // Ten of which most leave.
         (0..10)
             .map(|k| [-60.0 + 30.0 * f64::from(k % 5), 40.0 - 75.0 * f64::from(k / 5)])
             .collect(),
