@@ -559,16 +559,17 @@ impl FrameSolver {
             unhurried: !self.options.sequence,
             from_found: self.options.sequence && task.changed.is_empty(),
         };
-        let (options, sequence) = (*fitter.options(), self.options.sequence);
+        let options = *fitter.options();
+        // What no sheet shows at any one time is in frames while touches move as well, and may be what the noise is estimated by.
+        let counts_whole = !self.options.sequence && noise.source == NoiseSource::Known;
         let (reduced, left) = (self.reduced.as_slice(), &mut self.left);
         let mut peaks = || {
             let places = picture.places();
             let [of_whole, of_reduced] = picture.left(reduced);
             *left = of_reduced;
-            // What no sheet shows at any one time is in frames while touches move as well.
-            let (left, values, freedom) = match sequence {
-                true => (of_reduced, reduced, reduced.len()),
-                false => (of_whole, picture.values, freedom),
+            let (left, values, freedom) = match counts_whole {
+                true => (of_whole, picture.values, freedom),
+                false => (of_reduced, reduced, reduced.len()),
             };
             let misfit = left / (noise.sigma.powi(2) * freedom as f64);
             let residual = (left / square(values)).sqrt();

@@ -154,9 +154,9 @@ pub struct Found {
     pub fit: Fit,
     /// Whether they are those of the frame before.
     pub followed: bool,
-    /// Whether the search came to its end.
+    /// Whether the search came to its end, or there was none.
     pub finished: bool,
-    /// Whether there was none, since no touches would explain the frame. There are none then.
+    /// Whether there was no search, since no touches would explain the frame: none are found.
     pub hopeless: bool,
     /// What it cost, in evaluations of the response to one touch.
     pub work: usize,
@@ -258,8 +258,7 @@ impl<'a> Search<'a> {
         Self { polarity, ..self }
     }
 
-    /// Finds the touches: those of the frame before, or else from a picture's peaks. None where the picture says that no touches explain
-    /// the frame.
+    /// Finds the touches: those of the frame before, or else from a picture's peaks. Without peaks there is no search.
     pub fn run(mut self, seeds: Seeds, before: Option<Before>) -> Option<Found> {
         let mut rival = None;
         if let Some(before) = before.filter(|b| !b.discs.is_empty()) {
