@@ -2,20 +2,19 @@
 
 mod beside;
 mod evidence;
+mod lattice;
 
 use self::beside::Beside;
 pub(super) use self::evidence::Evidence;
+use self::lattice::{FAR, Lattice, Placed, Scored};
 use super::maps::{Maps, symmetric_eigen};
 use super::rest::{Rest, variance};
 use crate::linalg::aligned::Aligned;
 use crate::linalg::kernels::{LANES, dots_of, padded};
 use crate::quality::doubt::Doubt;
-use nalgebra::{Cholesky, DMatrix, DVector, Matrix2, Vector2};
+use nalgebra::{Cholesky, DMatrix, DVector, Matrix2};
 use pulp::Arch;
-use std::collections::BTreeMap;
 
-/// Nodes along a side of a group, one of which is tried first.
-const GROUP: i64 = 2;
 /// Directions of the whitened maps that are kept.
 const DIRECTIONS: usize = 48;
 /// Directions more from which they are found.
@@ -30,12 +29,8 @@ const REPETITIONS: usize = 2;
 const REPETITIONS_WITH_MISSING: usize = 20;
 /// Mean square of residuals from which two presses at once are looked for. Presses that were learned from leave 1.
 const SUSPECT: f64 = 2.0;
-/// Nodes from one to the next where pairs of presses are tried.
-const SPREAD: i64 = 4;
 /// Largest change of a measurement by several presses, over that of one.
 const LARGEST_SUM: f64 = 1.5;
-/// Logarithm of the evidence by which a node is out of question.
-const FAR: f64 = 12.0;
 /// Sweeps over the presses of a frame in which each is placed anew with the others as they are.
 const SWEEPS: usize = 2;
 /// Most presses of a frame.
@@ -90,13 +85,8 @@ impl Presence {
 /// The maps on a grid, whitened by the covariance of what they leave over.
 pub(super) struct Locator {
     maps: Maps,
-    nodes_mm: Vec<[f64; 2]>,
-    step_mm: f64,
-    /// One node of every group of neighbours, and the others of each.
-    firsts: Vec<usize>,
-    others: Vec<Vec<usize>>,
-    /// Nodes far apart from one another, where pairs are tried, and the products of their maps.
-    spread: Vec<usize>,
+    lattice: Lattice,
+    /// Products of the maps at nodes that are far apart from one another.
     crossings: DMatrix<f64>,
     /// Measurements x nodes.
     table: DMatrix<f64>,
@@ -140,36 +130,15 @@ struct Reduced {
     outside: f64,
 }
 
-struct Placed {
-    node: usize,
-    mean_mm: Vector2<f64>,
-    covariance: Matrix2<f64>,
-}
-
 impl Locator {
     /// Tabulates the maps, with so many steps from the middle to the reach of the presses. `None` where the covariance is not
     /// positive definite, or the numbers are beyond what can be computed with.
     pub(super) fn new(maps: Maps, rest: &Rest, steps: f64) -> Option<Self> {
         let covariance = &rest.covariance;
         let frame = maps.frame;
-        let step_mm = frame.reach_mm / steps;
-        let reach = steps as i64;
-        let lattice: Vec<[i64; 2]> = (-reach..=reach)
-            .flat_map(|j| (-reach..=reach).map(move |i| [i, j]))
-            .filter(|[i, j]| ((i * i + j * j) as f64).sqrt() <= steps)
-            .collect();
-        let place = |p: &[i64; 2]| [0, 1].map(|k| frame.centre_mm[k] + p[k] as f64 * step_mm);
-        let nodes_mm: Vec<[f64; 2]> = lattice.iter().map(place).collect();
-        let mut groups: BTreeMap<[i64; 2], Vec<usize>> = BTreeMap::new();
-        for (k, p) in lattice.iter().enumerate() {
-            groups.entry(p.map(|v| v.div_euclid(GROUP))).or_default().push(k);
-        }
-        let spread: Vec<usize> = (0..lattice.len())
-            .filter(|k| lattice[*k].iter().all(|v| v % SPREAD == 0))
-            .collect();
-        let groups = groups.into_values().map(|g| (g[0], g[1..].to_vec()));
-        let (firsts, others): (Vec<usize>, Vec<Vec<usize>>) = groups.unzip();
-        let table = maps.at(&nodes_mm);
+        let lattice = Lattice::new(frame.centre_mm, frame.reach_mm, steps);
+        let nodes_mm = &lattice.nodes_mm;
+        let table = maps.at(nodes_mm);
         let whitener = Cholesky::new(covariance.clone())?;
         let mut inverse = DMatrix::identity(table.nrows(), table.nrows());
         whitener.l_dirty().solve_lower_triangular_mut(&mut inverse);
@@ -191,12 +160,8 @@ impl Locator {
             largest: table.row_iter().map(|r| r.amax()).collect(),
             directions,
             reduced,
-            nodes_mm,
-            step_mm,
-            firsts,
-            others,
-            crossings: small_of(&spread).tr_mul(&small_of(&spread)),
-            spread,
+            crossings: small_of(&lattice.spread).tr_mul(&small_of(&lattice.spread)),
+            lattice,
             table,
             whitener,
             maps,
@@ -225,41 +190,52 @@ impl Locator {
         Reduced { along, outside }
     }
 
-    /// Logarithm of the evidence for a press at every node beside others at theirs, all strengths integrated out; minus infinity at
-    /// nodes that are far from the best.
-    fn scores(&self, frame: &Reduced, others: &[usize], evidence: Evidence) -> Option<Vec<f64>> {
+    /// Where a press is beside others at their nodes, all strengths integrated out. None where no node has a score that is a number.
+    ///
+    /// One node of every group is tried first. Unless their posterior is wide, the others of groups that are not out of question are tried
+    /// as well.
+    fn placed(&self, frame: &Reduced, others: &[usize], evidence: Evidence) -> Option<Placed> {
         let beside = Beside::new(self, frame, others, evidence)?;
-        // One node of every group first, then those of the groups that are not out of question.
-        let fits = beside.fits(self, &self.firsts);
-        let squares = beside.squares(self, &self.firsts, &fits);
+        let fits = beside.fits(self, &self.lattice.firsts);
+        let squares = beside.squares(self, &self.lattice.firsts, &fits);
         let best = (0..fits.len()).min_by(|a, b| squares[*a].total_cmp(&squares[*b]))?;
-        let least = beside.score(self, self.firsts[best], &fits[best], evidence) - FAR;
+        let least = beside.score(self, self.lattice.firsts[best], &fits[best], evidence) - FAR;
         // No variance is less than that of the others alone, and no press has fewer freedoms than none.
         let far = evidence.square_of(least, beside.variance.ln(), self.channels());
-        let mut scores = vec![f64::NEG_INFINITY; self.nodes_mm.len()];
+        let mut scored = Vec::new();
         let mut list = Vec::new();
-        for (place, (k, group)) in self.firsts.iter().zip(&self.others).enumerate() {
+        for (place, (k, group)) in self.lattice.firsts.iter().zip(&self.lattice.others).enumerate() {
             if squares[place] < far {
                 let score = beside.score(self, *k, &fits[place], evidence);
                 if score > least {
-                    scores[*k] = score;
+                    scored.push(Scored {
+                        node: *k,
+                        score,
+                        nodes: 1 + group.len(),
+                    });
                     list.extend_from_slice(group);
                 }
             }
         }
-        for (k, fit) in list.iter().zip(beside.fits(self, &list)) {
-            scores[*k] = beside.score(self, *k, &fit, evidence);
+        if let Some(placed) = self.lattice.wide(&scored) {
+            return Some(placed);
         }
-        Some(scores)
+        scored.iter_mut().for_each(|first| first.nodes = 1);
+        scored.extend(list.iter().zip(beside.fits(self, &list)).map(|(k, fit)| Scored {
+            node: *k,
+            score: beside.score(self, *k, &fit, evidence),
+            nodes: 1,
+        }));
+        self.lattice.posterior(&scored)
     }
 
     /// Of one node of every group the one where a press beside others leaves least.
     fn least_left(&self, frame: &Reduced, others: &[usize], evidence: Evidence) -> Option<usize> {
         let beside = Beside::new(self, frame, others, evidence)?;
-        let fits = beside.fits(self, &self.firsts);
-        let squares = beside.squares(self, &self.firsts, &fits);
+        let fits = beside.fits(self, &self.lattice.firsts);
+        let squares = beside.squares(self, &self.lattice.firsts, &fits);
         let best = (0..fits.len()).min_by(|a, b| squares[*a].total_cmp(&squares[*b]))?;
-        squares[best].is_finite().then_some(self.firsts[best])
+        squares[best].is_finite().then_some(self.lattice.firsts[best])
     }
 
     fn channels(&self) -> f64 {
@@ -270,10 +246,10 @@ impl Locator {
     fn best_pair(&self, frame: &Reduced, evidence: Evidence) -> Option<[usize; 2]> {
         let beside = Beside::new(self, frame, &[], evidence)?;
         let prior = beside.prior;
-        let along: Vec<f64> = self.products(&self.spread, &beside.frame);
+        let along: Vec<f64> = self.products(&self.lattice.spread, &beside.frame);
         let mut best = (f64::NEG_INFINITY, None);
-        for (i, a) in self.spread.iter().enumerate() {
-            for (j, b) in self.spread.iter().enumerate().skip(i + 1) {
+        for (i, a) in self.lattice.spread.iter().enumerate() {
+            for (j, b) in self.lattice.spread.iter().enumerate().skip(i + 1) {
                 let [first, second] = [along[i] + prior, along[j] + prior];
                 let [one, other, both] = [
                     self.squares[*a] + prior,
@@ -301,36 +277,6 @@ impl Locator {
         let mut out = Aligned::zeros(self.stride());
         out[..vector.len()].copy_from_slice(vector);
         out
-    }
-
-    /// Mean and covariance of the posterior around its highest node, and the node. None where no node has a score that is a number.
-    fn posterior(&self, scores: &[f64]) -> Option<Placed> {
-        let (mut node, mut best) = (0, f64::NEG_INFINITY);
-        for (k, s) in scores.iter().enumerate() {
-            if *s > best {
-                (node, best) = (k, *s);
-            }
-        }
-        best.is_finite().then_some(())?;
-        let (mut sum, mut mean, mut square) = (0.0, Vector2::zeros(), Matrix2::zeros());
-        for (s, p) in scores.iter().zip(&self.nodes_mm) {
-            if s - best > -FAR {
-                let weight = (s - best).exp();
-                let p = Vector2::from(*p);
-                sum += weight;
-                mean += weight * p;
-                square += weight * p * p.transpose();
-            }
-        }
-        mean /= sum;
-        // A node stands for its square, whose variance is a twelfth of its side's square.
-        let covariance =
-            square / sum - mean * mean.transpose() + Matrix2::identity() * (self.step_mm * self.step_mm / 12.0);
-        Some(Placed {
-            node,
-            mean_mm: mean,
-            covariance,
-        })
     }
 
     /// Strengths of presses at nodes, all at once, with their variances over the tempering, and by how much the logarithm of the
@@ -441,7 +387,7 @@ impl Locator {
         evidence: Evidence,
     ) -> Option<Settled> {
         if presses.is_empty() {
-            let there = self.posterior(&self.scores(frame, &[], evidence)?)?;
+            let there = self.placed(frame, &[], evidence)?;
             return self.settled(frame, &[there.node], vec![there], evidence);
         }
         let mut nodes: Vec<usize> = presses.iter().map(|p| p.node).collect();
@@ -463,7 +409,7 @@ impl Locator {
     /// Whether any two are so near that maps cannot tell them from one between them.
     fn are_near(&self, nodes: &[usize]) -> bool {
         let least = self.maps.near_mm();
-        let place = |k: usize| self.nodes_mm[nodes[k]];
+        let place = |k: usize| self.lattice.nodes_mm[nodes[k]];
         let near = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]) < least;
         (0..nodes.len()).any(|i| (0..i).any(|j| near(place(i), place(j))))
     }
@@ -477,7 +423,7 @@ impl Locator {
             for k in 0..nodes.len() {
                 let mut others = nodes.clone();
                 others.remove(k);
-                let there = self.posterior(&self.scores(frame, &others, evidence)?)?;
+                let there = self.placed(frame, &others, evidence)?;
                 nodes[k] = there.node;
                 placed.push(there);
             }
