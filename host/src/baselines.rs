@@ -226,6 +226,7 @@ mod tests {
             noise_v: 1e-4,
             deviations: Baseline::deviations_of(&[1e-4; 208], 24),
             frames: 24,
+            unlike: 0,
         }
     }
 

@@ -326,6 +326,9 @@ fn words(arguments: &Arguments, line: &Line, check: &WiringCheck, inspection: &I
     for warning in inspection.warnings() {
         text += &format!("found          {warning}\n");
     }
+    for note in inspection.notes() {
+        text += &format!("left out       {note}\n");
+    }
     text
 }
 

@@ -460,6 +460,10 @@ impl Output {
         if self.left_out.iter().any(|f| f.kind == FindingKind::Unsearched) {
             text += ", not searched for faults";
         }
+        for frames in self.left_out.iter().filter(|f| f.kind == FindingKind::Frames) {
+            let part = 1.0 - frames.factor.unwrap_or(1.0);
+            text += &format!(", {:.0} % of the baseline's frames left out", 100.0 * part);
+        }
         if self.left_out.iter().any(|f| f.kind == FindingKind::Untold) {
             text += ", without what presses told of the sheet";
         }

@@ -303,6 +303,8 @@ pub(crate) struct BaselineRecord {
     values_v: Vec<Option<f64>>,
     noise_v: Option<f64>,
     frames: usize,
+    #[serde(default)]
+    unlike: usize,
     deviations: Vec<(f64, f64)>,
 }
 
@@ -316,6 +318,7 @@ impl From<&Baseline> for BaselineRecord {
             values_v: baseline.values_v.iter().map(|v| number(*v)).collect(),
             noise_v: number(baseline.noise_v),
             frames: baseline.frames,
+            unlike: baseline.unlike,
             deviations: baseline.deviations.clone(),
         }
     }
@@ -327,6 +330,7 @@ impl From<BaselineRecord> for Baseline {
             values_v: record.values_v.iter().map(|v| v.unwrap_or(f64::NAN)).collect(),
             noise_v: record.noise_v.unwrap_or(f64::NAN),
             frames: record.frames,
+            unlike: record.unlike,
             deviations: record.deviations,
         }
     }

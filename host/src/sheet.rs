@@ -48,6 +48,9 @@ pub(crate) fn say(inspection: &Inspection) {
     for line in inspection.warnings() {
         say!("warning: {line}");
     }
+    for line in inspection.notes() {
+        say!("{line}");
+    }
 }
 
 /// The measurements of wires that lead to these electrodes (from 1; none given: each wire to its own).

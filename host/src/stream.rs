@@ -285,6 +285,7 @@ impl Stream {
             && let Some(inspection) = self.live.inspection()
         {
             self.said.extend(inspection.warnings());
+            self.said.extend(inspection.notes());
         }
         if matches!(self.way, Way::Board(_)) && self.live.wants_baseline() {
             self.said.push_back(

@@ -232,6 +232,18 @@ impl FrameSolver {
         self.fitter.as_ref().is_some_and(|f| f.options().explains(misfit, gain))
     }
 
+    /// Whether the touches of a result explain its frame; `gain` is that of a mean. A search that was cut short shows what it has, and
+    /// explains nothing yet. In a table each comes to its end.
+    pub(crate) fn is_explained(&self, result: &FrameResult, gain: f64) -> bool {
+        let Some(options) = self.fitter.as_ref().map(Fitter::options) else {
+            return false;
+        };
+        let explains = |misfit| {
+            !self.options.sequence || options.explains(misfit, gain) || result.residual <= options.most_residual
+        };
+        result.misfit.is_some_and(explains)
+    }
+
     /// Begins another fit of the frame, with touches of other signs or without a contact.
     pub(crate) fn begin_other(&mut self, drifting: Drifting) {
         self.fit_beside(drifting);

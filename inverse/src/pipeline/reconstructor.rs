@@ -507,7 +507,8 @@ impl Reconstructor {
             detector.forget();
         }
         let bare = self.is_bare(averaged.gain);
-        let unexplained = bare || (self.solver.fits() && self.result.misfit.is_none() && self.result.changed);
+        let explained = !self.result.changed || self.solver.is_explained(&self.result, averaged.gain);
+        let unexplained = bare || (self.solver.fits() && !explained);
         self.unexplained = if unexplained { self.unexplained + 1 } else { 0 };
         let least = match (self.options.sequence, bare) {
             (false, _) => 1,

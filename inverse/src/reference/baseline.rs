@@ -1,14 +1,19 @@
 //! The unpressed sheet, as measured: the mean of a number of frames, and their noise.
 
+use crate::stats::median;
+
+/// A frame whose distance from the median of all, root mean square, is so many times the usual one is unlike the others. That of Gaussian
+/// noise on n values scatters by 1/sqrt(2 n) of itself.
+const UNLIKE: f64 = 5.0;
+/// As is one whose values are larger or smaller by more than this part of them: a source does not change that much.
+const MOST_GAIN: f64 = 0.2;
+
 /// Collects frames of the unpressed sheet.
 #[derive(Clone, Debug)]
 pub struct BaselineTaker {
     wanted: usize,
-    count: Vec<f64>,
-    mean: Vec<f64>,
-    /// Sum of squared deviations (Welford 1962).
-    deviation: Vec<f64>,
-    taken: usize,
+    values: usize,
+    frames: Vec<Vec<f64>>,
 }
 
 /// What the unpressed sheet gives.
@@ -18,8 +23,10 @@ pub struct Baseline {
     pub values_v: Vec<f64>,
     /// Standard deviation of one value in one frame, V, pooled over all values.
     pub noise_v: f64,
-    /// Frames taken.
+    /// Frames that it is the mean of.
     pub frames: usize,
+    /// Frames that were unlike the others, and are left out.
+    pub unlike: usize,
     /// Sum of the squared deviations of every value from its mean, V², and degrees of freedom of the sum; empty for a single frame.
     pub deviations: Vec<(f64, f64)>,
 }
@@ -29,48 +36,83 @@ impl BaselineTaker {
     pub fn new(values: usize, wanted: usize) -> Self {
         Self {
             wanted: wanted.max(2),
-            count: vec![0.0; values],
-            mean: vec![0.0; values],
-            deviation: vec![0.0; values],
-            taken: 0,
+            values,
+            frames: Vec::new(),
         }
     }
 
-    /// Takes a frame; the baseline once there are enough. Values that are not finite are left out. Frames of another
-    /// length are ignored.
+    /// Takes a frame; the baseline once there are enough ([`Baseline::of_frames`]). Frames of another length are ignored.
     pub fn take(&mut self, frame_v: &[f64]) -> Option<Baseline> {
-        if frame_v.len() != self.mean.len() {
+        if frame_v.len() != self.values {
             return None;
         }
-        for (k, v) in frame_v.iter().enumerate().filter(|(_, v)| v.is_finite()) {
-            self.count[k] += 1.0;
-            let step = v - self.mean[k];
-            self.mean[k] += step / self.count[k];
-            self.deviation[k] += step * (v - self.mean[k]);
-        }
-        self.taken += 1;
-        if self.taken < self.wanted {
-            return None;
-        }
-        let freedom = self.count.iter().map(|c| (c - 1.0).max(0.0));
-        let deviations: Vec<(f64, f64)> = self.deviation.iter().copied().zip(freedom).collect();
-        Some(Baseline {
-            values_v: self
-                .mean
-                .iter()
-                .zip(&self.count)
-                .map(|(m, c)| if *c > 0.0 { *m } else { f64::NAN })
-                .collect(),
-            noise_v: pooled(deviations.iter()),
-            frames: self.taken,
-            deviations,
+        self.frames.push(frame_v.to_vec());
+        (self.left() == 0).then(|| {
+            let frames: Vec<&[f64]> = self.frames.iter().map(Vec::as_slice).collect();
+            Baseline::of_frames(self.values, &frames)
         })
     }
 
     /// Frames still wanted.
     pub fn left(&self) -> usize {
-        self.wanted.saturating_sub(self.taken)
+        self.wanted.saturating_sub(self.frames.len())
     }
+}
+
+/// Sums over the finite values of frames (Welford 1962).
+struct Sums {
+    count: Vec<f64>,
+    mean: Vec<f64>,
+    /// Sum of squared deviations.
+    deviation: Vec<f64>,
+}
+
+impl Sums {
+    fn of(values: usize, frames: &[Vec<f64>]) -> Self {
+        let mut sums = Self {
+            count: vec![0.0; values],
+            mean: vec![0.0; values],
+            deviation: vec![0.0; values],
+        };
+        for frame in frames {
+            for (k, v) in frame.iter().enumerate().filter(|(_, v)| v.is_finite()) {
+                sums.count[k] += 1.0;
+                let step = v - sums.mean[k];
+                sums.mean[k] += step / sums.count[k];
+                sums.deviation[k] += step * (v - sums.mean[k]);
+            }
+        }
+        sums
+    }
+}
+
+/// Frames that are like most, each over its gain beside the others'. That is no noise: it is found for every frame later, too. `None`
+/// where no three, or no half of them, are alike.
+fn alike(values: usize, frames: &[&[f64]]) -> Option<Vec<Vec<f64>>> {
+    let middle: Vec<f64> = (0..values).map(|k| median(frames.iter().map(|f| f[k]))).collect();
+    let products = |frame: &[f64], other: &[f64]| -> f64 {
+        let known = frame.iter().zip(other).zip(&middle).filter(|((v, _), _)| v.is_finite());
+        known.map(|((_, other), m)| other * m).sum()
+    };
+    let gained = frames
+        .iter()
+        .map(|frame| (products(frame, frame) / products(frame, &middle), *frame));
+    let alike: Vec<(f64, &[f64])> = gained.filter(|(gain, _)| (gain - 1.0).abs() <= MOST_GAIN).collect();
+    let off = |(gain, frame): &(f64, &[f64])| {
+        let squares = frame.iter().zip(&middle).map(|(v, m)| (v / gain - m).powi(2));
+        let known: Vec<f64> = squares.filter(|s| s.is_finite()).collect();
+        (known.iter().sum::<f64>() / known.len().max(1) as f64).sqrt()
+    };
+    let offs: Vec<f64> = alike.iter().map(off).collect();
+    let most = UNLIKE * median(offs.iter().copied());
+    // Of values that most frames have to the last bit, noise is not known.
+    let kept = alike.iter().zip(offs).filter(|(_, off)| most == 0.0 || *off <= most);
+    let kept: Vec<(f64, &[f64])> = kept.map(|(frame, _)| *frame).collect();
+    let mean = kept.iter().map(|(gain, _)| gain).sum::<f64>() / kept.len() as f64;
+    let scaled = kept
+        .iter()
+        .map(|(gain, frame)| frame.iter().map(|v| v * mean / gain).collect());
+    (kept.len() > 2 && 2 * kept.len() > frames.len()).then(|| scaled.collect())
 }
 
 impl Baseline {
@@ -81,27 +123,30 @@ impl Baseline {
             let all = of.values_v.iter().copied().chain([of.noise_v]).chain(deviations);
             all.map(f64::to_bits).collect::<Vec<_>>()
         };
-        self.frames == other.frames && bits(self) == bits(other)
+        (self.frames, self.unlike) == (other.frames, other.unlike) && bits(self) == bits(other)
     }
 
-    /// Of given frames of so many values (any unit): the plain mean of every value over the frames that have it. Frames of
-    /// another length are ignored.
+    /// Of given frames of so many values (any unit): the mean of every value over the frames that have it. Frames of another length are
+    /// ignored. Those that are unlike most are left out, and each counts over its gain. Where no three, or no half of them, are alike, it is
+    /// the plain mean of all.
     pub fn of_frames(values: usize, frames: &[&[f64]]) -> Self {
-        let mut taker = BaselineTaker::new(values, frames.len());
-        let taken = frames.iter().filter_map(|frame| taker.take(frame)).last();
-        let mean = |k: usize| {
-            let (mut sum, mut count) = (0.0, 0.0);
-            for v in frames.iter().filter_map(|f| f.get(k)).filter(|v| v.is_finite()) {
-                sum += v;
-                count += 1.0;
+        let frames: Vec<&[f64]> = frames.iter().copied().filter(|f| f.len() == values).collect();
+        let kept = alike(values, &frames).unwrap_or_else(|| frames.iter().map(|f| f.to_vec()).collect());
+        let sums = Sums::of(values, &kept);
+        let deviations: Vec<(f64, f64)> = match kept.len() {
+            0 | 1 => Vec::new(),
+            _ => {
+                let freedom = sums.count.iter().map(|c| (c - 1.0).max(0.0));
+                sums.deviation.iter().copied().zip(freedom).collect()
             }
-            sum / count
         };
+        let mean = |(m, c): (&f64, &f64)| if *c > 0.0 { *m } else { f64::NAN };
         Self {
-            values_v: (0..values).map(mean).collect(),
-            noise_v: taken.as_ref().map_or(0.0, |b| b.noise_v),
-            frames: frames.len(),
-            deviations: taken.map_or_else(Vec::new, |b| b.deviations),
+            values_v: sums.mean.iter().zip(&sums.count).map(mean).collect(),
+            noise_v: pooled(deviations.iter()),
+            frames: kept.len(),
+            unlike: frames.len() - kept.len(),
+            deviations,
         }
     }
 
@@ -212,5 +257,81 @@ mod tests {
         assert_eq!(given.values_v[..2], [1.5, 3.0]);
         assert!(given.values_v[2].is_nan());
         assert_eq!((given.noise_v, given.frames), (taken.noise_v, 3));
+    }
+
+    /// So many frames of the same values with noise, and a gain each.
+    fn frames(count: usize, gain_sd: f64, seed: u64) -> Vec<Vec<f64>> {
+        let mut rng = rand::rngs::StdRng::seed_from_u64(seed);
+        let frame = |_| {
+            let gain = 1.0 + gain_sd * rng.sample::<f64, _>(StandardNormal);
+            let value = |k: usize| gain * (1.0 + (k % 16) as f64) + NOISE * rng.sample::<f64, _>(StandardNormal);
+            (0..208).map(value).collect()
+        };
+        (0..count).map(frame).collect()
+    }
+
+    const NOISE: f64 = 0.01;
+
+    fn of(frames: &[Vec<f64>]) -> Baseline {
+        Baseline::of_frames(208, &frames.iter().map(Vec::as_slice).collect::<Vec<_>>())
+    }
+
+    #[test]
+    fn frames_unlike_the_others_are_left_out_and_spoil_nothing() {
+        type Spoil = fn(&mut Vec<f64>);
+        let spoils: [Spoil; 6] = [
+            |f| f.fill(0.0),
+            |f| f.iter_mut().for_each(|v| *v = -*v),
+            |f| f.iter_mut().for_each(|v| *v *= 1000.0),
+            |f| f.rotate_left(1),
+            |f| f[7] *= 3.0,
+            |f| f[16..48].fill(0.5),
+        ];
+        for count in [5, 8, 80] {
+            let clean = frames(count, 0.0, 1);
+            let without = of(&clean[1..]);
+            assert_eq!(of(&clean).unlike, 0);
+            for (k, spoil) in spoils.iter().enumerate() {
+                let mut spoilt = clean.clone();
+                spoil(&mut spoilt[0]);
+                let found = of(&spoilt);
+                assert_eq!((found.unlike, found.frames), (1, count - 1), "{count} {k}");
+                assert!((found.noise_v / without.noise_v - 1.0).abs() < 1e-2, "{count} {k}");
+                let pairs = found.values_v.iter().zip(&without.values_v);
+                let off = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+                assert!(off < 0.1 * NOISE, "{count} {k}: {off}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_gain_of_every_frame_is_no_noise() {
+        for gain_sd in [0.0, 0.003, 0.03] {
+            let found = of(&frames(80, gain_sd, 2));
+            assert_eq!(found.unlike, 0);
+            assert!(
+                (found.noise_v / NOISE - 1.0).abs() < 0.03,
+                "{gain_sd}: {}",
+                found.noise_v
+            );
+        }
+    }
+
+    #[test]
+    fn of_frames_that_have_nothing_in_common_none_is_preferred() {
+        let mut frames = frames(6, 0.0, 3);
+        let mut scale = 1.0;
+        for frame in &mut frames {
+            frame.iter_mut().for_each(|v| *v *= scale);
+            scale *= 2.0;
+        }
+        let found = of(&frames);
+        assert_eq!((found.unlike, found.frames), (0, 6));
+        let mean = frames.iter().map(|f| f[5]).sum::<f64>() / 6.0;
+        assert!((found.values_v[5] - mean).abs() < 1e-9);
+        // Nor of those that are the same to the last bit but for one.
+        let mut same = vec![frames[0].clone(); 5];
+        same.push(frames[0].iter().map(|v| v + NOISE).collect());
+        assert_eq!(of(&same).unlike, 0);
     }
 }

@@ -125,6 +125,7 @@ pub fn inspect(
     }
     bad_contacts::name(&mut findings, pattern, electrodes.as_ref(), &options.electrodes);
     findings.extend((!imager.is_searched()).then(|| of_no_value(FindingKind::Unsearched, pattern)));
+    findings.extend(unlike(&baseline, pattern));
     let used_told = electrodes.as_ref().is_some_and(|fit| fit.imager.told.is_some());
     findings.extend((imager.told.is_some() && !used_told).then(|| of_no_value(FindingKind::Untold, pattern)));
     let baseline = baseline.without(&used);
@@ -174,7 +175,16 @@ fn amplifier_finding(pattern: &Pattern, amplifier: &Amplifier, used: &mut [bool]
     }
 }
 
-/// What is left out without a value: searches of too many values, and what presses told.
+/// Frames that the baseline is not the mean of.
+fn unlike(baseline: &Baseline, pattern: &Pattern) -> Option<Finding> {
+    let Baseline { frames, unlike, .. } = *baseline;
+    (unlike > 0).then(|| Finding {
+        factor: Some(frames as f64 / (frames + unlike) as f64),
+        ..of_no_value(FindingKind::Frames, pattern)
+    })
+}
+
+/// What is left out without a value: frames, searches of too many values, and what presses told.
 fn of_no_value(kind: FindingKind, pattern: &Pattern) -> Finding {
     Finding {
         kind,
@@ -208,8 +218,8 @@ impl Inspection {
         Self {
             imager: Arc::clone(imager),
             expected: baseline.relative_noise(),
+            findings: unlike(&baseline, &imager.pattern).into_iter().collect(),
             baseline,
-            findings: Vec::new(),
             fault: None,
             conclusive: true,
             electrodes: None,
@@ -245,6 +255,12 @@ impl Inspection {
         [expected, all - expected]
     }
 
+    /// What was done about it, and needs no hand; a line each.
+    pub fn notes(&self) -> Vec<String> {
+        let mended = self.findings.iter().filter(|f| f.kind == FindingKind::Frames);
+        mended.map(ToString::to_string).collect()
+    }
+
     /// What there is to say of it, a line each, the gravest first; none for a baseline as it should be.
     pub fn warnings(&self) -> Vec<String> {
         let mut lines: Vec<String> = Vec::new();
@@ -265,7 +281,8 @@ impl Inspection {
                     .to_owned(),
             );
         }
-        lines.extend(self.findings.iter().map(ToString::to_string));
+        let grave = self.findings.iter().filter(|f| f.kind != FindingKind::Frames);
+        lines.extend(grave.map(ToString::to_string));
         if let Some(NoFit::TooFar {
             electrode,
             moved_mm,

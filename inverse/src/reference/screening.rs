@@ -87,6 +87,8 @@ pub enum FindingKind {
     Untold,
     /// Frames have too many values to look for what is broken, and for what drifts seldom. It concerns no value.
     Unsearched,
+    /// Frames that the baseline is not the mean of; [`Finding::factor`] is the part of them that it is. It concerns no value.
+    Frames,
 }
 
 /// Something in a baseline that is not as the model of the sheet has it.
@@ -196,6 +198,12 @@ impl fmt::Display for Finding {
                 "frames have {} values, more than {MOST_SEARCHED}: what is broken is not looked for in them, nor contacts, \
                  gains of channels and an unevenness that changed; use a pattern of fewer values for that",
                 self.of
+            ),
+            FindingKind::Frames => write!(
+                f,
+                "{:.0} % of the baseline's frames are unlike the others and left out: something touched, or a contact or the supply fails \
+                 now and then",
+                100.0 * (1.0 - factor)
             ),
             FindingKind::SenseOffset => write!(
                 f,

@@ -7,6 +7,7 @@
 )]
 
 mod accuracy;
+mod bad_frames;
 mod contacts;
 mod dataset;
 mod drift;

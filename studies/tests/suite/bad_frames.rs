@@ -1,0 +1,168 @@
+//! Frames that are wrong as a whole: of the baseline, and after it.
+
+use forward::{DiscTouch, Drive};
+use inverse::live::{Live, LiveFrame, LiveOptions};
+use inverse::touches::touch::Touch;
+use rand::rngs::StdRng;
+use studies::{TestSheet, imager, noise_v, noisy, rng};
+
+const AT_MM: [f64; 2] = [31.0, -18.0];
+/// Time from a frame to the next, s.
+const INTERVAL_S: f64 = 1.0 / 115.0;
+
+/// A sheet with its baseline frames, frames without and with a finger, and their noise.
+struct Rig {
+    sheet: TestSheet,
+    touched: Vec<f64>,
+    sigma: f64,
+    rng: StdRng,
+    live: Live,
+    frames: usize,
+}
+
+impl Rig {
+    fn new(seed: u64, mut spoil: impl FnMut(usize, &mut Vec<f64>)) -> Self {
+        let mut rng = rng(seed);
+        let imager = imager(Drive::PAPER, 5.0).unwrap();
+        let mut sheet = TestSheet::new(&imager, Drive::PAPER, 0.3, 0.2, &mut rng).unwrap();
+        let finger = DiscTouch {
+            centre_mm: AT_MM,
+            radius_mm: 12.5,
+            rise: 0.2,
+        };
+        let touched = sheet.clean_frame(&[finger]).unwrap();
+        let sigma = noise_v(&touched, &sheet.baseline, 27.0);
+        let options = LiveOptions {
+            baseline_frames: 80,
+            ..LiveOptions::default()
+        };
+        let mut live = Live::new(imager, options);
+        for k in 0..options.baseline_frames {
+            let mut frame = sheet.empty(sigma, &mut rng);
+            spoil(k, &mut frame);
+            live.frame(k as f64 * INTERVAL_S, &frame).unwrap();
+        }
+        Self {
+            sheet,
+            touched,
+            sigma,
+            rng,
+            live,
+            frames: options.baseline_frames,
+        }
+    }
+
+    /// The next frame: its touches, and whether they are doubted.
+    fn next(&mut self, touched: bool, spoil: impl FnOnce(&mut Vec<f64>)) -> (Vec<Touch>, bool) {
+        let clean = if touched { &self.touched } else { &self.sheet.baseline };
+        let mut frame = noisy(clean.clone(), self.sigma, &mut self.rng);
+        spoil(&mut frame);
+        self.frames += 1;
+        match self.live.frame(self.frames as f64 * INTERVAL_S, &frame).unwrap() {
+            LiveFrame::Picture(result) => {
+                let doubted = result.doubt.is_some() || !result.faults.is_empty();
+                (result.touches.clone(), doubted)
+            }
+            LiveFrame::Baseline { .. } => panic!("the baseline is taken"),
+        }
+    }
+}
+
+fn is_right(touches: &[Touch], touched: bool) -> bool {
+    match touches {
+        [] => !touched,
+        [one] => touched && (one.x_mm - AT_MM[0]).hypot(one.y_mm - AT_MM[1]) < 5.0,
+        _ => false,
+    }
+}
+
+type Spoil = fn(&mut Vec<f64>);
+
+/// Of 80 frames of a baseline one is spoilt, or eight: a finger is found as ever, and it is said how many were left out.
+#[test]
+fn a_bad_frame_of_the_baseline_hides_no_finger() {
+    let spoils: [Spoil; 4] = [
+        |f| f.fill(0.0),
+        |f| f.iter_mut().for_each(|v| *v = -*v),
+        |f| f.iter_mut().for_each(|v| *v *= 1000.0),
+        |f| f.rotate_left(1),
+    ];
+    for (k, spoil) in spoils.into_iter().enumerate() {
+        for bad in [1, 8] {
+            let mut rig = Rig::new(880, |frame, values| {
+                if frame % (80 / bad) == 5 {
+                    spoil(values);
+                }
+            });
+            let said = rig.live.inspection().unwrap().notes().join("\n");
+            let part = format!("{:.0} % of the baseline's frames are unlike", 100.0 * bad as f64 / 80.0);
+            assert!(said.contains(&part), "{said}");
+            for frame in 0..30 {
+                let touched = frame >= 10;
+                let (touches, doubted) = rig.next(touched, |_| ());
+                assert!(
+                    is_right(&touches, touched) && !doubted,
+                    "{k}, {bad} bad, frame {frame}: {touches:?}"
+                );
+            }
+        }
+    }
+    let healthy = Rig::new(880, |_, _| ());
+    let inspection = healthy.live.inspection().unwrap();
+    assert_eq!(
+        [inspection.warnings(), inspection.notes()].concat(),
+        Vec::<String>::new()
+    );
+}
+
+/// A source whose amplitude is another in every frame, or that still settles, hides no finger either.
+#[test]
+fn the_gain_of_a_baseline_frame_is_no_noise() {
+    let gains: [fn(usize) -> f64; 2] = [
+        |k| 1.0 + 0.01 * (2.4 * k as f64).sin(),
+        |k| 1.0 - 0.02 * (-(k as f64) / 30.0).exp(),
+    ];
+    for gain in gains {
+        let mut rig = Rig::new(881, |k, frame| frame.iter_mut().for_each(|v| *v *= gain(k)));
+        for frame in 0..30 {
+            let touched = frame >= 10;
+            let (touches, doubted) = rig.next(touched, |f| f.iter_mut().for_each(|v| *v *= gain(80 + frame)));
+            assert!(is_right(&touches, touched) && !doubted, "frame {frame}: {touches:?}");
+        }
+    }
+}
+
+/// What changes by more than touches do, and differently in every frame, leaves a search no time to end. It is doubted all the same.
+#[test]
+fn what_no_touch_explains_is_doubted_however_it_changes() {
+    let spoils: [Spoil; 3] = [
+        |f| f.rotate_left(1),
+        |f| {
+            let most = 0.9 * f.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
+            f.iter_mut().for_each(|v| *v = v.clamp(-most, most));
+        },
+        |f| {
+            let before = f.clone();
+            f.iter_mut()
+                .skip(1)
+                .zip(&before)
+                .for_each(|(v, b)| *v += 0.03 * (b - *v));
+        },
+    ];
+    for (kind, spoil) in spoils.into_iter().enumerate() {
+        let mut rig = Rig::new(882, |_, _| ());
+        let mut silent = 0;
+        for frame in 0..120 {
+            let touched = frame >= 60;
+            let (touches, doubted) = rig.next(touched, spoil);
+            // A tenth of a second after a change everything is to be said.
+            if frame % 60 >= 12 && !is_right(&touches, touched) && !doubted {
+                silent += 1;
+            }
+        }
+        assert!(
+            silent <= 2,
+            "kind {kind}: {silent} of 96 frames are wrong and not doubted"
+        );
+    }
+}
