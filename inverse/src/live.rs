@@ -4,6 +4,7 @@ use crate::force::meter::{Calibration, ForceMeter};
 use crate::learned::{LearnedSheet, PressFollower};
 use crate::pipeline::{FrameResult, Reconstructor, ReconstructorOptions};
 use crate::quality::doubt::Doubt;
+use crate::quality::repeats::Repeats;
 use crate::reference::baseline::{Baseline, BaselineTaker};
 use crate::reference::imager::{Imager, ImagerError};
 use crate::reference::inspection::{Inspection, InspectionOptions, inspect};
@@ -94,6 +95,8 @@ pub struct Live {
     learned: Option<LearnedSheet>,
     /// When the frame before was measured, s.
     before_s: Option<f64>,
+    /// Frames that are the same.
+    repeats: Repeats,
     /// Time from a frame to the next, s, as last seen.
     interval_s: Option<f64>,
     /// Since when nothing is on the sheet, and something that lay there in the baseline has gone, s.
@@ -137,6 +140,7 @@ impl Live {
             inspected: Vec::new(),
             learned: None,
             before_s: None,
+            repeats: Repeats::default(),
             interval_s: None,
             gone_since_s: None,
             nominal: imager,
@@ -270,11 +274,14 @@ impl Live {
             Way::Model(reconstructor) => reconstructor,
             Way::Presses(follower) => {
                 let result = follower.frame(values_v, interval_s)?;
+                self.repeats.take(values_v, &mut result.doubt);
                 self.tracker.update(time_s, &mut result.touches, result.doubt.is_some());
                 return Ok(LiveFrame::Picture(result));
             }
         };
+        self.repeats.uncover(reconstructor.doubt());
         let result = reconstructor.frame_after(values_v, self.interval_s)?;
+        self.repeats.take(values_v, &mut result.doubt);
         let gone = matches!(result.doubt, Some(Doubt::Gone { .. })) && result.touches.is_empty();
         self.gone_since_s = gone.then(|| self.gone_since_s.unwrap_or(time_s));
         let doubted = result.doubt.is_some() || !result.faults.is_empty();
@@ -301,6 +308,7 @@ impl Live {
             // What is pressed in now belongs to the baseline.
             meter.rest();
         }
+        self.repeats = Repeats::after(&baseline);
         if let Some(learned) = &self.learned {
             let follower = PressFollower::new(learned, Arc::clone(&self.nominal), &baseline.values_v);
             self.running = Some(Running {

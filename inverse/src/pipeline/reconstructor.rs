@@ -179,6 +179,11 @@ impl Reconstructor {
         Ok(&mut self.result)
     }
 
+    /// What is doubted of the last frame.
+    pub(crate) fn doubt(&mut self) -> &mut Option<Doubt> {
+        &mut self.result.doubt
+    }
+
     /// The same with room for the frame divided by its gain. Where the gain turns out to be another, once more.
     fn divided(&mut self, values: &[f64], interval_s: Option<f64>, room: &mut Vec<f64>) -> Result<(), ImagerError> {
         for last in [false, true] {

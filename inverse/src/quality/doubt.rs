@@ -21,6 +21,8 @@ pub enum Doubt {
     NotTouches,
     /// The frame's time went into what frames are solved with from now on. What is shown is of the last one solved.
     NotSolved,
+    /// The frame is the same to the last bit as those before it, though noise makes frames differ.
+    Repeated,
     /// With a calibration from presses: what touches leave over is larger than in those presses.
     UnlikePresses {
         /// By so many times.
@@ -111,6 +113,10 @@ impl fmt::Display for Doubt {
             Self::NotSolved => write!(
                 f,
                 "the frame was not solved: its time went into what the next ones are solved with; shown is the last one that was"
+            ),
+            Self::Repeated => write!(
+                f,
+                "the same frame comes again and again: the board, or what passes its frames on, repeats an old one"
             ),
             Self::NotTouches => write!(
                 f,

@@ -5,4 +5,5 @@ pub mod doubt;
 pub(crate) mod fault_monitor;
 pub mod faults;
 pub mod reciprocity;
+pub(crate) mod repeats;
 pub(crate) mod wild;

@@ -132,6 +132,30 @@ fn the_gain_of_a_baseline_frame_is_no_noise() {
     }
 }
 
+/// A buffer that nobody fills any more is told by its ninth frame, and frames that come twice are none.
+#[test]
+fn the_same_frame_again_and_again_is_no_finger_that_rests() {
+    let mut rig = Rig::new(883, |_, _| ());
+    let mut last = Vec::new();
+    for frame in 0..20 {
+        let (touches, doubted) = rig.next(true, |f| last.clone_from(f));
+        assert!(is_right(&touches, true) && !doubted, "frame {frame}: {touches:?}");
+    }
+    for frame in 0..60 {
+        let (_, doubted) = rig.next(false, |f| f.clone_from(&last));
+        assert_eq!(doubted, frame >= 7, "frame {frame}");
+    }
+    for frame in 0..40 {
+        let (touches, doubted) = rig.next(false, |f| {
+            if frame % 2 == 1 {
+                f.clone_from(&last);
+            }
+            last.clone_from(f);
+        });
+        assert!(touches.is_empty() && !doubted, "frame {frame}: {touches:?}");
+    }
+}
+
 /// What changes by more than touches do, and differently in every frame, leaves a search no time to end. It is doubted all the same.
 #[test]
 fn what_no_touch_explains_is_doubted_however_it_changes() {
