@@ -374,7 +374,7 @@ fn indices(out: &mut impl ArrayFile, pattern: &Pattern, picks: &Picks, pyeit: bo
     Ok(())
 }
 
-/// The mean of the frames of these numbers, those that made the first baseline, V, in the plan's order; none where there are none.
+/// The baseline that the frames of these numbers make, those of the first one, V, in the plan's order; none where there are none.
 fn baseline(path: &Path, numbers: &[u32]) -> Result<Option<Vec<f64>>> {
     let mut frames = RecordedFrames::open(path, &Part::default())?;
     let mut used: Vec<Vec<f64>> = Vec::new();

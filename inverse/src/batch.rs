@@ -92,7 +92,7 @@ impl Batch {
             ..ReconstructorOptions::for_imager(imager, options.method)
         };
         let meter = options.calibration.map(|c| ForceMeter::new(imager, c));
-        let noise = if unpressed.len() < options.noise_frames {
+        let noise = if baseline.frames < options.noise_frames {
             FrameNoise::Unknown
         } else {
             FrameNoise::Known {

@@ -196,6 +196,7 @@ impl Live {
     /// Takes the baseline anew, from the next frame on.
     pub fn tare(&mut self) {
         self.gone_since_s = None;
+        self.repeats = Repeats::default();
         self.taker = Some(BaselineTaker::new(
             self.nominal.pattern.len(),
             self.options.baseline_frames,
@@ -211,6 +212,7 @@ impl Live {
         self.nominal.fits(&baseline.values_v, &baseline.values_v)?;
         self.taker = None;
         self.gone_since_s = None;
+        self.repeats = Repeats::after(&baseline);
         self.put_in_force(baseline)
     }
 
@@ -256,6 +258,7 @@ impl Live {
     /// [`ImagerError`] when the frame does not have the pattern's length.
     pub fn frame(&mut self, time_s: f64, values_v: &[f64]) -> Result<LiveFrame<'_>, ImagerError> {
         if let Some(taker) = &mut self.taker {
+            self.repeats.rest(values_v);
             let done = taker.take(values_v);
             let left = taker.left();
             let Some(baseline) = done else {
@@ -308,7 +311,6 @@ impl Live {
             // What is pressed in now belongs to the baseline.
             meter.rest();
         }
-        self.repeats = Repeats::after(&baseline);
         if let Some(learned) = &self.learned {
             let follower = PressFollower::new(learned, Arc::clone(&self.nominal), &baseline.values_v);
             self.running = Some(Running {

@@ -192,7 +192,8 @@ impl Reconstructor {
             Ok(Batch::new(Arc::new(imager), &unpressed, options)?)
         });
         let batch = batch.map_err(raised)?;
-        for line in batch.inspection().warnings() {
+        let inspection = batch.inspection();
+        for line in inspection.warnings().into_iter().chain(inspection.notes()) {
             warn(py, &line)?;
         }
         Ok(Self {

@@ -323,7 +323,7 @@ fn measure(
     let pattern = Pattern::from_pairs(session.electrodes(), session.measurements())?;
     Ok(Measured {
         pattern: sheet::rewired(pattern, wires)?,
-        baseline: Baseline::of_frames(session.plan().value_count(), &unpressed),
+        baseline: Baseline::plain(session.plan().value_count(), &unpressed),
         plan: session.plan().clone(),
         frame_s: session.frame_s(),
         wall_s: times.map_or(0.0, |[first, last]| (last - first).as_secs_f64()),

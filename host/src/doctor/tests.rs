@@ -47,7 +47,7 @@ fn change(facts: &mut Facts, mut how: impl FnMut(usize, usize, &mut f64)) {
         values.iter_mut().enumerate().for_each(|(k, v)| how(frame, k, v));
     }
     let frames: Vec<&[f64]> = measured.frames.iter().map(|f| f.values_v.as_slice()).collect();
-    measured.baseline = Baseline::of_frames(measured.pattern.len(), &frames);
+    measured.baseline = Baseline::plain(measured.pattern.len(), &frames);
 }
 
 /// Whether each value is sensed between electrodes 4 and 5.

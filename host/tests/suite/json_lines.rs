@@ -1,6 +1,7 @@
 //! The lines of `skin run --json` against their schema, docs/live.schema.json.
 
 use crate::program::{Started, lines, output, program};
+use inverse::reference::screening::FindingKind;
 use serde_json::Value;
 use std::process::Stdio;
 
@@ -182,6 +183,34 @@ fn every_line_is_as_the_schema_has_it() {
     assert!(
         times.all(|(a, b)| a["time_s"].as_f64() < b["time_s"].as_f64() && a["unix_s"].as_f64() <= b["unix_s"].as_f64())
     );
+}
+
+#[test]
+fn every_kind_of_finding_is_in_the_schema() {
+    use FindingKind as Kind;
+    let schema: Value = serde_json::from_str(include_str!("../../../docs/live.schema.json")).unwrap();
+    let known = schema.pointer("/$defs/finding/properties/kind/enum").unwrap();
+    for kind in [
+        Kind::Electrode,
+        Kind::ElectrodeElsewhere,
+        Kind::DrivePair,
+        Kind::SensePair,
+        Kind::Contact,
+        Kind::Value,
+        Kind::AllSigns,
+        Kind::DriveSign,
+        Kind::SenseSign,
+        Kind::DriveGain,
+        Kind::SenseGain,
+        Kind::SenseOffset,
+        Kind::SenseMissing,
+        Kind::Untold,
+        Kind::Unsearched,
+        Kind::Frames,
+    ] {
+        let kind = serde_json::to_value(kind).unwrap();
+        assert!(known.as_array().unwrap().contains(&kind), "{kind}");
+    }
 }
 
 #[test]

@@ -6,14 +6,11 @@ use crate::reference::baseline::Baseline;
 /// So many frames one after another that are the same to the last bit are no measurement.
 const MOST: usize = 8;
 
-/// A value has noise of its own from this part of that of all on: what is less may be the gain of frames.
-const OWN: f64 = 0.5;
-
 /// Counts frames that are the same.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Repeats {
-    /// Whether noise would have made them different.
-    differ: bool,
+    /// Whether frames at rest may be the same: noise is less than a step of the converter, or there is none.
+    may_be: bool,
     last: Vec<u64>,
     count: usize,
     /// What was doubted of the last frame beside this.
@@ -21,16 +18,17 @@ pub(crate) struct Repeats {
 }
 
 impl Repeats {
-    /// For frames after this baseline. Where most of its values had next to no noise, it is less than a step of the converter, and frames at
-    /// rest may be the same.
+    /// For frames after a baseline that was taken before.
     pub(crate) fn after(baseline: &Baseline) -> Self {
-        let least = OWN * baseline.noise_v;
-        let noise = baseline.value_noise_v();
-        let differ = noise.iter().filter(|noise| **noise > least).count();
         Self {
-            differ: 2 * differ > baseline.values_v.len(),
+            may_be: baseline.noise_v == 0.0,
             ..Self::default()
         }
+    }
+
+    /// Takes a frame of a baseline. Where one is as the one before, later ones may be as well.
+    pub(crate) fn rest(&mut self, values_v: &[f64]) {
+        self.may_be |= self.is_same(values_v);
     }
 
     /// What is doubted of a last frame without this.
@@ -40,69 +38,75 @@ impl Repeats {
         }
     }
 
-    /// Takes a frame, and doubts it where it is one of many that are the same.
+    /// Takes a frame, and doubts it where it is one of many that are the same. What is known to be broken says more.
     pub(crate) fn take(&mut self, values_v: &[f64], doubt: &mut Option<Doubt>) {
+        self.count = if self.is_same(values_v) { self.count + 1 } else { 0 };
+        let says_less = matches!(doubt, None | Some(Doubt::NotTouches | Doubt::Gone { .. }));
+        if !self.may_be && self.count >= MOST && says_less {
+            self.covered = Some(doubt.replace(Doubt::Repeated));
+        }
+    }
+
+    fn is_same(&mut self, values_v: &[f64]) -> bool {
         let same = self.last.iter().copied().eq(values_v.iter().map(|v| v.to_bits()));
         if !same {
             self.last.clear();
             self.last.extend(values_v.iter().map(|v| v.to_bits()));
         }
-        self.count = if same { self.count + 1 } else { 0 };
-        if self.differ && self.count >= MOST {
-            self.covered = Some(doubt.replace(Doubt::Repeated));
-        }
+        same
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rand::{Rng, SeedableRng};
-    use rand_distr::StandardNormal;
 
-    /// Of 40 values so many of which have noise.
-    fn baseline(noisy: usize) -> Baseline {
-        let mut rng = rand::rngs::StdRng::seed_from_u64(4);
-        let mut noise = |k: usize| {
-            if k < noisy {
-                0.01 * rng.sample::<f64, _>(StandardNormal)
-            } else {
-                0.0
-            }
-        };
-        let frames: Vec<Vec<f64>> = (0..24)
-            .map(|_| (0..40).map(|k| 1.0 + (k % 7) as f64 + noise(k)).collect())
-            .collect();
-        Baseline::of_frames(40, &frames.iter().map(Vec::as_slice).collect::<Vec<_>>())
-    }
+    const FRAME: [f64; 4] = [1.0, 2.0, f64::NAN, 4.0];
 
-    /// After which of frames that are all the same the doubt is there.
-    fn doubted_after(repeats: &mut Repeats, frame: [f64; 4]) -> Option<usize> {
+    /// After how many frames that are all the same the doubt is there.
+    fn doubted_after(repeats: &mut Repeats) -> Option<usize> {
         (0..40).find(|_| {
             let mut doubt = None;
-            repeats.take(&frame, &mut doubt);
+            repeats.take(&FRAME, &mut doubt);
             doubt == Some(Doubt::Repeated)
         })
     }
 
     #[test]
     fn the_same_frame_again_and_again_is_doubted_until_another_comes() {
-        let mut repeats = Repeats::after(&baseline(40));
-        assert_eq!(doubted_after(&mut repeats, [1.0, 2.0, f64::NAN, 4.0]), Some(MOST));
+        let mut repeats = Repeats::default();
+        repeats.rest(&[1.0, 2.1, 3.0, 4.0]);
+        repeats.rest(&[1.0, 2.0, 3.1, 4.0]);
+        assert_eq!(doubted_after(&mut repeats), Some(MOST));
         let mut doubt = Some(Doubt::Repeated);
         repeats.uncover(&mut doubt);
         assert_eq!(doubt, None);
         let mut doubt = Some(Doubt::NotTouches);
         repeats.take(&[1.0, 2.0, f64::NAN, 4.1], &mut doubt);
-        assert_eq!(doubt, Some(Doubt::NotTouches));
         repeats.uncover(&mut doubt);
         assert_eq!(doubt, Some(Doubt::NotTouches));
     }
 
-    /// Noise of less than a step: most values never changed in the baseline.
+    #[test]
+    fn what_is_broken_is_not_hidden() {
+        let mut repeats = Repeats::default();
+        for _ in 0..40 {
+            let mut doubt = Some(Doubt::FewValues { used: 0, of: 4 });
+            repeats.take(&[f64::NAN; 4], &mut doubt);
+            assert_eq!(doubt, Some(Doubt::FewValues { used: 0, of: 4 }));
+        }
+    }
+
     #[test]
     fn frames_may_be_the_same_where_those_of_the_baseline_were() {
-        let mut repeats = Repeats::after(&baseline(15));
-        assert_eq!(doubted_after(&mut repeats, [1.0; 4]), None);
+        let mut repeats = Repeats::default();
+        repeats.rest(&FRAME);
+        repeats.rest(&FRAME);
+        assert_eq!(doubted_after(&mut repeats), None);
+        let frames = [[1.0, 2.0, 3.0, 4.0].as_slice(); 8];
+        assert_eq!(
+            doubted_after(&mut Repeats::after(&Baseline::of_frames(4, &frames))),
+            None
+        );
     }
 }

@@ -2,11 +2,13 @@
 
 use crate::stats::median;
 
-/// A frame whose distance from the median of all, root mean square, is so many times the usual one is unlike the others. That of Gaussian
-/// noise on n values scatters by 1/sqrt(2 n) of itself.
+/// A frame is unlike the others where its distance from their median is so many times the usual one. With Gaussian noise on n values
+/// that distance scatters by 1/sqrt(2 n) of itself.
 const UNLIKE: f64 = 5.0;
-/// As is one whose values are larger or smaller by more than this part of them: a source does not change that much.
+/// Or where its values are larger or smaller by more than this part of them: a source does not change that much.
 const MOST_GAIN: f64 = 0.2;
+/// Fewest values that tell a gain.
+const FEWEST_VALUES: usize = 8;
 
 /// Collects frames of the unpressed sheet.
 #[derive(Clone, Debug)]
@@ -14,6 +16,7 @@ pub struct BaselineTaker {
     wanted: usize,
     values: usize,
     frames: Vec<Vec<f64>>,
+    of_frames: fn(usize, &[&[f64]]) -> Baseline,
 }
 
 /// What the unpressed sheet gives.
@@ -38,6 +41,16 @@ impl BaselineTaker {
             wanted: wanted.max(2),
             values,
             frames: Vec::new(),
+            of_frames: Baseline::of_frames,
+        }
+    }
+
+    /// The same of which the gains of frames are noise ([`Baseline::with_gains`]), where later frames are not divided by theirs.
+    #[must_use]
+    pub fn with_gains(self) -> Self {
+        Self {
+            of_frames: Baseline::with_gains,
+            ..self
         }
     }
 
@@ -49,7 +62,7 @@ impl BaselineTaker {
         self.frames.push(frame_v.to_vec());
         (self.left() == 0).then(|| {
             let frames: Vec<&[f64]> = self.frames.iter().map(Vec::as_slice).collect();
-            Baseline::of_frames(self.values, &frames)
+            (self.of_frames)(self.values, &frames)
         })
     }
 
@@ -57,6 +70,10 @@ impl BaselineTaker {
     pub fn left(&self) -> usize {
         self.wanted.saturating_sub(self.frames.len())
     }
+}
+
+fn of_length<'a>(values: usize, frames: &[&'a [f64]]) -> impl Iterator<Item = &'a [f64]> {
+    frames.iter().copied().filter(move |f| f.len() == values)
 }
 
 /// Sums over the finite values of frames (Welford 1962).
@@ -86,33 +103,47 @@ impl Sums {
     }
 }
 
-/// Frames that are like most, each over its gain beside the others'. That is no noise: it is found for every frame later, too. `None`
-/// where no three, or no half of them, are alike.
-fn alike(values: usize, frames: &[&[f64]]) -> Option<Vec<Vec<f64>>> {
-    let middle: Vec<f64> = (0..values).map(|k| median(frames.iter().map(|f| f[k]))).collect();
-    let products = |frame: &[f64], other: &[f64]| -> f64 {
-        let known = frame.iter().zip(other).zip(&middle).filter(|((v, _), _)| v.is_finite());
-        known.map(|((_, other), m)| other * m).sum()
+/// Frames that are like most, each with its gain over their mean. `None` where no three, or not most of them, are alike.
+///
+/// A value counts by its own noise: an electrode that floats spoils no gain.
+fn alike<'a>(values: usize, frames: &[&'a [f64]]) -> Option<Vec<(f64, &'a [f64])>> {
+    let of_frames = |k: usize| frames.iter().map(move |f| f[k]);
+    let middle: Vec<f64> = (0..values).map(|k| median(of_frames(k))).collect();
+    let deviations: Vec<f64> = (middle.iter().enumerate())
+        .map(|(k, m)| median(of_frames(k).map(|v| (v - m).abs())))
+        .collect();
+    let usual = median(deviations.iter().copied());
+    let weight = |deviation: &f64| {
+        let deviation = deviation.max(usual);
+        if deviation > 0.0 { deviation.powi(-2) } else { 1.0 }
     };
-    let gained = frames
-        .iter()
-        .map(|frame| (products(frame, frame) / products(frame, &middle), *frame));
+    let weights: Vec<f64> = deviations.iter().map(weight).collect();
+    let known = |frame: &'a [f64]| {
+        let values = frame.iter().zip(&middle).zip(&weights);
+        values.filter(|((v, _), _)| v.is_finite())
+    };
+    let gain = |frame: &'a [f64]| {
+        let products = known(frame).map(|((v, m), w)| [w * v * m, w * m * m]);
+        let [own, all] = products.fold([0.0; 2], |sum, p| [sum[0] + p[0], sum[1] + p[1]]);
+        own / all
+    };
+    let off = |(gain, frame): &(f64, &'a [f64])| {
+        let squares = known(frame).map(|((v, m), w)| w * (v / gain - m).powi(2));
+        (squares.sum::<f64>() / known(frame).count().max(1) as f64).sqrt()
+    };
+    let gained = frames.iter().map(|frame| (gain(frame), *frame));
     let alike: Vec<(f64, &[f64])> = gained.filter(|(gain, _)| (gain - 1.0).abs() <= MOST_GAIN).collect();
-    let off = |(gain, frame): &(f64, &[f64])| {
-        let squares = frame.iter().zip(&middle).map(|(v, m)| (v / gain - m).powi(2));
-        let known: Vec<f64> = squares.filter(|s| s.is_finite()).collect();
-        (known.iter().sum::<f64>() / known.len().max(1) as f64).sqrt()
-    };
     let offs: Vec<f64> = alike.iter().map(off).collect();
     let most = UNLIKE * median(offs.iter().copied());
     // Of values that most frames have to the last bit, noise is not known.
-    let kept = alike.iter().zip(offs).filter(|(_, off)| most == 0.0 || *off <= most);
-    let kept: Vec<(f64, &[f64])> = kept.map(|(frame, _)| *frame).collect();
+    let kept = alike
+        .into_iter()
+        .zip(offs)
+        .filter(|(_, off)| most == 0.0 || *off <= most);
+    let mut kept: Vec<(f64, &[f64])> = kept.map(|(frame, _)| frame).collect();
     let mean = kept.iter().map(|(gain, _)| gain).sum::<f64>() / kept.len() as f64;
-    let scaled = kept
-        .iter()
-        .map(|(gain, frame)| frame.iter().map(|v| v * mean / gain).collect());
-    (kept.len() > 2 && 2 * kept.len() > frames.len()).then(|| scaled.collect())
+    kept.iter_mut().for_each(|(gain, _)| *gain /= mean);
+    (kept.len() > 2 && 2 * kept.len() > frames.len()).then_some(kept)
 }
 
 impl Baseline {
@@ -126,14 +157,50 @@ impl Baseline {
         (self.frames, self.unlike) == (other.frames, other.unlike) && bits(self) == bits(other)
     }
 
-    /// Of given frames of so many values (any unit): the mean of every value over the frames that have it. Frames of another length are
-    /// ignored. Those that are unlike most are left out, and each counts over its gain. Where no three, or no half of them, are alike, it is
-    /// the plain mean of all.
+    /// Of given frames of so many values (any unit): the mean of every value over the frames that have it. Frames of another length, and
+    /// those without any value, are ignored. Frames that are unlike most are left out, and each counts over its gain. Where no three, or not
+    /// most of them, are alike, it is the plain mean of all. So it is with fewer than eight values.
     pub fn of_frames(values: usize, frames: &[&[f64]]) -> Self {
-        let frames: Vec<&[f64]> = frames.iter().copied().filter(|f| f.len() == values).collect();
-        let kept = alike(values, &frames).unwrap_or_else(|| frames.iter().map(|f| f.to_vec()).collect());
-        let sums = Sums::of(values, &kept);
-        let deviations: Vec<(f64, f64)> = match kept.len() {
+        Self::of_alike(values, frames, true)
+    }
+
+    /// The same without division by gains: what they do to the values is noise.
+    pub fn with_gains(values: usize, frames: &[&[f64]]) -> Self {
+        Self::of_alike(values, frames, false)
+    }
+
+    /// The plain mean of all frames.
+    pub fn plain(values: usize, frames: &[&[f64]]) -> Self {
+        let frames: Vec<Vec<f64>> = of_length(values, frames).map(<[f64]>::to_vec).collect();
+        Self::mean_of(values, &frames)
+    }
+
+    fn of_alike(values: usize, frames: &[&[f64]], divides: bool) -> Self {
+        let known: Vec<&[f64]> = of_length(values, frames)
+            .filter(|f| f.iter().any(|v| v.is_finite()))
+            .collect();
+        let told = (values >= FEWEST_VALUES).then(|| alike(values, &known)).flatten();
+        let Some(kept) = told else {
+            return Self::plain(values, frames);
+        };
+        let over = |(gain, frame): &(f64, &[f64])| {
+            let gain = if divides { *gain } else { 1.0 };
+            frame.iter().map(|v| v / gain).collect()
+        };
+        let mut baseline = Self::mean_of(values, &kept.iter().map(over).collect::<Vec<Vec<f64>>>());
+        baseline.unlike = known.len() - kept.len();
+        if divides {
+            // A frame's gain takes one of its degrees of freedom.
+            let left = 1.0 - 1.0 / values as f64;
+            baseline.deviations.iter_mut().for_each(|(_, freedom)| *freedom *= left);
+        }
+        baseline.noise_v = pooled(baseline.deviations.iter());
+        baseline
+    }
+
+    fn mean_of(values: usize, frames: &[Vec<f64>]) -> Self {
+        let sums = Sums::of(values, frames);
+        let deviations: Vec<(f64, f64)> = match frames.len() {
             0 | 1 => Vec::new(),
             _ => {
                 let freedom = sums.count.iter().map(|c| (c - 1.0).max(0.0));
@@ -144,8 +211,8 @@ impl Baseline {
         Self {
             values_v: sums.mean.iter().zip(&sums.count).map(mean).collect(),
             noise_v: pooled(deviations.iter()),
-            frames: kept.len(),
-            unlike: frames.len() - kept.len(),
+            frames: frames.len(),
+            unlike: 0,
             deviations,
         }
     }
@@ -315,6 +382,38 @@ mod tests {
                 found.noise_v
             );
         }
+    }
+
+    /// An electrode that hangs in the air: a quarter of the values are its hum, and larger than all others.
+    #[test]
+    fn a_floating_electrode_makes_no_noise_of_other_values() {
+        for (count, seed) in [(8, 4), (24, 5), (80, 6)] {
+            let mut rng = rand::rngs::StdRng::seed_from_u64(seed);
+            let mut frames = frames(count, 0.003, seed);
+            for frame in &mut frames {
+                let floating = frame.iter_mut().step_by(4);
+                floating.for_each(|v| *v = 20.0 * rng.sample::<f64, _>(StandardNormal));
+            }
+            let found = of(&frames);
+            assert_eq!(found.unlike, 0);
+            let noise = found.value_noise_v();
+            let healthy = noise.iter().enumerate().filter(|(k, _)| k % 4 != 0);
+            let mean = healthy.map(|(_, sd)| sd * sd).sum::<f64>() / 156.0;
+            assert!((mean.sqrt() / NOISE - 1.0).abs() < 0.1, "{count}: {}", mean.sqrt());
+        }
+    }
+
+    /// A gain that is not divided by is noise, in proportion to the value.
+    #[test]
+    fn gains_are_noise_where_they_are_kept() {
+        let frames = frames(80, 0.01, 7);
+        let list: Vec<&[f64]> = frames.iter().map(Vec::as_slice).collect();
+        let kept = Baseline::with_gains(208, &list).value_noise_v();
+        for (k, sd) in kept.iter().enumerate() {
+            let expected = NOISE.hypot(0.01 * (1.0 + (k % 16) as f64));
+            assert!((sd / expected - 1.0).abs() < 0.35, "{k}: {sd} {expected}");
+        }
+        assert_eq!(Baseline::plain(208, &list).unlike, 0);
     }
 
     #[test]

@@ -97,7 +97,7 @@ pub struct Finding {
     /// What it is about.
     pub kind: FindingKind,
     /// Electrodes counted from 1: the electrode, the pair's two (plus, minus), or those of a value (drive plus and minus, sense
-    /// plus and minus). Empty for all signs.
+    /// plus and minus). Empty for all signs, and where it concerns no value.
     pub electrodes: Vec<usize>,
     /// Index of the value in the pattern, from 0, of a single value.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -109,7 +109,7 @@ pub struct Finding {
     pub values: usize,
     /// How many values a frame has.
     pub of: usize,
-    /// Whether these values, or this search, are left out.
+    /// Whether these values, frames or this search are left out.
     pub left_out: bool,
 }
 

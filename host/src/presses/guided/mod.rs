@@ -258,7 +258,8 @@ impl Run<'_> {
         let frame_s = session.frame_s().max(1e-4);
         let values = session.plan().value_count();
         let wanted = BASELINE_FRAMES.max((BASELINE_S / frame_s).round() as usize);
-        let mut baseline = BaselineTaker::new(values, wanted);
+        // Presses are taken from frames as they are.
+        let mut baseline = BaselineTaker::new(values, wanted).with_gains();
         let mut taker: Option<PressTaker> = None;
         let ends_s = self.pressed.as_ref().map(|scene| scene.duration_s + PATIENCE_S);
         guide.ask("taking the baseline, do not touch", None, &self.places());

@@ -21,10 +21,14 @@ pub(super) struct Scored {
     pub(super) nodes: usize,
 }
 
-/// Where a press is: its most probable node, its mean and its covariance.
+/// Most of a normal posterior that one node has where steps are as long as the standard deviation: 1/(2 pi).
+const MOST_OF_ONE: f64 = 0.16;
+
+/// Where a press is: its most probable node and the posterior's part there, its mean and its covariance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Placed {
     pub(super) node: usize,
+    pub(super) part: f64,
     pub(super) mean_mm: Vector2<f64>,
     pub(super) covariance: Matrix2<f64>,
 }
@@ -67,13 +71,13 @@ impl Lattice {
         }
     }
 
-    /// The posterior over first nodes of groups, each of which stands for its group, where it is wide. Other nodes then say the same: a sum
-    /// over a lattice is as exact as the integral where its steps are no longer than the standard deviation (Trefethen and Weideman 2014).
+    /// The posterior over first nodes of groups, each of which stands for its group, where it is wide and has no narrow peak. Other nodes
+    /// then say the same: over steps of a standard deviation a sum is as exact as the integral (Trefethen and Weideman 2014).
     pub(super) fn wide(&self, firsts: &[Scored]) -> Option<Placed> {
         let step_mm = GROUP as f64 * self.step_mm;
         let placed = posterior(&self.nodes_mm, step_mm, firsts)?;
         let narrow = placed.covariance.symmetric_eigenvalues().min();
-        (narrow > (WIDE * step_mm).powi(2)).then_some(placed)
+        (narrow > (WIDE * step_mm).powi(2) && placed.part < MOST_OF_ONE / WIDE.powi(2)).then_some(placed)
     }
 
     /// Mean and covariance of the posterior, and the highest node. None where no node has a score that is a number.
@@ -101,6 +105,7 @@ fn posterior(nodes_mm: &[[f64; 2]], step_mm: f64, scored: &[Scored]) -> Option<P
     let covariance = square / sum - mean * mean.transpose() + Matrix2::identity() * (step_mm * step_mm / 12.0);
     Some(Placed {
         node: best.node,
+        part: best.nodes as f64 / sum,
         mean_mm: mean,
         covariance,
     })
@@ -162,6 +167,20 @@ mod tests {
             let fine = lattice.posterior(&all).unwrap();
             assert!((fine.mean_mm - Vector2::new(0.9, 8.3)).norm() < 0.5, "{fine:?}");
         }
+    }
+
+    /// Far from one another, so that the covariance is wide: each is narrow all the same.
+    #[test]
+    fn narrow_peaks_are_not_wide_together() {
+        let lattice = Lattice::new([0.0; 2], 20.0 * STEP_MM, 20.0);
+        let peaks = [[20.9, 0.3], [-11.1, 18.7], [-9.3, -17.9]];
+        let [_, mut firsts] = normal(&lattice, peaks[0], [1.5; 2]);
+        for peak in &peaks[1..] {
+            for (all, one) in firsts.iter_mut().zip(&normal(&lattice, *peak, [1.5; 2])[1]) {
+                all.score = (all.score.exp() + one.score.exp()).ln();
+            }
+        }
+        assert_eq!(lattice.wide(&firsts), None);
     }
 
     #[test]
