@@ -299,7 +299,7 @@ pub fn learn(
         half_error_mm: half_error(&choice, &kept, evidence),
         tempering: evidence.tempering,
     };
-    let locator = Locator::new(maps, &rest, STEPS).ok_or(LearnError::NoChange)?;
+    let locator = Locator::new(maps, &rest, STEPS).ok_or(LearnError::NoChange)?.hurried();
     Ok((
         Learned {
             locator,
@@ -426,7 +426,7 @@ impl Learned {
                 .component_div(&DVector::from_column_slice(&stored.maps.scale).map(|s| s * s));
             parts.iter().all(|part| (1e-30..=1e30).contains(part)).then_some(())?;
             Some(Self {
-                locator: Locator::new(maps, &rest, STEPS)?,
+                locator: Locator::new(maps, &rest, STEPS)?.hurried(),
                 correction: match &stored.correction {
                     Some(correction) => Some(Correction::restore(correction, stored.used.len())?),
                     None => None,

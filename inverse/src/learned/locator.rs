@@ -103,6 +103,8 @@ pub(super) struct Locator {
     deviations: Vec<f64>,
     /// Largest change that the maps have anywhere, of every measurement.
     largest: Vec<f64>,
+    /// Whether one node of every group is enough where that tells a posterior.
+    hurried: bool,
     arch: Arch,
 }
 
@@ -160,6 +162,7 @@ impl Locator {
             largest: table.row_iter().map(|r| r.amax()).collect(),
             directions,
             reduced,
+            hurried: false,
             crossings: small_of(&lattice.spread).tr_mul(&small_of(&lattice.spread)),
             lattice,
             table,
@@ -167,6 +170,11 @@ impl Locator {
             maps,
             arch: Arch::new(),
         })
+    }
+
+    /// The same for frames that follow one another: of a wide posterior one node in four is tried. What is learned from has time.
+    pub(super) fn hurried(self) -> Self {
+        Self { hurried: true, ..self }
     }
 
     /// The maps that it was made of.
@@ -192,8 +200,8 @@ impl Locator {
 
     /// Where a press is beside others at their nodes, all strengths integrated out. None where no node has a score that is a number.
     ///
-    /// One node of every group is tried first. Unless their posterior is wide, the others of groups that are not out of question are tried
-    /// as well.
+    /// One node of every group is tried first. Then the others of groups that are not out of question, unless there is hurry and the
+    /// posterior is wide.
     fn placed(&self, frame: &Reduced, others: &[usize], evidence: Evidence) -> Option<Placed> {
         let beside = Beside::new(self, frame, others, evidence)?;
         let fits = beside.fits(self, &self.lattice.firsts);
@@ -217,7 +225,7 @@ impl Locator {
                 }
             }
         }
-        if let Some(placed) = self.lattice.wide(&scored) {
+        if let Some(placed) = self.lattice.wide(&scored).filter(|_| self.hurried) {
             return Some(placed);
         }
         scored.iter_mut().for_each(|first| first.nodes = 1);
