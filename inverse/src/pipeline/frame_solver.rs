@@ -232,6 +232,12 @@ impl FrameSolver {
         self.fitter.as_ref().is_some_and(|f| f.options().explains(misfit, gain))
     }
 
+    /// Whether touches may leave this misfit, and this part of the change, of a frame that they explain; `gain` is that of a mean.
+    pub(crate) fn may_leave(&self, misfit: f64, part: f64, gain: f64) -> bool {
+        let options = self.fitter.as_ref().map(Fitter::options);
+        options.is_some_and(|o| o.explains(misfit, gain) || part <= o.most_residual)
+    }
+
     /// Whether the touches of a result explain its frame; `gain` is that of a mean. A search that was cut short shows what it has, and
     /// explains nothing yet. In a table each comes to its end.
     pub(crate) fn is_explained(&self, result: &FrameResult, gain: f64) -> bool {

@@ -4,6 +4,7 @@ use crate::change::ChangeOptions;
 use crate::quality::contact::ContactOptions;
 use crate::quality::doubt::DoubtOptions;
 use crate::quality::faults::FaultOptions;
+use crate::reference::drift::LEAST_GAIN;
 use crate::reference::imager::Imager;
 use crate::solvers::Method;
 use crate::touches::fit::FitOptions;
@@ -138,7 +139,7 @@ impl ReconstructorOptions {
             least_sensitivity: 1e-3,
             unplaced_mm: 0.03 * extent,
             gain_step: 0.005,
-            least_gain: 0.2,
+            least_gain: LEAST_GAIN,
             change: ChangeOptions::default(),
             faults: FaultOptions::default(),
             contacts: ContactOptions::default(),

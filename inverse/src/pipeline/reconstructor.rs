@@ -12,6 +12,8 @@ use crate::pipeline::work::Work;
 use crate::quality::doubt::Doubt;
 use crate::quality::fault_monitor::FaultMonitor;
 use crate::quality::faults::{FaultDetector, leave_out};
+use crate::quality::flickers::{Flickers, is_alike};
+use crate::quality::reciprocity::Reciprocity;
 use crate::reference::diagnosis::{Electrodes, Fault};
 use crate::reference::drift::Drifting;
 use crate::reference::imager::{Imager, ImagerError};
@@ -32,6 +34,13 @@ pub struct Reconstructor {
     detectors: Detectors,
     faults: FaultDetector,
     broken: FaultMonitor,
+    /// What exchanged pairs of frames at rest say, and whether those disagreed last.
+    reciprocity: Reciprocity,
+    disagrees: bool,
+    /// The frame before, and whether this one differs from it by nothing but noise: then nothing moved while it was measured.
+    last: Vec<f64>,
+    rests: bool,
+    flickers: Flickers,
     /// What was broken as the baseline was taken.
     before: Option<Fault>,
     /// Whether the fault that is named is to be looked for in the frame.
@@ -82,6 +91,11 @@ impl Reconstructor {
             detectors,
             faults: FaultDetector::new(&imager.pattern, imager.drive, options.sequence, options.faults),
             broken,
+            reciprocity: Reciprocity::of_unknown_gains(&imager.pattern),
+            disagrees: false,
+            last: Vec::new(),
+            rests: false,
+            flickers: Flickers::default(),
             before: None,
             due: false,
             left_changed: false,
@@ -172,10 +186,17 @@ impl Reconstructor {
             self.show_faults();
             return Ok(&mut self.result);
         }
+        let sigma = self.reference.frame_noise().filter(|_| self.options.sequence);
+        self.rests = sigma.is_some_and(|sigma| is_alike(&self.last, values, sigma));
+        self.last.clear();
+        self.last.extend_from_slice(values);
         let mut divided = std::mem::take(&mut self.divided);
         let done = self.divided(values, interval_s, &mut divided);
         self.divided = divided;
         done?;
+        if let Some(sigma) = sigma {
+            self.flickers.take(values, self.unexplained > 0, sigma);
+        }
         Ok(&mut self.result)
     }
 
@@ -225,7 +246,8 @@ impl Reconstructor {
         let sound = result.faults.is_empty() && !self.broken.is_open();
         let untouched = result.touches.is_empty() && sound && result.doubt.is_none();
         if let Some(interval_s) = interval_s.filter(|_| untouched && self.options.sequence) {
-            let (baseline, used) = (self.reference.baseline(), &self.reference.unchanged().used);
+            // A wild value is no drift.
+            let (baseline, used) = (self.reference.baseline(), &self.difference.used);
             self.following.follow(room, baseline, used, interval_s);
         }
         Ok(())
@@ -336,6 +358,7 @@ impl Reconstructor {
         }
         self.show_faults();
         self.unexplained = 0;
+        self.disagrees = false;
     }
 
     /// Copies the mean of the frames at rest, and says what it is the mean of.
@@ -459,6 +482,12 @@ impl Reconstructor {
         self.making < MOST_MAKING && !self.solver.has_solved()
     }
 
+    /// Whether the touches of a result leave more of its frame than a whole hand would change: no touch that comes down.
+    fn leaves_more_than_a_hand(&self) -> bool {
+        let left = self.result.residual * self.difference.part_of(&self.imager().model_v);
+        self.result.changed && left > self.options.doubts.largest_hand
+    }
+
     /// Whether the result is a change that shows no touch, and that none explains; `gain` is that of the frame's mean.
     fn is_bare(&self, gain: f64) -> bool {
         let result = &self.result;
@@ -490,8 +519,27 @@ impl Reconstructor {
             },
             ..noise
         });
+        // What moves makes exchanged pairs disagree as well, so frames at rest tell it, and any frame that it is over.
+        if let Some(noise) = known {
+            let may = averaged.frames > 1 || self.disagrees || self.rests;
+            self.disagrees = may && self.disagree(averaged.gain, noise.sigma);
+        }
         self.solve_judged(averaged, quiet, known.or(estimated));
         true
+    }
+
+    /// Whether exchanged pairs of a mean disagree by more than its noise and than an error of the board that is a small part of the change:
+    /// by more than touches may leave that explain it.
+    fn disagree(&mut self, gain: f64, sigma: f64) -> bool {
+        let (model_v, d) = (&self.reference.imager().model_v, &self.difference);
+        let Some((now, _)) = self.reciprocity.look(&d.y, model_v, &d.spread, &d.used) else {
+            return false;
+        };
+        let values = (0..d.used.len()).filter(|k| d.used[*k]);
+        let change: f64 = values.map(|k| (d.y[k] / d.spread[k]).powi(2)).sum();
+        let part = (now.square / change).sqrt();
+        let noise = now.noise();
+        noise.is_some_and(|found| !self.solver.may_leave((found.sigma / sigma).powi(2), part, gain))
     }
 
     /// The same of values that were judged; `noise` is none where nothing tells it.
@@ -515,7 +563,8 @@ impl Reconstructor {
         let explained = !self.result.changed || self.solver.is_explained(&self.result, averaged.gain);
         let unexplained = bare || (self.solver.fits() && !explained);
         self.unexplained = if unexplained { self.unexplained + 1 } else { 0 };
-        let least = match (self.options.sequence, bare) {
+        let come_down = self.options.sequence && !self.flickers.often() && !self.leaves_more_than_a_hand();
+        let least = match (come_down, bare) {
             (false, _) => 1,
             // Half of the frame in which a touch lands is as before.
             (true, true) => 2,
@@ -530,6 +579,7 @@ impl Reconstructor {
                 y_mm: touch.y_mm.round() as i32,
                 fell: touch.rise < 0.0,
             }))
+            .or((self.disagrees && self.result.changed).then_some(Doubt::NotReciprocal))
             .or((self.unexplained >= least).then_some(Doubt::NotTouches))
             .or(contact);
         if self.result.doubt == Some(Doubt::NotThisSheet) {

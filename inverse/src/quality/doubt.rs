@@ -19,6 +19,8 @@ pub enum Doubt {
     NotThisSheet,
     /// Something changed, but no touches explain it.
     NotTouches,
+    /// At rest values that are the same on every sheet, with drive and sense exchanged, are not: what measures is wrong, or the wires.
+    NotReciprocal,
     /// The frame's time went into what frames are solved with from now on. What is shown is of the last one solved.
     NotSolved,
     /// The frame is the same to the last bit as those before it, though noise makes frames differ.
@@ -47,9 +49,10 @@ pub struct DoubtOptions {
     /// Part of the values that a frame needs. Without three electrodes of sixteen there are 76 of 208; the touches of such frames
     /// are still right.
     pub least_values: f64,
-    /// Largest change over the unpressed values, 2-norms. A whole hand with +300 % changes a tenth of this, a lost or reversed
-    /// source more than this.
+    /// Largest change over the unpressed values, 2-norms. A lost or reversed source changes more than this.
     pub largest_change: f64,
+    /// What a whole hand with +300 % changes of it, the same way. What touches leave more of was never one that comes down.
+    pub largest_hand: f64,
 }
 
 impl Default for DoubtOptions {
@@ -57,6 +60,7 @@ impl Default for DoubtOptions {
         Self {
             least_values: 0.35,
             largest_change: 0.6,
+            largest_hand: 0.06,
         }
     }
 }
@@ -69,14 +73,8 @@ impl Doubt {
         if (used as f64) < options.least_values * of as f64 {
             return Some(Self::FewValues { used, of });
         }
-        let (mut change, mut all) = (0.0, 0.0);
-        for ((y, v), used) in difference.y.iter().zip(model_v).zip(&difference.used) {
-            if *used {
-                change += y * y;
-                all += v * v;
-            }
-        }
-        let small = change <= options.largest_change * options.largest_change * all;
+        // What is no number is not small.
+        let small = difference.part_of(model_v) <= options.largest_change;
         (!small).then_some(Self::NotThisSheet)
     }
 }
@@ -117,6 +115,11 @@ impl fmt::Display for Doubt {
             Self::Repeated => write!(
                 f,
                 "the same frame comes again and again: the board, or what passes its frames on, repeats an old one"
+            ),
+            Self::NotReciprocal => write!(
+                f,
+                "values with drive and sense exchanged disagree, as on no sheet: look at cables, multiplexers, amplifiers and the time to \
+                 settle; touches are less certain than they say"
             ),
             Self::NotTouches => write!(
                 f,

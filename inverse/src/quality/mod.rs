@@ -4,6 +4,7 @@ pub mod contact;
 pub mod doubt;
 pub(crate) mod fault_monitor;
 pub mod faults;
+pub(crate) mod flickers;
 pub mod reciprocity;
 pub(crate) mod repeats;
 pub(crate) mod wild;

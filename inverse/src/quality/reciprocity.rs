@@ -37,6 +37,10 @@ struct Prepared {
 impl Reciprocity {
     /// Finds the pairs of a pattern.
     pub fn new(pattern: &Pattern, drive: Drive) -> Self {
+        Self::of_pairs(pattern, matches!(drive, Drive::Voltage { .. }))
+    }
+
+    fn of_pairs(pattern: &Pattern, scales: bool) -> Self {
         let drive_index = |p: Pair| pattern.drives().iter().position(|d| *d == p).unwrap_or(0);
         let drive_of = pattern.measurements().iter().map(|m| drive_index(m.drive)).collect();
         let pairs = pattern
@@ -49,9 +53,15 @@ impl Reciprocity {
             pairs,
             drive_of,
             drives: pattern.drives().len(),
-            scales: matches!(drive, Drive::Voltage { .. }),
+            scales,
             prepared: None,
         }
+    }
+
+    /// The same where the gain of every drive and of every sense pair is unknown, whatever drives: what drifts is then no disagreement. An
+    /// exchanged pair senses where the other drives, so the scales of the drives are those of the senses as well.
+    pub fn of_unknown_gains(pattern: &Pattern) -> Self {
+        Self::of_pairs(pattern, true)
     }
 
     /// The noise of a normalised difference `y = V_model (V / V_baseline - 1)`, whose values scatter by the same amount
@@ -247,6 +257,40 @@ mod tests {
             solver
                 .solve(&vec![[1.0, 0.0, 1.0]; solver.conductivity().len()])
                 .unwrap();
+        }
+    }
+
+    /// Gains of drives and of senses that drift are no disagreement whatever drives; a value that remembers the one before it is.
+    #[test]
+    fn gains_agree_and_memories_do_not() {
+        let model = Arc::new(Model::new(&Sheet::paper(), &ModelOptions::default()).unwrap());
+        let mut solver = Solver::new(model.clone()).unwrap();
+        let touch = DiscTouch {
+            centre_mm: [-20.0, 50.0],
+            radius_mm: 12.5,
+            rise: 0.2,
+        };
+        let conductivity = conductivity_of_discs(model.mesh(), &[touch]);
+        let pattern = Pattern::adjacent(16).unwrap();
+        for drive in [Drive::PAPER, Drive::Current { amplitude_a: 1e-3 }] {
+            let untouched = vec![[1.0, 0.0, 1.0]; conductivity.len()];
+            let baseline = drive.frame_v(solver.solve(&untouched).unwrap(), &pattern);
+            let touched = drive.frame_v(solver.solve(&conductivity).unwrap(), &pattern);
+            let gain = |a: usize, b: usize, by: usize| 1.0 + 0.05 * ((by * (a + b)) as f64).sin();
+            let drifted: Vec<f64> = (pattern.measurements().iter().zip(&touched))
+                .map(|(m, v)| v * gain(m.drive.plus, m.drive.minus, 5) * gain(m.sense.plus, m.sense.minus, 11))
+                .collect();
+            let remembers: Vec<f64> = std::iter::once(touched[0])
+                .chain(touched.windows(2).map(|v| v[1] + 0.01 * (v[0] - v[1])))
+                .collect();
+            let judge = Reciprocity::of_unknown_gains(&pattern);
+            let [agrees, disagrees] = [drifted, remembers].map(|frame| {
+                let y = DVector::from_fn(frame.len(), |k, _| frame[k] - baseline[k]);
+                let found = judge.disagreement(&y, &baseline, &[1.0; 208], &[true; 208]).unwrap();
+                assert_eq!(found.freedom, 89);
+                (found.square / y.norm_squared()).sqrt()
+            });
+            assert!(agrees < 1e-6 && disagrees > 0.1, "{drive:?}: {agrees} {disagrees}");
         }
     }
 }

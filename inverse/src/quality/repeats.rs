@@ -41,7 +41,10 @@ impl Repeats {
     /// Takes a frame, and doubts it where it is one of many that are the same. What is known to be broken says more.
     pub(crate) fn take(&mut self, values_v: &[f64], doubt: &mut Option<Doubt>) {
         self.count = if self.is_same(values_v) { self.count + 1 } else { 0 };
-        let says_less = matches!(doubt, None | Some(Doubt::NotTouches | Doubt::Gone { .. }));
+        let says_less = matches!(
+            doubt,
+            None | Some(Doubt::NotTouches | Doubt::NotReciprocal | Doubt::Gone { .. })
+        );
         if !self.may_be && self.count >= MOST && says_less {
             self.covered = Some(doubt.replace(Doubt::Repeated));
         }

@@ -15,11 +15,19 @@ pub struct Difference {
 
 /// A baseline below this fraction of its median is too small to divide by.
 const LEAST_BASELINE: f64 = 1e-3;
+/// A value of more than this many times the baseline is no measurement: no converter has such a range, and its rounding would hide others.
+const LARGEST_CHANGE: f64 = 1e12;
+
+/// Whether a frame's value can be compared with that of the baseline.
+pub(super) fn is_measured(value: f64, baseline: f64) -> bool {
+    // A comparison with what is no number is false.
+    value.abs() <= LARGEST_CHANGE * baseline.abs() && baseline.is_finite()
+}
 
 impl Difference {
     /// Of a frame (any unit) to its baseline (the same unit), all of one length.
     ///
-    /// Values that are not finite, in either, and values whose baseline is too small to divide by are left out.
+    /// Values that are not finite, in either, or beyond any converter's range, and values whose baseline is too small to divide by are left out.
     pub(crate) fn new(model_v: &[f64], baseline: &[f64], frame: &[f64]) -> Self {
         let mut sizes: Vec<f64> = baseline.iter().map(|v| v.abs()).filter(|v| v.is_finite()).collect();
         sizes.sort_by(f64::total_cmp);
@@ -27,7 +35,7 @@ impl Difference {
         let used: Vec<bool> = baseline
             .iter()
             .zip(frame)
-            .map(|(b, v)| b.is_finite() && v.is_finite() && b.abs() > least)
+            .map(|(b, v)| is_measured(*v, *b) && b.abs() > least)
             .collect();
         let mut spread: Vec<f64> = model_v
             .iter()
@@ -48,6 +56,16 @@ impl Difference {
         };
         difference.fill(model_v, baseline, frame);
         difference
+    }
+
+    /// What changed, over the unpressed values that take part: 2-norms.
+    pub(crate) fn part_of(&self, model_v: &[f64]) -> f64 {
+        let (mut change, mut all) = (0.0, 0.0);
+        for ((y, v), _) in self.y.iter().zip(model_v).zip(&self.used).filter(|(_, used)| **used) {
+            change += y * y;
+            all += v * v;
+        }
+        (change / all).sqrt()
     }
 
     /// Makes it another, without allocation where that is no larger.

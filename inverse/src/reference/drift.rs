@@ -2,7 +2,7 @@
 //!
 //! Sources, amplifiers and rubber drift by tenths of a percent within minutes, and touches weaker than that are to be seen.
 //! Kinds of drift that are linear and known from the model alone: the gain that all values have in common, the resistance of
-//! the whole sheet (temperature), the impedance of every contact, the gain of every channel, and a smooth unevenness (a
+//! the whole sheet (temperature), the impedance of every contact, the gain of every channel with an offset of all, and a smooth unevenness (a
 //! sheet that was bent or stretched, or warmed on one side). Touches are looked for and fitted outside these
 //! directions, as if nothing were known of the sizes (marginalised nuisance parameters; Kaipio and Somersalo 2005, 5.8). What
 //! is known of them is then told by the frame itself ([`crate::touches::fit`], nuisances).
@@ -28,6 +28,10 @@ const CONTACTS: [f64; 6] = [0.0, 0.003, 0.01, 0.03, 0.1, 0.3];
 
 /// The same of the gains of channels: amplifiers that warm up drift by tenths of a percent.
 const CHANNELS: [f64; 5] = [0.0, 0.0003, 0.001, 0.003, 0.01];
+/// That of an offset of all values over their root mean square, for each of these: most values are smaller than that.
+const OFFSET: f64 = 10.0;
+/// An offset over the root mean square of the values that is no drift any more.
+pub(crate) const MOST_OFFSET: f64 = OFFSET * CHANNELS[CHANNELS.len() - 1];
 /// Root mean square of a smooth unevenness: none, a sheet warmed on one side, and one that was bent. More is an object on it.
 const UNEVEN: [f64; 4] = [0.0, 0.003, 0.01, 0.03];
 /// Correlation lengths of an unevenness over the sheet's reach: that of parts of the sheet, and of the whole. A palm has a quarter.
@@ -45,6 +49,8 @@ pub(crate) const CHANGED: f64 = 3.0;
 const NOTABLE: f64 = 0.02;
 /// Least unevenness that a person is told of: a third of a usual touch's change is hidden in it.
 const NOTABLY_UNEVEN: f64 = 0.005;
+/// A gain below this is no drift: the source is lost, or turned round. Above, touches are right beside it, whatever was set.
+pub(crate) const LEAST_GAIN: f64 = 0.2;
 /// Digits of what is written: the estimates are no better.
 const DIGITS: f64 = 1e4;
 
@@ -199,7 +205,7 @@ pub(crate) enum Drifting {
     Contacts,
     /// A smooth unevenness as well. It hides half of a palm.
     Uneven,
-    /// The gain of every sense pair as well. It hides an eighth of what tells touches.
+    /// The gain of every sense pair, and an offset of all values as well. It hides an eighth of what tells touches.
     Channels,
 }
 
@@ -225,7 +231,7 @@ pub(crate) struct DriftShapes {
     wave_squares: Vec<f64>,
     /// Standard deviations of the waves for every one of [`LENGTHS`], over those for the first.
     of_lengths: [Vec<f64>; LENGTHS.len()],
-    /// V, values by pairs: the gain of every sense pair.
+    /// V, values by pairs and one: the gain of every sense pair, and an offset of all values.
     channels: DMatrix<f64>,
 }
 
@@ -419,7 +425,8 @@ impl Waves {
     }
 }
 
-/// What a relative change of the gain does, of every sense pair. A drive pair's is what its contacts do.
+/// What a relative change of the gain does, of every sense pair; and an offset that all values have in common, of [`OFFSET`]
+/// times their root mean square. A drive pair's gain is what its contacts do.
 fn channels(imager: &Imager) -> DMatrix<f64> {
     let mut known = Vec::new();
     let mut columns: Vec<DVector<f64>> = Vec::new();
@@ -432,6 +439,10 @@ fn channels(imager: &Imager) -> DMatrix<f64> {
         });
         columns[place][k] = imager.model_v[k];
     }
+    let values = imager.pattern.len();
+    let square: f64 = imager.model_v.iter().map(|v| v * v).sum();
+    let rms_v = (square / values.max(1) as f64).sqrt();
+    columns.push(DVector::from_element(values, OFFSET * rms_v));
     DMatrix::from_columns(&columns)
 }
 

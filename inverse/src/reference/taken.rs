@@ -1,7 +1,7 @@
 //! What frames are compared with, made once.
 
 use crate::reference::baseline::Baseline;
-use crate::reference::difference::Difference;
+use crate::reference::difference::{Difference, is_measured};
 use crate::reference::imager::{Imager, ImagerError};
 use crate::reference::noise::{FrameNoise, NoiseEstimate, NoiseSource};
 use std::sync::Arc;
@@ -14,6 +14,8 @@ pub struct Reference {
     /// The baseline's difference to itself: which values take part, and how they scatter.
     unchanged: Difference,
     noise: Option<f64>,
+    /// The same of a frame's value, in the baseline's unit.
+    frame_noise: Option<f64>,
     /// 0 for a baseline without noise.
     baseline_share: f64,
 }
@@ -27,19 +29,21 @@ impl Reference {
     /// [`ImagerError::Baseline`] when its length does not match the pattern.
     pub fn new(imager: Arc<Imager>, baseline: Vec<f64>, noise: FrameNoise) -> Result<Self, ImagerError> {
         let unchanged = imager.difference(&baseline, &baseline)?;
-        let (noise, baseline_share) = match noise {
+        let (noise, frame_noise, baseline_share) = match noise {
             FrameNoise::Known { sigma, baseline_frames } if sigma > 0.0 && sigma.is_finite() => {
                 let share = baseline_frames.filter(|n| *n > 0).map_or(0.0, |n| 1.0 / n as f64);
-                let sigma = sigma * imager.gain(&baseline) * (1.0 + share).sqrt();
-                (Some(sigma).filter(|s| *s > 0.0 && s.is_finite()), share)
+                let of_model = sigma * imager.gain(&baseline) * (1.0 + share).sqrt();
+                let known = Some(of_model).filter(|s| *s > 0.0 && s.is_finite());
+                (known, known.map(|_| sigma), share)
             }
-            _ => (None, 0.0),
+            _ => (None, None, 0.0),
         };
         Ok(Self {
             imager,
             baseline,
             unchanged,
             noise,
+            frame_noise,
             baseline_share,
         })
     }
@@ -74,6 +78,11 @@ impl Reference {
         })
     }
 
+    /// Noise of one value of a frame, in the baseline's unit, where it is known.
+    pub(crate) fn frame_noise(&self) -> Option<f64> {
+        self.frame_noise
+    }
+
     /// Variance of the baseline's noise over that of one frame's.
     pub fn baseline_share(&self) -> f64 {
         self.baseline_share
@@ -102,8 +111,9 @@ impl Reference {
             .unchanged
             .used
             .iter()
+            .zip(&self.baseline)
             .zip(frame)
-            .all(|(used, v)| !used || v.is_finite());
+            .all(|((used, b), v)| !used || is_measured(*v, *b));
         if whole {
             difference.used.clone_from(&self.unchanged.used);
             difference.spread.clone_from(&self.unchanged.spread);
@@ -133,10 +143,17 @@ mod tests {
         let reference = Reference::new(Arc::clone(&imager), baseline.clone(), FrameNoise::Unknown).unwrap();
         let mut before = reference.difference(&baseline).unwrap();
         assert!(before.y.iter().all(|y| *y == 0.0));
-        for missing in [None, Some(7), None, Some(9)] {
+        // What no converter gives is missing as well.
+        for (missing, value) in [
+            (None, 0.0),
+            (Some(7), f64::INFINITY),
+            (None, 0.0),
+            (Some(9), -1e300),
+            (Some(11), 1e18),
+        ] {
             let mut frame: Vec<f64> = baseline.iter().map(|v| 1.1 * v).collect();
             if let Some(k) = missing {
-                frame[k] = f64::INFINITY;
+                frame[k] = value;
             }
             reference.difference_into(&frame, &mut before).unwrap();
             assert_eq!(before, Difference::new(&imager.model_v, &baseline, &frame));

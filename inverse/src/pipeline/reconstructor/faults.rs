@@ -50,7 +50,13 @@ impl Reconstructor {
         let unexplained = blind
             || matches!(
                 result.doubt,
-                Some(Doubt::NotThisSheet | Doubt::NotTouches | Doubt::FewValues { .. } | Doubt::Gone { .. })
+                Some(
+                    Doubt::NotThisSheet
+                        | Doubt::NotTouches
+                        | Doubt::NotReciprocal
+                        | Doubt::FewValues { .. }
+                        | Doubt::Gone { .. }
+                )
             )
             || self.is_bare(1.0)
             || (self.solver.fits() && result.misfit.is_none() && result.changed)
@@ -115,6 +121,7 @@ impl Reconstructor {
             return true;
         }
         if std::mem::take(&mut self.left_changed) {
+            self.disagrees = false;
             let mut left = self.reference.unchanged().clone();
             self.broken.leave_out(&mut left);
             if left.used != self.left.used {

@@ -61,6 +61,8 @@ pub enum Fault {
     Contacts(Electrodes),
     /// The source gives nothing.
     Source,
+    /// All voltages are this many times those of the baseline, less than drifts: below 0 where they have the other sign.
+    Scale(f64),
     /// The converter gives always the same.
     Converter,
     /// All values that the baseline has are out of the converter's range.
@@ -71,6 +73,8 @@ pub enum Fault {
     Gain([usize; 2], f64),
     /// The offset of one amplifier, between these electrodes, changed.
     Offset([usize; 2]),
+    /// The offset of all values changed, by more than it drifts.
+    OffsetOfAll,
     /// One value is wrong: its index, the drive pair and the sense pair.
     Value(usize, [usize; 4]),
     /// A multiplexer stays on an electrode.
@@ -94,11 +98,13 @@ impl Fault {
             Self::Short { electrodes, .. } | Self::Exchanged(electrodes) => Electrodes::of(electrodes),
             Self::Multiplexer { electrode, .. } => Electrodes::of(&[*electrode]),
             Self::Source
+            | Self::Scale(_)
             | Self::Converter
             | Self::Range
             | Self::Rail(_)
             | Self::Gain(..)
             | Self::Offset(_)
+            | Self::OffsetOfAll
             | Self::Value(..) => Electrodes::default(),
         }
     }
@@ -111,6 +117,8 @@ impl Fault {
             }
             Self::Short { .. }
             | Self::Source
+            | Self::Scale(_)
+            | Self::OffsetOfAll
             | Self::Converter
             | Self::Range
             | Self::Multiplexer { .. }
@@ -123,6 +131,7 @@ impl Fault {
         match (self, other) {
             (Self::Short { electrodes: a, .. }, Self::Short { electrodes: b, .. }) => a == b,
             (Self::Gain(a, _), Self::Gain(b, _)) => a == b,
+            (Self::Scale(_), Self::Scale(_)) => true,
             _ => self == other,
         }
     }
@@ -133,11 +142,13 @@ impl Fault {
             Self::Short { .. } => "electrodes_short",
             Self::Contacts(_) => "contacts_changed",
             Self::Source => "source_lost",
+            Self::Scale(_) => "scale_changed",
             Self::Converter => "converter_stuck",
             Self::Range => "out_of_range",
             Self::Rail(_) => "channel_out_of_range",
             Self::Gain(..) => "channel_gain",
             Self::Offset(_) => "channel_offset",
+            Self::OffsetOfAll => "offset_changed",
             Self::Value(..) => "value",
             Self::Multiplexer { .. } => "multiplexer_stuck",
             Self::Exchanged(_) => "wires_exchanged",
@@ -180,6 +191,17 @@ impl fmt::Display for Fault {
                 f,
                 "the source gives nothing: no touches are shown; look at the excitation and its cable"
             ),
+            Self::Scale(factor) => write!(
+                f,
+                "the voltages are {} times those of the baseline: no touches are shown; look at the source and at the {}, or take a \
+                 new baseline",
+                two_digits(*factor),
+                if *factor < 0.0 {
+                    "signs of the wires"
+                } else {
+                    "amplifiers"
+                }
+            ),
             Self::Converter => write!(
                 f,
                 "the converter gives always the same value: no touches are shown; look at the board"
@@ -203,6 +225,11 @@ impl fmt::Display for Fault {
                 "the amplifier between {} has another offset than in the baseline: its values are left out; take a new baseline",
                 pair(p)
             ),
+            Self::OffsetOfAll => write!(
+                f,
+                "all values have another offset than in the baseline: no touches are shown; look at the converter and at what reaches it \
+                 of the source, or take a new baseline"
+            ),
             Self::Value(_, [a, b, c, d]) => write!(
                 f,
                 "the value of drive {}-{}, sense {}-{} is wrong: it is left out",
@@ -224,6 +251,19 @@ impl fmt::Display for Fault {
                 pair(electrodes)
             ),
         }
+    }
+}
+
+/// A factor as a person reads it: two digits of it, which noise does not change.
+fn two_digits(factor: f64) -> String {
+    let place = factor.abs().log10().floor() as i32;
+    match place {
+        -3..=0 => format!("{factor:.*}", (1 - place) as usize),
+        1..=5 => {
+            let unit = 10_f64.powi(place - 1);
+            format!("{:.0}", (factor / unit).round() * unit)
+        }
+        _ => format!("{factor:.1e}"),
     }
 }
 

@@ -10,7 +10,7 @@ use super::evidence::Evidence;
 use super::fault::{Electrodes, Fault, MOST_ELECTRODES};
 use super::freed::{Cost, Freed};
 use crate::reference::Difference;
-use crate::reference::drift::{DriftShapes, Drifting};
+use crate::reference::drift::{DriftShapes, Drifting, LEAST_GAIN, MOST_OFFSET};
 use crate::reference::imager::Imager;
 use crate::reference::screening::consensus;
 use forward::{Drive, ElectrodeMatrix, Measurement, Pair, Pattern, Solver};
@@ -35,6 +35,8 @@ const LEAST_NOISE: f64 = 3e-4;
 /// Standard deviations of an amplifier's gain, and of its offset over the frame's mean value.
 const GAIN: f64 = 0.1;
 const OFFSET: f64 = 0.1;
+/// What a source that gives nothing is seen to give: what is coupled over.
+const LOST: f64 = 0.02;
 /// Resistances that are tried, ohm: of shorts, and of contacts.
 const SHORTS_OHM: [f64; 4] = [0.0, 30.0, 200.0, 1000.0];
 const CONTACTS_OHM: [f64; 7] = [10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0, 10_000.0];
@@ -304,9 +306,18 @@ impl Diagnosis {
         best.fault.filter(|fault| !fault.leaves_touches())
     }
 
-    fn offer_source(&self, evidence: &Evidence, best: &mut Best) {
-        let lost = DVector::from_iterator(self.imager.model_v.len(), self.imager.model_v.iter().map(|v| -v));
-        best.offer(FAULT + evidence.of(&lost), || Fault::Source);
+    /// A source that is lost; of a frame that is compared with a baseline, one whose voltages changed by one factor that is no drift.
+    fn offer_source(&self, evidence: &Evidence, of_frame: Option<&Difference>, best: &mut Best) {
+        let v = &self.imager.model_v;
+        let factor = of_frame.and_then(|d| factor(v, d)).filter(|f| *f < LEAST_GAIN);
+        let factor = factor.unwrap_or(0.0);
+        let changed = DVector::from_iterator(v.len(), v.iter().map(|v| (factor - 1.0) * v));
+        let fault = if factor.abs() < LOST {
+            Fault::Source
+        } else {
+            Fault::Scale(factor)
+        };
+        best.offer(FAULT + evidence.of(&changed), || fault);
     }
 
     fn offer_multiplexers(&self, evidence: &Evidence, best: &mut Best) {
@@ -396,6 +407,13 @@ impl Diagnosis {
             let (of_offset, _) = evidence.along(&offset, OFFSET * self.mean_v);
             best.offer(cost + of_offset, || Fault::Offset(*pair));
         }
+        let used = d.spread.iter().zip(&d.used);
+        let all = used.map(|(spread, used)| if *used { *spread } else { 0.0 });
+        let all = DVector::from_iterator(d.used.len(), all);
+        let (of_all, size) = evidence.along(&all, OFFSET * self.mean_v);
+        if size.abs() > MOST_OFFSET * self.mean_v {
+            best.offer(FAULT + of_all, || Fault::OffsetOfAll);
+        }
     }
 
     fn offer_values(&self, evidence: &Evidence, best: &mut Best) {
@@ -445,6 +463,14 @@ impl Diagnosis {
             sets = tried.into_iter().filter_map(with).collect();
         }
     }
+}
+
+/// The middle of what values are times those of the baseline.
+fn factor(model_v: &[f64], d: &Difference) -> Option<f64> {
+    let used = (0..model_v.len()).filter(|k| d.used[*k] && model_v[*k] != 0.0);
+    let mut factors: Vec<f64> = used.map(|k| 1.0 + d.y[k] / model_v[k]).collect();
+    factors.sort_by(f64::total_cmp);
+    factors.get(factors.len() / 2).copied()
 }
 
 /// Standard deviation of every value's noise, V; not finite for a value that takes no part.

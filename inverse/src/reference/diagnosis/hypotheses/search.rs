@@ -89,6 +89,11 @@ impl Search {
         PARTS - self.done.min(PARTS)
     }
 
+    /// Whether what is looked at is a baseline, compared with the model.
+    fn is_of_baseline(&self) -> bool {
+        self.predictions.len() == 1
+    }
+
     /// The best explanation, after all parts.
     pub(super) fn end(mut self, diagnosis: &mut Diagnosis) -> Best {
         while !diagnosis.go_on(&mut self) {}
@@ -112,10 +117,11 @@ impl Diagnosis {
 
     /// Goes on with the next part of a search; whether it was the last.
     pub(crate) fn go_on(&mut self, search: &mut Search) -> bool {
+        let of_frame = !search.is_of_baseline();
         let Search { d, evidence, best, .. } = search;
         match search.done {
             0 => {
-                self.offer_source(evidence, best);
+                self.offer_source(evidence, of_frame.then_some(&*d), best);
                 self.offer_multiplexers(evidence, best);
                 self.offer_shorts(evidence, best);
             }
