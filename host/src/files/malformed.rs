@@ -16,6 +16,15 @@ pub(crate) fn look_at(cause: &std::io::Error) -> &'static str {
     }
 }
 
+/// What to do about a number that would be one with a decimal point.
+pub(crate) fn decimal_comma(text: &str) -> &'static str {
+    if text.contains(',') && text.replace(',', ".").parse::<f64>().is_ok() {
+        "; write a decimal point for the comma"
+    } else {
+        ""
+    }
+}
+
 /// A file that cannot be used.
 #[derive(Debug, Error)]
 pub(crate) enum FileError {

@@ -6,7 +6,7 @@
 //! infinite values are measurements left out. A comment `# sheet:` says which sheet was measured (`sheet_line`).
 
 use crate::files::arrays::{self, Kind, MOST_TABLE};
-use crate::files::malformed::FileError;
+use crate::files::malformed::{FileError, decimal_comma};
 use crate::files::order;
 use crate::files::sheet_line::SheetLine;
 use ::forward::file::MOST_ELECTRODES;
@@ -201,7 +201,12 @@ impl Place<'_> {
             electrodes[k] = match record[k].parse::<usize>() {
                 Ok(e) if (1..=MOST_ELECTRODES).contains(&e) => e - 1,
                 _ => {
-                    let found = format!("'{}'", &record[k]);
+                    let from_0 = if &record[k] == "0" {
+                        "; where electrodes count from 0, add 1 to each of the four columns"
+                    } else {
+                        ""
+                    };
+                    let found = format!("'{}'{from_0}", &record[k]);
                     let expected = format!("an electrode's number from 1 to {MOST_ELECTRODES}");
                     return Err(self.malformed(line, key, &expected, &found));
                 }
@@ -383,7 +388,7 @@ impl MeasurementTable {
                 }
                 Ok(v) => v,
                 _ => {
-                    let found = format!("'{text}'");
+                    let found = format!("'{text}'{}", decimal_comma(text));
                     return Err(at.malformed(line, &header.record[k], "a number, nothing or NaN", &found));
                 }
             };
@@ -590,6 +595,10 @@ mod tests {
             ),
             (format!("{head}1,2,3,4,x\n"), ["t.csv:2", "column v", "'x'"]),
             (
+                format!("{head}1,2,3,4,\"0,25\"\n"),
+                ["t.csv:2", "column v", "'0,25'; write a decimal point"],
+            ),
+            (
                 head.replace(',', ";") + "1;2;3;4;0,1\n",
                 ["t.csv:1", "separated by commas", "semicolons"],
             ),
@@ -605,7 +614,7 @@ mod tests {
             ),
             (
                 format!("{head}1,2,3,4,1\n\n0,2,3,4,1\n"),
-                ["t.csv:4", "column drive_a", "'0'"],
+                ["t.csv:4", "column drive_a", "'0'; where electrodes count from 0, add 1"],
             ),
             (
                 format!("{head}1,2,3,4,1\n1,2,5,6\n"),

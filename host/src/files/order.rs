@@ -87,7 +87,17 @@ pub(crate) fn hint(arrays: &[Array]) -> String {
         sides.into_iter().any(|values| order.layout(values).is_some())
     };
     let names: Vec<&str> = ValueOrder::ALL.iter().filter(fits).map(|o| o.name()).collect();
-    if names.is_empty() {
+    // A time or a number before the values of every frame.
+    let mut sides = arrays.iter().flat_map(|a| [a.columns, a.rows]);
+    let one_more = sides.find(|side| {
+        let values = side.saturating_sub(1);
+        ValueOrder::ALL.iter().any(|order| order.layout(values).is_some())
+    });
+    if let (Some(side), true) = (one_more, names.is_empty()) {
+        format!(
+            "{side} is one more than a known order has: leave out the times, or whatever else stands beside the values"
+        )
+    } else if names.is_empty() {
         "No known order has as many values a frame; write the table with the columns drive_a, drive_b, sense_a, sense_b"
             .to_owned()
     } else {

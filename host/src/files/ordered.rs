@@ -165,5 +165,11 @@ mod tests {
             .unwrap_err()
             .to_string();
         assert!(error.contains("--order pyeit") && error.contains("2 x 928"), "{error}");
+        let timed = table(ValueOrder::Adjacent16, "f", Kind::Npy, &[array("", 999, 209)], &[]);
+        let error = timed.unwrap_err().to_string();
+        assert!(
+            error.contains("209 is one more") && error.contains("leave out"),
+            "{error}"
+        );
     }
 }

@@ -89,7 +89,8 @@ impl Reconstructor {
         }
         Self {
             detectors,
-            faults: FaultDetector::new(&imager.pattern, imager.drive, options.sequence, options.faults),
+            faults: FaultDetector::new(&imager.pattern, imager.drive, options.sequence, options.faults)
+                .at_least(reference.least_noise()),
             broken,
             reciprocity: Reciprocity::of_unknown_gains(&imager.pattern),
             disagrees: false,

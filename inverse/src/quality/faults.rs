@@ -71,6 +71,15 @@ impl FaultDetector {
         }
     }
 
+    /// The same of values that are rounded: one of a difference scatters by this at least, V of the model.
+    #[must_use]
+    pub fn at_least(self, least_noise: f64) -> Self {
+        Self {
+            reciprocity: self.reciprocity.at_least(least_noise),
+            ..self
+        }
+    }
+
     /// Whether a candidate is named that is not rejected yet: then every frame counts.
     pub fn is_open(&self) -> bool {
         self.search.is_open()

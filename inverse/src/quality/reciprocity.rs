@@ -18,6 +18,8 @@ pub struct Reciprocity {
     drives: usize,
     /// Whether the drive currents are unknown.
     scales: bool,
+    /// Standard deviation that one value of a difference has at least, V of the model.
+    least_noise: f64,
     prepared: Option<Prepared>,
 }
 
@@ -31,6 +33,7 @@ struct Prepared {
     explained: DMatrix<f64>,
     /// Part of every pair that it is itself explained by.
     leverage: Vec<f64>,
+    least_noise: f64,
     now: Disagreement,
 }
 
@@ -54,8 +57,16 @@ impl Reciprocity {
             drive_of,
             drives: pattern.drives().len(),
             scales,
+            least_noise: 0.0,
             prepared: None,
         }
+    }
+
+    /// The same of values that are rounded: one of a difference scatters by this at least, V of the model, though pairs agree. On a sheet
+    /// that is the same all around both of a pair are rounded alike.
+    #[must_use]
+    pub fn at_least(self, least_noise: f64) -> Self {
+        Self { least_noise, ..self }
     }
 
     /// The same where the gain of every drive and of every sense pair is unknown, whatever drives: what drifts is then no disagreement. An
@@ -150,6 +161,7 @@ impl Reciprocity {
             },
             weights,
             explained,
+            least_noise: self.least_noise,
         })
     }
 }
@@ -171,7 +183,8 @@ impl Prepared {
             let part = column.dot(&now.residual);
             now.residual.axpy(-part, &column, 1.0);
         }
-        now.square = now.residual.norm_squared();
+        let least = self.least_noise.powi(2) * now.freedom as f64;
+        now.square = now.residual.norm_squared().max(least);
     }
 }
 
@@ -189,7 +202,7 @@ pub struct Disagreement {
     pub pairs: Vec<[usize; 2]>,
     /// Disagreement of every pair over its spread: as noisy as one value of the difference.
     pub residual: DVector<f64>,
-    /// Sum of its squares.
+    /// Sum of its squares, and no less than the rounding of values makes.
     pub square: f64,
     /// Degrees of freedom left.
     pub freedom: usize,

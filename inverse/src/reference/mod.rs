@@ -11,6 +11,7 @@ pub mod imager;
 pub mod inspection;
 mod low_rank;
 pub mod noise;
+mod resolution;
 pub mod screening;
 mod taken;
 mod told_sheet;

@@ -4,6 +4,7 @@ use crate::reference::baseline::Baseline;
 use crate::reference::difference::{Difference, is_measured};
 use crate::reference::imager::{Imager, ImagerError};
 use crate::reference::noise::{FrameNoise, NoiseEstimate, NoiseSource};
+use crate::reference::resolution::{rounding_sd, step};
 use std::sync::Arc;
 
 /// A sheet, its model and its baseline. Immutable: another baseline is another reference.
@@ -16,6 +17,8 @@ pub struct Reference {
     noise: Option<f64>,
     /// The same of a frame's value, in the baseline's unit.
     frame_noise: Option<f64>,
+    /// What the difference of two rounded values scatters by, V of the model: 0 where the baseline's values are on no steps.
+    least_noise: f64,
     /// 0 for a baseline without noise.
     baseline_share: f64,
 }
@@ -23,15 +26,18 @@ pub struct Reference {
 impl Reference {
     /// A baseline (any unit, in the pattern's order; not a number where a value is missing) on an imager's sheet.
     ///
-    /// A noise that is not a positive number counts as unknown.
+    /// A noise that is not a positive number counts as unknown. It is no less than that of values that are rounded as the baseline's are.
     ///
     /// # Errors
     /// [`ImagerError::Baseline`] when its length does not match the pattern.
     pub fn new(imager: Arc<Imager>, baseline: Vec<f64>, noise: FrameNoise) -> Result<Self, ImagerError> {
         let unchanged = imager.difference(&baseline, &baseline)?;
+        let rounding = step(&baseline).map_or(0.0, rounding_sd);
+        let least_noise = std::f64::consts::SQRT_2 * rounding * imager.gain(&baseline);
         let (noise, frame_noise, baseline_share) = match noise {
             FrameNoise::Known { sigma, baseline_frames } if sigma > 0.0 && sigma.is_finite() => {
                 let share = baseline_frames.filter(|n| *n > 0).map_or(0.0, |n| 1.0 / n as f64);
+                let sigma = sigma.max(rounding);
                 let of_model = sigma * imager.gain(&baseline) * (1.0 + share).sqrt();
                 let known = Some(of_model).filter(|s| *s > 0.0 && s.is_finite());
                 (known, known.map(|_| sigma), share)
@@ -44,6 +50,7 @@ impl Reference {
             unchanged,
             noise,
             frame_noise,
+            least_noise,
             baseline_share,
         })
     }
@@ -81,6 +88,11 @@ impl Reference {
     /// Noise of one value of a frame, in the baseline's unit, where it is known.
     pub(crate) fn frame_noise(&self) -> Option<f64> {
         self.frame_noise
+    }
+
+    /// Noise that one value of a difference has at least, V of the model: of a baseline and a frame that are rounded.
+    pub(crate) fn least_noise(&self) -> f64 {
+        self.least_noise
     }
 
     /// Variance of the baseline's noise over that of one frame's.

@@ -2,9 +2,12 @@
 
 use forward::{DiscTouch, Drive};
 use inverse::live::{Live, LiveFrame, LiveOptions};
-use inverse::pipeline::FrameResult;
+use inverse::pipeline::{FrameResult, Reconstructor, ReconstructorOptions};
 use inverse::quality::doubt::Doubt;
+use inverse::reference::Reference;
 use inverse::reference::diagnosis::Fault;
+use inverse::reference::noise::FrameNoise;
+use inverse::solvers::Method;
 use inverse::touches::touch::Touch;
 use rand::rngs::StdRng;
 use studies::{TestSheet, imager, noise_v, noisy, rng};
@@ -319,6 +322,69 @@ fn a_wild_value_at_rest_spoils_no_later_frame() {
             });
             let right = is_right(&touches, touched) && !doubted;
             assert!(bad || right, "{wild}, frame {frame}: {touches:?}");
+        }
+    }
+}
+
+/// On a sheet that is the same all around, exchanged pairs are rounded alike: they agree, and yet values are off by up to half of a step. A
+/// finger is found as well as that lets it, in a table and live, and there is none where nothing touches.
+#[test]
+fn values_that_are_rounded_alike_are_not_taken_for_exact() {
+    let imager = imager(Drive::PAPER, 5.0).unwrap();
+    let mut rng = rng(889);
+    let mut sheet = TestSheet::new(&imager, Drive::PAPER, 0.0, 0.0, &mut rng).unwrap();
+    let step = 5e-5;
+    let rounded = |frame: &[f64]| -> Vec<f64> { frame.iter().map(|v| (v / step).round() * step).collect() };
+    let empty = rounded(&sheet.baseline);
+    let mut live = Live::new(imager.clone(), LiveOptions::default());
+    let mut frames = 0;
+    let mut next = |frame: &[f64]| -> Option<Vec<Touch>> {
+        frames += 1;
+        match live.frame(f64::from(frames) * INTERVAL_S, frame).unwrap() {
+            LiveFrame::Picture(result) => result.doubt.is_none().then(|| result.touches.clone()),
+            LiveFrame::Baseline { .. } => None,
+        }
+    };
+    for _ in 0..LiveOptions::default().baseline_frames {
+        next(&empty);
+    }
+    let options = ReconstructorOptions::for_imager(&imager, Method::Nnls);
+    let reference = Reference::new(imager.clone(), empty.clone(), FrameNoise::Unknown).unwrap();
+    let mut of_table = Reconstructor::new(reference, options);
+    for k in 0..12 {
+        let angle = 2.4 * f64::from(k);
+        let centre_mm = [6.0 * f64::from(k) * angle.cos(), 6.0 * f64::from(k) * angle.sin()];
+        let finger = DiscTouch {
+            centre_mm,
+            radius_mm: 12.5,
+            rise: 0.3,
+        };
+        let touched = rounded(&sheet.clean_frame(&[finger]).unwrap());
+        let is_found = |touches: &[Touch]| {
+            let [one] = touches else { return false };
+            (one.x_mm - centre_mm[0]).hypot(one.y_mm - centre_mm[1]) < 5.0
+        };
+        let found = of_table.frame(&touched).unwrap();
+        assert!(
+            is_found(&found.touches) && found.doubt.is_none(),
+            "{centre_mm:?}: {:?} {:?}",
+            found.touches,
+            found.doubt
+        );
+        assert!(of_table.frame(&empty).unwrap().touches.is_empty());
+        for frame in 0..8 {
+            let found = next(&touched);
+            assert!(
+                frame < 3 || found.as_deref().is_some_and(is_found),
+                "{centre_mm:?}, {frame}: {found:?}"
+            );
+        }
+        for frame in 0..8 {
+            let found = next(&empty);
+            assert!(
+                frame < 3 || found == Some(Vec::new()),
+                "{centre_mm:?}, {frame}: {found:?}"
+            );
         }
     }
 }

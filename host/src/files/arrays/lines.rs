@@ -1,7 +1,7 @@
 //! Numbers as lines of text: one frame a line, separated by commas, semicolons, tabs or spaces.
 
 use super::Array;
-use crate::files::malformed::FileError;
+use crate::files::malformed::{FileError, decimal_comma};
 
 /// Reads lines that all have the same number of numbers. Empty lines and those that begin with # or % are comments. What
 /// stands before a colon is passed over, as OpenEIT's `magnitudes :`, and so is one line of names at the top. Between
@@ -53,12 +53,15 @@ pub(super) fn parse(file: &str, bytes: &[u8]) -> Result<Array, FileError> {
                 continue;
             }
             let place = (k + 1).to_string();
+            // Lines of semicolons or spaces, too, are parted at commas where there are any.
+            let mut words = line.split([';', ' ', '\t']).map(str::trim);
+            let comma = words.find(|word| word.contains(',')).map_or("", decimal_comma);
             return Err(FileError::malformed(
                 file,
                 number,
                 &place,
                 "a number, nothing or NaN",
-                &format!("'{field}'"),
+                &format!("'{field}'{comma}"),
             ));
         }
         if rows > 0 && found != columns {
@@ -125,6 +128,8 @@ mod tests {
         for (text, words) in [
             ("1,2\n3\n", ["f:2", "2 numbers", "found 1"]),
             ("1,2\n3,x\n", ["f:2", "column 2", "'x'"]),
+            ("1;2\n3,5;4,25\n", ["f:2", "column 2", "'5;4'; write a decimal point"]),
+            ("a b\n3,5 4,25\n", ["f:2", "column 2", "'5 4'; write a decimal point"]),
             ("a,b\nc,d\n", ["f:2", "column 1", "'c'"]),
             ("# nothing\n", ["f:1", "a line of numbers", "nothing"]),
         ] {
