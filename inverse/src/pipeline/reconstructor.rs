@@ -529,8 +529,8 @@ impl Reconstructor {
         true
     }
 
-    /// Whether exchanged pairs of a mean disagree by more than its noise and than an error of the board that is a small part of the change:
-    /// by more than touches may leave that explain it.
+    /// Whether exchanged pairs disagree by more than touches may leave of a frame that they explain: a few variances of its noise, and a
+    /// small part of the change. `gain` is that of a mean, `sigma` its noise.
     fn disagree(&mut self, gain: f64, sigma: f64) -> bool {
         let (model_v, d) = (&self.reference.imager().model_v, &self.difference);
         let Some((now, _)) = self.reciprocity.look(&d.y, model_v, &d.spread, &d.used) else {
