@@ -186,7 +186,7 @@ fn a_page_fed_with_differences_shows_what_a_fresh_one_shows() {
         wait("the fingers move");
     }
     // From here on every picture is the same, but for its number. A page behind another draws nothing: it has to come so far before.
-    while old.ask("Number(document.querySelector('#sequence').textContent) <= 100") == true {
+    while old.ask("Number(document.querySelector('#sequence').textContent) > 100") != true {
         next();
         wait("the page has drawn the fingers");
     }

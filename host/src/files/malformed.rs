@@ -18,7 +18,11 @@ pub(crate) fn look_at(cause: &std::io::Error) -> &'static str {
 
 /// What to do about a number that would be one with a decimal point.
 pub(crate) fn decimal_comma(text: &str) -> &'static str {
-    if text.contains(',') && text.replace(',', ".").parse::<f64>().is_ok() {
+    let digits = |part: &str, at: fn(&str) -> Option<char>| at(part).is_some_and(|c| c.is_ascii_digit());
+    let between = text.split_once(',').is_some_and(|(whole, decimals)| {
+        digits(whole, |s| s.chars().next_back()) && digits(decimals, |s| s.chars().next())
+    });
+    if between && text.replacen(',', ".", 1).parse::<f64>().is_ok() {
         "; write a decimal point for the comma"
     } else {
         ""

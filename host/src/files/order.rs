@@ -88,14 +88,15 @@ pub(crate) fn hint(arrays: &[Array]) -> String {
     };
     let names: Vec<&str> = ValueOrder::ALL.iter().filter(fits).map(|o| o.name()).collect();
     // A time or a number before the values of every frame.
-    let mut sides = arrays.iter().flat_map(|a| [a.columns, a.rows]);
+    let mut sides = arrays.iter().map(|a| a.columns);
     let one_more = sides.find(|side| {
         let values = side.saturating_sub(1);
         ValueOrder::ALL.iter().any(|order| order.layout(values).is_some())
     });
     if let (Some(side), true) = (one_more, names.is_empty()) {
         format!(
-            "{side} is one more than a known order has: leave out the times, or whatever else stands beside the values"
+            "{side} is one more than a known order has: leave out the times, or what else stands beside the values. Else write the \
+             table with the columns drive_a, drive_b, sense_a, sense_b"
         )
     } else if names.is_empty() {
         "No known order has as many values a frame; write the table with the columns drive_a, drive_b, sense_a, sense_b"

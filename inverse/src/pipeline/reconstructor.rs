@@ -89,10 +89,10 @@ impl Reconstructor {
         }
         Self {
             detectors,
-            faults: FaultDetector::new(&imager.pattern, imager.drive, options.sequence, options.faults)
+            faults: FaultDetector::new(&imager.pattern, options.sequence, options.faults)
                 .at_least(reference.least_noise()),
             broken,
-            reciprocity: Reciprocity::of_unknown_gains(&imager.pattern),
+            reciprocity: Reciprocity::new(&imager.pattern),
             disagrees: false,
             last: Vec::new(),
             rests: false,
@@ -188,7 +188,7 @@ impl Reconstructor {
             return Ok(&mut self.result);
         }
         let sigma = self.reference.frame_noise().filter(|_| self.options.sequence);
-        self.rests = sigma.is_some_and(|sigma| is_alike(&self.last, values, sigma));
+        self.rests = sigma.is_some_and(|sigma| is_alike(&self.last, values, &self.left.used, sigma));
         self.last.clear();
         self.last.extend_from_slice(values);
         let mut divided = std::mem::take(&mut self.divided);
@@ -196,7 +196,8 @@ impl Reconstructor {
         self.divided = divided;
         done?;
         if let Some(sigma) = sigma {
-            self.flickers.take(values, self.unexplained > 0, sigma);
+            let used = &self.left.used;
+            self.flickers.take(values, used, self.unexplained > 0, sigma);
         }
         Ok(&mut self.result)
     }
@@ -522,7 +523,7 @@ impl Reconstructor {
         });
         // What moves makes exchanged pairs disagree as well, so frames at rest tell it, and any frame that it is over.
         if let Some(noise) = known {
-            let may = averaged.frames > 1 || self.disagrees || self.rests;
+            let may = self.solver.fits() && (averaged.frames > 1 || self.disagrees || self.rests);
             self.disagrees = may && self.disagree(averaged.gain, noise.sigma);
         }
         self.solve_judged(averaged, quiet, known.or(estimated));
@@ -560,12 +561,14 @@ impl Reconstructor {
             // Every frame counts.
             detector.forget();
         }
+        // What shows nothing leaves nothing to doubt.
+        self.disagrees &= self.result.changed;
         let bare = self.is_bare(averaged.gain);
         let explained = !self.result.changed || self.solver.is_explained(&self.result, averaged.gain);
         let unexplained = bare || (self.solver.fits() && !explained);
         self.unexplained = if unexplained { self.unexplained + 1 } else { 0 };
-        let come_down = self.options.sequence && !self.flickers.often() && !self.leaves_more_than_a_hand();
-        let least = match (come_down, bare) {
+        let may_come_down = self.options.sequence && !self.flickers.often() && !self.leaves_more_than_a_hand();
+        let least = match (may_come_down, bare) {
             (false, _) => 1,
             // Half of the frame in which a touch lands is as before.
             (true, true) => 2,
@@ -580,7 +583,7 @@ impl Reconstructor {
                 y_mm: touch.y_mm.round() as i32,
                 fell: touch.rise < 0.0,
             }))
-            .or((self.disagrees && self.result.changed).then_some(Doubt::NotReciprocal))
+            .or((self.disagrees && contact.is_none()).then_some(Doubt::NotReciprocal))
             .or((self.unexplained >= least).then_some(Doubt::NotTouches))
             .or(contact);
         if self.result.doubt == Some(Doubt::NotThisSheet) {

@@ -16,7 +16,7 @@ use crate::quality::reciprocity::{Disagreement, LEAST_FREEDOM, Reciprocity};
 use crate::reference::Difference;
 use crate::reference::noise::NoiseEstimate;
 use crate::stats::fisher_quantile;
-use forward::{Drive, Pattern};
+use forward::Pattern;
 
 /// When values are rejected. Ratios are those of Fisher's test: disagreement of a candidate over that of the rest.
 ///
@@ -64,9 +64,9 @@ pub struct FaultDetector {
 
 impl FaultDetector {
     /// For the frames of a pattern, which are measured one after another or have nothing to do with each other.
-    pub fn new(pattern: &Pattern, drive: Drive, sequence: bool, options: FaultOptions) -> Self {
+    pub fn new(pattern: &Pattern, sequence: bool, options: FaultOptions) -> Self {
         Self {
-            reciprocity: Reciprocity::new(pattern, drive),
+            reciprocity: Reciprocity::new(pattern),
             search: OutlierSearch::new(pattern, sequence, options),
         }
     }
@@ -76,7 +76,10 @@ impl FaultDetector {
     pub fn at_least(self, least_noise: f64) -> Self {
         Self {
             reciprocity: self.reciprocity.at_least(least_noise),
-            ..self
+            search: OutlierSearch {
+                without: Vec::new(),
+                ..self.search
+            },
         }
     }
 
@@ -449,7 +452,6 @@ pub(crate) fn limit(gone: usize, freedom: usize, tries: usize, false_alarm: f64)
 #[cfg(test)]
 mod tests {
     use super::*;
-    use forward::Drive;
     use nalgebra::DVector;
     use rand::{Rng, SeedableRng};
     use rand_distr::StandardNormal;
@@ -482,7 +484,7 @@ mod tests {
         }
 
         fn judge(&self, d: &mut Difference) -> f64 {
-            let mut faults = FaultDetector::new(&self.pattern, Drive::PAPER, false, FaultOptions::default());
+            let mut faults = FaultDetector::new(&self.pattern, false, FaultOptions::default());
             faults.judge(&self.model_v, d).unwrap().sigma
         }
     }
@@ -522,7 +524,7 @@ mod tests {
     fn a_pair_left_out_takes_what_its_leverage_says() {
         let mut frames = Frames::new();
         let d = frames.quiet();
-        let mut reciprocity = Reciprocity::new(&frames.pattern, Drive::PAPER);
+        let mut reciprocity = Reciprocity::new(&frames.pattern);
         let (all, leverage) = reciprocity.look(&d.y, &frames.model_v, &d.spread, &d.used).unwrap();
         let (all, leverage) = (all.clone(), leverage.to_vec());
         for k in [0, 17, 103] {
@@ -571,7 +573,7 @@ mod tests {
     fn in_a_sequence_what_is_broken_beyond_doubt_goes_at_once_and_the_rest_when_it_lasts() {
         let mut frames = Frames::new();
         let options = FaultOptions::default();
-        let mut faults = FaultDetector::new(&frames.pattern, Drive::PAPER, true, options);
+        let mut faults = FaultDetector::new(&frames.pattern, true, options);
         // Whether values 77 and 140, off by so much, are left out of the next frame, in which others are not measured.
         let mut left_out = |errors: [f64; 2], missing: usize| {
             let mut d = frames.quiet();

@@ -29,14 +29,15 @@ impl Flickers {
         self.count > OFTEN
     }
 
-    /// Takes a frame, and whether touches leave it unexplained; `sigma` is the noise of one value.
-    pub(crate) fn take(&mut self, values: &[f64], unexplained: bool, sigma: f64) {
+    /// Takes a frame, of which these values take part, and whether touches leave it unexplained; `sigma` is the noise of one value.
+    pub(crate) fn take(&mut self, values: &[f64], used: &[bool], unexplained: bool, sigma: f64) {
         self.count *= 0.5_f64.powf(1.0 / HALF);
         if unexplained {
-            self.run += 1;
+            // A search that came to no end in a scene at rest is no flicker.
+            self.run += usize::from(!is_alike(&self.before, values, used, sigma));
             return;
         }
-        if (1..=MOST).contains(&self.run) && is_alike(&self.before, values, sigma) {
+        if (1..=MOST).contains(&self.run) && is_alike(&self.before, values, used, sigma) {
             self.count += 1.0;
         }
         self.run = 0;
@@ -45,9 +46,11 @@ impl Flickers {
     }
 }
 
-/// Whether a frame differs from another by nothing but noise, of this standard deviation of one value. What is no number says nothing.
-pub(crate) fn is_alike(other: &[f64], values: &[f64], sigma: f64) -> bool {
-    let changes = other.iter().zip(values).map(|(before, now)| now - before);
+/// Whether the used values of a frame differ from those of another by nothing but noise, of this standard deviation of one value. What is
+/// no number says nothing.
+pub(crate) fn is_alike(other: &[f64], values: &[f64], used: &[bool], sigma: f64) -> bool {
+    let used = other.iter().zip(values).zip(used).filter(|(_, used)| **used);
+    let changes = used.map(|((before, now), _)| now - before);
     let (mut square, mut count) = (0.0, 0.0_f64);
     for change in changes.filter(|change| change.is_finite()) {
         square += (change / sigma).powi(2);
@@ -73,7 +76,7 @@ mod tests {
             let values: Vec<f64> = (0..VALUES)
                 .map(|_| step + rng.sample::<f64, _>(StandardNormal))
                 .collect();
-            flickers.take(&values, unexplained, 1.0);
+            flickers.take(&values, &[true; VALUES], unexplained, 1.0);
         }
         flickers.often()
     }
@@ -100,5 +103,7 @@ mod tests {
         assert!(!often((0..400).map(tap)));
         assert!(!often((0..400).map(|k| (30.0, k % 40 > 20))));
         assert!(!often((0..400).map(|_| (0.0, false))));
+        // A scene at rest that is explained now and then not.
+        assert!(!often((0..400).map(|k| (5.0, k % 15 == 7))));
     }
 }

@@ -2,11 +2,12 @@
 //!
 //! Exchanging drive and sense leaves a transfer impedance unchanged. With a voltage drive the measured values differ by
 //! the drive currents, `V[m,n] D_m = V[n,m] D_n`, so the change of every current scale (one number for each drive pair)
-//! is fitted first; what then still disagrees is noise. Of the 104 pairs of an adjacent frame on 16 electrodes 89 degrees
-//! of freedom are left.
+//! is fitted first; what then still disagrees is noise. An exchanged pair senses where the other drives, so the same
+//! numbers hold what the gains of the amplifiers drift by, whatever drives. Of the 104 pairs of an adjacent frame on 16
+//! electrodes 89 degrees of freedom are left.
 
 use crate::reference::noise::{NoiseEstimate, NoiseSource};
-use forward::{Drive, Pair, Pattern};
+use forward::{Pair, Pattern};
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
 /// Reciprocal pairs of a pattern, ready to judge frames.
@@ -16,8 +17,6 @@ pub struct Reciprocity {
     pairs: Vec<[usize; 2]>,
     drive_of: Vec<usize>,
     drives: usize,
-    /// Whether the drive currents are unknown.
-    scales: bool,
     /// Standard deviation that one value of a difference has at least, V of the model.
     least_noise: f64,
     prepared: Option<Prepared>,
@@ -39,11 +38,7 @@ struct Prepared {
 
 impl Reciprocity {
     /// Finds the pairs of a pattern.
-    pub fn new(pattern: &Pattern, drive: Drive) -> Self {
-        Self::of_pairs(pattern, matches!(drive, Drive::Voltage { .. }))
-    }
-
-    fn of_pairs(pattern: &Pattern, scales: bool) -> Self {
+    pub fn new(pattern: &Pattern) -> Self {
         let drive_index = |p: Pair| pattern.drives().iter().position(|d| *d == p).unwrap_or(0);
         let drive_of = pattern.measurements().iter().map(|m| drive_index(m.drive)).collect();
         let pairs = pattern
@@ -56,7 +51,6 @@ impl Reciprocity {
             pairs,
             drive_of,
             drives: pattern.drives().len(),
-            scales,
             least_noise: 0.0,
             prepared: None,
         }
@@ -66,13 +60,11 @@ impl Reciprocity {
     /// that is the same all around both of a pair are rounded alike.
     #[must_use]
     pub fn at_least(self, least_noise: f64) -> Self {
-        Self { least_noise, ..self }
-    }
-
-    /// The same where the gain of every drive and of every sense pair is unknown, whatever drives: what drifts is then no disagreement. An
-    /// exchanged pair senses where the other drives, so the scales of the drives are those of the senses as well.
-    pub fn of_unknown_gains(pattern: &Pattern) -> Self {
-        Self::of_pairs(pattern, true)
+        Self {
+            least_noise,
+            prepared: None,
+            ..self
+        }
     }
 
     /// The noise of a normalised difference `y = V_model (V / V_baseline - 1)`, whose values scatter by the same amount
@@ -83,7 +75,7 @@ impl Reciprocity {
         self.disagreement(y, model_v, spread, used)?.noise()
     }
 
-    /// What the reciprocal pairs disagree by, once the drive currents are fitted. `None` without pairs.
+    /// What the reciprocal pairs disagree by, once the gains are fitted. `None` without pairs.
     pub fn disagreement(
         &self,
         y: &DVector<f64>,
@@ -127,7 +119,9 @@ impl Reciprocity {
             .collect();
         let noise = |k: usize| spread[k] / model_v[k].abs();
         let weights: Vec<f64> = pairs.iter().map(|[a, b]| 1.0 / noise(*a).hypot(noise(*b))).collect();
-        let explained = if self.scales && !pairs.is_empty() {
+        let explained = if pairs.is_empty() {
+            DMatrix::zeros(0, 0)
+        } else {
             let mut design = DMatrix::<f64>::zeros(pairs.len(), self.drives);
             for ((row, p), w) in pairs.iter().enumerate().zip(&weights) {
                 design[(row, self.drive_of[p[1]])] += w;
@@ -146,8 +140,6 @@ impl Reciprocity {
                 column /= eigen.eigenvalues[*k].sqrt();
             }
             explained
-        } else {
-            DMatrix::zeros(pairs.len(), 0)
         };
         Some(Prepared {
             used: used.to_vec(),
@@ -222,7 +214,7 @@ impl Disagreement {
 mod tests {
     use super::*;
     use forward::field::conductivity_of_discs;
-    use forward::{DiscTouch, Model, ModelOptions, Sheet, Solver};
+    use forward::{DiscTouch, Drive, Model, ModelOptions, Sheet, Solver};
     use rand::{Rng, SeedableRng};
     use rand_distr::StandardNormal;
     use std::sync::Arc;
@@ -243,7 +235,7 @@ mod tests {
             solver.solve(&conductivity_of_discs(model.mesh(), &[touch])).unwrap();
             let touched = drive.frame_v(solver.electrode_matrix(), &pattern);
             let sigma = 1e-4 * baseline[0];
-            let judge = Reciprocity::new(&pattern, drive);
+            let judge = Reciprocity::new(&pattern);
             let mut rng = rand::rngs::StdRng::seed_from_u64(3);
             let mut estimates: Vec<f64> = (0..400)
                 .map(|_| {
@@ -260,7 +252,7 @@ mod tests {
                 "{drive:?}: median {}",
                 estimates[200]
             );
-            // Chi-square with 89 or 104 degrees of freedom: 1 % quantiles at 0.83 and 1.18.
+            // Chi-square with 89 degrees of freedom: 1 % quantiles at 0.83 and 1.18.
             assert!(
                 estimates[4] > 0.8 && estimates[395] < 1.2,
                 "{} {}",
@@ -296,7 +288,7 @@ mod tests {
             let remembers: Vec<f64> = std::iter::once(touched[0])
                 .chain(touched.windows(2).map(|v| v[1] + 0.01 * (v[0] - v[1])))
                 .collect();
-            let judge = Reciprocity::of_unknown_gains(&pattern);
+            let judge = Reciprocity::new(&pattern);
             let [agrees, disagrees] = [drifted, remembers].map(|frame| {
                 let y = DVector::from_fn(frame.len(), |k, _| frame[k] - baseline[k]);
                 let found = judge.disagreement(&y, &baseline, &[1.0; 208], &[true; 208]).unwrap();

@@ -174,6 +174,26 @@ mod tests {
         assert!(reference.difference(&baseline[1..]).is_err());
     }
 
+    /// Of values on steps the noise is known to be at least that of rounding.
+    #[test]
+    fn rounded_values_are_not_known_better_than_rounding_lets() {
+        let imager = imager();
+        let step = 1e-3 * imager.model_v[0];
+        let baseline: Vec<f64> = imager.model_v.iter().map(|v| (v / step).round() * step).collect();
+        let gain = imager.gain(&baseline);
+        let rounding = step / 12.0_f64.sqrt();
+        let of = |sigma| {
+            let noise = FrameNoise::of_frames(sigma);
+            Reference::new(Arc::clone(&imager), baseline.clone(), noise).unwrap()
+        };
+        for (sigma, known) in [(0.01 * step, rounding), (3.0 * step, 3.0 * step)] {
+            let reference = of(sigma);
+            assert!((reference.frame_noise().unwrap() / known - 1.0).abs() < 1e-6);
+            assert!((reference.noise().unwrap().sigma / (gain * known) - 1.0).abs() < 1e-6);
+            assert!((reference.least_noise() / (gain * rounding * 2.0_f64.sqrt()) - 1.0).abs() < 1e-6);
+        }
+    }
+
     /// The difference to a mean of n frames has 1 + 1/n times a frame's variance.
     #[test]
     fn the_baseline_adds_its_share_of_the_noise() {

@@ -388,3 +388,49 @@ fn values_that_are_rounded_alike_are_not_taken_for_exact() {
         }
     }
 }
+
+/// A baseline that has an offset is compared with as any other: what is found is right or doubted, and no fault hides it.
+#[test]
+fn an_offset_of_the_baseline_blocks_nothing() {
+    let offset = |f: &mut Vec<f64>| f.iter_mut().for_each(|v| *v += 0.008);
+    let mut rig = Rig::new(890, |_, f| offset(f));
+    assert!(rig.live.inspection().unwrap().fault.is_none());
+    for frame in 0..40 {
+        let touched = frame >= 20;
+        let result = rig.result(touched, offset);
+        let right = is_right(&result.touches, touched);
+        assert!(result.faults.is_empty(), "frame {frame}: {:?}", result.faults);
+        assert!(
+            frame % 20 < 4 || right || result.doubt.is_some(),
+            "frame {frame}: {:?}",
+            result.touches
+        );
+    }
+}
+
+/// Pictures alone explain nothing: that exchanged pairs disagree is not asked.
+#[test]
+fn pictures_without_a_fit_are_not_doubted_for_their_pairs() {
+    let imager = imager(Drive::PAPER, 5.0).unwrap();
+    let mut rng = rng(891);
+    let mut sheet = TestSheet::new(&imager, Drive::PAPER, 0.3, 0.2, &mut rng).unwrap();
+    let finger = DiscTouch {
+        centre_mm: AT_MM,
+        radius_mm: 12.5,
+        rise: 0.2,
+    };
+    let touched = sheet.clean_frame(&[finger]).unwrap();
+    let sigma = noise_v(&touched, &sheet.baseline, 27.0);
+    let options = LiveOptions {
+        method: Method::Tikhonov,
+        ..LiveOptions::default()
+    };
+    let mut live = Live::new(imager, options);
+    for frame in 0..60 {
+        let clean = if frame < 40 { &sheet.baseline } else { &touched };
+        let values = noisy(clean.clone(), sigma, &mut rng);
+        if let LiveFrame::Picture(result) = live.frame(f64::from(frame) * INTERVAL_S, &values).unwrap() {
+            assert_ne!(result.doubt, Some(Doubt::NotReciprocal), "frame {frame}");
+        }
+    }
+}

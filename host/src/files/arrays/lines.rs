@@ -128,6 +128,7 @@ mod tests {
         for (text, words) in [
             ("1,2\n3\n", ["f:2", "2 numbers", "found 1"]),
             ("1,2\n3,x\n", ["f:2", "column 2", "'x'"]),
+            ("1, 2\n3, x\n", ["f:2", "column 2", "found 'x'"]),
             ("1;2\n3,5;4,25\n", ["f:2", "column 2", "'5;4'; write a decimal point"]),
             ("a b\n3,5 4,25\n", ["f:2", "column 2", "'5 4'; write a decimal point"]),
             ("a,b\nc,d\n", ["f:2", "column 1", "'c'"]),

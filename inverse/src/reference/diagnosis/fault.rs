@@ -61,7 +61,7 @@ pub enum Fault {
     Contacts(Electrodes),
     /// The source gives nothing.
     Source,
-    /// All voltages are this many times those of the baseline, less than drifts: below 0 where they have the other sign.
+    /// All voltages are this many times those of the baseline: less than a fifth, or below 0 where they have the other sign.
     Scale(f64),
     /// The converter gives always the same.
     Converter,
@@ -227,8 +227,8 @@ impl fmt::Display for Fault {
             ),
             Self::OffsetOfAll => write!(
                 f,
-                "all values have another offset than in the baseline: no touches are shown; look at the converter and at what reaches it \
-                 of the source, or take a new baseline"
+                "all values have another offset than in the baseline: no touches are shown; look at the converter and at what couples \
+                 into it from the source, or take a new baseline"
             ),
             Self::Value(_, [a, b, c, d]) => write!(
                 f,

@@ -398,7 +398,9 @@ impl Diagnosis {
         cost
     }
 
-    fn offer_channels(&self, evidence: &Evidence, d: &Difference, best: &mut Best) {
+    /// What an amplifier does to a difference; and, of a frame that is compared with a baseline, an offset of all values that is no drift. A
+    /// baseline that has one is compared by its ratios like any other.
+    fn offer_channels(&self, evidence: &Evidence, d: &Difference, is_of_frame: bool, best: &mut Best) {
         let cost = FAULT + (2.0 * self.channels.len() as f64).ln();
         for (pair, values) in &self.channels {
             let [gain, offset] = self.channel_columns(values, d);
@@ -411,7 +413,7 @@ impl Diagnosis {
         let all = used.map(|(spread, used)| if *used { *spread } else { 0.0 });
         let all = DVector::from_iterator(d.used.len(), all);
         let (of_all, size) = evidence.along(&all, OFFSET * self.mean_v);
-        if size.abs() > MOST_OFFSET * self.mean_v {
+        if is_of_frame && size.abs() > MOST_OFFSET * self.mean_v {
             best.offer(FAULT + of_all, || Fault::OffsetOfAll);
         }
     }

@@ -127,7 +127,7 @@ impl Diagnosis {
             }
             1 => {
                 self.offer_contacts(evidence, best);
-                self.offer_channels(evidence, d, best);
+                self.offer_channels(evidence, d, of_frame, best);
                 self.offer_values(evidence, best);
                 self.offer_open(evidence, best);
             }
