@@ -9,6 +9,14 @@ pub(crate) fn median(values: impl Iterator<Item = f64>) -> f64 {
     sorted.get(sorted.len() / 2).copied().unwrap_or(0.0)
 }
 
+/// How far a mean square of noise may be off its expectation, in its standard deviations, to be one.
+const NOISE: f64 = 5.0;
+
+/// Whether a sum of squares, each over its variance, of `count` values is one of noise.
+pub(crate) fn is_of_noise(square: f64, count: f64) -> bool {
+    square < count + NOISE * (2.0 * count).sqrt()
+}
+
 /// The value that Fisher's F exceeds with a probability of `1 - probability`.
 ///
 /// F is the ratio of two independent mean squares of noise. The degrees of freedom are those of the `numerator` and of the

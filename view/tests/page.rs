@@ -42,8 +42,8 @@ fn view() -> LiveView {
     .unwrap()
 }
 
-/// Two fingers on a disc, one of which moves and goes. From the hundredth picture on the other is a new one: the label of one that was
-/// there stays on the side that it had, which on a page that is slow may be another than on a fresh one.
+/// Two fingers on a disc, one of which moves and goes. From the hundredth picture on the other is a new one. The label of one that was
+/// there would stay on its side, which a page that passed over pictures chose otherwise than a fresh one.
 fn picture(template: &Picture, sequence: u64) -> Picture {
     let t = 0.03 * sequence.min(100) as f64;
     let first = if sequence < 100 { 1 } else { 3 };

@@ -241,13 +241,8 @@ impl FrameSolver {
     /// Whether the touches of a result explain its frame; `gain` is that of a mean. A search that was cut short shows what it has, and
     /// explains nothing yet. In a table each comes to its end.
     pub(crate) fn is_explained(&self, result: &FrameResult, gain: f64) -> bool {
-        let Some(options) = self.fitter.as_ref().map(Fitter::options) else {
-            return false;
-        };
-        let explains = |misfit| {
-            !self.options.sequence || options.explains(misfit, gain) || result.residual <= options.most_residual
-        };
-        result.misfit.is_some_and(explains)
+        let explains = |misfit| !self.options.sequence || self.may_leave(misfit, result.residual, gain);
+        self.fits() && result.misfit.is_some_and(explains)
     }
 
     /// Begins another fit of the frame, with touches of other signs or without a contact.

@@ -72,6 +72,8 @@ pub struct Reconstructor {
     difference: Difference,
     /// Which values took part before the frame was held against itself.
     judged: Vec<bool>,
+    /// Values that are numbers, but none that a converter gives.
+    beyond: Vec<usize>,
     whole: Difference,
     mean: Vec<f64>,
     result: FrameResult,
@@ -115,6 +117,7 @@ impl Reconstructor {
             divided: Vec::new(),
             difference: reference.unchanged().clone(),
             judged: Vec::new(),
+            beyond: Vec::new(),
             whole: reference.unchanged().clone(),
             mean: Vec::new(),
             result: FrameResult::nothing(imager),
@@ -385,6 +388,13 @@ impl Reconstructor {
     /// False where the frame has time only for what it is to be solved with.
     fn reconstruct(&mut self, values: &[f64], averaged: Averaged, quiet: bool) -> Result<bool, ImagerError> {
         self.reference.difference_into(values, &mut self.difference)?;
+        let usual = self.reference.unchanged().used.iter().zip(&self.difference.used);
+        let beyond = usual
+            .zip(values)
+            .enumerate()
+            .filter(|(_, ((usual, used), v))| **usual && !**used && v.is_finite());
+        self.beyond.clear();
+        self.beyond.extend(beyond.map(|(k, _)| k));
         if !self.options.sequence {
             // What was in the frame before says nothing of this one.
             self.solver.forget_touches();
@@ -592,8 +602,9 @@ impl Reconstructor {
         }
         let left_out = self.judged.iter().zip(&self.difference.used).enumerate();
         let left_out = left_out.filter(|(_, (before, now))| **before && !**now);
-        self.result.rejected.clear();
+        self.result.rejected.clone_from(&self.beyond);
         self.result.rejected.extend(left_out.map(|(k, _)| k));
+        self.result.rejected.sort_unstable();
     }
 }
 

@@ -51,7 +51,8 @@ pub struct DoubtOptions {
     pub least_values: f64,
     /// Largest change over the unpressed values, 2-norms. A lost or reversed source changes more than this.
     pub largest_change: f64,
-    /// What a whole hand with +300 % changes of it, the same way. What touches leave more of was never one that comes down.
+    /// What a whole hand with +300 % changes over the unpressed values, on the paper's sheet. Where touches leave more than that, none comes
+    /// down.
     pub largest_hand: f64,
 }
 

@@ -8,6 +8,7 @@ use crate::reference::diagnosis::{
     Diagnosis, Electrodes, Fault, MOST_ELECTRODES, PARTS, Search, Told, values_of, values_of_channel,
 };
 use crate::reference::imager::Imager;
+use crate::stats::is_of_noise;
 use std::sync::Arc;
 
 /// Frames one after another that touches do not explain before a fault is looked for: it takes as long as some frames.
@@ -32,9 +33,6 @@ fn next_look(fault: Fault) -> usize {
     let soon = !fault.leaves_touches() || matches!(fault, Fault::Contacts(_));
     AGAIN[usize::from(soon)]
 }
-
-/// How far a frame may be off the mean of those before, in standard deviations of its mean square, to be one of them.
-const ALIKE: f64 = 5.0;
 
 /// The mean of frames one after another that differ by nothing but noise. A contact and a finger on it tell different stories, but a
 /// frame by itself may be too noisy to tell which.
@@ -75,7 +73,7 @@ impl Mean {
             square += ((d.y[k] - before.y[k]) / d.spread[k]).powi(2) / variance;
             count += 1.0;
         }
-        square < count + ALIKE * (2.0 * count).sqrt()
+        is_of_noise(square, count)
     }
 }
 
@@ -236,7 +234,7 @@ impl FaultMonitor {
         let left = |k: usize| (d.y[k] - gain * self.imager.model_v[k]) / (sigma_v * d.spread[k]);
         let square: f64 = values.iter().map(|k| left(*k).powi(2)).sum();
         let count = values.len() as f64;
-        let well = count > 0.0 && values.iter().all(|k| d.used[*k]) && square < count + ALIKE * (2.0 * count).sqrt();
+        let well = count > 0.0 && values.iter().all(|k| d.used[*k]) && is_of_noise(square, count);
         self.well = if well { self.well + values.len() } else { 0 };
         self.well >= WELL
     }

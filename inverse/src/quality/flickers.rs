@@ -1,7 +1,9 @@
 //! Frames that come and go by themselves: a contact, a supply or a cable that fails now and then.
 //!
 //! A touch that comes down or lifts leaves another scene behind. Where touches do not explain a frame or two, and the frame after is as the
-//! one before, nothing came down.
+//! one before, nothing came down; or somebody taps as fast as frames come, and then these frames show no touch as it is either.
+
+use crate::stats::is_of_noise;
 
 /// Most frames one after another that may come and go.
 const MOST: usize = 2;
@@ -9,8 +11,6 @@ const MOST: usize = 2;
 const OFTEN: f64 = 2.5;
 /// Frames after which one counts half.
 const HALF: f64 = 256.0;
-/// How far a frame may be off another, in standard deviations of its mean square, to be alike.
-const ALIKE: f64 = 5.0;
 
 /// Counts frames that come and go.
 #[derive(Clone, Debug, Default)]
@@ -57,7 +57,7 @@ pub(crate) fn is_alike(other: &[f64], values: &[f64], used: &[bool], sigma: f64)
         count += 1.0;
     }
     // Two frames differ by twice the variance of one.
-    count > 0.0 && 0.5 * square < count + ALIKE * (2.0 * count).sqrt()
+    count > 0.0 && is_of_noise(0.5 * square, count)
 }
 
 #[cfg(test)]

@@ -27,7 +27,8 @@ pub(super) fn is_measured(value: f64, baseline: f64) -> bool {
 impl Difference {
     /// Of a frame (any unit) to its baseline (the same unit), all of one length.
     ///
-    /// Values that are not finite, in either, or beyond any converter's range, and values whose baseline is too small to divide by are left out.
+    /// Values are left out that are not finite in either, those beyond any converter's range, and those whose baseline is too small to
+    /// divide by.
     pub(crate) fn new(model_v: &[f64], baseline: &[f64], frame: &[f64]) -> Self {
         let mut sizes: Vec<f64> = baseline.iter().map(|v| v.abs()).filter(|v| v.is_finite()).collect();
         sizes.sort_by(f64::total_cmp);

@@ -2,8 +2,8 @@
 //!
 //! Sources, amplifiers and rubber drift by tenths of a percent within minutes, and touches weaker than that are to be seen.
 //! Kinds of drift that are linear and known from the model alone: the gain that all values have in common, the resistance of
-//! the whole sheet (temperature), the impedance of every contact, the gain of every channel with an offset of all, and a smooth unevenness (a
-//! sheet that was bent or stretched, or warmed on one side). Touches are looked for and fitted outside these
+//! the whole sheet (temperature), the impedance of every contact, the gain of every channel and the offset of all, and a
+//! smooth unevenness (a sheet that was bent or stretched, or warmed on one side). Touches are looked for and fitted outside these
 //! directions, as if nothing were known of the sizes (marginalised nuisance parameters; Kaipio and Somersalo 2005, 5.8). What
 //! is known of them is then told by the frame itself ([`crate::touches::fit`], nuisances).
 //!
@@ -28,8 +28,8 @@ const CONTACTS: [f64; 6] = [0.0, 0.003, 0.01, 0.03, 0.1, 0.3];
 
 /// The same of the gains of channels: amplifiers that warm up drift by tenths of a percent.
 const CHANNELS: [f64; 5] = [0.0, 0.0003, 0.001, 0.003, 0.01];
-/// That of an offset of all values over their root mean square, for each of these: most values are smaller than that.
-const OFFSET: f64 = 10.0;
+/// Standard deviation of an offset of all values over their root mean square, for each of these: most values are smaller than that.
+pub(crate) const OFFSET: f64 = 10.0;
 /// An offset over the root mean square of the values that is no drift any more.
 pub(crate) const MOST_OFFSET: f64 = OFFSET * CHANNELS[CHANNELS.len() - 1];
 /// Root mean square of a smooth unevenness: none, a sheet warmed on one side, and one that was bent. More is an object on it.
@@ -51,6 +51,8 @@ const NOTABLE: f64 = 0.02;
 const NOTABLY_UNEVEN: f64 = 0.005;
 /// A gain below this is no drift: the source is lost, or turned round. Above, touches are right beside it, whatever was set.
 pub(crate) const LEAST_GAIN: f64 = 0.2;
+/// The same of an offset of all values over their root mean square: a finger in the middle changes as much.
+const NOTABLY_OFFSET: f64 = 0.01;
 /// Digits of what is written: the estimates are no better.
 const DIGITS: f64 = 1e4;
 
@@ -67,6 +69,9 @@ pub struct Drift {
     /// Smooth unevenness of the sheet's resistance since the baseline, root mean square; 0 where nothing tells.
     #[serde(serialize_with = "rounded", skip_serializing_if = "is_zero")]
     pub uneven: f64,
+    /// Offset of all values beyond what the baseline has followed, over their root mean square; 0 where nothing tells.
+    #[serde(serialize_with = "rounded", skip_serializing_if = "is_zero")]
+    pub offset: f64,
     /// Whether the frame is more probable with contacts, channels or an unevenness that drifted than with what all values have in
     /// common alone.
     #[serde(skip)]
@@ -102,12 +107,22 @@ pub enum DriftNotice {
     Gain(f64),
     /// The sheet's resistance changed unevenly: its root mean square over the sheet, a part of the resistance.
     Uneven(f64),
+    /// All values are offset, by this part of their root mean square.
+    Offset(f64),
 }
 
 impl fmt::Display for DriftNotice {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let gain = match self {
             Self::Gain(gain) => gain,
+            Self::Offset(part) => {
+                return write!(
+                    f,
+                    "all values are offset since the baseline, by {:.1} % of their root mean square; touches take it into account. Look \
+                     at the converter and at what couples into it from the source, or take a new baseline",
+                    100.0 * part
+                );
+            }
             Self::Uneven(rms) => {
                 return write!(
                     f,
@@ -150,11 +165,12 @@ impl Drift {
     pub fn notice(&self) -> Option<DriftNotice> {
         let gain = ((self.gain - 1.0).abs() > NOTABLE).then_some(DriftNotice::Gain(self.gain));
         gain.or((self.uneven > NOTABLY_UNEVEN).then_some(DriftNotice::Uneven(self.uneven)))
+            .or((self.offset.abs() > NOTABLY_OFFSET).then_some(DriftNotice::Offset(self.offset)))
     }
 
     /// Whether anything is known to have drifted.
     pub fn is_none(&self) -> bool {
-        self.gain == 1.0 && self.contacts.is_empty() && self.uneven == 0.0
+        self.gain == 1.0 && self.contacts.is_empty() && self.uneven == 0.0 && self.offset == 0.0
     }
 
     /// No drift, with room for so many electrodes.
@@ -163,6 +179,7 @@ impl Drift {
             gain: 1.0,
             contacts: Vec::with_capacity(electrodes),
             uneven: 0.0,
+            offset: 0.0,
             by_own: false,
             cost: 0.0,
             evidence: 0.0,
@@ -174,7 +191,8 @@ impl Drift {
     pub(crate) fn copy_from(&mut self, other: &Self) {
         self.gain = other.gain;
         self.contacts.clone_from(&other.contacts);
-        (self.uneven, self.by_own, self.contact) = (other.uneven, other.by_own, other.contact);
+        (self.uneven, self.offset) = (other.uneven, other.offset);
+        (self.by_own, self.contact) = (other.by_own, other.contact);
         (self.cost, self.evidence) = (other.cost, other.evidence);
     }
 
@@ -182,7 +200,8 @@ impl Drift {
     pub(crate) fn clear(&mut self) {
         self.gain = 1.0;
         self.contacts.clear();
-        (self.uneven, self.by_own, self.contact) = (0.0, false, None);
+        (self.uneven, self.offset) = (0.0, 0.0);
+        (self.by_own, self.contact) = (false, None);
         (self.cost, self.evidence) = (0.0, 0.0);
     }
 }
@@ -271,8 +290,9 @@ impl DriftShapes {
         self.contacts.clone()
     }
 
-    /// V, values by kinds; those that `drifting` takes, of which the first two are gain and resistance.
-    pub(crate) fn columns(&self, drifting: Drifting) -> DMatrix<f64> {
+    /// V, values by kinds; those that `drifting` takes, of which the first two are gain and resistance. The difference of a value is
+    /// V_model over V_baseline times what the frame is off by, and so is an offset: the inverse of the value's `weight`.
+    pub(crate) fn columns(&self, drifting: Drifting, weight: impl Fn(usize) -> f64) -> DMatrix<f64> {
         let Some(own) = self.own(drifting) else {
             return match drifting {
                 Drifting::Nothing => DMatrix::zeros(self.common.nrows(), 0),
@@ -281,6 +301,13 @@ impl DriftShapes {
         };
         let mut columns = self.common.clone().resize_horizontally(2 + own.ncols(), 0.0);
         columns.columns_mut(2, own.ncols()).copy_from(own);
+        if drifting == Drifting::Channels {
+            let last = columns.ncols() - 1;
+            for (k, value) in columns.column_mut(last).iter_mut().enumerate() {
+                let weight = weight(k);
+                *value = if weight == 0.0 { 0.0 } else { *value / weight };
+            }
+        }
         columns
     }
 
@@ -335,7 +362,7 @@ impl DriftShapes {
     /// Adds the directions of all kinds that drift, with these weights of the values (0 where one takes no part).
     pub(crate) fn add_to(&self, drifting: Drifting, basis: &mut Basis, weight: impl Fn(usize) -> f64) {
         let mut weighed = vec![0.0; self.common.nrows()];
-        for column in self.columns(drifting).column_iter() {
+        for column in self.columns(drifting, &weight).column_iter() {
             for (k, (to, v)) in weighed.iter_mut().zip(column.iter()).enumerate() {
                 *to = v * weight(k);
             }
@@ -425,8 +452,8 @@ impl Waves {
     }
 }
 
-/// What a relative change of the gain does, of every sense pair; and an offset that all values have in common, of [`OFFSET`]
-/// times their root mean square. A drive pair's gain is what its contacts do.
+/// What a relative change of the gain does, of every sense pair. Last, an offset of all values of [`OFFSET`] times their root mean
+/// square. A drive pair's gain is what its contacts do.
 fn channels(imager: &Imager) -> DMatrix<f64> {
     let mut known = Vec::new();
     let mut columns: Vec<DVector<f64>> = Vec::new();

@@ -254,7 +254,7 @@ impl fmt::Display for Fault {
     }
 }
 
-/// A factor as a person reads it: two digits of it, which noise does not change.
+/// A factor as a person reads it: two digits.
 fn two_digits(factor: f64) -> String {
     let place = factor.abs().log10().floor() as i32;
     match place {
@@ -287,5 +287,27 @@ impl Serialize for Fault {
             text: self.to_string(),
         }
         .serialize(serializer)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn factors_are_read_with_two_digits() {
+        for (factor, text) in [
+            (-1.0, "-1.0"),
+            (-1.004, "-1.0"),
+            (-1000.0, "-1000"),
+            (-1049.0, "-1000"),
+            (-37.2, "-37"),
+            (0.1, "0.10"),
+            (0.0999, "0.100"),
+            (0.15, "0.15"),
+            (-2.5e9, "-2.5e9"),
+        ] {
+            assert_eq!(two_digits(factor), text);
+        }
     }
 }

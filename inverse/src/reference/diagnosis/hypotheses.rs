@@ -102,7 +102,7 @@ impl Diagnosis {
     pub(crate) fn new(imager: &Arc<Imager>) -> Option<Self> {
         let solver = Solver::new(Arc::clone(&imager.model)).ok()?;
         let drift = DriftShapes::new(imager)?;
-        let shapes = drift.columns(Drifting::Contacts);
+        let shapes = drift.columns(Drifting::Contacts, |_| 1.0);
         let sd = |kind: usize| if kind < 2 { COMMON } else { CONTACT };
         let shapes = DMatrix::from_fn(shapes.nrows(), shapes.ncols(), |k, c| sd(c) * shapes[(k, c)]);
         let v = &imager.model_v;

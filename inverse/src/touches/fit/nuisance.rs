@@ -13,7 +13,7 @@
 use crate::linalg::dense::{backward, cholesky, forward};
 use crate::linalg::kernels::{LANES, padded};
 use crate::linalg::vector::dot;
-use crate::reference::drift::{CHANGED, ContactChange, Drift, DriftShapes, Drifting};
+use crate::reference::drift::{CHANGED, ContactChange, Drift, DriftShapes, Drifting, OFFSET};
 use crate::touches::fit::disc::{Disc, MOST_TOUCHES};
 use crate::touches::fit::frame_fit::{Fitted, significance, touch_of};
 use crate::touches::fit::levenberg_marquardt::PARAMETERS;
@@ -86,7 +86,7 @@ impl Nuisances {
         }
         let rank = directions.len() / values;
         let rows = DMatrix::from_row_slice(rank, values, &directions);
-        let drifting = &rows * drift.columns(what);
+        let drifting = &rows * drift.columns(what, |k| weights[k]);
         let kinds_of_drift = drifting.ncols();
         let orthonormal = DMatrix::from_row_slice(rank, values, orthonormal);
         let shapes = &orthonormal * DMatrix::from_column_slice(values, shapes.len() / values, shapes);
@@ -345,7 +345,7 @@ impl Nuisances {
         let rows = padded(rank, LANES);
         drift.contacts.clear();
         drift.contacts.resize(self.contacts(), 0.0);
-        drift.gain = 1.0;
+        (drift.gain, drift.offset) = (1.0, 0.0);
         scratch.waves.clear();
         scratch.waves.resize(self.wave_squares.len(), 0.0);
         for (l, p) in scratch.probabilities.iter().enumerate().filter(|(_, p)| **p > 0.0) {
@@ -360,6 +360,9 @@ impl Nuisances {
             }
             for (w, out) in scratch.waves.iter_mut().enumerate() {
                 *out += p * of(2 + w);
+            }
+            if self.what == Drifting::Channels {
+                drift.offset += p * OFFSET * of(1 + self.own);
             }
         }
         let squares = scratch.waves.iter().zip(&self.wave_squares);
