@@ -20,6 +20,8 @@ struct Whole {
     /// The weighted sensitivity of all values, its columns scaled by the prior that all values give.
     factored: Factored,
     prior: DVector<f64>,
+    /// The same with the prior that other values gave last.
+    scaled: Option<(DVector<f64>, Factored)>,
 }
 
 /// Directions of all values below this part of [`ReconstructorOptions::drop`] are left out before any values are: what weights and
@@ -39,7 +41,21 @@ impl Whole {
             spread: spread.to_vec(),
             factored: Factored::new(&a, LEAST_DIRECTION * options.drop),
             prior,
+            scaled: None,
         }
+    }
+
+    /// The matrix with its columns scaled by a prior.
+    fn with(&mut self, prior: &DVector<f64>) -> &Factored {
+        if *prior == self.prior {
+            return &self.factored;
+        }
+        let scaled = self.scaled.take().filter(|(of, _)| of == prior);
+        let scaled = scaled.unwrap_or_else(|| {
+            let scales: Vec<f64> = prior.iter().zip(&self.prior).map(|(own, all)| own / all).collect();
+            (prior.clone(), self.factored.scaled(&scales))
+        });
+        &self.scaled.insert(scaled).1
     }
 }
 
@@ -120,7 +136,7 @@ pub(crate) struct Tables {
 
 impl Weighted {
     fn new(
-        whole: &Whole,
+        whole: &mut Whole,
         imager: &Imager,
         options: &ReconstructorOptions,
         drift: Option<&DriftShapes>,
@@ -151,8 +167,7 @@ impl Weighted {
         };
         let weights: Vec<f64> = (0..difference.used.len()).map(|k| weight(difference, k)).collect();
         let prior = prior(&imager.sensitivity, &weights, options);
-        let scales: Vec<f64> = prior.iter().zip(&whole.prior).map(|(own, all)| own / all).collect();
-        let problem = whole.factored.problem(leave_out, &scales, options.drop);
+        let problem = whole.with(&prior).problem(leave_out, options.drop);
         Self {
             used: difference.used.clone(),
             spread: difference.spread.clone(),
@@ -365,8 +380,8 @@ impl Weightings {
             None => {
                 self.kept.truncate(most_kept(imager) - 1);
                 let whole = self.whole.take().filter(|whole| whole.spread == difference.spread);
-                let whole = whole.unwrap_or_else(|| Whole::new(imager, options, &difference.spread));
-                let new = Weighted::new(&whole, imager, options, drift, contacts, difference, left_out);
+                let mut whole = whole.unwrap_or_else(|| Whole::new(imager, options, &difference.spread));
+                let new = Weighted::new(&mut whole, imager, options, drift, contacts, difference, left_out);
                 self.whole = Some(whole);
                 self.kept.insert(0, new);
                 1

@@ -2,6 +2,7 @@
 
 use crate::solvers::Problem;
 use nalgebra::{Cholesky, DMatrix, DVector, SymmetricEigen};
+use std::sync::Arc;
 
 /// `A = B D`: columns B that span those of A (`values x rank`), as long as the singular values, and orthonormal rows D
 /// (`rank x cells`).
@@ -10,8 +11,10 @@ use nalgebra::{Cholesky, DMatrix, DVector, SymmetricEigen};
 /// decomposed without a matrix of all values and cells.
 #[derive(Clone, Debug)]
 pub struct Factored {
-    columns: DMatrix<f64>,
+    columns: Arc<DMatrix<f64>>,
     directions: DMatrix<f64>,
+    /// Cholesky factor of the rows' products with one another; none where they are orthonormal.
+    lower: Option<DMatrix<f64>>,
     finite: bool,
 }
 
@@ -28,45 +31,70 @@ impl Factored {
             columns.column_mut(k).scale_mut(length);
         }
         Self {
-            columns,
+            columns: Arc::new(columns),
             directions,
+            lower: None,
             finite: problem.is_finite(),
         }
     }
 
-    /// The problem of another matrix: `leave_out` makes its columns of those of A, by any linear map of each column, and `scales` above 0
-    /// multiply them then. The rank tolerance is that of [`Problem::new`].
-    pub fn problem(&self, leave_out: impl FnOnce(&mut DMatrix<f64>), scales: &[f64], rank_tolerance: f64) -> Problem {
-        let mut columns = self.columns.clone();
-        leave_out(&mut columns);
+    /// The same of A with its columns multiplied by `scales` above 0. One of numbers that do not allow it has rank 0.
+    pub fn scaled(&self, scales: &[f64]) -> Self {
         let mut directions = self.directions.clone();
         for (mut column, scale) in directions.column_iter_mut().zip(scales) {
             column *= *scale;
         }
-        let largest = columns.amax();
-        let (values, cells) = (columns.nrows(), directions.ncols());
-        let nothing = || Problem::nothing(values, cells, self.finite);
         // Nearly the identity: the scales are.
-        let Some(factor) = Cholesky::new(&directions * directions.transpose()).filter(|_| largest > 0.0) else {
-            return nothing();
+        let Some(factor) = Cholesky::new(&directions * directions.transpose()) else {
+            return Self {
+                columns: Arc::new(DMatrix::zeros(self.columns.nrows(), 0)),
+                directions: DMatrix::zeros(0, directions.ncols()),
+                lower: None,
+                finite: self.finite,
+            };
         };
-        let lower = factor.l();
+        Self {
+            columns: Arc::clone(&self.columns),
+            directions,
+            lower: Some(factor.l()),
+            finite: self.finite,
+        }
+    }
+
+    /// The problem of another matrix: `leave_out` makes its columns of those of A, by any linear map of each column. The rank tolerance
+    /// is that of [`Problem::new`].
+    pub fn problem(&self, leave_out: impl FnOnce(&mut DMatrix<f64>), rank_tolerance: f64) -> Problem {
+        let mut columns = DMatrix::clone(&self.columns);
+        leave_out(&mut columns);
+        let (values, cells) = (columns.nrows(), self.directions.ncols());
+        let nothing = || Problem::nothing(values, cells, self.finite);
+        let largest = if columns.is_empty() { 0.0 } else { columns.amax() };
+        if !(largest > 0.0) {
+            return nothing();
+        }
         columns /= largest;
         // Products of the columns with one another are all that the long columns are needed for, but for the basis.
         let products = columns.transpose() * &columns;
-        let scaled = lower.transpose() * &products * &lower;
+        let scaled = match &self.lower {
+            Some(lower) => lower.transpose() * &products * lower,
+            None => products.clone(),
+        };
         if scaled.iter().any(|v| !v.is_finite()) {
             return nothing();
         }
         let eigen = SymmetricEigen::new(scaled);
         let lengths: Vec<f64> = eigen.eigenvalues.iter().map(|v| v.max(0.0).sqrt()).collect();
         let kept = Problem::kept(&lengths, rank_tolerance);
-        let mut by = lower * eigen.eigenvectors.select_columns(&kept);
+        let turned = eigen.eigenvectors.select_columns(&kept);
+        let mut by = match &self.lower {
+            Some(lower) => lower * turned,
+            None => turned,
+        };
         for (mut column, k) in by.column_iter_mut().zip(&kept) {
             column /= lengths[*k];
         }
         let basis = &columns * &by;
-        let reduced = (by.transpose() * products * largest) * &directions;
+        let reduced = (by.transpose() * products * largest) * &self.directions;
         let singular = DVector::from_iterator(kept.len(), kept.iter().map(|k| lengths[*k] * largest));
         Problem::assemble(reduced, singular, basis, self.finite)
     }
@@ -112,26 +140,29 @@ mod tests {
             values.iter_mut().zip(&direction).for_each(|(v, d)| *v -= along * d);
         };
         let scales: Vec<f64> = (0..50).map(|_| rng.random_range(0.5..2.0)).collect();
-        let mut without = a.clone();
-        for (mut column, scale) in without.column_iter_mut().zip(&scales) {
-            leave_out(column.as_mut_slice());
-            column *= *scale;
-        }
-        for tolerance in [0.0, 1e-2] {
-            let (long, short) = (
-                Problem::new(&without, tolerance),
-                factored.problem(of_all(leave_out), &scales, tolerance),
-            );
-            assert_eq!(long.rank(), short.rank());
-            for (a, b) in long.singular().iter().zip(short.singular()) {
-                assert!((a / b - 1.0).abs() < 1e-6, "{a} {b}");
+        let (scaled, even) = (factored.scaled(&scales), vec![1.0; 50]);
+        for (factored, scales) in [(&factored, even), (&scaled, scales)] {
+            let mut without = a.clone();
+            for (mut column, scale) in without.column_iter_mut().zip(&scales) {
+                leave_out(column.as_mut_slice());
+                column *= *scale;
             }
-            // Directions have no sign: the products say whether they are the same.
-            let gram = |p: &Problem| p.a().tr_mul(p.a());
-            assert!((gram(&long) - gram(&short)).amax() < 1e-9 * gram(&long).amax());
-            let b = nalgebra::DVector::from_fn(30, |_, _| rng.random_range(-1.0..1.0));
-            let back = |p: &Problem| p.a().tr_mul(&p.reduce(&b).0);
-            assert!((back(&long) - back(&short)).amax() < 1e-7 * back(&long).amax());
+            for tolerance in [0.0, 1e-2] {
+                let (long, short) = (
+                    Problem::new(&without, tolerance),
+                    factored.problem(of_all(leave_out), tolerance),
+                );
+                assert_eq!(long.rank(), short.rank());
+                for (a, b) in long.singular().iter().zip(short.singular()) {
+                    assert!((a / b - 1.0).abs() < 1e-6, "{a} {b}");
+                }
+                // Directions have no sign: the products say whether they are the same.
+                let gram = |p: &Problem| p.a().tr_mul(p.a());
+                assert!((gram(&long) - gram(&short)).amax() < 1e-9 * gram(&long).amax());
+                let b = DVector::from_fn(30, |_, _| rng.random_range(-1.0..1.0));
+                let back = |p: &Problem| p.a().tr_mul(&p.reduce(&b).0);
+                assert!((back(&long) - back(&short)).amax() < 1e-7 * back(&long).amax());
+            }
         }
     }
 
@@ -139,9 +170,11 @@ mod tests {
     fn of_nothing_nothing_is_left() {
         let mut rng = StdRng::seed_from_u64(9);
         let factored = Factored::new(&matrix(&mut rng), 0.0);
-        assert_eq!(factored.problem(|columns| columns.fill(0.0), &[1.0; 50], 0.0).rank(), 0);
+        assert_eq!(factored.problem(|columns| columns.fill(0.0), 0.0).rank(), 0);
         let mut broken = matrix(&mut rng);
         broken[(2, 3)] = f64::NAN;
-        assert_eq!(Factored::new(&broken, 0.0).problem(|_| {}, &[1.0; 50], 0.0).rank(), 0);
+        assert_eq!(Factored::new(&broken, 0.0).problem(|_| {}, 0.0).rank(), 0);
+        let impossible = factored.scaled(&[f64::NAN; 50]);
+        assert_eq!(impossible.problem(|_| {}, 0.0).rank(), 0);
     }
 }
