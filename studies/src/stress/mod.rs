@@ -38,9 +38,9 @@ pub struct Effort {
 }
 
 impl Effort {
-    /// A fraction of a second: what the tests do.
+    /// Some seconds: what the tests do.
     pub const SHORT: Self = Self {
-        problems: 30,
+        problems: 100,
         wandering: 2_000,
         sheet: 60,
         seed: 1,
