@@ -31,6 +31,8 @@ const POINTS: f64 = 12.0;
 const PLACES: usize = 3;
 /// Strengths that change the field at the rim by less than this part are rounding.
 const LEAST_EIGENVALUE: f64 = 1e-12;
+/// Steps for each row after which eigenvectors are given up. Two or three are usual.
+const MOST_STEPS: usize = 100;
 /// Nodes of the mesh that the potentials of electrodes are taken from: so far from the rims, in distances between sources.
 const BAND: [f64; 2] = [1.0, 2.0];
 
@@ -81,14 +83,14 @@ impl Rims {
             slopes_of.row_mut(q).scale_mut(point.length);
         }
         let right = -(values.tr_mul(&slopes_of) + shunts.tr_mul(&of_places));
-        let strengths = solved(0.5 * (&a + a.transpose()), &right);
+        let strengths = solved(0.5 * (&a + a.transpose()), &right)?;
         of_places = less_first(DMatrix::from_fn(sources.len(), places.len(), |k, j| {
             (places[j] - sources[k]).norm().ln()
         }));
         let image = solved(
             &of_places * of_places.transpose(),
             &(&of_places * strengths.transpose()),
-        )
+        )?
         .transpose();
         let drives = drives(solver, &sources)?;
         let finite = image.iter().chain(&drives).all(|v| v.is_finite());
@@ -123,15 +125,16 @@ impl Rims {
     }
 }
 
-/// Solves a symmetric, semidefinite system; what is rounding is left out.
-fn solved(a: DMatrix<f64>, right: &DMatrix<f64>) -> DMatrix<f64> {
-    let eigen = SymmetricEigen::new(a);
+/// Solves a symmetric, semidefinite system; what is rounding is left out. `None` where its eigenvectors are not found.
+fn solved(a: DMatrix<f64>, right: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let most = MOST_STEPS * (a.nrows() + 1);
+    let eigen = SymmetricEigen::try_new(a, f64::EPSILON, most)?;
     let least = LEAST_EIGENVALUE * eigen.eigenvalues.amax();
     let mut along = eigen.eigenvectors.tr_mul(right);
     for (mut row, value) in along.row_iter_mut().zip(&eigen.eigenvalues) {
         row *= if *value > least { 1.0 / value } else { 0.0 };
     }
-    &eigen.eigenvectors * along
+    Some(&eigen.eigenvectors * along)
 }
 
 fn less_first(m: DMatrix<f64>) -> DMatrix<f64> {
@@ -165,7 +168,7 @@ fn drives(solver: &Solver, sources: &[Complex<f64>]) -> Option<DMatrix<f64>> {
     let ohm = solver.model().sheet().sheet_resistance_ohm;
     let all = solver.potentials_v();
     let potentials = DMatrix::from_fn(nodes.len(), all.ncols(), |i, l| all[(nodes[i], l)] / ohm);
-    let strengths = solved(fields.tr_mul(&fields), &fields.tr_mul(&potentials));
+    let strengths = solved(fields.tr_mul(&fields), &fields.tr_mul(&potentials))?;
     Some(strengths.rows(0, sources.len()).into_owned())
 }
 

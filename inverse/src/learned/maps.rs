@@ -17,7 +17,7 @@ use super::frame::{Frame, MOST_DISPLACED};
 use super::orbits::Orbits;
 use super::sensitivities::Sensitivities;
 use crate::stats::median;
-use nalgebra::{DMatrix, DVector, DVectorView, Dyn, Matrix2, SymmetricEigen};
+use nalgebra::{DMatrix, DVector, DVectorView, Matrix2};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
@@ -161,11 +161,6 @@ pub(super) fn matrix(columns: &[Vec<f64>], rows: usize, count: usize) -> Option<
             .iter()
             .all(|c| c.len() == rows && c.iter().all(|v| v.is_finite()));
     fits.then(|| DMatrix::from_iterator(rows, count, columns.iter().flatten().copied()))
-}
-
-/// `None` where a number is not finite, of which the algorithm would not end.
-pub(super) fn symmetric_eigen(matrix: DMatrix<f64>) -> Option<SymmetricEigen<f64, Dyn>> {
-    matrix.iter().all(|v| v.is_finite()).then(|| matrix.symmetric_eigen())
 }
 
 /// Root mean square of values, those far outside drawn in; what is not a number does not count.

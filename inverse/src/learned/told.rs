@@ -6,6 +6,7 @@
 //! (Tarantola 2005, section 3.2). The model then answers as the sheet does that they tell, and what is still uncertain of it is in the
 //! uncertainty of touches. Where the model explains baseline and presses, nothing changes.
 
+use crate::linalg::eigen::symmetric_eigen;
 use crate::reference::ToldSheet;
 use crate::reference::electrode_fit::UnevenSheet;
 use crate::reference::imager::Imager;
@@ -13,7 +14,7 @@ use crate::reference::inspection::Inspection;
 use crate::stats::median;
 use crate::touches::fit::electrode_uncertainty::Slopes;
 use crate::touches::fit::prior::FitOptions;
-use nalgebra::{Cholesky, DMatrix, DVector, SymmetricEigen};
+use nalgebra::{Cholesky, DMatrix, DVector};
 
 /// Most directions in which the sheet is taken as uncertain after its baseline.
 const MOST_DIRECTIONS: usize = 40;
@@ -172,7 +173,7 @@ fn directions(sheet: &UnevenSheet) -> Option<DMatrix<f64>> {
     let unit = |k: usize| UNITS[(k / n).min(2)];
     let size = sheet.mean.len();
     let scaled = DMatrix::from_fn(size, size, |i, j| sheet.covariance[(i, j)] / (unit(i) * unit(j)));
-    let eigen = SymmetricEigen::try_new(scaled, f64::EPSILON, 0)?;
+    let eigen = symmetric_eigen(scaled)?;
     let mut order: Vec<usize> = (0..size)
         .filter(|k| eigen.eigenvalues[*k] > LEAST_MM * LEAST_MM)
         .collect();

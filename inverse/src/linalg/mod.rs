@@ -5,6 +5,7 @@ pub(crate) mod basis;
 pub(crate) mod block;
 pub(crate) mod columns;
 pub(crate) mod dense;
+pub(crate) mod eigen;
 pub(crate) mod kernels;
 pub(crate) mod pivoted;
 pub(crate) mod signs;

@@ -45,7 +45,7 @@ impl Whole {
         }
     }
 
-    /// The matrix with its columns scaled by a prior.
+    /// The matrix with its columns scaled by this prior, in place of that of all values.
     fn with(&mut self, prior: &DVector<f64>) -> &Factored {
         if *prior == self.prior {
             return &self.factored;

@@ -6,9 +6,10 @@
 //! numbers hold what the gains of the amplifiers drift by, whatever drives. Of the 104 pairs of an adjacent frame on 16
 //! electrodes 89 degrees of freedom are left.
 
+use crate::linalg::eigen::symmetric_eigen;
 use crate::reference::noise::{NoiseEstimate, NoiseSource};
 use forward::{Pair, Pattern};
-use nalgebra::{DMatrix, DVector, SymmetricEigen};
+use nalgebra::{DMatrix, DVector};
 
 /// Reciprocal pairs of a pattern, ready to judge frames.
 #[derive(Clone, Debug)]
@@ -128,11 +129,8 @@ impl Reciprocity {
                 design[(row, self.drive_of[p[0]])] -= w;
             }
             let normal = design.tr_mul(&design);
-            if !normal.iter().all(|v| v.is_finite()) {
-                return None;
-            }
             // The scales are determined up to a common one; those of drives without pairs are not: their eigenvalues are 0.
-            let eigen = SymmetricEigen::new(normal);
+            let eigen = symmetric_eigen(normal)?;
             let least = LEAST_EIGENVALUE * eigen.eigenvalues.amax();
             let kept: Vec<usize> = (0..self.drives).filter(|k| eigen.eigenvalues[*k] > least).collect();
             let mut explained = design * eigen.eigenvectors.select_columns(&kept);

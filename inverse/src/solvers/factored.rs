@@ -1,11 +1,12 @@
 //! A matrix decomposed once, for problems with some of its rows, or some directions of its values, left out.
 
+use crate::linalg::eigen::symmetric_eigen;
 use crate::solvers::Problem;
-use nalgebra::{Cholesky, DMatrix, DVector, SymmetricEigen};
+use nalgebra::{Cholesky, DMatrix, DVector};
 use std::sync::Arc;
 
 /// `A = B D`: columns B that span those of A (`values x rank`), as long as the singular values, and orthonormal rows D
-/// (`rank x cells`).
+/// (`rank x cells`). After [`Factored::scaled`] these rows are not orthonormal any more, and their products are kept.
 ///
 /// What is left out of A's values is left out of B: `f(A) P = f(B) D P` for every linear f and scales P of the cells. It is
 /// decomposed without a matrix of all values and cells.
@@ -13,7 +14,7 @@ use std::sync::Arc;
 pub struct Factored {
     columns: Arc<DMatrix<f64>>,
     directions: DMatrix<f64>,
-    /// Cholesky factor of the rows' products with one another; none where they are orthonormal.
+    /// Cholesky factor of the rows' products with one another; none where they are orthonormal to rounding.
     lower: Option<DMatrix<f64>>,
     finite: bool,
 }
@@ -38,13 +39,13 @@ impl Factored {
         }
     }
 
-    /// The same of A with its columns multiplied by `scales` above 0. One of numbers that do not allow it has rank 0.
+    /// The same of A with its columns multiplied by `scales` above 0. Where the scaled rows are not finite, or are dependent, the rank is 0.
     pub fn scaled(&self, scales: &[f64]) -> Self {
         let mut directions = self.directions.clone();
         for (mut column, scale) in directions.column_iter_mut().zip(scales) {
             column *= *scale;
         }
-        // Nearly the identity: the scales are.
+        // Near the identity where the scales are near 1.
         let Some(factor) = Cholesky::new(&directions * directions.transpose()) else {
             return Self {
                 columns: Arc::new(DMatrix::zeros(self.columns.nrows(), 0)),
@@ -61,8 +62,8 @@ impl Factored {
         }
     }
 
-    /// The problem of another matrix: `leave_out` makes its columns of those of A, by any linear map of each column. The rank tolerance
-    /// is that of [`Problem::new`].
+    /// The problem of another matrix: `leave_out` changes A's columns in place, each by the same linear map. The rank tolerance is that of
+    /// [`Problem::new`].
     pub fn problem(&self, leave_out: impl FnOnce(&mut DMatrix<f64>), rank_tolerance: f64) -> Problem {
         let mut columns = DMatrix::clone(&self.columns);
         leave_out(&mut columns);
@@ -79,10 +80,9 @@ impl Factored {
             Some(lower) => lower.transpose() * &products * lower,
             None => products.clone(),
         };
-        if scaled.iter().any(|v| !v.is_finite()) {
+        let Some(eigen) = symmetric_eigen(scaled) else {
             return nothing();
-        }
-        let eigen = SymmetricEigen::new(scaled);
+        };
         let lengths: Vec<f64> = eigen.eigenvalues.iter().map(|v| v.max(0.0).sqrt()).collect();
         let kept = Problem::kept(&lengths, rank_tolerance);
         let turned = eigen.eigenvectors.select_columns(&kept);

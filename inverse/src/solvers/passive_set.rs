@@ -408,7 +408,8 @@ impl PassiveSet {
         self.moves = 0;
     }
 
-    /// Takes as much of the step as leaves no value below zero; returns that share, 1 for the whole step.
+    /// Takes as much of the step as leaves no value below zero; returns that share, 1 for the whole step. Of a part, what it ends at is
+    /// zero, whatever rounding would leave.
     #[inline(always)]
     fn advance<S: Simd>(&mut self, simd: S) -> f64 {
         let length = padded(self.members.len(), LANES);
@@ -416,19 +417,17 @@ impl PassiveSet {
             S::as_mut_simd_f64s(&mut self.values[..length]).0,
             S::as_simd_f64s(&self.step[..length]).0,
         );
-        let (zero, one) = (simd.splat_f64s(0.0), simd.splat_f64s(1.0));
-        let mut share = one;
+        let mut share = simd.splat_f64s(1.0);
         for (value, change) in values.iter().zip(step) {
-            let falls = simd.less_than_or_equal_f64s(simd.add_f64s(*value, *change), zero);
-            let down = simd.less_than_f64s(*change, zero);
-            let until = simd.div_f64s(*value, simd.neg_f64s(*change));
-            let until = simd.select_f64s(falls, simd.select_f64s(down, until, one), one);
-            share = simd.min_f64s(share, until);
+            share = simd.min_f64s(share, until_zero(simd, *value, *change));
         }
         let share = simd.reduce_min_f64s(share);
         let by = simd.splat_f64s(share);
         for (value, change) in values.iter_mut().zip(step) {
-            *value = simd.mul_add_e_f64s(by, *change, *value);
+            let next = simd.mul_add_e_f64s(by, *change, *value);
+            let ends = simd.less_than_or_equal_f64s(until_zero(simd, *value, *change), by);
+            let end = if share < 1.0 { simd.splat_f64s(0.0) } else { next };
+            *value = simd.select_f64s(ends, end, next);
         }
         share
     }
@@ -451,6 +450,16 @@ impl PassiveSet {
     }
 }
 
+/// The shares of a step at which values reach zero, or 1.
+#[inline(always)]
+fn until_zero<S: Simd>(simd: S, value: S::f64s, change: S::f64s) -> S::f64s {
+    let (zero, one) = (simd.splat_f64s(0.0), simd.splat_f64s(1.0));
+    let falls = simd.less_than_or_equal_f64s(simd.add_f64s(value, change), zero);
+    let down = simd.less_than_f64s(change, zero);
+    let until = simd.div_f64s(value, simd.neg_f64s(change));
+    simd.select_f64s(falls, simd.select_f64s(down, until, one), one)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -471,6 +480,34 @@ mod tests {
             if let Some(simd) = pulp::x86::V4::try_new() {
                 the_inverse_stays(simd, false);
             }
+        }
+    }
+
+    /// A step that goes only a part of its way ends with a value that is zero, however large or small it was: it leaves the set.
+    #[test]
+    fn a_part_of_a_step_ends_at_a_zero() {
+        let mut rng = StdRng::seed_from_u64(6);
+        let columns = Columns::new(&DMatrix::from_fn(24, 40, |_, _| rng.random_range(-0.3..1.0)), 1.0);
+        let mut passive = PassiveSet::new(&columns, true);
+        for j in 0..20 {
+            assert!(passive.insert(pulp::Scalar, &columns, j));
+        }
+        for case in 0..1000 {
+            let count = passive.members.len();
+            for k in 0..count {
+                passive.values[k] = 10f64.powi(rng.random_range(-12..3)) * rng.random_range(0.1..1.0);
+                // In half of the cases all go to zero, at the same share but for rounding.
+                let fall = if case % 2 == 0 {
+                    1.7
+                } else {
+                    rng.random_range(-1.0..4.0)
+                };
+                passive.step[k] = -fall * passive.values[k];
+            }
+            let share = passive.advance(pulp::Scalar);
+            let zeros = passive.values[..count].iter().filter(|v| **v == 0.0).count();
+            assert!(passive.values.iter().all(|v| *v >= 0.0));
+            assert_eq!(share < 1.0, zeros > 0, "{case}: {share} {zeros}");
         }
     }
 

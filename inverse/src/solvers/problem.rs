@@ -1,8 +1,9 @@
 //! A least squares problem reduced once to its row space.
 
 use crate::linalg::columns::Columns;
+use crate::linalg::eigen::symmetric_eigen;
 use crate::linalg::pivoted::{pivoted_cholesky, pivoted_columns};
-use nalgebra::{Cholesky, DMatrix, DMatrixView, DVector, Dyn, SymmetricEigen, U1};
+use nalgebra::{Cholesky, DMatrix, DMatrixView, DVector, Dyn, U1};
 use std::sync::Arc;
 
 /// Singular values below this fraction of the largest are rounding. The reduction works on `A A^T`, which has half of
@@ -60,7 +61,9 @@ impl Problem {
         }
         let few = pivoted_cholesky(&scaled, ROUNDING).0.qr();
         let r = few.r();
-        let eigen = SymmetricEigen::new(&r * r.transpose());
+        let Some(eigen) = symmetric_eigen(&r * r.transpose()) else {
+            return Self::nothing(a.nrows(), a.ncols(), finite);
+        };
         let values: Vec<f64> = eigen.eigenvalues.iter().map(|v| v.max(0.0).sqrt()).collect();
         let kept = Self::kept(&values, rank_tolerance);
         let basis = few.q() * eigen.eigenvectors.select_columns(&kept);
@@ -83,7 +86,9 @@ impl Problem {
             return nothing();
         };
         let within = span.transpose() * scaled;
-        let eigen = SymmetricEigen::new(&within * within.transpose());
+        let Some(eigen) = symmetric_eigen(&within * within.transpose()) else {
+            return nothing();
+        };
         let values: Vec<f64> = eigen.eigenvalues.iter().map(|v| v.max(0.0).sqrt()).collect();
         let kept = Self::kept(&values, rank_tolerance);
         let turned = eigen.eigenvectors.select_columns(&kept);

@@ -1,9 +1,10 @@
 //! The presses of a fit as the terms of the maps see them.
 
-use super::{Presses, Prior, symmetric_eigen};
+use super::{Presses, Prior};
 use crate::learned::frame::Frame;
 use crate::learned::orbits::Orbits;
 use crate::learned::sensitivities::Sensitivities;
+use crate::linalg::eigen::symmetric_eigen;
 use nalgebra::{DMatrix, DVector};
 
 /// Directions of which presses see less than this part of what they see of the largest are not seen.

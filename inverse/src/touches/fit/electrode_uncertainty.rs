@@ -5,9 +5,10 @@
 //! beforehand. For every direction in which the electrodes are uncertain, the sheet is modelled with them one standard
 //! deviation off. The model in use is then fitted, to first order, to the response to a touch in that model.
 
+use crate::linalg::eigen::symmetric_eigen;
 use crate::reference::imager::Imager;
 use forward::{Model, ModelOptions, Sensitivity, Solver};
-use nalgebra::{DMatrix, DVector, Matrix4, SymmetricEigen, Vector4};
+use nalgebra::{DMatrix, DVector, Matrix4, Vector4};
 use std::sync::Arc;
 
 /// Most directions of the electrodes' uncertainty that count. A fit to the baseline leaves three and little else: all
@@ -32,7 +33,7 @@ impl ElectrodeUncertainty {
     /// elsewhere cannot be modelled.
     pub fn new(imager: &Imager, radius_mm: f64) -> Option<Self> {
         let covariance = imager.electrode_covariance.as_ref()?;
-        let eigen = SymmetricEigen::new(covariance.clone());
+        let eigen = symmetric_eigen(covariance.clone())?;
         let total = eigen.eigenvalues.sum().max(f64::MIN_POSITIVE);
         let mut order: Vec<usize> = (0..eigen.eigenvalues.len()).collect();
         order.sort_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]));
