@@ -352,7 +352,7 @@ fn take(
     let frame_s = periods / session.hello().excitation_hz();
     let frames = LiveOptions::default().baseline_frames;
     let mut recorder = Recorder::new(Arc::new(imager), frames, frame_s, near_mm);
-    let mut end_s = f64::INFINITY;
+    let (mut end_s, mut last_s) = (f64::INFINITY, f64::NEG_INFINITY);
     let progress = Progress::new("press-and-hold");
     loop {
         let Some(frame) = next()? else {
@@ -364,6 +364,13 @@ fn take(
         // In milliseconds, from the end of the baseline on.
         let [done, whole] = [seconds - (end_s - frame.time_s), seconds].map(|s| (1e3 * s).max(0.0) as usize);
         progress.at(done, whole);
+        if frame.time_s <= last_s {
+            bail!(
+                "the board's time went from {last_s:.2} to {:.2} s: it was reset, or its clock stands still; press and hold once more",
+                frame.time_s
+            );
+        }
+        last_s = frame.time_s;
         let before = recorder.is_ready();
         recorder.take(frame.time_s, &frame.values_v, gauge(recorder.middle_s(frame.time_s)))?;
         if recorder.is_ready() && !before {

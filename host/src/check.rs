@@ -6,6 +6,7 @@ use crate::files::order;
 use crate::json;
 use crate::played_board::PlayedBoard;
 use crate::recorded::SessionRecord;
+use crate::run_session::passed_s;
 use crate::table_sheet::Geometry;
 use crate::{board, number, sheet, simulated_skin, table_file};
 use ::forward::order::ValueOrder;
@@ -464,14 +465,11 @@ fn of_board(arguments: &Arguments) -> Result<Measured> {
             if live {
                 eprintln!("press at ({x}, {y}) mm and hold for {:.0} s", 2.0 * PRESS_S);
             }
-            // A board that was reset meanwhile begins at 0 again.
-            let mut from_s = taken_s;
-            loop {
+            let (mut last_s, mut waited_s) = (taken_s, 0.0);
+            while waited_s < PRESS_S {
                 let time_s = source.frame()?.time_s;
-                from_s = from_s.min(time_s);
-                if time_s - from_s >= PRESS_S {
-                    break;
-                }
+                waited_s += passed_s(last_s, time_s, session.frame_s());
+                last_s = time_s;
             }
             Some(mean(pattern.len(), &source.take()?.0).values_v)
         }

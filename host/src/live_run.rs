@@ -9,6 +9,7 @@ use crate::recordable::Recordable;
 use crate::recorded::Notes;
 use crate::replayed::Replayed;
 use crate::run_arguments::ShowArguments;
+use crate::run_session::passed_s;
 use crate::say::say;
 use crate::{recording_file, sheet};
 use anyhow::Result;
@@ -142,7 +143,7 @@ impl Run<'_> {
                 pictures += 1;
                 // What came before the first picture is no part: the baseline, and what passed while that was looked into.
                 if let Some(last) = last.as_ref().filter(|_| pictures > 1) {
-                    shown_s += (frame.time_s - last.time_s).max(0.0);
+                    shown_s += passed_s(last.time_s, frame.time_s, self.session.frame_s());
                 }
             }
             last = Some(frame);

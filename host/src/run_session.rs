@@ -250,6 +250,12 @@ pub(crate) fn live_options(
     }
 }
 
+/// Time from one frame to the next, s, by their own times. Where these go back, as after a reset, or stand still, it is that of a frame.
+pub(crate) fn passed_s(last_s: f64, now_s: f64, frame_s: f64) -> f64 {
+    let passed = now_s - last_s;
+    if passed > 0.0 { passed } else { frame_s }
+}
+
 /// The model of a session's sheet.
 pub(crate) fn imager(session: &Session, sheet: &Sheet, wires: &[usize]) -> Result<Arc<Imager>> {
     modelled(sheet, pattern(session, wires)?)
@@ -333,4 +339,18 @@ fn baselines(arguments: &SourceArguments, session: &Session, sheet: &Sheet) -> R
         subject,
         arguments.baseline == Start::Replace,
     ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Whatever a board's clock does, time passes: nothing that waits for it waits for ever.
+    #[test]
+    fn time_passes_with_every_frame() {
+        assert_eq!(passed_s(2.0, 2.5, 0.1), 0.5);
+        for stands_or_begins_anew in [2.0, 1.0, 0.0, f64::NAN] {
+            assert_eq!(passed_s(2.0, stands_or_begins_anew, 0.1), 0.1);
+        }
+    }
 }

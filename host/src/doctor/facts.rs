@@ -303,7 +303,9 @@ fn measure(
         let now = Instant::now();
         times = Some([times.map_or(now, |[first, _]| first), now]);
         notices.extend(watched.take(&session.link().counters(), Some(&frame)));
-        taken_s += frames.last().map_or(0.0, |last| (frame.time_s - last.time_s).max(0.0));
+        taken_s += frames.last().map_or(0.0, |last| {
+            run_session::passed_s(last.time_s, frame.time_s, session.frame_s())
+        });
         frames.push(frame);
     }
     if frames.len() < 2 {

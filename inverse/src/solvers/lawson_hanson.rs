@@ -50,7 +50,7 @@ fn solve(problem: &Problem, b: &DVector<f64>) -> Solution {
             }
             let Some(s) = least_squares(a, &passive, &small) else {
                 passive.retain(|j| *j != entering);
-                rejected[entering] = true;
+                (x[entering], rejected[entering]) = (0.0, true);
                 continue 'outer;
             };
             if s.iter().all(|v| *v > 0.0) {
