@@ -313,6 +313,30 @@ mod tests {
     use nalgebra::DMatrix;
     use proptest::prelude::*;
 
+    /// A right-hand side that is no number, between two frames, costs neither of them, nor what it makes of the members.
+    #[test]
+    fn a_spoilt_state_costs_no_later_frame() {
+        let matrix = DMatrix::from_fn(32, 90, |i, j| ((3 * i + 7 * j + i * j) as f64 * 0.37).sin() + 0.3);
+        let columns = Columns::new(&matrix, 1.0);
+        let b: Vec<f64> = matrix.column(4).normalize().iter().copied().collect();
+        for products in [true, false] {
+            let mut set = ActiveSet::with(&columns, products, ActiveSetOptions::default());
+            let solved = |set: &mut ActiveSet, b: &[f64]| {
+                let run = set.run(&columns, b, 1e-10);
+                let mut x = vec![0.0; 90];
+                set.write(1.0, &mut x);
+                (run.gap, x)
+            };
+            let (gap, first) = solved(&mut set, &b);
+            assert!(gap <= 1e-10 && first.iter().any(|x| *x > 0.0));
+            let (gap, none) = solved(&mut set, &[f64::NAN; 32]);
+            assert!(gap == f64::INFINITY && none.iter().all(|x| *x == 0.0));
+            let (gap, again) = solved(&mut set, &b);
+            assert!(gap <= 1e-10, "{gap}");
+            assert!(first.iter().zip(&again).all(|(a, b)| (a - b).abs() < 1e-9));
+        }
+    }
+
     proptest! {
         /// A solve ends where rounding alone decides whether a column is to enter: one that does not, never fails.
         #[test]

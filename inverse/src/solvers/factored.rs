@@ -81,7 +81,7 @@ impl Factored {
             None => products.clone(),
         };
         let Some(eigen) = symmetric_eigen(scaled) else {
-            return nothing();
+            return Problem::nothing(values, cells, false);
         };
         let lengths: Vec<f64> = eigen.eigenvalues.iter().map(|v| v.max(0.0).sqrt()).collect();
         let kept = Problem::kept(&lengths, rank_tolerance);

@@ -486,11 +486,24 @@ mod tests {
     /// A step that goes only a part of its way ends with a value that is zero, however large or small it was: it leaves the set.
     #[test]
     fn a_part_of_a_step_ends_at_a_zero() {
+        ends_at_a_zero(pulp::Scalar);
+        #[cfg(target_arch = "x86_64")]
+        {
+            if let Some(simd) = pulp::x86::V3::try_new() {
+                ends_at_a_zero(simd);
+            }
+            if let Some(simd) = pulp::x86::V4::try_new() {
+                ends_at_a_zero(simd);
+            }
+        }
+    }
+
+    fn ends_at_a_zero<S: Simd>(simd: S) {
         let mut rng = StdRng::seed_from_u64(6);
         let columns = Columns::new(&DMatrix::from_fn(24, 40, |_, _| rng.random_range(-0.3..1.0)), 1.0);
         let mut passive = PassiveSet::new(&columns, true);
         for j in 0..20 {
-            assert!(passive.insert(pulp::Scalar, &columns, j));
+            assert!(passive.insert(simd, &columns, j));
         }
         for case in 0..1000 {
             let count = passive.members.len();
@@ -504,7 +517,7 @@ mod tests {
                 };
                 passive.step[k] = -fall * passive.values[k];
             }
-            let share = passive.advance(pulp::Scalar);
+            let share = passive.advance(simd);
             let zeros = passive.values[..count].iter().filter(|v| **v == 0.0).count();
             assert!(passive.values.iter().all(|v| *v >= 0.0));
             assert_eq!(share < 1.0, zeros > 0, "{case}: {share} {zeros}");

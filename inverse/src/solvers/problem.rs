@@ -47,7 +47,7 @@ impl Problem {
     /// Reduces a matrix, `values x cells`. Directions with a singular value of at most `rank_tolerance` times the
     /// largest are left out. A tolerance below 1e-7 counts as 1e-7, since smaller singular values are rounding.
     ///
-    /// A matrix with a number that is not finite has rank 0, and every solve of it ends as
+    /// A matrix with a number that is not finite, or whose eigenvectors are not found, has rank 0, and every solve of it ends as
     /// [`Status::BadInput`](crate::solvers::Status::BadInput).
     pub fn new(a: &DMatrix<f64>, rank_tolerance: f64) -> Self {
         let finite = a.iter().all(|v| v.is_finite());
@@ -62,7 +62,7 @@ impl Problem {
         let few = pivoted_cholesky(&scaled, ROUNDING).0.qr();
         let r = few.r();
         let Some(eigen) = symmetric_eigen(&r * r.transpose()) else {
-            return Self::nothing(a.nrows(), a.ncols(), finite);
+            return Self::nothing(a.nrows(), a.ncols(), false);
         };
         let values: Vec<f64> = eigen.eigenvalues.iter().map(|v| v.max(0.0).sqrt()).collect();
         let kept = Self::kept(&values, rank_tolerance);
@@ -87,7 +87,7 @@ impl Problem {
         };
         let within = span.transpose() * scaled;
         let Some(eigen) = symmetric_eigen(&within * within.transpose()) else {
-            return nothing();
+            return Self::nothing(scaled.nrows(), scaled.ncols(), false);
         };
         let values: Vec<f64> = eigen.eigenvalues.iter().map(|v| v.max(0.0).sqrt()).collect();
         let kept = Self::kept(&values, rank_tolerance);
