@@ -122,7 +122,10 @@ fn sheet(inspection: &Inspection) -> Line {
 
 /// Whether a fault is an electrode's, for the line on contacts, or one of the order of the wires.
 fn is_of_electrodes(fault: &Fault) -> bool {
-    matches!(fault, Fault::Open(_) | Fault::Contacts(_) | Fault::Exchanged(_))
+    matches!(
+        fault,
+        Fault::Open(_) | Fault::Contacts(_) | Fault::Loose(_) | Fault::Exchanged(_)
+    )
 }
 
 fn order(check: &WiringCheck, inspection: &Inspection) -> Line {

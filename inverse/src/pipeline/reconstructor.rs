@@ -199,8 +199,12 @@ impl Reconstructor {
         self.divided = divided;
         done?;
         if let Some(sigma) = sigma {
-            let used = &self.left.used;
-            self.flickers.take(values, used, self.unexplained > 0, sigma);
+            // A contact that fails may look like a finger that has gone from there.
+            let unlike = self.unexplained > 0 || matches!(self.result.doubt, Some(Doubt::Gone { .. }));
+            self.flickers.take(values, &self.left.used, unlike, sigma);
+            if !unlike && self.flickers.often() {
+                self.look_between();
+            }
         }
         Ok(&mut self.result)
     }
@@ -356,10 +360,10 @@ impl Reconstructor {
         self.detectors.iter_mut().flatten().for_each(ChangeDetector::forget);
         self.faults.clear();
         self.instead_of = None;
-        if self.broken.named().is_none() {
-            self.broken.clear();
-        } else {
+        if self.broken.named().is_some() {
             self.broken.put_nothing_off();
+        } else if !self.flickers.often() {
+            self.broken.clear();
         }
         self.show_faults();
         self.unexplained = 0;

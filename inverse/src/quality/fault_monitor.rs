@@ -21,6 +21,8 @@ const AGAIN: [usize; 2] = [64, 16];
 const AGAINST: usize = 2;
 /// Values of frames at rest that end a fault: a single value may be as in the baseline by chance.
 const WELL: usize = 8;
+/// Frames at rest that end a contact that comes and goes: as many without it are no chance.
+const STAYS: usize = 512;
 /// Frames for which a fault that took no touch's place is not named again.
 const REJECTED: usize = 32;
 /// Most frames between two looks that find nothing.
@@ -30,6 +32,10 @@ const LONGEST_WAIT: usize = 64;
 const MOST_OPEN: usize = 64;
 /// Frames until this fault is looked for again.
 fn next_look(fault: Fault) -> usize {
+    if matches!(fault, Fault::Loose(_)) {
+        // A look finds it by chance only. Frames at rest end it.
+        return usize::MAX;
+    }
     let soon = !fault.leaves_touches() || matches!(fault, Fault::Contacts(_));
     AGAIN[usize::from(soon)]
 }
@@ -90,6 +96,8 @@ pub(crate) struct Seen {
     pub(crate) parts: usize,
     /// What it shows came not long ago, from one frame to the next.
     pub(crate) sudden: bool,
+    /// Again and again frames are like no others.
+    pub(crate) flickers: bool,
 }
 
 /// Why a fault is searched for.
@@ -236,7 +244,11 @@ impl FaultMonitor {
         let count = values.len() as f64;
         let well = count > 0.0 && values.iter().all(|k| d.used[*k]) && is_of_noise(square, count);
         self.well = if well { self.well + values.len() } else { 0 };
-        self.well >= WELL
+        let enough = match self.named {
+            Some(Fault::Loose(_)) => STAYS * values.len(),
+            _ => WELL,
+        };
+        self.well >= enough
     }
 
     /// The fault that was named took no touch's place: it is none for a while.
@@ -253,7 +265,8 @@ impl FaultMonitor {
 
     /// Whether a fault is a candidate, or may be one: then every frame counts.
     pub(crate) fn is_open(&self) -> bool {
-        self.candidate.is_some() || (self.open && self.suspicious < MOST_OPEN)
+        let candidate = self.candidate.is_some() && (self.suspicious > 0 || self.named.is_some());
+        candidate || (self.open && self.suspicious < MOST_OPEN)
     }
 
     /// Parts of a search that the next frame is to leave time for.
@@ -298,7 +311,7 @@ impl FaultMonitor {
     /// Electrodes whose values are left out.
     pub(crate) fn electrodes_left_out(&self) -> Electrodes {
         match self.named {
-            Some(Fault::Open(electrodes) | Fault::Contacts(electrodes)) => electrodes,
+            Some(Fault::Open(electrodes) | Fault::Contacts(electrodes) | Fault::Loose(electrodes)) => electrodes,
             _ => Electrodes::default(),
         }
     }
@@ -306,7 +319,9 @@ impl FaultMonitor {
     fn left_out(&self) -> Vec<usize> {
         let imager = &self.imager;
         match self.named {
-            Some(Fault::Open(electrodes) | Fault::Contacts(electrodes)) => values_of(imager, electrodes.list()),
+            Some(Fault::Open(electrodes) | Fault::Contacts(electrodes) | Fault::Loose(electrodes)) => {
+                values_of(imager, electrodes.list())
+            }
             Some(Fault::Gain(pair, _) | Fault::Offset(pair) | Fault::Rail(pair)) => values_of_channel(imager, pair),
             Some(Fault::Value(k, _)) => vec![k],
             _ => Vec::new(),
@@ -333,13 +348,17 @@ impl FaultMonitor {
             None => self.mean = None,
         }
         if !unexplained && self.named.is_none() {
-            (self.candidate, self.wait, self.open, self.begun) = (None, 1, false, None);
+            (self.wait, self.open) = (1, false);
+            if !seen.flickers {
+                (self.candidate, self.begun) = (None, None);
+            }
             return false;
         }
+        let passes = seen.flickers && self.suspicious < SUSPICIOUS;
         // What comes beside a fault that is named is asked for as it comes.
         let beside = self.named.is_some() && self.suspicious == SUSPICIOUS;
         let asked = known.is_some() || due || beside || (unexplained && self.until == 0 && self.named.is_none());
-        let early = self.sequence && self.suspicious < SUSPICIOUS && known.is_none() && !due;
+        let early = self.sequence && self.suspicious < SUSPICIOUS && known.is_none() && !due && !passes;
         let again = self.candidate.is_some();
         if self.begun.is_none() && (early || !(asked || again)) {
             return false;
@@ -368,10 +387,13 @@ impl FaultMonitor {
             return false;
         }
         self.alone = matches!(told, Told::Fault { alone: true, .. });
-        let told = match told {
-            Told::Fault { fault, .. } => Some(fault),
-            Told::Nothing | Told::Perhaps => None,
-        };
+        let told = told.fault().and_then(|fault| {
+            if passes {
+                fault.that_comes_and_goes()
+            } else {
+                Some(fault)
+            }
+        });
         let rejected = self.rejected.map(|(fault, _)| fault);
         let told =
             told.filter(|fault| !known_contacts(fault, &self.contacts) && !rejected.is_some_and(|r| r.is_same(fault)));
@@ -447,24 +469,31 @@ impl FaultMonitor {
     /// Goes on with a search, or begins one, for so many parts; one that was begun before for one part at least. What it told, and why it
     /// was asked; none where it is not at its end.
     fn search(&mut self, d: &Difference, sigma_v: Option<f64>, reason: Reason, parts: usize) -> Option<(Told, Reason)> {
+        if self.begun.is_some() {
+            return self.go_on(parts.max(1));
+        }
         if self.diagnosis.is_none() {
             self.diagnosis = Some(self.made());
         }
         let Some(Some(diagnosis)) = &mut self.diagnosis else {
             return Some((Told::Nothing, reason));
         };
-        let (mut begun, parts) = match self.begun.take() {
-            Some(begun) => (begun, parts.max(1)),
-            None => {
-                let search = match &self.mean {
-                    Some(mean) => diagnosis.begin(&mean.difference, sigma_v.map(|sigma| sigma / mean.frames.sqrt())),
-                    None => diagnosis.begin(d, sigma_v),
-                };
-                let Some(search) = search else {
-                    return Some((Told::Nothing, reason));
-                };
-                (Begun { search, reason }, parts)
-            }
+        let search = match &self.mean {
+            Some(mean) => diagnosis.begin(&mean.difference, sigma_v.map(|sigma| sigma / mean.frames.sqrt())),
+            None => diagnosis.begin(d, sigma_v),
+        };
+        let Some(search) = search else {
+            return Some((Told::Nothing, reason));
+        };
+        self.begun = Some(Begun { search, reason });
+        self.go_on(parts)
+    }
+
+    /// Goes on with the search that was begun.
+    fn go_on(&mut self, parts: usize) -> Option<(Told, Reason)> {
+        let mut begun = self.begun.take()?;
+        let Some(Some(diagnosis)) = &mut self.diagnosis else {
+            return None;
         };
         for _ in 0..parts {
             self.parts += 1;
@@ -474,6 +503,19 @@ impl FaultMonitor {
         }
         self.begun = Some(begun);
         None
+    }
+
+    /// Takes a frame that touches explain, or that shows nothing, where frames come and go: the search in the last of these goes on for so
+    /// many parts. True where it names what comes and goes.
+    pub(crate) fn between(&mut self, parts: usize) -> bool {
+        (self.suspicious, self.mean, self.open) = (0, None, false);
+        if self.named.is_some() {
+            return false;
+        }
+        let Some((told, _)) = self.go_on(parts) else {
+            return false;
+        };
+        self.judge(told.fault().and_then(Fault::that_comes_and_goes))
     }
 }
 

@@ -29,7 +29,7 @@ impl Flickers {
         self.count > OFTEN
     }
 
-    /// Takes a frame, of which these values take part, and whether touches leave it unexplained; `sigma` is the noise of one value.
+    /// Takes a frame, of which these values take part, and whether touches that came leave it unexplained; `sigma` is the noise of one value.
     pub(crate) fn take(&mut self, values: &[f64], used: &[bool], unexplained: bool, sigma: f64) {
         self.count *= 0.5_f64.powf(1.0 / HALF);
         if unexplained {

@@ -81,6 +81,7 @@ impl Reconstructor {
             due,
             parts: self.solver.search_parts(self.broken.parts() - self.searched),
             sudden: self.contacts.is_sudden(),
+            flickers: self.flickers.often(),
         };
         let other = self.broken.take(frame, sigma_v, seen);
         self.solver.note_search_parts(self.broken.parts() - self.searched);
@@ -95,6 +96,15 @@ impl Reconstructor {
             self.contacts.unlearn_signs();
         }
         true
+    }
+
+    /// What was broken in a frame that came and went is looked for in those that follow.
+    pub(super) fn look_between(&mut self) {
+        let parts = self.solver.search_parts(self.broken.parts() - self.searched);
+        if self.broken.between(parts) {
+            self.left_changed = true;
+            self.show_faults();
+        }
     }
 
     /// Whether the fault that was named just now leaves as many touches as there were, as badly explained: it is none, and forgotten.

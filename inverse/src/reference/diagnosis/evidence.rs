@@ -23,6 +23,15 @@ pub(crate) struct Evidence {
     range_v: f64,
 }
 
+/// What tells the cost of a prediction p of a frame, of whatever size.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Products {
+    /// p' W y.
+    pub(crate) linear: f64,
+    /// p' W p.
+    pub(crate) square: f64,
+}
+
 impl Evidence {
     /// `covariance`: of touches and drift, with the rises `scale` times as large. `own`: standard deviation of every value's own noise
     /// and model error, V; not finite for a value that takes no part. None where the covariance is none.
@@ -59,26 +68,34 @@ impl Evidence {
 
     /// Cost of a fault that predicts a frame (V, the change). Values that take no part are not looked at.
     pub(crate) fn of(&self, predicted: &DVector<f64>) -> f64 {
-        self.cost(predicted.as_slice(), (&self.w.g * predicted).norm_squared())
+        self.cost(&self.products_of(predicted.as_slice(), (&self.w.g * predicted).norm_squared()))
     }
 
-    /// The same of every column.
-    pub(crate) fn of_all(&self, predicted: &DMatrix<f64>) -> Vec<f64> {
+    /// The cost of what has these products: r' W r / 2 with r = y - p.
+    pub(crate) fn cost(&self, of: &Products) -> f64 {
+        self.of_touches() - of.linear + 0.5 * of.square
+    }
+
+    /// Of every column.
+    pub(crate) fn products(&self, predicted: &DMatrix<f64>) -> Vec<Products> {
         let along = &self.w.g * predicted;
         let columns = predicted.column_iter().zip(along.column_iter());
         columns
-            .map(|(p, along)| self.cost(p.as_slice(), along.norm_squared()))
+            .map(|(p, along)| self.products_of(p.as_slice(), along.norm_squared()))
             .collect()
     }
 
-    /// r' W r with r = y - p, from the norm of G p.
-    fn cost(&self, p: &[f64], along: f64) -> f64 {
+    /// From the norm of G p.
+    fn products_of(&self, p: &[f64], along: f64) -> Products {
         let (mut linear, mut square) = (0.0, 0.0);
         for ((p, wy), own) in p.iter().zip(&self.wy).zip(&self.w.own) {
             linear += p * wy;
             square += own * p * p;
         }
-        self.of_touches() - linear + 0.5 * (square - along)
+        Products {
+            linear,
+            square: square - along,
+        }
     }
 
     /// Cost of a fault that adds one column of unknown size with this standard deviation, and that size.
@@ -193,9 +210,9 @@ mod tests {
             near(wider.of_touches_beside(&evidence) + constant, cost(&y, &c_wider));
             let p = DVector::from_fn(9, |k, _| (k as f64).sin());
             near(evidence.of(&p) + constant, cost(&(&y - &p), &c));
-            let both = evidence.of_all(&DMatrix::from_columns(&[p.clone(), -&p]));
-            near(both[0], evidence.of(&p));
-            near(both[1] + constant, cost(&(&y + &p), &c));
+            let both = evidence.products(&DMatrix::from_columns(&[p.clone(), -&p]));
+            near(evidence.cost(&both[0]), evidence.of(&p));
+            near(evidence.cost(&both[1]) + constant, cost(&(&y + &p), &c));
             let with = &c + 0.49 * &p * p.transpose();
             let along = evidence.along(&p, 0.7).0;
             near(along + constant, cost(&y, &with));

@@ -59,6 +59,8 @@ pub enum Fault {
     },
     /// The contacts of these electrodes changed since the baseline.
     Contacts(Electrodes),
+    /// The contacts of these electrodes come and go.
+    Loose(Electrodes),
     /// The source gives nothing.
     Source,
     /// All voltages are this many times those of the baseline: less than a fifth, or below 0 where they have the other sign.
@@ -94,7 +96,7 @@ impl Fault {
     /// The electrodes that are to be looked at, in order; none where it is no electrode's.
     pub fn electrodes(&self) -> Electrodes {
         match self {
-            Self::Open(electrodes) | Self::Contacts(electrodes) => *electrodes,
+            Self::Open(electrodes) | Self::Contacts(electrodes) | Self::Loose(electrodes) => *electrodes,
             Self::Short { electrodes, .. } | Self::Exchanged(electrodes) => Electrodes::of(electrodes),
             Self::Multiplexer { electrode, .. } => Electrodes::of(&[*electrode]),
             Self::Source
@@ -112,9 +114,13 @@ impl Fault {
     /// Whether the values that are left tell touches right.
     pub fn leaves_touches(&self) -> bool {
         match self {
-            Self::Open(_) | Self::Contacts(_) | Self::Rail(_) | Self::Gain(..) | Self::Offset(_) | Self::Value(..) => {
-                true
-            }
+            Self::Open(_)
+            | Self::Contacts(_)
+            | Self::Loose(_)
+            | Self::Rail(_)
+            | Self::Gain(..)
+            | Self::Offset(_)
+            | Self::Value(..) => true,
             Self::Short { .. }
             | Self::Source
             | Self::Scale(_)
@@ -123,6 +129,14 @@ impl Fault {
             | Self::Range
             | Self::Multiplexer { .. }
             | Self::Exchanged(_) => false,
+        }
+    }
+
+    /// The same of frames that come and go; none for what has no contact.
+    pub(crate) fn that_comes_and_goes(self) -> Option<Self> {
+        match self {
+            Self::Open(electrodes) | Self::Contacts(electrodes) => Some(Self::Loose(electrodes)),
+            _ => None,
         }
     }
 
@@ -141,6 +155,7 @@ impl Fault {
             Self::Open(_) => "electrode_open",
             Self::Short { .. } => "electrodes_short",
             Self::Contacts(_) => "contacts_changed",
+            Self::Loose(_) => "contacts_loose",
             Self::Source => "source_lost",
             Self::Scale(_) => "scale_changed",
             Self::Converter => "converter_stuck",
@@ -170,11 +185,16 @@ impl fmt::Display for Fault {
                 "{} are shorted: no touches are shown; look where their wires and clamps touch",
                 pair(electrodes)
             ),
+            Self::Short { electrodes, ohm } if *ohm < 1000.0 => write!(
+                f,
+                "{} are connected over {ohm:.0} ohm: no touches are shown; look where their wires and clamps touch",
+                pair(electrodes)
+            ),
             Self::Short { electrodes, ohm } => write!(
                 f,
-                "{} are connected over {:.0} ohm: no touches are shown; look where their wires and clamps touch",
+                "{} are connected over {} kilohm: no touches are shown; look for moisture and dirt between their wires and clamps",
                 pair(electrodes),
-                ohm
+                two_digits(ohm / 1000.0)
             ),
             Self::Contacts(electrodes) => {
                 let [contact, is, look] = match electrodes.list().len() {
@@ -185,6 +205,16 @@ impl fmt::Display for Fault {
                     f,
                     "the {contact} of {electrodes} changed since the baseline and {is} left out: look at {look}, then take a new \
                      baseline"
+                )
+            }
+            Self::Loose(electrodes) => {
+                let [contact, comes, goes, is] = match electrodes.list().len() {
+                    1 => ["contact", "comes", "goes", "is"],
+                    _ => ["contacts", "come", "go", "are"],
+                };
+                write!(
+                    f,
+                    "the {contact} of {electrodes} {comes} and {goes} and {is} left out: look for a loose clamp, plug or cable"
                 )
             }
             Self::Source => write!(

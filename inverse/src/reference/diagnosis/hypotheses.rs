@@ -6,7 +6,7 @@ pub(crate) use self::search::{PARTS, Search};
 
 use self::search::Best;
 use super::covariance::Covariance;
-use super::evidence::Evidence;
+use super::evidence::{Evidence, Products};
 use super::fault::{Electrodes, Fault, MOST_ELECTRODES};
 use super::freed::{Cost, Freed};
 use crate::reference::Difference;
@@ -39,6 +39,8 @@ const OFFSET: f64 = 0.1;
 const LOST: f64 = 0.02;
 /// Resistances that are tried, ohm: of shorts, and of contacts.
 const SHORTS_OHM: [f64; 4] = [0.0, 30.0, 200.0, 1000.0];
+/// What leaks from one wire to another over so much changes a frame in proportion to what it conducts: of more, the frame tells how much.
+const LEAK_OHM: f64 = 10_000.0;
 const CONTACTS_OHM: [f64; 7] = [10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0, 10_000.0];
 /// A contact worse by this is small.
 const SCORED_OHM: f64 = 20.0;
@@ -95,6 +97,16 @@ pub(crate) enum Told {
         /// Whether nothing else comes into question: touches alone leave more than is expected.
         alone: bool,
     },
+}
+
+impl Told {
+    /// The fault, if there is one.
+    pub(crate) fn fault(self) -> Option<Fault> {
+        match self {
+            Self::Fault { fault, .. } => Some(fault),
+            Self::Nothing | Self::Perhaps => None,
+        }
+    }
 }
 
 impl Diagnosis {
@@ -342,13 +354,29 @@ impl Diagnosis {
     fn offer_shorts(&self, evidence: &Evidence, best: &mut Best) {
         let cost = FAULT + RESISTANCE + (self.pairs().count() as f64).ln();
         let shorts: Vec<([usize; 2], f64)> = self.pairs().flat_map(|p| SHORTS_OHM.map(|ohm| (p, ohm))).collect();
-        let Some(((pair, ohm), first)) = cheapest(evidence, &shorts, |(pair, ohm)| self.short(pair, ohm)) else {
-            return;
-        };
+        let short = cheapest(evidence, &shorts, |(pair, ohm)| self.short(pair, ohm)).map(|(short, _)| short);
+        for (pair, ohm) in short.into_iter().chain(self.leak(evidence)) {
+            let (ohm, refined) = self.refine_short((pair, ohm), evidence);
+            best.offer(cost + refined, || Fault::Short { electrodes: pair, ohm });
+        }
+    }
+
+    /// The pair between which most speaks for a leak, and its resistance; none where nothing does.
+    fn leak(&self, evidence: &Evidence) -> Option<([usize; 2], f64)> {
+        let pairs: Vec<[usize; 2]> = self.pairs().collect();
+        let fitted = fitted(evidence, &pairs, |pair| self.short(pair, LEAK_OHM));
+        let leaks = fitted.filter(|(_, size, _)| *size > 0.0);
+        let ([a, b], size, _) = leaks.min_by(|a, b| a.2.total_cmp(&b.2))?;
+        let r = &self.potentials_ohm;
+        let across = r[(a, a)] - r[(a, b)] - r[(b, a)] + r[(b, b)];
+        Some(([a, b], ((LEAK_OHM + across) / size - across).max(0.0)))
+    }
+
+    /// The resistance of a short near a given one, and its cost.
+    fn refine_short(&self, (pair, ohm): ([usize; 2], f64), evidence: &Evidence) -> (f64, f64) {
         // Where a wire's own resistance is nothing, a logarithm is none.
         let of = |ohm: f64| evidence.of(&self.short(pair, ohm));
-        let (ohm, refined) = least(of, (ohm, first), [0.2 * ohm, 6.0 * ohm + 30.0]);
-        best.offer(cost + refined, || Fault::Short { electrodes: pair, ohm });
+        least(of, (ohm, of(ohm)), [0.2 * ohm, 6.0 * ohm + 30.0])
     }
 
     fn offer_contacts(&self, evidence: &Evidence, best: &mut Best) {
@@ -483,16 +511,38 @@ fn own_noise(d: &Difference, sigma_v: f64) -> Vec<f64> {
 
 /// The one of these whose prediction costs least, and that cost.
 fn cheapest<T: Copy>(evidence: &Evidence, tried: &[T], predict: impl Fn(T) -> DVector<f64>) -> Option<(T, f64)> {
+    let costs = of_each(evidence, tried, predict).map(|(one, of)| (one, evidence.cost(&of)));
+    costs.min_by(|a, b| a.1.total_cmp(&b.1))
+}
+
+/// The predictions of these times the sizes that explain a frame best, with the cost of each.
+fn fitted<T: Copy>(
+    evidence: &Evidence,
+    tried: &[T],
+    predict: impl Fn(T) -> DVector<f64>,
+) -> impl Iterator<Item = (T, f64, f64)> {
+    of_each(evidence, tried, predict).map(|(one, of)| {
+        let size = of.linear / of.square;
+        (one, size, evidence.of_touches() - 0.5 * size * of.linear)
+    })
+}
+
+/// Products of the predictions of these.
+fn of_each<T: Copy>(
+    evidence: &Evidence,
+    tried: &[T],
+    predict: impl Fn(T) -> DVector<f64>,
+) -> impl Iterator<Item = (T, Products)> {
     let values = evidence.weighted().len();
     let at_once = (PREDICTED_AT_ONCE / values.max(1)).max(1);
-    let costs = tried.chunks(at_once).flat_map(|tried| {
+    let products = tried.chunks(at_once).flat_map(move |tried| {
         let mut predicted = DMatrix::zeros(values, tried.len());
         for (mut column, one) in predicted.column_iter_mut().zip(tried) {
             column.copy_from(&predict(*one));
         }
-        evidence.of_all(&predicted)
+        evidence.products(&predicted)
     });
-    tried.iter().copied().zip(costs).min_by(|a, b| a.1.total_cmp(&b.1))
+    tried.iter().copied().zip(products)
 }
 
 /// What every cell changes by one standard deviation of its rise, V. Cells before an electrode are a hundred times as sensitive as

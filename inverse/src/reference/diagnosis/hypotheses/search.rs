@@ -208,6 +208,7 @@ impl Diagnosis {
     fn cost_of(&self, best: &Best, d: &Difference, evidence: &Evidence) -> f64 {
         let of_channel = |pair: [usize; 2]| self.channel_columns(&values_of_channel(&self.imager, pair), d);
         match best.fault {
+            Some(Fault::Short { electrodes, ohm }) => self.refine_short((electrodes, ohm), evidence).1,
             Some(Fault::Contacts(_)) => self.refine_contacts(&mut best.worse.clone(), evidence),
             Some(Fault::Open(electrodes)) => evidence.free(&self.values_of(electrodes.list())).0,
             Some(Fault::Gain(pair, _)) => evidence.along(&of_channel(pair)[0], GAIN).0,
@@ -224,6 +225,8 @@ mod tests {
     use crate::reference::imager::Imager;
     use forward::{Drive, Pattern, Sheet};
     use nalgebra::DVector;
+    use rand::{SeedableRng, rngs::StdRng};
+    use rand_distr::{Distribution, Normal};
     use std::sync::Arc;
 
     /// A search tells the same in one go, and in parts between which other frames are searched; and it tells the fault.
@@ -256,15 +259,61 @@ mod tests {
             }
         }
         assert_eq!(cut.each_ref().map(|search| diagnosis.told(search)), in_one);
-        let faults = in_one.map(|told| match told {
-            Told::Fault { fault, .. } => Some(fault),
-            Told::Nothing | Told::Perhaps => None,
-        });
+        let faults = in_one.map(Told::fault);
         assert!(
             matches!(faults[0], Some(Fault::Short { electrodes: [2, 6], .. })),
             "{faults:?}"
         );
         assert!(matches!(faults[1], Some(Fault::Exchanged([3, 8]))), "{faults:?}");
         assert_eq!(faults[3], None);
+    }
+
+    /// A leak between two wires is told with its resistance, however large, until noise hides it. What a finger leaves that is lifted from
+    /// the rim, between any electrodes, is none.
+    #[test]
+    fn leaks_are_told_by_their_resistance_and_lifted_fingers_are_none() {
+        let pattern = Pattern::adjacent(16).unwrap();
+        let imager = Arc::new(Imager::new(&Sheet::paper(), Drive::PAPER, pattern, 5.0).unwrap());
+        let mut diagnosis = Diagnosis::new(&imager).unwrap();
+        let sigma_v = 1e-3 * diagnosis.mean_v;
+        let mut rng = StdRng::seed_from_u64(4);
+        let mut tell = |change: &DVector<f64>| {
+            let noise = Normal::new(0.0, sigma_v).unwrap();
+            let d = Difference {
+                spread: vec![1.0; change.len()],
+                used: vec![true; change.len()],
+                y: change.map(|v| v + noise.sample(&mut rng)),
+            };
+            let mut search = diagnosis.begin(&d, Some(sigma_v)).unwrap();
+            while !diagnosis.go_on(&mut search) {}
+            diagnosis.told(&search).fault()
+        };
+        let of = Diagnosis::new(&imager).unwrap();
+        for pair in [[2, 3], [0, 15], [2, 6], [1, 9]] {
+            for ohm in [1e3, 4e3, 1e4, 3e4, 1e5] {
+                let fault = tell(&of.short(pair, ohm));
+                let Some(Fault::Short { electrodes, ohm: told }) = fault else {
+                    panic!("{pair:?} over {ohm} ohm: {fault:?}");
+                };
+                assert_eq!(electrodes, pair, "{ohm} ohm");
+                // What noise hides is a part of the leak that grows with its resistance.
+                assert!((told / ohm - 1.0).abs() < 0.02 + ohm / 5e5, "{ohm} ohm: {told}");
+            }
+        }
+        for turn in 0..32 {
+            let turn = f64::from(turn) * std::f64::consts::PI / 16.0;
+            for from_rim in [4.0, 9.0, 20.0] {
+                let out = imager.electrodes_mm[0][0].hypot(imager.electrodes_mm[0][1]) - from_rim;
+                let at = [out * turn.cos(), out * turn.sin()];
+                let mut fall = DVector::zeros(imager.pattern.len());
+                for cell in 0..imager.grid.len() {
+                    let c = imager.grid.centre(cell);
+                    let apart = (c[0] - at[0]).hypot(c[1] - at[1]) / 8.0;
+                    fall -= 0.3 * (-0.5 * apart * apart).exp() * imager.sensitivity.column(cell);
+                }
+                let fault = tell(&fall);
+                assert!(!matches!(fault, Some(Fault::Short { .. })), "{at:?}: {fault:?}");
+            }
+        }
     }
 }
