@@ -186,7 +186,9 @@ fn contact(inspection: &Inspection) -> Line {
         return Line::bad(name, texts(&dead), Cause::Wiring, advice)
             .electrodes(dead.iter().flat_map(|f| f.electrodes.clone()));
     }
-    if let Some(fault @ (Fault::Open(electrodes) | Fault::Contacts(electrodes))) = &inspection.fault {
+    if let Some(fault @ (Fault::Open(electrodes) | Fault::Contacts(electrodes) | Fault::Loose(electrodes))) =
+        &inspection.fault
+    {
         return Line::bad(name, fault.to_string(), Cause::Wiring, advice)
             .electrodes(electrodes.list().iter().map(|l| l + 1));
     }

@@ -199,12 +199,7 @@ impl Reconstructor {
         self.divided = divided;
         done?;
         if let Some(sigma) = sigma {
-            // A contact that fails may look like a finger that has gone from there.
-            let unlike = self.unexplained > 0 || matches!(self.result.doubt, Some(Doubt::Gone { .. }));
-            self.flickers.take(values, &self.left.used, unlike, sigma);
-            if !unlike && self.flickers.often() {
-                self.look_between();
-            }
+            self.look_for_loose_contacts(values, sigma);
         }
         Ok(&mut self.result)
     }
@@ -252,7 +247,9 @@ impl Reconstructor {
             self.since_picture_s = 0.0;
         }
         let result = &self.result;
-        let sound = result.faults.is_empty() && !self.broken.is_open();
+        // What loose contacts spoil is left out of all.
+        let is_loose = |fault: &Fault| matches!(fault, Fault::Loose(_));
+        let sound = result.faults.iter().all(is_loose) && !self.broken.is_open();
         let untouched = result.touches.is_empty() && sound && result.doubt.is_none();
         if let Some(interval_s) = interval_s.filter(|_| untouched && self.options.sequence) {
             // A wild value is no drift.
@@ -360,10 +357,10 @@ impl Reconstructor {
         self.detectors.iter_mut().flatten().for_each(ChangeDetector::forget);
         self.faults.clear();
         self.instead_of = None;
-        if self.broken.named().is_some() {
-            self.broken.put_nothing_off();
-        } else if !self.flickers.often() {
+        if self.broken.named().is_none() {
             self.broken.clear();
+        } else {
+            self.broken.put_nothing_off();
         }
         self.show_faults();
         self.unexplained = 0;

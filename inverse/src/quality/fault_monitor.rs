@@ -3,12 +3,15 @@
 //! A touch that comes down while two frames are measured fits nothing either, but the next frame tells another story. What is broken
 //! stays broken. In frames that follow one another a fault is therefore looked for from the third on, and named when two tell the same.
 
+use crate::quality::flickers::Flicker;
+use crate::quality::loose_contacts::LooseContacts;
 use crate::reference::Difference;
 use crate::reference::diagnosis::{
     Diagnosis, Electrodes, Fault, MOST_ELECTRODES, PARTS, Search, Told, values_of, values_of_channel,
 };
 use crate::reference::imager::Imager;
 use crate::stats::is_of_noise;
+use std::borrow::Cow;
 use std::sync::Arc;
 
 /// Frames one after another that touches do not explain before a fault is looked for: it takes as long as some frames.
@@ -21,8 +24,6 @@ const AGAIN: [usize; 2] = [64, 16];
 const AGAINST: usize = 2;
 /// Values of frames at rest that end a fault: a single value may be as in the baseline by chance.
 const WELL: usize = 8;
-/// Frames at rest that end a contact that comes and goes: as many without it are no chance.
-const STAYS: usize = 512;
 /// Frames for which a fault that took no touch's place is not named again.
 const REJECTED: usize = 32;
 /// Most frames between two looks that find nothing.
@@ -32,10 +33,6 @@ const LONGEST_WAIT: usize = 64;
 const MOST_OPEN: usize = 64;
 /// Frames until this fault is looked for again.
 fn next_look(fault: Fault) -> usize {
-    if matches!(fault, Fault::Loose(_)) {
-        // A look finds it by chance only. Frames at rest end it.
-        return usize::MAX;
-    }
     let soon = !fault.leaves_touches() || matches!(fault, Fault::Contacts(_));
     AGAIN[usize::from(soon)]
 }
@@ -96,8 +93,6 @@ pub(crate) struct Seen {
     pub(crate) parts: usize,
     /// What it shows came not long ago, from one frame to the next.
     pub(crate) sudden: bool,
-    /// Again and again frames are like no others.
-    pub(crate) flickers: bool,
 }
 
 /// Why a fault is searched for.
@@ -150,6 +145,7 @@ pub(crate) struct FaultMonitor {
     /// Parts of searches so far, and the search that was begun.
     parts: usize,
     begun: Option<Begun>,
+    loose: LooseContacts,
 }
 
 impl FaultMonitor {
@@ -174,6 +170,7 @@ impl FaultMonitor {
             rejected: None,
             parts: 0,
             begun: None,
+            loose: LooseContacts::default(),
         }
     }
 
@@ -235,7 +232,7 @@ impl FaultMonitor {
     /// Whether the values that are left out because of the fault that is named are those of the baseline again, in a frame that shows
     /// nothing beside a gain that all values have in common. `sigma_v`: noise of one value, V of the model.
     pub(crate) fn is_over(&mut self, d: &Difference, unchanged: &Difference, sigma_v: f64) -> bool {
-        let values = self.left_out();
+        let values = self.spoilt();
         // What the fault did to the gain is over with it.
         let gain = common_gain(&self.imager.model_v, d, &values);
         let values: Vec<usize> = values.into_iter().filter(|k| unchanged.used[*k]).collect();
@@ -244,11 +241,7 @@ impl FaultMonitor {
         let count = values.len() as f64;
         let well = count > 0.0 && values.iter().all(|k| d.used[*k]) && is_of_noise(square, count);
         self.well = if well { self.well + values.len() } else { 0 };
-        let enough = match self.named {
-            Some(Fault::Loose(_)) => STAYS * values.len(),
-            _ => WELL,
-        };
-        self.well >= enough
+        self.well >= WELL
     }
 
     /// The fault that was named took no touch's place: it is none for a while.
@@ -265,8 +258,7 @@ impl FaultMonitor {
 
     /// Whether a fault is a candidate, or may be one: then every frame counts.
     pub(crate) fn is_open(&self) -> bool {
-        let candidate = self.candidate.is_some() && (self.suspicious > 0 || self.named.is_some());
-        candidate || (self.open && self.suspicious < MOST_OPEN)
+        self.candidate.is_some() || (self.open && self.suspicious < MOST_OPEN)
     }
 
     /// Parts of a search that the next frame is to leave time for.
@@ -301,27 +293,95 @@ impl FaultMonitor {
         self.named.is_some() && (self.until == 0 || !self.sequence)
     }
 
-    /// Leaves the values out that the named fault spoils, in a difference.
+    /// Leaves the values out that the named fault and loose contacts spoil, in a difference.
     pub(crate) fn leave_out(&self, d: &mut Difference) {
-        for k in self.left_out() {
+        for k in self.spoilt().into_iter().chain(self.of_loose()) {
             (d.used[k], d.y[k]) = (false, 0.0);
         }
     }
 
     /// Electrodes whose values are left out.
-    pub(crate) fn electrodes_left_out(&self) -> Electrodes {
-        match self.named {
-            Some(Fault::Open(electrodes) | Fault::Contacts(electrodes) | Fault::Loose(electrodes)) => electrodes,
+    pub(crate) fn electrodes_left_out(&self) -> Vec<usize> {
+        let of_fault = match self.named {
+            Some(Fault::Open(electrodes) | Fault::Contacts(electrodes)) => electrodes,
             _ => Electrodes::default(),
-        }
+        };
+        let mut all = [of_fault.list(), self.loose.named().list()].concat();
+        all.sort_unstable();
+        all.dedup();
+        all
     }
 
-    fn left_out(&self) -> Vec<usize> {
+    /// Contacts that come and go, if there are any.
+    pub(crate) fn loose(&self) -> Option<Fault> {
+        let electrodes = self.loose.named();
+        (!electrodes.list().is_empty()).then_some(Fault::Loose(electrodes))
+    }
+
+    fn of_loose(&self) -> Vec<usize> {
+        values_of(&self.imager, self.loose.named().list())
+    }
+
+    /// Takes a frame that was reconstructed, what it is after the ones before, and its noise, V of the model. Where frames come and go often,
+    /// what came and went is searched: one part, if the frame has time for it. True where loose contacts are named.
+    pub(crate) fn take_flicker(
+        &mut self,
+        (flicker, often): (Flicker, bool),
+        (d, sigma_v): (&Difference, f64),
+        has_time: bool,
+    ) -> bool {
+        match flicker {
+            // What is known to be broken may be what comes and goes.
+            Flicker::Unlike if self.named.is_none() => {
+                let d = self.without_loose(d).into_owned();
+                self.loose.take(d, sigma_v);
+                return false;
+            }
+            Flicker::Gone if often && self.imager.is_searched() => {
+                if self.diagnosis.is_none() {
+                    self.diagnosis = Some(self.made());
+                }
+                if let Some(Some(diagnosis)) = &mut self.diagnosis {
+                    self.loose.came_back(diagnosis);
+                }
+            }
+            _ => self.loose.stays(),
+        }
+        if !often {
+            self.loose.forget();
+        }
+        let Some(Some(diagnosis)) = self.diagnosis.as_mut().filter(|_| has_time && self.loose.searches()) else {
+            return false;
+        };
+        self.parts += 1;
+        self.loose.go_on(diagnosis, &self.contacts)
+    }
+
+    /// Takes a frame in which nothing touches (V), with the noise of one value. True where loose contacts have held for so long that they are
+    /// loose no more.
+    pub(crate) fn rests(&mut self, values: &[f64], sigma: f64) -> bool {
+        let left_out = self.of_loose();
+        self.loose.rests(values, &left_out, sigma)
+    }
+
+    /// A difference without the values of loose contacts.
+    fn without_loose<'a>(&self, d: &'a Difference) -> Cow<'a, Difference> {
+        let values = self.of_loose();
+        if values.is_empty() {
+            return Cow::Borrowed(d);
+        }
+        let mut without = d.clone();
+        for k in values {
+            (without.used[k], without.y[k]) = (false, 0.0);
+        }
+        Cow::Owned(without)
+    }
+
+    /// Values that the named fault spoils.
+    fn spoilt(&self) -> Vec<usize> {
         let imager = &self.imager;
         match self.named {
-            Some(Fault::Open(electrodes) | Fault::Contacts(electrodes) | Fault::Loose(electrodes)) => {
-                values_of(imager, electrodes.list())
-            }
+            Some(Fault::Open(electrodes) | Fault::Contacts(electrodes)) => values_of(imager, electrodes.list()),
             Some(Fault::Gain(pair, _) | Fault::Offset(pair) | Fault::Rail(pair)) => values_of_channel(imager, pair),
             Some(Fault::Value(k, _)) => vec![k],
             _ => Vec::new(),
@@ -341,6 +401,8 @@ impl FaultMonitor {
             self.until = self.until.min(self.longest_wait);
         }
         let known = self.of_values(values, d, unchanged);
+        let without = self.without_loose(d);
+        let d = &*without;
         let unexplained = seen.unexplained || suspected || known.is_some();
         self.suspicious = if unexplained { self.suspicious + 1 } else { 0 };
         match sigma_v.filter(|_| unexplained && self.sequence) {
@@ -348,17 +410,13 @@ impl FaultMonitor {
             None => self.mean = None,
         }
         if !unexplained && self.named.is_none() {
-            (self.wait, self.open) = (1, false);
-            if !seen.flickers {
-                (self.candidate, self.begun) = (None, None);
-            }
+            (self.candidate, self.wait, self.open, self.begun) = (None, 1, false, None);
             return false;
         }
-        let passes = seen.flickers && self.suspicious < SUSPICIOUS;
         // What comes beside a fault that is named is asked for as it comes.
         let beside = self.named.is_some() && self.suspicious == SUSPICIOUS;
         let asked = known.is_some() || due || beside || (unexplained && self.until == 0 && self.named.is_none());
-        let early = self.sequence && self.suspicious < SUSPICIOUS && known.is_none() && !due && !passes;
+        let early = self.sequence && self.suspicious < SUSPICIOUS && known.is_none() && !due;
         let again = self.candidate.is_some();
         if self.begun.is_none() && (early || !(asked || again)) {
             return false;
@@ -387,13 +445,7 @@ impl FaultMonitor {
             return false;
         }
         self.alone = matches!(told, Told::Fault { alone: true, .. });
-        let told = told.fault().and_then(|fault| {
-            if passes {
-                fault.that_comes_and_goes()
-            } else {
-                Some(fault)
-            }
-        });
+        let told = told.fault();
         let rejected = self.rejected.map(|(fault, _)| fault);
         let told =
             told.filter(|fault| !known_contacts(fault, &self.contacts) && !rejected.is_some_and(|r| r.is_same(fault)));
@@ -469,31 +521,24 @@ impl FaultMonitor {
     /// Goes on with a search, or begins one, for so many parts; one that was begun before for one part at least. What it told, and why it
     /// was asked; none where it is not at its end.
     fn search(&mut self, d: &Difference, sigma_v: Option<f64>, reason: Reason, parts: usize) -> Option<(Told, Reason)> {
-        if self.begun.is_some() {
-            return self.go_on(parts.max(1));
-        }
         if self.diagnosis.is_none() {
             self.diagnosis = Some(self.made());
         }
         let Some(Some(diagnosis)) = &mut self.diagnosis else {
             return Some((Told::Nothing, reason));
         };
-        let search = match &self.mean {
-            Some(mean) => diagnosis.begin(&mean.difference, sigma_v.map(|sigma| sigma / mean.frames.sqrt())),
-            None => diagnosis.begin(d, sigma_v),
-        };
-        let Some(search) = search else {
-            return Some((Told::Nothing, reason));
-        };
-        self.begun = Some(Begun { search, reason });
-        self.go_on(parts)
-    }
-
-    /// Goes on with the search that was begun.
-    fn go_on(&mut self, parts: usize) -> Option<(Told, Reason)> {
-        let mut begun = self.begun.take()?;
-        let Some(Some(diagnosis)) = &mut self.diagnosis else {
-            return None;
+        let (mut begun, parts) = match self.begun.take() {
+            Some(begun) => (begun, parts.max(1)),
+            None => {
+                let search = match &self.mean {
+                    Some(mean) => diagnosis.begin(&mean.difference, sigma_v.map(|sigma| sigma / mean.frames.sqrt())),
+                    None => diagnosis.begin(d, sigma_v),
+                };
+                let Some(search) = search else {
+                    return Some((Told::Nothing, reason));
+                };
+                (Begun { search, reason }, parts)
+            }
         };
         for _ in 0..parts {
             self.parts += 1;
@@ -503,19 +548,6 @@ impl FaultMonitor {
         }
         self.begun = Some(begun);
         None
-    }
-
-    /// Takes a frame that touches explain, or that shows nothing, where frames come and go: the search in the last of these goes on for so
-    /// many parts. True where it names what comes and goes.
-    pub(crate) fn between(&mut self, parts: usize) -> bool {
-        (self.suspicious, self.mean, self.open) = (0, None, false);
-        if self.named.is_some() {
-            return false;
-        }
-        let Some((told, _)) = self.go_on(parts) else {
-            return false;
-        };
-        self.judge(told.fault().and_then(Fault::that_comes_and_goes))
     }
 }
 

@@ -12,6 +12,17 @@ const OFTEN: f64 = 2.5;
 /// Frames after which one counts half.
 const HALF: f64 = 256.0;
 
+/// What a frame is after the ones before it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Flicker {
+    /// Unlike them: it may come and go.
+    Unlike,
+    /// What was unlike has come and gone.
+    Gone,
+    /// Nothing of the kind.
+    Nothing,
+}
+
 /// Counts frames that come and go.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Flickers {
@@ -29,20 +40,20 @@ impl Flickers {
         self.count > OFTEN
     }
 
-    /// Takes a frame, of which these values take part, and whether touches that came leave it unexplained; `sigma` is the noise of one value.
-    pub(crate) fn take(&mut self, values: &[f64], used: &[bool], unexplained: bool, sigma: f64) {
+    /// Takes a frame, of which these values take part, and whether touches leave it unexplained; `sigma` is the noise of one value.
+    pub(crate) fn take(&mut self, values: &[f64], used: &[bool], unexplained: bool, sigma: f64) -> Flicker {
         self.count *= 0.5_f64.powf(1.0 / HALF);
         if unexplained {
             // A search that came to no end in a scene at rest is no flicker.
             self.run += usize::from(!is_alike(&self.before, values, used, sigma));
-            return;
+            return Flicker::Unlike;
         }
-        if (1..=MOST).contains(&self.run) && is_alike(&self.before, values, used, sigma) {
-            self.count += 1.0;
-        }
+        let is_gone = (1..=MOST).contains(&self.run) && is_alike(&self.before, values, used, sigma);
+        self.count += f64::from(u8::from(is_gone));
         self.run = 0;
         self.before.clear();
         self.before.extend_from_slice(values);
+        if is_gone { Flicker::Gone } else { Flicker::Nothing }
     }
 }
 

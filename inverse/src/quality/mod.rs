@@ -5,6 +5,7 @@ pub mod doubt;
 pub(crate) mod fault_monitor;
 pub mod faults;
 pub(crate) mod flickers;
+mod loose_contacts;
 pub mod reciprocity;
 pub(crate) mod repeats;
 pub(crate) mod wild;

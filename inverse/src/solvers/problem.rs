@@ -47,7 +47,7 @@ impl Problem {
     /// Reduces a matrix, `values x cells`. Directions with a singular value of at most `rank_tolerance` times the
     /// largest are left out. A tolerance below 1e-7 counts as 1e-7, since smaller singular values are rounding.
     ///
-    /// A matrix with a number that is not finite, or whose eigenvectors are not found, has rank 0, and every solve of it ends as
+    /// A matrix with a number that is not finite, or whose eigenvectors are not found, has rank 0. Every solve of it ends as
     /// [`Status::BadInput`](crate::solvers::Status::BadInput).
     pub fn new(a: &DMatrix<f64>, rank_tolerance: f64) -> Self {
         let finite = a.iter().all(|v| v.is_finite());

@@ -81,7 +81,6 @@ impl Reconstructor {
             due,
             parts: self.solver.search_parts(self.broken.parts() - self.searched),
             sudden: self.contacts.is_sudden(),
-            flickers: self.flickers.often(),
         };
         let other = self.broken.take(frame, sigma_v, seen);
         self.solver.note_search_parts(self.broken.parts() - self.searched);
@@ -89,7 +88,11 @@ impl Reconstructor {
             return false;
         }
         let named = self.broken.named();
-        let suspected = named.filter(|_| self.broken.is_suspected() && touches > 0 && !self.broken.is_alone());
+        // What leaves no touches takes the place of all.
+        let takes_some = |fault: &Fault| {
+            fault.leaves_touches() && self.broken.is_suspected() && touches > 0 && !self.broken.is_alone()
+        };
+        let suspected = named.filter(takes_some);
         if let Some(fault) = suspected {
             self.instead_of = Some((fault, touches, misfit));
         } else if named.is_some() {
@@ -98,10 +101,26 @@ impl Reconstructor {
         true
     }
 
-    /// What was broken in a frame that came and went is looked for in those that follow.
-    pub(super) fn look_between(&mut self) {
-        let parts = self.solver.search_parts(self.broken.parts() - self.searched);
-        if self.broken.between(parts) {
+    /// Takes a frame that was reconstructed: what comes and goes is looked for in the frames after it. `sigma`: noise of one value, V.
+    pub(super) fn look_for_loose_contacts(&mut self, values: &[f64], sigma: f64) {
+        // A contact that fails may look like a finger that has gone from there.
+        let unlike = self.unexplained > 0 || matches!(self.result.doubt, Some(Doubt::Gone { .. }));
+        let flicker = self.flickers.take(values, &self.left.used, unlike, sigma);
+        let Some(noise) = self.reference.noise() else {
+            return;
+        };
+        let has_time = self.solver.search_parts(self.broken.parts() - self.searched) > 0;
+        let seen = (&self.whole, noise.sigma);
+        let named = self
+            .broken
+            .take_flicker((flicker, self.flickers.often()), seen, has_time);
+        self.solver.note_search_parts(self.broken.parts() - self.searched);
+        let rests = self.result.touches.is_empty() && !self.result.changed && self.result.doubt.is_none();
+        let held = rests && self.broken.rests(values, sigma);
+        if named {
+            self.contacts.unlearn_signs();
+        }
+        if named || held {
             self.left_changed = true;
             self.show_faults();
         }
@@ -153,7 +172,7 @@ impl Reconstructor {
     /// Says what is broken. Where it leaves no touches, none are shown.
     pub(super) fn show_faults(&mut self) {
         let named = self.broken.named();
-        self.contacts.leave_out(self.broken.electrodes_left_out().list());
+        self.contacts.leave_out(&self.broken.electrodes_left_out());
         if self.broken.is_open() || self.broken.owed() > 0 {
             // Every frame counts.
             self.detectors.iter_mut().flatten().for_each(ChangeDetector::forget);
@@ -173,6 +192,7 @@ impl Reconstructor {
             self.result.contacts.extend_from_slice(electrodes.list());
         }
         self.result.faults.clear();
-        self.result.faults.extend(named.into_iter().chain(contacts));
+        let all = named.into_iter().chain(self.broken.loose()).chain(contacts);
+        self.result.faults.extend(all);
     }
 }

@@ -76,7 +76,7 @@ impl Evidence {
         self.of_touches() - of.linear + 0.5 * of.square
     }
 
-    /// Of every column.
+    /// What tells the cost of every column.
     pub(crate) fn products(&self, predicted: &DMatrix<f64>) -> Vec<Products> {
         let along = &self.w.g * predicted;
         let columns = predicted.column_iter().zip(along.column_iter());
@@ -94,7 +94,8 @@ impl Evidence {
         }
         Products {
             linear,
-            square: square - along,
+            // What no value tells is no more than rounding.
+            square: (square - along).max(f64::EPSILON * square),
         }
     }
 

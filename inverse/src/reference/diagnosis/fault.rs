@@ -132,14 +132,6 @@ impl Fault {
         }
     }
 
-    /// The same of frames that come and go; none for what has no contact.
-    pub(crate) fn that_comes_and_goes(self) -> Option<Self> {
-        match self {
-            Self::Open(electrodes) | Self::Contacts(electrodes) => Some(Self::Loose(electrodes)),
-            _ => None,
-        }
-    }
-
     /// The same fault, whatever its size.
     pub fn is_same(&self, other: &Self) -> bool {
         match (self, other) {

@@ -39,7 +39,7 @@ const OFFSET: f64 = 0.1;
 const LOST: f64 = 0.02;
 /// Resistances that are tried, ohm: of shorts, and of contacts.
 const SHORTS_OHM: [f64; 4] = [0.0, 30.0, 200.0, 1000.0];
-/// What leaks from one wire to another over so much changes a frame in proportion to what it conducts: of more, the frame tells how much.
+/// A leak over so much or more changes a frame in proportion to what it conducts: the frame tells its size.
 const LEAK_OHM: f64 = 10_000.0;
 const CONTACTS_OHM: [f64; 7] = [10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0, 10_000.0];
 /// A contact worse by this is small.
@@ -527,7 +527,7 @@ fn fitted<T: Copy>(
     })
 }
 
-/// Products of the predictions of these.
+/// What tells the costs of these: products of what each predicts with the frame and with itself.
 fn of_each<T: Copy>(
     evidence: &Evidence,
     tried: &[T],
