@@ -295,9 +295,7 @@ impl FaultMonitor {
 
     /// Leaves the values out that the named fault and loose contacts spoil, in a difference.
     pub(crate) fn leave_out(&self, d: &mut Difference) {
-        for k in self.spoilt().into_iter().chain(self.of_loose()) {
-            (d.used[k], d.y[k]) = (false, 0.0);
-        }
+        d.leave_out(self.spoilt().into_iter().chain(self.of_loose()));
     }
 
     /// Electrodes whose values are left out.
@@ -318,8 +316,11 @@ impl FaultMonitor {
         (!electrodes.list().is_empty()).then_some(Fault::Loose(electrodes))
     }
 
+    /// Values that loose contacts spoil.
     fn of_loose(&self) -> Vec<usize> {
-        values_of(&self.imager, self.loose.named().list())
+        // A frame at rest is not to look at every value for nothing.
+        self.loose()
+            .map_or_else(Vec::new, |fault| values_of(&self.imager, fault.electrodes().list()))
     }
 
     /// Takes a frame that was reconstructed, what it is after the ones before, and its noise, V of the model. Where frames come and go often,
@@ -371,9 +372,7 @@ impl FaultMonitor {
             return Cow::Borrowed(d);
         }
         let mut without = d.clone();
-        for k in values {
-            (without.used[k], without.y[k]) = (false, 0.0);
-        }
+        without.leave_out(values);
         Cow::Owned(without)
     }
 

@@ -25,6 +25,13 @@ pub(super) fn is_measured(value: f64, baseline: f64) -> bool {
 }
 
 impl Difference {
+    /// Leaves values out.
+    pub(crate) fn leave_out(&mut self, values: impl IntoIterator<Item = usize>) {
+        for k in values {
+            (self.used[k], self.y[k]) = (false, 0.0);
+        }
+    }
+
     /// Of a frame (any unit) to its baseline (the same unit), all of one length.
     ///
     /// Values are left out that are not finite in either, those beyond any converter's range, and those whose baseline is too small to
