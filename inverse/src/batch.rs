@@ -55,7 +55,8 @@ pub struct Batch {
     /// What the baseline is worth, and what it said of the electrodes.
     inspection: Inspection,
     how: ReconstructorOptions,
-    noise: FrameNoise,
+    /// Whether the baseline is of enough frames to tell the noise.
+    tells_noise: bool,
     interval_s: Option<f64>,
     meter: Option<ForceMeter>,
 }
@@ -63,10 +64,14 @@ pub struct Batch {
 fn reconstructor(
     inspection: &Inspection,
     how: ReconstructorOptions,
-    noise: FrameNoise,
+    tells_noise: bool,
 ) -> Result<Reconstructor, ImagerError> {
-    let baseline = inspection.baseline.values_v.clone();
-    let reference = Reference::new(Arc::clone(&inspection.imager), baseline, noise)?;
+    let (imager, baseline) = (Arc::clone(&inspection.imager), &inspection.baseline);
+    let reference = if tells_noise {
+        Reference::of(imager, baseline)?
+    } else {
+        Reference::new(imager, baseline.values_v.clone(), FrameNoise::Unknown)?
+    };
     Ok(Reconstructor::new(reference, how).after(inspection.fault))
 }
 
@@ -92,19 +97,12 @@ impl Batch {
             ..ReconstructorOptions::for_imager(imager, options.method)
         };
         let meter = options.calibration.map(|c| ForceMeter::new(imager, c));
-        let noise = if baseline.frames < options.noise_frames {
-            FrameNoise::Unknown
-        } else {
-            FrameNoise::Known {
-                sigma: baseline.noise_v,
-                baseline_frames: Some(baseline.frames),
-            }
-        };
+        let tells_noise = baseline.frames >= options.noise_frames;
         Ok(Self {
-            reconstructor: reconstructor(&inspection, how, noise)?,
+            reconstructor: reconstructor(&inspection, how, tells_noise)?,
             inspection,
             how,
-            noise,
+            tells_noise,
             interval_s: options.interval_s,
             meter,
         })

@@ -73,7 +73,7 @@ impl Batch {
                 most_misfit: f64::INFINITY,
                 ..self.how
             },
-            self.noise,
+            self.tells_noise,
         )?;
         // By frame, then by part, as logarithms.
         let mut left: Vec<Vec<f64>> = Vec::with_capacity(tried.len());

@@ -10,6 +10,11 @@ const MOST_GAIN: f64 = 0.2;
 /// Fewest values that tell a gain.
 const FEWEST_VALUES: usize = 8;
 
+/// Values have a noise of their own where their variances scatter by so many standard deviations more than by chance.
+const CLEARLY: f64 = 3.0;
+/// The variance of a value over the median one's is no less: what is that quiet has the model's error beside its noise.
+const LEAST_VARIANCE: f64 = 0.1;
+
 /// Collects frames of the unpressed sheet.
 #[derive(Clone, Debug)]
 pub struct BaselineTaker {
@@ -228,6 +233,33 @@ impl Baseline {
             _ => f64::NAN,
         };
         (0..self.values_v.len()).map(of).collect()
+    }
+
+    /// Noise of every value over [`Baseline::noise_v`]: 1 where nothing tells that it has another than the rest.
+    ///
+    /// A few frames tell the variance of one value badly, and that of all of them well. So each is drawn towards their mean, as far as
+    /// they scatter by what chance would make of one variance (credibility: Bühlmann 1967). Values in proportion to which a source or a
+    /// reference is noisy have a noise of their own, and so have those of a noisy amplifier.
+    pub fn own_noise(&self) -> Vec<f64> {
+        let mean = self.noise_v * self.noise_v;
+        let told: Vec<Option<(f64, f64)>> = (0..self.values_v.len())
+            .map(|k| {
+                let (square, freedom) = *self.deviations.get(k)?;
+                (freedom > 0.0 && mean > 0.0).then(|| (square / freedom / mean, freedom))
+            })
+            .collect();
+        let count = told.iter().flatten().count().max(1) as f64;
+        let mean_of = |f: &dyn Fn(&(f64, f64)) -> f64| told.iter().flatten().map(f).sum::<f64>() / count;
+        let scatter = mean_of(&|(own, _)| (own - 1.0).powi(2));
+        // The mean square of a variance's own scatter, and the variance of that: moments of chi-square.
+        let by_chance = mean_of(&|(_, freedom)| 2.0 / freedom);
+        let its_variance = mean_of(&|(_, freedom)| (2.0 / freedom).powi(2) * (2.0 + 12.0 / freedom));
+        let clear = scatter > by_chance + CLEARLY * (its_variance / count).sqrt();
+        let credible = if clear { 1.0 - by_chance / scatter } else { 0.0 };
+        let variance = |own: &Option<(f64, f64)>| own.map_or(1.0, |(own, _)| 1.0 + credible * (own - 1.0));
+        let variances: Vec<f64> = told.iter().map(variance).collect();
+        let least = LEAST_VARIANCE * median(variances.iter().copied());
+        variances.iter().map(|v| v.max(least).sqrt()).collect()
     }
 
     /// Sums of squared deviations that so many frames with this standard deviation of every value have; what is no number
@@ -462,5 +494,55 @@ mod tests {
         let mut same = vec![frames[0].clone(); 5];
         same.push(frames[0].iter().map(|v| v + NOISE).collect());
         assert_eq!(of(&same).unlike, 0);
+    }
+
+    /// So many frames of 208 values with a standard deviation each.
+    fn frames_of(count: usize, sd: impl Fn(usize) -> f64, seed: u64) -> Baseline {
+        let mut rng = rand::rngs::StdRng::seed_from_u64(seed);
+        let mut value = |k: usize| 1.0 + (k % 4) as f64 + sd(k) * rng.sample::<f64, _>(StandardNormal);
+        let list: Vec<Vec<f64>> = (0..count).map(|_| (0..208).map(&mut value).collect()).collect();
+        of(&list)
+    }
+
+    /// What a value's variance is told to be over the true one: the mean, and the root mean square of what is off.
+    fn told_over_true(count: usize, sd: fn(usize) -> f64) -> (f64, f64) {
+        let baseline = frames_of(count, sd, 17);
+        let own = baseline.own_noise();
+        let ratios: Vec<f64> = (0..208).map(|k| (own[k] * baseline.noise_v / sd(k)).powi(2)).collect();
+        let off: f64 = ratios.iter().map(|r| (r - 1.0).powi(2)).sum();
+        (ratios.iter().sum::<f64>() / 208.0, (off / 208.0).sqrt())
+    }
+
+    /// The variance of n frames scatters by sqrt(2 / (n - 1)). Where all values have the same noise, that told of each does not scatter.
+    /// Where they have not, it does by no more than this.
+    #[test]
+    fn a_value_has_the_noise_of_all_unless_it_has_its_own() {
+        for count in [3, 8, 80] {
+            assert_eq!(frames_of(count, |_| 1e-3, 17).own_noise(), [1.0; 208], "{count}");
+        }
+        let by_chance = (2.0_f64 / 79.0).sqrt();
+        let noises: [fn(usize) -> f64; 3] = [
+            // In proportion to the value; of one amplifier; of a value.
+            |k| 1e-3 * (1.0 + (k % 4) as f64),
+            |k| if k % 13 == 5 { 1e-2 } else { 1e-3 },
+            |k| if k == 50 { 2e-2 } else { 1e-3 },
+        ];
+        for noise in noises {
+            let (mean, off) = told_over_true(80, noise);
+            assert!((mean - 1.0).abs() < 0.1 && off < 1.3 * by_chance, "{mean} {off}");
+        }
+    }
+
+    #[test]
+    fn a_noise_that_is_not_told_is_that_of_all() {
+        assert_eq!(frames_of(1, |_| 1e-3, 1).own_noise(), [1.0; 208]);
+        assert_eq!(frames_of(5, |_| 0.0, 1).own_noise(), [1.0; 208]);
+        let some = |k: usize| if k.is_multiple_of(2) { 0.0 } else { 1e-3 };
+        assert!(
+            frames_of(80, some, 1)
+                .own_noise()
+                .iter()
+                .all(|own| *own > 0.0 && own.is_finite())
+        );
     }
 }

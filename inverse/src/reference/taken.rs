@@ -55,7 +55,7 @@ impl Reference {
         })
     }
 
-    /// Frames of the unpressed sheet as the baseline, with the noise that they show.
+    /// Frames of the unpressed sheet as the baseline, with the noise that they show of every value.
     ///
     /// # Errors
     /// As for [`Reference::new`].
@@ -64,7 +64,10 @@ impl Reference {
             sigma: baseline.noise_v,
             baseline_frames: Some(baseline.frames),
         };
-        Self::new(imager, baseline.values_v.clone(), noise)
+        let mut reference = Self::new(imager, baseline.values_v.clone(), noise)?;
+        let spread = reference.unchanged.spread.iter_mut();
+        spread.zip(baseline.own_noise()).for_each(|(s, own)| *s *= own);
+        Ok(reference)
     }
 
     /// The model of the sheet.
@@ -115,24 +118,14 @@ impl Reference {
         Ok(difference)
     }
 
-    /// The same into a difference that was this reference's before: nothing is allocated where the frame has all values
-    /// that the baseline has.
+    /// The same into a difference that was this reference's before: nothing is allocated.
     pub(crate) fn difference_into(&self, frame: &[f64], difference: &mut Difference) -> Result<(), ImagerError> {
         self.imager.fits(&self.baseline, frame)?;
-        let whole = self
-            .unchanged
-            .used
-            .iter()
-            .zip(&self.baseline)
-            .zip(frame)
-            .all(|((used, b), v)| !used || is_measured(*v, *b));
-        if whole {
-            difference.used.clone_from(&self.unchanged.used);
-            difference.spread.clone_from(&self.unchanged.spread);
-            difference.fill(&self.imager.model_v, &self.baseline, frame);
-        } else {
-            *difference = Difference::new(&self.imager.model_v, &self.baseline, frame);
-        }
+        let both = self.unchanged.used.iter().zip(&self.baseline).zip(frame);
+        let used = difference.used.iter_mut().zip(both);
+        used.for_each(|(used, ((known, b), v))| *used = *known && is_measured(*v, *b));
+        difference.spread.clone_from(&self.unchanged.spread);
+        difference.fill(&self.imager.model_v, &self.baseline, frame);
         Ok(())
     }
 }

@@ -1,6 +1,7 @@
-//! A pattern without reciprocal pairs tells the noise as well.
+//! What the noise of a frame is told by: patterns without reciprocal pairs, wild values, and the noise of each value by itself.
 
 use forward::{DiscTouch, Drive, Pattern, Sheet};
+use inverse::live::{Live, LiveFrame, LiveOptions};
 use inverse::pipeline::{Reconstructor, ReconstructorOptions};
 use inverse::reference::Reference;
 use inverse::reference::imager::Imager;
@@ -8,6 +9,7 @@ use inverse::reference::noise::{FrameNoise, NoiseSource};
 use inverse::solvers::Method;
 use rand::Rng;
 use rand::rngs::StdRng;
+use rand_distr::StandardNormal;
 use std::sync::Arc;
 use studies::{TestSheet, imager, noise_v, noisy, rng};
 
@@ -157,4 +159,66 @@ fn what_many_wild_values_do_to_a_frame_is_not_silent() {
         }
     }
     assert!(right > FRAMES, "{right} of {}", 2 * FRAMES);
+}
+
+fn normal(rng: &mut StdRng) -> f64 {
+    rng.sample(StandardNormal)
+}
+
+type Noise = fn(&mut [f64], f64, &mut StdRng);
+
+/// A source or a reference whose noise is in proportion to each value, or an amplifier that is noisier than the others: the baseline tells
+/// it. Empty frames show nothing, and a finger is found once, as exactly as is said.
+#[test]
+fn noise_that_is_not_the_same_for_all_values_is_no_touch() {
+    let kinds: [(Noise, f64); 2] = [
+        (
+            |frame, _, rng| frame.iter_mut().for_each(|v| *v *= 1.0 + 0.002 * normal(rng)),
+            3.0,
+        ),
+        (
+            |frame, sigma, rng| {
+                let noisy = frame.iter_mut().skip(5).step_by(13);
+                noisy.for_each(|v| *v += 10.0 * sigma * normal(rng));
+            },
+            0.5,
+        ),
+    ];
+    for (k, (noise, most_mm)) in kinds.into_iter().enumerate() {
+        let mut rng = rng(113);
+        let imager = imager(Drive::PAPER, 5.0).unwrap();
+        let mut sheet = TestSheet::new(&imager, Drive::PAPER, 0.3, 0.2, &mut rng).unwrap();
+        let at = [31.0, -18.0];
+        let touched = sheet.clean_frame(&[finger(at[0], at[1])]).unwrap();
+        let sigma = noise_v(&touched, &sheet.baseline, 27.0);
+        let options = LiveOptions::default();
+        let mut live = Live::new(imager, options);
+        let (mut square, mut count): (f64, f64) = (0.0, 0.0);
+        for frame in 0..options.baseline_frames + 120 {
+            let down = frame >= options.baseline_frames + 60;
+            let clean = if down { &touched } else { &sheet.baseline };
+            let mut values = noisy(clean.clone(), sigma, &mut rng);
+            noise(&mut values, sigma, &mut rng);
+            let LiveFrame::Picture(result) = live.frame(frame as f64 / 115.0, &values).unwrap() else {
+                continue;
+            };
+            assert!(result.doubt.is_none() && result.faults.is_empty(), "{k} {frame}");
+            assert_eq!(
+                result.touches.len(),
+                usize::from(down),
+                "{k} {frame}: {:?}",
+                result.touches
+            );
+            for t in &result.touches {
+                let off = [t.x_mm - at[0], t.y_mm - at[1]];
+                assert!(off[0].hypot(off[1]) < most_mm, "{k} {frame}: {off:?} mm");
+                for (off, sd) in off.iter().zip([t.x_sd_mm, t.y_sd_mm]) {
+                    square += (off / sd.unwrap()).powi(2);
+                    count += 1.0;
+                }
+            }
+        }
+        // Means of frames at rest are not independent of each other.
+        assert!(square < 2.0 * count, "{k}: {}", square / count);
+    }
 }
