@@ -190,16 +190,16 @@ impl Reconstructor {
             self.show_faults();
             return Ok(&mut self.result);
         }
-        let sigma = self.reference.frame_noise().filter(|_| self.options.sequence);
-        self.rests = sigma.is_some_and(|sigma| is_alike(&self.last, values, &self.left.used, sigma));
+        let noise = self.reference.value_noise().filter(|_| self.options.sequence);
+        self.rests = noise.is_some_and(|noise| is_alike(&self.last, values, &self.left.used, noise));
         self.last.clear();
         self.last.extend_from_slice(values);
         let mut divided = std::mem::take(&mut self.divided);
         let done = self.divided(values, interval_s, &mut divided);
         self.divided = divided;
         done?;
-        if let Some(sigma) = sigma {
-            self.look_for_loose_contacts(values, sigma);
+        if self.options.sequence {
+            self.look_for_loose_contacts(values);
         }
         Ok(&mut self.result)
     }

@@ -275,6 +275,14 @@ impl FaultMonitor {
         self.begun = None;
     }
 
+    /// The fault that is named is over: it is forgotten, unless its contact turns out to be loose.
+    pub(crate) fn end(&mut self) {
+        if let Some(fault) = self.named {
+            self.loose.ended(fault);
+        }
+        self.clear();
+    }
+
     /// Forgets all that earlier frames said.
     pub(crate) fn clear(&mut self) {
         (self.named, self.candidate) = (None, None);
@@ -358,11 +366,15 @@ impl FaultMonitor {
         self.loose.go_on(diagnosis, &self.contacts)
     }
 
-    /// Takes a frame in which nothing touches (V), with the noise of one value. True where loose contacts have held for so long that they are
-    /// loose no more.
-    pub(crate) fn rests(&mut self, values: &[f64], sigma: f64) -> bool {
-        let left_out = self.of_loose();
-        self.loose.rests(values, &left_out, sigma)
+    /// Takes a frame in which nothing touches (V), with the noise of every value. True where loose contacts have held for so long that they
+    /// are loose no more.
+    pub(crate) fn rests(&mut self, values: &[f64], noise: &[f64]) -> bool {
+        // A frame at rest is not to look at every value for nothing.
+        let watched = match self.loose.watched() {
+            none if none.is_empty() => none,
+            some => values_of(&self.imager, &some),
+        };
+        self.loose.rests(values, &watched, noise)
     }
 
     /// A difference without the values of loose contacts.
@@ -464,7 +476,7 @@ impl FaultMonitor {
             self.against += 1;
             let over = self.named.is_some() && (self.against >= AGAINST || !self.sequence);
             if over {
-                self.clear();
+                self.end();
             }
             return over;
         };

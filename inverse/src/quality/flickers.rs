@@ -40,15 +40,15 @@ impl Flickers {
         self.count > OFTEN
     }
 
-    /// Takes a frame, of which these values take part, and whether touches leave it unexplained; `sigma` is the noise of one value.
-    pub(crate) fn take(&mut self, values: &[f64], used: &[bool], unexplained: bool, sigma: f64) -> Flicker {
+    /// Takes a frame, of which these values take part, and whether touches leave it unexplained; `noise` is that of every value.
+    pub(crate) fn take(&mut self, values: &[f64], used: &[bool], unexplained: bool, noise: &[f64]) -> Flicker {
         self.count *= 0.5_f64.powf(1.0 / HALF);
         if unexplained {
             // A search that came to no end in a scene at rest is no flicker.
-            self.run += usize::from(!is_alike(&self.before, values, used, sigma));
+            self.run += usize::from(!is_alike(&self.before, values, used, noise));
             return Flicker::Unlike;
         }
-        let is_gone = (1..=MOST).contains(&self.run) && is_alike(&self.before, values, used, sigma);
+        let is_gone = (1..=MOST).contains(&self.run) && is_alike(&self.before, values, used, noise);
         self.count += f64::from(u8::from(is_gone));
         self.run = 0;
         self.before.clear();
@@ -57,14 +57,14 @@ impl Flickers {
     }
 }
 
-/// Whether the used values of a frame differ from those of another by nothing but noise, of this standard deviation of one value. What is
-/// no number says nothing.
-pub(crate) fn is_alike(other: &[f64], values: &[f64], used: &[bool], sigma: f64) -> bool {
-    let used = other.iter().zip(values).zip(used).filter(|(_, used)| **used);
-    let changes = used.map(|((before, now), _)| now - before);
+/// Whether the used values of a frame differ from those of another by nothing but noise, of this standard deviation of each. What is no
+/// number says nothing.
+pub(crate) fn is_alike(other: &[f64], values: &[f64], used: &[bool], noise: &[f64]) -> bool {
+    let both = other.iter().zip(values).zip(noise).zip(used).filter(|(_, used)| **used);
+    let changes = both.map(|(((before, now), noise), _)| (now - before) / noise);
     let (mut square, mut count) = (0.0, 0.0_f64);
     for change in changes.filter(|change| change.is_finite()) {
-        square += (change / sigma).powi(2);
+        square += change.powi(2);
         count += 1.0;
     }
     // Two frames differ by twice the variance of one.
@@ -87,7 +87,7 @@ mod tests {
             let values: Vec<f64> = (0..VALUES)
                 .map(|_| step + rng.sample::<f64, _>(StandardNormal))
                 .collect();
-            flickers.take(&values, &[true; VALUES], unexplained, 1.0);
+            flickers.take(&values, &[true; VALUES], unexplained, &[1.0; VALUES]);
         }
         flickers.often()
     }

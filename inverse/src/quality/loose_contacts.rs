@@ -2,6 +2,8 @@
 //!
 //! A contact that fails in a frame or two leaves the scene as it was. Such a frame is searched for what is broken once the scene has come
 //! back, in the time of the frames that follow. Where two of them tell the same electrode, it has a loose contact.
+//!
+//! One that fails for longer is a fault until it is over. Where it fails once more before it has held for long, it is loose as well.
 
 use crate::quality::flickers::is_alike;
 use crate::reference::Difference;
@@ -14,6 +16,8 @@ const HOLDS: usize = 512;
 #[derive(Default)]
 pub(crate) struct LooseContacts {
     named: Electrodes,
+    /// Those of which a fault is over.
+    failed: Electrodes,
     /// What the last search told.
     candidate: Option<usize>,
     /// The first frame that was unlike the others since, and its noise, V of the model.
@@ -87,36 +91,72 @@ impl LooseContacts {
             return false;
         }
         self.candidate = None;
-        let all = [self.named.list(), &[electrode]].concat();
-        if all.len() > MOST_ELECTRODES {
-            return false;
-        }
-        (self.named, self.alike) = (Electrodes::of(&all), 0);
-        self.rest.clear();
-        true
+        self.name(electrode)
     }
 
-    /// Takes a frame at rest (V), the values that are left out, and the noise of one value, V. True where the contacts have held for long:
-    /// they are loose no more.
-    pub(crate) fn rests(&mut self, values: &[f64], left_out: &[usize], sigma: f64) -> bool {
-        if self.named.list().is_empty() {
+    fn name(&mut self, electrode: usize) -> bool {
+        self.hold_anew();
+        with(&mut self.named, electrode)
+    }
+
+    fn hold_anew(&mut self) {
+        self.alike = 0;
+        self.rest.clear();
+    }
+
+    /// A fault is over. Of a single electrode, of which one was over not long ago, the contact is loose.
+    pub(crate) fn ended(&mut self, fault: Fault) {
+        let (Fault::Open(of_fault) | Fault::Contacts(of_fault)) = fault else {
+            return;
+        };
+        let &[electrode] = of_fault.list() else {
+            return;
+        };
+        if self.failed.list().contains(&electrode) {
+            self.name(electrode);
+        } else {
+            self.hold_anew();
+            with(&mut self.failed, electrode);
+        }
+    }
+
+    /// Electrodes that are to hold.
+    pub(crate) fn watched(&self) -> Vec<usize> {
+        [self.named.list(), self.failed.list()].concat()
+    }
+
+    /// Takes a frame at rest (V), the values of the electrodes that are watched, and the noise of every value, V. True where loose contacts
+    /// have held for long: they are loose no more.
+    pub(crate) fn rests(&mut self, values: &[f64], watched: &[usize], noise: &[f64]) -> bool {
+        if watched.is_empty() {
             return false;
         }
         let mut of_them = vec![false; values.len()];
-        left_out.iter().for_each(|k| of_them[*k] = true);
-        self.alike = if is_alike(&self.rest, values, &of_them, sigma) {
+        watched.iter().for_each(|k| of_them[*k] = true);
+        self.alike = if is_alike(&self.rest, values, &of_them, noise) {
             self.alike + 1
         } else {
             0
         };
         self.rest.clear();
         self.rest.extend_from_slice(values);
-        let holds = self.alike >= HOLDS;
-        if holds {
-            *self = Self::default();
+        if self.alike < HOLDS {
+            return false;
         }
-        holds
+        let were_loose = !self.named.list().is_empty();
+        *self = Self::default();
+        were_loose
     }
+}
+
+/// Adds an electrode; false where it is among them, or where they are too many.
+fn with(electrodes: &mut Electrodes, one: usize) -> bool {
+    let all = [electrodes.list(), &[one]].concat();
+    let may = !electrodes.list().contains(&one) && all.len() <= MOST_ELECTRODES;
+    if may {
+        *electrodes = Electrodes::of(&all);
+    }
+    may
 }
 
 #[cfg(test)]
@@ -141,7 +181,7 @@ mod tests {
                 let values: Vec<f64> = (0..60)
                     .map(|k| if k < 20 { failed } else { 0.0 } + rng.sample::<f64, _>(StandardNormal))
                     .collect();
-                if loose.rests(&values, &left_out, 1.0) {
+                if loose.rests(&values, &left_out, &[1.0; 60]) {
                     held = Some(frame);
                     break;
                 }

@@ -15,8 +15,8 @@ pub struct Reference {
     /// The baseline's difference to itself: which values take part, and how they scatter.
     unchanged: Difference,
     noise: Option<f64>,
-    /// The same of a frame's value, in the baseline's unit.
-    frame_noise: Option<f64>,
+    /// The same of every value of a frame, in the baseline's unit; empty where it is not known.
+    value_noise: Vec<f64>,
     /// What the difference of two rounded values scatters by, V of the model: 0 where the baseline's values are on no steps.
     least_noise: f64,
     /// 0 for a baseline without noise.
@@ -34,22 +34,23 @@ impl Reference {
         let unchanged = imager.difference(&baseline, &baseline)?;
         let rounding = step(&baseline).map_or(0.0, rounding_sd);
         let least_noise = std::f64::consts::SQRT_2 * rounding * imager.gain(&baseline);
-        let (noise, frame_noise, baseline_share) = match noise {
+        let (noise, value_noise, baseline_share) = match noise {
             FrameNoise::Known { sigma, baseline_frames } if sigma > 0.0 && sigma.is_finite() => {
                 let share = baseline_frames.filter(|n| *n > 0).map_or(0.0, |n| 1.0 / n as f64);
                 let sigma = sigma.max(rounding);
                 let of_model = sigma * imager.gain(&baseline) * (1.0 + share).sqrt();
                 let known = Some(of_model).filter(|s| *s > 0.0 && s.is_finite());
-                (known, known.map(|_| sigma), share)
+                let of_values = known.map(|_| vec![sigma; baseline.len()]);
+                (known, of_values.unwrap_or_default(), share)
             }
-            _ => (None, None, 0.0),
+            _ => (None, Vec::new(), 0.0),
         };
         Ok(Self {
             imager,
             baseline,
             unchanged,
             noise,
-            frame_noise,
+            value_noise,
             least_noise,
             baseline_share,
         })
@@ -65,8 +66,10 @@ impl Reference {
             baseline_frames: Some(baseline.frames),
         };
         let mut reference = Self::new(imager, baseline.values_v.clone(), noise)?;
-        let spread = reference.unchanged.spread.iter_mut();
-        spread.zip(baseline.own_noise()).for_each(|(s, own)| *s *= own);
+        let own = baseline.own_noise();
+        for of_values in [&mut reference.unchanged.spread, &mut reference.value_noise] {
+            of_values.iter_mut().zip(&own).for_each(|(noise, own)| *noise *= own);
+        }
         Ok(reference)
     }
 
@@ -88,9 +91,9 @@ impl Reference {
         })
     }
 
-    /// Noise of one value of a frame, in the baseline's unit, where it is known.
-    pub(crate) fn frame_noise(&self) -> Option<f64> {
-        self.frame_noise
+    /// Noise of every value of a frame, in the baseline's unit, where it is known.
+    pub(crate) fn value_noise(&self) -> Option<&[f64]> {
+        (!self.value_noise.is_empty()).then_some(&self.value_noise)
     }
 
     /// Noise that one value of a difference has at least, V of the model: of a baseline and a frame that are rounded.
@@ -181,7 +184,7 @@ mod tests {
         };
         for (sigma, known) in [(0.01 * step, rounding), (3.0 * step, 3.0 * step)] {
             let reference = of(sigma);
-            assert!((reference.frame_noise().unwrap() / known - 1.0).abs() < 1e-6);
+            assert!((reference.value_noise().unwrap()[5] / known - 1.0).abs() < 1e-6);
             assert!((reference.noise().unwrap().sigma / (gain * known) - 1.0).abs() < 1e-6);
             assert!((reference.least_noise() / (gain * rounding * 2.0_f64.sqrt()) - 1.0).abs() < 1e-6);
         }

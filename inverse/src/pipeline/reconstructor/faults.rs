@@ -21,7 +21,7 @@ impl Reconstructor {
         self.reference.difference_into(values, &mut self.whole)?;
         let sigma_v = noise.sigma * (1.0 + self.reference.baseline_share()).sqrt();
         if self.broken.is_over(&self.whole, self.reference.unchanged(), sigma_v) {
-            self.broken.clear();
+            self.broken.end();
             self.left_changed = true;
             self.show_faults();
         }
@@ -101,14 +101,14 @@ impl Reconstructor {
         true
     }
 
-    /// Takes a frame that was reconstructed: what comes and goes is looked for in the frames after it. `sigma`: noise of one value, V.
-    pub(super) fn look_for_loose_contacts(&mut self, values: &[f64], sigma: f64) {
-        // A contact that fails may look like a finger that has gone from there.
-        let unlike = self.unexplained > 0 || matches!(self.result.doubt, Some(Doubt::Gone { .. }));
-        let flicker = self.flickers.take(values, &self.left.used, unlike, sigma);
-        let Some(noise) = self.reference.noise() else {
+    /// Takes a frame that was reconstructed: what comes and goes is looked for in the frames after it.
+    pub(super) fn look_for_loose_contacts(&mut self, values: &[f64]) {
+        let (Some(noise), Some(noises)) = (self.reference.noise(), self.reference.value_noise()) else {
             return;
         };
+        // A contact that fails may look like a finger that has gone from there.
+        let unlike = self.unexplained > 0 || matches!(self.result.doubt, Some(Doubt::Gone { .. }));
+        let flicker = self.flickers.take(values, &self.left.used, unlike, noises);
         let has_time = self.solver.search_parts(self.broken.parts() - self.searched) > 0;
         let seen = (&self.whole, noise.sigma);
         let named = self
@@ -116,7 +116,7 @@ impl Reconstructor {
             .take_flicker((flicker, self.flickers.often()), seen, has_time);
         self.solver.note_search_parts(self.broken.parts() - self.searched);
         let rests = self.result.touches.is_empty() && !self.result.changed && self.result.doubt.is_none();
-        let held = rests && self.broken.rests(values, sigma);
+        let held = rests && self.broken.rests(values, noises);
         if named {
             self.contacts.unlearn_signs();
         }
