@@ -81,3 +81,44 @@ fn a_hand_laid_flat_is_one_wide_touch() {
         }
     }
 }
+
+/// A finger presses on foam; a fist has its knuckles beside it; a lower arm lies at the rim, and two hands on the sheet. From the sixth frame
+/// on there are as many touches as there are, each at its place.
+#[test]
+fn what_lies_on_something_wide_is_a_touch_of_its_own() {
+    let disc = |x: f64, y: f64, radius_mm: f64, rise: f64| DiscTouch {
+        centre_mm: [x, y],
+        radius_mm,
+        rise,
+    };
+    let scenes = [
+        vec![disc(5.0, 10.0, 50.0, 0.02), disc(20.0, -10.0, 12.5, 0.2)],
+        vec![disc(5.0, 10.0, 50.0, 0.05), disc(-40.0, 20.0, 12.5, 0.2)],
+        vec![disc(-30.0, 10.0, 40.0, 0.1), disc(50.0, -30.0, 12.5, 0.2)],
+        vec![
+            disc(-10.0, 0.0, 28.0, 0.1),
+            disc(10.0, 22.0, 10.0, 0.15),
+            disc(-14.0, 30.0, 10.0, 0.15),
+        ],
+        vec![disc(-45.0, 0.0, 35.0, 0.1), disc(45.0, 10.0, 35.0, 0.1)],
+    ];
+    for (k, touches) in scenes.into_iter().enumerate() {
+        let mut live = LiveSheet::new(Drive::PAPER, 93, |sheet, _| {
+            sheet.clean_frame(&[disc(31.0, -18.0, 12.5, 0.2)])
+        })
+        .unwrap();
+        let clean = live.sheet.clean_frame(&touches).unwrap();
+        let mut wrong = 0;
+        for frame in 0..40 {
+            let result = live.reconstruct(&clean).unwrap();
+            let at_its_place = |touch: &DiscTouch| {
+                let [x, y] = touch.centre_mm;
+                let off = |t: &inverse::touches::touch::Touch| (t.x_mm - x).hypot(t.y_mm - y);
+                result.touches.iter().any(|t| off(t) < 2.5)
+            };
+            let right = result.touches.len() == touches.len() && touches.iter().all(at_its_place);
+            wrong += usize::from(frame >= 6 && !(right && result.doubt.is_none()));
+        }
+        assert!(wrong <= 3, "scene {k}: {wrong} of 34 frames");
+    }
+}

@@ -52,6 +52,8 @@ pub struct ModelOrderOptions {
     /// Two touches overlap, and are rejected, when nearer than this part of the sum of their radii. Fingers do not
     /// overlap.
     pub overlap: f64,
+    /// Unless one has more than so many times the radius of the other: a finger presses on foam.
+    pub nested: f64,
     /// Longest move of a followed touch from one frame to the next, in expected radii. More follows faster touches, and
     /// may take another touch for the same.
     pub longest_move: f64,
@@ -78,6 +80,7 @@ impl Default for ModelOrderOptions {
             near: 2.6,
             removal_worth: 3.0,
             overlap: 0.5,
+            nested: 2.5,
             longest_move: 0.6,
             as_well: 1.3,
             to_stay: 0.35,
@@ -191,13 +194,14 @@ impl<'a> Search<'a> {
         })
     }
 
-    /// Whether any two touches lie in one another.
+    /// Whether any two touches lie in one another, and neither is a finger on something wide.
     fn overlap(&self, discs: &[Disc]) -> bool {
-        let part = self.model.order.overlap;
+        let order = self.model.order;
+        let nested = |a: &Disc, b: &Disc| a.radius.max(b.radius) > order.nested * a.radius.min(b.radius);
         discs.iter().enumerate().any(|(k, a)| {
-            discs[..k]
-                .iter()
-                .any(|b| (a.at[0] - b.at[0]).hypot(a.at[1] - b.at[1]) < part * (a.radius + b.radius))
+            let apart = |b: &Disc| (a.at[0] - b.at[0]).hypot(a.at[1] - b.at[1]);
+            let overlaps = |b: &Disc| apart(b) < order.overlap * (a.radius + b.radius) && !nested(a, b);
+            discs[..k].iter().any(overlaps)
         })
     }
 
@@ -491,7 +495,7 @@ impl<'a> Search<'a> {
         let mut chosen: Option<Fit> = None;
         for (_, discs) in &candidates {
             let Some(more) = self.fit(discs) else { continue };
-            let better = !self.overlap(&more.discs) && chosen.as_ref().is_none_or(|c| more.objective < c.objective);
+            let better = chosen.as_ref().is_none_or(|c| more.objective < c.objective);
             let other = if better { chosen.replace(more) } else { Some(more) };
             other.into_iter().for_each(|fit| self.scratch.work.put(fit));
         }
