@@ -50,10 +50,8 @@ pub struct ModelOrderOptions {
     /// A touch is tried to be removed where its significance is below this many times what it must bring.
     pub removal_worth: f64,
     /// Two touches overlap, and are rejected, when nearer than this part of the sum of their radii. Fingers do not
-    /// overlap.
+    /// overlap; but one may press on foam, or lie beside a fist.
     pub overlap: f64,
-    /// Unless one has more than so many times the radius of the other: a finger presses on foam.
-    pub nested: f64,
     /// Longest move of a followed touch from one frame to the next, in expected radii. More follows faster touches, and
     /// may take another touch for the same.
     pub longest_move: f64,
@@ -80,7 +78,6 @@ impl Default for ModelOrderOptions {
             near: 2.6,
             removal_worth: 3.0,
             overlap: 0.5,
-            nested: 2.5,
             longest_move: 0.6,
             as_well: 1.3,
             to_stay: 0.35,
@@ -194,15 +191,25 @@ impl<'a> Search<'a> {
         })
     }
 
-    /// Whether any two touches lie in one another, and neither is a finger on something wide.
+    /// Whether any two touches lie in one another. A tip may lie on something wide.
     fn overlap(&self, discs: &[Disc]) -> bool {
-        let order = self.model.order;
-        let nested = |a: &Disc, b: &Disc| a.radius.max(b.radius) > order.nested * a.radius.min(b.radius);
-        discs.iter().enumerate().any(|(k, a)| {
-            let apart = |b: &Disc| (a.at[0] - b.at[0]).hypot(a.at[1] - b.at[1]);
-            let overlaps = |b: &Disc| apart(b) < order.overlap * (a.radius + b.radius) && !nested(a, b);
-            discs[..k].iter().any(overlaps)
-        })
+        let prior = self.model.prior;
+        self.any_overlap(discs, |a, b| prior.is_wide(a.radius) == prior.is_wide(b.radius))
+    }
+
+    /// Whether any two tips do. Where several are missing beside something wide, the first one is drawn into it.
+    fn tips_overlap(&self, discs: &[Disc]) -> bool {
+        let prior = self.model.prior;
+        self.any_overlap(discs, |a, b| !prior.is_wide(a.radius) && !prior.is_wide(b.radius))
+    }
+
+    fn any_overlap(&self, discs: &[Disc], counts: impl Fn(&Disc, &Disc) -> bool) -> bool {
+        let part = self.model.order.overlap;
+        let near = |a: &Disc, b: &Disc| (a.at[0] - b.at[0]).hypot(a.at[1] - b.at[1]) < part * (a.radius + b.radius);
+        discs
+            .iter()
+            .enumerate()
+            .any(|(k, a)| discs[..k].iter().any(|b| near(a, b) && counts(a, b)))
     }
 
     fn freedom(&self, fit: &Fit) -> f64 {
@@ -495,7 +502,8 @@ impl<'a> Search<'a> {
         let mut chosen: Option<Fit> = None;
         for (_, discs) in &candidates {
             let Some(more) = self.fit(discs) else { continue };
-            let better = chosen.as_ref().is_none_or(|c| more.objective < c.objective);
+            let better =
+                !self.tips_overlap(&more.discs) && chosen.as_ref().is_none_or(|c| more.objective < c.objective);
             let other = if better { chosen.replace(more) } else { Some(more) };
             other.into_iter().for_each(|fit| self.scratch.work.put(fit));
         }
