@@ -3,13 +3,13 @@
 //! A contact that fails in a frame or two leaves the scene as it was. Such a frame is searched for what is broken once the scene has come
 //! back, in the time of the frames that follow. Where two of them tell the same electrode, it has a loose contact.
 //!
-//! One that fails for longer is a fault until it is over. Where it fails once more before it has held for long, it is loose as well.
+//! One that fails for longer is a fault until it is over. Where another fault of it is over before it has held for long, it is loose as well.
 
 use crate::quality::flickers::is_alike;
 use crate::reference::Difference;
 use crate::reference::diagnosis::{Diagnosis, Electrodes, Fault, MOST_ELECTRODES, Search};
 
-/// Frames at rest, alike in the values that are left out, after which a contact holds.
+/// Frames at rest, alike in the values of the electrodes that are watched, after which their contacts hold.
 const HOLDS: usize = 512;
 
 /// Names loose contacts.
@@ -95,8 +95,11 @@ impl LooseContacts {
     }
 
     fn name(&mut self, electrode: usize) -> bool {
-        self.hold_anew();
-        with(&mut self.named, electrode)
+        let named = with(&mut self.named, electrode);
+        if named {
+            self.hold_anew();
+        }
+        named
     }
 
     fn hold_anew(&mut self) {
@@ -114,9 +117,8 @@ impl LooseContacts {
         };
         if self.failed.list().contains(&electrode) {
             self.name(electrode);
-        } else {
+        } else if with(&mut self.failed, electrode) {
             self.hold_anew();
-            with(&mut self.failed, electrode);
         }
     }
 
@@ -128,9 +130,6 @@ impl LooseContacts {
     /// Takes a frame at rest (V), the values of the electrodes that are watched, and the noise of every value, V. True where loose contacts
     /// have held for long: they are loose no more.
     pub(crate) fn rests(&mut self, values: &[f64], watched: &[usize], noise: &[f64]) -> bool {
-        if watched.is_empty() {
-            return false;
-        }
         let mut of_them = vec![false; values.len()];
         watched.iter().for_each(|k| of_them[*k] = true);
         self.alike = if is_alike(&self.rest, values, &of_them, noise) {
@@ -189,6 +188,24 @@ mod tests {
             assert_eq!(held.is_some(), holds);
             assert!(held.is_none_or(|frame| (HOLDS..3 * HOLDS).contains(&frame)), "{held:?}");
             assert_eq!(loose.named().list().is_empty(), holds);
+        }
+    }
+
+    /// The second fault of an electrode that is over makes it loose, unless it has held since. Two electrodes at once do not.
+    #[test]
+    fn the_second_fault_that_is_over_tells_a_loose_contact() {
+        let open = |list: &[usize]| Fault::Open(Electrodes::of(list));
+        for (rests, is_loose) in [(0, true), (HOLDS - 2, true), (HOLDS + 2, false)] {
+            let mut loose = LooseContacts::default();
+            loose.ended(open(&[3, 4]));
+            loose.ended(open(&[5]));
+            assert_eq!((loose.named().list(), loose.watched()), (&[][..], vec![5]));
+            for _ in 0..rests {
+                assert!(!loose.rests(&[1.0; 60], &[7, 8], &[1.0; 60]));
+            }
+            loose.ended(open(&[6]));
+            loose.ended(Fault::Contacts(Electrodes::of(&[5])));
+            assert_eq!(loose.named().list() == [5], is_loose, "{rests}");
         }
     }
 }

@@ -1,5 +1,6 @@
 //! The unpressed sheet, as measured: the mean of a number of frames, and their noise.
 
+use crate::reference::resolution::{rounding_sd, step};
 use crate::stats::median;
 
 /// A frame is unlike the others where its distance from their median is so many times the usual one. With Gaussian noise on n values
@@ -180,8 +181,19 @@ impl Baseline {
 
     /// The plain mean of all frames.
     pub fn plain(values: usize, frames: &[&[f64]]) -> Self {
-        let frames: Vec<Vec<f64>> = of_length(values, frames).map(<[f64]>::to_vec).collect();
-        Self::mean_of(values, &frames)
+        let copies: Vec<Vec<f64>> = of_length(values, frames).map(<[f64]>::to_vec).collect();
+        Self::mean_of(values, &copies).of_rounded(frames)
+    }
+
+    /// No value is known better than rounding lets. Of a coarse converter most are the same in every frame, and some step by chance.
+    fn of_rounded(mut self, frames: &[&[f64]]) -> Self {
+        if let Some(step) = frames.iter().find_map(|frame| step(frame)) {
+            let least = rounding_sd(step).powi(2);
+            let deviations = self.deviations.iter_mut();
+            deviations.for_each(|(square, freedom)| *square = square.max(*freedom * least));
+            self.noise_v = pooled(self.deviations.iter());
+        }
+        self
     }
 
     fn of_alike(values: usize, frames: &[&[f64]], divides: bool) -> Self {
@@ -204,7 +216,7 @@ impl Baseline {
             baseline.deviations.iter_mut().for_each(|(_, freedom)| *freedom *= left);
         }
         baseline.noise_v = pooled(baseline.deviations.iter());
-        baseline
+        baseline.of_rounded(&known)
     }
 
     fn mean_of(values: usize, frames: &[Vec<f64>]) -> Self {
@@ -530,6 +542,23 @@ mod tests {
         for noise in noises {
             let (mean, off) = told_over_true(80, noise);
             assert!((mean - 1.0).abs() < 0.1 && off < 1.3 * by_chance, "{mean} {off}");
+        }
+    }
+
+    /// A converter with steps of ten times the noise: values that are the same in every frame are no better known than those that step.
+    #[test]
+    fn rounding_is_noise_of_every_value() {
+        let step = 10.0 * NOISE;
+        let mut rng = rand::rngs::StdRng::seed_from_u64(12);
+        let mut rounded = |k: usize| {
+            let value = 1.0 + 0.37 * k as f64 + NOISE * rng.sample::<f64, _>(StandardNormal);
+            (value / step).round() * step
+        };
+        let list: Vec<Vec<f64>> = (0..24).map(|_| (0..208).map(&mut rounded).collect()).collect();
+        let baseline = of(&list);
+        for own in baseline.own_noise() {
+            let sd = own * baseline.noise_v / rounding_sd(step);
+            assert!((0.95..3.0).contains(&sd), "{sd}");
         }
     }
 

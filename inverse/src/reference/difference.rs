@@ -9,7 +9,8 @@ pub struct Difference {
     pub y: DVector<f64>,
     /// Which values take part.
     pub used: Vec<bool>,
-    /// Noise of every value relative to the others: `V_model / V_baseline` over its median.
+    /// Noise of every value relative to the others: `V_model / V_baseline` over its median, times that of the value in the baseline
+    /// over that of all ([`Baseline::own_noise`](crate::reference::baseline::Baseline::own_noise)) where that is known.
     pub spread: Vec<f64>,
 }
 

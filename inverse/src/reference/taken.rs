@@ -83,7 +83,7 @@ impl Reference {
         &self.baseline
     }
 
-    /// Noise of one value of a frame's difference, where it is known.
+    /// Noise of one value of a frame's difference, where it is known: of one with a spread of 1.
     pub fn noise(&self) -> Option<NoiseEstimate> {
         self.noise.map(|sigma| NoiseEstimate {
             sigma,

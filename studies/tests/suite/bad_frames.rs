@@ -326,16 +326,22 @@ fn a_contact_that_comes_and_goes_is_named() {
 fn a_contact_that_fails_again_and_again_is_loose() {
     const LOOSE: usize = 6;
     let loose = Fault::Loose(Electrodes::of(&[LOOSE]));
-    for (seed, ohm, failing) in [(893, None, 8), (894, None, 60), (895, Some(300.0), 30)] {
+    for (seed, ohm, failing, times) in [
+        (893, None, 8, 13),
+        (894, None, 60, 7),
+        (895, Some(300.0), 30, 10),
+        (896, None, 600, 2),
+    ] {
         let mut rig = Rig::new(seed, |_, _| ());
         let worse = |r: &mut DMatrix<f64>| r[(LOOSE, LOOSE)] += ohm.unwrap_or(0.0);
         let failed = rig.sheet.rewired_frame(&[], worse).unwrap();
         let change: Vec<f64> = failed.iter().zip(&rig.sheet.baseline).map(|(f, b)| f - b).collect();
         let pattern = Pattern::adjacent(16).unwrap();
         let (mut said, mut before, mut named_at) = (0, Vec::new(), None);
-        for frame in 0..1500 {
-            let fails = frame % (failing + 60) < failing && frame < 900;
-            let under = frame >= 1200;
+        let well = (failing + 60) * times;
+        for frame in 0..well + 1000 {
+            let fails = frame < well && frame % (failing + 60) < failing;
+            let under = frame >= well + 900;
             let result = rig.result(under, |values| {
                 for ((v, change), m) in values.iter_mut().zip(&change).zip(pattern.measurements()) {
                     let of = [m.drive.plus, m.drive.minus, m.sense.plus, m.sense.minus].contains(&LOOSE);
@@ -369,6 +375,7 @@ fn a_contact_that_fails_again_and_again_is_loose() {
             "{ohm:?} {failing}: {named_at:?}"
         );
         // Twice it fails and is over, then it is loose, and then it holds.
+        assert_eq!(before, [], "{ohm:?} {failing}");
         assert!(said <= 6, "{ohm:?} {failing}: said {said} times");
     }
 }

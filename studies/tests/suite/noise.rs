@@ -167,11 +167,11 @@ fn normal(rng: &mut StdRng) -> f64 {
 
 type Noise = fn(&mut [f64], f64, &mut StdRng);
 
-/// A source or a reference whose noise is in proportion to each value, or an amplifier that is noisier than the others: the baseline tells
-/// it. Empty frames show nothing, and a finger is found once, as exactly as is said.
+/// A source or a reference whose noise is in proportion to each value, an amplifier that is noisier than the others, or a converter with steps of ten times
+/// the noise: the baseline tells it. Empty frames show nothing, and a finger is found once, as exactly as is said.
 #[test]
 fn noise_that_is_not_the_same_for_all_values_is_no_touch() {
-    let kinds: [(Noise, f64); 2] = [
+    let kinds: [(Noise, f64); 3] = [
         (
             |frame, _, rng| frame.iter_mut().for_each(|v| *v *= 1.0 + 0.002 * normal(rng)),
             3.0,
@@ -182,6 +182,15 @@ fn noise_that_is_not_the_same_for_all_values_is_no_touch() {
                 noisy.for_each(|v| *v += 10.0 * sigma * normal(rng));
             },
             0.5,
+        ),
+        // A coarse converter.
+        (
+            |frame, sigma, _| {
+                frame
+                    .iter_mut()
+                    .for_each(|v| *v = (*v / (10.0 * sigma)).round() * 10.0 * sigma)
+            },
+            2.0,
         ),
     ];
     for (k, (noise, most_mm)) in kinds.into_iter().enumerate() {

@@ -499,16 +499,29 @@ impl<'a> Search<'a> {
             let split = self.split(best, k, d);
             candidates.extend(split.map(|discs| (0.0, discs)));
         }
-        let mut chosen: Option<Fit> = None;
+        // The best one, and the best of those that are no more than a step on the way to one.
+        let (mut chosen, mut on_the_way): (Option<Fit>, Option<Fit>) = (None, None);
         for (_, discs) in &candidates {
             let Some(more) = self.fit(discs) else { continue };
-            let better =
-                !self.tips_overlap(&more.discs) && chosen.as_ref().is_none_or(|c| more.objective < c.objective);
-            let other = if better { chosen.replace(more) } else { Some(more) };
+            let overlaps = self.overlap(&more.discs);
+            let place = if overlaps { &mut on_the_way } else { &mut chosen };
+            let better = place.as_ref().is_none_or(|c| more.objective < c.objective);
+            let may = better && (!overlaps || !self.tips_overlap(&more.discs));
+            let other = if may { place.replace(more) } else { Some(more) };
             other.into_iter().for_each(|fit| self.scratch.work.put(fit));
         }
         self.give_back(candidates);
-        chosen
+        let is_chosen = match (&chosen, &on_the_way) {
+            (Some(one), Some(step)) => one.objective <= step.objective || self.earns(best, one),
+            _ => chosen.is_some(),
+        };
+        let (found, other) = if is_chosen {
+            (chosen, on_the_way)
+        } else {
+            (on_the_way, chosen)
+        };
+        other.into_iter().for_each(|fit| self.scratch.work.put(fit));
+        found
     }
 
     /// The touches with one more where the residual asks for it most.

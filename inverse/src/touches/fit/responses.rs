@@ -32,9 +32,9 @@ const MARGIN: i64 = 2;
 /// Lattice steps from the sheet's middle to its farthest point: 2.4 mm each on the paper's disc. More makes the table
 /// larger and more exact.
 const STEPS: f64 = 40.0;
-/// Most numbers that are tabulated, 128 MB. Of more the discs are summed up from the cells whenever they are needed: 16 electrodes have 9
+/// Most numbers that are tabulated, 154 MB. Of more the discs are summed up from the cells whenever they are needed: 16 electrodes have 9
 /// million, 32 have 41.
-const MOST_TABULATED: usize = 16_000_000;
+const MOST_TABULATED: usize = 19_200_000;
 
 /// Where the nodes are; shared by the tables of one sheet.
 #[derive(Debug)]
@@ -106,8 +106,8 @@ fn keys(t: f64) -> ([f64; 4], [f64; 4]) {
 }
 
 /// A parabola in q = R² through three of the radii (R over the expected radius, `unit` mm): the lowest three up to the
-/// third, then those around R. At the third and the fourth radius one parabola hands over to the next: all pass through
-/// these.
+/// third, then those around R. At the third radius and those after it one parabola hands over to the next: all pass
+/// through these.
 fn radii_at(r: f64, unit: f64) -> Radii {
     let first = RADII[AT_ONCE - 1..RADII.len() - 1]
         .iter()
