@@ -215,4 +215,47 @@ mod tests {
             assert_eq!(reference.noise(), None);
         }
     }
+
+    /// Frames of which every other value is noisier, on a sheet with other voltages than the model's: each value has its own noise, in the
+    /// baseline's unit and in the model's. A missing value changes nothing of the others.
+    #[test]
+    fn a_value_has_the_noise_that_the_baseline_tells_of_it() {
+        let imager = imager();
+        let noise = |k: usize| if k.is_multiple_of(2) { 1e-5 } else { 2e-5 };
+        let sheet: Vec<f64> = imager
+            .model_v
+            .iter()
+            .enumerate()
+            .map(|(k, v)| v * (0.4 + 0.01 * (k % 7) as f64))
+            .collect();
+        // As often above as below: the variance is exact.
+        let frame = |n: usize| -> Vec<f64> {
+            let off = |k: usize| {
+                if (n >> (k % 4)).is_multiple_of(2) {
+                    noise(k)
+                } else {
+                    -noise(k)
+                }
+            };
+            sheet.iter().enumerate().map(|(k, v)| v + off(k)).collect()
+        };
+        let frames: Vec<Vec<f64>> = (0..512).map(frame).collect();
+        let list: Vec<&[f64]> = frames.iter().map(Vec::as_slice).collect();
+        let reference = Reference::of(Arc::clone(&imager), &Baseline::plain(sheet.len(), &list)).unwrap();
+        let (own, sigma) = (reference.value_noise().unwrap(), reference.noise().unwrap().sigma);
+        let mut missing = sheet.clone();
+        missing[9] = f64::NAN;
+        for frame in [&sheet, &missing] {
+            let d = reference.difference(frame).unwrap();
+            assert_eq!(
+                d.used.iter().filter(|used| !**used).count(),
+                usize::from(frame[9].is_nan())
+            );
+            for k in (0..sheet.len()).filter(|k| d.used[*k]) {
+                let expected = noise(k) * (1.0 + 1.0 / 512.0_f64).sqrt() * (imager.model_v[k] / sheet[k]).abs();
+                assert!((sigma * d.spread[k] / expected - 1.0).abs() < 0.05, "{k}");
+                assert!((own[k] / noise(k) - 1.0).abs() < 0.05, "{k}");
+            }
+        }
+    }
 }

@@ -240,7 +240,7 @@ mod tests {
     /// What is made at once, when asked for, and all together is the product, and columns that nobody asked for are not made.
     #[test]
     fn columns_are_the_product_whenever_they_are_made() {
-        let (rows, length, columns) = (11, 21, 15);
+        let (rows, length, columns) = (11, 21, 3 * OF_NODE);
         let (from, to) = (padded(length, LANES), padded(rows, LANES));
         let mut source = Aligned::zeros(columns * from);
         for (k, v) in source.iter_mut().enumerate() {
@@ -260,13 +260,14 @@ mod tests {
         let coarse: Vec<usize> = (0..columns).step_by(3).collect();
         let reduced = whole.reduced(&by, columns, &coarse, false);
         reduced.with_coarse(&coarse, |v, places| {
-            assert_eq!((v.len(), places.len()), (5 * to, 5));
+            assert_eq!((v.len(), places.len()), (OF_NODE * to, OF_NODE));
             assert!(coarse.iter().zip(places).all(|(c, place)| near(v, *place, *c)));
         });
         // A node's columns are beside one another; nobody asked for the others.
-        reduced.with(&[7, 8, 14], |v, places| {
+        let needed = [OF_NODE + 2, OF_NODE + 3, 2 * OF_NODE + 4];
+        reduced.with(&needed, |v, places| {
             assert_eq!((v.len(), places), (2 * OF_NODE * to, [2, 3, OF_NODE + 4].as_slice()));
-            assert!(near(v, 2, 7) && near(v, 3, 8) && near(v, OF_NODE + 4, 14));
+            assert!(places.iter().zip(needed).all(|(place, column)| near(v, *place, column)));
             let others = (0..2 * OF_NODE).filter(|k| !places.contains(k));
             assert!({ others }.all(|k| v[k * to..][..to].iter().all(|x| *x == 0.0)));
         });
