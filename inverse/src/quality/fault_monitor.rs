@@ -275,14 +275,6 @@ impl FaultMonitor {
         self.begun = None;
     }
 
-    /// The fault that is named is over, and its values are those of the baseline again. Its contact may turn out to be loose.
-    pub(crate) fn end(&mut self) {
-        if let Some(fault) = self.named {
-            self.loose.ended(fault);
-        }
-        self.clear();
-    }
-
     /// Forgets all that earlier frames said.
     pub(crate) fn clear(&mut self) {
         (self.named, self.candidate) = (None, None);
@@ -369,16 +361,8 @@ impl FaultMonitor {
     /// Takes a frame in which nothing touches (V), with the noise of every value. True where loose contacts have held for so long that they
     /// are loose no more.
     pub(crate) fn rests(&mut self, values: &[f64], noise: &[f64]) -> bool {
-        let watched = self.loose.watched();
-        // A contact that is known to be broken does not hold, however steady its values are.
-        let broken = self
-            .named
-            .is_some_and(|fault| fault.electrodes().list().iter().any(|l| watched.contains(l)));
-        // A frame at rest is not to look at every value for nothing.
-        if watched.is_empty() || broken {
-            return false;
-        }
-        self.loose.rests(values, &values_of(&self.imager, &watched), noise)
+        let left_out = self.of_loose();
+        self.loose.rests(values, &left_out, noise)
     }
 
     /// A difference without the values of loose contacts.
@@ -480,7 +464,6 @@ impl FaultMonitor {
             self.against += 1;
             let over = self.named.is_some() && (self.against >= AGAINST || !self.sequence);
             if over {
-                // It may have been none.
                 self.clear();
             }
             return over;

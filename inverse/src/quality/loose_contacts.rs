@@ -2,22 +2,18 @@
 //!
 //! A contact that fails in a frame or two leaves the scene as it was. Such a frame is searched for what is broken once the scene has come
 //! back, in the time of the frames that follow. Where two of them tell the same electrode, it has a loose contact.
-//!
-//! One that fails for longer is a fault until it is over. Where another fault of it is over before it has held for long, it is loose as well.
 
 use crate::quality::flickers::is_alike;
 use crate::reference::Difference;
 use crate::reference::diagnosis::{Diagnosis, Electrodes, Fault, MOST_ELECTRODES, Search};
 
-/// Frames at rest, alike in the values of the electrodes that are watched, after which their contacts hold.
+/// Frames at rest, alike in the values that are left out, after which a contact holds.
 const HOLDS: usize = 512;
 
 /// Names loose contacts.
 #[derive(Default)]
 pub(crate) struct LooseContacts {
     named: Electrodes,
-    /// Those of which a fault is over.
-    failed: Electrodes,
     /// What the last search told.
     candidate: Option<usize>,
     /// The first frame that was unlike the others since, and its noise, V of the model.
@@ -91,47 +87,23 @@ impl LooseContacts {
             return false;
         }
         self.candidate = None;
-        self.name(electrode)
-    }
-
-    fn name(&mut self, electrode: usize) -> bool {
-        let named = with(&mut self.named, electrode);
-        if named {
-            self.hold_anew();
+        let all = [self.named.list(), &[electrode]].concat();
+        if all.len() > MOST_ELECTRODES {
+            return false;
         }
-        named
-    }
-
-    fn hold_anew(&mut self) {
-        self.alike = 0;
+        (self.named, self.alike) = (Electrodes::of(&all), 0);
         self.rest.clear();
+        true
     }
 
-    /// A fault is over. Of a single electrode, of which one was over not long ago, the contact is loose.
-    pub(crate) fn ended(&mut self, fault: Fault) {
-        let (Fault::Open(of_fault) | Fault::Contacts(of_fault)) = fault else {
-            return;
-        };
-        let &[electrode] = of_fault.list() else {
-            return;
-        };
-        if self.failed.list().contains(&electrode) {
-            self.name(electrode);
-        } else if with(&mut self.failed, electrode) {
-            self.hold_anew();
+    /// Takes a frame at rest (V), the values that are left out, and the noise of every value, V. True where the contacts have held for
+    /// long: they are loose no more.
+    pub(crate) fn rests(&mut self, values: &[f64], left_out: &[usize], noise: &[f64]) -> bool {
+        if self.named.list().is_empty() {
+            return false;
         }
-    }
-
-    /// Electrodes that are to hold.
-    pub(crate) fn watched(&self) -> Vec<usize> {
-        [self.named.list(), self.failed.list()].concat()
-    }
-
-    /// Takes a frame at rest (V), the values of the electrodes that are watched, and the noise of every value, V. True where loose contacts
-    /// have held for long: they are loose no more.
-    pub(crate) fn rests(&mut self, values: &[f64], watched: &[usize], noise: &[f64]) -> bool {
         let mut of_them = vec![false; values.len()];
-        watched.iter().for_each(|k| of_them[*k] = true);
+        left_out.iter().for_each(|k| of_them[*k] = true);
         self.alike = if is_alike(&self.rest, values, &of_them, noise) {
             self.alike + 1
         } else {
@@ -139,23 +111,12 @@ impl LooseContacts {
         };
         self.rest.clear();
         self.rest.extend_from_slice(values);
-        if self.alike < HOLDS {
-            return false;
+        let holds = self.alike >= HOLDS;
+        if holds {
+            *self = Self::default();
         }
-        let were_loose = !self.named.list().is_empty();
-        *self = Self::default();
-        were_loose
+        holds
     }
-}
-
-/// Adds an electrode; false where it is among them, or where they are too many.
-fn with(electrodes: &mut Electrodes, one: usize) -> bool {
-    let all = [electrodes.list(), &[one]].concat();
-    let may = !electrodes.list().contains(&one) && all.len() <= MOST_ELECTRODES;
-    if may {
-        *electrodes = Electrodes::of(&all);
-    }
-    may
 }
 
 #[cfg(test)]
@@ -188,24 +149,6 @@ mod tests {
             assert_eq!(held.is_some(), holds);
             assert!(held.is_none_or(|frame| (HOLDS..3 * HOLDS).contains(&frame)), "{held:?}");
             assert_eq!(loose.named().list().is_empty(), holds);
-        }
-    }
-
-    /// The second fault of an electrode that is over makes it loose, unless it has held since. Two electrodes at once do not.
-    #[test]
-    fn the_second_fault_that_is_over_tells_a_loose_contact() {
-        let open = |list: &[usize]| Fault::Open(Electrodes::of(list));
-        for (rests, is_loose) in [(0, true), (HOLDS - 2, true), (HOLDS + 2, false)] {
-            let mut loose = LooseContacts::default();
-            loose.ended(open(&[3, 4]));
-            loose.ended(open(&[5]));
-            assert_eq!((loose.named().list(), loose.watched()), (&[][..], vec![5]));
-            for _ in 0..rests {
-                assert!(!loose.rests(&[1.0; 60], &[7, 8], &[1.0; 60]));
-            }
-            loose.ended(open(&[6]));
-            loose.ended(Fault::Contacts(Electrodes::of(&[5])));
-            assert_eq!(loose.named().list() == [5], is_loose, "{rests}");
         }
     }
 }

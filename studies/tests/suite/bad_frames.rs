@@ -321,65 +321,6 @@ fn a_contact_that_comes_and_goes_is_named() {
     }
 }
 
-/// A contact that fails for longer than some frames is named each time, and over each time, but not for ever: once more, and it is loose.
-#[test]
-fn a_contact_that_fails_again_and_again_is_loose() {
-    const LOOSE: usize = 6;
-    let loose = Fault::Loose(Electrodes::of(&[LOOSE]));
-    for (seed, ohm, failing, times) in [
-        (893, None, 8, 13),
-        (894, None, 60, 7),
-        (895, Some(300.0), 30, 10),
-        (896, None, 600, 2),
-    ] {
-        let mut rig = Rig::new(seed, |_, _| ());
-        let worse = |r: &mut DMatrix<f64>| r[(LOOSE, LOOSE)] += ohm.unwrap_or(0.0);
-        let failed = rig.sheet.rewired_frame(&[], worse).unwrap();
-        let change: Vec<f64> = failed.iter().zip(&rig.sheet.baseline).map(|(f, b)| f - b).collect();
-        let pattern = Pattern::adjacent(16).unwrap();
-        let (mut said, mut before, mut named_at) = (0, Vec::new(), None);
-        let well = (failing + 60) * times;
-        for frame in 0..well + 1000 {
-            let fails = frame < well && frame % (failing + 60) < failing;
-            let under = frame >= well + 900;
-            let result = rig.result(under, |values| {
-                for ((v, change), m) in values.iter_mut().zip(&change).zip(pattern.measurements()) {
-                    let of = [m.drive.plus, m.drive.minus, m.sense.plus, m.sense.minus].contains(&LOOSE);
-                    match ohm {
-                        None if fails && of => *v = 0.0,
-                        Some(_) if fails => *v += change,
-                        _ => {}
-                    }
-                }
-            });
-            said += usize::from(result.faults != before);
-            before.clone_from(&result.faults);
-            if result.faults.contains(&loose) {
-                named_at.get_or_insert(frame);
-            }
-            if let Some(named) = named_at
-                && frame > named + 3
-            {
-                let right = is_right(&result.touches, under);
-                assert!(
-                    right && result.doubt.is_none(),
-                    "{ohm:?} {failing}, frame {frame}: {:?} {:?} {:?}",
-                    result.doubt,
-                    result.faults,
-                    result.touches
-                );
-            }
-        }
-        assert!(
-            named_at.is_some_and(|at| at < 3 * (failing + 60)),
-            "{ohm:?} {failing}: {named_at:?}"
-        );
-        // Twice it fails and is over, then it is loose, and then it holds.
-        assert_eq!(before, [], "{ohm:?} {failing}");
-        assert!(said <= 6, "{ohm:?} {failing}: said {said} times");
-    }
-}
-
 /// Taps of one frame on an electrode, as fast as they may come, are no contact that comes and goes.
 #[test]
 fn quick_taps_on_an_electrode_are_no_loose_contact() {

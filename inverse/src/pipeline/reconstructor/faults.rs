@@ -21,7 +21,7 @@ impl Reconstructor {
         self.reference.difference_into(values, &mut self.whole)?;
         let sigma_v = noise.sigma * (1.0 + self.reference.baseline_share()).sqrt();
         if self.broken.is_over(&self.whole, self.reference.unchanged(), sigma_v) {
-            self.broken.end();
+            self.broken.clear();
             self.left_changed = true;
             self.show_faults();
         }
