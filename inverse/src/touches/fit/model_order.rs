@@ -50,7 +50,7 @@ pub struct ModelOrderOptions {
     /// A touch is tried to be removed where its significance is below this many times what it must bring.
     pub removal_worth: f64,
     /// Two touches overlap, and are rejected, when nearer than this part of the sum of their radii. Fingers do not
-    /// overlap; but one may press on foam, or lie beside a fist.
+    /// overlap.
     pub overlap: f64,
     /// Longest move of a followed touch from one frame to the next, in expected radii. More follows faster touches, and
     /// may take another touch for the same.
@@ -191,25 +191,14 @@ impl<'a> Search<'a> {
         })
     }
 
-    /// Whether any two touches lie in one another. A tip may lie on something wide.
+    /// Whether any two touches lie in one another.
     fn overlap(&self, discs: &[Disc]) -> bool {
-        let prior = self.model.prior;
-        self.any_overlap(discs, |a, b| prior.is_wide(a.radius) == prior.is_wide(b.radius))
-    }
-
-    /// Whether any two tips do. Where several are missing beside something wide, the first one is drawn into it.
-    fn tips_overlap(&self, discs: &[Disc]) -> bool {
-        let prior = self.model.prior;
-        self.any_overlap(discs, |a, b| !prior.is_wide(a.radius) && !prior.is_wide(b.radius))
-    }
-
-    fn any_overlap(&self, discs: &[Disc], counts: impl Fn(&Disc, &Disc) -> bool) -> bool {
         let part = self.model.order.overlap;
-        let near = |a: &Disc, b: &Disc| (a.at[0] - b.at[0]).hypot(a.at[1] - b.at[1]) < part * (a.radius + b.radius);
-        discs
-            .iter()
-            .enumerate()
-            .any(|(k, a)| discs[..k].iter().any(|b| near(a, b) && counts(a, b)))
+        discs.iter().enumerate().any(|(k, a)| {
+            discs[..k]
+                .iter()
+                .any(|b| (a.at[0] - b.at[0]).hypot(a.at[1] - b.at[1]) < part * (a.radius + b.radius))
+        })
     }
 
     fn freedom(&self, fit: &Fit) -> f64 {
@@ -499,29 +488,15 @@ impl<'a> Search<'a> {
             let split = self.split(best, k, d);
             candidates.extend(split.map(|discs| (0.0, discs)));
         }
-        // The best one, and the best of those that are no more than a step on the way to one.
-        let (mut chosen, mut on_the_way): (Option<Fit>, Option<Fit>) = (None, None);
+        let mut chosen: Option<Fit> = None;
         for (_, discs) in &candidates {
             let Some(more) = self.fit(discs) else { continue };
-            let overlaps = self.overlap(&more.discs);
-            let place = if overlaps { &mut on_the_way } else { &mut chosen };
-            let better = place.as_ref().is_none_or(|c| more.objective < c.objective);
-            let may = better && (!overlaps || !self.tips_overlap(&more.discs));
-            let other = if may { place.replace(more) } else { Some(more) };
+            let better = !self.overlap(&more.discs) && chosen.as_ref().is_none_or(|c| more.objective < c.objective);
+            let other = if better { chosen.replace(more) } else { Some(more) };
             other.into_iter().for_each(|fit| self.scratch.work.put(fit));
         }
         self.give_back(candidates);
-        let is_chosen = match (&chosen, &on_the_way) {
-            (Some(one), Some(step)) => one.objective <= step.objective || self.earns(best, one),
-            _ => chosen.is_some(),
-        };
-        let (found, other) = if is_chosen {
-            (chosen, on_the_way)
-        } else {
-            (on_the_way, chosen)
-        };
-        other.into_iter().for_each(|fit| self.scratch.work.put(fit));
-        found
+        chosen
     }
 
     /// The touches with one more where the residual asks for it most.

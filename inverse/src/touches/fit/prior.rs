@@ -59,11 +59,6 @@ impl FitOptions {
         }
     }
 
-    /// Whether a touch of this radius is nearer a wide one than a tip.
-    pub(crate) fn is_wide(&self, radius_mm: f64) -> bool {
-        radius_mm > 0.5 * (self.radius_mm + self.wide_mm)
-    }
-
     /// A touch of the expected size to start from.
     pub fn seed(&self, at: [f64; 2]) -> Disc {
         Disc {
