@@ -182,12 +182,14 @@ impl Baseline {
     /// The plain mean of all frames.
     pub fn plain(values: usize, frames: &[&[f64]]) -> Self {
         let copies: Vec<Vec<f64>> = of_length(values, frames).map(<[f64]>::to_vec).collect();
-        Self::mean_of(values, &copies).of_rounded(frames)
+        Self::mean_of(values, &copies).of_rounded(of_length(values, frames))
     }
 
-    /// No value is known better than rounding lets. Of a coarse converter most are the same in every frame, and some step by chance.
-    fn of_rounded(mut self, frames: &[&[f64]]) -> Self {
-        if let Some(step) = frames.iter().find_map(|frame| step(frame)) {
+    /// No value is known better than rounding lets, where every frame is on steps: of a coarse converter most values are the same in all
+    /// of them, and some step by chance.
+    fn of_rounded<'a>(mut self, mut frames: impl Iterator<Item = &'a [f64]>) -> Self {
+        let finest = frames.try_fold(f64::INFINITY, |finest, frame| Some(step(frame)?.min(finest)));
+        if let Some(step) = finest.filter(|step| step.is_finite()) {
             let least = rounding_sd(step).powi(2);
             let deviations = self.deviations.iter_mut();
             deviations.for_each(|(square, freedom)| *square = square.max(*freedom * least));
@@ -216,7 +218,7 @@ impl Baseline {
             baseline.deviations.iter_mut().for_each(|(_, freedom)| *freedom *= left);
         }
         baseline.noise_v = pooled(baseline.deviations.iter());
-        baseline.of_rounded(&known)
+        baseline.of_rounded(kept.iter().map(|(_, frame)| *frame))
     }
 
     fn mean_of(values: usize, frames: &[Vec<f64>]) -> Self {
@@ -560,6 +562,25 @@ mod tests {
             let sd = own * baseline.noise_v / rounding_sd(step);
             assert!((0.95..3.0).contains(&sd), "{sd}");
         }
+    }
+
+    /// Frames that are left out, and frames of which one is on steps by chance, tell nothing of rounding.
+    #[test]
+    fn a_frame_on_steps_makes_no_noise_of_the_others() {
+        let mut frames = frames(24, 0.0, 13);
+        let without = of(&frames).noise_v;
+        let mut counts = frames[0].clone();
+        counts.iter_mut().enumerate().for_each(|(k, v)| *v = (1 + k % 7) as f64);
+        frames.push(counts);
+        let found = of(&frames);
+        assert_eq!((found.unlike, found.frames), (1, 24));
+        assert!((found.noise_v / without - 1.0).abs() < 1e-2);
+        frames[24] = frames[0]
+            .iter()
+            .map(|v| (v / (8.0 * NOISE)).round() * 8.0 * NOISE)
+            .collect();
+        let list: Vec<&[f64]> = frames.iter().map(Vec::as_slice).collect();
+        assert!(Baseline::plain(208, &list).noise_v < 1.5 * without);
     }
 
     #[test]

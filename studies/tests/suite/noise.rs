@@ -167,8 +167,8 @@ fn normal(rng: &mut StdRng) -> f64 {
 
 type Noise = fn(&mut [f64], f64, &mut StdRng);
 
-/// A source or a reference whose noise is in proportion to each value, an amplifier that is noisier than the others, or a converter with steps of ten times
-/// the noise: the baseline tells it. Empty frames show nothing, and a finger is found once, as exactly as is said.
+/// The noise of a source is in proportion to each value, one amplifier is noisier than the others, or a converter has steps of ten times the
+/// noise: the baseline tells it. Empty frames show nothing, and a finger is found once, as exactly as is said.
 #[test]
 fn noise_that_is_not_the_same_for_all_values_is_no_touch() {
     let kinds: [(Noise, f64); 3] = [
