@@ -59,40 +59,54 @@ const TOO_MUCH_NOISE: f64 = 0.05;
 /// So many times as much as usual is odd: of a channel against the others, of all frames against one and the next.
 const ODD: f64 = 3.0;
 
-/// A sense pair, from 1, and the noise of its values in one frame, V.
+/// A sense pair, from 1.
 struct Channel {
     pair: [usize; 2],
+    /// Of its values in one frame, V.
     noise_v: f64,
+    /// No value of it is another in any frame.
+    is_stuck: bool,
 }
 
-/// The noise of every sense pair, of the values' own.
-fn channels(measured: &Measured, noise_v: &[f64]) -> Vec<Channel> {
-    let mut sums: Vec<([usize; 2], f64, f64)> = Vec::new();
-    for (m, sd) in measured.pattern.measurements().iter().zip(noise_v) {
+/// Every sense pair, with the values' own noise.
+fn channels(measured: &Measured) -> Vec<Channel> {
+    let mut sums: Vec<([usize; 2], f64, f64, bool)> = Vec::new();
+    let noise_v = measured.baseline.value_noise_v();
+    for (k, (m, sd)) in measured.pattern.measurements().iter().zip(noise_v).enumerate() {
         let pair = [m.sense.plus.min(m.sense.minus) + 1, m.sense.plus.max(m.sense.minus) + 1];
         if !sd.is_finite() {
             continue;
         }
+        let stays = steps_v(measured, k).all(|step| step == 0.0);
         match sums.iter_mut().find(|(of, ..)| *of == pair) {
-            Some((_, square, count)) => {
+            Some((_, square, count, is_stuck)) => {
                 *square += sd * sd;
                 *count += 1.0;
+                *is_stuck &= stays;
             }
-            None => sums.push((pair, sd * sd, 1.0)),
+            None => sums.push((pair, sd * sd, 1.0, stays)),
         }
     }
-    let root = |(pair, square, count): ([usize; 2], f64, f64)| Channel {
+    let root = |(pair, square, count, is_stuck): ([usize; 2], f64, f64, bool)| Channel {
         pair,
         noise_v: (square / count).sqrt(),
+        is_stuck,
     };
     sums.into_iter().map(root).collect()
 }
 
+/// How a value changes from one unpressed frame to the next, V.
+fn steps_v(measured: &Measured, value: usize) -> impl Iterator<Item = f64> {
+    let frames = &measured.frames[..measured.baseline.frames.min(measured.frames.len())];
+    frames
+        .windows(2)
+        .map(move |w| w[1].values_v[value] - w[0].values_v[value])
+}
+
 /// Noise of every value from one unpressed frame to the next (von Neumann 1941), V: what changes slowly or once is hardly in it.
 fn steady_noise_v(measured: &Measured) -> Vec<f64> {
-    let frames = &measured.frames[..measured.baseline.frames.min(measured.frames.len())];
     let of = |k: usize| {
-        let steps = frames.windows(2).map(|w| w[1].values_v[k] - w[0].values_v[k]);
+        let steps = steps_v(measured, k);
         let squares: Vec<f64> = steps.map(|d| 0.5 * d * d).filter(|d| d.is_finite()).collect();
         // The median's, since a single jump is no noise: of a squared normal number it is 0.455.
         (median(squares.into_iter()) / 0.455).sqrt()
@@ -102,8 +116,7 @@ fn steady_noise_v(measured: &Measured) -> Vec<f64> {
 
 fn noise(measured: &Measured) -> Line {
     let name = "noise";
-    let noise_v = measured.baseline.value_noise_v();
-    let channels = channels(measured, &noise_v);
+    let channels = channels(measured);
     let typical_v = median(channels.iter().map(|c| c.noise_v));
     let signal_v = median(measured.baseline.values_v.iter().map(|v| v.abs()));
     if !(typical_v.is_finite() && signal_v > 0.0) {
@@ -118,7 +131,8 @@ fn noise(measured: &Measured) -> Line {
     };
     let which = |is: &dyn Fn(&Channel) -> bool| channels.iter().filter(|c| is(c)).collect::<Vec<_>>();
     // A converter that rounds may hide all noise of all channels, but not of one.
-    let stuck = which(&|c| c.noise_v == 0.0 && typical_v > 0.0);
+    let hides_all = channels.iter().all(|c| c.is_stuck);
+    let stuck = which(&|c| c.is_stuck && !hides_all);
     let loud = which(&|c| c.noise_v > (ODD * typical_v).max(MUCH_NOISE * signal_v));
     let worst = channels.iter().map(|c| c.noise_v).fold(0.0, f64::max) / signal_v;
     let electrodes = |list: &[&Channel]| list.iter().flat_map(|c| c.pair).collect::<Vec<_>>();
