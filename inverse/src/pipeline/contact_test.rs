@@ -287,7 +287,9 @@ impl ContactTest {
                 self.owed.candidates = owed.candidates || self.monitor.asks_next();
                 if !self.owed.candidates && self.may_ask(solver) {
                     // What a frame names costs nothing.
-                    self.monitor.note(self.candidate(solver, result).map(|c| c.electrode));
+                    let candidate = self.candidate(solver, result);
+                    self.monitor
+                        .note(candidate.map(|c| c.electrode), candidate.is_some_and(|c| c.linear));
                 }
             } else {
                 evidence = self.test_candidates(evidence, solver, task, detectors, result);

@@ -282,6 +282,11 @@ impl Reconstructor {
             let detector = self.detectors[self.contacts.detector()].as_mut();
             let quiet = self.options.sequence && detector.is_some_and(|d| matches!(d.test(values, 1), Change::Nothing));
             self.detectors.iter_mut().flatten().for_each(ChangeDetector::forget);
+            if quiet {
+                // One that is over is not looked for.
+                self.look_for_end(values)?;
+                self.due = self.broken.named().is_some();
+            }
             return self.reconstruct(values, Averaged::ONE, quiet);
         }
         if self.broken.named().is_some_and(|fault| !fault.leaves_touches()) {

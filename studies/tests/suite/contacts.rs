@@ -64,11 +64,27 @@ fn assert_named(live: &mut LiveSheet, electrode: usize, worse: Worse) {
 
 #[test]
 fn a_worse_contact_is_named_and_shows_no_touch() {
-    let mut live = live_sheet(Drive::PAPER, 81);
-    for (k, ohm) in [20.0, 60.0, 200.0, 500.0].into_iter().enumerate() {
-        assert_named(&mut live, (5 * k + 1) % 16, Worse::Face(ohm));
-        assert_named(&mut live, (7 * k + 4) % 16, Worse::Wire(ohm));
+    for seed in 81..85 {
+        let mut live = live_sheet(Drive::PAPER, seed);
+        for (k, ohm) in [20.0, 60.0, 200.0, 500.0].into_iter().enumerate() {
+            assert_named(&mut live, (5 * k + 1) % 16, Worse::Face(ohm));
+            assert_named(&mut live, (7 * k + 4) % 16, Worse::Wire(ohm));
+        }
     }
+}
+
+/// Whenever a contact holds again: the first frame at rest ends it, also one in which it was to be looked for.
+#[test]
+fn a_contact_that_was_worse_is_over_in_the_first_frame_at_rest() {
+    let mut live = live_sheet(Drive::PAPER, 88);
+    let worse = [(11, Worse::Wire(300.0))];
+    let clean = live.sheet.worse_frame(&[], &worse).unwrap();
+    for frames in 40..57 {
+        rest(&mut live);
+        let named = (0..frames).map(|_| contacts_and_touches(&mut live, &clean)).last();
+        assert_eq!(named, Some((vec![11], vec![])), "after {frames} frames");
+    }
+    rest(&mut live);
 }
 
 /// A contact that is named is looked at again and again, also in frames that show nothing else. None of these looks shows a touch.

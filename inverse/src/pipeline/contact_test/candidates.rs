@@ -65,13 +65,19 @@ impl ContactTest {
                 // Contacts were not asked for.
                 break;
             }
-            if !self.monitor.propose(candidate.map(|c| c.electrode)) {
+            let linear = candidate.is_some_and(|c| c.linear);
+            if !self.monitor.propose(candidate.map(|c| c.electrode), linear) {
                 if self.rests {
                     self.doubt_candidate((candidate, without), solver, task, detectors, result);
                 }
                 break;
             }
-            if candidate.is_some_and(|c| c.linear) {
+            if self.monitor.is_linear() && !linear {
+                // Noise alone is what one frame of many leaves: the next one tells.
+                self.monitor.take_back();
+                break;
+            }
+            if linear {
                 tracing::debug!(?candidate, "a contact stands out");
                 self.monitor.accept();
                 without = self.solve_with(solver, task, detectors, result);

@@ -28,6 +28,8 @@ pub(crate) struct ContactMonitor {
 struct Candidate {
     electrode: usize,
     named: usize,
+    /// Frames that named it beside touches that explain them, less those that did not.
+    balance: isize,
     compared: usize,
     /// Whether it was compared once when touches explained the frame.
     doubted: bool,
@@ -138,13 +140,15 @@ impl ContactMonitor {
         gone
     }
 
-    /// Takes the electrode that the linear fits of a frame name. True when the full fits with and without it are to be
-    /// compared: the electrode is then in [`ContactMonitor::changed`] until [`ContactMonitor::decide`].
-    pub(crate) fn propose(&mut self, electrode: Option<usize>) -> bool {
+    /// Takes the electrode that the linear fits of a frame name, and whether its touches explain the frame beside it. True when the full
+    /// fits with and without it are to be compared: the electrode is then in [`ContactMonitor::changed`] until [`ContactMonitor::decide`].
+    pub(crate) fn propose(&mut self, electrode: Option<usize>, linear: bool) -> bool {
         let electrode = electrode.filter(|l| self.rejected.is_none_or(|(rejected, _)| rejected != *l));
+        let balance = if linear { 1 } else { -1 };
         self.candidate = match self.candidate {
             Some(s) if Some(s.electrode) == electrode => Some(Candidate {
                 named: s.named + 1,
+                balance: s.balance + balance,
                 ..s
             }),
             // Noise may hide it in a frame.
@@ -155,6 +159,7 @@ impl ContactMonitor {
             _ => electrode.map(|electrode| Candidate {
                 electrode,
                 named: 1,
+                balance,
                 compared: 0,
                 doubted: false,
                 with: Evidence::default(),
@@ -168,11 +173,16 @@ impl ContactMonitor {
         ripe.is_some()
     }
 
-    /// Takes the electrode that the linear fits of a frame name, in which there is no time to compare.
-    pub(crate) fn note(&mut self, electrode: Option<usize>) {
-        if self.propose(electrode) {
+    /// The same of a frame in which there is no time to compare.
+    pub(crate) fn note(&mut self, electrode: Option<usize>, linear: bool) {
+        if self.propose(electrode, linear) {
             self.take_back();
         }
+    }
+
+    /// Whether touches explain most of the frames that named the candidate.
+    pub(crate) fn is_linear(&self) -> bool {
+        self.candidate.is_some_and(|s| s.balance > 0)
     }
 
     /// Proposes the candidate that `electrode` is, once, before it is ripe: until [`ContactMonitor::doubt`] or
@@ -286,7 +296,7 @@ mod tests {
     fn frames(monitor: &mut ContactMonitor, most: usize, named: impl Fn(usize) -> Option<usize>) -> Option<usize> {
         (0..most).find(|k| {
             monitor.begin(false);
-            monitor.propose(named(*k)) && monitor.decide(Some(BETTER), Some(WORSE)) == Decision::Changed
+            monitor.propose(named(*k), false) && monitor.decide(Some(BETTER), Some(WORSE)) == Decision::Changed
         })
     }
 
@@ -309,13 +319,26 @@ mod tests {
         assert!(frames(&mut monitor, 40, |k| (k % 8 != 0).then_some(5)).is_some());
     }
 
+    /// A third of the frames of a contact that drift describes leaves more than 1.3 variances, by noise alone.
+    #[test]
+    fn what_most_frames_say_of_it_counts() {
+        for (part, linear) in [(1, false), (2, true), (3, true)] {
+            let mut monitor = ContactMonitor::new(16, ContactOptions::default());
+            for k in 0..12 {
+                monitor.begin(false);
+                assert!(!monitor.propose(Some(3), k % 3 < part));
+            }
+            assert_eq!(monitor.is_linear(), linear, "{part} of three");
+        }
+    }
+
     #[test]
     fn one_that_costs_more_than_touches_is_none_before_it_is_ripe() {
         let mut monitor = ContactMonitor::new(16, ContactOptions::default());
         for (with, without, stays) in [(WORSE, BETTER, false), (BETTER, BETTER, false), (BETTER, WORSE, true)] {
             monitor.clear();
             monitor.begin(false);
-            assert!(!monitor.propose(Some(3)) && monitor.propose_early(Some(3)));
+            assert!(!monitor.propose(Some(3), false) && monitor.propose_early(Some(3)));
             assert_eq!(monitor.changed(), [3]);
             monitor.doubt(Some(with), Some(without));
             assert_eq!((monitor.changed(), monitor.is_open()), (&[][..], stays));
@@ -354,7 +377,7 @@ mod tests {
         let mut monitor = ContactMonitor::new(16, ContactOptions::default());
         let asked = (0..16 + options().rejected_frames + 16).filter(|_| {
             monitor.begin(false);
-            let asked = monitor.propose(Some(2));
+            let asked = monitor.propose(Some(2), false);
             if asked {
                 assert_eq!(monitor.changed(), [2]);
                 assert_eq!(monitor.decide(Some(WORSE), Some(BETTER)), Decision::Unchanged);
