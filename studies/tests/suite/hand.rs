@@ -1,6 +1,6 @@
-//! The touches of a whole hand, five tips and a palm, are counted right and followed.
+//! The touches of a whole hand, five tips and a palm, are counted right and followed. One that is laid flat is one touch.
 
-use forward::Drive;
+use forward::{DiscTouch, Drive};
 use studies::LiveSheet;
 use studies::cost::Happening;
 
@@ -43,4 +43,41 @@ fn a_hand_that_moves_keeps_its_count_and_its_palm() {
     }
     assert!(right >= 2 * frames * 9 / 10, "{right} of {}", 2 * frames);
     assert_eq!(allocated, 0);
+}
+
+/// Flat hands and lower arms of 45 to 60 mm radius, weak and strong, at the noise of four fingers at 27 dB.
+#[test]
+fn a_hand_laid_flat_is_one_wide_touch() {
+    for (centre_mm, radius_mm, rise) in [
+        ([10.0, -8.0], 45.0, 0.1),
+        ([10.0, -8.0], 60.0, 0.02),
+        ([25.0, 20.0], 60.0, 0.3),
+        ([40.0, 10.0], 45.0, 0.1),
+    ] {
+        let mut live = LiveSheet::new(Drive::PAPER, 92, |sheet, _| {
+            sheet.clean_frame(&Happening::Four.touches(0))
+        })
+        .unwrap();
+        let hand = DiscTouch {
+            centre_mm,
+            radius_mm,
+            rise,
+        };
+        let clean = live.sheet.clean_frame(&[hand]).unwrap();
+        for frame in 0..24 {
+            let result = live.reconstruct(&clean).unwrap();
+            let [one] = result.touches[..] else {
+                panic!("{hand:?} {frame}: {:?}", result.touches)
+            };
+            let radius = (one.area_mm2 / std::f64::consts::PI).sqrt();
+            let total_mm2 = rise * std::f64::consts::PI * radius_mm * radius_mm;
+            assert!(result.doubt.is_none(), "{hand:?} {frame}: {:?}", result.doubt);
+            assert!(
+                (one.x_mm - centre_mm[0]).hypot(one.y_mm - centre_mm[1]) < 1.5
+                    && (radius / radius_mm - 1.0).abs() < 0.05
+                    && (one.total_mm2 / total_mm2 - 1.0).abs() < 0.05,
+                "{hand:?} {frame}: {one:?}"
+            );
+        }
+    }
 }

@@ -1,6 +1,6 @@
 //! The columns of a table's nodes: as they were tabulated, or reduced when a touch first comes near.
 //!
-//! A reduction of all of them takes as long as hundreds of frames and 30 MB, and touches come near few.
+//! A reduction of all of them takes as long as hundreds of frames and 50 MB, and touches come near few.
 
 use crate::linalg::aligned::Aligned;
 use crate::linalg::columns::Columns;
@@ -14,7 +14,7 @@ use std::sync::Arc;
 /// Columns reduced by one product of matrices. It bounds the memory that this takes.
 const COLUMNS_AT_ONCE: usize = 768;
 
-/// Nodes that are kept of those that touches come near, 4 MB of 16 electrodes: those of 60 touches. Of more all are made anew.
+/// Nodes that are kept of those that touches come near, 7 MB of 16 electrodes: those of 60 touches. Of more all are made anew.
 const MOST_NODES: usize = 1024;
 
 /// Columns of a node: they stay beside one another.
