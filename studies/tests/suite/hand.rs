@@ -1,6 +1,7 @@
 //! The touches of a whole hand, five tips and a palm, are counted right and followed. One that is laid flat is one touch.
 
 use forward::{DiscTouch, Drive};
+use inverse::touches::touch::Touch;
 use studies::LiveSheet;
 use studies::cost::Happening;
 
@@ -77,6 +78,40 @@ fn a_hand_laid_flat_is_one_wide_touch() {
                     && (radius / radius_mm - 1.0).abs() < 0.05
                     && (one.total_mm2 / total_mm2 - 1.0).abs() < 0.05,
                 "{hand:?} {frame}: {one:?}"
+            );
+        }
+    }
+}
+
+/// Foam of 50 mm radius, with a finger in it or at its rim: as many touches as there are, each at its place, or a doubt. From the sixth frame
+/// on.
+#[test]
+fn a_finger_on_foam_is_right_or_doubted() {
+    let finger = |x: f64, y: f64| DiscTouch {
+        centre_mm: [x, y],
+        radius_mm: 12.5,
+        rise: 0.2,
+    };
+    for (rise, at) in [(0.02, [20.0, -10.0]), (0.05, [-40.0, 20.0])] {
+        let foam = DiscTouch {
+            centre_mm: [5.0, 10.0],
+            radius_mm: 50.0,
+            rise,
+        };
+        let touches = [foam, finger(at[0], at[1])];
+        let mut live = LiveSheet::new(Drive::PAPER, 93, |sheet, _| sheet.clean_frame(&[finger(31.0, -18.0)])).unwrap();
+        let clean = live.sheet.clean_frame(&touches).unwrap();
+        for frame in 0..40 {
+            let result = live.reconstruct(&clean).unwrap();
+            let has = |touch: &DiscTouch| {
+                let off = |t: &Touch| (t.x_mm - touch.centre_mm[0]).hypot(t.y_mm - touch.centre_mm[1]);
+                result.touches.iter().any(|t| off(t) < 1.5)
+            };
+            let right = result.touches.len() == 2 && touches.iter().all(has);
+            assert!(
+                frame < 6 || right || result.doubt.is_some(),
+                "{rise} {frame}: {:?}",
+                result.touches
             );
         }
     }
