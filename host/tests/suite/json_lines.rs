@@ -204,6 +204,7 @@ fn every_kind_of_finding_is_in_the_schema() {
         Kind::SenseGain,
         Kind::SenseOffset,
         Kind::SenseMissing,
+        Kind::SenseNoise,
         Kind::Untold,
         Kind::Unsearched,
         Kind::Frames,

@@ -8,6 +8,7 @@ use crate::reference::electrode_fit::{self, Amplifier, AmplifierError, Electrode
 use crate::reference::imager::Imager;
 use crate::reference::screening::{Finding, FindingKind, ScreeningOptions, consensus, screen, value_finding};
 use crate::reference::wiring::{self, WiringCheck, WiringOptions, order_text};
+use crate::stats::median;
 use forward::Pattern;
 use std::sync::Arc;
 
@@ -50,6 +51,8 @@ pub struct Inspection {
 
 /// Relative error of the model's values on its mesh, root mean square (docs/verification.md).
 const MODEL_ERROR: f64 = 1e-3;
+/// The noise of a sense pair is said from so many times that of the others.
+const NOISY: f64 = 3.0;
 /// The misfit is said where it is so many times what is expected.
 pub const SAID_FROM: f64 = 3.0;
 
@@ -126,6 +129,7 @@ pub fn inspect(
     bad_contacts::name(&mut findings, pattern, electrodes.as_ref(), &options.electrodes);
     findings.extend((!imager.is_searched()).then(|| of_no_value(FindingKind::Unsearched, pattern)));
     findings.extend(unlike(&baseline, pattern));
+    findings.extend(noisy(&baseline, pattern));
     let used_told = electrodes.as_ref().is_some_and(|fit| fit.imager.told.is_some());
     findings.extend((imager.told.is_some() && !used_told).then(|| of_no_value(FindingKind::Untold, pattern)));
     let baseline = baseline.without(&used);
@@ -182,6 +186,42 @@ fn unlike(baseline: &Baseline, pattern: &Pattern) -> Option<Finding> {
         factor: Some(frames as f64 / (frames + unlike) as f64),
         ..of_no_value(FindingKind::Frames, pattern)
     })
+}
+
+/// Sense pairs whose values are far noisier than those of the others, both in volts and in parts of their values: of many converters the
+/// noise is in proportion to the value, and pairs near the drive have larger ones.
+fn noisy(baseline: &Baseline, pattern: &Pattern) -> Vec<Finding> {
+    let mut pairs: Vec<([usize; 2], Vec<[f64; 2]>)> = Vec::new();
+    let values = baseline.own_noise().into_iter().zip(&baseline.values_v);
+    for (m, (noise, value)) in pattern.measurements().iter().zip(values) {
+        let pair = [m.sense.plus.min(m.sense.minus) + 1, m.sense.plus.max(m.sense.minus) + 1];
+        let noises = [noise, noise / value.abs().max(f64::MIN_POSITIVE)];
+        if !value.is_finite() {
+            continue;
+        }
+        match pairs.iter_mut().find(|(of, _)| *of == pair) {
+            Some((_, all)) => all.push(noises),
+            None => pairs.push((pair, vec![noises])),
+        }
+    }
+    // One value that is noisier than the others of its pair is no amplifier.
+    let of_pair = |all: &[[f64; 2]]| [0, 1].map(|i| median(all.iter().map(|noises| noises[i])));
+    let noises: Vec<[f64; 2]> = pairs.iter().map(|(_, all)| of_pair(all)).collect();
+    let usual = of_pair(&noises);
+    let times = noises
+        .iter()
+        .map(|[volts, part]| (volts / usual[0]).min(part / usual[1]));
+    let told = pairs.iter().zip(times).filter(|(_, times)| *times > NOISY);
+    told.map(|((pair, all), times)| Finding {
+        kind: FindingKind::SenseNoise,
+        electrodes: pair.to_vec(),
+        value: None,
+        factor: Some(times),
+        values: all.len(),
+        of: pattern.len(),
+        left_out: false,
+    })
+    .collect()
 }
 
 /// What is left out without a value: frames, searches of too many values, and what presses told.
@@ -319,7 +359,10 @@ mod tests {
     use super::*;
     use crate::batch::{Batch, BatchOptions};
     use crate::solvers::Method;
-    use forward::{Drive, Sheet};
+    use forward::{Drive, Measurement, Sheet};
+    use rand::rngs::StdRng;
+    use rand::{Rng, SeedableRng};
+    use rand_distr::StandardNormal;
 
     fn imager(electrodes: usize) -> Arc<Imager> {
         let sheet = Sheet::disc(195.0, electrodes, 4.0, 1.0, 1000.0);
@@ -340,6 +383,41 @@ mod tests {
             assert_eq!(kinds, expected);
             let said = found.warnings().join("\n");
             assert_eq!(said.contains("what is broken is not looked for"), !searched, "{said}");
+        }
+    }
+
+    /// Noise of one size, and noise in proportion to every value, are no channel's.
+    #[test]
+    fn a_noisy_amplifier_is_said_and_other_noise_is_not() {
+        let imager = imager(16);
+        let mut rng = StdRng::seed_from_u64(41);
+        let usual_v = 1e-3 * median(imager.model_v.iter().map(|v| v.abs()));
+        let noisy = |m: &Measurement| m.sense.plus.max(m.sense.minus) == 4 && m.sense.plus.min(m.sense.minus) == 3;
+        let measurements = imager.pattern.measurements();
+        for (in_proportion, times, said) in [
+            (false, 1.0, false),
+            (true, 1.0, false),
+            (false, 10.0, true),
+            (true, 10.0, true),
+        ] {
+            let frames: Vec<Vec<f64>> = (0..24)
+                .map(|_| {
+                    let values = measurements.iter().zip(&imager.model_v);
+                    let of = |(m, v): (&Measurement, &f64)| {
+                        let sd = if in_proportion { 1e-3 * v.abs() } else { usual_v };
+                        let own = if noisy(m) { times } else { 1.0 };
+                        v + own * sd * rng.sample::<f64, _>(StandardNormal)
+                    };
+                    values.map(of).collect()
+                })
+                .collect();
+            let frames: Vec<&[f64]> = frames.iter().map(Vec::as_slice).collect();
+            let baseline = Baseline::of_frames(imager.pattern.len(), &frames);
+            let found = inspect(&imager, baseline, false, &InspectionOptions::default());
+            let pairs: Vec<&[usize]> = found.findings.iter().map(|f| f.electrodes.as_slice()).collect();
+            let expected: &[&[usize]] = if said { &[&[4, 5]] } else { &[] };
+            assert_eq!(pairs, expected, "{in_proportion} {times}: {:?}", found.warnings());
+            assert_eq!(found.warnings().join("\n").contains("times as noisy"), said);
         }
     }
 

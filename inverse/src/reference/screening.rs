@@ -83,6 +83,8 @@ pub enum FindingKind {
     SenseOffset,
     /// The values of a sense pair are all missing: out of range, as a rule.
     SenseMissing,
+    /// The values of a sense pair are far noisier than the others; the factor says how many times. They are used, and count less.
+    SenseNoise,
     /// What presses told of the sheet cannot be used with this baseline. It concerns no value.
     Untold,
     /// Frames have too many values to look for what is broken, and for what drifts seldom. It concerns no value.
@@ -179,6 +181,13 @@ impl fmt::Display for Finding {
             FindingKind::SenseGain => write!(
                 f,
                 "the amplifier between electrodes {} and {} gives {factor:.3} of the signal that is expected in the baseline; look at it",
+                e(0).min(e(1)),
+                e(0).max(e(1))
+            ),
+            FindingKind::SenseNoise => write!(
+                f,
+                "the values between electrodes {} and {} are {factor:.0} times as noisy as the others in the baseline and count less; look at \
+                 the amplifier and at what runs beside its wires",
                 e(0).min(e(1)),
                 e(0).max(e(1))
             ),
