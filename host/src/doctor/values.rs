@@ -4,6 +4,7 @@ use super::facts::{Facts, Measured};
 use super::line::{Cause, Line};
 use crate::number::median;
 use inverse::reference::wiring;
+use link::MeasuredFrame;
 
 /// All of them; `named` are electrodes that are named for something else.
 pub(crate) fn lines(facts: &Facts, named: &[usize]) -> Vec<Line> {
@@ -59,54 +60,72 @@ const TOO_MUCH_NOISE: f64 = 0.05;
 /// So many times as much as usual is odd: of a channel against the others, of all frames against one and the next.
 const ODD: f64 = 3.0;
 
+/// A channel is stuck where chance, that of a converter whose steps are larger than the noise, makes all its values stay less often than so.
+const BY_CHANCE: f64 = 1e-4;
+
 /// A sense pair, from 1.
 struct Channel {
     pair: [usize; 2],
     /// Of its values in one frame, V.
     noise_v: f64,
-    /// No value of it is another in any frame.
-    is_stuck: bool,
+    /// Its values, and how many of them are the same in all frames.
+    values: i32,
+    same: i32,
 }
 
 /// Every sense pair, with the values' own noise.
 fn channels(measured: &Measured) -> Vec<Channel> {
-    let mut sums: Vec<([usize; 2], f64, f64, bool)> = Vec::new();
+    let mut channels: Vec<Channel> = Vec::new();
     let noise_v = measured.baseline.value_noise_v();
     for (k, (m, sd)) in measured.pattern.measurements().iter().zip(noise_v).enumerate() {
         let pair = [m.sense.plus.min(m.sense.minus) + 1, m.sense.plus.max(m.sense.minus) + 1];
         if !sd.is_finite() {
             continue;
         }
-        let stays = steps_v(measured, k).all(|step| step == 0.0);
-        match sums.iter_mut().find(|(of, ..)| *of == pair) {
-            Some((_, square, count, is_stuck)) => {
-                *square += sd * sd;
-                *count += 1.0;
-                *is_stuck &= stays;
+        let mut of_frames = unpressed(measured)
+            .iter()
+            .map(|f| f.values_v[k])
+            .filter(|v| v.is_finite());
+        let first = of_frames.next();
+        let same = i32::from(of_frames.all(|v| Some(v) == first));
+        match channels.iter_mut().find(|c| c.pair == pair) {
+            Some(channel) => {
+                // The sum of the squares, until all are there.
+                channel.noise_v += sd * sd;
+                channel.values += 1;
+                channel.same += same;
             }
-            None => sums.push((pair, sd * sd, 1.0, stays)),
+            None => channels.push(Channel {
+                pair,
+                noise_v: sd * sd,
+                values: 1,
+                same,
+            }),
         }
     }
-    let root = |(pair, square, count, is_stuck): ([usize; 2], f64, f64, bool)| Channel {
-        pair,
-        noise_v: (square / count).sqrt(),
-        is_stuck,
-    };
-    sums.into_iter().map(root).collect()
+    let mean = |c: &mut Channel| c.noise_v = (c.noise_v / f64::from(c.values)).sqrt();
+    channels.iter_mut().for_each(mean);
+    channels
 }
 
-/// How a value changes from one unpressed frame to the next, V.
-fn steps_v(measured: &Measured, value: usize) -> impl Iterator<Item = f64> {
-    let frames = &measured.frames[..measured.baseline.frames.min(measured.frames.len())];
-    frames
-        .windows(2)
-        .map(move |w| w[1].values_v[value] - w[0].values_v[value])
+/// Whether no value of a channel changes, which those of the others do so often that it is no chance.
+fn is_stuck(channel: &Channel, all: &[Channel]) -> bool {
+    let others = || all.iter().filter(|c| c.pair != channel.pair);
+    let [same, values] = [others().map(|c| c.same).sum::<i32>(), others().map(|c| c.values).sum()].map(f64::from);
+    channel.same == channel.values && (same / values).powi(channel.values) < BY_CHANCE
+}
+
+/// The frames of the baseline.
+fn unpressed(measured: &Measured) -> &[MeasuredFrame] {
+    &measured.frames[..measured.baseline.frames.min(measured.frames.len())]
 }
 
 /// Noise of every value from one unpressed frame to the next (von Neumann 1941), V: what changes slowly or once is hardly in it.
 fn steady_noise_v(measured: &Measured) -> Vec<f64> {
     let of = |k: usize| {
-        let steps = steps_v(measured, k);
+        let steps = unpressed(measured)
+            .windows(2)
+            .map(|w| w[1].values_v[k] - w[0].values_v[k]);
         let squares: Vec<f64> = steps.map(|d| 0.5 * d * d).filter(|d| d.is_finite()).collect();
         // The median's, since a single jump is no noise: of a squared normal number it is 0.455.
         (median(squares.into_iter()) / 0.455).sqrt()
@@ -130,9 +149,7 @@ fn noise(measured: &Measured) -> Line {
         pairs.join(", ")
     };
     let which = |is: &dyn Fn(&Channel) -> bool| channels.iter().filter(|c| is(c)).collect::<Vec<_>>();
-    // A converter that rounds may hide all noise of all channels, but not of one.
-    let hides_all = channels.iter().all(|c| c.is_stuck);
-    let stuck = which(&|c| c.is_stuck && !hides_all);
+    let stuck = which(&|c| is_stuck(c, &channels));
     let loud = which(&|c| c.noise_v > (ODD * typical_v).max(MUCH_NOISE * signal_v));
     let worst = channels.iter().map(|c| c.noise_v).fold(0.0, f64::max) / signal_v;
     let electrodes = |list: &[&Channel]| list.iter().flat_map(|c| c.pair).collect::<Vec<_>>();

@@ -283,9 +283,13 @@ impl Reconstructor {
             let quiet = self.options.sequence && detector.is_some_and(|d| matches!(d.test(values, 1), Change::Nothing));
             self.detectors.iter_mut().flatten().for_each(ChangeDetector::forget);
             if quiet {
-                // One that is over is not looked for.
+                // But where its values are those of the baseline again, it is over.
                 self.look_for_end(values)?;
                 self.due = self.broken.named().is_some();
+                if !self.due && !self.drifted(values)? {
+                    self.clear();
+                    return Ok(true);
+                }
             }
             return self.reconstruct(values, Averaged::ONE, quiet);
         }

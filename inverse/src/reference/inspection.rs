@@ -53,6 +53,8 @@ pub struct Inspection {
 const MODEL_ERROR: f64 = 1e-3;
 /// The noise of a sense pair is said from so many times that of the others.
 const NOISY: f64 = 3.0;
+/// Fewest values of a pair that tell it.
+const FEWEST_NOISY: usize = 4;
 /// The misfit is said where it is so many times what is expected.
 pub const SAID_FROM: f64 = 3.0;
 
@@ -129,10 +131,10 @@ pub fn inspect(
     bad_contacts::name(&mut findings, pattern, electrodes.as_ref(), &options.electrodes);
     findings.extend((!imager.is_searched()).then(|| of_no_value(FindingKind::Unsearched, pattern)));
     findings.extend(unlike(&baseline, pattern));
-    findings.extend(noisy(&baseline, pattern));
     let used_told = electrodes.as_ref().is_some_and(|fit| fit.imager.told.is_some());
     findings.extend((imager.told.is_some() && !used_told).then(|| of_no_value(FindingKind::Untold, pattern)));
     let baseline = baseline.without(&used);
+    findings.extend(noisy(&baseline, pattern));
     let misfit = electrodes.as_ref().map_or_else(
         || misfit(&imager.model_v, &baseline.values_v, &screening.fitted),
         |fit| fit.misfit,
@@ -204,7 +206,8 @@ fn noisy(baseline: &Baseline, pattern: &Pattern) -> Vec<Finding> {
             None => pairs.push((pair, vec![noises])),
         }
     }
-    // One value that is noisier than the others of its pair is no amplifier.
+    // One value that is noisier than the others of its pair is no amplifier, and of few values that is not known.
+    pairs.retain(|(_, all)| all.len() >= FEWEST_NOISY);
     let of_pair = |all: &[[f64; 2]]| [0, 1].map(|i| median(all.iter().map(|noises| noises[i])));
     let noises: Vec<[f64; 2]> = pairs.iter().map(|(_, all)| of_pair(all)).collect();
     let usual = of_pair(&noises);
@@ -258,7 +261,9 @@ impl Inspection {
         Self {
             imager: Arc::clone(imager),
             expected: baseline.relative_noise(),
-            findings: unlike(&baseline, &imager.pattern).into_iter().collect(),
+            findings: (unlike(&baseline, &imager.pattern).into_iter())
+                .chain(noisy(&baseline, &imager.pattern))
+                .collect(),
             baseline,
             fault: None,
             conclusive: true,
@@ -397,7 +402,9 @@ mod tests {
         for (in_proportion, times, said) in [
             (false, 1.0, false),
             (true, 1.0, false),
-            (false, 10.0, true),
+            (false, 2.0, false),
+            (true, 2.0, false),
+            (false, 4.5, true),
             (true, 10.0, true),
         ] {
             let frames: Vec<Vec<f64>> = (0..24)
@@ -413,11 +420,25 @@ mod tests {
                 .collect();
             let frames: Vec<&[f64]> = frames.iter().map(Vec::as_slice).collect();
             let baseline = Baseline::of_frames(imager.pattern.len(), &frames);
-            let found = inspect(&imager, baseline, false, &InspectionOptions::default());
+            let found = inspect(&imager, baseline.clone(), false, &InspectionOptions::default());
             let pairs: Vec<&[usize]> = found.findings.iter().map(|f| f.electrodes.as_slice()).collect();
             let expected: &[&[usize]] = if said { &[&[4, 5]] } else { &[] };
             assert_eq!(pairs, expected, "{in_proportion} {times}: {:?}", found.warnings());
             assert_eq!(found.warnings().join("\n").contains("times as noisy"), said);
+            let factor = found.findings.first().and_then(|f| f.factor);
+            assert!(
+                factor.is_none_or(|factor| (factor / times - 1.0).abs() < 0.3),
+                "{factor:?}"
+            );
+            // What is left out of the baseline counts no less: it does not count.
+            let values = baseline.values_v.iter().zip(measurements);
+            let dead: Vec<f64> = values.map(|(v, m)| if noisy(m) { f64::NAN } else { *v }).collect();
+            let baseline = Baseline {
+                values_v: dead,
+                ..baseline
+            };
+            let found = inspect(&imager, baseline, false, &InspectionOptions::default());
+            assert!(found.findings.iter().all(|f| f.kind != FindingKind::SenseNoise));
         }
     }
 

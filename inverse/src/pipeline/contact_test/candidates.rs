@@ -73,7 +73,7 @@ impl ContactTest {
                 break;
             }
             if self.monitor.is_linear() && !linear {
-                // Noise alone is what one frame of many leaves: the next one tells.
+                // Noise alone is what this frame leaves: the next one that touches explain tells.
                 self.monitor.take_back();
                 break;
             }

@@ -152,10 +152,15 @@ impl ContactMonitor {
                 ..s
             }),
             // Noise may hide it in a frame.
-            Some(s) if s.named > self.options.miss_penalty => Some(Candidate {
-                named: s.named - self.options.miss_penalty,
-                ..s
-            }),
+            Some(s) if s.named > self.options.miss_penalty => {
+                let named = s.named - self.options.miss_penalty;
+                let most = named.cast_signed();
+                Some(Candidate {
+                    named,
+                    balance: s.balance.clamp(-most, most),
+                    ..s
+                })
+            }
             _ => electrode.map(|electrode| Candidate {
                 electrode,
                 named: 1,

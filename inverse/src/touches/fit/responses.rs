@@ -24,7 +24,7 @@ const AT_ONCE: usize = 3;
 const NODES: usize = 16;
 /// Smallest and largest radius that the interpolation is good for, over the expected radius.
 const SMALLEST: f64 = 0.4;
-const LARGEST: f64 = 6.0;
+const LARGEST: f64 = 5.6;
 /// Which of them is the expected one.
 pub(super) const EXPECTED: usize = 1;
 /// Nodes outside the rim that the interpolation needs.
@@ -425,7 +425,7 @@ mod tests {
     fn derivatives_are_those_of_the_values() {
         let (_, table) = paper();
         let (p, step) = ([20.3, -41.7], 1e-4);
-        for radius in [11.0, 21.0, 30.0, 40.0, 52.0, 65.0] {
+        for radius in [11.0, 21.0, 30.0, 40.0, 52.0, 65.0, 69.0] {
             derivatives_at(&table, p, radius, step);
         }
     }
