@@ -150,6 +150,28 @@ impl TestSheet {
         Ok(self.baseline.iter().zip(change).map(|(b, c)| b + c).collect())
     }
 
+    /// The frame of discs without noise, V, with a resistance of so many ohm between two wires since the baseline.
+    ///
+    /// # Errors
+    /// [`ForwardError`] where the model has no solution.
+    pub fn leaky_frame(
+        &mut self,
+        touches: &[DiscTouch],
+        [a, b]: [usize; 2],
+        ohm: f64,
+    ) -> Result<Vec<f64>, ForwardError> {
+        let r = self.solver.solve_touches(touches)?.potentials_ohm();
+        // A conductor between two nodes of a network (Sherman and Morrison 1950).
+        let column = r.column(a) - r.column(b);
+        let across = ohm + column[a] - column[b];
+        let potentials = r - &column * column.transpose() / across;
+        let (drive, pattern) = (self.drive, &self.imager.pattern);
+        let touched = drive.frame_v(&ElectrodeMatrix::from_potentials(potentials), pattern);
+        let untouched = drive.frame_v(self.solver.solve_untouched_there()?, pattern);
+        let change = touched.iter().zip(&untouched).map(|(t, u)| t - u);
+        Ok(self.baseline.iter().zip(change).map(|(b, c)| b + c).collect())
+    }
+
     /// The frame of discs without noise, V, after this drift since the baseline.
     ///
     /// # Errors

@@ -213,6 +213,7 @@ impl Reconstructor {
     fn divided(&mut self, values: &[f64], interval_s: Option<f64>, room: &mut Vec<f64>) -> Result<(), ImagerError> {
         for last in [false, true] {
             self.following.divide(values, self.gain, room);
+            self.broken.without_leak(room, self.reference.baseline());
             if !self.frame_of_gain(room, interval_s)? {
                 break;
             }
@@ -417,6 +418,7 @@ impl Reconstructor {
             return Ok(true);
         }
         self.whole.copy_from(&self.difference);
+        self.broken.add_leak(&mut self.whole, 1.0);
         let mut due = std::mem::take(&mut self.due);
         loop {
             let blind = self.broken.named().is_some_and(|fault| !fault.leaves_touches());
@@ -431,16 +433,14 @@ impl Reconstructor {
                 break;
             }
             if self.took_no_place() {
-                self.difference.copy_from(&self.whole);
-                self.left_changed = true;
+                self.begin_anew();
                 continue;
             }
             if (blind && !due) || !self.look_for_faults(values, blind, due) {
                 break;
             }
             due = false;
-            self.difference.copy_from(&self.whole);
-            self.left_changed = true;
+            self.begin_anew();
             let put_off = |fault: &Fault| self.options.sequence && fault.leaves_touches();
             if let Some(fault) = self.broken.named().filter(put_off) {
                 // The problem without what it spoils takes as long as the search: the next frame has it, and its picture.
@@ -462,6 +462,13 @@ impl Reconstructor {
         }
         self.show_faults();
         Ok(true)
+    }
+
+    /// Begins with the frame once more, as it was measured but for what is known to be broken now.
+    fn begin_anew(&mut self) {
+        self.difference.copy_from(&self.whole);
+        self.broken.add_leak(&mut self.difference, -1.0);
+        self.left_changed = true;
     }
 
     /// Solves a frame that its touches do not explain without the values that stand out of what they leave, where the noise is known. The

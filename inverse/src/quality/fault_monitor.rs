@@ -11,6 +11,7 @@ use crate::reference::diagnosis::{
 };
 use crate::reference::imager::Imager;
 use crate::stats::is_of_noise;
+use nalgebra::DVector;
 use std::borrow::Cow;
 use std::sync::Arc;
 
@@ -18,8 +19,8 @@ use std::sync::Arc;
 const SUSPICIOUS: usize = 3;
 /// Frames that have to tell the same fault.
 const NAMES: usize = 2;
-/// Frames until a fault that was named is looked for again: one that leaves touches; and one that leaves none, or contacts, which come and
-/// go. Then times that speak against it before it is over.
+/// Frames until a fault that was named is looked for again: one that leaves touches; and one that leaves none, or contacts and leaks, which
+/// come and go. Then times that speak against it before it is over.
 const AGAIN: [usize; 2] = [64, 16];
 const AGAINST: usize = 2;
 /// Values of frames at rest that end a fault: a single value may be as in the baseline by chance.
@@ -33,7 +34,7 @@ const LONGEST_WAIT: usize = 64;
 const MOST_OPEN: usize = 64;
 /// Frames until this fault is looked for again.
 fn next_look(fault: Fault) -> usize {
-    let soon = !fault.leaves_touches() || matches!(fault, Fault::Contacts(_));
+    let soon = !fault.leaves_touches() || matches!(fault, Fault::Contacts(_) | Fault::Leak { .. });
     AGAIN[usize::from(soon)]
 }
 
@@ -119,6 +120,8 @@ pub(crate) struct FaultMonitor {
     /// Made when it is first needed; none inside where the sheet cannot be solved.
     diagnosis: Option<Option<Diagnosis>>,
     named: Option<Fault>,
+    /// What it changes of all values, where it is a leak, V of the model.
+    leaked: Option<DVector<f64>>,
     /// Whether touches cannot take its place.
     alone: bool,
     /// Whether it was searched for in a frame that touches explain.
@@ -155,6 +158,7 @@ impl FaultMonitor {
             sequence,
             diagnosis: None,
             named: None,
+            leaked: None,
             alone: false,
             suspected: false,
             contacts: Vec::new(),
@@ -222,7 +226,8 @@ impl FaultMonitor {
         if all.len() > MOST_ELECTRODES {
             return false;
         }
-        (self.named, self.candidate, self.open) = (Some(Fault::Contacts(Electrodes::of(&all))), None, false);
+        self.name(Some(Fault::Contacts(Electrodes::of(&all))));
+        (self.candidate, self.open) = (None, false);
         (self.until, self.against) = (next_look(Fault::Contacts(Electrodes::of(&all))), 0);
         self.wait = 1;
         self.begun = None;
@@ -246,9 +251,37 @@ impl FaultMonitor {
 
     /// The fault that was named took no touch's place: it is none for a while.
     pub(crate) fn reject(&mut self, fault: Fault) {
-        (self.named, self.candidate) = (None, None);
-        self.begun = None;
+        self.name(None);
+        (self.candidate, self.begun) = (None, None);
         self.rejected = Some((fault, REJECTED));
+    }
+
+    fn name(&mut self, fault: Option<Fault>) {
+        self.named = fault;
+        let leaked = |(pair, ohm)| Some(self.diagnosis.as_ref()?.as_ref()?.leaked(&self.imager, pair, ohm));
+        let leak = match fault {
+            Some(Fault::Leak { electrodes, ohm }) => Some((electrodes, ohm)),
+            _ => None,
+        };
+        self.leaked = leak.and_then(leaked);
+    }
+
+    /// Takes what the leak that is named changes out of a frame of the baseline's unit.
+    pub(crate) fn without_leak(&self, values: &mut [f64], baseline: &[f64]) {
+        let leaked = self.leaked.iter().flat_map(|leaked| leaked.iter());
+        let model = leaked.zip(&self.imager.model_v).zip(baseline);
+        let measured = values
+            .iter_mut()
+            .zip(model)
+            .filter(|(_, ((_, model), _))| **model != 0.0);
+        measured.for_each(|(value, ((leaked, model), baseline))| *value -= leaked / model * baseline);
+    }
+
+    /// Adds what the leak that is named changes to a difference, so many times.
+    pub(crate) fn add_leak(&self, d: &mut Difference, times: f64) {
+        let leaked = self.leaked.iter().flat_map(|leaked| leaked.iter());
+        let used = d.y.iter_mut().zip(&d.used).zip(leaked).filter(|((_, used), _)| **used);
+        used.for_each(|((y, _), leaked)| *y += times * leaked);
     }
 
     /// The fault that is named.
@@ -277,7 +310,8 @@ impl FaultMonitor {
 
     /// Forgets all that earlier frames said.
     pub(crate) fn clear(&mut self) {
-        (self.named, self.candidate) = (None, None);
+        self.name(None);
+        self.candidate = None;
         (self.suspicious, self.until, self.wait, self.against) = (0, 0, 1, 0);
         (self.open, self.mean, self.begun, self.well) = (false, None, None, 0);
     }
@@ -302,6 +336,7 @@ impl FaultMonitor {
     pub(crate) fn electrodes_left_out(&self) -> Vec<usize> {
         let of_fault = match self.named {
             Some(Fault::Open(electrodes) | Fault::Contacts(electrodes)) => electrodes,
+            Some(Fault::Leak { electrodes, .. }) => Electrodes::of(&electrodes),
             _ => Electrodes::default(),
         };
         let mut all = [of_fault.list(), self.loose.named().list()].concat();
@@ -381,6 +416,7 @@ impl FaultMonitor {
         let imager = &self.imager;
         match self.named {
             Some(Fault::Open(electrodes) | Fault::Contacts(electrodes)) => values_of(imager, electrodes.list()),
+            Some(Fault::Leak { electrodes, .. }) => values_of(imager, &electrodes),
             Some(Fault::Gain(pair, _) | Fault::Offset(pair) | Fault::Rail(pair)) => values_of_channel(imager, pair),
             Some(Fault::Value(k, _)) => vec![k],
             _ => Vec::new(),
@@ -473,7 +509,9 @@ impl FaultMonitor {
             self.candidate = None;
             self.until = next_look(told);
             // Its size may be another.
-            self.named = Some(if named == told { named } else { told });
+            if named != told {
+                self.name(Some(told));
+            }
             return false;
         }
         let count = match self.candidate {
@@ -485,7 +523,8 @@ impl FaultMonitor {
             return false;
         }
         tracing::debug!(?told, "a fault");
-        (self.named, self.candidate, self.until) = (Some(told), None, next_look(told));
+        self.name(Some(told));
+        (self.candidate, self.until) = (None, next_look(told));
         true
     }
 
@@ -570,7 +609,6 @@ fn common_gain(model_v: &[f64], d: &Difference, without: &[usize]) -> f64 {
 mod tests {
     use super::*;
     use forward::{Drive, Pattern, Sheet};
-    use nalgebra::DVector;
 
     /// The gain that was found while a contact was worse may be wrong by some per cent.
     #[test]

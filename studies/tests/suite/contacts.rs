@@ -1,6 +1,7 @@
 //! A worse contact is not taken for a touch, and a touch at the rim is not taken for a contact.
 
 use forward::{DiscTouch, Drive};
+use inverse::reference::diagnosis::Fault;
 use rand::Rng;
 use studies::{LiveSheet, Worse};
 
@@ -200,4 +201,55 @@ fn a_contact_that_recovers_is_accepted_again() {
         .take_while(|_| !contacts_and_touches(&mut live, &well).0.is_empty())
         .count();
     assert!(frames <= 20, "{frames}");
+}
+
+/// Moisture between two wires: a weak leak is named, a finger beside it is right, its resistance is followed as it dries, and it is over when
+/// it has gone. What is wrong in between lasts a fifth of a second and less.
+#[test]
+fn a_leak_that_dries_leaves_touches() {
+    for (pair, ohms) in [([3, 4], [10e3, 20e3, 60e3]), ([2, 9], [200e3, 250e3, 300e3])] {
+        let mut live = live_sheet(Drive::PAPER, 87);
+        let touch = finger(-20.0, 35.0);
+        rest(&mut live);
+        let mut wrong = 0;
+        let mut look = |live: &mut LiveSheet, clean: &[f64], touched: bool, frames: usize| {
+            let mut last = Vec::new();
+            for _ in 0..frames {
+                let result = live.reconstruct(clean).unwrap();
+                let off = |t: &inverse::touches::touch::Touch| (t.x_mm + 20.0).hypot(t.y_mm - 35.0);
+                let right = result.touches.len() == usize::from(touched) && result.touches.iter().all(|t| off(t) < 1.5);
+                wrong += usize::from(!right && result.doubt.is_none());
+                last = result.faults.clone();
+                last.retain(|_| right);
+            }
+            last
+        };
+        for ohm in ohms {
+            for touched in [false, true] {
+                let touches = [touch];
+                let touches = if touched { &touches[..] } else { &[] };
+                let clean = live.sheet.leaky_frame(touches, pair, ohm).unwrap();
+                let last = look(&mut live, &clean, touched, 60);
+                let [Fault::Leak { electrodes, ohm: told }] = last[..] else {
+                    panic!("{pair:?} over {ohm}, touched {touched}: {last:?}");
+                };
+                assert_eq!(electrodes, pair);
+                assert!((told / ohm - 1.0).abs() < 0.3, "{told} of {ohm}");
+            }
+        }
+        for touched in [true, false] {
+            let touches = [touch];
+            let touches = if touched { &touches[..] } else { &[] };
+            let clean = live.sheet.clean_frame(touches).unwrap();
+            assert_eq!(look(&mut live, &clean, touched, 60), [], "{pair:?}");
+            let now = live.reconstruct(&clean).unwrap();
+            assert!(
+                now.faults.is_empty() && now.touches.len() == usize::from(touched),
+                "{:?}",
+                now.faults
+            );
+        }
+        println!("{pair:?}: {wrong} of 480 frames are wrong and silent");
+        assert!(wrong < 42, "{pair:?}: {wrong} frames");
+    }
 }

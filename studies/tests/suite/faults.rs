@@ -42,6 +42,23 @@ fn touches_beside_what_is_left_out_are_right() {
     }
 }
 
+/// What a weak leak does is known; the values of its electrodes are left out.
+#[test]
+fn touches_beside_a_weak_leak_are_right() {
+    for (name, when) in [
+        ("`electrodes_short:3,4,10000`", When::AtRest),
+        ("`electrodes_short:3,4,100000`", When::UnderTouch),
+        ("`electrodes_short:3,10,300000`", When::AtRest),
+    ] {
+        let outcome = run(name, when);
+        assert!(outcome.touched.right_part() > 0.93, "{name}: {outcome:?}");
+        assert!(
+            outcome.rest.right_part() > 0.95 && outcome.rest.doubted == 0,
+            "{name}: {outcome:?}"
+        );
+    }
+}
+
 /// What drifts slowly does not take the place of a fault that comes from one frame to the next.
 #[test]
 fn a_sudden_fault_is_taken_for_no_drift() {

@@ -19,6 +19,7 @@ impl Reconstructor {
             return Ok(());
         };
         self.reference.difference_into(values, &mut self.whole)?;
+        self.broken.add_leak(&mut self.whole, 1.0);
         let sigma_v = noise.sigma * (1.0 + self.reference.baseline_share()).sqrt();
         if self.broken.is_over(&self.whole, self.reference.unchanged(), sigma_v) {
             self.broken.clear();

@@ -57,6 +57,13 @@ pub enum Fault {
         /// Resistance between them, ohm.
         ohm: f64,
     },
+    /// Between the wires or electrodes of two electrodes leaks a small part of what goes through the sheet.
+    Leak {
+        /// Which ones.
+        electrodes: [usize; 2],
+        /// Resistance between them, ohm.
+        ohm: f64,
+    },
     /// The contacts of these electrodes changed since the baseline.
     Contacts(Electrodes),
     /// The contacts of these electrodes come and go.
@@ -97,7 +104,9 @@ impl Fault {
     pub fn electrodes(&self) -> Electrodes {
         match self {
             Self::Open(electrodes) | Self::Contacts(electrodes) | Self::Loose(electrodes) => *electrodes,
-            Self::Short { electrodes, .. } | Self::Exchanged(electrodes) => Electrodes::of(electrodes),
+            Self::Short { electrodes, .. } | Self::Leak { electrodes, .. } | Self::Exchanged(electrodes) => {
+                Electrodes::of(electrodes)
+            }
             Self::Multiplexer { electrode, .. } => Electrodes::of(&[*electrode]),
             Self::Source
             | Self::Scale(_)
@@ -115,6 +124,7 @@ impl Fault {
     pub fn leaves_touches(&self) -> bool {
         match self {
             Self::Open(_)
+            | Self::Leak { .. }
             | Self::Contacts(_)
             | Self::Loose(_)
             | Self::Rail(_)
@@ -135,7 +145,8 @@ impl Fault {
     /// The same fault, whatever its size.
     pub fn is_same(&self, other: &Self) -> bool {
         match (self, other) {
-            (Self::Short { electrodes: a, .. }, Self::Short { electrodes: b, .. }) => a == b,
+            (Self::Short { electrodes: a, .. }, Self::Short { electrodes: b, .. })
+            | (Self::Leak { electrodes: a, .. }, Self::Leak { electrodes: b, .. }) => a == b,
             (Self::Gain(a, _), Self::Gain(b, _)) => a == b,
             (Self::Scale(_), Self::Scale(_)) => true,
             _ => self == other,
@@ -146,6 +157,7 @@ impl Fault {
         match self {
             Self::Open(_) => "electrode_open",
             Self::Short { .. } => "electrodes_short",
+            Self::Leak { .. } => "electrodes_leak",
             Self::Contacts(_) => "contacts_changed",
             Self::Loose(_) => "contacts_loose",
             Self::Source => "source_lost",
@@ -185,6 +197,12 @@ impl fmt::Display for Fault {
             Self::Short { electrodes, ohm } => write!(
                 f,
                 "{} are connected over {} kilohm: no touches are shown; look for moisture and dirt between their wires and clamps",
+                pair(electrodes),
+                two_digits(ohm / 1000.0)
+            ),
+            Self::Leak { electrodes, ohm } => write!(
+                f,
+                "{} are connected over {} kilohm: their values are left out; look for moisture and dirt between their wires and clamps",
                 pair(electrodes),
                 two_digits(ohm / 1000.0)
             ),

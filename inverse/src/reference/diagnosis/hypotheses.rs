@@ -41,6 +41,9 @@ const LOST: f64 = 0.02;
 const SHORTS_OHM: [f64; 4] = [0.0, 30.0, 200.0, 1000.0];
 /// A leak over so much or more changes a frame in proportion to what it conducts: the frame tells its size.
 const LEAK_OHM: f64 = 10_000.0;
+/// A leak is weak where it changes the values of other electrodes by no more than this part of them (2-norms): touches beside it are off by
+/// less than a millimetre then.
+const WEAK: f64 = 0.005;
 const CONTACTS_OHM: [f64; 7] = [10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0, 10_000.0];
 /// A contact worse by this is small.
 const SCORED_OHM: f64 = 20.0;
@@ -179,33 +182,47 @@ impl Diagnosis {
 
     /// What measurements of these electrodes' matrix change, V.
     fn change(&self, potentials: DMatrix<f64>, routed: impl Fn(Measurement) -> Measurement) -> DVector<f64> {
-        let matrix = ElectrodeMatrix::from_potentials(potentials);
-        let measurements = self.imager.pattern.measurements().iter().zip(&self.imager.model_v);
-        // Values of the same drive follow one another: its current is that of the value before.
-        let mut driven: Option<(Pair, f64)> = None;
-        let value = |(m, v): (&Measurement, &f64)| {
-            let Measurement { drive, sense } = routed(*m);
-            // Both ends of the source on one electrode drive nothing.
-            if drive.plus == drive.minus || sense.plus == sense.minus {
-                return -v;
-            }
-            let current_a = match driven {
-                Some((pair, current_a)) if pair == drive => current_a,
-                _ => self.imager.drive.current_a(matrix.transfer_ohm(drive, drive)),
-            };
-            driven = Some((drive, current_a));
-            current_a * matrix.transfer_ohm(drive, sense) - v
-        };
-        DVector::from_iterator(self.imager.pattern.len(), measurements.map(value))
+        change_of(&self.imager, potentials, routed)
     }
 
     /// A resistor between two wires: the current through it is what drives their voltage through the rest.
-    fn short(&self, [a, b]: [usize; 2], ohm: f64) -> DVector<f64> {
+    fn short(&self, pair: [usize; 2], ohm: f64) -> DVector<f64> {
+        self.change(self.shorted(pair, ohm), |m| m)
+    }
+
+    fn shorted(&self, [a, b]: [usize; 2], ohm: f64) -> DMatrix<f64> {
         let r = &self.potentials_ohm;
         let column = r.column(a) - r.column(b);
-        let across = column[a] - column[b];
         let row = r.row(a) - r.row(b);
-        self.change(r - &column * row / (ohm + across), |m| m)
+        r - &column * row / (ohm + self.across([a, b]))
+    }
+
+    /// What the sheet has between two wires, ohm.
+    fn across(&self, [a, b]: [usize; 2]) -> f64 {
+        let r = &self.potentials_ohm;
+        r[(a, a)] - r[(a, b)] - r[(b, a)] + r[(b, b)]
+    }
+
+    /// What a leak changes of a whole frame, V.
+    pub(crate) fn leaked(&self, whole: &Imager, pair: [usize; 2], ohm: f64) -> DVector<f64> {
+        change_of(whole, self.shorted(pair, ohm), |m| m)
+    }
+
+    /// A weak leak in place of a short.
+    fn of_its_size(&self, fault: Fault) -> Fault {
+        match fault {
+            Fault::Short { electrodes, ohm } if self.is_weak(electrodes, ohm) => Fault::Leak { electrodes, ohm },
+            _ => fault,
+        }
+    }
+
+    fn is_weak(&self, pair: [usize; 2], ohm: f64) -> bool {
+        let mut change = self.short(pair, ohm);
+        let mut all = DVector::from_column_slice(&self.imager.model_v);
+        for k in self.values_of(&pair) {
+            (change[k], all[k]) = (0.0, 0.0);
+        }
+        change.norm() < WEAK * all.norm()
     }
 
     fn contacts(&self, worse: &[(usize, f64)]) -> DVector<f64> {
@@ -366,10 +383,9 @@ impl Diagnosis {
         let pairs: Vec<[usize; 2]> = self.pairs().collect();
         let fitted = fitted(evidence, &pairs, |pair| self.short(pair, LEAK_OHM));
         let leaks = fitted.filter(|(_, size, _)| *size > 0.0);
-        let ([a, b], size, _) = leaks.min_by(|a, b| a.2.total_cmp(&b.2))?;
-        let r = &self.potentials_ohm;
-        let across = r[(a, a)] - r[(a, b)] - r[(b, a)] + r[(b, b)];
-        Some(([a, b], ((LEAK_OHM + across) / size - across).max(0.0)))
+        let (pair, size, _) = leaks.min_by(|a, b| a.2.total_cmp(&b.2))?;
+        let across = self.across(pair);
+        Some((pair, ((LEAK_OHM + across) / size - across).max(0.0)))
     }
 
     /// The resistance of a short near a given one, and its cost.
@@ -493,6 +509,28 @@ impl Diagnosis {
             sets = tried.into_iter().filter_map(with).collect();
         }
     }
+}
+
+/// What measurements of an electrodes' matrix change of an imager's frame, V.
+fn change_of(imager: &Imager, potentials: DMatrix<f64>, routed: impl Fn(Measurement) -> Measurement) -> DVector<f64> {
+    let matrix = ElectrodeMatrix::from_potentials(potentials);
+    let measurements = imager.pattern.measurements().iter().zip(&imager.model_v);
+    // Values of the same drive follow one another: its current is that of the value before.
+    let mut driven: Option<(Pair, f64)> = None;
+    let value = |(m, v): (&Measurement, &f64)| {
+        let Measurement { drive, sense } = routed(*m);
+        // Both ends of the source on one electrode drive nothing.
+        if drive.plus == drive.minus || sense.plus == sense.minus {
+            return -v;
+        }
+        let current_a = match driven {
+            Some((pair, current_a)) if pair == drive => current_a,
+            _ => imager.drive.current_a(matrix.transfer_ohm(drive, drive)),
+        };
+        driven = Some((drive, current_a));
+        current_a * matrix.transfer_ohm(drive, sense) - v
+    };
+    DVector::from_iterator(imager.pattern.len(), measurements.map(value))
 }
 
 /// The middle of what values are times those of the baseline.

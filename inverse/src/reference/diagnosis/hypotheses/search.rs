@@ -145,7 +145,7 @@ impl Diagnosis {
         match best.fault {
             // Otherwise it is nothing that is known.
             Some(fault) if best.left <= values => Told::Fault {
-                fault: self.of_all_values(fault),
+                fault: self.of_its_size(self.of_all_values(fault)),
                 alone: best.touches > values,
             },
             None if best.perhaps => Told::Perhaps,
@@ -292,10 +292,17 @@ mod tests {
         for pair in [[2, 3], [0, 15], [2, 6], [1, 9]] {
             for ohm in [1e3, 4e3, 1e4, 3e4, 1e5] {
                 let fault = tell(&of.short(pair, ohm));
-                let Some(Fault::Short { electrodes, ohm: told }) = fault else {
+                let Some(Fault::Short { electrodes, ohm: told } | Fault::Leak { electrodes, ohm: told }) = fault else {
                     panic!("{pair:?} over {ohm} ohm: {fault:?}");
                 };
                 assert_eq!(electrodes, pair, "{ohm} ohm");
+                let near = pair[1] - pair[0] == 1 || pair == [0, 15];
+                let (weak, strong) = (near && ohm >= 1e4, ohm <= 4e3 || (!near && ohm <= 3e4));
+                let told_weak = matches!(fault, Some(Fault::Leak { .. }));
+                assert!(
+                    if weak { told_weak } else { !strong || !told_weak },
+                    "{pair:?} over {ohm} ohm: {fault:?}"
+                );
                 // What noise hides is a part of the leak that grows with its resistance.
                 assert!((told / ohm - 1.0).abs() < 0.02 + ohm / 5e5, "{ohm} ohm: {told}");
             }
@@ -312,7 +319,8 @@ mod tests {
                     fall -= 0.3 * (-0.5 * apart * apart).exp() * imager.sensitivity.column(cell);
                 }
                 let fault = tell(&fall);
-                assert!(!matches!(fault, Some(Fault::Short { .. })), "{at:?}: {fault:?}");
+                let leaks = matches!(fault, Some(Fault::Short { .. } | Fault::Leak { .. }));
+                assert!(!leaks, "{at:?}: {fault:?}");
             }
         }
     }
