@@ -213,7 +213,7 @@ impl Reconstructor {
     fn divided(&mut self, values: &[f64], interval_s: Option<f64>, room: &mut Vec<f64>) -> Result<(), ImagerError> {
         for last in [false, true] {
             self.following.divide(values, self.gain, room);
-            self.broken.without_leak(room, self.reference.baseline());
+            self.take_leak_out(room)?;
             if !self.frame_of_gain(room, interval_s)? {
                 break;
             }
@@ -309,7 +309,8 @@ impl Reconstructor {
             let solved = self.reconstruct(values, Averaged::ONE, false)?;
             self.contacts.note_rest(false);
             let decided = solved && self.detector().is_some_and(|d| d.rest().frames() > 1);
-            if !decided || change == Some(Change::Same) {
+            // What the mean was made without may be another leak than what is known now.
+            if !decided || self.left_changed || change == Some(Change::Same) {
                 return Ok(solved);
             }
         }
@@ -436,7 +437,7 @@ impl Reconstructor {
                 self.begin_anew();
                 continue;
             }
-            if (blind && !due) || !self.look_for_faults(values, blind, due) {
+            if (blind && !due) || !self.look_for_faults(blind, due) {
                 break;
             }
             due = false;

@@ -277,11 +277,17 @@ impl FaultMonitor {
         measured.for_each(|(value, ((leaked, model), baseline))| *value -= leaked / model * baseline);
     }
 
+    /// Whether a weak leak is named.
+    pub(crate) fn leaks(&self) -> bool {
+        self.leaked.is_some()
+    }
+
     /// Adds what the leak that is named changes to a difference, so many times.
     pub(crate) fn add_leak(&self, d: &mut Difference, times: f64) {
         let leaked = self.leaked.iter().flat_map(|leaked| leaked.iter());
-        let used = d.y.iter_mut().zip(&d.used).zip(leaked).filter(|((_, used), _)| **used);
-        used.for_each(|((y, _), leaked)| *y += times * leaked);
+        let values = d.y.iter_mut().zip(&d.used).zip(leaked.zip(&self.imager.model_v));
+        let measured = values.filter(|((_, used), (_, model))| **used && **model != 0.0);
+        measured.for_each(|((y, _), (leaked, _))| *y += times * leaked);
     }
 
     /// The fault that is named.

@@ -15,18 +15,34 @@ const BETTER: f64 = 0.7;
 impl Reconstructor {
     /// A fault is over as soon as nothing touches and its values are those of the baseline.
     pub(super) fn look_for_end(&mut self, values: &[f64]) -> Result<(), ImagerError> {
-        let Some(noise) = self.reference.noise().filter(|_| self.broken.named().is_some()) else {
-            return Ok(());
+        if self.broken.named().is_some() && !self.broken.leaks() {
+            self.reference.difference_into(values, &mut self.whole)?;
+            self.end_if_over();
+        }
+        Ok(())
+    }
+
+    /// Takes what a leak changes out of a frame; where it has gone, it is over.
+    pub(super) fn take_leak_out(&mut self, values: &mut [f64]) -> Result<(), ImagerError> {
+        // A frame of a table says nothing of the next one.
+        if self.options.sequence && self.broken.leaks() {
+            self.reference.difference_into(values, &mut self.whole)?;
+            self.end_if_over();
+            self.broken.without_leak(values, self.reference.baseline());
+        }
+        Ok(())
+    }
+
+    fn end_if_over(&mut self) {
+        let Some(noise) = self.reference.noise() else {
+            return;
         };
-        self.reference.difference_into(values, &mut self.whole)?;
-        self.broken.add_leak(&mut self.whole, 1.0);
         let sigma_v = noise.sigma * (1.0 + self.reference.baseline_share()).sqrt();
         if self.broken.is_over(&self.whole, self.reference.unchanged(), sigma_v) {
             self.broken.clear();
             self.left_changed = true;
             self.show_faults();
         }
-        Ok(())
     }
 
     /// Contacts that were decided on are named as what is broken in the frames that follow: their values are left out then, since no shapes
@@ -46,7 +62,7 @@ impl Reconstructor {
 
     /// Looks for what is broken in a frame that touches do not explain, or that a fault would explain as well. True where something
     /// else is known now.
-    pub(super) fn look_for_faults(&mut self, values: &[f64], blind: bool, due: bool) -> bool {
+    pub(super) fn look_for_faults(&mut self, blind: bool, due: bool) -> bool {
         let result = &self.result;
         let unexplained = blind
             || matches!(
@@ -75,7 +91,7 @@ impl Reconstructor {
         let may = touches > 0 || self.broken.is_open() || self.contacts.is_sudden();
         let suspected = !unexplained && may && (contacts > 0 || self.broken.suspects(&self.whole));
         let sigma_v = self.reference.noise().or(result.noise).map(|n| n.sigma);
-        let frame = (values, &self.whole, self.reference.unchanged());
+        let frame = (self.last.as_slice(), &self.whole, self.reference.unchanged());
         let seen = Seen {
             unexplained,
             suspected,

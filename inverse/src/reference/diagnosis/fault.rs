@@ -191,20 +191,21 @@ impl fmt::Display for Fault {
             ),
             Self::Short { electrodes, ohm } if *ohm < 1000.0 => write!(
                 f,
-                "{} are connected over {ohm:.0} ohm: no touches are shown; look where their wires and clamps touch",
-                pair(electrodes)
+                "{} are connected over {}: no touches are shown; look where their wires and clamps touch",
+                pair(electrodes),
+                resistance(*ohm)
             ),
             Self::Short { electrodes, ohm } => write!(
                 f,
-                "{} are connected over {} kilohm: no touches are shown; look for moisture and dirt between their wires and clamps",
+                "{} are connected over {}: no touches are shown; look for moisture and dirt between their wires and clamps",
                 pair(electrodes),
-                two_digits(ohm / 1000.0)
+                resistance(*ohm)
             ),
             Self::Leak { electrodes, ohm } => write!(
                 f,
-                "{} are connected over {} kilohm: their values are left out; look for moisture and dirt between their wires and clamps",
+                "{} are connected over {}: their values are left out; look for moisture and dirt between their wires and clamps",
                 pair(electrodes),
-                two_digits(ohm / 1000.0)
+                resistance(*ohm)
             ),
             Self::Contacts(electrodes) => {
                 let [contact, is, look] = match electrodes.list().len() {
@@ -291,6 +292,15 @@ impl fmt::Display for Fault {
                 pair(electrodes)
             ),
         }
+    }
+}
+
+/// `30 ohm`, `9.9 kilohm`.
+fn resistance(ohm: f64) -> String {
+    if ohm < 1000.0 {
+        format!("{ohm:.0} ohm")
+    } else {
+        format!("{} kilohm", two_digits(ohm / 1000.0))
     }
 }
 
