@@ -65,7 +65,7 @@ fn sheet(inspection: &Inspection) -> Line {
     let on_the_board = inspection.fault.filter(|f| !is_of_electrodes(f) && !contradicted(f));
     let line = if let Some(fault) = on_the_board {
         let cause = match fault {
-            Fault::Short { .. } | Fault::Leak { .. } => Cause::Wiring,
+            Fault::Short { .. } => Cause::Wiring,
             _ => Cause::Hardware,
         };
         Line::bad(name, format!("{misfit}: {fault}"), cause, "mend it, then examine again")

@@ -42,7 +42,7 @@ const SHORTS_OHM: [f64; 4] = [0.0, 30.0, 200.0, 1000.0];
 /// A leak over so much or more changes a frame in proportion to what it conducts: the frame tells its size.
 const LEAK_OHM: f64 = 10_000.0;
 /// A leak is weak where it changes the values of other electrodes by no more than this part of them (2-norms): touches beside it are off by
-/// less than a millimetre then.
+/// half a millimetre then, in the median (docs/reliability.md).
 const WEAK: f64 = 0.005;
 const CONTACTS_OHM: [f64; 7] = [10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0, 10_000.0];
 /// A contact worse by this is small.

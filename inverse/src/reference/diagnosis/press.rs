@@ -30,7 +30,7 @@ impl Press {
                 (electrodes.list().to_vec(), electrodes.list().len())
             }
             // A finger that is lifted from both.
-            Fault::Short { electrodes, .. } | Fault::Leak { electrodes, .. } => (electrodes.to_vec(), 2),
+            Fault::Short { electrodes, .. } => (electrodes.to_vec(), 2),
             Fault::Gain(pair, _) | Fault::Offset(pair) => (pair.to_vec(), 1),
             Fault::Value(_, of) => (of.to_vec(), 1),
             _ => return None,
