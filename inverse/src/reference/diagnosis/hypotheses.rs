@@ -1,5 +1,6 @@
 //! The faults that a frame is compared with, and what each predicts.
 
+mod predictions;
 mod search;
 
 pub(crate) use self::search::{PARTS, Search};
@@ -13,7 +14,7 @@ use crate::reference::Difference;
 use crate::reference::drift::{DriftShapes, Drifting, LEAST_GAIN, MOST_OFFSET};
 use crate::reference::imager::Imager;
 use crate::reference::screening::consensus;
-use forward::{Drive, ElectrodeMatrix, Measurement, Pair, Pattern, Solver};
+use forward::{Drive, Measurement, Pattern, Solver};
 use nalgebra::{DMatrix, DVector};
 use std::borrow::Cow;
 use std::sync::Arc;
@@ -41,9 +42,6 @@ const LOST: f64 = 0.02;
 const SHORTS_OHM: [f64; 4] = [0.0, 30.0, 200.0, 1000.0];
 /// A leak over so much or more changes a frame in proportion to what it conducts: the frame tells its size.
 const LEAK_OHM: f64 = 10_000.0;
-/// A leak is weak where it changes the values of other electrodes by no more than this part of them (2-norms): touches beside it are off by
-/// half a millimetre then, in the median (docs/reliability.md).
-const WEAK: f64 = 0.005;
 const CONTACTS_OHM: [f64; 7] = [10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0, 10_000.0];
 /// A contact worse by this is small.
 const SCORED_OHM: f64 = 20.0;
@@ -178,79 +176,6 @@ impl Diagnosis {
     /// Values of an electrode.
     fn values_of(&self, electrodes: &[usize]) -> Vec<usize> {
         values_of(&self.imager, electrodes)
-    }
-
-    /// What measurements of these electrodes' matrix change, V.
-    fn change(&self, potentials: DMatrix<f64>, routed: impl Fn(Measurement) -> Measurement) -> DVector<f64> {
-        change_of(&self.imager, potentials, routed)
-    }
-
-    /// A resistor between two wires: the current through it is what drives their voltage through the rest.
-    fn short(&self, pair: [usize; 2], ohm: f64) -> DVector<f64> {
-        self.change(self.shorted(pair, ohm), |m| m)
-    }
-
-    fn shorted(&self, [a, b]: [usize; 2], ohm: f64) -> DMatrix<f64> {
-        let r = &self.potentials_ohm;
-        let column = r.column(a) - r.column(b);
-        let row = r.row(a) - r.row(b);
-        r - &column * row / (ohm + self.across([a, b]))
-    }
-
-    /// What the sheet has between two wires, ohm.
-    fn across(&self, [a, b]: [usize; 2]) -> f64 {
-        let r = &self.potentials_ohm;
-        r[(a, a)] - r[(a, b)] - r[(b, a)] + r[(b, b)]
-    }
-
-    /// What a leak changes of a whole frame, V.
-    pub(crate) fn leaked(&self, whole: &Imager, pair: [usize; 2], ohm: f64) -> DVector<f64> {
-        change_of(whole, self.shorted(pair, ohm), |m| m)
-    }
-
-    /// A weak leak in place of a short.
-    fn of_its_size(&self, fault: Fault) -> Fault {
-        match fault {
-            Fault::Short { electrodes, ohm } if self.is_weak(electrodes, ohm) => Fault::Leak { electrodes, ohm },
-            _ => fault,
-        }
-    }
-
-    fn is_weak(&self, pair: [usize; 2], ohm: f64) -> bool {
-        let mut change = self.short(pair, ohm);
-        let mut all = DVector::from_column_slice(&self.imager.model_v);
-        for k in self.values_of(&pair) {
-            (change[k], all[k]) = (0.0, 0.0);
-        }
-        change.norm() < WEAK * all.norm()
-    }
-
-    fn contacts(&self, worse: &[(usize, f64)]) -> DVector<f64> {
-        let mut r = self.potentials_ohm.clone();
-        for (l, ohm) in worse {
-            r[(*l, *l)] += ohm;
-        }
-        self.change(r, |m| m)
-    }
-
-    fn exchanged(&self, [a, b]: [usize; 2]) -> DVector<f64> {
-        let mut r = self.potentials_ohm.clone();
-        r.swap_rows(a, b);
-        r.swap_columns(a, b);
-        self.change(r, |m| m)
-    }
-
-    fn stuck(&self, drive: bool, plus: bool, electrode: usize) -> DVector<f64> {
-        let routed = |mut m: Measurement| {
-            let pair = if drive { &mut m.drive } else { &mut m.sense };
-            *pair = if plus {
-                Pair::new(electrode, pair.minus)
-            } else {
-                Pair::new(pair.plus, electrode)
-            };
-            m
-        };
-        self.change(self.potentials_ohm.clone(), routed)
     }
 
     /// Makes ready for [`Diagnosis::suspects`]: frames of this noise, V of the model.
@@ -511,28 +436,6 @@ impl Diagnosis {
     }
 }
 
-/// What measurements of an electrodes' matrix change of an imager's frame, V.
-fn change_of(imager: &Imager, potentials: DMatrix<f64>, routed: impl Fn(Measurement) -> Measurement) -> DVector<f64> {
-    let matrix = ElectrodeMatrix::from_potentials(potentials);
-    let measurements = imager.pattern.measurements().iter().zip(&imager.model_v);
-    // Values of the same drive follow one another: its current is that of the value before.
-    let mut driven: Option<(Pair, f64)> = None;
-    let value = |(m, v): (&Measurement, &f64)| {
-        let Measurement { drive, sense } = routed(*m);
-        // Both ends of the source on one electrode drive nothing.
-        if drive.plus == drive.minus || sense.plus == sense.minus {
-            return -v;
-        }
-        let current_a = match driven {
-            Some((pair, current_a)) if pair == drive => current_a,
-            _ => imager.drive.current_a(matrix.transfer_ohm(drive, drive)),
-        };
-        driven = Some((drive, current_a));
-        current_a * matrix.transfer_ohm(drive, sense) - v
-    };
-    DVector::from_iterator(imager.pattern.len(), measurements.map(value))
-}
-
 /// The middle of what values are times those of the baseline.
 fn factor(model_v: &[f64], d: &Difference) -> Option<f64> {
     let used = (0..model_v.len()).filter(|k| d.used[*k] && model_v[*k] != 0.0);
@@ -672,6 +575,7 @@ fn least(of: impl Fn(f64) -> f64, start: (f64, f64), [mut low, mut high]: [f64; 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use forward::Pair;
 
     /// Of many values every drive and every amplifier has its share in those that are looked at: a third of it at least.
     #[test]
