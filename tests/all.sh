@@ -6,6 +6,8 @@
 set -u
 cd "$(dirname "$0")/.."
 export PROPTEST_RNG_SEED="${PROPTEST_RNG_SEED:-1}"
+# A first build that keeps nothing for a next one is sooner done.
+[ -d "${CARGO_TARGET_DIR:-target}/debug" ] || export CARGO_INCREMENTAL="${CARGO_INCREMENTAL:-0}"
 
 quick=false
 [ "${1:-}" = --quick ] && quick=true
