@@ -36,6 +36,8 @@ use std::time::Instant;
 /// A picture that leaves more than this part of a change is no picture of what is on the sheet: the model is wrong. Those of objects in
 /// tanks leave up to 0.15, those of real skins half and more.
 const MOST_RESIDUAL: f64 = 0.3;
+/// A touch that stands out by so many of its standard deviations is not passed over in silence.
+const UNPLACED_SAID: f64 = 20.0;
 
 /// Of how many frames the values are the mean.
 #[derive(Clone, Copy, Debug)]
@@ -329,7 +331,7 @@ impl FrameSolver {
         self.work.fits += 1;
         (result.noise, result.used, result.changed, result.anew) = (Some(noise), used, true, true);
         (result.frames, result.grown) = (task.averaged.frames, task.averaged.grown);
-        (result.misfit, result.explained) = (None, None);
+        (result.misfit, result.explained, result.unplaced) = (None, None, false);
         (result.is_pictured, result.gap, result.solve_us) = (false, 0.0, 0.0);
         self.fit(task, noise, detector, result);
         if task.drifting == Drifting::Contacts {
@@ -619,6 +621,8 @@ impl FrameSolver {
         let placed = significant.filter(|t| is_placed(t, &fitted.touches, geometry, unplaced));
         result.touches.clear();
         result.touches.extend(placed.copied());
+        result.unplaced = result.touches.is_empty()
+            && (fitted.standing_out(UNPLACED_SAID)).any(|t| !is_placed(t, &fitted.touches, geometry, unplaced));
         result.misfit = Some(fitted.misfit);
         if self.options.sequence {
             result.residual = fitted.relative_residual;

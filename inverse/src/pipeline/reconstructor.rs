@@ -613,6 +613,7 @@ impl Reconstructor {
             }))
             .or((self.disagrees && contact.is_none()).then_some(Doubt::NotReciprocal))
             .or((self.unexplained >= least).then_some(Doubt::NotTouches))
+            .or((self.result.unplaced && self.result.changed).then_some(Doubt::Unplaced))
             .or(contact);
         if self.result.doubt == Some(Doubt::NotThisSheet) {
             // Whatever they are, they are no touches on the sheet of the baseline.

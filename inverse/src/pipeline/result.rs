@@ -48,6 +48,8 @@ pub struct FrameResult {
     /// Part of the change's square that its touches take, 0 to 1, where discs do not explain the frame. Those that have no place are not
     /// listed, and count.
     pub explained: Option<f64>,
+    /// Whether touches explain the change of which none is listed, since none has a place.
+    pub unplaced: bool,
     /// What speaks against the touches.
     pub doubt: Option<Doubt>,
     /// What drifted since the baseline. It is taken out of the frame, and touches are right beside it.
@@ -80,6 +82,7 @@ impl FrameResult {
             status: Status::Converged,
             misfit: None,
             explained: None,
+            unplaced: false,
             doubt: None,
             drift: Drift::none(),
             faults: Vec::new(),
@@ -137,7 +140,7 @@ impl FrameResult {
             (self.changed, self.status, self.misfit, self.explained) = (false, Status::Converged, None, None);
         }
         (self.noise, self.used, self.doubt) = (noise, used, None);
-        (self.frames, self.grown) = (1, false);
+        (self.frames, self.grown, self.unplaced) = (1, false, false);
         self.contacts.clear();
         self.faults.clear();
         self.rejected.clear();

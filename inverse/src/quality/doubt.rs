@@ -19,6 +19,8 @@ pub enum Doubt {
     NotThisSheet,
     /// Something changed, but no touches explain it.
     NotTouches,
+    /// Touches explain the change, but where they are is not known: none is listed.
+    Unplaced,
     /// At rest values that are the same on every sheet, with drive and sense exchanged, are not: what measures is wrong, or the wires.
     NotReciprocal,
     /// The frame's time went into what frames are solved with from now on. What is shown is of the last one solved.
@@ -121,6 +123,11 @@ impl fmt::Display for Doubt {
                 f,
                 "values with drive and sense exchanged disagree, as on no sheet: look at cables, multiplexers, amplifiers and the time to \
                  settle; touches are less certain than they say"
+            ),
+            Self::Unplaced => write!(
+                f,
+                "touches explain the change, but these values do not tell where they are, and none is listed: another pattern, or \
+                 electrodes whose places are known, would tell"
             ),
             Self::NotTouches => write!(
                 f,

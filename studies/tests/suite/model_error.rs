@@ -7,10 +7,11 @@ use inverse::reference::Reference;
 use inverse::reference::imager::Imager;
 use inverse::reference::noise::FrameNoise;
 use inverse::solvers::Method;
+use nalgebra::DVector;
 use rand::Rng;
 use rand_distr::StandardNormal;
 use std::sync::Arc;
-use studies::{TestSheet, quantile, rng};
+use studies::{TestSheet, imager, live_reconstructor, noise_v, noisy, quantile, rng};
 
 /// Presses, and standard deviation of a value's own gain, whose mean is 1: three tenths of the change's square are the model's.
 const PRESSES: usize = 100;
@@ -102,5 +103,46 @@ fn a_press_that_no_disc_explains_is_one_touch_with_an_honest_uncertainty() {
             assert!(outcome.doubted >= PRESSES / 2);
             assert!(median < 8.0 && within >= 0.88, "{median} mm, {within}");
         }
+    }
+}
+
+/// A touch whose place the values do not tell is not listed, and that is said.
+#[test]
+fn a_touch_without_a_place_is_no_silence() {
+    let mut uncertain = Imager::clone(&imager(Drive::PAPER, 5.0).unwrap());
+    let electrodes = uncertain.pattern.electrodes();
+    // Electrodes along the rim may be turned, or drawn together and apart, by 8 mm.
+    let mode = |of: fn(f64) -> f64| {
+        let turn = |l: usize| std::f64::consts::TAU * l as f64 / electrodes as f64;
+        let mode = DVector::from_fn(2 * electrodes, |k, _| {
+            k.checked_sub(electrodes).map_or(0.0, |l| 8.0 * of(turn(l)))
+        });
+        &mode * mode.transpose()
+    };
+    uncertain.electrode_covariance = Some(mode(|_| 1.0) + mode(f64::sin) + mode(|turn| (2.0 * turn).cos()));
+    let mut rng = rng(311);
+    let uncertain = Arc::new(uncertain);
+    let mut sheet = TestSheet::new(&uncertain, Drive::PAPER, 0.0, 0.0, &mut rng).unwrap();
+    let finger = |centre_mm| DiscTouch {
+        centre_mm,
+        radius_mm: 12.5,
+        rise: 0.2,
+    };
+    let rim = sheet.clean_frame(&[finger([0.0, 90.0])]).unwrap();
+    let middle = sheet.clean_frame(&[finger([0.0, 20.0])]).unwrap();
+    let sigma = noise_v(&rim, &sheet.baseline, 40.0);
+    let noise = FrameNoise::of_frames(sigma);
+    let mut reconstructor = live_reconstructor(&uncertain, &sheet.baseline, noise).unwrap();
+    for (clean, doubt, touches) in [(&rim, Some(Doubt::Unplaced), 0), (&middle, None, 1)] {
+        for _ in 0..8 {
+            let result = reconstructor.frame(&noisy(clean.clone(), sigma, &mut rng)).unwrap();
+            assert_eq!(
+                (result.doubt, result.touches.len()),
+                (doubt, touches),
+                "{:?}",
+                result.touches
+            );
+        }
+        reconstructor.frame(&sheet.empty(sigma, &mut rng)).unwrap();
     }
 }
