@@ -326,6 +326,13 @@ impl Inspection {
                     .to_owned(),
             );
         }
+        if let Some([a, b]) = self.imager.twins() {
+            lines.push(format!(
+                "with this pattern touches at ({:.0}, {:.0}) and at ({:.0}, {:.0}) mm change all values alike, and so do others: which of \
+                 both is touched no frame tells. Drive or sense other pairs as well, neighbours for instance",
+                a[0], a[1], b[0], b[1]
+            ));
+        }
         let grave = self.findings.iter().filter(|f| f.kind != FindingKind::Frames);
         lines.extend(grave.map(ToString::to_string));
         if let Some(NoFit::TooFar {
