@@ -13,6 +13,14 @@ pub(crate) enum DriveKind {
 }
 
 impl DriveKind {
+    /// Its name on the command line.
+    pub(crate) const fn name(self) -> &'static str {
+        match self {
+            Self::Voltage => "voltage",
+            Self::Current => "current",
+        }
+    }
+
     /// The drive with its usual amplitude: only ratios of voltages matter.
     pub(crate) fn drive(self) -> Drive {
         match self {

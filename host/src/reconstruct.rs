@@ -303,6 +303,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     if let Some(missing) = chosen.table_pattern.missing_text(&table.measurements) {
         eprintln!("warning: {}: {missing}", table.file);
     }
+    let mut notes = table.notes.clone();
+    if let Some(said) = table.drive.filter(|said| *said != arguments.drive) {
+        let [said, used] = [said, arguments.drive].map(DriveKind::name);
+        let note = format!("its header says that a {said} drives the sheet, and --drive {used} is used");
+        eprintln!("warning: {}: {note}", table.file);
+        notes.push(note);
+    }
     let mut source = Source {
         creep_recovered: None,
         sheet: chosen.line.to_string(),
@@ -313,7 +320,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
             .iter()
             .map(|m| [m.drive.plus, m.drive.minus, m.sense.minus, m.sense.plus].map(|e| e + 1))
             .collect(),
-        notes: table.notes.clone(),
+        notes,
         calibration: calibrated.map(|(file, _)| file),
     };
     let pattern = sheet::rewired(chosen.pattern, &arguments.wires)?;
@@ -346,13 +353,15 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
             source.sheet
         );
     }
-    sheet::say(batch.inspection());
+    source.notes.append(&mut ready.prepared.notes);
+    source.notes.extend(sheet::say(batch.inspection()));
     if let Some(found) = &batch.inspection().electrodes {
         let most = found.moved_mm.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
         eprintln!("electrodes found in the baseline, up to {most:.1} mm from where they were said to be");
     }
     source.creep_recovered = ready.prepared.recover(&batch)?;
-    let results = reconstruct(arguments, &table, ready.prepared.frames, &mut batch)?;
+    let unlike = looked_at && !batch.inspection().conclusive;
+    let results = reconstruct(arguments, (&table, unlike), ready.prepared.frames, &mut batch)?;
     table_notices::of_all(results.iter().map(|done| &done.result), method);
     // Everything is computed and every picture written before the first line is printed: no part passes for the whole.
     if let Some(folder) = &arguments.png {
@@ -365,10 +374,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     print(&results, &source, table.measurements.len(), &left_out, arguments.json)
 }
 
-/// All frames in order; those between them are frames in which nothing pressed.
+/// All frames in order; those between them are frames in which nothing pressed. `unlike`: the table's baseline is not that of the sheet, so
+/// that every one is doubted.
 fn reconstruct<'a>(
     arguments: &Arguments,
-    table: &'a MeasurementTable,
+    (table, unlike): (&'a MeasurementTable, bool),
     frames: Vec<Frame<'_>>,
     batch: &mut Batch,
 ) -> Result<Vec<Done<'a>>> {
@@ -388,6 +398,9 @@ fn reconstruct<'a>(
         } else {
             batch.frame(frame.place, &frame.values)
         }?;
+        if unlike && result.doubt.is_none() {
+            result.doubt = Some(Doubt::NotThisSheet);
+        }
         let name = table.columns[frame.place].name.as_str();
         table_notices::of_frame(name, &result, &table.measurements);
         if !pictures {

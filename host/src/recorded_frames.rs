@@ -238,6 +238,7 @@ pub(crate) fn table(path: &Path, part: &Part) -> Result<RecordedTable> {
         columns,
         sheet: Some(SheetLine::of(&sheet)?),
         rows: Some(pattern.len()),
+        drive: None,
         notes: Vec::new(),
     };
     Ok(RecordedTable {

@@ -30,27 +30,35 @@ pub(crate) fn extent(geometry: &Geometry) -> String {
     format!("the sheet lies within x {left:.1} to {right:.1} mm and y {bottom:.1} to {top:.1} mm")
 }
 
-/// Says on stderr what a baseline was found to be worth: what is left out, and whether it is that of the sheet.
-pub(crate) fn say(inspection: &Inspection) {
+/// Says on stderr what a baseline was found to be worth: what is left out, and whether it is that of the sheet. The same without the word
+/// that marks a warning.
+pub(crate) fn say(inspection: &Inspection) -> Vec<String> {
     let [expected, others] = inspection.unusable();
     let all = inspection.baseline.values_v.len();
+    let mut notes = Vec::new();
     if expected > 0 {
-        say!(
-            "{expected} of {all} values are beyond what the board can measure on this sheet, as its model has them, and are left out"
-        );
+        notes.push(format!(
+            "{expected} of {all} values are next to zero on this sheet, or beyond what the board can measure, as its model has them, and \
+             are left out"
+        ));
     }
+    notes.extend(inspection.notes());
+    let mut warnings = Vec::new();
     if others > 0 {
-        say!(
-            "warning: {others} of {all} values of the baseline are missing, clipped or next to nothing and are left out; look at the \
-             electrodes and the gain"
-        );
+        warnings.push(format!(
+            "{others} of {all} values of the baseline are missing, clipped or next to nothing and are left out; look at the electrodes \
+             and the gain"
+        ));
     }
-    for line in inspection.warnings() {
+    warnings.extend(inspection.warnings());
+    for line in &warnings {
         say!("warning: {line}");
     }
-    for line in inspection.notes() {
+    for line in &notes {
         say!("{line}");
     }
+    warnings.extend(notes);
+    warnings
 }
 
 /// The measurements of wires that lead to these electrodes (from 1; none given: each wire to its own).

@@ -61,6 +61,8 @@ pub(crate) struct Prepared<'a> {
     pub drifts: bool,
     /// What of the table is neither a frame nor a baseline, in words.
     pub left_out: Option<String>,
+    /// What was assumed, and said on stderr.
+    pub notes: Vec<String>,
 }
 
 /// Names that are listed in full.
@@ -69,6 +71,9 @@ const MOST_LISTED: usize = 8;
 const LARGEST_CHANGE: f64 = 1.0;
 /// A finger of +20 % changes the voltages by 0.002 (in the middle) to 0.016 (at the rim) of them, root mean squares.
 const USUAL_CHANGE: f64 = 0.01;
+/// Voltages of a sheet are off the model's by less than this part of them, with touches and misplaced electrodes. What a gain changes is
+/// in proportion to them as well, but no touch is.
+const MOST_OFF: f64 = 0.2;
 
 impl BaselineArguments {
     /// For each frame the one that a list of presses names before it.
@@ -115,7 +120,7 @@ impl BaselineArguments {
     /// A frame that the table does not have, a baseline without values, no frame left to reconstruct.
     pub(crate) fn prepare<'a>(&self, table: &'a MeasurementTable, imager: &Imager) -> Result<Prepared<'a>> {
         if self.difference {
-            return Ok(self.changes(table, imager));
+            return self.changes(table, imager);
         }
         let names = table.names();
         let mut common = Vec::new();
@@ -148,9 +153,20 @@ impl BaselineArguments {
     }
 
     /// Columns of changes: the model's voltages are the baseline, and a frame is these with its change.
-    fn changes<'a>(&self, table: &'a MeasurementTable, imager: &Imager) -> Prepared<'a> {
+    ///
+    /// # Errors
+    /// Columns that are voltages.
+    fn changes<'a>(&self, table: &'a MeasurementTable, imager: &Imager) -> Result<Prepared<'a>> {
         let model = &imager.model_v;
-        let unit_v = self.unit_v.unwrap_or_else(|| assumed_unit_v(table, model));
+        if table.columns.iter().all(|c| are_voltages(&c.values, model)) {
+            bail!(
+                "{}: its columns are the voltages of the sheet, not changes of them; leave out --difference, and name a frame of the \
+                 unpressed sheet with --baseline",
+                table.file
+            );
+        }
+        let mut notes = Vec::new();
+        let unit_v = self.unit_v.unwrap_or_else(|| assumed_unit_v(table, model, &mut notes));
         let frame = |(place, column): (usize, &crate::files::measurements::Column)| Frame {
             place,
             values: model
@@ -163,26 +179,28 @@ impl BaselineArguments {
             baseline: "the model".to_owned(),
         };
         let part = parts(table, model).fold(0.0, f64::max) * unit_v;
-        eprintln!(
+        let told = format!(
             "the columns are changes in units of {unit_v:.3e} V: up to {:.2} % of the model's voltages, with which the unpressed \
              sheet is assumed to agree",
             100.0 * part
         );
+        eprintln!("{told}");
+        notes.push(told);
         if part > LARGEST_CHANGE {
-            eprintln!(
-                "warning: {}: changes larger than the voltages themselves; say what 1 in the table is with --unit-v",
-                table.file
-            );
+            let larger = "changes larger than the voltages themselves; say what 1 in the table is with --unit-v";
+            eprintln!("warning: {}: {larger}", table.file);
+            notes.push(larger.to_owned());
         }
-        Prepared {
+        Ok(Prepared {
             left_out: None,
+            notes,
             unpressed: vec![model.clone().into()],
             name: "the model".to_owned(),
             frames: table.columns.iter().enumerate().map(frame).collect(),
             measured: false,
             tells_noise: false,
             drifts: false,
-        }
+        })
     }
 }
 
@@ -228,18 +246,30 @@ fn parts(table: &MeasurementTable, model: &[f64]) -> impl Iterator<Item = f64> {
     table.columns.iter().map(move |c| rms(&c.values) / whole)
 }
 
+/// Whether a column is the voltages of the model, in any unit, rather than changes of them: touches change each by a small part.
+fn are_voltages(column: &[f64], model: &[f64]) -> bool {
+    let both = || column.iter().zip(model).filter(|(v, _)| v.is_finite());
+    let (dot, squares) = both().fold((0.0, 0.0), |(dot, squares), (v, m)| (dot + v * m, squares + m * m));
+    let factor = dot / squares;
+    let (off, whole) = both().fold((0.0, 0.0), |(off, whole), (v, m)| {
+        (off + (v - factor * m).powi(2), whole + v * v)
+    });
+    whole > 0.0 && off < MOST_OFF.powi(2) * whole
+}
+
 /// What 1 in a table of changes is where nobody says it, V: 1, unless the changes were larger than the voltages then.
-fn assumed_unit_v(table: &MeasurementTable, model: &[f64]) -> f64 {
+fn assumed_unit_v(table: &MeasurementTable, model: &[f64], notes: &mut Vec<String>) -> f64 {
     let usual = number::median(parts(table, model).filter(|part| *part > 0.0));
     if !(usual.is_finite() && parts(table, model).any(|part| part > LARGEST_CHANGE)) {
         return 1.0;
     }
-    eprintln!(
-        "warning: {}: in volts the changes were larger than the voltages themselves; taken to be {} % of them in the median, so that \
-         places hold, but rises and forces only to a common factor. Say what 1 in the table is with --unit-v",
-        table.file,
+    let told = format!(
+        "in volts the changes were larger than the voltages themselves; taken to be {} % of them in the median, so that places hold, but \
+         rises and forces only to a common factor. Say what 1 in the table is with --unit-v",
         100.0 * USUAL_CHANGE
     );
+    eprintln!("warning: {}: {told}", table.file);
+    notes.push(told);
     USUAL_CHANGE / usual
 }
 
@@ -255,6 +285,7 @@ fn plain(table: &MeasurementTable, common: Vec<usize>) -> Prepared<'_> {
     };
     Prepared {
         left_out: None,
+        notes: Vec::new(),
         frames: (0..table.columns.len())
             .filter(|k| !taken.contains(k))
             .map(frame)
@@ -348,6 +379,7 @@ fn own<'a>(table: &'a MeasurementTable, names: &Names<'_>, common: &[usize], pat
         shortened(&unnamed)
     );
     Ok(Prepared {
+        notes: Vec::new(),
         left_out: (!unnamed.is_empty()).then_some(left_out),
         unpressed: columns.into_iter().map(Cow::from).collect(),
         name: format!("of each frame its own, by {file}"),

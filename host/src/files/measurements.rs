@@ -5,6 +5,7 @@
 //! `sense_b` less that of `sense_a`, which makes a homogeneous disc positive. Empty fields, `NaN` and
 //! infinite values are measurements left out. A comment `# sheet:` says which sheet was measured (`sheet_line`).
 
+use crate::drive::DriveKind;
 use crate::files::arrays::{self, Kind, MOST_TABLE};
 use crate::files::malformed::{FileError, decimal_comma};
 use crate::files::order;
@@ -12,6 +13,7 @@ use crate::files::sheet_line::SheetLine;
 use ::forward::file::MOST_ELECTRODES;
 use ::forward::whole::is_utf16;
 use ::forward::{Measurement, Pair};
+use clap::ValueEnum;
 use csv::StringRecord;
 use std::collections::{HashMap, HashSet};
 use std::path::Path;
@@ -82,6 +84,8 @@ pub(crate) struct MeasurementTable {
     pub sheet: Option<SheetLine>,
     /// How many rows the header says that there are.
     pub rows: Option<usize>,
+    /// How the sheet was driven, as the header says.
+    pub drive: Option<DriveKind>,
     /// What was assumed or not understood, a sentence each without a full stop.
     pub notes: Vec<String>,
 }
@@ -260,6 +264,7 @@ impl MeasurementTable {
             columns: Vec::new(),
             sheet: None,
             rows: None,
+            drive: None,
             notes: Vec::new(),
         };
         let mut header = None;
@@ -324,6 +329,10 @@ impl MeasurementTable {
         let plain = text.trim_start_matches('#').trim();
         if let Some(rows) = plain.strip_prefix("rows:").and_then(|n| n.trim().parse().ok()) {
             self.rows = Some(rows);
+        }
+        if let Some(drive) = plain.strip_prefix("drive:") {
+            let word = drive.split_whitespace().next().unwrap_or_default();
+            self.drive = DriveKind::from_str(word.trim_end_matches(','), true).ok();
         }
         let Some(sheet) = SheetLine::parse(text) else {
             if plain.starts_with("sheet:") {

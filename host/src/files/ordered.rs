@@ -57,6 +57,7 @@ pub(crate) fn table(
         columns: Vec::new(),
         sheet: None,
         rows: None,
+        drive: None,
         notes: Vec::new(),
     };
     for (array, in_rows, _) in &fitting {

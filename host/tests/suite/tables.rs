@@ -476,6 +476,66 @@ fn changes_alone_are_found_with_the_models_voltages() {
     assert!(apart_mm(&same[0], &lines[0]) < 1e-3);
 }
 
+/// What is assumed, or does not fit, is in the lines as it is on stderr; and what makes no sense is refused.
+#[test]
+fn what_does_not_fit_is_said_in_the_lines_too() {
+    let folder = Folder::new();
+    let (rows, touched) = (forward(&[]), values(&forward(&TOUCH)));
+    let frames = [("u", values(&rows)), ("t", touched.clone())];
+    let noted = |(lines, said): &(Vec<Value>, String), what: &str| {
+        assert!(said.contains(what), "{said}");
+        for line in lines {
+            let notes = line["notes"].as_array().unwrap();
+            assert!(notes.iter().any(|note| note.as_str().unwrap().contains(what)), "{line}");
+        }
+    };
+
+    let file = folder.file("voltages.csv", table(&rows, &frames));
+    let said = refused(&file, &["--difference"]);
+    assert!(said.contains("not changes of them; leave out --difference"), "{said}");
+
+    let microvolts = touched.iter().zip(&rows).map(|(t, (_, u))| 1e6 * (t - u));
+    let file = folder.file("changes.csv", table(&rows, &[("t", microvolts.collect())]));
+    noted(
+        &reconstruct(&file, &["--difference"]),
+        "Say what 1 in the table is with --unit-v",
+    );
+
+    let file = folder.file(
+        "drive.csv",
+        format!("# drive: current, 1 mA\n{}", table(&rows, &frames)),
+    );
+    let options = ["--baseline", "u", "--cell-mm", "15"];
+    noted(
+        &reconstruct(&file, &options),
+        "a current drives the sheet, and --drive voltage is used",
+    );
+    let (lines, said) = reconstruct(&file, &[&options[..], &["--drive", "current"]].concat());
+    assert!(lines[0]["notes"].is_null() && !said.contains("drives"), "{said}");
+
+    // No sheet has its values in this order.
+    let mixed = |v: &[f64]| (0..v.len()).map(|k| v[5 * k % v.len()]).collect::<Vec<f64>>();
+    let frames = frames.map(|(name, v)| (name, mixed(&v)));
+    let file = folder.file("mixed.csv", table(&rows, &frames));
+    let read = reconstruct(&file, &[&options[..], &["--diameter-mm", "195"]].concat());
+    noted(&read, "the baseline is not that of the sheet as described");
+    assert!(read.0[0]["doubt"].is_string(), "{:?}", read.0);
+
+    let opposite = THIRTY_TWO.replace("= 32", "= 16") + "[pattern]\ndrive_step = 8\nsense_step = 8\n";
+    let sheet = folder.file("opposite.toml", opposite);
+    let of_sheet = ["--sheet", sheet.to_str().unwrap()];
+    let rows = forward(&of_sheet);
+    let touched = forward(&[&of_sheet[..], &TOUCH].concat());
+    let file = folder.file(
+        "opposite.csv",
+        table(&rows, &[("u", values(&rows)), ("t", values(&touched))]),
+    );
+    noted(
+        &reconstruct(&file, &[&of_sheet[..], &["--baseline", "u"]].concat()),
+        "change all values alike",
+    );
+}
+
 #[test]
 fn a_simulated_board_of_thirty_two_electrodes_feels_the_finger() {
     let folder = Folder::new();
