@@ -2,6 +2,9 @@
 
 #[path = "../../firmware/tests/suite/fake/mod.rs"]
 mod fake;
+#[path = "../../host/src/drive.rs"]
+#[allow(dead_code, reason = "the readers only")]
+mod drive;
 #[path = "../../host/src/files/mod.rs"]
 #[allow(dead_code, unreachable_pub, reason = "the readers only")]
 mod files;
