@@ -8,7 +8,7 @@ use crate::played_board::PlayedBoard;
 use crate::recorded::SessionRecord;
 use crate::run_session::passed_s;
 use crate::table_sheet::Geometry;
-use crate::{board, number, sheet, simulated_skin, table_file};
+use crate::{board, number, sheet, simulated_skin, table_file, table_notices};
 use ::forward::order::ValueOrder;
 use ::forward::{DiscTouch, Drive, Pattern, Sheet};
 use anyhow::{Context, Result, anyhow, bail};
@@ -336,6 +336,7 @@ fn words(arguments: &Arguments, line: &Line, check: &WiringCheck, inspection: &I
 fn of_table(arguments: &Arguments) -> Result<Measured> {
     let path = arguments.file.as_deref().unwrap_or_else(|| std::path::Path::new(""));
     let table = table_file::read(path, arguments.order, &arguments.variable)?;
+    table_notices::of_drive(&table, arguments.drive);
     let drive = arguments.drive.drive();
     let chosen = arguments.geometry.choose(&table, Method::Nnls)?;
     let names = table.names();

@@ -167,7 +167,7 @@ struct Source {
     /// Measurements of the pattern that the table does not have, as drive_a, drive_b, sense_a, sense_b.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     missing: Vec<[usize; 4]>,
-    /// What the reader of the table assumed or left out.
+    /// What was assumed, left out or found strange in the table and in its baseline.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     notes: Vec<String>,
     /// A calibration from presses whose sheet this is.
@@ -304,12 +304,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         eprintln!("warning: {}: {missing}", table.file);
     }
     let mut notes = table.notes.clone();
-    if let Some(said) = table.drive.filter(|said| *said != arguments.drive) {
-        let [said, used] = [said, arguments.drive].map(DriveKind::name);
-        let note = format!("its header says that a {said} drives the sheet, and --drive {used} is used");
-        eprintln!("warning: {}: {note}", table.file);
-        notes.push(note);
-    }
+    notes.extend(table_notices::of_drive(&table, arguments.drive));
     let mut source = Source {
         creep_recovered: None,
         sheet: chosen.line.to_string(),
@@ -360,8 +355,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         eprintln!("electrodes found in the baseline, up to {most:.1} mm from where they were said to be");
     }
     source.creep_recovered = ready.prepared.recover(&batch)?;
-    let unlike = looked_at && !batch.inspection().conclusive;
-    let results = reconstruct(arguments, (&table, unlike), ready.prepared.frames, &mut batch)?;
+    let results = reconstruct(arguments, &table, ready.prepared.frames, &mut batch)?;
     table_notices::of_all(results.iter().map(|done| &done.result), method);
     // Everything is computed and every picture written before the first line is printed: no part passes for the whole.
     if let Some(folder) = &arguments.png {
@@ -374,11 +368,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     print(&results, &source, table.measurements.len(), &left_out, arguments.json)
 }
 
-/// All frames in order; those between them are frames in which nothing pressed. `unlike`: the table's baseline is not that of the sheet, so
-/// that every one is doubted.
+/// All frames in order; those between them are frames in which nothing pressed.
 fn reconstruct<'a>(
     arguments: &Arguments,
-    (table, unlike): (&'a MeasurementTable, bool),
+    table: &'a MeasurementTable,
     frames: Vec<Frame<'_>>,
     batch: &mut Batch,
 ) -> Result<Vec<Done<'a>>> {
@@ -398,9 +391,6 @@ fn reconstruct<'a>(
         } else {
             batch.frame(frame.place, &frame.values)
         }?;
-        if unlike && result.doubt.is_none() {
-            result.doubt = Some(Doubt::NotThisSheet);
-        }
         let name = table.columns[frame.place].name.as_str();
         table_notices::of_frame(name, &result, &table.measurements);
         if !pictures {

@@ -2,7 +2,7 @@
 //! model where the columns hold changes.
 
 use crate::files::before::{self, Before};
-use crate::files::measurements::{MeasurementTable, Names, TableError};
+use crate::files::measurements::{Column, MeasurementTable, Names, TableError};
 use crate::number;
 use crate::presses::locate::Comparison;
 use crate::progress;
@@ -71,9 +71,10 @@ const MOST_LISTED: usize = 8;
 const LARGEST_CHANGE: f64 = 1.0;
 /// A finger of +20 % changes the voltages by 0.002 (in the middle) to 0.016 (at the rim) of them, root mean squares.
 const USUAL_CHANGE: f64 = 0.01;
-/// Voltages of a sheet are off the model's by less than this part of them, with touches and misplaced electrodes. What a gain changes is
-/// in proportion to them as well, but no touch is.
-const MOST_OFF: f64 = 0.2;
+/// Voltages of a sheet, with touches and misplaced electrodes, have at least this correlation with the model's. So have changes of the whole
+/// sheet alike, but these are smaller than this part of the voltages.
+const OF_VOLTAGES: f64 = 0.98;
+const LEAST_VOLTAGE: f64 = 0.5;
 
 impl BaselineArguments {
     /// For each frame the one that a list of presses names before it.
@@ -158,16 +159,20 @@ impl BaselineArguments {
     /// Columns that are voltages.
     fn changes<'a>(&self, table: &'a MeasurementTable, imager: &Imager) -> Result<Prepared<'a>> {
         let model = &imager.model_v;
-        if table.columns.iter().all(|c| are_voltages(&c.values, model)) {
+        let said_v = self.unit_v.unwrap_or(1.0);
+        let sizes = parts(table, model).map(|part| part * said_v);
+        let are_voltages =
+            |(c, size): (&Column, f64)| imager.correlation(&c.values).abs() > OF_VOLTAGES && size > LEAST_VOLTAGE;
+        if table.columns.iter().zip(sizes).all(are_voltages) {
             bail!(
-                "{}: its columns are the voltages of the sheet, not changes of them; leave out --difference, and name a frame of the \
-                 unpressed sheet with --baseline",
+                "{}: its columns are in proportion to the voltages of the sheet and as large, not changes of them; leave out --difference, \
+                 and name a frame of the unpressed sheet with --baseline. If they are changes all the same, say their unit with --unit-v",
                 table.file
             );
         }
         let mut notes = Vec::new();
         let unit_v = self.unit_v.unwrap_or_else(|| assumed_unit_v(table, model, &mut notes));
-        let frame = |(place, column): (usize, &crate::files::measurements::Column)| Frame {
+        let frame = |(place, column): (usize, &Column)| Frame {
             place,
             values: model
                 .iter()
@@ -244,17 +249,6 @@ fn parts(table: &MeasurementTable, model: &[f64]) -> impl Iterator<Item = f64> {
     };
     let whole = rms(model).max(f64::MIN_POSITIVE);
     table.columns.iter().map(move |c| rms(&c.values) / whole)
-}
-
-/// Whether a column is the voltages of the model, in any unit, rather than changes of them: touches change each by a small part.
-fn are_voltages(column: &[f64], model: &[f64]) -> bool {
-    let both = || column.iter().zip(model).filter(|(v, _)| v.is_finite());
-    let (dot, squares) = both().fold((0.0, 0.0), |(dot, squares), (v, m)| (dot + v * m, squares + m * m));
-    let factor = dot / squares;
-    let (off, whole) = both().fold((0.0, 0.0), |(off, whole), (v, m)| {
-        (off + (v - factor * m).powi(2), whole + v * v)
-    });
-    whole > 0.0 && off < MOST_OFF.powi(2) * whole
 }
 
 /// What 1 in a table of changes is where nobody says it, V: 1, unless the changes were larger than the voltages then.

@@ -1,5 +1,7 @@
 //! What a person is told on stderr of frames of a table.
 
+use crate::drive::DriveKind;
+use crate::files::measurements::MeasurementTable;
 use crate::number;
 use ::forward::Measurement;
 use inverse::batch::BatchOptions;
@@ -56,6 +58,15 @@ fn rejected(places: &[usize], measurements: &[Measurement]) -> Option<String> {
         count => format!("{count} values have nothing to do with the others and are"),
     };
     Some(format!("{have} left out ({}{more})", told.join("; ")))
+}
+
+/// What is wrong with the drive, where a table's header says another one.
+pub(crate) fn of_drive(table: &MeasurementTable, used: DriveKind) -> Option<String> {
+    let said = table.drive.filter(|said| *said != used)?;
+    let [said, used] = [said, used].map(DriveKind::name);
+    let note = format!("its header says that a {said} drives the sheet, and --drive {used} is used");
+    eprintln!("warning: {}: {note}", table.file);
+    Some(note)
 }
 
 /// What all frames have in common.

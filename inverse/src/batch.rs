@@ -4,6 +4,7 @@ mod recovery;
 
 use crate::force::meter::{Calibration, ForceMeter};
 use crate::pipeline::{FrameResult, Reconstructor, ReconstructorOptions};
+use crate::quality::doubt::Doubt;
 use crate::reference::Reference;
 use crate::reference::baseline::Baseline;
 use crate::reference::imager::{Imager, ImagerError};
@@ -126,7 +127,7 @@ impl Batch {
         }
     }
 
-    /// Reconstructs the frame at this place of the table.
+    /// Reconstructs the frame at this place of the table. After a baseline that is not that of the sheet as described each is doubted.
     ///
     /// # Errors
     /// [`ImagerError::Baseline`] when it does not have the pattern's length.
@@ -136,6 +137,8 @@ impl Batch {
             meter.update(place as f64 * interval_s, &mut result.touches);
             result.touches.retain(Touch::is_pressed);
         }
+        let unlike = (!self.inspection.conclusive).then_some(Doubt::OtherSheet);
+        result.doubt = result.doubt.or(unlike);
         Ok(result)
     }
 }

@@ -17,6 +17,8 @@ pub enum Doubt {
     },
     /// The frame is not that of the sheet whose baseline was taken.
     NotThisSheet,
+    /// The baseline is not that of the sheet as it was described.
+    OtherSheet,
     /// Something changed, but no touches explain it.
     NotTouches,
     /// Touches explain the change, but where they are is not known: none is listed.
@@ -123,6 +125,11 @@ impl fmt::Display for Doubt {
                 f,
                 "values with drive and sense exchanged disagree, as on no sheet: look at cables, multiplexers, amplifiers and the time to \
                  settle; touches are less certain than they say"
+            ),
+            Self::OtherSheet => write!(
+                f,
+                "the baseline is not that of the sheet as described, so that places and strengths may be wrong: look at the sheet's size, \
+                 and at the order and the sign of the values"
             ),
             Self::Unplaced => write!(
                 f,

@@ -118,11 +118,11 @@ pub struct Imager {
     pub told: Option<Arc<ToldSheet>>,
 }
 
-/// Places that are compared with all others; the cosine of the angle between two that change all values alike, but for the mesh; and how far
-/// apart they are where that is more than a touch's width, mm.
-const TWINS_LOOKED_AT: usize = 64;
-const TWINS: f64 = 0.9999;
-const TWINS_APART_MM: f64 = 40.0;
+/// Places that are compared with all others; the cosine of the angle between the changes at two that are alike, but for the mesh; and how far
+/// apart these are, mm.
+const AMBIGUOUS_LOOKED_AT: usize = 64;
+const AMBIGUOUS: f64 = 0.9999;
+const AMBIGUOUS_MM: f64 = 40.0;
 
 impl Imager {
     /// Models a sheet.
@@ -248,32 +248,27 @@ impl Imager {
         }
     }
 
-    /// Two places where touches change all values alike, mm, if most places have such another: no frame tells one from the other then.
-    /// With opposite electrodes that drive and sense they are mirrored through the middle.
-    pub fn twins(&self) -> Option<[[f64; 2]; 2]> {
-        let used = self.difference(&self.model_v, &self.model_v).ok()?.used;
+    /// Whether most places have another that is further off than a touch is wide, where a touch changes all values alike: no frame tells one
+    /// from the other then. With opposite electrodes that drive and sense it is the one mirrored through the middle.
+    pub fn is_ambiguous(&self) -> bool {
+        let used = (self.difference(&self.model_v, &self.model_v)).map_or_else(|_| Vec::new(), |d| d.used);
         let used: Vec<usize> = (0..used.len()).filter(|k| used[*k]).collect();
         let mut cells = self.sensitivity.select_rows(&used);
         cells.column_iter_mut().for_each(|mut cell| _ = cell.normalize_mut());
-        let apart = |[a, b]: [usize; 2]| {
-            let [a, b] = [a, b].map(|cell| self.grid.centre(cell));
-            (a[0] - b[0]).hypot(a[1] - b[1])
-        };
         let looked_at: Vec<usize> = (0..cells.ncols())
-            .step_by((cells.ncols() / TWINS_LOOKED_AT).max(1))
+            .step_by((cells.ncols() / AMBIGUOUS_LOOKED_AT).max(1))
             .collect();
         let alike = cells.select_columns(&looked_at).tr_mul(&cells);
-        let twins = looked_at.iter().enumerate().filter_map(|(row, cell)| {
-            let others = (0..cells.ncols()).filter(|other| alike[(row, *other)] > TWINS);
-            let other = others.max_by(|a, b| apart([*cell, *a]).total_cmp(&apart([*cell, *b])))?;
-            (apart([*cell, other]) > TWINS_APART_MM).then_some([*cell, other])
-        });
-        let twins: Vec<[usize; 2]> = twins.collect();
-        if 2 * twins.len() <= looked_at.len() {
-            return None;
-        }
-        let furthest = twins.into_iter().max_by(|a, b| apart(*a).total_cmp(&apart(*b)))?;
-        Some(furthest.map(|cell| self.grid.centre(cell)))
+        let has_another = |(row, cell): (usize, &usize)| {
+            let at = self.grid.centre(*cell);
+            let far = |other: usize| {
+                let [x, y] = self.grid.centre(other);
+                (x - at[0]).hypot(y - at[1]) > AMBIGUOUS_MM
+            };
+            (0..cells.ncols()).any(|other| alike[(row, other)] > AMBIGUOUS && far(other))
+        };
+        let ambiguous = looked_at.iter().enumerate().filter(|one| has_another(*one)).count();
+        2 * ambiguous > looked_at.len()
     }
 }
 
@@ -281,22 +276,21 @@ impl Imager {
 mod tests {
     use super::*;
 
-    /// Where opposite electrodes drive and sense, a place and the one across the middle answer alike; with neighbours, or where one of both
-    /// is another pair, no two places do.
+    /// Where opposite electrodes drive and sense, places across the middle answer alike. With neighbours, or where one of both is another
+    /// pair, none do.
     #[test]
-    fn places_that_answer_alike_are_told() {
-        let twins = |drive_step: usize, sense_step: usize| {
+    fn a_pattern_that_does_not_tell_places_apart_is_known() {
+        let is_ambiguous = |drive_step: usize, sense_step: usize| {
             let all =
                 (0..16).flat_map(|d| (0..16).map(move |s| [[d, (d + drive_step) % 16], [s, (s + sense_step) % 16]]));
             let apart = all.filter(|[d, s]| !d.iter().any(|l| s.contains(l)));
             let pattern = Pattern::from_pairs(16, apart).unwrap();
             let imager = Imager::new(&Sheet::paper(), Drive::PAPER, pattern, 10.0).unwrap();
-            imager.twins()
+            imager.is_ambiguous()
         };
-        let [a, b] = twins(8, 8).unwrap();
-        assert!((a[0] + b[0]).hypot(a[1] + b[1]) < 20.0, "{a:?} {b:?}");
+        assert!(is_ambiguous(8, 8));
         for (drive_step, sense_step) in [(1, 1), (8, 1), (1, 8), (2, 8), (3, 3)] {
-            assert_eq!(twins(drive_step, sense_step), None, "{drive_step} {sense_step}");
+            assert!(!is_ambiguous(drive_step, sense_step), "{drive_step} {sense_step}");
         }
     }
 

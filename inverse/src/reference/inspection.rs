@@ -130,6 +130,7 @@ pub fn inspect(
     }
     bad_contacts::name(&mut findings, pattern, electrodes.as_ref(), &options.electrodes);
     findings.extend((!imager.is_searched()).then(|| of_no_value(FindingKind::Unsearched, pattern)));
+    findings.extend((imager.is_ambiguous()).then(|| of_no_value(FindingKind::Ambiguous, pattern)));
     findings.extend(unlike(&baseline, pattern));
     let used_told = electrodes.as_ref().is_some_and(|fit| fit.imager.told.is_some());
     findings.extend((imager.told.is_some() && !used_told).then(|| of_no_value(FindingKind::Untold, pattern)));
@@ -325,13 +326,6 @@ impl Inspection {
                  at the sheet's size, the number and order of the electrodes and their contacts"
                     .to_owned(),
             );
-        }
-        if let Some([a, b]) = self.imager.twins() {
-            lines.push(format!(
-                "with this pattern touches at ({:.0}, {:.0}) and at ({:.0}, {:.0}) mm change all values alike, and so do others: which of \
-                 both is touched no frame tells. Drive or sense other pairs as well, neighbours for instance",
-                a[0], a[1], b[0], b[1]
-            ));
         }
         let grave = self.findings.iter().filter(|f| f.kind != FindingKind::Frames);
         lines.extend(grave.map(ToString::to_string));

@@ -89,6 +89,8 @@ pub enum FindingKind {
     Untold,
     /// Frames have too many values to look for what is broken, and for what drifts seldom. It concerns no value.
     Unsearched,
+    /// Touches at different places change all values of the pattern alike. It concerns no value.
+    Ambiguous,
     /// Frames that the baseline is not the mean of; [`Finding::factor`] is the part of them that it is. It concerns no value.
     Frames,
 }
@@ -207,6 +209,12 @@ impl fmt::Display for Finding {
                 "frames have {} values, more than {MOST_SEARCHED}: what is broken is not looked for in them, nor contacts, \
                  gains of channels and an unevenness that changed; use a pattern of fewer values for that",
                 self.of
+            ),
+            FindingKind::Ambiguous => write!(
+                f,
+                "with this pattern touches at different places change all values alike, as those mirrored through the middle do where \
+                 opposite electrodes drive and sense: which place is touched no frame tells. Drive or sense other pairs as well, \
+                 neighbours for instance"
             ),
             FindingKind::Frames => write!(
                 f,
