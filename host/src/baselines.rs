@@ -14,6 +14,9 @@ use view::picture::BaselineNote;
 /// Baselines that an undo can bring back, one after the other.
 const EARLIER: usize = 4;
 
+/// What is said where one is taken again.
+pub(crate) const MOVED: &str = "the sheet moved while the baseline was taken: it is taken again, do not touch";
+
 /// A baseline that is or was in force.
 #[derive(Clone, Debug)]
 struct Dated {
@@ -127,14 +130,15 @@ impl Baselines {
     }
 
     /// Takes note of a baseline that was taken just now: it is compared with the stored one, and takes its place where
-    /// it differs by no more than noise and drift.
+    /// it differs by no more than noise and drift. One of a sheet that moved meanwhile is not stored.
     pub(crate) fn taken(&mut self, baseline: Baseline) {
         let is = Stored {
             baseline,
             taken: SystemTime::now(),
         };
         let at_start = self.now.is_none();
-        let differs = self.store.as_mut().and_then(|store| store.keep(&is));
+        let mut store = self.store.as_mut().filter(|_| is.baseline.moved == 0.0);
+        let differs = store.as_mut().and_then(|store| store.keep(&is));
         if let Some(differs) = &differs {
             say!("warning: {differs}");
         }
@@ -227,6 +231,7 @@ mod tests {
             deviations: Baseline::deviations_of(&[1e-4; 208], 24),
             frames: 24,
             unlike: 0,
+            moved: 0.0,
         }
     }
 

@@ -170,7 +170,7 @@ pub(crate) fn measure(seed: u64) -> Result<Measured> {
         let read = *last_read.lock().unwrap_or_else(PoisonError::into_inner);
         let imager = Arc::clone(live.imager());
         let result = match live.frame(frame.time_s, &frame.values_v)? {
-            LiveFrame::Baseline { left } => {
+            LiveFrame::Baseline { left, .. } => {
                 if left == 0 {
                     // No frame is passed over: what a busy machine adds is its own part, and the board's stays exact.
                     begin.begin();

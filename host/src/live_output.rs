@@ -463,6 +463,9 @@ impl Output {
         if self.left_out.iter().any(|f| f.kind == FindingKind::Ambiguous) {
             text += ", each touch may be at another place";
         }
+        if self.left_out.iter().any(|f| f.kind == FindingKind::Moved) {
+            text += ", the sheet moved while the baseline was taken";
+        }
         for frames in self.left_out.iter().filter(|f| f.kind == FindingKind::Frames) {
             let part = 1.0 - frames.factor.unwrap_or(1.0);
             text += &format!(", {:.0} % of the baseline's frames left out", 100.0 * part);

@@ -1,6 +1,6 @@
 //! Moves the frames of `skin run` and `skin replay` to pictures, whatever happens to the board meanwhile.
 
-use crate::baselines::Baselines;
+use crate::baselines::{Baselines, MOVED};
 use crate::commands::Commands;
 use crate::event::{Event, Said};
 use crate::live_output::Output;
@@ -269,7 +269,10 @@ impl Run<'_> {
         drop(told);
         self.output.solved_in(began.elapsed());
         match taken? {
-            LiveFrame::Baseline { left } => {
+            LiveFrame::Baseline { left, again } => {
+                if again {
+                    say!("{MOVED}");
+                }
                 self.wanted = Some(left).filter(|left| *left > 0);
                 if let Some(notes) = &self.notes {
                     notes.baseline_frame(frame, left);

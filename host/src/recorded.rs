@@ -305,6 +305,8 @@ pub(crate) struct BaselineRecord {
     frames: usize,
     #[serde(default)]
     unlike: usize,
+    #[serde(default)]
+    moved: f64,
     deviations: Vec<(f64, f64)>,
 }
 
@@ -319,6 +321,7 @@ impl From<&Baseline> for BaselineRecord {
             noise_v: number(baseline.noise_v),
             frames: baseline.frames,
             unlike: baseline.unlike,
+            moved: baseline.moved,
             deviations: baseline.deviations.clone(),
         }
     }
@@ -331,6 +334,7 @@ impl From<BaselineRecord> for Baseline {
             noise_v: record.noise_v.unwrap_or(f64::NAN),
             frames: record.frames,
             unlike: record.unlike,
+            moved: record.moved,
             deviations: record.deviations,
         }
     }

@@ -65,6 +65,8 @@ pub(crate) struct RecordedFrames {
     part: Part,
     /// Numbers of the frames of the baseline that was taken first, while it is read.
     baseline: Vec<u32>,
+    /// Frames that it still wanted.
+    left: Option<usize>,
     complete: bool,
 }
 
@@ -86,6 +88,7 @@ impl RecordedFrames {
             wire_bytes: 0,
             part: part.clone(),
             baseline: Vec::new(),
+            left: None,
             complete: false,
         })
     }
@@ -112,10 +115,17 @@ impl RecordedFrames {
                 match serde_json::from_slice(message.data) {
                     Ok(LiveRecord::Baseline { frame, left }) => {
                         self.baseline.push(frame);
+                        // It begins anew where the sheet moved meanwhile.
+                        if self.left.replace(left).is_some_and(|before| left > before) {
+                            self.baseline.clear();
+                        }
                         self.complete = left == 0;
                     }
                     // It was given up.
-                    Ok(LiveRecord::Tare | LiveRecord::Resume { .. }) => self.baseline.clear(),
+                    Ok(LiveRecord::Tare | LiveRecord::Resume { .. }) => {
+                        self.baseline.clear();
+                        self.left = None;
+                    }
                     _ => {}
                 }
             }

@@ -1,6 +1,7 @@
 //! Frames with their touches for programs that have this one inside: of a board, of the simulated skin, or of a recording. What
 //! `skin run` and `skin replay` do for people is left out: pages, stored baselines, commands.
 
+use crate::baselines::MOVED;
 use crate::event::Event;
 use crate::live_run::{HELD, LAG_S, SILENCE};
 use crate::played_board::{Frames, PlayedBoard};
@@ -304,7 +305,10 @@ impl Stream {
         let Some(frame) = taken else { return Ok(Next::Waiting) };
         let left = match self.live.frame(frame.time_s, &frame.values_v)? {
             LiveFrame::Picture(result) => return Ok(Next::Frame(frame, result)),
-            LiveFrame::Baseline { left } => left,
+            LiveFrame::Baseline { left, again } => {
+                self.said.extend(again.then(|| MOVED.to_owned()));
+                left
+            }
         };
         if let Way::Board(board) = &self.way {
             board.baseline(left);

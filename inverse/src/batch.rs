@@ -50,6 +50,10 @@ impl BatchOptions {
     }
 }
 
+/// Frames are doubted after a baseline that moved by so many standard deviations of a frame's noise: as far as a change without a touch
+/// is.
+const MOVED: f64 = 20.0;
+
 /// Reconstructs the frames of one table.
 pub struct Batch {
     reconstructor: Reconstructor,
@@ -127,7 +131,8 @@ impl Batch {
         }
     }
 
-    /// Reconstructs the frame at this place of the table. After a baseline that is not that of the sheet as described each is doubted.
+    /// Reconstructs the frame at this place of the table. After a baseline that is not that of the sheet as described, or of one that
+    /// moved far, each is doubted.
     ///
     /// # Errors
     /// [`ImagerError::Baseline`] when it does not have the pattern's length.
@@ -137,8 +142,9 @@ impl Batch {
             meter.update(place as f64 * interval_s, &mut result.touches);
             result.touches.retain(Touch::is_pressed);
         }
+        let moved = (self.inspection.baseline.moved >= MOVED).then_some(Doubt::MovedBaseline);
         let unlike = (!self.inspection.conclusive).then_some(Doubt::OtherSheet);
-        result.doubt = result.doubt.or(unlike);
+        result.doubt = result.doubt.or(moved).or(unlike);
         Ok(result)
     }
 }

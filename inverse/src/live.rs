@@ -63,6 +63,10 @@ impl Default for LiveOptions {
     }
 }
 
+/// A baseline is taken again so often where the sheet moved meanwhile: a finger that comes down or lifts does it once or twice, and what
+/// never rests, as hum that wires pick up, shall not keep the program from starting.
+const AGAIN: usize = 4;
+
 /// So many baselines that were looked at are kept: the one in force, and the one to go back to.
 const LOOKED_AT: usize = 2;
 
@@ -73,6 +77,8 @@ pub enum LiveFrame<'a> {
     Baseline {
         /// Frames still wanted.
         left: usize,
+        /// Whether the sheet moved meanwhile: the baseline is taken again, from the next frame on.
+        again: bool,
     },
     /// A picture, its touches numbered.
     Picture(&'a FrameResult),
@@ -135,7 +141,7 @@ impl Live {
             tracker: Tracker::new(TrackerOptions::new(2.0 * options.reach * extent, options.patience_s)),
             radius_filter: RadiusFilter::default(),
             meter: options.calibration.map(|c| ForceMeter::new(&imager, c)),
-            taker: Some(BaselineTaker::new(values, options.baseline_frames)),
+            taker: Some(BaselineTaker::new(values, options.baseline_frames).until_still(AGAIN)),
             running: None,
             inspected: Vec::new(),
             learned: None,
@@ -197,10 +203,8 @@ impl Live {
     pub fn tare(&mut self) {
         self.gone_since_s = None;
         self.repeats = Repeats::default();
-        self.taker = Some(BaselineTaker::new(
-            self.nominal.pattern.len(),
-            self.options.baseline_frames,
-        ));
+        let taker = BaselineTaker::new(self.nominal.pattern.len(), self.options.baseline_frames);
+        self.taker = Some(taker.until_still(AGAIN));
     }
 
     /// Puts a baseline in force that was taken before, of the same pattern. One that is being taken is given up. Touches keep
@@ -260,16 +264,16 @@ impl Live {
         if let Some(taker) = &mut self.taker {
             self.repeats.rest(values_v);
             let done = taker.take(values_v);
-            let left = taker.left();
+            let (left, again) = (taker.left(), taker.is_empty());
             let Some(baseline) = done else {
-                return Ok(LiveFrame::Baseline { left });
+                return Ok(LiveFrame::Baseline { left, again });
             };
             self.taker = None;
             self.put_in_force(baseline)?;
-            return Ok(LiveFrame::Baseline { left: 0 });
+            return Ok(LiveFrame::Baseline { left: 0, again: false });
         }
         let Some(Running { way, .. }) = &mut self.running else {
-            return Ok(LiveFrame::Baseline { left: 0 });
+            return Ok(LiveFrame::Baseline { left: 0, again: false });
         };
         let interval_s = self.before_s.replace(time_s).map(|before| time_s - before);
         self.interval_s = interval_s.filter(|s| *s > 0.0).or(self.interval_s);

@@ -230,6 +230,7 @@ pub(crate) fn parse(file: &str, text: &str, subject: &Subject) -> Result<Stored,
             deviations: Baseline::deviations_of(&keys.value_noise_v, keys.frames),
             frames: keys.frames,
             unlike: 0,
+            moved: 0.0,
         },
         taken,
     })
@@ -268,6 +269,7 @@ pub(crate) mod tests {
                 deviations: Baseline::deviations_of(&[1e-3, f64::NAN, 2e-3], 24),
                 frames: 24,
                 unlike: 0,
+                moved: 0.0,
             },
             taken: UNIX_EPOCH + Duration::from_millis(1_700_000_000_250),
         }

@@ -19,6 +19,8 @@ pub enum Doubt {
     NotThisSheet,
     /// The baseline is not that of the sheet as it was described.
     OtherSheet,
+    /// The sheet moved while its baseline was taken.
+    MovedBaseline,
     /// Something changed, but no touches explain it.
     NotTouches,
     /// Touches explain the change, but where they are is not known: none is listed.
@@ -130,6 +132,10 @@ impl fmt::Display for Doubt {
                 f,
                 "the baseline is not that of the sheet as described, so that places and strengths may be wrong: look at the sheet's size, \
                  and at the order and the sign of the values"
+            ),
+            Self::MovedBaseline => write!(
+                f,
+                "the sheet moved while the baseline was taken: touches are of a sheet that something already pressed; take a baseline at rest"
             ),
             Self::Unplaced => write!(
                 f,

@@ -1,6 +1,7 @@
 //! The unpressed sheet, as measured: the mean of a number of frames, and their noise.
 
-use crate::reference::resolution::{rounding_sd, step};
+use crate::reference::moved::moved;
+use crate::reference::resolution::rounding;
 use crate::stats::median;
 
 /// A frame is unlike the others where its distance from their median is so many times the usual one. With Gaussian noise on n values
@@ -8,6 +9,11 @@ use crate::stats::median;
 const UNLIKE: f64 = 5.0;
 /// Or where its values are larger or smaller by more than this part of them: a source does not change that much.
 const MOST_GAIN: f64 = 0.2;
+/// What a value errs by where noise does not spread its samples over a converter's steps, over what rounding the mean of them adds. A step
+/// of the board's converter is sixteen of the mean; of the sixteen samples of a period eight differ in size: sqrt(2 / 8) of 16.
+const UNDITHERED: f64 = 8.0;
+/// Variance of a value over that of rounding its mean from which its samples are spread over the converter's steps.
+const DITHERED: f64 = 2.0;
 /// Fewest values that tell a gain.
 const FEWEST_VALUES: usize = 8;
 
@@ -23,6 +29,8 @@ pub struct BaselineTaker {
     values: usize,
     frames: Vec<Vec<f64>>,
     of_frames: fn(usize, &[&[f64]]) -> Baseline,
+    /// How often it is still taken again where the sheet moved.
+    again: usize,
 }
 
 /// What the unpressed sheet gives.
@@ -36,6 +44,9 @@ pub struct Baseline {
     pub frames: usize,
     /// Frames that were unlike the others, and are left out.
     pub unlike: usize,
+    /// How far the sheet moved while they were measured, beside their gains: the change between the two that differ most, in standard
+    /// deviations of a frame's noise (2-norm over the values). 0 where noise explains it, or nothing tells it.
+    pub moved: f64,
     /// Sum of the squared deviations of every value from its mean, V², and degrees of freedom of the sum; empty for a single frame.
     pub deviations: Vec<(f64, f64)>,
 }
@@ -48,7 +59,14 @@ impl BaselineTaker {
             values,
             frames: Vec::new(),
             of_frames: Baseline::of_frames,
+            again: 0,
         }
+    }
+
+    /// The same that begins anew where the sheet moved meanwhile, so often at most.
+    #[must_use]
+    pub fn until_still(self, again: usize) -> Self {
+        Self { again, ..self }
     }
 
     /// The same of which the gains of frames are noise ([`Baseline::with_gains`]), where later frames are not divided by theirs.
@@ -66,20 +84,41 @@ impl BaselineTaker {
             return None;
         }
         self.frames.push(frame_v.to_vec());
-        (self.left() == 0).then(|| {
-            let frames: Vec<&[f64]> = self.frames.iter().map(Vec::as_slice).collect();
-            (self.of_frames)(self.values, &frames)
-        })
+        if self.left() > 0 {
+            return None;
+        }
+        let frames: Vec<&[f64]> = self.frames.iter().map(Vec::as_slice).collect();
+        let rounding = rounding_of(self.values, of_length(self.values, &frames));
+        let baseline = (self.of_frames)(self.values, &frames).of_converter(rounding.as_deref());
+        if baseline.moved > 0.0 && self.again > 0 {
+            self.again -= 1;
+            self.frames.clear();
+            return None;
+        }
+        Some(baseline)
     }
 
     /// Frames still wanted.
     pub fn left(&self) -> usize {
         self.wanted.saturating_sub(self.frames.len())
     }
+
+    /// Whether it has no frame: it is new, or has just begun anew.
+    pub const fn is_empty(&self) -> bool {
+        self.frames.is_empty()
+    }
 }
 
 fn of_length<'a>(values: usize, frames: &[&'a [f64]]) -> impl Iterator<Item = &'a [f64]> {
     frames.iter().copied().filter(move |f| f.len() == values)
+}
+
+/// Standard deviation of what every value was rounded by, the least of the frames; none where one of them is not rounded.
+fn rounding_of<'a>(values: usize, mut frames: impl Iterator<Item = &'a [f64]>) -> Option<Vec<f64>> {
+    frames.try_fold(vec![f64::INFINITY; values], |finest, frame| {
+        let both = finest.into_iter().zip(rounding(frame)?);
+        Some(both.map(|(least, own)| own.min(least)).collect())
+    })
 }
 
 /// Sums over the finite values of frames (Welford 1962).
@@ -182,20 +221,36 @@ impl Baseline {
     /// The plain mean of all frames.
     pub fn plain(values: usize, frames: &[&[f64]]) -> Self {
         let copies: Vec<Vec<f64>> = of_length(values, frames).map(<[f64]>::to_vec).collect();
-        Self::mean_of(values, &copies).of_rounded(of_length(values, frames))
+        let rounding = rounding_of(values, of_length(values, frames));
+        Self::mean_of(values, &copies).of_rounded(rounding.as_deref())
     }
 
     /// No value is known better than rounding lets, where every frame is on steps: of a coarse converter most values are the same in all
     /// of them, and some step by chance.
-    fn of_rounded<'a>(mut self, mut frames: impl Iterator<Item = &'a [f64]>) -> Self {
-        let finest = frames.try_fold(f64::INFINITY, |finest, frame| Some(step(frame)?.min(finest)));
-        if let Some(step) = finest.filter(|step| step.is_finite()) {
-            let least = rounding_sd(step).powi(2);
-            let deviations = self.deviations.iter_mut();
-            deviations.for_each(|(square, freedom)| *square = square.max(*freedom * least));
+    fn of_rounded(mut self, rounding: Option<&[f64]>) -> Self {
+        if let Some(rounding) = rounding {
+            let deviations = self
+                .deviations
+                .iter_mut()
+                .zip(rounding)
+                .filter(|(_, sd)| sd.is_finite());
+            deviations.for_each(|((square, freedom), sd)| *square = square.max(*freedom * sd * sd));
             self.noise_v = pooled(self.deviations.iter());
         }
         self
+    }
+
+    /// The same of a converter whose samples are averaged. Where noise is no more than the rounding of the mean in most values, it does not
+    /// spread the samples over the converter's own steps either, which are larger.
+    fn of_converter(self, rounding: Option<&[f64]>) -> Self {
+        let Some(rounding) = rounding else { return self };
+        let known = self.deviations.iter().zip(rounding).filter(|(_, sd)| sd.is_finite());
+        let parts = known.map(|((square, freedom), sd)| square / (freedom * sd * sd));
+        if median(parts) > DITHERED {
+            return self;
+        }
+        let coarse: Vec<f64> = rounding.iter().map(|sd| UNDITHERED * sd).collect();
+        self.of_rounded(Some(&coarse))
     }
 
     fn of_alike(values: usize, frames: &[&[f64]], divides: bool) -> Self {
@@ -210,15 +265,25 @@ impl Baseline {
             let gain = if divides { *gain } else { 1.0 };
             frame.iter().map(|v| v / gain).collect()
         };
-        let mut baseline = Self::mean_of(values, &kept.iter().map(over).collect::<Vec<Vec<f64>>>());
-        baseline.unlike = known.len() - kept.len();
+        // Of rounded values many are the same in all frames, and are so no more when each frame is divided by its gain.
+        let of_one_gain: Vec<Vec<f64>> = (kept.iter())
+            .map(|(gain, frame)| frame.iter().map(|v| v / gain).collect())
+            .collect();
+        let as_they_are: Vec<Vec<f64>> = kept.iter().map(|(_, frame)| frame.to_vec()).collect();
+        let rounding = rounding_of(values, kept.iter().map(|(_, frame)| *frame));
+        let moved = [as_they_are, of_one_gain].map(|frames| moved(&frames, rounding.as_deref()));
+        let mut baseline = Self {
+            unlike: known.len() - kept.len(),
+            moved: moved[0].min(moved[1]),
+            ..Self::mean_of(values, &kept.iter().map(over).collect::<Vec<Vec<f64>>>())
+        };
         if divides {
             // A frame's gain takes one of its degrees of freedom.
             let left = 1.0 - 1.0 / values as f64;
             baseline.deviations.iter_mut().for_each(|(_, freedom)| *freedom *= left);
         }
         baseline.noise_v = pooled(baseline.deviations.iter());
-        baseline.of_rounded(kept.iter().map(|(_, frame)| *frame))
+        baseline.of_rounded(rounding.as_deref())
     }
 
     fn mean_of(values: usize, frames: &[Vec<f64>]) -> Self {
@@ -236,6 +301,7 @@ impl Baseline {
             noise_v: pooled(deviations.iter()),
             frames: frames.len(),
             unlike: 0,
+            moved: 0.0,
             deviations,
         }
     }
@@ -330,6 +396,7 @@ fn pooled<'a>(deviations: impl Iterator<Item = &'a (f64, f64)> + Clone) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::reference::resolution::rounding_sd;
     use rand::{Rng, SeedableRng};
     use rand_distr::StandardNormal;
 
@@ -561,6 +628,35 @@ mod tests {
         for own in baseline.own_noise() {
             let sd = own * baseline.noise_v / rounding_sd(step);
             assert!((0.95..3.0).contains(&sd), "{sd}");
+        }
+    }
+
+    /// Sixteen samples of a sine, each rounded to sixteen steps of the mean: what values of a touch err by is no more than a baseline says,
+    /// whether noise spreads the samples over the steps or not.
+    #[test]
+    fn a_converter_whose_steps_noise_does_not_reach_is_no_better_than_its_steps() {
+        let mut rng = rand::rngs::StdRng::seed_from_u64(14);
+        let amplitude = |k: usize| 3.0 + 0.61 * k as f64;
+        for noise in [0.0, 0.03, 0.5] {
+            let mut measured = |amplitude: f64| -> f64 {
+                let product = |j: usize| {
+                    let wave = (std::f64::consts::TAU * (j as f64 + 0.3) / 16.0).cos();
+                    (amplitude * wave + noise * rng.sample::<f64, _>(StandardNormal)).round() * wave
+                };
+                let mean = (0..32).map(product).sum::<f64>() / 16.0;
+                (mean * 16.0).round() / 16.0
+            };
+            let mut taker = BaselineTaker::new(208, 24);
+            let taken =
+                (0..24).filter_map(|_| taker.take(&(0..208).map(|k| measured(amplitude(k))).collect::<Vec<_>>()));
+            let baseline = taken.collect::<Vec<_>>().pop().unwrap();
+            let errors = baseline.values_v.iter().enumerate().map(|(k, v)| {
+                // What a touch changes by less than a step.
+                measured(amplitude(k) + 0.4) - v - 0.4
+            });
+            let error = (errors.map(|e| e * e).sum::<f64>() / 208.0).sqrt();
+            let times = error / baseline.noise_v;
+            assert!((0.5..1.8).contains(&times), "{noise}: {error} {}", baseline.noise_v);
         }
     }
 

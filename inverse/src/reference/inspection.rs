@@ -131,7 +131,7 @@ pub fn inspect(
     bad_contacts::name(&mut findings, pattern, electrodes.as_ref(), &options.electrodes);
     findings.extend((!imager.is_searched()).then(|| of_no_value(FindingKind::Unsearched, pattern)));
     findings.extend((imager.is_ambiguous()).then(|| of_no_value(FindingKind::Ambiguous, pattern)));
-    findings.extend(unlike(&baseline, pattern));
+    findings.extend(of_frames(&baseline, pattern));
     let used_told = electrodes.as_ref().is_some_and(|fit| fit.imager.told.is_some());
     findings.extend((imager.told.is_some() && !used_told).then(|| of_no_value(FindingKind::Untold, pattern)));
     let baseline = baseline.without(&used);
@@ -182,18 +182,29 @@ fn amplifier_finding(pattern: &Pattern, amplifier: &Amplifier, used: &mut [bool]
     }
 }
 
-/// Frames that the baseline is not the mean of.
-fn unlike(baseline: &Baseline, pattern: &Pattern) -> Option<Finding> {
-    let Baseline { frames, unlike, .. } = *baseline;
-    (unlike > 0).then(|| Finding {
+/// Frames that the baseline is not the mean of, and those of a sheet that moved.
+fn of_frames(baseline: &Baseline, pattern: &Pattern) -> impl Iterator<Item = Finding> + use<> {
+    let Baseline {
+        frames, unlike, moved, ..
+    } = *baseline;
+    let left_out = (unlike > 0).then(|| Finding {
         factor: Some(frames as f64 / (frames + unlike) as f64),
         ..of_no_value(FindingKind::Frames, pattern)
-    })
+    });
+    let moved = (moved > 0.0).then(|| Finding {
+        factor: Some(moved),
+        ..of_no_value(FindingKind::Moved, pattern)
+    });
+    moved.into_iter().chain(left_out)
 }
 
 /// Sense pairs whose values are far noisier than those of the others, both in volts and in parts of their values: of many converters the
 /// noise is in proportion to the value, and pairs near the drive have larger ones.
 fn noisy(baseline: &Baseline, pattern: &Pattern) -> Vec<Finding> {
+    // What moved is no noise.
+    if baseline.moved > 0.0 {
+        return Vec::new();
+    }
     let mut pairs: Vec<([usize; 2], Vec<[f64; 2]>)> = Vec::new();
     let values = baseline.own_noise().into_iter().zip(&baseline.values_v);
     for (m, (noise, value)) in pattern.measurements().iter().zip(values) {
@@ -241,6 +252,25 @@ fn of_no_value(kind: FindingKind, pattern: &Pattern) -> Finding {
     }
 }
 
+/// Values of a baseline (any unit) that are of no use and that the model has larger or smaller than every value that is used: no sound board
+/// can measure them as it measures those. None where the baseline does not have the pattern's length, or no value of it is used: there is
+/// nothing to compare with then, and the board is to blame.
+pub fn out_of_range(imager: &Imager, baseline: &[f64]) -> Vec<usize> {
+    let Ok(used) = imager.difference(baseline, baseline).map(|d| d.used) else {
+        return Vec::new();
+    };
+    let of = |wanted: bool| {
+        let model = imager.model_v.iter().map(|m| m.abs()).zip(&used).enumerate();
+        model
+            .filter(move |(_, (_, used))| **used == wanted)
+            .map(|(k, (m, _))| (k, m))
+    };
+    let least = of(true).map(|(_, m)| m).fold(f64::INFINITY, f64::min);
+    let most = of(true).map(|(_, m)| m).fold(0.0, f64::max);
+    let beyond = of(false).filter(|(_, m)| most > 0.0 && (*m > most || *m < least));
+    beyond.map(|(k, _)| k).collect()
+}
+
 /// What values deviate by from the model but for a common gain, root mean square of the logarithms.
 fn misfit(model_v: &[f64], baseline: &[f64], fitted: &[f64]) -> f64 {
     let ratios = model_v
@@ -262,7 +292,7 @@ impl Inspection {
         Self {
             imager: Arc::clone(imager),
             expected: baseline.relative_noise(),
-            findings: (unlike(&baseline, &imager.pattern).into_iter())
+            findings: of_frames(&baseline, &imager.pattern)
                 .chain(noisy(&baseline, &imager.pattern))
                 .collect(),
             baseline,
@@ -288,16 +318,9 @@ impl Inspection {
         let Ok(used) = self.imager.difference(values, values).map(|d| d.used) else {
             return [0; 2];
         };
-        let of = |wanted: bool| {
-            let model = self.imager.model_v.iter().zip(&used);
-            model.filter(move |(_, used)| **used == wanted).map(|(m, _)| m.abs())
-        };
-        let (least, most) = (of(true).fold(f64::INFINITY, f64::min), of(true).fold(0.0, f64::max));
         let named: usize = self.left_out().map(|f| f.values).sum();
-        let all = of(false).count().saturating_sub(named);
-        // Where none is used there is nothing to compare with, and the board is to blame.
-        let expected = of(false).filter(|m| most > 0.0 && (*m > most || *m < least)).count();
-        let expected = expected.min(all);
+        let all = used.iter().filter(|used| !**used).count().saturating_sub(named);
+        let expected = out_of_range(&self.imager, values).len().min(all);
         [expected, all - expected]
     }
 

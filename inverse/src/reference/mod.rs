@@ -10,6 +10,7 @@ pub mod electrode_fit;
 pub mod imager;
 pub mod inspection;
 mod low_rank;
+mod moved;
 pub mod noise;
 mod resolution;
 pub mod screening;
@@ -19,6 +20,7 @@ pub mod wiring;
 
 pub use difference::Difference;
 pub use drift::Drift;
+pub use resolution::rounding;
 pub use taken::Reference;
 pub use told_sheet::ToldSheet;
 pub(crate) use told_sheet::normalised;

@@ -7,8 +7,48 @@ const ROUNDING: f64 = 1e-9;
 /// Fewest values that tell: of two, anything is a multiple of something.
 const FEWEST: usize = 16;
 
+/// Most significant digits that count as few: more are no matter to anybody.
+const MOST_DIGITS: i32 = 6;
+
+/// Standard deviation of what every value was rounded by, in its unit: on steps that all share, or to so many significant digits. None
+/// where they are not rounded, not a number for those that are none.
+pub fn rounding(values: &[f64]) -> Option<Vec<f64>> {
+    let (common, digits) = (step(values), digits(values));
+    if common.is_none() && digits.is_none() {
+        return None;
+    }
+    let own = |v: &f64| digits.map_or(0.0, |digits| last_place(*v, digits));
+    let of = |v: &f64| {
+        if v.is_finite() {
+            rounding_sd(own(v).max(common.unwrap_or(0.0)))
+        } else {
+            f64::NAN
+        }
+    };
+    Some(values.iter().map(of).collect())
+}
+
+/// What 1 in the last of so many significant digits of a value is.
+fn last_place(value: f64, digits: i32) -> f64 {
+    if value == 0.0 {
+        return 0.0;
+    }
+    10.0_f64.powi(value.abs().log10().floor() as i32 + 1 - digits)
+}
+
+/// How many significant digits all values have at most; none where that is no few.
+fn digits(values: &[f64]) -> Option<i32> {
+    let finite = || values.iter().filter(|v| v.is_finite() && **v != 0.0);
+    let has = |v: &f64, digits: i32| {
+        let places = v / last_place(*v, digits);
+        (places - places.round()).abs() <= ROUNDING * places.abs()
+    };
+    let enough = finite().count() >= FEWEST && finite().any(|v| *v != values[0]);
+    (1..=MOST_DIGITS).find(|digits| enough && finite().all(|v| has(v, *digits)))
+}
+
 /// The largest step of which all values are multiples; none where they are not on steps. Their greatest common divisor, by Euclid.
-pub(crate) fn step(values: &[f64]) -> Option<f64> {
+fn step(values: &[f64]) -> Option<f64> {
     let finite = || values.iter().map(|v| v.abs()).filter(|v| v.is_finite());
     let largest = finite().fold(0.0, f64::max);
     if finite().count() < FEWEST {
@@ -39,10 +79,43 @@ pub(crate) fn rounding_sd(step: f64) -> f64 {
     step / 12.0_f64.sqrt()
 }
 
+/// The step that rounding to it has this standard deviation of.
+pub(crate) fn step_of(rounding_sd: f64) -> f64 {
+    rounding_sd * 12.0_f64.sqrt()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use rand::{Rng, SeedableRng};
+
+    /// Numbers as `%.3e` writes them, and as `%.4f` does.
+    #[test]
+    fn what_a_value_was_rounded_by_is_found() {
+        let mut rng = rand::rngs::StdRng::seed_from_u64(5);
+        let values: Vec<f64> = (0..208).map(|_| 10.0_f64.powf(rng.random_range(-3.0..-1.0))).collect();
+        assert_eq!(rounding(&values), None);
+        let written =
+            |write: fn(&f64) -> String| -> Vec<f64> { values.iter().map(|v| write(v).parse().unwrap()).collect() };
+        for (rounded, decade) in [
+            (written(|v| format!("{v:.3e}")), None),
+            (written(|v| format!("{v:.1e}")), None),
+            (written(|v| format!("{v:.4}")), Some(1e-4)),
+        ] {
+            let found = rounding(&rounded).unwrap();
+            let mut errors: Vec<f64> = values
+                .iter()
+                .zip(&rounded)
+                .zip(&found)
+                .map(|((v, r), sd)| (v - r) / sd)
+                .collect();
+            assert!(errors.iter().all(|e| e.abs() < 1.74), "{decade:?}");
+            errors.iter_mut().for_each(|e| *e *= *e);
+            assert!((errors.iter().sum::<f64>() / 208.0 - 1.0).abs() < 0.3);
+            assert!(decade.is_none_or(|step| found.iter().all(|sd| (sd / rounding_sd(step) - 1.0).abs() < 1e-4)));
+        }
+        assert_eq!(rounding(&[0.25; 40]), None);
+    }
 
     #[test]
     fn the_step_of_rounded_values_is_found_and_no_other() {

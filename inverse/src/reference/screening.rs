@@ -91,6 +91,9 @@ pub enum FindingKind {
     Unsearched,
     /// Touches at different places change all values of the pattern alike. It concerns no value.
     Ambiguous,
+    /// The sheet moved while the baseline was taken; [`Finding::factor`] is how far, in standard deviations of a frame's noise. It concerns
+    /// no value.
+    Moved,
     /// Frames that the baseline is not the mean of; [`Finding::factor`] is the part of them that it is. It concerns no value.
     Frames,
 }
@@ -215,6 +218,11 @@ impl fmt::Display for Finding {
                 "with this pattern touches at different places change all values alike, as those mirrored through the middle do where \
                  opposite electrodes drive and sense: which place is touched no frame tells. Drive or sense other pairs as well, \
                  neighbours for instance"
+            ),
+            FindingKind::Moved => write!(
+                f,
+                "the baseline's frames differ from each other by {factor:.0} times their noise, all in one way: something came down, lifted or \
+                 slid, or a contact failed, while they were measured. Take a baseline at rest"
             ),
             FindingKind::Frames => write!(
                 f,

@@ -4,7 +4,8 @@ use crate::reference::baseline::Baseline;
 use crate::reference::difference::{Difference, is_measured};
 use crate::reference::imager::{Imager, ImagerError};
 use crate::reference::noise::{FrameNoise, NoiseEstimate, NoiseSource};
-use crate::reference::resolution::{rounding_sd, step};
+use crate::reference::resolution::rounding;
+use crate::stats::root_mean_square;
 use std::sync::Arc;
 
 /// A sheet, its model and its baseline. Immutable: another baseline is another reference.
@@ -32,7 +33,7 @@ impl Reference {
     /// [`ImagerError::Baseline`] when its length does not match the pattern.
     pub fn new(imager: Arc<Imager>, baseline: Vec<f64>, noise: FrameNoise) -> Result<Self, ImagerError> {
         let unchanged = imager.difference(&baseline, &baseline)?;
-        let rounding = step(&baseline).map_or(0.0, rounding_sd);
+        let rounding = rounding(&baseline).map_or(0.0, |sds| root_mean_square(&sds));
         let least_noise = std::f64::consts::SQRT_2 * rounding * imager.gain(&baseline);
         let (noise, value_noise, baseline_share) = match noise {
             FrameNoise::Known { sigma, baseline_frames } if sigma > 0.0 && sigma.is_finite() => {

@@ -230,7 +230,7 @@ impl Rig {
             }
             let start = Instant::now();
             match self.live.frame(frame.time_s, &frame.values_v)? {
-                LiveFrame::Baseline { left: 0 } => {
+                LiveFrame::Baseline { left: 0, .. } => {
                     if let Some(inspection) = self.live.inspection() {
                         inspection
                             .warnings()

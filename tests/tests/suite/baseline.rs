@@ -86,7 +86,7 @@ impl Chain {
         loop {
             let frame = self.frame();
             let made = self.live.frame(frame.time_s, &frame.values_v).unwrap();
-            if made == (LiveFrame::Baseline { left: 0 }) {
+            if matches!(made, LiveFrame::Baseline { left: 0, .. }) {
                 return self.live.baseline().unwrap().clone();
             }
         }
@@ -145,6 +145,30 @@ fn a_late_baseline_is_the_untouched_sheets_and_the_first_picture_is_the_scenes_f
     let mut running = Chain::start(&file(finger(), 6), false);
     running.busy_until(4.0);
     assert!(differ(&running.baseline(), &untouched));
+}
+
+/// A finger that comes down or lifts while the baseline is taken is in none: it is taken again, once or twice.
+#[test]
+fn a_baseline_is_taken_again_where_a_finger_moved_meanwhile() {
+    let [x, y] = PLACE_MM;
+    for (seed, forces) in [[(0.35, 0.0), (0.4, 20.0)], [(0.3, 20.0), (0.35, 0.0)]]
+        .iter()
+        .enumerate()
+    {
+        let finger = Touch::pressed(Shape::Finger, 6.75, x, y, forces);
+        let mut chain = Chain::start(&file(vec![finger], 20 + seed as u64), false);
+        let mut begun_anew = 0;
+        loop {
+            let frame = chain.frame();
+            match chain.live.frame(frame.time_s, &frame.values_v).unwrap() {
+                LiveFrame::Baseline { left: 0, .. } => break,
+                LiveFrame::Baseline { again, .. } => begun_anew += usize::from(again),
+                LiveFrame::Picture(_) => panic!("there is no baseline yet"),
+            }
+        }
+        assert!((1..=2).contains(&begun_anew), "{seed}: {begun_anew}");
+        assert_eq!(chain.live.baseline().unwrap().moved, 0.0, "{seed}");
+    }
 }
 
 #[test]
