@@ -337,6 +337,7 @@ fn of_table(arguments: &Arguments) -> Result<Measured> {
     let path = arguments.file.as_deref().unwrap_or_else(|| std::path::Path::new(""));
     let table = table_file::read(path, arguments.order, &arguments.variable)?;
     table_notices::of_drive(&table, arguments.drive);
+    table_notices::of_rounding(&table);
     let drive = arguments.drive.drive();
     let chosen = arguments.geometry.choose(&table, Method::Nnls)?;
     let names = table.names();

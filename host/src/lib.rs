@@ -57,6 +57,7 @@ mod plan;
 mod played_board;
 mod presses;
 mod progress;
+mod rails;
 mod reading;
 mod reconstruct;
 mod record;

@@ -22,3 +22,10 @@ pub(crate) fn median(values: impl Iterator<Item = f64>) -> f64 {
     sorted.sort_by(f64::total_cmp);
     sorted.get(sorted.len() / 2).copied().unwrap_or(f64::NAN)
 }
+
+/// Root mean square of the values that are finite; 0 of none.
+pub(crate) fn root_mean_square(values: &[f64]) -> f64 {
+    let finite = values.iter().filter(|v| v.is_finite());
+    let (sum, count) = finite.fold((0.0, 0.0_f64), |(sum, count), v| (sum + v * v, count + 1.0));
+    (sum / count.max(1.0)).sqrt()
+}

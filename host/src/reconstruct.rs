@@ -305,6 +305,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     }
     let mut notes = table.notes.clone();
     notes.extend(table_notices::of_drive(&table, arguments.drive));
+    if !arguments.baseline.comparison().difference {
+        notes.extend(table_notices::of_rounding(&table));
+    }
     let mut source = Source {
         creep_recovered: None,
         sheet: chosen.line.to_string(),

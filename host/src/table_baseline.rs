@@ -242,13 +242,9 @@ impl Prepared<'_> {
 
 /// Root mean squares of the frames' changes, as parts of the model's, where 1 in the table is 1 V.
 fn parts(table: &MeasurementTable, model: &[f64]) -> impl Iterator<Item = f64> {
-    let rms = |values: &[f64]| {
-        let finite = values.iter().filter(|d| d.is_finite());
-        let (sum, count) = finite.fold((0.0, 0.0), |(s, n), v| (s + v * v, n + 1.0));
-        (sum / f64::max(count, 1.0)).sqrt()
-    };
-    let whole = rms(model).max(f64::MIN_POSITIVE);
-    table.columns.iter().map(move |c| rms(&c.values) / whole)
+    let whole = number::root_mean_square(model).max(f64::MIN_POSITIVE);
+    let columns = table.columns.iter();
+    columns.map(move |c| number::root_mean_square(&c.values) / whole)
 }
 
 /// What 1 in a table of changes is where nobody says it, V: 1, unless the changes were larger than the voltages then.

@@ -3,6 +3,7 @@
 use crate::files::measurements::MeasurementTable;
 use crate::files::{arrays, ordered};
 use crate::progress::Progress;
+use crate::rails;
 use ::forward::order::ValueOrder;
 use anyhow::Result;
 use std::path::Path;
@@ -28,6 +29,10 @@ pub(crate) fn read(path: &Path, order: Option<ValueOrder>, wanted: &[String]) ->
             "{} values are infinite and are left out, as missing ones are",
             read.infinite
         );
+        eprintln!("warning: {}: {note}", read.file);
+        read.notes.push(note);
+    }
+    if let Some(note) = rails::leave_out(&mut read) {
         eprintln!("warning: {}: {note}", read.file);
         read.notes.push(note);
     }

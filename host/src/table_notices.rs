@@ -7,7 +7,13 @@ use ::forward::Measurement;
 use inverse::batch::BatchOptions;
 use inverse::pipeline::FrameResult;
 use inverse::reference::noise::NoiseSource;
+use inverse::reference::rounding;
 use inverse::solvers::{Method, Status};
+
+/// What a finger of +20 % in the middle changes the voltages by, root mean squares, and the part of the voltages from which rounding them
+/// by a tenth of that is told.
+const LIGHT_CHANGE: f64 = 2e-3;
+const MOST_ROUNDED: f64 = 0.1 * LIGHT_CHANGE;
 
 /// Of so many values the places are told.
 const MOST_TOLD: usize = 4;
@@ -67,6 +73,26 @@ pub(crate) fn of_drive(table: &MeasurementTable, used: DriveKind) -> Option<Stri
     let note = format!("its header says that a {said} drives the sheet, and --drive {used} is used");
     eprintln!("warning: {}: {note}", table.file);
     Some(note)
+}
+
+/// That values are rounded so much that weak touches are lost, where they are.
+pub(crate) fn of_rounding(table: &MeasurementTable) -> Option<String> {
+    let part = |values: &[f64]| {
+        let rounding = number::root_mean_square(&rounding(values)?);
+        Some(rounding / number::root_mean_square(values).max(f64::MIN_POSITIVE))
+    };
+    let parts: Option<Vec<f64>> = table.columns.iter().map(|c| part(&c.values)).collect();
+    let usual = number::median(parts?.into_iter());
+    let note = format!(
+        "its values are rounded by {:.2} % of their root mean square, and a finger in the middle changes them by {:.1} %: weak touches are \
+         lost or misplaced. Write them with more digits, or measure with a larger gain",
+        100.0 * usual,
+        100.0 * LIGHT_CHANGE
+    );
+    (usual > MOST_ROUNDED).then(|| {
+        eprintln!("warning: {}: {note}", table.file);
+        note
+    })
 }
 
 /// What all frames have in common.

@@ -2,6 +2,7 @@
 
 use serde_json::Value;
 use std::fmt::Write as _;
+use std::hash::{DefaultHasher, Hash as _, Hasher as _};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
@@ -543,6 +544,86 @@ fn what_does_not_fit_is_said_in_the_lines_too() {
         &reconstruct(&file, &[&of_sheet[..], &["--baseline", "u"]].concat()),
         "change all values alike",
     );
+}
+
+/// Frames of the baseline that something pressed, a converter's rail, and numbers with few digits.
+#[test]
+fn a_table_says_what_its_values_have_lost() {
+    let folder = Folder::new();
+    let (sheet, touched) = (values(&forward(&[])), values(&forward(&TOUCH)));
+    let pressed = values(&forward(&["--touch", "-40,10,9,0.1"]));
+    let rows = forward(&[]);
+    // Noise of every value, the same in every run.
+    let noisy = |v: &[f64], frame: usize| -> Vec<f64> {
+        let noise = |k: usize| {
+            let mut hash = DefaultHasher::new();
+            (k, frame).hash(&mut hash);
+            6e-6 * (hash.finish() as f64 / u64::MAX as f64 - 0.5)
+        };
+        v.iter().enumerate().map(|(k, v)| v + noise(k)).collect()
+    };
+    let names = ["b1", "b2", "b3", "b4", "b5", "b6", "b7", "b8"];
+    let frames = |of: &dyn Fn(usize) -> Vec<f64>| -> Vec<(&str, Vec<f64>)> {
+        let baseline = names.iter().enumerate().map(|(j, name)| (*name, noisy(&of(j), j)));
+        baseline
+            .chain([("t", noisy(&touched, 8)), ("e", noisy(&sheet, 9))])
+            .collect()
+    };
+    let read = |name: &str, frames: &[(&str, Vec<f64>)]| {
+        reconstruct(&folder.file(name, table(&rows, frames)), &["--baseline", "b1-b8"])
+    };
+    let is_right = |line: &Value| {
+        let found = places(line);
+        assert!(
+            found.len() == 1 && (found[0][0] - 30.0).hypot(found[0][1] - 20.0) < 1.0,
+            "{line}"
+        );
+    };
+
+    let (lines, said) = read("rest.csv", &frames(&|_| sheet.clone()));
+    is_right(&lines[0]);
+    assert!(places(&lines[1]).is_empty() && lines.iter().all(|line| line["doubt"].is_null()));
+    assert!(!said.contains("warning"), "{said}");
+
+    let (lines, said) = read("pressed.csv", &frames(&|j| [&sheet, &pressed][j % 2].clone()));
+    assert!(said.contains("differ from each other by"), "{said}");
+    for line in &lines {
+        assert!(
+            line["doubt"]
+                .as_str()
+                .unwrap()
+                .starts_with("the sheet moved while the baseline was taken")
+        );
+        assert_eq!(line["left_out"][0]["kind"], "moved");
+    }
+
+    let mut clipped = frames(&|_| sheet.clone());
+    let mut sizes = sheet.clone();
+    sizes.sort_by(f64::total_cmp);
+    let rail = 0.5 * (sizes[190] + sizes[189]);
+    clipped
+        .iter_mut()
+        .flat_map(|(_, values)| values)
+        .for_each(|v| *v = v.min(rail));
+    let (lines, said) = read("clipped.csv", &clipped);
+    assert!(said.contains("as at the rail of a converter"), "{said}");
+    is_right(&lines[0]);
+    assert!(places(&lines[1]).is_empty());
+    assert!(lines[0]["notes"].to_string().contains("as at the rail of a converter"));
+
+    let rounded = |digits: usize| -> Vec<(&str, Vec<f64>)> {
+        let mut frames = frames(&|_| sheet.clone());
+        let round = |v: &f64| format!("{v:.digits$}").parse().unwrap();
+        frames
+            .iter_mut()
+            .for_each(|(_, values)| *values = values.iter().map(round).collect());
+        frames
+    };
+    let (_, said) = read("millivolts.csv", &rounded(3));
+    assert!(said.contains("its values are rounded by"), "{said}");
+    let (lines, said) = read("microvolts.csv", &rounded(6));
+    is_right(&lines[0]);
+    assert!(places(&lines[1]).is_empty() && !said.contains("rounded"), "{said}");
 }
 
 #[test]
