@@ -355,9 +355,12 @@ impl ContactTest {
         self.polarity.widen();
         solver.begin_other(self.drifting);
         let other = self.solve_with(solver, task, detectors, result);
-        let better = evidence
-            .zip(other)
-            .is_some_and(|(evidence, other)| other.cheaper_than(evidence, self.options.margin_accepted));
+        // A fall beside a rise, as where a finger that lay on the sheet slides off, is much like a ring of rises.
+        let fewer = result.touches.len() < self.kept.touches.len();
+        let better = evidence.zip(other).is_some_and(|(evidence, other)| {
+            other.cheaper_than(evidence, self.options.margin_accepted)
+                || (fewer && other.more_probable_than(evidence, self.options.margin_accepted))
+        });
         // The other search may not have come to its end yet; this one has.
         let explained = solver.is_finished() && result.misfit.is_some();
 

@@ -6,6 +6,10 @@ use crate::touches::touch::Touch;
 
 /// Frames with touches of one sign from which that is known to be the sheet's.
 const LEARNED_FRAMES: usize = 8;
+/// Something that rested on the sheet when the baseline was taken falls where it lay, each time that it is lifted, and nowhere else. Falls
+/// that came and went at places so far from one another, mm, are touches. Chosen by hand: more than a finger that comes back misses its
+/// place by.
+const OTHER_PLACE_MM: f64 = 15.0;
 /// Frames until what touches of one sign do not explain is tried again with both.
 const RETRY_FRAMES: usize = 16;
 
@@ -21,6 +25,9 @@ pub(crate) struct PolarityTest {
     /// Frames of one baseline with rises, and with falls alone since the sheet was last quiet.
     rises: usize,
     falls: usize,
+    /// Where the strongest of these falls was last, mm; and where others had come and gone before.
+    falls_at: [f64; 2],
+    fell_at: Option<[f64; 2]>,
     /// Those with rises until the sheet was last quiet.
     rises_before: usize,
     /// Frames until both signs are tried again.
@@ -38,6 +45,8 @@ impl PolarityTest {
             now: said.unwrap_or_default(),
             rises: 0,
             falls: 0,
+            falls_at: [0.0; 2],
+            fell_at: None,
             rises_before: 0,
             until: 0,
         }
@@ -72,10 +81,14 @@ impl PolarityTest {
         self.until = if self.sequence { RETRY_FRAMES } else { 0 };
     }
 
-    /// The sheet is quiet: what was there has gone, so that it was a touch.
+    /// The sheet is quiet: what was there has gone, so that it was a touch; or what had gone is there again.
     pub(crate) fn clear(&mut self) {
         if self.sequence && self.falls >= LEARNED_FRAMES && self.known().is_none() {
-            self.learned = Some(Polarity::Down);
+            let at = self.falls_at;
+            let before = *self.fell_at.get_or_insert(at);
+            if (at[0] - before[0]).hypot(at[1] - before[1]) > OTHER_PLACE_MM {
+                self.learned = Some(Polarity::Down);
+            }
         }
         self.now = self.known().unwrap_or_default();
         (self.falls, self.until, self.just_learned) = (0, 0, false);
@@ -97,7 +110,6 @@ impl PolarityTest {
         let explained = result.changed && result.misfit.is_some();
         let is_rise = |t: &Touch| t.rise > 0.0;
         let rises = result.touches.iter().any(is_rise);
-        let falls = result.touches.iter().any(|t| !is_rise(t));
         if !explained || self.said == Some(Polarity::Either) {
             return None;
         }
@@ -111,8 +123,9 @@ impl PolarityTest {
             if self.rises >= LEARNED_FRAMES && self.known().is_none() {
                 (self.learned, self.just_learned) = (Some(Polarity::Up), true);
             }
-        } else if falls {
+        } else if let Some(strongest) = strongest(&result.touches) {
             self.falls += 1;
+            self.falls_at = [strongest.x_mm, strongest.y_mm];
         }
         let sheet = self.known().unwrap_or_default();
         if !result.touches.iter().any(|t| !sheet.allows(t.rise)) {
@@ -131,14 +144,14 @@ impl PolarityTest {
 
 /// Takes the touches out of a result that change the resistivity the other way. The strongest of them.
 fn strange(sheet: Polarity, result: &mut FrameResult) -> Option<Touch> {
-    let strongest = result
-        .touches
-        .iter()
-        .filter(|t| !sheet.allows(t.rise))
-        .max_by(|a, b| a.total_mm2.abs().total_cmp(&b.total_mm2.abs()))
-        .copied();
+    let strange = strongest(result.touches.iter().filter(|t| !sheet.allows(t.rise)));
     result.touches.retain(|t| sheet.allows(t.rise));
-    strongest
+    strange
+}
+
+fn strongest<'a>(touches: impl IntoIterator<Item = &'a Touch>) -> Option<Touch> {
+    let by_strength = |a: &&Touch, b: &&Touch| a.total_mm2.abs().total_cmp(&b.total_mm2.abs());
+    touches.into_iter().max_by(by_strength).copied()
 }
 
 #[cfg(test)]
@@ -148,12 +161,18 @@ mod tests {
 
     /// Frames with one touch of this rise.
     fn show(test: &mut PolarityTest, rise: f64, frames: usize) {
+        show_at(test, [0.0; 2], rise, frames);
+    }
+
+    fn show_at(test: &mut PolarityTest, [x_mm, y_mm]: [f64; 2], rise: f64, frames: usize) {
         for _ in 0..frames {
             let mut result = FrameResult {
                 changed: true,
                 misfit: Some(1.0),
                 touches: vec![Touch {
                     rise,
+                    x_mm,
+                    y_mm,
                     ..Touch::default()
                 }],
                 ..FrameResult::default()
@@ -162,12 +181,37 @@ mod tests {
         }
     }
 
+    /// What rested on the sheet may be lifted and come back as often as it likes: falls at one place are no sheet's sign, at two they are.
+    #[test]
+    fn what_comes_back_to_its_place_teaches_no_sign() {
+        let mut test = PolarityTest::new(None, true);
+        for bounce in 0..10 {
+            show_at(
+                &mut test,
+                [30.0 + f64::from(bounce % 3), 20.0],
+                -0.3,
+                10 * LEARNED_FRAMES,
+            );
+            test.clear();
+            assert_eq!(test.known(), None, "{bounce}");
+        }
+        let mut rises = PolarityTest::new(None, true);
+        rises.fell_at = test.fell_at;
+        show_at(&mut rises, [-20.0, 50.0], 0.3, LEARNED_FRAMES);
+        assert_eq!(rises.known(), Some(Polarity::Up));
+        show_at(&mut test, [-20.0, 50.0], -0.3, LEARNED_FRAMES);
+        test.clear();
+        assert_eq!(test.known(), Some(Polarity::Down));
+    }
+
     /// What many frames show alone is the sheet's sign; what turned out to be a fault says nothing of it.
     #[test]
     fn a_fault_teaches_no_sign() {
         for (rise, learned) in [(0.3, Polarity::Up), (-0.3, Polarity::Down)] {
             for frames in [LEARNED_FRAMES, 10 * LEARNED_FRAMES] {
                 let mut test = PolarityTest::new(None, true);
+                show_at(&mut test, [40.0, 0.0], rise, frames);
+                test.clear();
                 show(&mut test, rise, frames);
                 let mut broken = PolarityTest::new(None, true);
                 show(&mut broken, rise, frames);

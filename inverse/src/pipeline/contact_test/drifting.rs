@@ -5,6 +5,7 @@ use crate::pipeline::frame_solver::{FrameSolver, Task};
 use crate::pipeline::result::FrameResult;
 use crate::quality::contact::Evidence;
 use crate::reference::drift::Drifting;
+use crate::touches::polarity::Polarity;
 
 impl ContactTest {
     /// Decides what drifts: a new touch must explain the frame better than that. What is rare is not asked for while a touch `lands`, nor
@@ -111,11 +112,48 @@ impl ContactTest {
             let alone = !result.changed && found.misfit <= self.options.explained && unexplained;
             alone || better(found, evidence, self.options.margin_accepted)
         });
+        if takes && is_rare(other) && !is_rare(before) {
+            return self.with_both_signs(before, found, solver, task, detectors, result);
+        }
         if takes {
             return found;
         }
         self.drifting = before;
         result.copy_from(&self.kept);
+        evidence
+    }
+
+    /// What lay on the sheet in its baseline and is lifted while others press looks like an unevenness that came at once. Where a touch of the
+    /// other sign explains the frame beside what drifted `before`, no less probably than what is rare now, it is that.
+    fn with_both_signs(
+        &mut self,
+        before: Drifting,
+        evidence: Option<Evidence>,
+        solver: &mut FrameSolver,
+        task: Task,
+        detectors: &mut Detectors,
+        result: &mut FrameResult,
+    ) -> Option<Evidence> {
+        let sign = self.polarity.now();
+        if !self.sequence || sign == Polarity::Either {
+            return evidence;
+        }
+        self.kept.copy_from(result);
+        let rare = std::mem::replace(&mut self.drifting, before);
+        self.polarity.widen();
+        solver.begin_other(before);
+        let other = self.solve_with(solver, task, detectors, result);
+        let lifted = result.misfit.is_some() && result.touches.iter().any(|t| !sign.allows(t.rise));
+        let probable = (evidence.zip(other))
+            .is_some_and(|(evidence, other)| !evidence.more_probable_than(other, self.options.margin_accepted));
+        tracing::debug!(?rare, ?evidence, ?other, lifted, probable, "both signs in its place");
+        if lifted && probable {
+            return other;
+        }
+        self.polarity.narrow(sign);
+        result.copy_from(&self.kept);
+        solver.end_other();
+        self.drifting = rare;
         evidence
     }
 }
