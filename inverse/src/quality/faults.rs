@@ -128,6 +128,11 @@ struct OutlierSearch {
 /// One in so many pairs or values may be wild without an electrode or a drive to blame.
 pub(crate) const MOST_WILD: usize = 4;
 
+/// One in so many pairs of an electrode or a drive that is broken disagrees clearly at least. Of an open one almost all do.
+const ONE: usize = 4;
+/// Lower quartile of the square of a normal number.
+const LOWER_QUARTILE: f64 = 0.1015;
+
 /// So many times as much as the worst that stays is what goes: the tail of a sheet that is not as the model has it does not stand apart.
 pub(super) const APART: f64 = 2.0;
 
@@ -377,6 +382,27 @@ impl OutlierSearch {
         count > 0 && others > 0 && inside / count as f64 > self.options.worth_a_test * outside / others as f64
     }
 
+    /// Whether what disagrees is the candidate, and not a few of its values by themselves, which [`OutlierSearch::hidden`] finds. Frames
+    /// that follow one another tell that by and by.
+    fn is_one(&self, candidate: usize, now: &Disagreement) -> bool {
+        let candidate = &self.candidates[candidate];
+        let of_pairs = now.pairs.iter().zip(&now.residual);
+        let squares = |inside: bool| {
+            let of = of_pairs
+                .clone()
+                .filter(move |(pair, _)| inside == (candidate[pair[0]] || candidate[pair[1]]));
+            of.map(|(_, residual)| residual * residual)
+        };
+        // More than half of the others may be wrong as well, by three open electrodes.
+        let mut others: Vec<f64> = squares(false).collect();
+        others.sort_unstable_by(f64::total_cmp);
+        let noise = others
+            .get(others.len() / 4)
+            .map_or(0.0, |square| square / LOWER_QUARTILE);
+        let disagree = squares(true).filter(|square| *square > APART * APART * noise).count();
+        self.sequence || ONE * disagree >= squares(true).count()
+    }
+
     /// The candidate among some without which the rest agrees best, if that is more than this part of what chance allows.
     fn worst(
         &self,
@@ -422,7 +448,7 @@ impl OutlierSearch {
             consider(Candidate::Values(*pair), without);
         }
         for (k, candidate) in self.candidates.iter().enumerate() {
-            if among(&Candidate::Listed(k)) && self.worth_a_test(k, now) {
+            if among(&Candidate::Listed(k)) && self.worth_a_test(k, now) && self.is_one(k, now) {
                 consider(
                     Candidate::Listed(k),
                     used.iter().zip(candidate).map(|(u, s)| *u && !s).collect(),

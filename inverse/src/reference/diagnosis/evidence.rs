@@ -160,13 +160,6 @@ impl Evidence {
         let others = self.of_touches() - 0.5 * gone;
         (others + 0.5 * log_det + self.own_cost(&values), others)
     }
-
-    /// The value that is furthest from what the others tell.
-    pub(crate) fn wildest(&self) -> Option<usize> {
-        let by = |k: usize| self.wy[k] * self.wy[k] / self.w.diagonal(k);
-        let used = (0..self.y.len()).filter(|k| self.w.own[*k] > 0.0);
-        used.max_by(|a, b| by(*a).total_cmp(&by(*b)))
-    }
 }
 
 #[cfg(test)]

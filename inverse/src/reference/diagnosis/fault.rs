@@ -230,7 +230,7 @@ impl fmt::Display for Fault {
             }
             Self::Source => write!(
                 f,
-                "the source gives nothing: no touches are shown; look at the excitation and its cable"
+                "the source gives nothing, or all amplifiers do: no touches are shown; look at the excitation, its cable and the amplifiers' supply"
             ),
             Self::Scale(factor) => write!(
                 f,

@@ -94,6 +94,16 @@ impl<'a> Freed<'a> {
         }
     }
 
+    /// The value that is furthest from what the others tell.
+    pub(crate) fn wildest(&self) -> Option<usize> {
+        let used = (0..self.wy.len()).filter(|k| self.own[*k] > 0.0);
+        let by = |k: usize| {
+            let reached = self.w().g.column(k).norm_squared() + self.more.column(k).norm_squared();
+            self.wy[k] * self.wy[k] / (self.own[k] - reached)
+        };
+        used.max_by(|a, b| by(*a).total_cmp(&by(*b)))
+    }
+
     /// The same with these free as well; none where that cannot be computed.
     pub(crate) fn with(&self, values: &[usize]) -> Option<Self> {
         let values = self.new_ones(values);

@@ -49,6 +49,8 @@ const SCORED_OHM: f64 = 20.0;
 const REFINEMENTS: usize = 10;
 /// Most numbers that are predicted at once: it bounds the memory that a search takes.
 const PREDICTED_AT_ONCE: usize = 1_000_000;
+/// Of so many values one may be wild by itself: half of what a pair of neighbours drives or senses, and a fraction of those of an electrode.
+const FEW_VALUES: usize = 32;
 /// Of so many sets of open electrodes larger ones are tried.
 const MOST_TRIED: usize = 3;
 /// Cost of a fault before a frame: as the chance of one in 10⁵. The same of the choice of a resistance.
@@ -387,14 +389,25 @@ impl Diagnosis {
         }
     }
 
+    /// Wild values, each the furthest from what the others tell. One is named. Several are no fault that is known, and left out by who
+    /// holds the values against one another; but without them a frame that has some would look like one of open electrodes, whose values
+    /// may be anything as well.
     fn offer_values(&self, evidence: &Evidence, best: &mut Best) {
-        // One alone: of several each is named in its turn.
-        if let Some(k) = evidence.wildest() {
-            let m = self.imager.pattern.measurements()[k];
-            let of = [m.drive.plus, m.drive.minus, m.sense.plus, m.sense.minus];
-            let (cost, left) = evidence.free(&[k]);
-            let cost = FAULT + (self.imager.pattern.len() as f64).ln() + cost;
-            best.offer_free(cost, left, || Fault::Value(k, of));
+        let measurements = self.imager.pattern.measurements();
+        let one = (measurements.len() as f64).ln();
+        let (mut freed, mut least) = (Freed::none(evidence), f64::INFINITY);
+        let Some(first) = freed.wildest() else { return };
+        let m = measurements[first];
+        let of = [m.drive.plus, m.drive.minus, m.sense.plus, m.sense.minus];
+        for count in 1..=(measurements.len() / FEW_VALUES).max(1) {
+            let Some(k) = freed.wildest() else { return };
+            let cost = freed.cost(&[k]);
+            let named = (count == 1).then_some(Fault::Value(first, of));
+            best.offer_free(FAULT + count as f64 * one + cost.all, cost.others, || named);
+            let Some(with) = freed.with(&[k]).filter(|_| cost.all + one < least) else {
+                return;
+            };
+            (freed, least) = (with, cost.all);
         }
     }
 
@@ -421,7 +434,7 @@ impl Diagnosis {
                 return;
             };
             best.offer_free(FAULT + count as f64 * one + cost.all, cost.others, || {
-                Fault::Open(Electrodes::of(set))
+                Some(Fault::Open(Electrodes::of(set)))
             });
             if cost.all + one > least || count == MOST_ELECTRODES {
                 return;

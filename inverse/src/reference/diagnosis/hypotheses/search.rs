@@ -29,13 +29,14 @@ pub(super) struct Best {
 impl Best {
     /// Whether it is the best now.
     pub(super) fn offer(&mut self, cost: f64, fault: impl FnOnce() -> Fault) -> bool {
-        self.offer_free(cost, cost, fault)
+        self.offer_free(cost, cost, || Some(fault()))
     }
 
-    pub(super) fn offer_free(&mut self, cost: f64, left: f64, fault: impl FnOnce() -> Fault) -> bool {
+    /// The same of what leaves values free, and may be nothing that is named.
+    pub(super) fn offer_free(&mut self, cost: f64, left: f64, fault: impl FnOnce() -> Option<Fault>) -> bool {
         let better = cost < self.cost;
         if better {
-            (self.cost, self.left, self.fault) = (cost, left, Some(fault()));
+            (self.cost, self.left, self.fault) = (cost, left, fault());
         }
         better
     }
