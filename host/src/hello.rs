@@ -352,7 +352,7 @@ fn describe(hello: &Hello, source: &str) {
         "electrodes  {}, {} sampled at once, {} bits",
         hello.electrodes, hello.limits.channels, hello.adc_bits
     );
-    println!("started by  {:?}", hello.reset);
+    println!("started by  {}", hello.reset);
     if !hello.last_panic.is_empty() {
         println!("last panic  {}", hello.last_panic);
     }

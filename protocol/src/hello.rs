@@ -77,6 +77,20 @@ pub enum ResetCause {
     Panic,
 }
 
+impl core::fmt::Display for ResetCause {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            Self::Unknown => "a cause that it does not know",
+            Self::PowerOn => "its supply",
+            Self::BrownOut => "a supply that sagged",
+            Self::Pin => "the reset pin",
+            Self::Software => "its own program",
+            Self::Watchdog => "its watchdog: the program hung",
+            Self::Panic => "its program, which met a bug",
+        })
+    }
+}
+
 /// The board's answer to [`crate::ToBoard::Hello`]; it also says it once, unasked, when it starts.
 ///
 /// The version comes first so that it can be read whatever follows.

@@ -11,7 +11,7 @@ use thiserror::Error;
 #[non_exhaustive]
 pub enum SceneFileError {
     /// It cannot be read.
-    #[error("{path}: cannot be read: {source}")]
+    #[error("{path}: cannot be read")]
     Read {
         /// Which file.
         path: PathBuf,

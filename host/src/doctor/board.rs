@@ -116,7 +116,7 @@ fn uptime(facts: &Facts) -> Line {
     };
     let up_s = measured.frames.last().map_or(0.0, |f| f.time_s);
     let resets = measured.resets();
-    let text = format!("up for {up_s:.0} s, started by {:?}", hello.reset);
+    let text = format!("up for {up_s:.0} s, started by {}", hello.reset);
     let line = if resets > 0 {
         Line::bad(
             name,

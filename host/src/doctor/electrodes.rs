@@ -181,7 +181,8 @@ fn contact(inspection: &Inspection) -> Line {
     if !inspection.conclusive {
         return Line::not_known(name, "the values are not those of the sheet as described");
     }
-    let dead = of(FindingKind::Electrode);
+    let dead = [FindingKind::Electrode, FindingKind::DrivePair, FindingKind::SensePair];
+    let dead: Vec<&Finding> = dead.into_iter().flat_map(of).collect();
     if !dead.is_empty() {
         return Line::bad(name, texts(&dead), Cause::Wiring, advice)
             .electrodes(dead.iter().flat_map(|f| f.electrodes.clone()));
@@ -192,16 +193,10 @@ fn contact(inspection: &Inspection) -> Line {
         return Line::bad(name, fault.to_string(), Cause::Wiring, advice)
             .electrodes(electrodes.list().iter().map(|l| l + 1));
     }
-    let weak: Vec<&Finding> = [
-        FindingKind::Contact,
-        FindingKind::DrivePair,
-        FindingKind::SensePair,
-        FindingKind::DriveGain,
-        FindingKind::Value,
-    ]
-    .into_iter()
-    .flat_map(of)
-    .collect();
+    let weak: Vec<&Finding> = [FindingKind::Contact, FindingKind::DriveGain, FindingKind::Value]
+        .into_iter()
+        .flat_map(of)
+        .collect();
     if !weak.is_empty() {
         return Line::look(name, texts(&weak), Cause::Wiring, advice).electrodes(common(&weak));
     }

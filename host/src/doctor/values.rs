@@ -3,6 +3,7 @@
 use super::facts::{Facts, Measured};
 use super::line::{Cause, Line};
 use crate::number::median;
+use inverse::reference::inspection::out_of_range;
 use inverse::reference::wiring;
 use link::MeasuredFrame;
 
@@ -199,6 +200,15 @@ fn saturation(measured: &Measured, named: &[usize]) -> Line {
     let ever = clipped.iter().filter(|n| **n > 0).count();
     let which = measured.pattern.measurements().iter().zip(&clipped);
     let which: Vec<&::forward::Measurement> = which.filter(|(_, n)| **n > 0).map(|(m, _)| m).collect();
+    let of_the_sheet = measured.imager.as_ref().map_or_else(
+        |_| Vec::new(),
+        |imager| out_of_range(imager, &measured.baseline.values_v),
+    );
+    let is_of_the_sheet = || {
+        (0..values)
+            .filter(|k| clipped[*k] > 0)
+            .all(|k| of_the_sheet.contains(&k))
+    };
     let is_named = |m: &&::forward::Measurement| {
         let of = [m.drive.plus, m.drive.minus, m.sense.plus, m.sense.minus];
         of.iter().any(|l| named.contains(&(l + 1)))
@@ -206,6 +216,11 @@ fn saturation(measured: &Measured, named: &[usize]) -> Line {
     let text = format!("{ever} of {values} values clip, {missing} of them in most frames");
     let line = if ever == 0 {
         Line::ok(name, format!("none of {values} values clips"))
+    } else if 2 * ever <= values && is_of_the_sheet() {
+        let text = format!("{text}: those that are the largest on this sheet, beyond what the board can measure");
+        let advice =
+            "touches are found without them; less excitation would measure them: skin settings set --excitation";
+        Line::look(name, text, Cause::Hardware, advice)
     } else if which.iter().all(is_named) {
         let text = format!("{text}, all at electrodes that are named above");
         Line::look(name, text, Cause::Wiring, "mend what is named above first")
