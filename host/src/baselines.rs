@@ -15,7 +15,7 @@ use view::picture::BaselineNote;
 const EARLIER: usize = 4;
 
 /// What is said where one is taken again.
-pub(crate) const MOVED: &str = "the sheet moved while the baseline was taken: it is taken again, do not touch";
+pub(crate) const MOVED_SAID: &str = "the sheet moved while the baseline was taken: it is taken again, do not touch";
 
 /// A baseline that is or was in force.
 #[derive(Clone, Debug)]

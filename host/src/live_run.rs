@@ -1,6 +1,6 @@
 //! Moves the frames of `skin run` and `skin replay` to pictures, whatever happens to the board meanwhile.
 
-use crate::baselines::{Baselines, MOVED};
+use crate::baselines::{Baselines, MOVED_SAID};
 use crate::commands::Commands;
 use crate::event::{Event, Said};
 use crate::live_output::Output;
@@ -271,7 +271,10 @@ impl Run<'_> {
         match taken? {
             LiveFrame::Baseline { left, again } => {
                 if again {
-                    say!("{MOVED}");
+                    // Frames are not to be passed over, and what the board learned meanwhile is none of the sheet at rest.
+                    self.session.set_watch(None);
+                    self.session.keep_all();
+                    say!("{MOVED_SAID}");
                 }
                 self.wanted = Some(left).filter(|left| *left > 0);
                 if let Some(notes) = &self.notes {

@@ -6,6 +6,8 @@ use crate::files::measurements::MeasurementTable;
 /// A value is a rail where it stands so many times as often as any other between the smallest and the largest. On an ideal sheet
 /// values that symmetry makes equal are as many at every distance.
 const TIMES: usize = 4;
+/// Fewest different values between these: a converter with fewer steps has many values at each.
+const FEWEST: usize = 32;
 
 /// Takes the values at rails out of a table; says how many and at which value, or nothing where there are none.
 pub(crate) fn leave_out(table: &mut MeasurementTable) -> Option<String> {
@@ -40,6 +42,9 @@ fn rails(mut values: Vec<f64>) -> Vec<f64> {
     let [least, between @ .., most] = &runs[..] else {
         return Vec::new();
     };
+    if between.len() < FEWEST {
+        return Vec::new();
+    }
     let usual = between
         .iter()
         .filter(|run| run[0] != 0.0)

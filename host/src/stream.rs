@@ -1,7 +1,7 @@
 //! Frames with their touches for programs that have this one inside: of a board, of the simulated skin, or of a recording. What
 //! `skin run` and `skin replay` do for people is left out: pages, stored baselines, commands.
 
-use crate::baselines::MOVED;
+use crate::baselines::MOVED_SAID;
 use crate::event::Event;
 use crate::live_run::{HELD, LAG_S, SILENCE};
 use crate::played_board::{Frames, PlayedBoard};
@@ -306,7 +306,7 @@ impl Stream {
         let left = match self.live.frame(frame.time_s, &frame.values_v)? {
             LiveFrame::Picture(result) => return Ok(Next::Frame(frame, result)),
             LiveFrame::Baseline { left, again } => {
-                self.said.extend(again.then(|| MOVED.to_owned()));
+                self.said.extend(again.then(|| MOVED_SAID.to_owned()));
                 left
             }
         };

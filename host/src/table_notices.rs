@@ -83,13 +83,13 @@ pub(crate) fn of_rounding(table: &MeasurementTable) -> Option<String> {
     };
     let parts: Option<Vec<f64>> = table.columns.iter().map(|c| part(&c.values)).collect();
     let usual = number::median(parts?.into_iter());
-    let note = format!(
+    (usual > MOST_ROUNDED).then(|| {
+        let note = format!(
         "its values are rounded by {:.2} % of their root mean square, and a finger in the middle changes them by {:.1} %: weak touches are \
          lost or misplaced. Write them with more digits, or measure with a larger gain",
-        100.0 * usual,
-        100.0 * LIGHT_CHANGE
-    );
-    (usual > MOST_ROUNDED).then(|| {
+            100.0 * usual,
+            100.0 * LIGHT_CHANGE
+        );
         eprintln!("warning: {}: {note}", table.file);
         note
     })

@@ -50,10 +50,6 @@ impl BatchOptions {
     }
 }
 
-/// Frames are doubted after a baseline that moved by so many standard deviations of a frame's noise: as far as a change without a touch
-/// is.
-const MOVED: f64 = 20.0;
-
 /// Reconstructs the frames of one table.
 pub struct Batch {
     reconstructor: Reconstructor,
@@ -87,7 +83,11 @@ impl Batch {
     /// # Errors
     /// [`ImagerError::Baseline`] when a frame does not have the pattern's length.
     pub fn new(imager: Arc<Imager>, unpressed: &[&[f64]], options: BatchOptions) -> Result<Self, ImagerError> {
-        let baseline = Baseline::of_frames(imager.pattern.len(), unpressed);
+        let mut baseline = Baseline::of_frames(imager.pattern.len(), unpressed);
+        if options.noise_frames == usize::MAX {
+            // Each frame has its own baseline, and these were taken hours apart.
+            baseline.moved = 0.0;
+        }
         let inspection = inspect(
             &imager,
             baseline,
@@ -132,7 +132,7 @@ impl Batch {
     }
 
     /// Reconstructs the frame at this place of the table. After a baseline that is not that of the sheet as described, or of one that
-    /// moved far, each is doubted.
+    /// moved meanwhile, each is doubted.
     ///
     /// # Errors
     /// [`ImagerError::Baseline`] when it does not have the pattern's length.
@@ -142,7 +142,7 @@ impl Batch {
             meter.update(place as f64 * interval_s, &mut result.touches);
             result.touches.retain(Touch::is_pressed);
         }
-        let moved = (self.inspection.baseline.moved >= MOVED).then_some(Doubt::MovedBaseline);
+        let moved = (self.inspection.baseline.moved > 0.0).then_some(Doubt::MovedBaseline);
         let unlike = (!self.inspection.conclusive).then_some(Doubt::OtherSheet);
         result.doubt = result.doubt.or(moved).or(unlike);
         Ok(result)

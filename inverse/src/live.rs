@@ -264,7 +264,8 @@ impl Live {
         if let Some(taker) = &mut self.taker {
             self.repeats.rest(values_v);
             let done = taker.take(values_v);
-            let (left, again) = (taker.left(), taker.is_empty());
+            let again = taker.is_empty() && values_v.len() == self.nominal.pattern.len();
+            let left = taker.left();
             let Some(baseline) = done else {
                 return Ok(LiveFrame::Baseline { left, again });
             };

@@ -200,10 +200,10 @@ fn saturation(measured: &Measured, named: &[usize]) -> Line {
     let ever = clipped.iter().filter(|n| **n > 0).count();
     let which = measured.pattern.measurements().iter().zip(&clipped);
     let which: Vec<&::forward::Measurement> = which.filter(|(_, n)| **n > 0).map(|(m, _)| m).collect();
-    let of_the_sheet = measured.imager.as_ref().map_or_else(
-        |_| Vec::new(),
-        |imager| out_of_range(imager, &measured.baseline.values_v),
-    );
+    let imager = measured.imager.as_ref().ok();
+    let [_, of_the_sheet] = imager.map_or_else(Default::default, |imager| {
+        out_of_range(imager, &measured.baseline.values_v)
+    });
     let is_of_the_sheet = || {
         (0..values)
             .filter(|k| clipped[*k] > 0)

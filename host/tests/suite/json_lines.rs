@@ -208,6 +208,7 @@ fn every_kind_of_finding_is_in_the_schema() {
         Kind::Untold,
         Kind::Unsearched,
         Kind::Ambiguous,
+        Kind::Moved,
         Kind::Frames,
     ] {
         let kind = serde_json::to_value(kind).unwrap();

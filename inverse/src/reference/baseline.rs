@@ -9,6 +9,8 @@ use crate::stats::median;
 const UNLIKE: f64 = 5.0;
 /// Or where its values are larger or smaller by more than this part of them: a source does not change that much.
 const MOST_GAIN: f64 = 0.2;
+/// So many frames unlike the others at the beginning or at the end are no bad ones.
+const OF_ANOTHER: usize = 3;
 /// What a value errs by where noise does not spread its samples over a converter's steps, over what rounding the mean of them adds. A step
 /// of the board's converter is sixteen of the mean; of the sixteen samples of a period eight differ in size: sqrt(2 / 8) of 16.
 const UNDITHERED: f64 = 8.0;
@@ -114,7 +116,8 @@ fn of_length<'a>(values: usize, frames: &[&'a [f64]]) -> impl Iterator<Item = &'
 }
 
 /// Standard deviation of what every value was rounded by, the least of the frames; none where one of them is not rounded.
-fn rounding_of<'a>(values: usize, mut frames: impl Iterator<Item = &'a [f64]>) -> Option<Vec<f64>> {
+fn rounding_of<'a>(values: usize, frames: impl Iterator<Item = &'a [f64]>) -> Option<Vec<f64>> {
+    let mut frames = frames.filter(|frame| frame.iter().any(|v| v.is_finite()));
     frames.try_fold(vec![f64::INFINITY; values], |finest, frame| {
         let both = finest.into_iter().zip(rounding(frame)?);
         Some(both.map(|(least, own)| own.min(least)).collect())
@@ -259,19 +262,33 @@ impl Baseline {
             .collect();
         let told = (values >= FEWEST_VALUES).then(|| alike(values, &known)).flatten();
         let Some(kept) = told else {
-            return Self::plain(values, frames);
+            let rounding = rounding_of(values, known.iter().copied());
+            return Self {
+                moved: moved(known.len(), |j| known[j].to_vec(), rounding.as_deref()),
+                ..Self::plain(values, frames)
+            };
         };
         let over = |(gain, frame): &(f64, &[f64])| {
             let gain = if divides { *gain } else { 1.0 };
             frame.iter().map(|v| v / gain).collect()
         };
+        // Where what is left out began or ended the frames, it is not that some are bad: the sheet was another one then.
+        let is_kept = |frame: &&[f64]| kept.iter().any(|(_, other)| std::ptr::eq(*frame, *other));
+        let first = known.iter().take_while(|frame| !is_kept(frame)).count();
+        let last = known.iter().rev().take_while(|frame| !is_kept(frame)).count();
+        let held: Vec<(f64, &[f64])> = match first.max(last) {
+            0..OF_ANOTHER => kept.clone(),
+            _ => known.iter().map(|frame| (1.0, *frame)).collect(),
+        };
         // Of rounded values many are the same in all frames, and are so no more when each frame is divided by its gain.
-        let of_one_gain: Vec<Vec<f64>> = (kept.iter())
-            .map(|(gain, frame)| frame.iter().map(|v| v / gain).collect())
-            .collect();
-        let as_they_are: Vec<Vec<f64>> = kept.iter().map(|(_, frame)| frame.to_vec()).collect();
         let rounding = rounding_of(values, kept.iter().map(|(_, frame)| *frame));
-        let moved = [as_they_are, of_one_gain].map(|frames| moved(&frames, rounding.as_deref()));
+        let moved = [false, true].map(|divides| {
+            let frame = |j: usize| {
+                let (gain, frame) = held[j];
+                frame.iter().map(|v| if divides { v / gain } else { *v }).collect()
+            };
+            moved(held.len(), frame, rounding.as_deref())
+        });
         let mut baseline = Self {
             unlike: known.len() - kept.len(),
             moved: moved[0].min(moved[1]),

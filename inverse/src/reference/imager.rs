@@ -119,10 +119,10 @@ pub struct Imager {
 }
 
 /// Places that are compared with all others; the cosine of the angle between the changes at two that are alike, but for the mesh; and how far
-/// apart these are, mm.
+/// apart these are, over the sheet's reach.
 const AMBIGUOUS_LOOKED_AT: usize = 64;
 const AMBIGUOUS: f64 = 0.9999;
-const AMBIGUOUS_MM: f64 = 40.0;
+const AMBIGUOUS_PART: f64 = 0.4;
 
 impl Imager {
     /// Models a sheet.
@@ -263,7 +263,7 @@ impl Imager {
             let at = self.grid.centre(*cell);
             let far = |other: usize| {
                 let [x, y] = self.grid.centre(other);
-                (x - at[0]).hypot(y - at[1]) > AMBIGUOUS_MM
+                (x - at[0]).hypot(y - at[1]) > AMBIGUOUS_PART * self.reach_mm()
             };
             (0..cells.ncols()).any(|other| alike[(row, other)] > AMBIGUOUS && far(other))
         };

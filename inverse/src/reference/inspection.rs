@@ -252,12 +252,12 @@ fn of_no_value(kind: FindingKind, pattern: &Pattern) -> Finding {
     }
 }
 
-/// Values of a baseline (any unit) that are of no use and that the model has larger or smaller than every value that is used: no sound board
+/// Values of a baseline (any unit) that are of no use and that the model has smaller, and larger, than every value that is used: no sound board
 /// can measure them as it measures those. None where the baseline does not have the pattern's length, or no value of it is used: there is
 /// nothing to compare with then, and the board is to blame.
-pub fn out_of_range(imager: &Imager, baseline: &[f64]) -> Vec<usize> {
+pub fn out_of_range(imager: &Imager, baseline: &[f64]) -> [Vec<usize>; 2] {
     let Ok(used) = imager.difference(baseline, baseline).map(|d| d.used) else {
-        return Vec::new();
+        return [Vec::new(), Vec::new()];
     };
     let of = |wanted: bool| {
         let model = imager.model_v.iter().map(|m| m.abs()).zip(&used).enumerate();
@@ -267,8 +267,13 @@ pub fn out_of_range(imager: &Imager, baseline: &[f64]) -> Vec<usize> {
     };
     let least = of(true).map(|(_, m)| m).fold(f64::INFINITY, f64::min);
     let most = of(true).map(|(_, m)| m).fold(0.0, f64::max);
-    let beyond = of(false).filter(|(_, m)| most > 0.0 && (*m > most || *m < least));
-    beyond.map(|(k, _)| k).collect()
+    let of_no_use = |is: &dyn Fn(f64) -> bool| {
+        of(false)
+            .filter(|(_, m)| most > 0.0 && is(*m))
+            .map(|(k, _)| k)
+            .collect()
+    };
+    [of_no_use(&|m| m < least), of_no_use(&|m| m > most)]
 }
 
 /// What values deviate by from the model but for a common gain, root mean square of the logarithms.
@@ -320,7 +325,8 @@ impl Inspection {
         };
         let named: usize = self.left_out().map(|f| f.values).sum();
         let all = used.iter().filter(|used| !**used).count().saturating_sub(named);
-        let expected = out_of_range(&self.imager, values).len().min(all);
+        let [small, large] = out_of_range(&self.imager, values);
+        let expected = (small.len() + large.len()).min(all);
         [expected, all - expected]
     }
 

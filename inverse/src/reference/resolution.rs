@@ -43,7 +43,7 @@ fn digits(values: &[f64]) -> Option<i32> {
         let places = v / last_place(*v, digits);
         (places - places.round()).abs() <= ROUNDING * places.abs()
     };
-    let enough = finite().count() >= FEWEST && finite().any(|v| *v != values[0]);
+    let enough = finite().count() >= FEWEST && finite().any(|v| Some(v) != finite().next());
     (1..=MOST_DIGITS).find(|digits| enough && finite().all(|v| has(v, *digits)))
 }
 

@@ -143,7 +143,8 @@ impl ContactTest {
         self.polarity.widen();
         solver.begin_other(before);
         let other = self.solve_with(solver, task, detectors, result);
-        let lifted = result.misfit.is_some() && result.touches.iter().any(|t| !sign.allows(t.rise));
+        let found = solver.is_finished() && result.misfit.is_some();
+        let lifted = found && result.touches.iter().any(|t| !sign.allows(t.rise));
         let probable = (evidence.zip(other))
             .is_some_and(|(evidence, other)| !evidence.more_probable_than(other, self.options.margin_accepted));
         tracing::debug!(?rare, ?evidence, ?other, lifted, probable, "both signs in its place");

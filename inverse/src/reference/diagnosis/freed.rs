@@ -99,7 +99,11 @@ impl<'a> Freed<'a> {
         let used = (0..self.wy.len()).filter(|k| self.own[*k] > 0.0);
         let by = |k: usize| {
             let reached = self.w().g.column(k).norm_squared() + self.more.column(k).norm_squared();
-            self.wy[k] * self.wy[k] / (self.own[k] - reached)
+            // What rounding leaves of nothing tells nothing.
+            match self.own[k] - reached {
+                left if left > f64::EPSILON * self.own[k] => self.wy[k] * self.wy[k] / left,
+                _ => 0.0,
+            }
         };
         used.max_by(|a, b| by(*a).total_cmp(&by(*b)))
     }
