@@ -9,8 +9,6 @@ use crate::stats::median;
 const UNLIKE: f64 = 5.0;
 /// Or where its values are larger or smaller by more than this part of them: a source does not change that much.
 const MOST_GAIN: f64 = 0.2;
-/// So many frames unlike the others at the beginning or at the end are no bad ones.
-const OF_ANOTHER: usize = 3;
 /// What a value errs by where noise does not spread its samples over a converter's steps, over what rounding the mean of them adds. A step
 /// of the board's converter is sixteen of the mean; of the sixteen samples of a period eight differ in size: sqrt(2 / 8) of 16.
 const UNDITHERED: f64 = 8.0;
@@ -272,22 +270,14 @@ impl Baseline {
             let gain = if divides { *gain } else { 1.0 };
             frame.iter().map(|v| v / gain).collect()
         };
-        // Where what is left out began or ended the frames, it is not that some are bad: the sheet was another one then.
-        let is_kept = |frame: &&[f64]| kept.iter().any(|(_, other)| std::ptr::eq(*frame, *other));
-        let first = known.iter().take_while(|frame| !is_kept(frame)).count();
-        let last = known.iter().rev().take_while(|frame| !is_kept(frame)).count();
-        let held: Vec<(f64, &[f64])> = match first.max(last) {
-            0..OF_ANOTHER => kept.clone(),
-            _ => known.iter().map(|frame| (1.0, *frame)).collect(),
-        };
         // Of rounded values many are the same in all frames, and are so no more when each frame is divided by its gain.
         let rounding = rounding_of(values, kept.iter().map(|(_, frame)| *frame));
         let moved = [false, true].map(|divides| {
             let frame = |j: usize| {
-                let (gain, frame) = held[j];
+                let (gain, frame) = kept[j];
                 frame.iter().map(|v| if divides { v / gain } else { *v }).collect()
             };
-            moved(held.len(), frame, rounding.as_deref())
+            moved(kept.len(), frame, rounding.as_deref())
         });
         let mut baseline = Self {
             unlike: known.len() - kept.len(),

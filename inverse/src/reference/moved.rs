@@ -219,40 +219,31 @@ mod tests {
         }
     }
 
-    /// A finger far above the noise that is there at first, or at last, is found whether most of the frames have it or not, and even where
-    /// these are left out as unlike the others. A few bad frames between are no movement.
+    /// A finger far above the noise that is there in half of the frames is found, too, though no most of them are alike. Where most are, those
+    /// are the baseline: a finger that comes down after them is a touch, and one that lifts has gone.
     #[test]
-    fn what_is_there_at_first_or_at_last_is_found_however_strong() {
+    fn half_of_the_frames_are_no_bad_ones_however_strong_the_finger() {
         let [sheet, change] = sheet();
         let mut rng = rand::rngs::StdRng::seed_from_u64(7);
         for sd in [50.0, 300.0, 3000.0] {
             let noise_v = change.iter().map(|v| v * v).sum::<f64>().sqrt() / sd;
-            let mut of = |is_pressed: &dyn Fn(usize) -> bool| -> Vec<Vec<f64>> {
-                let frame = |j: usize| {
+            let mut of = |is_pressed: &dyn Fn(usize) -> bool| {
+                let frame = |j: usize| -> Vec<f64> {
                     let part = f64::from(u8::from(is_pressed(j)));
                     let of = sheet.iter().zip(&change);
                     of.map(|(v, c)| v + part * c + noise_v * rng.sample::<f64, _>(StandardNormal))
                         .collect()
                 };
-                (0..24).map(frame).collect()
+                baseline(&(0..24).map(frame).collect::<Vec<_>>())
             };
-            for count in [4, 6, 12, 18, 20] {
-                for at_first in [true, false] {
-                    let found = baseline(&of(&|j| (j < count) == at_first));
-                    // Noise counts as a ten-thousandth of each value at least.
-                    assert!(
-                        found.moved > (0.5 * sd).min(100.0),
-                        "{count} of 24 at {sd} sd: {}",
-                        found.moved
-                    );
-                }
+            for at_first in [true, false] {
+                let found = of(&|j| (j < 12) == at_first).moved;
+                // Noise counts as a ten-thousandth of each value at least.
+                assert!(found > (0.5 * sd).min(100.0), "{sd} sd: {found}");
             }
-            let glitches = baseline(&of(&|j| j == 7 || j == 15));
-            assert!(
-                sd < 100.0 || (glitches.moved == 0.0 && glitches.unlike == 2),
-                "{sd}: {}",
-                glitches.moved
-            );
+            for few in [of(&|j| j >= 18), of(&|j| j < 6), of(&|j| j == 7 || j == 15)] {
+                assert!(sd < 100.0 || (few.moved == 0.0 && few.unlike > 0), "{sd}: {few:?}");
+            }
         }
     }
 
