@@ -1,6 +1,6 @@
 //! The unpressed sheet, as measured: the mean of a number of frames, and their noise.
 
-use crate::reference::moved::moved;
+use crate::reference::moved::{Moved, moved};
 use crate::reference::resolution::rounding;
 use crate::stats::median;
 
@@ -9,6 +9,8 @@ use crate::stats::median;
 const UNLIKE: f64 = 5.0;
 /// Or where its values are larger or smaller by more than this part of them: a source does not change that much.
 const MOST_GAIN: f64 = 0.2;
+/// A frame that is so many standard deviations of its noise from the middle one, along the way that the sheet moved, is none of its baseline.
+const ELSEWHERE: f64 = 5.0;
 /// What a value errs by where noise does not spread its samples over a converter's steps, over what rounding the mean of them adds. A step
 /// of the board's converter is sixteen of the mean; of the sixteen samples of a period eight differ in size: sqrt(2 / 8) of 16.
 const UNDITHERED: f64 = 8.0;
@@ -119,6 +121,26 @@ fn rounding_of<'a>(values: usize, frames: impl Iterator<Item = &'a [f64]>) -> Op
     frames.try_fold(vec![f64::INFINITY; values], |finest, frame| {
         let both = finest.into_iter().zip(rounding(frame)?);
         Some(both.map(|(least, own)| own.min(least)).collect())
+    })
+}
+
+/// How the sheet moved while these frames, each with its gain, were measured. Of rounded values many are the same in all frames, and are so no
+/// more when each frame is divided by its gain: it moved where it did in both.
+fn moved_of(values: usize, frames: &[(f64, &[f64])]) -> Option<Moved> {
+    let rounding = rounding_of(values, frames.iter().map(|(_, frame)| *frame));
+    let of = |divides: bool| {
+        let frame = |j: usize| {
+            let (gain, frame) = frames[j];
+            frame.iter().map(|v| if divides { v / gain } else { *v }).collect()
+        };
+        moved(frames.len(), frame, rounding.as_deref())
+    };
+    let as_they_are = of(false)?;
+    let divided = of(true)?;
+    Some(if divided.sd <= as_they_are.sd {
+        divided
+    } else {
+        as_they_are
     })
 }
 
@@ -259,10 +281,10 @@ impl Baseline {
             .filter(|f| f.iter().any(|v| v.is_finite()))
             .collect();
         let told = (values >= FEWEST_VALUES).then(|| alike(values, &known)).flatten();
-        let Some(kept) = told else {
-            let rounding = rounding_of(values, known.iter().copied());
+        let Some(mut kept) = told else {
+            let moved = moved_of(values, &known.iter().map(|frame| (1.0, *frame)).collect::<Vec<_>>());
             return Self {
-                moved: moved(known.len(), |j| known[j].to_vec(), rounding.as_deref()),
+                moved: moved.map_or(0.0, |moved| moved.sd),
                 ..Self::plain(values, frames)
             };
         };
@@ -270,18 +292,22 @@ impl Baseline {
             let gain = if divides { *gain } else { 1.0 };
             frame.iter().map(|v| v / gain).collect()
         };
-        // Of rounded values many are the same in all frames, and are so no more when each frame is divided by its gain.
+        let mut moved = moved_of(values, &kept);
+        // Where most frames are at one place, the others are none of the baseline.
+        if let Some(Moved { along, .. }) = moved.as_ref().filter(|moved| moved.along.len() == kept.len()) {
+            let there = kept.iter().zip(along).filter(|(_, along)| along.abs() < ELSEWHERE);
+            let there: Vec<(f64, &[f64])> = there.map(|(frame, _)| *frame).collect();
+            // Of frames that are the same to the last bit noise is not known.
+            let have_noise = there.windows(2).any(|pair| pair[0].1 != pair[1].1);
+            if 2 * there.len() > known.len() && have_noise && moved_of(values, &there).is_none() {
+                (kept, moved) = (there, None);
+            }
+        }
+        let moved = moved.map_or(0.0, |moved| moved.sd);
         let rounding = rounding_of(values, kept.iter().map(|(_, frame)| *frame));
-        let moved = [false, true].map(|divides| {
-            let frame = |j: usize| {
-                let (gain, frame) = kept[j];
-                frame.iter().map(|v| if divides { v / gain } else { *v }).collect()
-            };
-            moved(kept.len(), frame, rounding.as_deref())
-        });
         let mut baseline = Self {
             unlike: known.len() - kept.len(),
-            moved: moved[0].min(moved[1]),
+            moved,
             ..Self::mean_of(values, &kept.iter().map(over).collect::<Vec<Vec<f64>>>())
         };
         if divides {

@@ -26,40 +26,46 @@ const MOST_FRAMES: usize = 256;
 /// Noise of a value is no less than this part of it: the lightest touch changes more, and simulations have none.
 const LEAST_NOISE: f64 = 1e-4;
 
+/// How the sheet moved.
+pub(crate) struct Moved {
+    /// How far, between the two frames that differ most; at least [`LEAST_MOVED`].
+    pub(crate) sd: f64,
+    /// Where along that way each frame is, from the middle one.
+    pub(crate) along: Vec<f64>,
+}
+
 /// How far the sheet moved between the two frames that differ most, in standard deviations of a frame's noise: the 2-norm of the
-/// change, each value over its noise. 0 where noise explains the frames, where it is less than 20, and of fewer than four frames.
+/// change, each value over its noise. None where noise explains the frames, where it is less than 20, and of fewer than four frames.
 ///
 /// `rounding`: standard deviation of what every value was rounded by. While a source drifts, values that are rounded err in one way; a
 /// change of less than a step is none.
 ///
 /// A frame is what `frames` gives for its number, up to `count`.
-pub(crate) fn moved(count: usize, frames: impl Fn(usize) -> Vec<f64>, rounding: Option<&[f64]>) -> f64 {
+pub(crate) fn moved(count: usize, frames: impl Fn(usize) -> Vec<f64>, rounding: Option<&[f64]>) -> Option<Moved> {
     let frames: Vec<Vec<f64>> = (0..count)
         .step_by(count.div_ceil(MOST_FRAMES).max(1))
         .map(frames)
         .collect();
     let count = frames.len();
     if count < FEWEST_FRAMES {
-        return 0.0;
+        return None;
     }
     let rounded = |k: usize| rounding.map_or(0.0, |sds| sds[k]);
     let centred: Vec<Centred> = (0..frames[0].len())
         .filter_map(|k| Centred::new(&frames, k, rounded(k)))
         .collect();
     if centred.len() < FEWEST_VALUES {
-        return 0.0;
+        return None;
     }
     let (values, freedom) = (centred.len() as f64, (count - 1) as f64);
     let scaled = DMatrix::from_fn(count, centred.len(), |j, k| centred[k].off[j] / centred[k].sd);
-    let Some(eigen) = symmetric_eigen(&scaled * scaled.transpose()) else {
-        return 0.0;
-    };
+    let eigen = symmetric_eigen(&scaled * scaled.transpose())?;
     let (largest, variance) = eigen.eigenvalues.argmax();
     // Johnstone's centre and scale, with the roles of frames and values as they come.
     let roots = (values - 1.0).max(1.0).sqrt() + freedom.sqrt();
     let scale = roots * ((values - 1.0).max(1.0).sqrt().recip() + freedom.sqrt().recip()).cbrt();
     if variance <= roots * roots + CLEARLY * scale {
-        return 0.0;
+        return None;
     }
     let course = eigen.eigenvectors.column(largest);
     let along = |of: &[f64]| of.iter().zip(course.iter()).map(|(v, u)| v * u).sum::<f64>();
@@ -91,8 +97,12 @@ pub(crate) fn moved(count: usize, frames: impl Fn(usize) -> Vec<f64>, rounding: 
     });
     let square = beyond.sum::<f64>();
     let clear = square > CLEARLY * (2.0 * values).sqrt() * range * range;
-    let moved = square.min(f64::MAX).sqrt();
-    if clear && moved >= LEAST_MOVED { moved } else { 0.0 }
+    let sd = square.min(f64::MAX).sqrt();
+    let middle = median(course.iter().copied());
+    (clear && sd >= LEAST_MOVED).then(|| Moved {
+        sd,
+        along: course.iter().map(|u| (u - middle) * sd / range).collect(),
+    })
 }
 
 /// A value in all frames.
@@ -260,7 +270,7 @@ mod tests {
         };
         let mut taker = BaselineTaker::new(sheet.len(), 24).until_still(3);
         for j in 0..24 {
-            assert_eq!(taker.take(&frame(if j < 14 { 1.0 } else { 0.0 })), None);
+            assert_eq!(taker.take(&frame(if j < 12 { 1.0 } else { 0.0 })), None);
         }
         assert!(taker.is_empty() && taker.left() == 24);
         let still: Vec<Vec<f64>> = (0..24).map(|_| frame(0.0)).collect();

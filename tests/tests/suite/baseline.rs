@@ -147,7 +147,7 @@ fn a_late_baseline_is_the_untouched_sheets_and_the_first_picture_is_the_scenes_f
     assert!(differ(&running.baseline(), &untouched));
 }
 
-/// A finger that comes down or lifts while the baseline is taken is in none: it is taken again, once or twice.
+/// A finger that comes down or lifts while the baseline is taken: it is of the frames before or after, where these are most, or taken again.
 #[test]
 fn a_baseline_is_taken_again_where_a_finger_moved_meanwhile() {
     let [x, y] = PLACE_MM;
@@ -166,8 +166,12 @@ fn a_baseline_is_taken_again_where_a_finger_moved_meanwhile() {
                 LiveFrame::Picture(_) => panic!("there is no baseline yet"),
             }
         }
-        assert!((1..=2).contains(&begun_anew), "{seed}: {begun_anew}");
-        assert_eq!(chain.live.baseline().unwrap().moved, 0.0, "{seed}");
+        let baseline = chain.live.baseline().unwrap();
+        assert!(
+            begun_anew <= 2 && begun_anew + baseline.unlike > 0,
+            "{seed}: {begun_anew}"
+        );
+        assert_eq!(baseline.moved, 0.0, "{seed}");
     }
 }
 
