@@ -85,8 +85,8 @@ pub(crate) fn of_rounding(table: &MeasurementTable) -> Option<String> {
     let usual = number::median(parts?.into_iter());
     (usual > MOST_ROUNDED).then(|| {
         let note = format!(
-        "its values are rounded by {:.2} % of their root mean square, and a finger in the middle changes them by {:.1} %: weak touches are \
-         lost or misplaced. Write them with more digits, or measure with a larger gain",
+            "its values are rounded by {:.2} % of their root mean square, and a finger in the middle changes them by {:.1} %: weak touches \
+             are lost or misplaced. Write them with more digits, or measure with a larger gain",
             100.0 * usual,
             100.0 * LIGHT_CHANGE
         );

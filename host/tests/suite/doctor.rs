@@ -44,6 +44,33 @@ fn healthy_boards_are_fit() {
     }
 }
 
+/// A pair without a signal is bad. What clips since it is the largest on the sheet that is described is said to be that.
+#[test]
+fn a_dead_pair_is_bad_and_large_values_of_a_sheet_are_said_to_be_its() {
+    let (board, code) = doctor(&["--simulate", "--fault", "channel_dead:3@0"]);
+    assert_eq!(
+        (code, with(&board, "bad")),
+        (Some(3), vec!["contact".to_owned()]),
+        "{board}"
+    );
+    assert_eq!(
+        line(&board, "contact")["electrodes"].as_array().unwrap().len(),
+        2,
+        "{board}"
+    );
+    let sheet = concat!(env!("CARGO_MANIFEST_DIR"), "/../sheets/square.toml");
+    let (board, _) = doctor(&["--simulate", "--sheet", sheet]);
+    let saturation = line(&board, "saturation");
+    assert_eq!(saturation["light"], "look", "{board}");
+    assert!(
+        saturation["text"]
+            .as_str()
+            .unwrap()
+            .contains("the largest on this sheet"),
+        "{board}"
+    );
+}
+
 /// Preset, fault, the line that tells it with its light and cause, and its electrodes.
 #[test]
 fn every_planted_fault_is_told_by_the_right_line() {

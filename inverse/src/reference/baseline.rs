@@ -47,7 +47,7 @@ pub struct Baseline {
     /// Frames that were unlike the others, and are left out.
     pub unlike: usize,
     /// How far the sheet moved while they were measured, beside their gains: the change between the two that differ most, in standard
-    /// deviations of a frame's noise (2-norm over the values). 0 where noise explains it, or nothing tells it.
+    /// deviations of a frame's noise (2-norm over the values). Less than 20 counts as 0; so does what nothing tells.
     pub moved: f64,
     /// Sum of the squared deviations of every value from its mean, V², and degrees of freedom of the sum; empty for a single frame.
     pub deviations: Vec<(f64, f64)>,

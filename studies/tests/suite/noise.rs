@@ -4,9 +4,11 @@ use forward::{DiscTouch, Drive, Pattern, Sheet};
 use inverse::live::{Live, LiveFrame, LiveOptions};
 use inverse::pipeline::{Reconstructor, ReconstructorOptions};
 use inverse::reference::Reference;
+use inverse::reference::diagnosis::Fault;
 use inverse::reference::imager::Imager;
 use inverse::reference::noise::{FrameNoise, NoiseSource};
 use inverse::solvers::Method;
+use inverse::touches::touch::Touch;
 use rand::Rng;
 use rand::rngs::StdRng;
 use rand_distr::StandardNormal;
@@ -68,6 +70,44 @@ fn touches_are_fitted_without_reciprocal_pairs() {
         let frame = noisy(sheet.baseline.clone(), sigma, &mut rng);
         assert!(reconstructor.frame(&frame).unwrap().touches.is_empty());
     }
+}
+
+/// A few values of a frame that are anything: they are left out, touches are where they are, and no electrode is blamed.
+#[test]
+fn a_few_wild_values_are_no_open_electrode() {
+    let imager = imager(Drive::PAPER, 5.0).unwrap();
+    let mut rng = rng(113);
+    let mut sheet = TestSheet::new(&imager, Drive::PAPER, 0.0, 0.0, &mut rng).unwrap();
+    let clean = sheet.clean_frame(&[finger(-10.0, 10.0)]).unwrap();
+    let sigma = noise_v(&clean, &sheet.baseline, 50.0);
+    let noise = FrameNoise::of_frames(sigma);
+    let reference = Reference::new(Arc::clone(&imager), sheet.baseline.clone(), noise).unwrap();
+    let options = ReconstructorOptions::for_imager(&imager, Method::Nnls);
+    let mut reconstructor = Reconstructor::new(reference, options);
+    let (mut right, mut frames) = (0, 0);
+    for wild in 2..=6 {
+        for touched in [false, true, false, true] {
+            let mut frame = noisy(
+                if touched { clean.clone() } else { sheet.baseline.clone() },
+                sigma,
+                &mut rng,
+            );
+            for place in rand::seq::index::sample(&mut rng, frame.len(), wild) {
+                frame[place] *= [0.2, 0.5, 1.5, 3.0][rng.random_range(0..4)];
+            }
+            let found = reconstructor.frame(&frame).unwrap();
+            assert!(
+                !found.faults.iter().any(|f| matches!(f, Fault::Open(_))),
+                "{wild}: {:?}",
+                found.faults
+            );
+            let is_there = |t: &Touch| (t.x_mm + 10.0).hypot(t.y_mm - 10.0) < 2.0;
+            let is_right = found.touches.len() == usize::from(touched) && found.touches.iter().all(is_there);
+            assert!(is_right || found.doubt.is_some(), "{wild}: {:?}", found.touches);
+            (right, frames) = (right + usize::from(is_right), frames + 1);
+        }
+    }
+    assert!(right * 10 >= frames * 9, "{right} of {frames}");
 }
 
 /// One value in twenty that is off by ten standard deviations, or in ten: touches are where they are without.

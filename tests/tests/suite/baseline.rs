@@ -1,7 +1,7 @@
 //! The baseline of a simulated skin, however late it is taken, and the way back to an earlier one.
 
 use forward::{Drive, Pattern, Sheet};
-use hil_sim::{Pace, Scene, SceneFile, Shape, SimPort, Touch};
+use hil_sim::{Material, Pace, Scene, SceneFile, Shape, SimPort, Touch};
 use inverse::live::{Live, LiveFrame, LiveOptions};
 use inverse::pipeline::FrameResult;
 use inverse::reference::baseline::Baseline;
@@ -173,6 +173,52 @@ fn a_baseline_is_taken_again_where_a_finger_moved_meanwhile() {
         );
         assert_eq!(baseline.moved, 0.0, "{seed}");
     }
+}
+
+/// A finger that rests on the sheet when the baseline is taken, and is lifted while two others press, is no unevenness of the sheet: the
+/// others are where they are, or the frame is doubted.
+#[test]
+fn a_finger_that_is_lifted_moves_no_others() {
+    let press = |x, y, forces: &[(f64, f64)]| Touch::pressed(Shape::Finger, 6.75, x, y, forces);
+    let places = [[-40.0, 0.0], [40.0, -30.0]];
+    let mut held = file(
+        vec![
+            press(30.0, 20.0, &[(0.0, 12.0), (2.0, 12.0), (2.1, 0.0)]),
+            press(places[0][0], places[0][1], &[(0.5, 0.0), (0.6, 10.0), (1000.0, 10.0)]),
+            press(places[1][0], places[1][1], &[(1.0, 0.0), (1.1, 10.0), (1000.0, 10.0)]),
+        ],
+        30,
+    );
+    held.scene.preloaded = true;
+    held.scene.material = Material::default();
+    let mut chain = Chain::start(&held, true);
+    chain.baseline();
+    chain.port.begin_scene();
+    let began_s = chain.port.scene_began_s().unwrap();
+    chain.busy_until(began_s);
+    let (mut silent, mut right, mut frames) = (0, 0, 0);
+    loop {
+        let (time_s, result) = chain.picture();
+        let scene_s = time_s - began_s;
+        if scene_s > 4.0 {
+            break;
+        }
+        if scene_s < 2.4 {
+            continue;
+        }
+        frames += 1;
+        let is_there = |[x, y]: [f64; 2]| {
+            let mut found = result.touches.iter();
+            found.any(|t| (t.x_mm - x).hypot(t.y_mm - y) < 3.0)
+        };
+        let is_right = result.touches.len() == 2 && places.into_iter().all(is_there);
+        right += usize::from(is_right);
+        silent += usize::from(!is_right && result.doubt.is_none());
+    }
+    assert!(
+        silent == 0 && right * 10 >= frames * 9,
+        "{silent} silent, {right} right of {frames}"
+    );
 }
 
 #[test]
