@@ -47,7 +47,7 @@ pub(crate) struct Info {
     file: String,
     bytes: u64,
     /// "closed", ...
-    ended: &'static str,
+    ended: String,
     began_unix_s: f64,
     duration_s: f64,
     session: SessionRecord,
@@ -240,7 +240,9 @@ pub(crate) fn of(path: &Path) -> Result<Info> {
     Ok(Info {
         file: path.display().to_string(),
         bytes: reader.bytes(),
-        ended: reader.ended().map_or("", ended),
+        ended: reader
+            .ended()
+            .map_or_else(String::new, |how| ended(how, reader.damaged())),
         began_unix_s: session.started_unix_s,
         duration_s,
         sheet: SheetLine::of(&session.sheet()?)?.to_string(),

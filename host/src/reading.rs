@@ -43,6 +43,11 @@ impl Reading {
         self.reader.ended()
     }
 
+    /// Chunks so far that are damaged.
+    pub(crate) fn damaged(&self) -> usize {
+        self.reader.damaged()
+    }
+
     /// Its name.
     pub(crate) fn file(&self) -> &str {
         self.reader.file()

@@ -5,13 +5,14 @@ use crate::files::sheet_line::SheetLine;
 use crate::number;
 use crate::reading::Reading;
 use crate::recorded::{LiveRecord, SessionRecord};
+use crate::recover::lacks;
 use crate::sheet::rewired;
 use ::forward::{Pattern, Sheet};
 use anyhow::{Result, bail};
 use clap::Args;
 use link::MeasuredFrame;
 use protocol::{Command, Decoder, FromBoard, Hello, MAX_FROM_BOARD_LEN, Plan};
-use recording::{Ended, Playback, Speed, Topic};
+use recording::{Playback, Speed, Topic};
 use std::path::Path;
 
 /// Which frames of a recording, on the command line.
@@ -172,8 +173,8 @@ impl RecordedFrames {
                 }));
             }
         }
-        if self.reader.ended() == Some(Ended::Cut) {
-            eprintln!("{}: the file was cut short; what is there is read", self.reader.file());
+        if let Some(lacks) = lacks(self.reader.ended(), self.reader.damaged()) {
+            eprintln!("{}: {lacks}; what is there is read", self.reader.file());
         }
         Ok(None)
     }

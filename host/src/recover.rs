@@ -1,4 +1,4 @@
-//! `skin recover`: a well-closed file of one that was cut short.
+//! `skin recover`: a well-closed file of one that was cut short or is damaged.
 
 use crate::files::replace::beside;
 use crate::progress::Progress;
@@ -11,7 +11,7 @@ use std::path::PathBuf;
 /// Arguments of `skin recover`.
 #[derive(Debug, Args)]
 pub(crate) struct Arguments {
-    /// The recording that was cut short, by a power cut or a kill. It is only read.
+    /// The recording that was cut short, by a power cut or a kill, or that is damaged. It is only read.
     #[arg(value_name = "FILE")]
     file: PathBuf,
     /// The new file.
@@ -23,11 +23,32 @@ pub(crate) struct Arguments {
 }
 
 /// How a file ended, in words.
-pub(crate) fn ended(ended: Ended) -> &'static str {
-    match ended {
+pub(crate) fn ended(ended: Ended, damaged: usize) -> String {
+    let ended = match ended {
         Ended::Whole => "closed",
         Ended::Short => "closed without an index, as when the disk is full",
         Ended::Cut => "cut short, or still being written",
+    };
+    match damaged {
+        0 => ended.to_owned(),
+        damaged => format!("{ended}; {}", chunks(damaged)),
+    }
+}
+
+/// What a file lacks that was read to its end; none where it is whole.
+pub(crate) fn lacks(ended: Option<Ended>, damaged: usize) -> Option<String> {
+    match (ended, damaged) {
+        (Some(Ended::Cut), 0) => Some("the file was cut short".to_owned()),
+        (Some(Ended::Cut), damaged) => Some(format!("the file was cut short, and {}", chunks(damaged))),
+        (_, 0) => None,
+        (_, damaged) => Some(format!("{} in the file", chunks(damaged))),
+    }
+}
+
+fn chunks(damaged: usize) -> String {
+    match damaged {
+        1 => "a chunk of up to 1 MB is damaged".to_owned(),
+        damaged => format!("{damaged} chunks of up to 1 MB are damaged"),
     }
 }
 
@@ -65,20 +86,21 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         messages,
         from_to_ns,
         ended: how,
+        damaged,
         bytes,
     } = written?;
+    let was = ended(how, damaged);
     let span_s = from_to_ns.map_or(0.0, |(from, to)| 1e-9 * to.saturating_sub(from) as f64);
     if arguments.json {
         println!(
             "{}",
-            json!({"messages": messages, "span_s": span_s, "was": ended(how), "bytes": bytes, "bytes_before": whole})
+            json!({"messages": messages, "span_s": span_s, "was": was, "damaged_chunks": damaged, "bytes": bytes, "bytes_before": whole})
         );
     } else {
         println!(
-            "{}: {messages} messages over {span_s:.1} s, {bytes} bytes; {} was {}, {whole} bytes",
+            "{}: {messages} messages over {span_s:.1} s, {bytes} bytes; {} was {was}, {whole} bytes",
             arguments.out.display(),
-            arguments.file.display(),
-            ended(how)
+            arguments.file.display()
         );
     }
     Ok(())

@@ -381,9 +381,9 @@ impl<'a> Player<'a> {
         self.gestures = std::mem::take(&mut run.gestures);
         self.replayed = run.replayed.take().unwrap_or_default();
         *commands = std::mem::take(&mut run.commands);
-        if matches!(went, Ok(Went::Ended)) && !script.is_whole() {
+        if let (Ok(Went::Ended), Some(lacks)) = (&went, script.lacks()) {
             say!(
-                "warning: {}: the file was cut short; skin recover closes it for other programs",
+                "warning: {}: {lacks}; skin recover makes a file of the rest for other programs",
                 self.path.display()
             );
         }

@@ -2,6 +2,7 @@
 
 use crate::event::Said;
 use crate::recorded::{LiveRecord, Touching};
+use crate::recover::lacks;
 use anyhow::{Result, anyhow};
 use inverse::reference::baseline::Baseline;
 use recording::{Known, Reader, Topic};
@@ -133,8 +134,8 @@ impl Script {
         Ok(None)
     }
 
-    /// Whether the file was closed.
-    pub(crate) fn is_whole(&self) -> bool {
-        self.reader.ended() != Some(recording::Ended::Cut)
+    /// What the file lacks, once it was read to its end.
+    pub(crate) fn lacks(&self) -> Option<String> {
+        lacks(self.reader.ended(), self.reader.damaged())
     }
 }

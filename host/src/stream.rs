@@ -425,8 +425,12 @@ impl Played {
                 }
             }
         }
-        if !std::mem::replace(&mut self.ended, true) && !self.script.is_whole() {
-            said.push_back("the file was cut short; skin recover closes it for other programs".to_owned());
+        if !std::mem::replace(&mut self.ended, true)
+            && let Some(lacks) = self.script.lacks()
+        {
+            said.push_back(format!(
+                "{lacks}; skin recover makes a file of the rest for other programs"
+            ));
         }
         Ok(None)
     }

@@ -1,4 +1,4 @@
-//! Reads a file from its beginning, message by message, in bounded memory; whether it is whole or was cut short.
+//! Reads a file from its beginning, message by message, in bounded memory; whether it is whole, was cut short or is damaged.
 
 use crate::error::RecordingError;
 use crate::topic::{PROFILE, Topic};
@@ -79,6 +79,8 @@ pub struct Reader<R> {
     /// Whether there is an index, once the end was read.
     index: Option<bool>,
     ended: Option<Ended>,
+    /// Chunks that are damaged.
+    damaged: usize,
 }
 
 /// The file and the skin's name of `FILE#NAME`; a file that has such a name itself is one.
@@ -91,6 +93,16 @@ pub fn split(path: &Path) -> (PathBuf, Option<String>) {
         Some((file, skin)) if !skin.is_empty() => (PathBuf::from(file), Some(skin.to_owned())),
         _ => whole(),
     }
+}
+
+/// A reader of chunks.
+fn in_chunks() -> LinearReader {
+    let options = LinearReaderOptions::default()
+        .with_skip_start_magic(true)
+        .with_skip_end_magic(true)
+        .with_prevalidate_chunk_crcs(true)
+        .with_record_length_limit(MOST);
+    LinearReader::new_with_options(options)
 }
 
 /// Longest record that is believed, bytes. The writer's chunks are 1 MB.
@@ -166,15 +178,10 @@ impl<R: Read> Reader<R> {
             .with_emit_chunks(true)
             .with_skip_start_magic(within)
             .with_record_length_limit(MOST);
-        let in_chunks = LinearReaderOptions::default()
-            .with_skip_start_magic(true)
-            .with_skip_end_magic(true)
-            .with_prevalidate_chunk_crcs(true)
-            .with_record_length_limit(MOST);
         Self {
             source,
             records: LinearReader::new_with_options(options),
-            chunks: LinearReader::new_with_options(in_chunks),
+            chunks: in_chunks(),
             file: file.to_owned(),
             schemas: BTreeMap::new(),
             channels: BTreeMap::new(),
@@ -186,6 +193,7 @@ impl<R: Read> Reader<R> {
             skin: None,
             index: None,
             ended: None,
+            damaged: 0,
         }
     }
 
@@ -216,11 +224,17 @@ impl<R: Read> Reader<R> {
         self.ended
     }
 
+    /// Chunks so far that are damaged, and left out. Each has up to 1 MB.
+    pub fn damaged(&self) -> usize {
+        self.damaged
+    }
+
     pub(crate) fn channel(&self, id: u16) -> Option<&Channel> {
         self.channels.get(&id)
     }
 
-    /// The next message, or none at the end. What was written half ends the file like its end does.
+    /// The next message, or none at the end. What was written half ends the file like its end does. What is in a damaged chunk is left
+    /// out ([`Reader::damaged`]).
     ///
     /// # Errors
     /// The file cannot be read.
@@ -289,7 +303,12 @@ impl<R: Read> Reader<R> {
                 self.channels.insert(channel.id, known);
             }
             Ok(_) => {}
-            Err(why) => self.damaged(&why),
+            Err(why) => {
+                // The file goes on behind it.
+                tracing::debug!("{}: a chunk at byte {}: {why}", self.file, self.chunk_at);
+                self.damaged += 1;
+                self.chunks = in_chunks();
+            }
         }
         Ok(None)
     }
@@ -343,15 +362,16 @@ impl<R: Read> Reader<R> {
             Ok(Record::Header(header)) => self.profile = Some(header.profile),
             Ok(Record::Footer(footer)) => self.index = Some(footer.summary_start > 0),
             Ok(Record::Message { header, .. }) => {
-                self.damaged(&McapError::UnknownChannel(header.sequence, header.channel_id));
+                self.cut(&McapError::UnknownChannel(header.sequence, header.channel_id));
             }
             Ok(_) => {}
-            Err(why) => self.damaged(&why),
+            Err(why) => self.cut(&why),
         }
         Ok(())
     }
 
-    fn damaged(&mut self, why: &McapError) {
+    /// What follows cannot be told from anything else.
+    fn cut(&mut self, why: &McapError) {
         tracing::debug!("{}: {why}", self.file);
         self.ended = Some(Ended::Cut);
     }

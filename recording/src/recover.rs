@@ -1,4 +1,4 @@
-//! From a file that was cut short to one that is closed.
+//! From a file that was cut short, or is damaged, to one that is closed and whole.
 
 use crate::error::RecordingError;
 use crate::reader::{Ended, Reader};
@@ -16,6 +16,8 @@ pub struct Recovered {
     pub from_to_ns: Option<(u64, u64)>,
     /// How the file ended that it was recovered from.
     pub ended: Ended,
+    /// Chunks of it that are damaged: what was in them is lost.
+    pub damaged: usize,
     /// Bytes of the new file.
     pub bytes: u64,
 }
@@ -63,6 +65,7 @@ pub fn recover<R: Read, T: Target>(
         messages,
         from_to_ns,
         ended: from.ended().unwrap_or(Ended::Cut),
+        damaged: from.damaged(),
         bytes: to.finish()?,
     })
 }
@@ -156,6 +159,24 @@ mod tests {
                 }
             }
         }
+    }
+
+    /// What is damaged in the middle of the file costs its own chunk, and that is told.
+    #[test]
+    fn a_damaged_chunk_costs_its_own_messages() {
+        let (bytes, messages) = whole();
+        let mut cost_one = 0;
+        for part in [0.3, 0.4, 0.5, 0.6, 0.7] {
+            let mut bytes = bytes.clone();
+            let at = (part * bytes.len() as f64) as usize;
+            bytes[at] ^= 0x10;
+            let (left, told) = recovered(&bytes).unwrap();
+            assert_eq!((told.damaged, told.ended), (1, Ended::Whole), "{part}");
+            let lost: Vec<usize> = (0..messages.len()).filter(|k| !left.contains(&messages[*k])).collect();
+            assert!(lost.windows(2).all(|two| two[1] == two[0] + 1), "{lost:?}");
+            cost_one += usize::from(lost.len() == 40 && lost[0].is_multiple_of(40));
+        }
+        assert_eq!(cost_one, 5);
     }
 
     /// Damage in the middle never panics either, and whatever is read is what was written, in its order: wherever one bit is turned.
