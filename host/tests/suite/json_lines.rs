@@ -205,6 +205,7 @@ fn every_kind_of_finding_is_in_the_schema() {
         Kind::SenseOffset,
         Kind::SenseMissing,
         Kind::SenseNoise,
+        Kind::Noise,
         Kind::Untold,
         Kind::Unsearched,
         Kind::Ambiguous,

@@ -179,10 +179,10 @@ impl ChangeDetector {
     }
 
     /// Tests a frame. At most so many frames at rest are averaged; fewer than two average nothing. A frame with a value that
-    /// is no number where there should be one is new.
-    pub(crate) fn test(&mut self, frame: &[f64], most_averaged: usize) -> Change {
+    /// is no number where there should be one is new. `stretch`: the variance of the frame's noise over the usual one.
+    pub(crate) fn test(&mut self, frame: &[f64], most_averaged: usize, stretch: f64) -> Change {
         self.most = most_averaged.min(self.options.most_frames);
-        let change = self.look(frame);
+        let change = self.look(frame, stretch);
         match change {
             Change::Nothing => self.forget(),
             Change::New => {
@@ -195,7 +195,7 @@ impl ChangeDetector {
         change
     }
 
-    fn look(&mut self, frame: &[f64]) -> Change {
+    fn look(&mut self, frame: &[f64], stretch: f64) -> Change {
         if frame.len() != self.gain.len() {
             return Change::New;
         }
@@ -210,7 +210,7 @@ impl ChangeDetector {
             }
         });
         // A comparison with what is no number is false: such a frame is new.
-        if square(reduced) <= self.limit {
+        if square(reduced) <= stretch * self.limit {
             return Change::Nothing;
         }
         if !self.remembers {
@@ -218,8 +218,12 @@ impl ChangeDetector {
         }
         let (last, rest) = (&self.last, &mut self.rest);
         let limit = self.limits_same[usize::from(self.most > 1)];
+        // Sums of squares are compared with the variance of their noise.
+        let same = |sum: &[f64], share: f64, before: f64, along: f64| {
+            last.is_same(sum, share, before, stretch * limit, stretch * along)
+        };
         let before = 1.0 / rest.frames().max(1) as f64;
-        if !last.is_same(reduced, 1.0, before, limit, last.limit_along) {
+        if !same(reduced, 1.0, before, last.limit_along) {
             return Change::New;
         }
         if self.most < 2 {
@@ -237,7 +241,7 @@ impl ChangeDetector {
             last.limit_along
         };
         let share = 1.0 / since as f64;
-        let drifts = since.is_power_of_two() && !last.is_same(rest.reduced_sum(), share, before, limit, limit_along);
+        let drifts = since.is_power_of_two() && !same(rest.reduced_sum(), share, before, limit_along);
         if !drifts && !all {
             return Change::Same;
         }
@@ -324,17 +328,17 @@ mod tests {
             detector.once_more();
         };
         told(&mut detector);
-        assert_eq!(detector.test(&frame, 16), Change::New);
+        assert_eq!(detector.test(&frame, 16, 1.0), Change::New);
         told(&mut detector);
-        assert_eq!(detector.test(&frame, 16), Change::Mean);
+        assert_eq!(detector.test(&frame, 16, 1.0), Change::Mean);
         assert_eq!(detector.rest().mean(), frame);
         detector.forget();
         told(&mut detector);
-        assert_eq!(detector.test(&frame, 16), Change::New);
+        assert_eq!(detector.test(&frame, 16, 1.0), Change::New);
         // A frame with nothing in it is not averaged either.
         told(&mut detector);
-        assert_eq!(detector.test(&vec![1.0; values], 16), Change::Nothing);
+        assert_eq!(detector.test(&vec![1.0; values], 16, 1.0), Change::Nothing);
         told(&mut detector);
-        assert_eq!(detector.test(&frame, 16), Change::New);
+        assert_eq!(detector.test(&frame, 16, 1.0), Change::New);
     }
 }

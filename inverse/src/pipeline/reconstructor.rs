@@ -15,7 +15,7 @@ use crate::quality::faults::{FaultDetector, leave_out};
 use crate::quality::flickers::{Flickers, is_alike};
 use crate::quality::reciprocity::Reciprocity;
 use crate::reference::diagnosis::{Electrodes, Fault};
-use crate::reference::drift::Drifting;
+use crate::reference::drift::{COMMON, Drifting};
 use crate::reference::imager::{Imager, ImagerError};
 use crate::reference::noise::NoiseEstimate;
 use crate::reference::{Difference, Reference};
@@ -54,6 +54,8 @@ pub struct Reconstructor {
     solver: FrameSolver,
     /// By what frames are divided: the gain that drifted since the baseline.
     gain: f64,
+    /// That of the last frame of which nothing was doubted.
+    sound_gain: f64,
     /// What the baseline has become since.
     following: Following,
     /// Frames one after another that no touches explained.
@@ -75,6 +77,8 @@ pub struct Reconstructor {
     /// Values that are numbers, but none that a converter gives.
     beyond: Vec<usize>,
     whole: Difference,
+    /// The frame in which faults are looked for, where its gain is not to be trusted.
+    suspicious: Difference,
     mean: Vec<f64>,
     result: FrameResult,
 }
@@ -107,6 +111,7 @@ impl Reconstructor {
             contacts: ContactTest::new(&options),
             solver,
             gain: 1.0,
+            sound_gain: 1.0,
             following: Following::new(reference.baseline().len(), options.follow_s),
             unexplained: 0,
             making: 0,
@@ -119,6 +124,7 @@ impl Reconstructor {
             judged: Vec::new(),
             beyond: Vec::new(),
             whole: reference.unchanged().clone(),
+            suspicious: reference.unchanged().clone(),
             mean: Vec::new(),
             result: FrameResult::nothing(imager),
             reference,
@@ -204,6 +210,30 @@ impl Reconstructor {
         Ok(&mut self.result)
     }
 
+    /// By how much the variance of a difference's noise is larger than with the baseline's gain: what is divided by a small gain is noisier.
+    /// A gain above 1 divides by no more than it is: noise may grow with the values.
+    pub(super) fn stretch(&self) -> f64 {
+        let gain = self.gain * self.following.gain();
+        let share = self.reference.baseline_share();
+        ((1.0 / (gain * gain) + share) / (1.0 + share)).max(1.0)
+    }
+
+    /// Whether the gain is another than in the last frame of which nothing was doubted, by more than sources drift, and no look for a fault
+    /// has found none since.
+    pub(super) fn gain_jumped(&self) -> bool {
+        let other = (self.gain / self.sound_gain).ln().abs() > COMMON;
+        self.options.sequence && other && !self.broken.found_nothing()
+    }
+
+    /// Noise of one value of a difference, where the baseline told it.
+    pub(super) fn noise(&self) -> Option<NoiseEstimate> {
+        let stretch = self.stretch().sqrt();
+        self.reference.noise().map(|noise| NoiseEstimate {
+            sigma: stretch * noise.sigma,
+            ..noise
+        })
+    }
+
     /// What is doubted of the last frame.
     pub(crate) fn doubt(&mut self) -> &mut Option<Doubt> {
         &mut self.result.doubt
@@ -251,7 +281,11 @@ impl Reconstructor {
         // What loose contacts spoil is left out of all.
         let is_loose = |fault: &Fault| matches!(fault, Fault::Loose(_));
         let sound = result.faults.iter().all(is_loose) && !self.broken.is_open();
-        let untouched = result.touches.is_empty() && sound && result.doubt.is_none();
+        let believed = sound && result.doubt.is_none();
+        let untouched = believed && result.touches.is_empty();
+        if untouched || (believed && !self.gain_jumped()) {
+            self.sound_gain = self.gain;
+        }
         if let Some(interval_s) = interval_s.filter(|_| untouched && self.options.sequence) {
             // A wild value is no drift.
             let (baseline, used) = (self.reference.baseline(), &self.difference.used);
@@ -278,10 +312,12 @@ impl Reconstructor {
             return Ok(false);
         }
         self.due |= self.broken.begin(self.contacts.changed());
+        let stretch = self.stretch();
         if self.due {
             // What is broken is looked for in a frame that shows nothing, too.
             let detector = self.detectors[self.contacts.detector()].as_mut();
-            let quiet = self.options.sequence && detector.is_some_and(|d| matches!(d.test(values, 1), Change::Nothing));
+            let quiet = self.options.sequence
+                && detector.is_some_and(|d| matches!(d.test(values, 1, stretch), Change::Nothing));
             self.detectors.iter_mut().flatten().for_each(ChangeDetector::forget);
             if quiet {
                 // But where its values are those of the baseline again, it is over.
@@ -301,7 +337,7 @@ impl Reconstructor {
         let most_averaged = self.options.most_averaged(interval_s);
         let change = self.detectors[self.contacts.detector()]
             .as_mut()
-            .map(|d| d.test(values, most_averaged));
+            .map(|d| d.test(values, most_averaged, stretch));
         let rests = matches!(change, Some(Change::Same | Change::Mean)) && self.contacts.waits_for_rest();
         self.contacts.note_rest(rests);
         if rests {
@@ -344,7 +380,7 @@ impl Reconstructor {
 
     /// Whether a frame that shows no touch differs from the baseline all the same.
     fn drifted(&mut self, values: &[f64]) -> Result<bool, ImagerError> {
-        let Some(noise) = self.reference.noise() else {
+        let Some(noise) = self.noise() else {
             return Ok(false);
         };
         self.reference.difference_into(values, &mut self.difference)?;
@@ -361,7 +397,7 @@ impl Reconstructor {
     /// The frame showed nothing.
     fn clear(&mut self) {
         let used = self.detector().map_or(0, ChangeDetector::used);
-        self.result.clear(self.reference.noise(), used);
+        self.result.clear(self.noise(), used);
         self.solver.forget();
         self.contacts.clear();
         // Only one of them has seen the frame.
@@ -391,7 +427,7 @@ impl Reconstructor {
             frames: rest.frames(),
             grown: rest.has_grown(),
             gain: (1.0 + share) / (1.0 / rest.frames() as f64 + share),
-            frame_sigma: self.reference.noise().map(|n| n.sigma).filter(|_| rest.frames() > 1),
+            frame_sigma: self.noise().map(|n| n.sigma).filter(|_| rest.frames() > 1),
         }
     }
 
@@ -457,7 +493,8 @@ impl Reconstructor {
         if !self.options.sequence && self.broken.named().is_none() {
             self.solve_without_outliers(quiet);
         }
-        if self.broken.is_open() && self.result.changed && self.contacts.leaves(&self.result) {
+        let open = self.broken.is_open() && self.contacts.leaves(&self.result);
+        if (open || self.gain_jumped()) && self.result.changed {
             // What is shown may be what a fault looks like.
             self.result.doubt = self.result.doubt.or(Some(Doubt::NotTouches));
         }
@@ -476,7 +513,7 @@ impl Reconstructor {
     /// result is kept where touches explain the others: no more than before, where these explained the frame in part.
     fn solve_without_outliers(&mut self, quiet: bool) {
         let may = self.imager().is_searched() && self.solver.fits() && self.contacts.changed().is_empty();
-        let Some(noise) = self.reference.noise().filter(|_| may) else {
+        let Some(noise) = self.noise().filter(|_| may) else {
             return;
         };
         if !(self.result.changed && self.contacts.leaves(&self.result)) {
@@ -541,7 +578,7 @@ impl Reconstructor {
                 return false;
             }
         }
-        let known = self.reference.noise().map(|noise| NoiseEstimate {
+        let known = self.noise().map(|noise| NoiseEstimate {
             sigma: if averaged.frames > 1 {
                 noise.sigma / averaged.gain.sqrt()
             } else {

@@ -7,7 +7,7 @@ use crate::quality::flickers::Flicker;
 use crate::quality::loose_contacts::LooseContacts;
 use crate::reference::Difference;
 use crate::reference::diagnosis::{
-    Diagnosis, Electrodes, Fault, MOST_ELECTRODES, PARTS, Search, Told, values_of, values_of_channel,
+    Diagnosis, Electrodes, Fault, MOST_ELECTRODES, PARTS, Search, Told, values_of, values_of_channel, values_of_drive,
 };
 use crate::reference::imager::Imager;
 use crate::stats::is_of_noise;
@@ -198,9 +198,10 @@ impl FaultMonitor {
     }
 
     /// Whether a frame whose touches explain it would be as well explained by a fault: its touches may be phantoms.
-    pub(crate) fn suspects(&self, d: &Difference) -> bool {
+    /// `stretch`: the variance of its noise over that of the frames that this was made ready for.
+    pub(crate) fn suspects(&self, d: &Difference, stretch: f64) -> bool {
         let diagnosis = self.diagnosis.as_ref().and_then(Option::as_ref);
-        self.named.is_none() && diagnosis.is_some_and(|diagnosis| diagnosis.suspects(d))
+        self.named.is_none() && diagnosis.is_some_and(|diagnosis| diagnosis.suspects(d, stretch))
     }
 
     /// Whether the fault that was named last was searched for in a frame that touches explain.
@@ -211,6 +212,11 @@ impl FaultMonitor {
     /// Whether nothing but the fault that was named last explains the frame.
     pub(crate) fn is_alone(&self) -> bool {
         self.alone
+    }
+
+    /// Whether the last look found nothing.
+    pub(crate) fn found_nothing(&self) -> bool {
+        self.wait > 1
     }
 
     /// Names contacts that are known to have changed; false where another fault is named, or too many.
@@ -423,7 +429,11 @@ impl FaultMonitor {
         match self.named {
             Some(Fault::Open(electrodes) | Fault::Contacts(electrodes)) => values_of(imager, electrodes.list()),
             Some(Fault::Leak { electrodes, .. }) => values_of(imager, &electrodes),
-            Some(Fault::Gain(pair, _) | Fault::Offset(pair) | Fault::Rail(pair)) => values_of_channel(imager, pair),
+            // Of a sheet that is reciprocal the one is like the inverse of the other, where it is small.
+            Some(Fault::Gain(pair, _) | Fault::Drive(pair, _)) => {
+                [values_of_channel(imager, pair), values_of_drive(imager, pair)].concat()
+            }
+            Some(Fault::Offset(pair) | Fault::Rail(pair) | Fault::Channel(pair)) => values_of_channel(imager, pair),
             Some(Fault::Value(k, _)) => vec![k],
             _ => Vec::new(),
         }

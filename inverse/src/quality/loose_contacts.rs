@@ -72,12 +72,15 @@ impl LooseContacts {
             self.begun = Some(search);
             return false;
         }
-        let (Some(Fault::Open(told)) | Some(Fault::Contacts(told))) = diagnosis.told(&search).fault() else {
-            return false;
-        };
-        // Several at once leave values enough free for a tap in the middle of a frame. Of several loose ones each is told in its turn.
-        let &[electrode] = told.list() else {
-            return false;
+        let electrode = match diagnosis.told(&search).fault() {
+            // Several at once leave values enough free for a tap in the middle of a frame. Of several loose ones each is told in its turn.
+            Some(Fault::Open(told) | Fault::Contacts(told)) => match told.list() {
+                &[electrode] => electrode,
+                _ => return false,
+            },
+            // A pair goes with each of its electrodes.
+            Some(Fault::Drive([electrode, _], _) | Fault::Channel([electrode, _])) => electrode,
+            _ => return false,
         };
         if known.contains(&electrode) || self.named.list().contains(&electrode) {
             return false;

@@ -348,6 +348,13 @@ impl Baseline {
         (0..self.values_v.len()).map(of).collect()
     }
 
+    /// Whether its values are no larger than the noise of a frame, root mean square: nothing was measured.
+    pub fn is_nothing(&self) -> bool {
+        let squares: Vec<f64> = (self.values_v.iter().filter(|v| v.is_finite()).map(|v| v * v)).collect();
+        let square = squares.iter().sum::<f64>() / squares.len().max(1) as f64;
+        self.noise_v > 0.0 && square <= self.noise_v * self.noise_v
+    }
+
     /// Noise of every value over [`Baseline::noise_v`]: 1 where nothing tells that it has another than the rest.
     ///
     /// A few frames tell the variance of one value badly, and that of all of them well. So each is drawn towards their mean, as far as

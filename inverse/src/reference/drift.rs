@@ -22,7 +22,7 @@ use std::fmt;
 use std::sync::Arc;
 
 /// Standard deviation of the logarithms of gain and resistance where they drift: a source that loses a tenth, 20 K.
-const COMMON: f64 = 0.1;
+pub(crate) const COMMON: f64 = 0.1;
 /// The same of the contacts' impedances: none, warm contacts, those of an hour, and some that were clamped anew.
 const CONTACTS: [f64; 6] = [0.0, 0.003, 0.01, 0.03, 0.1, 0.3];
 

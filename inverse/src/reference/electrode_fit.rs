@@ -7,11 +7,11 @@
 //! value. How large these are is chosen by the evidence of the baseline itself (MacKay 1992), so that a sheet that
 //! is not like the model keeps its electrodes where they were said to be.
 
-mod amplifiers;
 mod linear;
+mod odd_pairs;
 mod uneven;
 
-pub use amplifiers::{Amplifier, AmplifierError};
+pub use odd_pairs::{OddPair, PairError};
 
 use crate::reference::imager::Imager;
 use linear::{Linear, Scales};
@@ -34,9 +34,9 @@ pub struct ElectrodeFit {
     pub unevenness: f64,
     /// Values that disagree with all others and take no part, with what was measured over what was expected.
     pub outliers: Vec<(usize, f64)>,
-    /// Amplifiers with a gain or an offset of their own. The values of a gain are divided by it in the fit, those of an offset take no
+    /// Pairs with a gain or an offset of their own. The values of a gain are divided by it in the fit, those of an offset take no
     /// part.
-    pub amplifiers: Vec<Amplifier>,
+    pub odd_pairs: Vec<OddPair>,
     /// What the fit leaves of the baseline: relative, root mean square over the values that take part.
     pub misfit: f64,
 }
@@ -95,11 +95,11 @@ pub struct ElectrodeFitOptions {
     /// A value this many standard deviations from what the others predict is left out. Of 208 with Gaussian errors one is in
     /// 100,000 baselines.
     pub outlier: f64,
-    /// A value that is off by less than this part of itself is never left out, and no amplifier is named for less: what it does to the
+    /// A value that is off by less than this part of itself is never left out, and no pair is named for less: what it does to the
     /// electrodes is small.
     pub least_outlier: f64,
-    /// Most amplifiers with a gain or an offset of their own. More of them are a sheet that is not like the model.
-    pub most_amplifiers: usize,
+    /// Most pairs with a gain or an offset of their own. More of them are a sheet that is not like the model.
+    pub most_odd_pairs: usize,
     /// Largest part of the values that are left out as outliers. More of them are a sheet that is not like the model.
     pub most_outliers: f64,
 }
@@ -120,7 +120,7 @@ impl Default for ElectrodeFitOptions {
             most_moves: 3.0,
             outlier: 6.0,
             least_outlier: 0.03,
-            most_amplifiers: 2,
+            most_odd_pairs: 2,
             most_outliers: 0.05,
         }
     }
@@ -142,7 +142,7 @@ pub fn find(imager: &Imager, baseline: &[f64]) -> Option<ElectrodeFit> {
 pub fn find_with(imager: &Imager, baseline: &[f64], options: &ElectrodeFitOptions) -> Result<ElectrodeFit, NoFit> {
     let mut kept = baseline.to_vec();
     let mut outliers: Vec<(usize, f64)> = Vec::new();
-    let mut amplifiers: Vec<Amplifier> = Vec::new();
+    let mut odd_pairs: Vec<OddPair> = Vec::new();
     let most = (options.most_outliers * baseline.len() as f64) as usize;
     // Of many values a sheet takes seconds: it is made without what stands out already where the electrodes are drawn.
     let mut drawn = !imager.is_searched();
@@ -155,17 +155,17 @@ pub fn find_with(imager: &Imager, baseline: &[f64], options: &ElectrodeFitOption
             let (fit, linear, scales) = settle(imager, &kept, options)?;
             (Some(fit), linear, scales)
         };
-        let (more, amplifier) = linear.stand_out(scales, &kept, &imager.pattern);
-        if let Some(amplifier) = amplifier.filter(|_| amplifiers.len() < options.most_amplifiers) {
+        let (more, odd) = linear.stand_out(scales, &kept, &imager.pattern);
+        if let Some(odd) = odd.filter(|_| odd_pairs.len() < options.most_odd_pairs) {
             for (kept, m) in kept.iter_mut().zip(imager.pattern.measurements()) {
-                if amplifier.carries(m) {
-                    *kept /= match amplifier.error {
-                        AmplifierError::Gain(gain) => gain,
-                        AmplifierError::Offset(_) => f64::NAN,
+                if odd.carries(m) {
+                    *kept /= match odd.error {
+                        PairError::Gain(gain) => gain,
+                        PairError::Offset(_) => f64::NAN,
                     };
                 }
             }
-            amplifiers.push(amplifier);
+            odd_pairs.push(odd);
             continue;
         }
         if more.is_empty() || outliers.len() + more.len() > most {
@@ -173,7 +173,7 @@ pub fn find_with(imager: &Imager, baseline: &[f64], options: &ElectrodeFitOption
                 drawn = false;
                 continue;
             };
-            (fit.outliers, fit.amplifiers) = (outliers, amplifiers);
+            (fit.outliers, fit.odd_pairs) = (outliers, odd_pairs);
             let most_mm = options.most_moves * options.places_mm.iter().fold(0.0_f64, |m, p| m.max(*p)) * reach(imager);
             let far = fit.moved_mm.iter().copied().enumerate();
             return match far.max_by(|a, b| a.1.abs().total_cmp(&b.1.abs())) {
@@ -242,7 +242,7 @@ fn settle(
                 error: s.error,
                 unevenness: s.unevenness,
                 outliers: Vec::new(),
-                amplifiers: Vec::new(),
+                odd_pairs: Vec::new(),
             };
             return Ok((fit, linear, s));
         }

@@ -156,6 +156,20 @@ impl Imager {
         })
     }
 
+    /// What a rise over so many mm² changes where that is least, V (2-norm of the values that are `used`).
+    pub(crate) fn least_change_v(&self, used: &[bool], total_mm2: f64) -> f64 {
+        let of_cell = |cell: nalgebra::DVectorView<'_, f64>| {
+            let squares = cell.iter().zip(used).filter(|(_, used)| **used).map(|(v, _)| v * v);
+            squares.sum::<f64>().sqrt()
+        };
+        let least = self
+            .sensitivity
+            .column_iter()
+            .map(of_cell)
+            .fold(f64::INFINITY, f64::min);
+        total_mm2 / self.grid.cell_mm().powi(2) * least
+    }
+
     /// Whether frames are searched for what is broken, and for what drifts seldom: not where they have more than 2,048 values.
     pub fn is_searched(&self) -> bool {
         self.pattern.len() <= MOST_SEARCHED

@@ -4,7 +4,7 @@
 use crate::reference::bad_contacts;
 use crate::reference::baseline::Baseline;
 use crate::reference::diagnosis::{Diagnosis, Fault};
-use crate::reference::electrode_fit::{self, Amplifier, AmplifierError, ElectrodeFit, ElectrodeFitOptions, NoFit};
+use crate::reference::electrode_fit::{self, ElectrodeFit, ElectrodeFitOptions, NoFit, OddPair, PairError};
 use crate::reference::imager::Imager;
 use crate::reference::screening::{Finding, FindingKind, ScreeningOptions, consensus, screen, value_finding};
 use crate::reference::wiring::{self, WiringCheck, WiringOptions, order_text};
@@ -55,6 +55,9 @@ const MODEL_ERROR: f64 = 1e-3;
 const NOISY: f64 = 3.0;
 /// Fewest values of a pair that tell it.
 const FEWEST_NOISY: usize = 4;
+/// A fingertip: 30 % over a disc of 5 mm radius, mm²; and how many standard deviations of the noise are seen for sure.
+const FINGERTIP_MM2: f64 = 24.0;
+const SEEN: f64 = 8.0;
 /// The misfit is said where it is so many times what is expected.
 pub const SAID_FROM: f64 = 3.0;
 
@@ -89,8 +92,11 @@ pub fn inspect(
         })
         .collect();
     let screening = screen(&imager.model_v, pattern, &known, &options.screening);
-    let suspicious =
-        imager.is_searched() && wiring.is_none() && !(screening.conclusive && screening.findings.is_empty());
+    let nothing = baseline.is_nothing().then_some(Fault::Source);
+    let suspicious = imager.is_searched()
+        && nothing.is_none()
+        && wiring.is_none()
+        && !(screening.conclusive && screening.findings.is_empty());
     let fault = suspicious
         .then(|| {
             // With all signs turned every fault would look like another one.
@@ -99,7 +105,8 @@ pub fn inspect(
             let values: Vec<f64> = baseline.values_v.iter().map(|v| sign * v).collect();
             Diagnosis::new(imager)?.explain_baseline(&values)
         })
-        .flatten();
+        .flatten()
+        .or(nothing);
     let mut findings = screening.findings;
     for f in findings.iter_mut().filter(|f| f.kind == FindingKind::Electrode) {
         if f.electrodes.iter().any(|l| moved.contains(&(l - 1))) {
@@ -120,8 +127,8 @@ pub fn inspect(
                     used[*k] = false;
                     findings.push(value_finding(pattern, *k, *factor));
                 }
-                for amplifier in &fit.amplifiers {
-                    findings.push(amplifier_finding(pattern, amplifier, &mut used));
+                for odd in &fit.odd_pairs {
+                    findings.push(odd_finding(pattern, odd, &mut used));
                 }
                 electrodes = Some(fit);
             }
@@ -136,6 +143,7 @@ pub fn inspect(
     findings.extend((imager.told.is_some() && !used_told).then(|| of_no_value(FindingKind::Untold, pattern)));
     let baseline = baseline.without(&used);
     findings.extend(noisy(&baseline, pattern));
+    findings.extend(hides_touches(imager, &baseline));
     let misfit = electrodes.as_ref().map_or_else(
         || misfit(&imager.model_v, &baseline.values_v, &screening.fitted),
         |fit| fit.misfit,
@@ -156,16 +164,14 @@ pub fn inspect(
     }
 }
 
-/// An amplifier with a gain, or with an offset: its values are left out.
-fn amplifier_finding(pattern: &Pattern, amplifier: &Amplifier, used: &mut [bool]) -> Finding {
+/// A pair with a gain or an offset of its own. Values with an offset are left out.
+fn odd_finding(pattern: &Pattern, odd: &OddPair, used: &mut [bool]) -> Finding {
     let measurements = pattern.measurements().iter().enumerate();
-    let of: Vec<usize> = measurements
-        .filter(|(_, m)| amplifier.carries(m))
-        .map(|(k, _)| k)
-        .collect();
-    let (kind, factor) = match amplifier.error {
-        AmplifierError::Gain(gain) => (FindingKind::SenseGain, Some(gain)),
-        AmplifierError::Offset(_) => (FindingKind::SenseOffset, None),
+    let of: Vec<usize> = measurements.filter(|(_, m)| odd.carries(m)).map(|(k, _)| k).collect();
+    let (kind, factor) = match odd.error {
+        PairError::Gain(gain) if odd.is_driven => (FindingKind::DriveGain, Some(gain)),
+        PairError::Gain(gain) => (FindingKind::SenseGain, Some(gain)),
+        PairError::Offset(_) => (FindingKind::SenseOffset, None),
     };
     let left_out = kind == FindingKind::SenseOffset;
     if left_out {
@@ -173,7 +179,7 @@ fn amplifier_finding(pattern: &Pattern, amplifier: &Amplifier, used: &mut [bool]
     }
     Finding {
         kind,
-        electrodes: amplifier.pair.iter().map(|l| l + 1).collect(),
+        electrodes: odd.pair.iter().map(|l| l + 1).collect(),
         value: None,
         factor,
         values: of.len(),
@@ -237,6 +243,27 @@ fn noisy(baseline: &Baseline, pattern: &Pattern) -> Vec<Finding> {
         left_out: false,
     })
     .collect()
+}
+
+/// Noise beside which a fingertip does not show everywhere.
+fn hides_touches(imager: &Imager, baseline: &Baseline) -> Option<Finding> {
+    let used: Vec<bool> = baseline.values_v.iter().map(|v| v.is_finite()).collect();
+    let square = |all: &[f64]| -> f64 {
+        all.iter()
+            .zip(&used)
+            .filter(|(_, used)| **used)
+            .map(|(v, _)| v * v)
+            .sum()
+    };
+    // Volts of the board for one of the model.
+    let gain = (square(&baseline.values_v) / square(&imager.model_v)).sqrt();
+    let noise_v = baseline.noise_v * (1.0 + 1.0 / baseline.frames.max(1) as f64).sqrt() / gain;
+    let times = imager.least_change_v(&used, FINGERTIP_MM2) / noise_v;
+    (baseline.noise_v > 0.0 && times < SEEN).then(|| Finding {
+        factor: Some(times),
+        left_out: false,
+        ..of_no_value(FindingKind::Noise, &imager.pattern)
+    })
 }
 
 /// What is left out without a value: frames, searches of too many values, and what presses told.
@@ -469,6 +496,43 @@ mod tests {
             };
             let found = inspect(&imager, baseline, false, &InspectionOptions::default());
             assert!(found.findings.iter().all(|f| f.kind != FindingKind::SenseNoise));
+        }
+    }
+
+    /// What a fingertip changes in the middle is known over the noise, and is said where it does not show.
+    #[test]
+    fn noise_that_hides_a_fingertip_is_said() {
+        let imager = imager(16);
+        let used = vec![true; imager.pattern.len()];
+        let tip_v = imager.least_change_v(&used, FINGERTIP_MM2);
+        let middle = (0..imager.grid.len()).min_by(|a, b| {
+            let of = |cell: usize| imager.grid.centre(cell)[0].hypot(imager.grid.centre(cell)[1]);
+            of(*a).total_cmp(&of(*b))
+        });
+        let here = imager.sensitivity.column(middle.unwrap()).norm() * FINGERTIP_MM2 / imager.grid.cell_mm().powi(2);
+        assert!((tip_v / here - 1.0).abs() < 0.2, "{tip_v} {here}");
+        let mut rng = StdRng::seed_from_u64(7);
+        // Whatever unit the board has.
+        for (unit, times, said) in [
+            (1.0, 3.0, true),
+            (1.0, 16.0, false),
+            (1e3, 4.0, true),
+            (1e3, 12.0, false),
+        ] {
+            let frames: Vec<Vec<f64>> = (0..24)
+                .map(|_| {
+                    let noise = |v: &f64| unit * (v + tip_v / times * rng.sample::<f64, _>(StandardNormal));
+                    imager.model_v.iter().map(noise).collect()
+                })
+                .collect();
+            let frames: Vec<&[f64]> = frames.iter().map(Vec::as_slice).collect();
+            let baseline = Baseline::of_frames(imager.pattern.len(), &frames);
+            let found = inspect(&imager, baseline, false, &InspectionOptions::default());
+            let noise = found.findings.iter().find(|f| f.kind == FindingKind::Noise);
+            assert_eq!(noise.is_some(), said, "{unit} {times}: {:?}", found.warnings());
+            assert_eq!(found.warnings().join("\n").contains("hides light touches"), said);
+            let factor = noise.and_then(|f| f.factor);
+            assert!(factor.is_none_or(|f| (f / times - 1.0).abs() < 0.1), "{factor:?}");
         }
     }
 

@@ -85,6 +85,8 @@ pub enum FindingKind {
     SenseMissing,
     /// The values of a sense pair are far noisier than the others; the factor says how many times. They are used, and count less.
     SenseNoise,
+    /// Noise hides light touches; the factor is what a fingertip changes where the sheet tells least, over the noise. It concerns no value.
+    Noise,
     /// What presses told of the sheet cannot be used with this baseline. It concerns no value.
     Untold,
     /// Frames have too many values to look for what is broken, and for what drifts seldom. It concerns no value.
@@ -179,7 +181,7 @@ impl fmt::Display for Finding {
             ),
             FindingKind::DriveGain => write!(
                 f,
-                "the drive pair of electrodes {} and {} gives {factor:.2} of the signal that is expected; look at their contacts",
+                "the drive pair of electrodes {} and {} gives {factor:.2} of the signal that is expected in the baseline; look at their contacts and switches",
                 e(0),
                 e(1)
             ),
@@ -195,6 +197,11 @@ impl fmt::Display for Finding {
                  the amplifier and at what runs beside its wires",
                 e(0).min(e(1)),
                 e(0).max(e(1))
+            ),
+            FindingKind::Noise => write!(
+                f,
+                "the baseline's noise hides light touches: in the middle of the sheet a fingertip changes a frame by {factor:.1} standard \
+                 deviations; look at the excitation, the amplifiers' gains and what runs beside the wires"
             ),
             FindingKind::SenseMissing => write!(
                 f,

@@ -1,6 +1,7 @@
 //! The faults that are tried.
 
 use forward::Pattern;
+use hil_sim::Preset;
 use protocol::PlanName;
 
 /// Something wrong in the values of a frame. Values and channels are counted from 0.
@@ -43,8 +44,8 @@ pub struct Case {
     pub for_s: Option<f64>,
     /// In the values.
     pub values: Option<ValueFault>,
-    /// Two wires that are exchanged, electrodes from 0.
-    pub exchanged: Option<[usize; 2]>,
+    /// Which board.
+    pub preset: Preset,
     /// What is measured; none: what `skin run` chooses.
     pub plan: Option<PlanName>,
     /// It is named once all of one of these were said.
@@ -58,7 +59,7 @@ impl Case {
             board: Vec::new(),
             for_s: None,
             values: None,
-            exchanged: None,
+            preset: Preset::default(),
             plan: None,
             named: named
                 .iter()
@@ -91,6 +92,14 @@ impl Case {
         }
     }
 
+    fn on(self, preset: Preset) -> Self {
+        Self {
+            name: format!("{}, board {}", self.name, preset.name()),
+            preset,
+            ..self
+        }
+    }
+
     fn in_values(name: &str, fault: ValueFault, named: &[&str]) -> Self {
         Self {
             values: Some(fault),
@@ -111,7 +120,9 @@ pub fn cases() -> Vec<Case> {
     out.push(Case::board(&["line_break"], &["sent nothing for", "frames are lost"]).lasting(1.0));
     out.push(Case::board(&["break_to_board"], &[]).lasting(0.5));
     out.push(Case::board(&["cable_pulled"], &["connection to the board is lost"]).lasting(0.5));
-    out.push(Case::board(&["board_reset"], &["the board was reset"]).lasting(0.3));
+    for kind in ["board_reset", "board_hangs"] {
+        out.push(Case::board(&[kind], &["the board was reset"]).lasting(0.3));
+    }
     out.extend([
         Case::board(&["electrode_open:3"], &["electrode 3 "]),
         Case::board(
@@ -198,13 +209,51 @@ pub fn cases() -> Vec<Case> {
         ),
     ]);
     for [a, b] in [[3, 4], [3, 11]] {
-        out.push(Case {
-            exchanged: Some([a - 1, b - 1]),
-            ..Case::new(
-                &format!("wires {a} and {b} exchanged"),
-                &[&format!("electrodes {a} and {b} "), "another order"],
-            )
-        });
+        out.push(Case::board(
+            &[&format!("wires_swapped:{a},{b}")],
+            &[&format!("electrodes {a} and {b} "), "another order"],
+        ));
     }
+    for part in ["0.9", "0.5", "0.05"] {
+        out.push(Case::board(
+            &[&format!("source_sags:{part}")],
+            &["the voltages are", "the source's amplitude"],
+        ));
+    }
+    for (line, ohm, pair) in [
+        ("drive_plus", 100, "electrodes 3 and 4 "),
+        ("drive_plus", 300, "electrodes 3 and 4 "),
+        ("drive_minus", 300, "electrodes 2 and 3 "),
+    ] {
+        let kind = format!("switch_resistance:{line},3,{ohm}");
+        out.push(Case::board(&[&kind], &[pair]));
+    }
+    for (line, named) in [
+        ("drive_plus,0,1", "drive + multiplexer"),
+        ("drive_plus,1,2", "drive + multiplexer"),
+        ("drive_minus,0,2", "drive - multiplexer"),
+    ] {
+        out.push(Case::board(&[&format!("address_swapped:{line}")], &[named]));
+    }
+    for (line, named) in [
+        ("sense_plus,0,1", "sense + multiplexer"),
+        ("sense_minus,1,2", "sense - multiplexer"),
+    ] {
+        out.push(Case::board(&[&format!("address_swapped:{line}")], &[named]).on(Preset::DrawnBoard));
+    }
+    out.extend([
+        Case::board(&["switch_resistance:sense_plus,3,300"], &[]).on(Preset::DrawnBoard),
+        Case::board(&["amplifier_dead"], &["amplifiers"]).on(Preset::DrawnBoard),
+        Case::board(&["amplifier_saturating:1"], &["amplifiers saturate"]).on(Preset::DrawnBoard),
+        Case::board(&["amplifier_saturating:1.5"], &["amplifiers saturate"]).on(Preset::DrawnBoard),
+        Case::board(&["channel_dead:6"], &["electrodes 7 and 8 "]).on(Preset::DrawnSixteen),
+        Case::board(&["channel_saturating:6,1.5"], &["electrodes 7 and 8 "]).on(Preset::DrawnSixteen),
+        Case::board(
+            &["reference_lost:drive"],
+            &["the voltages are", "the source's amplitude"],
+        )
+        .on(Preset::DrawnBoard),
+        Case::board(&["reference_lost:converter"], &["rail"]).on(Preset::DrawnBoard),
+    ]);
     out
 }

@@ -99,7 +99,8 @@ impl Outcome {
     pub fn row(&self, case: &Case, when: When, total: f64) -> String {
         let first = self.naming(case);
         let (named, after) = match (first, &self.ended) {
-            (Some((after_s, text)), _) => (short(text), format!("{after_s:.2}")),
+            (Some((after_s, text)), _) if after_s.is_finite() => (short(text), format!("{after_s:.2}")),
+            (Some((_, text)), _) => (short(text), "ended".to_owned()),
             (None, Some(why)) => (short(why), "ended".to_owned()),
             (None, None) => match self.said.first() {
                 Some((_, text)) => (format!("**not named**: {}", short(text)), "never".to_owned()),

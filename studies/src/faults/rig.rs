@@ -2,8 +2,8 @@
 
 use super::{Case, Counts, Outcome, ValueFault, When, is_near};
 use crate::error::StudyError;
-use forward::{Drive, ElectrodeMatrix, ForwardError, Model, ModelOptions, Pattern, Sheet};
-use hil_sim::{Fault, Pace, Rubber, Scene, SheetModel, SimBoard, SimConfig, SimPort, Touch};
+use forward::{Drive, Model, ModelOptions, Pattern, Sheet};
+use hil_sim::{Fault, Pace, Preset, Rubber, Scene, SimBoard, SimConfig, SimPort, Touch};
 use inverse::live::{Live, LiveFrame, LiveOptions};
 use inverse::pipeline::FrameResult;
 use inverse::reference::imager::Imager;
@@ -32,35 +32,14 @@ const SILENCE: Duration = Duration::from_secs(3);
 /// Longest start, tries of [`WAIT`].
 const LONGEST: usize = 300;
 
-/// A sheet with two wires exchanged from a time on.
-struct Exchanged {
-    rubber: Rubber,
-    /// Whether and from when, s.
-    wires: Option<([usize; 2], f64)>,
-    matrix: ElectrodeMatrix,
-}
-
-impl SheetModel for Exchanged {
-    fn electrode_matrix(&mut self, t_s: f64) -> Result<&ElectrodeMatrix, ForwardError> {
-        let seen = self.rubber.electrode_matrix(t_s)?;
-        match self.wires {
-            Some(([a, b], from_s)) if t_s >= from_s => {
-                let mut potentials = seen.potentials_ohm().clone();
-                potentials.swap_rows(a, b);
-                potentials.swap_columns(a, b);
-                self.matrix = ElectrodeMatrix::from_potentials(potentials);
-                Ok(&self.matrix)
-            }
-            _ => Ok(seen),
-        }
-    }
-}
+/// A board, and what is measured with it.
+type Board = (Preset, Option<PlanName>);
 
 /// Boards with faults on the paper's sheet. What is computed for one is used for the next.
 pub struct Bench {
     sheet: Sheet,
     model: Arc<Model>,
-    imagers: Vec<(Option<PlanName>, Arc<Imager>)>,
+    imagers: Vec<(Board, Arc<Imager>)>,
 }
 
 /// A session whose scene is held until the baseline is taken.
@@ -98,7 +77,7 @@ impl Bench {
     pub fn run(&mut self, case: &Case, when: When) -> Result<Outcome, StudyError> {
         let ([down, up], at, _) = when.times();
         let mut outcome = Outcome::default();
-        let length_s = self.length_s(case.plan)?;
+        let length_s = length_s(case);
         let path = [(down, FINGER_MM), (up, FINGER_MM)].map(|(t, [x, y])| (t * length_s, x, y));
         let scene = Scene {
             touches: vec![Touch::finger(&path, FORCE_N, RAMP_S)],
@@ -117,15 +96,6 @@ impl Bench {
         Ok(outcome)
     }
 
-    /// Length of a scene, s.
-    fn length_s(&self, plan: Option<PlanName>) -> Result<f64, StudyError> {
-        // The slow plans have some 14 frames/s, the live one 115.
-        Ok(match plan {
-            Some(_) => (FRAMES / 14.0_f64).max(LEAST_S),
-            None => LEAST_S,
-        })
-    }
-
     fn start(&mut self, case: &Case, scene: Scene, at_s: f64, length_s: f64) -> Result<Rig, StudyError> {
         let simulator = |e: &dyn std::error::Error| StudyError::Simulator(e.to_string());
         let text = |kind: &String| match case.for_s {
@@ -135,15 +105,13 @@ impl Bench {
         let faults: Result<Vec<Fault>, _> = case.board.iter().map(|kind| text(kind).parse()).collect();
         let config = SimConfig {
             faults: faults.map_err(|e| simulator(&e))?,
+            electronics: case.preset.electronics(),
             ..SimConfig::default()
         };
         let rubber = Rubber::on_model(Arc::clone(&self.model), scene)?;
-        let sheet = Exchanged {
-            rubber,
-            wires: case.exchanged.map(|wires| (wires, at_s)),
-            matrix: ElectrodeMatrix::from_potentials(nalgebra::DMatrix::zeros(0, 0)),
-        };
-        let board = SimBoard::new(config, sheet).map_err(|e| simulator(&e))?.holding_scene();
+        let board = SimBoard::new(config, rubber)
+            .map_err(|e| simulator(&e))?
+            .holding_scene();
         let port = SimPort::new(board, Pace::Unpaced).map_err(|e| simulator(&e))?;
         let choose = |hello: &Hello| match case.plan {
             Some(plan) => plan.plan(hello.electrodes),
@@ -157,7 +125,7 @@ impl Bench {
             ..LiveOptions::default()
         };
         Ok(Rig {
-            live: Live::new(self.imager(case.plan, &pattern)?, options),
+            live: Live::new(self.imager((case.preset, case.plan), &pattern)?, options),
             port,
             session,
             notices: LinkNotices::default(),
@@ -166,12 +134,12 @@ impl Bench {
         })
     }
 
-    fn imager(&mut self, plan: Option<PlanName>, pattern: &Pattern) -> Result<Arc<Imager>, StudyError> {
-        if let Some((_, imager)) = self.imagers.iter().find(|(of, _)| *of == plan) {
+    fn imager(&mut self, board: Board, pattern: &Pattern) -> Result<Arc<Imager>, StudyError> {
+        if let Some((_, imager)) = self.imagers.iter().find(|(of, _)| *of == board) {
             return Ok(Arc::clone(imager));
         }
         let imager = Arc::new(Imager::new(&self.sheet, Drive::PAPER, pattern.clone(), CELL_MM)?);
-        self.imagers.push((plan, Arc::clone(&imager)));
+        self.imagers.push((board, Arc::clone(&imager)));
         Ok(imager)
     }
 }
@@ -183,9 +151,11 @@ impl Rig {
         let [down, up, at, rest, over] = [down, up, at, rest, over].map(|part| part * self.length_s);
         let mut silent = 0;
         // The board's clock begins anew as a reset is over: when that is. One in the baseline comes with the power.
-        let reset_s = case
-            .for_s
-            .filter(|_| case.board.iter().any(|kind| kind == "board_reset"));
+        let reset_s = case.for_s.filter(|_| {
+            case.board
+                .iter()
+                .any(|kind| kind == "board_reset" || kind == "board_hangs")
+        });
         let reset_s = reset_s.unwrap_or(0.0);
         let (mut last_s, mut before_s) = (0.0, if when == When::Baseline { reset_s } else { 0.0 });
         loop {
@@ -259,6 +229,15 @@ impl Rig {
     }
 }
 
+/// Length of a scene, s.
+fn length_s(case: &Case) -> f64 {
+    // What measures one pair after the other has some 14 frames/s, the others 100 or more.
+    match (case.plan, case.preset) {
+        (None, Preset::SixteenChannels | Preset::Ideal | Preset::DrawnSixteen) => LEAST_S,
+        _ => (FRAMES / 14.0).max(LEAST_S),
+    }
+}
+
 /// Whether a fault is one of the baseline alone where it is there already: a wild value.
 fn is_later(fault: ValueFault) -> bool {
     matches!(fault, ValueFault::Value(..))
@@ -273,7 +252,11 @@ fn end(outcome: &mut Outcome, why: &LinkError) {
 fn hear(outcome: &mut Outcome, after_s: f64, result: &FrameResult) {
     let faults = result.faults.iter().map(ToString::to_string);
     let doubt = result.doubt.map(|doubt| doubt.to_string());
-    faults.chain(doubt).for_each(|text| say(outcome, after_s, text));
+    let drift = result.drift.notice().map(|notice| notice.to_string());
+    faults
+        .chain(doubt)
+        .chain(drift)
+        .for_each(|text| say(outcome, after_s, text));
 }
 
 fn say(outcome: &mut Outcome, after_s: f64, text: String) {

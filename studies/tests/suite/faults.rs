@@ -20,6 +20,22 @@ fn run(name: &str, when: When) -> Outcome {
     outcome
 }
 
+/// Frames of a source of which a half is left are divided by less, and are as noisy as twice the voltage of their noise.
+#[test]
+fn a_source_of_which_a_half_is_left_shows_no_phantoms() {
+    let name = "`source_sags:0.5`";
+    for when in [When::UnderTouch, When::AtRest] {
+        let outcome = run(name, when);
+        let [touched, rest] = [outcome.touched, outcome.rest];
+        assert_eq!((touched.silent, rest.silent), (0, 0), "{name}, {when:?}: {outcome:?}");
+        assert!(
+            touched.right_part() > 0.98 && rest.right_part() > 0.98,
+            "{name}: {outcome:?}"
+        );
+        assert!(touched.doubted + rest.doubted <= 5, "{name}: {outcome:?}");
+    }
+}
+
 /// What a fault leaves is as good as if the values were missing from the start.
 #[test]
 fn touches_beside_what_is_left_out_are_right() {
@@ -33,6 +49,8 @@ fn touches_beside_what_is_left_out_are_right() {
         ("one value x10", When::AtRest),
         ("one channel's gain +5 %", When::AtRest),
         ("one channel's offset 10 mV", When::UnderTouch),
+        ("`switch_resistance:drive_plus,3,300`", When::AtRest),
+        ("`channel_saturating:6,1.5`, board drawn_sixteen", When::UnderTouch),
         ("`contact_raised:3,100`, `contact_raised:9,100`", When::AtRest),
     ];
     for (name, when) in left {
@@ -97,7 +115,11 @@ fn what_leaves_no_touches_is_doubted_and_shows_none() {
         ("`adc_stuck:2048`", When::UnderTouch),
         ("`saturation`", When::AtRest),
         ("`multiplexer_stuck:drive_plus,3`", When::AtRest),
-        ("wires 3 and 4 exchanged", When::AtRest),
+        ("`wires_swapped:3,4`", When::AtRest),
+        ("`address_swapped:drive_plus,0,1`", When::UnderTouch),
+        ("`address_swapped:sense_minus,1,2`, board drawn_board", When::Baseline),
+        ("`amplifier_saturating:1`, board drawn_board", When::AtRest),
+        ("`amplifier_dead`, board drawn_board", When::Baseline),
         ("`electrodes_short:3,10`", When::Baseline),
     ];
     for (name, when) in none {

@@ -34,7 +34,7 @@ impl Reconstructor {
     }
 
     fn end_if_over(&mut self) {
-        let Some(noise) = self.reference.noise() else {
+        let Some(noise) = self.noise() else {
             return;
         };
         let sigma_v = noise.sigma * (1.0 + self.reference.baseline_share()).sqrt();
@@ -65,6 +65,7 @@ impl Reconstructor {
     pub(super) fn look_for_faults(&mut self, blind: bool, due: bool) -> bool {
         let result = &self.result;
         let unexplained = blind
+            || self.gain_jumped()
             || matches!(
                 result.doubt,
                 Some(
@@ -89,9 +90,20 @@ impl Reconstructor {
             .count();
         // What drifting contacts explain, now and then, is no reason to forget a fault that the frames before told.
         let may = touches > 0 || self.broken.is_open() || self.contacts.is_sudden();
-        let suspected = !unexplained && may && (contacts > 0 || self.broken.suspects(&self.whole));
-        let sigma_v = self.reference.noise().or(result.noise).map(|n| n.sigma);
-        let frame = (self.last.as_slice(), &self.whole, self.reference.unchanged());
+        let suspected = !unexplained && may && (contacts > 0 || self.broken.suspects(&self.whole, self.stretch()));
+        let sigma_v = self.noise().or(result.noise).map(|n| n.sigma);
+        let difference = if self.options.sequence && self.gain != self.sound_gain {
+            // What a fault does to all values is not to be divided out.
+            let mut frame = Vec::with_capacity(self.last.len());
+            self.following.divide(&self.last, self.sound_gain, &mut frame);
+            match self.reference.difference_into(&frame, &mut self.suspicious) {
+                Ok(()) => &self.suspicious,
+                Err(_) => &self.whole,
+            }
+        } else {
+            &self.whole
+        };
+        let frame = (self.last.as_slice(), difference, self.reference.unchanged());
         let seen = Seen {
             unexplained,
             suspected,
@@ -120,7 +132,7 @@ impl Reconstructor {
 
     /// Takes a frame that was reconstructed: what comes and goes is looked for in the frames after it.
     pub(super) fn look_for_loose_contacts(&mut self, values: &[f64]) {
-        let (Some(noise), Some(noises)) = (self.reference.noise(), self.reference.value_noise()) else {
+        let (Some(noise), Some(noises)) = (self.noise(), self.reference.value_noise()) else {
             return;
         };
         // A contact that fails may look like a finger that has gone from there.
@@ -199,7 +211,7 @@ impl Reconstructor {
         let named = self.before.or(named);
         if let Some(fault) = named.filter(|fault| !fault.leaves_touches()) {
             let used = self.whole.used.iter().filter(|used| **used).count();
-            self.result.clear(self.reference.noise(), used);
+            self.result.clear(self.noise(), used);
             (self.result.anew, self.result.doubt) = (true, Some(Doubt::Fault(fault)));
             self.solver.forget();
         }

@@ -78,10 +78,16 @@ pub enum Fault {
     Range,
     /// The values of one amplifier, between these electrodes, are out of range.
     Rail([usize; 2]),
+    /// The first stage of all amplifiers ends before it should.
+    Saturated,
+    /// The values of one amplifier, between these electrodes, are wrong, by no gain and no offset.
+    Channel([usize; 2]),
     /// The gain of one amplifier, between these electrodes, changed by this factor.
     Gain([usize; 2], f64),
     /// The offset of one amplifier, between these electrodes, changed.
     Offset([usize; 2]),
+    /// What drives one pair of electrodes changed by this factor.
+    Drive([usize; 2], f64),
     /// The offset of all values changed, by more than it drifts.
     OffsetOfAll,
     /// One value is wrong: its index, the drive pair and the sense pair.
@@ -94,6 +100,15 @@ pub enum Fault {
         plus: bool,
         /// Where it stays.
         electrode: usize,
+    },
+    /// Two address lines of a multiplexer are exchanged.
+    Address {
+        /// Of the drive or of the sense pair.
+        drive: bool,
+        /// Its positive or negative end.
+        plus: bool,
+        /// Which lines, from 0.
+        lines: [usize; 2],
     },
     /// Two wires are exchanged.
     Exchanged([usize; 2]),
@@ -113,8 +128,12 @@ impl Fault {
             | Self::Converter
             | Self::Range
             | Self::Rail(_)
+            | Self::Saturated
+            | Self::Channel(_)
             | Self::Gain(..)
             | Self::Offset(_)
+            | Self::Drive(..)
+            | Self::Address { .. }
             | Self::OffsetOfAll
             | Self::Value(..) => Electrodes::default(),
         }
@@ -128,8 +147,10 @@ impl Fault {
             | Self::Contacts(_)
             | Self::Loose(_)
             | Self::Rail(_)
+            | Self::Channel(_)
             | Self::Gain(..)
             | Self::Offset(_)
+            | Self::Drive(..)
             | Self::Value(..) => true,
             Self::Short { .. }
             | Self::Source
@@ -137,7 +158,9 @@ impl Fault {
             | Self::OffsetOfAll
             | Self::Converter
             | Self::Range
+            | Self::Saturated
             | Self::Multiplexer { .. }
+            | Self::Address { .. }
             | Self::Exchanged(_) => false,
         }
     }
@@ -147,7 +170,7 @@ impl Fault {
         match (self, other) {
             (Self::Short { electrodes: a, .. }, Self::Short { electrodes: b, .. })
             | (Self::Leak { electrodes: a, .. }, Self::Leak { electrodes: b, .. }) => a == b,
-            (Self::Gain(a, _), Self::Gain(b, _)) => a == b,
+            (Self::Gain(a, _), Self::Gain(b, _)) | (Self::Drive(a, _), Self::Drive(b, _)) => a == b,
             (Self::Scale(_), Self::Scale(_)) => true,
             _ => self == other,
         }
@@ -165,11 +188,15 @@ impl Fault {
             Self::Converter => "converter_stuck",
             Self::Range => "out_of_range",
             Self::Rail(_) => "channel_out_of_range",
+            Self::Saturated => "amplifiers_saturated",
+            Self::Channel(_) => "channel_wrong",
             Self::Gain(..) => "channel_gain",
             Self::Offset(_) => "channel_offset",
+            Self::Drive(..) => "drive_gain",
             Self::OffsetOfAll => "offset_changed",
             Self::Value(..) => "value",
             Self::Multiplexer { .. } => "multiplexer_stuck",
+            Self::Address { .. } => "address_swapped",
             Self::Exchanged(_) => "wires_exchanged",
         }
     }
@@ -256,6 +283,15 @@ impl fmt::Display for Fault {
                 "the amplifier between {} is at its rail: its values are left out; look at the board",
                 pair(p)
             ),
+            Self::Saturated => write!(
+                f,
+                "the amplifiers saturate: no touches are shown; look at their supply and their gains"
+            ),
+            Self::Channel(p) => write!(
+                f,
+                "the amplifier between {} gives values that no sheet has: they are left out; look at it and at its supply",
+                pair(p)
+            ),
             Self::Gain(p, factor) => write!(
                 f,
                 "the amplifier between {} gives {factor:.3} of what it gave: its values are left out; take a new baseline",
@@ -264,6 +300,12 @@ impl fmt::Display for Fault {
             Self::Offset(p) => write!(
                 f,
                 "the amplifier between {} has another offset than in the baseline: its values are left out; take a new baseline",
+                pair(p)
+            ),
+            Self::Drive(p, factor) => write!(
+                f,
+                "what drives {} gives {factor:.3} of what it gave: its values are left out; look at the switches of the drive \
+                 multiplexers, or take a new baseline",
                 pair(p)
             ),
             Self::OffsetOfAll => write!(
@@ -281,10 +323,18 @@ impl fmt::Display for Fault {
             ),
             Self::Multiplexer { drive, plus, electrode } => write!(
                 f,
-                "the {} {} multiplexer stays on electrode {}: no touches are shown; look at its control lines",
-                if *drive { "drive" } else { "sense" },
-                if *plus { "+" } else { "-" },
+                "the {} multiplexer stays on electrode {}: no touches are shown; look at its control lines",
+                multiplexer(*drive, *plus),
                 electrode + 1
+            ),
+            Self::Address {
+                drive,
+                plus,
+                lines: [a, b],
+            } => write!(
+                f,
+                "the {} multiplexer has its address lines {a} and {b} exchanged: no touches are shown; look at its control lines",
+                multiplexer(*drive, *plus)
             ),
             Self::Exchanged(electrodes) => write!(
                 f,
@@ -293,6 +343,15 @@ impl fmt::Display for Fault {
             ),
         }
     }
+}
+
+/// `drive +`.
+fn multiplexer(drive: bool, plus: bool) -> String {
+    format!(
+        "{} {}",
+        if drive { "drive" } else { "sense" },
+        if plus { "+" } else { "-" }
+    )
 }
 
 /// `30 ohm`, `9.9 kilohm`.
@@ -327,7 +386,7 @@ impl Serialize for Fault {
             text: String,
         }
         let pair = match self {
-            Self::Rail(p) | Self::Gain(p, _) | Self::Offset(p) => p.to_vec(),
+            Self::Rail(p) | Self::Channel(p) | Self::Gain(p, _) | Self::Offset(p) | Self::Drive(p, _) => p.to_vec(),
             Self::Value(_, p) => p.to_vec(),
             _ => self.electrodes().list().to_vec(),
         };

@@ -14,7 +14,7 @@ use crate::reference::Difference;
 use crate::reference::drift::{DriftShapes, Drifting, LEAST_GAIN, MOST_OFFSET};
 use crate::reference::imager::Imager;
 use crate::reference::screening::consensus;
-use forward::{Drive, Measurement, Pattern, Solver};
+use forward::{Drive, Measurement, Pair, Pattern, Solver};
 use nalgebra::{DMatrix, DVector};
 use std::borrow::Cow;
 use std::sync::Arc;
@@ -42,6 +42,9 @@ const LOST: f64 = 0.02;
 const SHORTS_OHM: [f64; 4] = [0.0, 30.0, 200.0, 1000.0];
 /// A leak over so much or more changes a frame in proportion to what it conducts: the frame tells its size.
 const LEAK_OHM: f64 = 10_000.0;
+/// Where the first stage of amplifiers may end, over the largest voltage of an electrode from the middle of the source, and its gain.
+const LIMITS: [f64; 6] = [0.05, 0.12, 0.25, 0.45, 0.75, 1.2];
+const FIRST_GAINS: [f64; 4] = [1.0, 4.0, 12.0, 40.0];
 const CONTACTS_OHM: [f64; 7] = [10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0, 10_000.0];
 /// A contact worse by this is small.
 const SCORED_OHM: f64 = 20.0;
@@ -56,6 +59,8 @@ const MOST_TRIED: usize = 3;
 /// Cost of a fault before a frame: as the chance of one in 10⁵. The same of the choice of a resistance.
 const FAULT: f64 = 12.0;
 const RESISTANCE: f64 = 2.0;
+/// What a drive's gain costs more than an amplifier's: switches change more seldom, and small gains of both look alike.
+const SWITCH: f64 = 5.0;
 
 /// Of more values a part tells what is broken in frames that follow one another: a search takes a power of their number.
 const MOST_LOOKED_AT: usize = 256;
@@ -73,8 +78,9 @@ pub(crate) struct Diagnosis {
     /// Root mean square of the unpressed frame, and its largest value, V.
     mean_v: f64,
     largest_v: f64,
-    /// Sense pairs, each with its values.
+    /// Sense pairs, and drive pairs, each with its values.
     channels: Vec<([usize; 2], Vec<usize>)>,
+    drives: Vec<([usize; 2], Vec<usize>)>,
     /// What linear faults are told by in a frame of known noise; see [`Diagnosis::suspects`].
     scores: Option<Scores>,
 }
@@ -126,7 +132,8 @@ impl Diagnosis {
             covariance: Covariance::new(rises(imager), shapes),
             mean_v: (v.iter().map(|v| v * v).sum::<f64>() / v.len().max(1) as f64).sqrt(),
             largest_v: v.iter().fold(0.0, |m, v| m.max(v.abs())),
-            channels: channels(imager),
+            channels: by_pair(imager, |m| m.sense),
+            drives: by_pair(imager, |m| m.drive),
             scores: None,
             looked_at: None,
             imager: Arc::clone(imager),
@@ -189,7 +196,8 @@ impl Diagnosis {
             let [gain, offset] = self.channel_columns(values, unchanged);
             [(gain, GAIN), (offset, OFFSET * self.mean_v)]
         });
-        let columns: Vec<(DVector<f64>, f64)> = contacts.chain(channels).collect();
+        let drives = (self.drives.iter()).map(|(_, values)| (self.gain_column(values, unchanged), GAIN));
+        let columns: Vec<(DVector<f64>, f64)> = contacts.chain(channels).chain(drives).collect();
         let Some(evidence) = Evidence::new(&unchanged.y, (&mut self.covariance, 1.0), &own, self.largest_v) else {
             return;
         };
@@ -201,25 +209,25 @@ impl Diagnosis {
         });
     }
 
-    /// Whether a small fault may take the place of touches in a frame: a worse contact, an amplifier's gain or offset. It takes a
-    /// product with a small matrix; a search decides.
-    pub(crate) fn suspects(&self, d: &Difference) -> bool {
+    /// Whether a small fault may take the place of touches in a frame: a worse contact, a pair's gain or offset. It takes a
+    /// product with a small matrix; a search decides. `stretch`: the variance of its noise over what was prepared for.
+    pub(crate) fn suspects(&self, d: &Difference, stretch: f64) -> bool {
         let Some(Scores { along, gain }) = &self.scores else {
             return false;
         };
         let d = self.seen(d);
         let cost = FAULT + RESISTANCE + (gain.len() as f64).ln();
-        (along.column_iter().zip(gain)).any(|(along, gain)| 0.5 * along.dot(&d.y).powi(2) > cost + gain)
+        (along.column_iter().zip(gain)).any(|(along, gain)| 0.5 * along.dot(&d.y).powi(2) > stretch * (cost + gain))
     }
 
     /// What a gain and an offset of an amplifier change, of unit size.
     fn channel_columns(&self, values: &[usize], d: &Difference) -> [DVector<f64>; 2] {
-        let mut gain = DVector::zeros(d.used.len());
-        let mut offset = gain.clone();
-        for k in values.iter().copied().filter(|k| d.used[*k]) {
-            (gain[k], offset[k]) = (self.imager.model_v[k], d.spread[k]);
-        }
-        [gain, offset]
+        [self.gain_column(values, d), column(values, d, &d.spread)]
+    }
+
+    /// What a gain of these values changes, of unit size.
+    fn gain_column(&self, values: &[usize], d: &Difference) -> DVector<f64> {
+        column(values, d, &self.imager.model_v)
     }
 
     /// A fault of what is looked at as one of all values.
@@ -236,7 +244,7 @@ impl Diagnosis {
         let (imager, mean_v) = (Arc::clone(&self.imager), self.mean_v);
         let v = &imager.model_v;
         let ratios = v.iter().zip(baseline).map(|(m, b)| (m / b).abs().ln());
-        let common = consensus(ratios, std::f64::consts::LN_2)?.0.exp();
+        let common = consensus(ratios, std::f64::consts::LN_2).map(|common| common.0.exp());
         // The board's own volts are the model's where all values are wrong.
         let mut of = |gain: f64| {
             let used: Vec<bool> = baseline.iter().map(|b| b.is_finite()).collect();
@@ -255,8 +263,9 @@ impl Diagnosis {
             let search = Search::new(self, d.clone(), own.collect(), &[0.0])?;
             Some(search.end(self)).filter(|best| best.cost < values as f64 && best.touches - best.cost > CLEAR)
         };
-        let best = [common, 1.0]
+        let best = common
             .into_iter()
+            .chain([1.0])
             .filter_map(&mut of)
             .min_by(|a, b| a.cost.total_cmp(&b.cost))?;
         best.fault.filter(|fault| !fault.leaves_touches())
@@ -278,15 +287,22 @@ impl Diagnosis {
 
     fn offer_multiplexers(&self, evidence: &Evidence, best: &mut Best) {
         let n = self.electrodes();
-        let cost = FAULT + (4.0 * n as f64).ln();
         let ends = [(true, true), (true, false), (false, true), (false, false)];
-        let stuck: Vec<(bool, bool, usize)> = ends
-            .iter()
-            .flat_map(|(d, p)| (0..n).map(move |l| (*d, *p, l)))
-            .collect();
-        let predict = |(drive, plus, electrode)| self.stuck(drive, plus, electrode);
-        if let Some(((drive, plus, electrode), of)) = cheapest(evidence, &stuck, predict) {
+        let stuck: Vec<((bool, bool), usize)> = ends.iter().flat_map(|end| (0..n).map(move |l| (*end, l))).collect();
+        let cost = FAULT + (stuck.len() as f64).ln();
+        if let Some((((drive, plus), electrode), of)) =
+            cheapest(evidence, &stuck, |(end, l)| self.misrouted(end, |_| l))
+        {
             best.offer(cost + of, || Fault::Multiplexer { drive, plus, electrode });
+        }
+        let lines = usize::BITS - n.saturating_sub(1).leading_zeros();
+        let lines = (0..lines as usize).flat_map(|b| (0..b).map(move |a| [a, b]));
+        let exchanged: Vec<((bool, bool), [usize; 2])> = lines.flat_map(|lines| ends.map(|end| (end, lines))).collect();
+        let cost = FAULT + (exchanged.len() as f64).ln();
+        // Where that is no electrode, nothing is connected.
+        let predict = |(end, lines)| self.misrouted(end, |l| readdressed(l, lines));
+        if let Some((((drive, plus), lines), of)) = cheapest(evidence, &exchanged, predict) {
+            best.offer(cost + of, || Fault::Address { drive, plus, lines });
         }
         let pairs: Vec<[usize; 2]> = self.pairs().collect();
         let cost = FAULT + (pairs.len() as f64).ln();
@@ -369,16 +385,58 @@ impl Diagnosis {
         cost
     }
 
-    /// What an amplifier does to a difference; and, of a frame that is compared with a baseline, an offset of all values that is no drift. A
+    /// Amplifiers that all end before they should, in the first stage.
+    fn offer_saturation(&self, evidence: &Evidence, best: &mut Best) {
+        if matches!(self.imager.drive, Drive::Current { .. }) {
+            // Nothing tells the middle of a source of current.
+            return;
+        }
+        let values = evidence.weighted().len() as f64;
+        if best.touches < values {
+            // Touches explain the frame. All amplifiers change all of it.
+            return;
+        }
+        let largest_v = self.largest_from_middle_v();
+        let limits = LIMITS
+            .iter()
+            .flat_map(|part| [false, true].map(|both| (part * largest_v, both)));
+        let tried: Vec<(f64, (f64, bool))> = limits.flat_map(|limit| FIRST_GAINS.map(|gain| (gain, limit))).collect();
+        let cheapest = cheapest(evidence, &tried, |(gain, (limit_v, both))| {
+            self.saturated(gain, limit_v, both)
+        });
+        let Some(((gain, (limit_v, both)), cost)) = cheapest else {
+            return;
+        };
+        let (mut now, mut of_now) = ([gain, limit_v], cost);
+        for which in [1, 0, 1, 0, 1] {
+            let of = |size: f64| {
+                let mut with = now;
+                with[which] = size;
+                evidence.of(&self.saturated(with[0], with[1], both))
+            };
+            (now[which], of_now) = least(of, (now[which], of_now), [now[which] / 3.0, 3.0 * now[which]]);
+        }
+        best.offer(FAULT + 2.0 * RESISTANCE + of_now, || Fault::Saturated);
+    }
+
+    /// What an amplifier, or a switch of the drive, does to a difference; and, of a frame that is compared with a baseline, an offset of all values that is no drift. A
     /// baseline that has one is compared by its ratios like any other.
     fn offer_channels(&self, evidence: &Evidence, d: &Difference, is_of_frame: bool, best: &mut Best) {
-        let cost = FAULT + (2.0 * self.channels.len() as f64).ln();
+        let cost = FAULT + (3.0 * self.channels.len() as f64).ln();
         for (pair, values) in &self.channels {
             let [gain, offset] = self.channel_columns(values, d);
             let (of_gain, size) = evidence.along(&gain, GAIN);
             best.offer(cost + of_gain, || Fault::Gain(*pair, 1.0 + size));
             let (of_offset, _) = evidence.along(&offset, OFFSET * self.mean_v);
             best.offer(cost + of_offset, || Fault::Offset(*pair));
+            // Whatever else it does.
+            let (of_any, others) = evidence.free(values);
+            best.offer_free(cost + of_any, others, || Some(Fault::Channel(*pair)));
+        }
+        let cost = FAULT + SWITCH + (self.drives.len() as f64).ln();
+        for (pair, values) in &self.drives {
+            let (of_gain, size) = evidence.along(&self.gain_column(values, d), GAIN);
+            best.offer(cost + of_gain, || Fault::Drive(*pair, 1.0 + size));
         }
         let used = d.spread.iter().zip(&d.used);
         let all = used.map(|(spread, used)| if *used { *spread } else { 0.0 });
@@ -449,6 +507,21 @@ impl Diagnosis {
     }
 }
 
+/// What these values of a difference are of `all`; the others are 0.
+fn column(values: &[usize], d: &Difference, all: &[f64]) -> DVector<f64> {
+    let mut out = DVector::zeros(d.used.len());
+    for k in values.iter().copied().filter(|k| d.used[*k]) {
+        out[k] = all[k];
+    }
+    out
+}
+
+/// An electrode's number with two of its bits exchanged.
+fn readdressed(electrode: usize, [a, b]: [usize; 2]) -> usize {
+    let differ = (electrode >> a ^ electrode >> b) & 1;
+    electrode ^ (differ << a | differ << b)
+}
+
 /// The middle of what values are times those of the baseline.
 fn factor(model_v: &[f64], d: &Difference) -> Option<f64> {
     let used = (0..model_v.len()).filter(|k| d.used[*k] && model_v[*k] != 0.0);
@@ -517,17 +590,21 @@ fn rises(imager: &Imager) -> DMatrix<f64> {
     s
 }
 
-/// Sense pairs of a pattern, whichever way round, each with its values.
-fn channels(imager: &Imager) -> Vec<([usize; 2], Vec<usize>)> {
+/// Pairs of a pattern, whichever way round, each with its values.
+fn by_pair(imager: &Imager, of: impl Fn(&Measurement) -> Pair) -> Vec<([usize; 2], Vec<usize>)> {
     let mut out: Vec<([usize; 2], Vec<usize>)> = Vec::new();
     for (k, m) in imager.pattern.measurements().iter().enumerate() {
-        let pair = [m.sense.plus.min(m.sense.minus), m.sense.plus.max(m.sense.minus)];
+        let pair = unordered(of(m));
         match out.iter_mut().find(|(of, _)| *of == pair) {
             Some((_, values)) => values.push(k),
             None => out.push((pair, vec![k])),
         }
     }
     out
+}
+
+fn unordered(pair: Pair) -> [usize; 2] {
+    [pair.plus.min(pair.minus), pair.plus.max(pair.minus)]
 }
 
 /// A part of the values, spread evenly over drives and over the places in each: by multiples of the powers of the plastic number, which are
@@ -560,7 +637,13 @@ pub(crate) fn values_of(imager: &Imager, electrodes: &[usize]) -> Vec<usize> {
 
 /// Values of one sense pair.
 pub(crate) fn values_of_channel(imager: &Imager, pair: [usize; 2]) -> Vec<usize> {
-    let own = channels(imager).into_iter().find(|(of, _)| *of == pair);
+    let own = by_pair(imager, |m| m.sense).into_iter().find(|(of, _)| *of == pair);
+    own.map_or_else(Vec::new, |(_, values)| values)
+}
+
+/// Values for which a pair of electrodes is driven, whichever way round.
+pub(crate) fn values_of_drive(imager: &Imager, pair: [usize; 2]) -> Vec<usize> {
+    let own = by_pair(imager, |m| m.drive).into_iter().find(|(of, _)| *of == pair);
     own.map_or_else(Vec::new, |(_, values)| values)
 }
 
@@ -588,7 +671,6 @@ fn least(of: impl Fn(f64) -> f64, start: (f64, f64), [mut low, mut high]: [f64; 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use forward::Pair;
 
     /// Of many values every drive and every amplifier has its share in those that are looked at: a third of it at least.
     #[test]

@@ -12,4 +12,4 @@ mod hypotheses;
 mod press;
 
 pub use fault::{Electrodes, Fault, MOST_ELECTRODES};
-pub(crate) use hypotheses::{Diagnosis, PARTS, Search, Told, values_of, values_of_channel};
+pub(crate) use hypotheses::{Diagnosis, PARTS, Search, Told, values_of, values_of_channel, values_of_drive};

@@ -31,7 +31,9 @@ impl Press {
             }
             // A finger that is lifted from both.
             Fault::Short { electrodes, .. } => (electrodes.to_vec(), 2),
-            Fault::Gain(pair, _) | Fault::Offset(pair) => (pair.to_vec(), 1),
+            Fault::Gain(pair, _) | Fault::Offset(pair) | Fault::Channel(pair) | Fault::Drive(pair, _) => {
+                (pair.to_vec(), 1)
+            }
             Fault::Value(_, of) => (of.to_vec(), 1),
             _ => return None,
         };

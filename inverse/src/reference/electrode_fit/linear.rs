@@ -1,6 +1,6 @@
 //! The linear Gaussian model of a baseline: what contacts, places, unevenness and gain do to the logarithms of its values.
 
-use super::{Amplifier, ElectrodeFitOptions, amplifiers};
+use super::{ElectrodeFitOptions, OddPair, odd_pairs};
 use crate::reference::imager::Imager;
 use crate::reference::low_rank::LowRankInverse;
 use forward::{Pattern, Sensitivity, Solver};
@@ -117,13 +117,13 @@ impl Linear {
         self.residual.map(|r| (r - mean).powi(2)).mean().sqrt()
     }
 
-    /// Values that the others do not predict, with measured over predicted; or an amplifier that does so better.
+    /// Values that the others do not predict, with measured over predicted; or a pair that does so better.
     pub(super) fn stand_out(
         &self,
         s: Scales,
         baseline: &[f64],
         pattern: &Pattern,
-    ) -> (Vec<(usize, f64)>, Option<Amplifier>) {
+    ) -> (Vec<(usize, f64)>, Option<OddPair>) {
         let mut columns = self.columns.clone();
         for (mut column, sd) in columns.column_iter_mut().zip(&self.sd(s)) {
             column *= *sd;
@@ -141,12 +141,12 @@ impl Linear {
             })
             .collect();
         let worst = against.iter().fold(0.0_f64, |m, (_, z)| m.max(z.abs()));
-        let amplifier = amplifiers::most(&inverse, &weighted, &self.used, baseline, pattern);
-        let stands_out = |(found, z): &(Amplifier, f64)| {
+        let odd = odd_pairs::most(&inverse, &weighted, &self.used, baseline, pattern);
+        let stands_out = |(found, z): &(OddPair, f64)| {
             *z > self.options.outlier.max(worst) && found.off(baseline, pattern) > self.options.least_outlier
         };
-        if let Some((amplifier, _)) = amplifier.filter(stands_out) {
-            return (Vec::new(), Some(amplifier));
+        if let Some((odd, _)) = odd.filter(stands_out) {
+            return (Vec::new(), Some(odd));
         }
         let outliers = against.iter().zip(&self.used);
         // Next to a much worse one a value is not judged yet.

@@ -71,18 +71,59 @@ impl Diagnosis {
         self.change(r, |m| m)
     }
 
-    pub(super) fn stuck(&self, drive: bool, plus: bool, electrode: usize) -> DVector<f64> {
+    /// What amplifiers do whose first stage of this gain ends at `limit_v` from the middle of the source, on one side or on `both`. Its two
+    /// outputs are the mean voltage of a pair and half of the amplified difference more, or less; of a sine the fundamental is measured.
+    pub(super) fn saturated(&self, gain: f64, limit_v: f64, both: bool) -> DVector<f64> {
+        let r = &self.potentials_ohm;
+        let changes = self.imager.pattern.measurements().iter().map(|m| {
+            let (plus, minus) = (m.drive.plus, m.drive.minus);
+            let across_ohm = self.across([plus, minus]);
+            let current_a = self.imager.drive.current_a(across_ohm);
+            let from_middle_v = |electrode: usize| {
+                let from_minus_ohm =
+                    r[(electrode, plus)] - r[(electrode, minus)] - r[(minus, plus)] + r[(minus, minus)];
+                current_a * (from_minus_ohm - 0.5 * across_ohm)
+            };
+            let [a, b] = [m.sense.plus, m.sense.minus].map(from_middle_v);
+            let (mean, half) = (0.5 * (a + b), 0.5 * gain * (a - b));
+            let lost = |v: f64| clipped(v, limit_v, both) - v;
+            (lost(mean + half) - lost(mean - half)) / gain
+        });
+        DVector::from_iterator(self.imager.pattern.len(), changes)
+    }
+
+    /// Largest voltage of an electrode from the middle of the source.
+    pub(super) fn largest_from_middle_v(&self) -> f64 {
+        let halves = self.imager.pattern.drives().iter().map(|d| {
+            let across_ohm = self.across([d.plus, d.minus]);
+            0.5 * self.imager.drive.current_a(across_ohm) * across_ohm
+        });
+        halves.fold(0.0, f64::max)
+    }
+
+    /// What a multiplexer does that connects another electrode than the one it is told to.
+    pub(super) fn misrouted(&self, (drive, plus): (bool, bool), to: impl Fn(usize) -> usize) -> DVector<f64> {
         let routed = |mut m: Measurement| {
             let pair = if drive { &mut m.drive } else { &mut m.sense };
             *pair = if plus {
-                Pair::new(electrode, pair.minus)
+                Pair::new(to(pair.plus), pair.minus)
             } else {
-                Pair::new(pair.plus, electrode)
+                Pair::new(pair.plus, to(pair.minus))
             };
             m
         };
         self.change(self.potentials_ohm.clone(), routed)
     }
+}
+
+/// The fundamental of a sine of amplitude `v` that ends at `limit_v`, on one side or on both (Fourier's first coefficient).
+fn clipped(v: f64, limit_v: f64, both: bool) -> f64 {
+    let part = limit_v / v.abs();
+    if part >= 1.0 {
+        return v;
+    }
+    let left = std::f64::consts::FRAC_2_PI * (part.asin() + part * (1.0 - part * part).sqrt());
+    if both { left * v } else { 0.5 * (1.0 + left) * v }
 }
 
 /// What measurements of an electrodes' matrix change of an imager's frame, V.
@@ -93,8 +134,9 @@ fn change_of(imager: &Imager, potentials: DMatrix<f64>, routed: impl Fn(Measurem
     let mut driven: Option<(Pair, f64)> = None;
     let value = |(m, v): (&Measurement, &f64)| {
         let Measurement { drive, sense } = routed(*m);
-        // Both ends of the source on one electrode drive nothing.
-        if drive.plus == drive.minus || sense.plus == sense.minus {
+        // Both ends of the source on one electrode, or one on none, drive nothing.
+        let connects = |pair: Pair| pair.plus != pair.minus && pair.plus.max(pair.minus) < matrix.electrodes();
+        if !connects(drive) || !connects(sense) {
             return -v;
         }
         let current_a = match driven {
@@ -105,4 +147,29 @@ fn change_of(imager: &Imager, potentials: DMatrix<f64>, routed: impl Fn(Measurem
         current_a * matrix.transfer_ohm(drive, sense) - v
     };
     DVector::from_iterator(imager.pattern.len(), measurements.map(value))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The fundamental of a sine that is cut, by its integral.
+    #[test]
+    fn a_cut_sine_has_the_fundamental_of_its_integral() {
+        const STEPS: usize = 20_000;
+        for limit in [0.0, 0.3, 1.0, 2.5, 4.0] {
+            for both in [false, true] {
+                let integral: f64 = (0..STEPS)
+                    .map(|k| {
+                        let sine = (std::f64::consts::TAU * k as f64 / STEPS as f64).sin();
+                        let v: f64 = 3.0 * sine;
+                        let cut = if both { v.clamp(-limit, limit) } else { v.min(limit) };
+                        2.0 * cut * sine / STEPS as f64
+                    })
+                    .sum();
+                assert!((clipped(3.0, limit, both) - integral).abs() < 1e-3, "{limit} {both}");
+                assert_eq!(clipped(-3.0, limit, both), -clipped(3.0, limit, both));
+            }
+        }
+    }
 }

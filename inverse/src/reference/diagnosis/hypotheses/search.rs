@@ -1,6 +1,8 @@
 //! A search for the fault that explains a frame best. It has parts, so that a frame of a sequence need not have time for all of it.
 
-use super::{Diagnosis, GAIN, LEAST_NOISE, OFFSET, RISE, STRONG_RISE, Told, own_noise, values_of_channel};
+use super::{
+    Diagnosis, GAIN, LEAST_NOISE, OFFSET, RISE, STRONG_RISE, Told, own_noise, values_of_channel, values_of_drive,
+};
 use crate::reference::Difference;
 use crate::reference::diagnosis::evidence::Evidence;
 use crate::reference::diagnosis::fault::Fault;
@@ -129,6 +131,7 @@ impl Diagnosis {
             1 => {
                 self.offer_contacts(evidence, best);
                 self.offer_channels(evidence, d, of_frame, best);
+                self.offer_saturation(evidence, best);
                 self.offer_values(evidence, best);
                 self.offer_open(evidence, best);
             }
@@ -213,7 +216,12 @@ impl Diagnosis {
             Some(Fault::Contacts(_)) => self.refine_contacts(&mut best.worse.clone(), evidence),
             Some(Fault::Open(electrodes)) => evidence.free(&self.values_of(electrodes.list())).0,
             Some(Fault::Gain(pair, _)) => evidence.along(&of_channel(pair)[0], GAIN).0,
+            Some(Fault::Drive(pair, _)) => {
+                let values = values_of_drive(&self.imager, pair);
+                evidence.along(&self.gain_column(&values, d), GAIN).0
+            }
             Some(Fault::Offset(pair)) => evidence.along(&of_channel(pair)[1], OFFSET * self.mean_v).0,
+            Some(Fault::Channel(pair)) => evidence.free(&values_of_channel(&self.imager, pair)).0,
             Some(Fault::Value(k, _)) => evidence.free(&[k]).0,
             _ => f64::INFINITY,
         }
