@@ -133,7 +133,7 @@ boards_log=$(mktemp)
 trap '[ -z "$boards" ] || kill -- -"$boards" 2>/dev/null; rm -f "$boards_log"' EXIT
 if ! $quick; then
     set -m
-    nice -n 19 tests/boards.sh --emulated >"$boards_log" 2>&1 &
+    nice -n 19 tests/boards.sh --emulated </dev/null >"$boards_log" 2>&1 &
     boards=$!
     set +m
 fi

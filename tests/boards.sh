@@ -6,6 +6,10 @@
 # computer's clock.
 set -u
 part="${1:-}"
+case "$part" in
+    '' | --emulated | --qemu) ;;
+    *) echo "boards: $part is no option; --emulated or --qemu" && exit 1 ;;
+esac
 cd "$(dirname "$0")/.."
 root="$PWD"
 target="${CARGO_TARGET_DIR:-$root/target}"

@@ -5,7 +5,7 @@ use crate::json;
 use crate::reading::Reading;
 use crate::recorded::SessionRecord;
 use crate::recording_file::in_words;
-use crate::recover::ended;
+use crate::recover::{ended, lacks};
 use crate::skin_file;
 use anyhow::Result;
 use clap::Args;
@@ -47,7 +47,8 @@ pub(crate) struct Info {
     file: String,
     bytes: u64,
     /// "closed", ...
-    ended: String,
+    ended: &'static str,
+    damaged_chunks: usize,
     began_unix_s: f64,
     duration_s: f64,
     session: SessionRecord,
@@ -240,9 +241,8 @@ pub(crate) fn of(path: &Path) -> Result<Info> {
     Ok(Info {
         file: path.display().to_string(),
         bytes: reader.bytes(),
-        ended: reader
-            .ended()
-            .map_or_else(String::new, |how| ended(how, reader.damaged())),
+        ended: reader.ended().map_or("", ended),
+        damaged_chunks: reader.damaged(),
         began_unix_s: session.started_unix_s,
         duration_s,
         sheet: SheetLine::of(&session.sheet()?)?.to_string(),
@@ -295,7 +295,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
 fn words(info: &Info) -> Result<String> {
     let mut text = String::new();
     let (session, board) = (&info.session, &info.session.board);
-    writeln!(text, "recording   {:.1} MB, {}", info.bytes as f64 / 1e6, info.ended)?;
+    let damaged = lacks(None, info.damaged_chunks, 0).map_or_else(String::new, |lacks| format!("; {lacks}"));
+    writeln!(
+        text,
+        "recording   {:.1} MB, {}{damaged}",
+        info.bytes as f64 / 1e6,
+        info.ended
+    )?;
     writeln!(
         text,
         "began       {}, {:.1} s long, by {}",

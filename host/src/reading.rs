@@ -48,6 +48,11 @@ impl Reading {
         self.reader.damaged()
     }
 
+    /// Messages so far of which nothing tells the topic.
+    pub(crate) fn nameless(&self) -> u64 {
+        self.reader.nameless()
+    }
+
     /// Its name.
     pub(crate) fn file(&self) -> &str {
         self.reader.file()

@@ -173,7 +173,7 @@ impl RecordedFrames {
                 }));
             }
         }
-        if let Some(lacks) = lacks(self.reader.ended(), self.reader.damaged()) {
+        if let Some(lacks) = lacks(self.reader.ended(), self.reader.damaged(), self.reader.nameless()) {
             eprintln!("{}: {lacks}; what is there is read", self.reader.file());
         }
         Ok(None)

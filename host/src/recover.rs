@@ -23,33 +23,26 @@ pub(crate) struct Arguments {
 }
 
 /// How a file ended, in words.
-pub(crate) fn ended(ended: Ended, damaged: usize) -> String {
-    let ended = match ended {
+pub(crate) fn ended(ended: Ended) -> &'static str {
+    match ended {
         Ended::Whole => "closed",
         Ended::Short => "closed without an index, as when the disk is full",
         Ended::Cut => "cut short, or still being written",
+    }
+}
+
+/// What a file lacks that was read to its end; none where it is whole. `nameless`: messages without a topic.
+pub(crate) fn lacks(ended: Option<Ended>, damaged: usize, nameless: u64) -> Option<String> {
+    let cut = (ended == Some(Ended::Cut)).then(|| "the file was cut short".to_owned());
+    let chunks = match damaged {
+        0 => None,
+        1 => Some("a chunk of up to 1 MB is damaged".to_owned()),
+        damaged => Some(format!("{damaged} chunks of up to 1 MB are damaged")),
     };
-    match damaged {
-        0 => ended.to_owned(),
-        damaged => format!("{ended}; {}", chunks(damaged)),
-    }
-}
-
-/// What a file lacks that was read to its end; none where it is whole.
-pub(crate) fn lacks(ended: Option<Ended>, damaged: usize) -> Option<String> {
-    match (ended, damaged) {
-        (Some(Ended::Cut), 0) => Some("the file was cut short".to_owned()),
-        (Some(Ended::Cut), damaged) => Some(format!("the file was cut short, and {}", chunks(damaged))),
-        (_, 0) => None,
-        (_, damaged) => Some(format!("{} in the file", chunks(damaged))),
-    }
-}
-
-fn chunks(damaged: usize) -> String {
-    match damaged {
-        1 => "a chunk of up to 1 MB is damaged".to_owned(),
-        damaged => format!("{damaged} chunks of up to 1 MB are damaged"),
-    }
+    let nameless =
+        (nameless > 0).then(|| format!("{nameless} messages are lost whose topic was named in what is damaged"));
+    let all: Vec<String> = [cut, chunks, nameless].into_iter().flatten().collect();
+    (!all.is_empty()).then(|| all.join(", and "))
 }
 
 /// Runs the command.
@@ -89,12 +82,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         damaged,
         bytes,
     } = written?;
-    let was = ended(how, damaged);
+    let nameless = reader.nameless();
+    let was = ended(how);
     let span_s = from_to_ns.map_or(0.0, |(from, to)| 1e-9 * to.saturating_sub(from) as f64);
     if arguments.json {
         println!(
             "{}",
-            json!({"messages": messages, "span_s": span_s, "was": was, "damaged_chunks": damaged, "bytes": bytes, "bytes_before": whole})
+            json!({"messages": messages, "span_s": span_s, "was": was, "damaged_chunks": damaged, "lost_messages": nameless, "bytes": bytes, "bytes_before": whole})
         );
     } else {
         println!(
@@ -102,6 +96,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
             arguments.out.display(),
             arguments.file.display()
         );
+        if let Some(lacks) = lacks(None, damaged, nameless) {
+            eprintln!("{}: {lacks}", arguments.file.display());
+        }
     }
     Ok(())
 }

@@ -136,6 +136,6 @@ impl Script {
 
     /// What the file lacks, once it was read to its end.
     pub(crate) fn lacks(&self) -> Option<String> {
-        lacks(self.reader.ended(), self.reader.damaged())
+        lacks(self.reader.ended(), self.reader.damaged(), self.reader.nameless())
     }
 }

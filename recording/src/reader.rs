@@ -79,8 +79,9 @@ pub struct Reader<R> {
     /// Whether there is an index, once the end was read.
     index: Option<bool>,
     ended: Option<Ended>,
-    /// Chunks that are damaged.
+    /// Chunks that are damaged, and messages of channels that only these named.
     damaged: usize,
+    nameless: u64,
 }
 
 /// The file and the skin's name of `FILE#NAME`; a file that has such a name itself is one.
@@ -194,6 +195,7 @@ impl<R: Read> Reader<R> {
             index: None,
             ended: None,
             damaged: 0,
+            nameless: 0,
         }
     }
 
@@ -229,6 +231,11 @@ impl<R: Read> Reader<R> {
         self.damaged
     }
 
+    /// Messages so far of which nothing tells the topic: a damaged chunk did.
+    pub fn nameless(&self) -> u64 {
+        self.nameless
+    }
+
     pub(crate) fn channel(&self, id: u16) -> Option<&Channel> {
         self.channels.get(&id)
     }
@@ -242,6 +249,7 @@ impl<R: Read> Reader<R> {
     pub fn next(&mut self) -> Result<Option<Message<'_>>, RecordingError> {
         while self.ended.is_none() {
             if let Some(header) = self.step()? {
+                self.nameless += u64::from(!self.channels.contains_key(&header.channel_id));
                 return Ok(Some(Message {
                     topic: self.channels.get(&header.channel_id).and_then(|c| c.topic),
                     channel: header.channel_id,
@@ -364,6 +372,8 @@ impl<R: Read> Reader<R> {
             Ok(Record::Message { header, .. }) => {
                 self.cut(&McapError::UnknownChannel(header.sequence, header.channel_id));
             }
+            // A chunk, or what comes after all of them, whose first byte is another.
+            Ok(Record::Unknown { .. }) => self.damaged += 1,
             Ok(_) => {}
             Err(why) => self.cut(&why),
         }

@@ -81,6 +81,11 @@ pub(crate) enum Change {
     New,
 }
 
+/// By how much the variance of a frame's own noise is larger where that of its difference to the baseline is `stretch` times as large.
+pub(crate) fn own_stretch(stretch: f64, baseline_share: f64) -> f64 {
+    stretch * (1.0 + baseline_share) - baseline_share
+}
+
 /// The frame reconstructed last.
 #[derive(Clone, Debug, Default)]
 struct Last {
@@ -127,8 +132,9 @@ pub(crate) struct ChangeDetector {
     /// Most frames at rest of which the mean is taken.
     most: usize,
     rest: RestMean,
-    /// Variance of one frame's noise.
+    /// Variance of one frame's noise, and the baseline's over it.
     variance: f64,
+    baseline_share: f64,
     /// Limits along so many directions (often, seldom exceeded by noise), as far as they were needed.
     limits_along: Vec<[f64; 2]>,
 }
@@ -169,6 +175,7 @@ impl ChangeDetector {
             most: 1,
             rest: RestMean::default(),
             variance,
+            baseline_share,
             limits_along: Vec::new(),
         })
     }
@@ -179,7 +186,7 @@ impl ChangeDetector {
     }
 
     /// Tests a frame. At most so many frames at rest are averaged; fewer than two average nothing. A frame with a value that
-    /// is no number where there should be one is new. `stretch`: the variance of the frame's noise over the usual one.
+    /// is no number where there should be one is new. `stretch`: the variance of the difference's noise over the usual one.
     pub(crate) fn test(&mut self, frame: &[f64], most_averaged: usize, stretch: f64) -> Change {
         self.most = most_averaged.min(self.options.most_frames);
         let change = self.look(frame, stretch);
@@ -218,9 +225,10 @@ impl ChangeDetector {
         }
         let (last, rest) = (&self.last, &mut self.rest);
         let limit = self.limits_same[usize::from(self.most > 1)];
-        // Sums of squares are compared with the variance of their noise.
+        // Two frames have the same baseline.
+        let own = own_stretch(stretch, self.baseline_share);
         let same = |sum: &[f64], share: f64, before: f64, along: f64| {
-            last.is_same(sum, share, before, stretch * limit, stretch * along)
+            last.is_same(sum, share, before, own * limit, own * along)
         };
         let before = 1.0 / rest.frames().max(1) as f64;
         if !same(reduced, 1.0, before, last.limit_along) {

@@ -2,7 +2,7 @@
 
 mod faults;
 
-use crate::change::detector::{Change, ChangeDetector};
+use crate::change::detector::{Change, ChangeDetector, own_stretch};
 use crate::pipeline::contact_test::{ContactTest, Detectors, is_rare};
 use crate::pipeline::following::Following;
 use crate::pipeline::frame_solver::{Averaged, FrameSolver, Task};
@@ -56,6 +56,8 @@ pub struct Reconstructor {
     gain: f64,
     /// That of the last frame of which nothing was doubted.
     sound_gain: f64,
+    /// That of the last frame in which a fault was looked for in vain.
+    looked_gain: f64,
     /// What the baseline has become since.
     following: Following,
     /// Frames one after another that no touches explained.
@@ -112,6 +114,7 @@ impl Reconstructor {
             solver,
             gain: 1.0,
             sound_gain: 1.0,
+            looked_gain: 1.0,
             following: Following::new(reference.baseline().len(), options.follow_s),
             unexplained: 0,
             making: 0,
@@ -218,11 +221,12 @@ impl Reconstructor {
         ((1.0 / (gain * gain) + share) / (1.0 + share)).max(1.0)
     }
 
-    /// Whether the gain is another than in the last frame of which nothing was doubted, by more than sources drift, and no look for a fault
-    /// has found none since.
+    /// Whether the gain is another, by more than sources drift, than in the last frame of which nothing was doubted, and than in the last in
+    /// which a fault was looked for in vain.
     pub(super) fn gain_jumped(&self) -> bool {
-        let other = (self.gain / self.sound_gain).ln().abs() > COMMON;
-        self.options.sequence && other && !self.broken.found_nothing()
+        let is_other = |before: f64| (self.gain / before).ln().abs() > COMMON;
+        let other = is_other(self.sound_gain) && is_other(self.looked_gain);
+        self.options.sequence && other && self.broken.named().is_none()
     }
 
     /// Noise of one value of a difference, where the baseline told it.
@@ -281,9 +285,10 @@ impl Reconstructor {
         // What loose contacts spoil is left out of all.
         let is_loose = |fault: &Fault| matches!(fault, Fault::Loose(_));
         let sound = result.faults.iter().all(is_loose) && !self.broken.is_open();
-        let believed = sound && result.doubt.is_none();
-        let untouched = believed && result.touches.is_empty();
-        if untouched || (believed && !self.gain_jumped()) {
+        let untouched = sound && result.touches.is_empty() && result.doubt.is_none();
+        // Beside a fault that leaves touches the gain is what they tell.
+        let told = result.faults.iter().all(Fault::leaves_touches) && !self.broken.is_open() && result.doubt.is_none();
+        if untouched || (told && !self.gain_jumped()) {
             self.sound_gain = self.gain;
         }
         if let Some(interval_s) = interval_s.filter(|_| untouched && self.options.sequence) {
@@ -423,10 +428,12 @@ impl Reconstructor {
         let rest = detector.rest();
         mean.extend_from_slice(rest.mean());
         let share = self.reference.baseline_share();
+        // Variance of a frame's own noise, over that with the baseline's gain.
+        let own = own_stretch(self.stretch(), share);
         Averaged {
             frames: rest.frames(),
             grown: rest.has_grown(),
-            gain: (1.0 + share) / (1.0 / rest.frames() as f64 + share),
+            gain: (own + share) / (own / rest.frames() as f64 + share),
             frame_sigma: self.noise().map(|n| n.sigma).filter(|_| rest.frames() > 1),
         }
     }
@@ -494,7 +501,12 @@ impl Reconstructor {
             self.solve_without_outliers(quiet);
         }
         let open = self.broken.is_open() && self.contacts.leaves(&self.result);
-        if (open || self.gain_jumped()) && self.result.changed {
+        let jumped = self.gain_jumped();
+        if jumped {
+            // Every frame counts.
+            self.detectors.iter_mut().flatten().for_each(ChangeDetector::forget);
+        }
+        if (open || jumped) && self.result.changed {
             // What is shown may be what a fault looks like.
             self.result.doubt = self.result.doubt.or(Some(Doubt::NotTouches));
         }

@@ -148,6 +148,7 @@ pub(crate) struct FaultMonitor {
     /// Parts of searches so far, and the search that was begun.
     parts: usize,
     begun: Option<Begun>,
+    found_nothing: bool,
     loose: LooseContacts,
 }
 
@@ -174,6 +175,7 @@ impl FaultMonitor {
             rejected: None,
             parts: 0,
             begun: None,
+            found_nothing: false,
             loose: LooseContacts::default(),
         }
     }
@@ -214,9 +216,9 @@ impl FaultMonitor {
         self.alone
     }
 
-    /// Whether the last look found nothing.
+    /// Whether a look that was at its end in the last frame that was taken found nothing.
     pub(crate) fn found_nothing(&self) -> bool {
-        self.wait > 1
+        self.found_nothing
     }
 
     /// Names contacts that are known to have changed; false where another fault is named, or too many.
@@ -447,6 +449,7 @@ impl FaultMonitor {
         seen: Seen,
     ) -> bool {
         let Seen { suspected, due, .. } = seen;
+        self.found_nothing = false;
         self.longest_wait = if seen.sudden { LONGEST_WAIT / 8 } else { LONGEST_WAIT };
         if self.named.is_none() {
             self.until = self.until.min(self.longest_wait);
@@ -514,6 +517,7 @@ impl FaultMonitor {
             self.until = self.wait;
             self.wait = (2 * self.wait).min(self.longest_wait);
             self.against += 1;
+            self.found_nothing = true;
             let over = self.named.is_some() && (self.against >= AGAINST || !self.sequence);
             if over {
                 self.clear();

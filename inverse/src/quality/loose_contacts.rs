@@ -10,12 +10,15 @@ use crate::reference::diagnosis::{Diagnosis, Electrodes, Fault, MOST_ELECTRODES,
 /// Frames at rest, alike in the values that are left out, after which a contact holds.
 const HOLDS: usize = 512;
 
+/// Frames that have to tell the same electrode.
+const TELL: usize = 2;
+
 /// Names loose contacts.
 #[derive(Default)]
 pub(crate) struct LooseContacts {
     named: Electrodes,
-    /// What the last search told.
-    candidate: Option<usize>,
+    /// The electrodes that the last searches have in common, and how many these were.
+    candidate: (Vec<usize>, usize),
     /// The first frame that was unlike the others since, and its noise, V of the model.
     seen: Option<(Difference, f64)>,
     /// The search in the last frame that came and went.
@@ -33,7 +36,7 @@ impl LooseContacts {
 
     /// Forgets what it saw, not what it named.
     pub(crate) fn forget(&mut self) {
-        (self.candidate, self.seen, self.begun) = (None, None, None);
+        (self.candidate, self.seen, self.begun) = ((Vec::new(), 0), None, None);
     }
 
     /// Takes a frame that is unlike the ones before: it may be gone with the next. Of some one after another it is the first.
@@ -72,24 +75,27 @@ impl LooseContacts {
             self.begun = Some(search);
             return false;
         }
-        let electrode = match diagnosis.told(&search).fault() {
+        let told = match diagnosis.told(&search).fault() {
             // Several at once leave values enough free for a tap in the middle of a frame. Of several loose ones each is told in its turn.
-            Some(Fault::Open(told) | Fault::Contacts(told)) => match told.list() {
-                &[electrode] => electrode,
-                _ => return false,
-            },
-            // A pair goes with each of its electrodes.
-            Some(Fault::Drive([electrode, _], _) | Fault::Channel([electrode, _])) => electrode,
+            Some(Fault::Open(told) | Fault::Contacts(told)) if told.list().len() == 1 => told.list().to_vec(),
+            // Either of the two.
+            Some(Fault::Drive(pair, _) | Fault::Channel(pair)) => pair.to_vec(),
             _ => return false,
         };
-        if known.contains(&electrode) || self.named.list().contains(&electrode) {
+        if told.iter().any(|l| known.contains(l) || self.named.list().contains(l)) {
             return false;
         }
-        if self.candidate != Some(electrode) {
-            self.candidate = Some(electrode);
-            return false;
-        }
-        self.candidate = None;
+        let (before, times) = &self.candidate;
+        let both: Vec<usize> = told.iter().copied().filter(|l| before.contains(l)).collect();
+        self.candidate = if both.is_empty() { (told, 1) } else { (both, times + 1) };
+        let (left, times) = &self.candidate;
+        let electrode = match *left.as_slice() {
+            [electrode] if *times >= TELL => electrode,
+            // It is the pair that fails: without one of them its values are left out.
+            [electrode, _] if *times > TELL => electrode,
+            _ => return false,
+        };
+        self.candidate = (Vec::new(), 0);
         let all = [self.named.list(), &[electrode]].concat();
         if all.len() > MOST_ELECTRODES {
             return false;

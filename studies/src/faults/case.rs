@@ -220,6 +220,7 @@ pub fn cases() -> Vec<Case> {
             &["the voltages are", "the source's amplitude"],
         ));
     }
+    out.push(Case::board(&["electrode_open:3", "source_sags:0.8"], &["electrode 3 "]));
     for (line, ohm, pair) in [
         ("drive_plus", 100, "electrodes 3 and 4 "),
         ("drive_plus", 300, "electrodes 3 and 4 "),

@@ -46,6 +46,8 @@ fn touches_beside_what_is_left_out_are_right() {
             When::AtRest,
         ),
         ("`saturation:5`", When::UnderTouch),
+        ("`electrode_open:3`, `source_sags:0.8`", When::UnderTouch),
+        ("`electrode_open:3`, `source_sags:0.8`", When::AtRest),
         ("one value x10", When::AtRest),
         ("one channel's gain +5 %", When::AtRest),
         ("one channel's offset 10 mV", When::UnderTouch),
@@ -119,6 +121,7 @@ fn what_leaves_no_touches_is_doubted_and_shows_none() {
         ("`address_swapped:drive_plus,0,1`", When::UnderTouch),
         ("`address_swapped:sense_minus,1,2`, board drawn_board", When::Baseline),
         ("`amplifier_saturating:1`, board drawn_board", When::AtRest),
+        ("`amplifier_saturating:1.5`, board drawn_board", When::UnderTouch),
         ("`amplifier_dead`, board drawn_board", When::Baseline),
         ("`electrodes_short:3,10`", When::Baseline),
     ];

@@ -113,10 +113,17 @@ impl Reconstructor {
         };
         let other = self.broken.take(frame, sigma_v, seen);
         self.solver.note_search_parts(self.broken.parts() - self.searched);
+        if self.broken.found_nothing() {
+            self.looked_gain = self.gain;
+        }
         if !other {
             return false;
         }
         let named = self.broken.named();
+        if named.is_some_and(|fault| !fault.leaves_touches()) {
+            // What the fault did to all values is no gain.
+            self.gain = self.sound_gain;
+        }
         // What leaves no touches takes the place of all.
         let takes_some = |fault: &Fault| {
             fault.leaves_touches() && self.broken.is_suspected() && touches > 0 && !self.broken.is_alone()
