@@ -127,16 +127,6 @@ if ! browser; then
     $quick || step "a browser for the live page's tests" install chromium
     browser || skip "the live page in a browser: no chromium (apt-get install chromium)"
 fi
-# Tests that go with the clock leave a third of two processors idle. What has clocks of its own fills it, and takes nothing from them.
-boards=
-boards_log=$(mktemp)
-trap '[ -z "$boards" ] || kill -- -"$boards" 2>/dev/null; rm -f "$boards_log"' EXIT
-if ! $quick; then
-    set -m
-    nice -n 19 tests/boards.sh --emulated </dev/null >"$boards_log" 2>&1 &
-    boards=$!
-    set +m
-fi
 # Examples and benches are checked by clippy; they are not built here.
 step "tests of every crate, and end to end" cargo test --workspace --locked --no-fail-fast --lib --bins --tests
 apart "recordings in Python" tests/recordings.sh
@@ -146,20 +136,15 @@ step "documentation examples" cargo test --workspace --locked --no-fail-fast --d
 if ! $quick; then
     printf '\n== the firmware on emulated Cortex-M processors\n'
     start=$SECONDS
-    wait "$boards"
-    ended=$?
-    boards=
-    cat "$boards_log"
-    if [ "$ended" = 0 ]; then
-        tests/boards.sh --qemu 2>&1 | tee -a "$boards_log"
-        ended=${PIPESTATUS[0]}
-    fi
-    case "$ended" in
-        0) while read -r line; do skip "boards: $line"; done < <(sed -n 's/^-- skipped: //p' "$boards_log") ;;
-        77) skip "boards: $(tail -n 1 "$boards_log")" ;;
-        *) failed+=("tests/boards.sh: $(tail -n 1 "$boards_log")") ;;
+    boards=$(mktemp)
+    tests/boards.sh 2>&1 | tee "$boards"
+    case "${PIPESTATUS[0]}" in
+        0) while read -r line; do skip "boards: $line"; done < <(sed -n 's/^-- skipped: //p' "$boards") ;;
+        77) skip "boards: $(tail -n 1 "$boards")" ;;
+        *) failed+=("tests/boards.sh: $(tail -n 1 "$boards")") ;;
     esac
-    took "the firmware on emulated Cortex-M processors, after what it did beside" "$start"
+    rm -f "$boards"
+    took "the firmware on emulated Cortex-M processors" "$start"
     printf '\n== the board'"'"'s circuit in ngspice\n'
     start=$SECONDS
     have ngspice || install ngspice

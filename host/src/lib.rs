@@ -148,7 +148,7 @@ enum Command {
     Info(info::Arguments),
     /// Writes a recording for other programs: tables, numpy, MATLAB.
     Export(export::Arguments),
-    /// Makes a well-closed file of a recording that was cut short or is damaged.
+    /// Makes a whole file of a recording that was cut short or damaged.
     Recover(recover::Arguments),
     /// Touches and pictures from a table of measured frames.
     Reconstruct(reconstruct::Arguments),

@@ -156,11 +156,11 @@ impl Imager {
         })
     }
 
-    /// What a rise over so many mm² changes where the sheet tells little, V (2-norm of the values that are `used`): in one cell of twenty it
-    /// is less.
-    pub(crate) fn least_change_v(&self, used: &[bool], total_mm2: f64) -> f64 {
+    /// What a rise over so many mm² changes where the sheet tells little, V (2-norm of the values times their `weights`): in one cell of
+    /// twenty it is less.
+    pub(crate) fn least_change_v(&self, weights: &[f64], total_mm2: f64) -> f64 {
         let of_cell = |cell: nalgebra::DVectorView<'_, f64>| {
-            let squares = cell.iter().zip(used).filter(|(_, used)| **used).map(|(v, _)| v * v);
+            let squares = cell.iter().zip(weights).map(|(v, weight)| (weight * v).powi(2));
             squares.sum::<f64>().sqrt()
         };
         let mut all: Vec<f64> = self.sensitivity.column_iter().map(of_cell).collect();
