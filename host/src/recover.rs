@@ -1,4 +1,4 @@
-//! `skin recover`: a well-closed file of one that was cut short or is damaged.
+//! `skin recover`: a whole file of one that was cut short or is damaged.
 
 use crate::files::replace::beside;
 use crate::progress::Progress;

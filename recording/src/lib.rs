@@ -2,7 +2,7 @@
 //!
 //! A [`Tap`] stands between a port and the link and copies every byte into a bounded queue; it never waits. A [`Recorder`] takes
 //! them from there on a thread of its own and writes them, with all else that it is given. [`Reader`] reads a file from its
-//! beginning, whole or cut short, in bounded memory. [`recover`] makes a well-closed file of one that was cut short, and
+//! beginning, whole or cut short, in bounded memory. [`recover`] makes a whole file of one that was cut short or is damaged, and
 //! [`Playback`] is a board's port that sends what was recorded. The file is described in docs/recordings.md.
 #![forbid(unsafe_code)]
 

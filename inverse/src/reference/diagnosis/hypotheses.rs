@@ -244,7 +244,7 @@ impl Diagnosis {
         let (imager, mean_v) = (Arc::clone(&self.imager), self.mean_v);
         let v = &imager.model_v;
         let ratios = v.iter().zip(baseline).map(|(m, b)| (m / b).abs().ln());
-        let common = consensus(ratios, std::f64::consts::LN_2).map(|common| common.0.exp());
+        let common = consensus(ratios, std::f64::consts::LN_2)?.0.exp();
         // The board's own volts are the model's where all values are wrong.
         let mut of = |gain: f64| {
             let used: Vec<bool> = baseline.iter().map(|b| b.is_finite()).collect();
@@ -263,9 +263,8 @@ impl Diagnosis {
             let search = Search::new(self, d.clone(), own.collect(), &[0.0])?;
             Some(search.end(self)).filter(|best| best.cost < values as f64 && best.touches - best.cost > CLEAR)
         };
-        let best = common
+        let best = [common, 1.0]
             .into_iter()
-            .chain([1.0])
             .filter_map(&mut of)
             .min_by(|a, b| a.cost.total_cmp(&b.cost))?;
         best.fault.filter(|fault| !fault.leaves_touches())
@@ -419,8 +418,8 @@ impl Diagnosis {
         best.offer(FAULT + 2.0 * RESISTANCE + of_now, || Fault::Saturated);
     }
 
-    /// What an amplifier, or a switch of the drive, does to a difference; and, of a frame that is compared with a baseline, an offset of all values that is no drift. A
-    /// baseline that has one is compared by its ratios like any other.
+    /// What an amplifier, or a switch of the drive, does to a difference; and, of a frame that is compared with a baseline, an offset of all
+    /// values that is no drift. A baseline that has one is compared by its ratios like any other.
     fn offer_channels(&self, evidence: &Evidence, d: &Difference, is_of_frame: bool, best: &mut Best) {
         let cost = FAULT + (3.0 * self.channels.len() as f64).ln();
         for (pair, values) in &self.channels {
