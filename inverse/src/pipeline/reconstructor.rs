@@ -14,7 +14,7 @@ use crate::quality::fault_monitor::FaultMonitor;
 use crate::quality::faults::{FaultDetector, leave_out};
 use crate::quality::flickers::{Flickers, is_alike};
 use crate::quality::reciprocity::Reciprocity;
-use crate::reference::diagnosis::{Electrodes, Fault};
+use crate::reference::diagnosis::{Electrodes, Fault, Faults};
 use crate::reference::drift::{COMMON, Drifting};
 use crate::reference::imager::{Imager, ImagerError};
 use crate::reference::noise::NoiseEstimate;
@@ -49,7 +49,7 @@ pub struct Reconstructor {
     left_changed: bool,
     left: Difference,
     /// A fault that was named just now in a frame with so many touches and this misfit, whose place it has to take.
-    instead_of: Option<(Fault, usize, Option<f64>)>,
+    instead_of: Option<(Faults, usize, Option<f64>)>,
     contacts: ContactTest,
     solver: FrameSolver,
     /// By what frames are divided: the gain that drifted since the baseline.
@@ -485,8 +485,9 @@ impl Reconstructor {
             }
             due = false;
             self.begin_anew();
-            let put_off = |fault: &Fault| self.options.sequence && fault.leaves_touches();
-            if let Some(fault) = self.broken.named().filter(put_off) {
+            let put_off = |faults: &Faults| self.options.sequence && faults.leaves_touches();
+            let put_off = self.broken.named().filter(put_off);
+            if let Some(fault) = put_off.and_then(|faults| faults.iter().next()) {
                 // The problem without what it spoils takes as long as the search: the next frame has it, and its picture.
                 if !self.result.is_pictured {
                     self.result.x.fill(0.0);
@@ -506,7 +507,7 @@ impl Reconstructor {
             // Every frame counts.
             self.detectors.iter_mut().flatten().for_each(ChangeDetector::forget);
         }
-        if (open || jumped) && self.result.changed {
+        if (open || jumped || self.broken.is_searching()) && self.result.changed {
             // What is shown may be what a fault looks like.
             self.result.doubt = self.result.doubt.or(Some(Doubt::NotTouches));
         }

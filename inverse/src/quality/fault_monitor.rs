@@ -7,7 +7,8 @@ use crate::quality::flickers::Flicker;
 use crate::quality::loose_contacts::LooseContacts;
 use crate::reference::Difference;
 use crate::reference::diagnosis::{
-    Diagnosis, Electrodes, Fault, MOST_ELECTRODES, PARTS, Search, Told, values_of, values_of_channel, values_of_drive,
+    Diagnosis, Electrodes, Fault, Faults, MOST_ELECTRODES, PARTS, SearchOfTwo, Told, spoilt_by, values_of,
+    values_of_channel,
 };
 use crate::reference::imager::Imager;
 use crate::stats::is_of_noise;
@@ -32,10 +33,10 @@ const LONGEST_WAIT: usize = 64;
 
 /// Frames from which a fault that may be one is none: their mean would have told.
 const MOST_OPEN: usize = 64;
-/// Frames until this fault is looked for again.
-fn next_look(fault: Fault) -> usize {
-    let soon = !fault.leaves_touches() || matches!(fault, Fault::Contacts(_) | Fault::Leak { .. });
-    AGAIN[usize::from(soon)]
+/// Frames until these faults are looked for again.
+fn next_look(faults: Faults) -> usize {
+    let soon = |fault: Fault| !fault.leaves_touches() || matches!(fault, Fault::Contacts(_) | Fault::Leak { .. });
+    AGAIN[usize::from(faults.iter().any(soon))]
 }
 
 /// The mean of frames one after another that differ by nothing but noise. A contact and a finger on it tell different stories, but a
@@ -103,13 +104,14 @@ struct Reason {
     due: bool,
     /// Something came beside it.
     beside: bool,
-    /// See [`Seen::suspected`].
+    /// See [`Seen`].
     suspected: bool,
+    unexplained: bool,
 }
 
 /// A search that goes on in the next frame.
 struct Begun {
-    search: Search,
+    search: SearchOfTwo,
     reason: Reason,
 }
 
@@ -119,10 +121,10 @@ pub(crate) struct FaultMonitor {
     sequence: bool,
     /// Made when it is first needed; none inside where the sheet cannot be solved.
     diagnosis: Option<Option<Diagnosis>>,
-    named: Option<Fault>,
-    /// What it changes of all values, where it is a leak, V of the model.
+    named: Option<Faults>,
+    /// What leaks among them change of all values, V of the model.
     leaked: Option<DVector<f64>>,
-    /// Whether touches cannot take its place.
+    /// Whether touches cannot take their place.
     alone: bool,
     /// Whether it was searched for in a frame that touches explain.
     suspected: bool,
@@ -131,7 +133,7 @@ pub(crate) struct FaultMonitor {
     /// Whether the last look left open whether there is a fault.
     open: bool,
     /// What the last looks told, and how many.
-    candidate: Option<(Fault, usize)>,
+    candidate: Option<(Faults, usize)>,
     /// Suspicious frames one after another.
     suspicious: usize,
     /// The mean of the last of them.
@@ -144,7 +146,7 @@ pub(crate) struct FaultMonitor {
     /// Values of frames at rest one after another that speak against it.
     well: usize,
     /// A fault that took no touch's place, and for how many frames it is none.
-    rejected: Option<(Fault, usize)>,
+    rejected: Option<(Faults, usize)>,
     /// Parts of searches so far, and the search that was begun.
     parts: usize,
     begun: Option<Begun>,
@@ -223,8 +225,8 @@ impl FaultMonitor {
 
     /// Names contacts that are known to have changed; false where another fault is named, or too many.
     pub(crate) fn name_contacts(&mut self, electrodes: &[usize]) -> bool {
-        let known = match self.named {
-            Some(Fault::Contacts(known)) => known,
+        let known = match self.named.map(Faults::single) {
+            Some(Some(Fault::Contacts(known))) => known,
             Some(_) => return false,
             None => Electrodes::default(),
         };
@@ -234,9 +236,10 @@ impl FaultMonitor {
         if all.len() > MOST_ELECTRODES {
             return false;
         }
-        self.name(Some(Fault::Contacts(Electrodes::of(&all))));
+        let contacts = Faults::from(Fault::Contacts(Electrodes::of(&all)));
+        self.name(Some(contacts));
         (self.candidate, self.open) = (None, false);
-        (self.until, self.against) = (next_look(Fault::Contacts(Electrodes::of(&all))), 0);
+        (self.until, self.against) = (next_look(contacts), 0);
         self.wait = 1;
         self.begun = None;
         true
@@ -257,21 +260,24 @@ impl FaultMonitor {
         self.well >= WELL
     }
 
-    /// The fault that was named took no touch's place: it is none for a while.
-    pub(crate) fn reject(&mut self, fault: Fault) {
+    /// The faults that were named took no touch's place: they are none for a while.
+    pub(crate) fn reject(&mut self, fault: Faults) {
         self.name(None);
         (self.candidate, self.begun) = (None, None);
         self.rejected = Some((fault, REJECTED));
     }
 
-    fn name(&mut self, fault: Option<Fault>) {
-        self.named = fault;
-        let leaked = |(pair, ohm)| Some(self.diagnosis.as_ref()?.as_ref()?.leaked(&self.imager, pair, ohm));
-        let leak = match fault {
-            Some(Fault::Leak { electrodes, ohm }) => Some((electrodes, ohm)),
-            _ => None,
-        };
-        self.leaked = leak.and_then(leaked);
+    fn name(&mut self, faults: Option<Faults>) {
+        self.named = faults;
+        let diagnosis = self.diagnosis.as_ref().and_then(Option::as_ref);
+        let leaked = faults
+            .into_iter()
+            .flat_map(Faults::iter)
+            .filter_map(|fault| match fault {
+                Fault::Leak { electrodes, ohm } => Some(diagnosis?.leaked(&self.imager, electrodes, ohm)),
+                _ => None,
+            });
+        self.leaked = leaked.reduce(|a, b| a + b);
     }
 
     /// Takes what the leak that is named changes out of a frame of the baseline's unit.
@@ -298,14 +304,19 @@ impl FaultMonitor {
         measured.for_each(|((y, _), (leaked, _))| *y += times * leaked);
     }
 
-    /// The fault that is named.
-    pub(crate) fn named(&self) -> Option<Fault> {
+    /// The faults that are named.
+    pub(crate) fn named(&self) -> Option<Faults> {
         self.named
     }
 
     /// Whether a fault is a candidate, or may be one: then every frame counts.
     pub(crate) fn is_open(&self) -> bool {
         self.candidate.is_some() || (self.open && self.suspicious < MOST_OPEN)
+    }
+
+    /// Whether a frame that touches do not explain is searched still.
+    pub(crate) fn is_searching(&self) -> bool {
+        self.begun.as_ref().is_some_and(|begun| begun.reason.unexplained)
     }
 
     /// Parts of a search that the next frame is to leave time for.
@@ -348,12 +359,12 @@ impl FaultMonitor {
 
     /// Electrodes whose values are left out.
     pub(crate) fn electrodes_left_out(&self) -> Vec<usize> {
-        let of_fault = match self.named {
-            Some(Fault::Open(electrodes) | Fault::Contacts(electrodes)) => electrodes,
-            Some(Fault::Leak { electrodes, .. }) => Electrodes::of(&electrodes),
-            _ => Electrodes::default(),
-        };
-        let mut all = [of_fault.list(), self.loose.named().list()].concat();
+        let mut all = self.loose.named().list().to_vec();
+        for fault in self.named.into_iter().flat_map(Faults::iter) {
+            if let Fault::Open(_) | Fault::Contacts(_) | Fault::Leak { .. } = fault {
+                all.extend_from_slice(fault.electrodes().list());
+            }
+        }
         all.sort_unstable();
         all.dedup();
         all
@@ -425,20 +436,13 @@ impl FaultMonitor {
         Cow::Owned(without)
     }
 
-    /// Values that the named fault spoils.
+    /// Values that the named faults spoil.
     fn spoilt(&self) -> Vec<usize> {
-        let imager = &self.imager;
-        match self.named {
-            Some(Fault::Open(electrodes) | Fault::Contacts(electrodes)) => values_of(imager, electrodes.list()),
-            Some(Fault::Leak { electrodes, .. }) => values_of(imager, &electrodes),
-            // Of a sheet that is reciprocal the one is like the inverse of the other, where it is small.
-            Some(Fault::Gain(pair, _) | Fault::Drive(pair, _)) => {
-                [values_of_channel(imager, pair), values_of_drive(imager, pair)].concat()
-            }
-            Some(Fault::Offset(pair) | Fault::Rail(pair) | Fault::Channel(pair)) => values_of_channel(imager, pair),
-            Some(Fault::Value(k, _)) => vec![k],
-            _ => Vec::new(),
-        }
+        let faults = self.named.into_iter().flat_map(Faults::iter);
+        let mut spoilt: Vec<usize> = faults.flat_map(|fault| spoilt_by(&self.imager, fault)).collect();
+        spoilt.sort_unstable();
+        spoilt.dedup();
+        spoilt
     }
 
     /// Takes a frame as it was measured (V) and its difference. True when another fault is named now, or none any more.
@@ -475,11 +479,17 @@ impl FaultMonitor {
         if self.begun.is_none() && (early || !(asked || again)) {
             return false;
         }
-        let reason = Reason { due, beside, suspected };
+        let reason = Reason {
+            due,
+            beside,
+            suspected,
+            unexplained: seen.unexplained,
+        };
         let (told, reason) = match known {
             Some(fault) => {
                 self.begun = None;
-                (Told::Fault { fault, alone: true }, reason)
+                let faults = fault.into();
+                (Told::Faults { faults, alone: true }, reason)
             }
             None if !self.imager.is_searched() => (Told::Nothing, reason),
             None => match self.search(d, sigma_v, reason, seen.parts) {
@@ -488,8 +498,8 @@ impl FaultMonitor {
             },
         };
         self.suspected = reason.suspected;
-        let known_contacts = |fault: &Fault, known: &[usize]| match fault {
-            Fault::Contacts(electrodes) => electrodes.list().iter().all(|l| known.contains(l)),
+        let known_contacts = |faults: Faults, known: &[usize]| match faults.single() {
+            Some(Fault::Contacts(electrodes)) => electrodes.list().iter().all(|l| known.contains(l)),
             _ => false,
         };
         self.open = told == Told::Perhaps && self.named.is_none();
@@ -498,11 +508,10 @@ impl FaultMonitor {
             self.until = self.named.map_or(0, next_look);
             return false;
         }
-        self.alone = matches!(told, Told::Fault { alone: true, .. });
-        let told = told.fault();
-        let rejected = self.rejected.map(|(fault, _)| fault);
-        let told =
-            told.filter(|fault| !known_contacts(fault, &self.contacts) && !rejected.is_some_and(|r| r.is_same(fault)));
+        self.alone = matches!(told, Told::Faults { alone: true, .. });
+        let is_rejected = |told: Faults| self.rejected.is_some_and(|(rejected, _)| rejected.is_same(told));
+        let told = told.faults();
+        let told = told.filter(|told| !known_contacts(*told, &self.contacts) && !is_rejected(*told));
         if told.is_none() && reason.beside && !reason.due {
             // What is there besides may be a touch. It does not speak against the fault.
             return false;
@@ -510,7 +519,7 @@ impl FaultMonitor {
         self.judge(told)
     }
 
-    fn judge(&mut self, told: Option<Fault>) -> bool {
+    fn judge(&mut self, told: Option<Faults>) -> bool {
         let names = if self.sequence { NAMES } else { 1 };
         let Some(told) = told else {
             self.candidate = None;
@@ -525,7 +534,7 @@ impl FaultMonitor {
             return over;
         };
         (self.against, self.wait) = (0, 1);
-        if let Some(named) = self.named.filter(|named| named.is_same(&told)) {
+        if let Some(named) = self.named.filter(|named| named.is_same(told)) {
             self.candidate = None;
             self.until = next_look(told);
             // Its size may be another.
@@ -535,7 +544,7 @@ impl FaultMonitor {
             return false;
         }
         let count = match self.candidate {
-            Some((before, count)) if before.is_same(&told) => count + 1,
+            Some((before, count)) if before.is_same(told) => count + 1,
             _ => 1,
         };
         self.candidate = Some((told, count));
@@ -544,7 +553,8 @@ impl FaultMonitor {
         }
         tracing::debug!(?told, "a fault");
         self.name(Some(told));
-        (self.candidate, self.until) = (None, next_look(told));
+        // Many open electrodes may be others: that is looked at once they are named.
+        (self.candidate, self.until) = (None, if told.are_many_open() { 1 } else { next_look(told) });
         true
     }
 
@@ -588,9 +598,13 @@ impl FaultMonitor {
         let (mut begun, parts) = match self.begun.take() {
             Some(begun) => (begun, parts.max(1)),
             None => {
+                let known = self.named.map(|faults| (faults, !reason.unexplained));
                 let search = match &self.mean {
-                    Some(mean) => diagnosis.begin(&mean.difference, sigma_v.map(|sigma| sigma / mean.frames.sqrt())),
-                    None => diagnosis.begin(d, sigma_v),
+                    Some(mean) => {
+                        let sigma_v = sigma_v.map(|sigma| sigma / mean.frames.sqrt());
+                        diagnosis.begin_two(&mean.difference, sigma_v, known)
+                    }
+                    None => diagnosis.begin_two(d, sigma_v, known),
                 };
                 let Some(search) = search else {
                     return Some((Told::Nothing, reason));
@@ -600,8 +614,8 @@ impl FaultMonitor {
         };
         for _ in 0..parts {
             self.parts += 1;
-            if diagnosis.go_on(&mut begun.search) {
-                return Some((diagnosis.told(&begun.search), begun.reason));
+            if diagnosis.go_on_two(&mut begun.search) {
+                return Some((begun.search.told(), begun.reason));
             }
         }
         self.begun = Some(begun);

@@ -256,5 +256,28 @@ pub fn cases() -> Vec<Case> {
         .on(Preset::DrawnBoard),
         Case::board(&["reference_lost:converter"], &["rail"]).on(Preset::DrawnBoard),
     ]);
+    // Two of different kinds at once.
+    for (beside, named) in [
+        ("electrodes_short:9,10,30", "electrodes 9 and 10 "),
+        ("electrodes_short:9,10,10000", "electrodes 9 and 10 "),
+        ("contact_raised:9,200", "electrode 9 "),
+        ("wires_swapped:8,9", "electrodes 8 and 9 "),
+        ("multiplexer_stuck:drive_plus,9", "drive + multiplexer"),
+        ("switch_resistance:drive_plus,9,300", "electrodes 9 and 10 "),
+    ] {
+        let both = format!("electrode 3 & {named}");
+        out.push(Case::board(&["electrode_open:3", beside], &[&both]));
+    }
+    out.extend([
+        Case::board(
+            &["contact_raised:3,500", "electrodes_short:9,10,10000"],
+            &["electrode 3 & electrodes 9 and 10 "],
+        ),
+        Case::board(
+            &["channel_dead:6", "electrode_open:12"],
+            &["electrodes 7 and 8 & electrode 12 "],
+        )
+        .on(Preset::DrawnSixteen),
+    ]);
     out
 }

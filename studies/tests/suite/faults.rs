@@ -79,6 +79,44 @@ fn touches_beside_a_weak_leak_are_right() {
     }
 }
 
+/// Two of different kinds at once are named both, whatever each would look like by itself, and leave what the worse of them leaves.
+#[test]
+fn two_faults_at_once_are_both_named() {
+    let two = [
+        ("`electrode_open:3`, `electrodes_short:9,10,10000`", When::AtRest, true),
+        ("`electrode_open:3`, `contact_raised:9,200`", When::UnderTouch, true),
+        (
+            "`electrode_open:3`, `switch_resistance:drive_plus,9,300`",
+            When::AtRest,
+            true,
+        ),
+        (
+            "`channel_dead:6`, `electrode_open:12`, board drawn_sixteen",
+            When::UnderTouch,
+            true,
+        ),
+        (
+            "`electrode_open:3`, `electrodes_short:9,10,30`",
+            When::UnderTouch,
+            false,
+        ),
+        ("`electrode_open:3`, `wires_swapped:8,9`", When::AtRest, false),
+        (
+            "`electrode_open:3`, `multiplexer_stuck:drive_plus,9`",
+            When::AtRest,
+            false,
+        ),
+    ];
+    for (name, when, leaves_touches) in two {
+        let outcome = run(name, when);
+        let [touched, rest] = [outcome.touched, outcome.rest];
+        let known = if leaves_touches { touched.right } else { touched.doubted };
+        // The second is looked for once the first is known.
+        assert!(touched.frames <= known + 2 * UNKNOWN, "{name}: {outcome:?}");
+        assert!(rest.right_part() > 0.95, "{name}: {outcome:?}");
+    }
+}
+
 /// What drifts slowly does not take the place of a fault that comes from one frame to the next.
 #[test]
 fn a_sudden_fault_is_taken_for_no_drift() {

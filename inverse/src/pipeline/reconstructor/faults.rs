@@ -4,7 +4,7 @@ use super::{Reconstructor, detector, has_detector};
 use crate::change::detector::ChangeDetector;
 use crate::quality::doubt::Doubt;
 use crate::quality::fault_monitor::Seen;
-use crate::reference::diagnosis::{Electrodes, Fault};
+use crate::reference::diagnosis::{Electrodes, Fault, Faults};
 use crate::reference::drift::Drifting;
 use crate::reference::imager::ImagerError;
 use forward::Drive;
@@ -125,8 +125,8 @@ impl Reconstructor {
             self.gain = self.sound_gain;
         }
         // What leaves no touches takes the place of all.
-        let takes_some = |fault: &Fault| {
-            fault.leaves_touches() && self.broken.is_suspected() && touches > 0 && !self.broken.is_alone()
+        let takes_some = |faults: &Faults| {
+            faults.leaves_touches() && self.broken.is_suspected() && touches > 0 && !self.broken.is_alone()
         };
         let suspected = named.filter(takes_some);
         if let Some(fault) = suspected {
@@ -215,8 +215,9 @@ impl Reconstructor {
         }
         let contacts = self.contacts.changed();
         let contacts = (!contacts.is_empty()).then(|| Fault::Contacts(Electrodes::of(contacts)));
-        let named = self.before.or(named);
-        if let Some(fault) = named.filter(|fault| !fault.leaves_touches()) {
+        let named = self.before.map_or(named, |before| Some(before.into()));
+        let named = || named.into_iter().flat_map(Faults::iter);
+        if let Some(fault) = named().find(|fault| !fault.leaves_touches()) {
             let used = self.whole.used.iter().filter(|used| **used).count();
             self.result.clear(self.noise(), used);
             (self.result.anew, self.result.doubt) = (true, Some(Doubt::Fault(fault)));
@@ -224,11 +225,13 @@ impl Reconstructor {
         }
         self.result.contacts.clear();
         self.result.contacts.extend_from_slice(self.contacts.changed());
-        if let Some(Fault::Contacts(electrodes)) = named {
-            self.result.contacts.extend_from_slice(electrodes.list());
+        for fault in named() {
+            if let Fault::Contacts(electrodes) = fault {
+                self.result.contacts.extend_from_slice(electrodes.list());
+            }
         }
         self.result.faults.clear();
-        let all = named.into_iter().chain(self.broken.loose()).chain(contacts);
+        let all = named().chain(self.broken.loose()).chain(contacts);
         self.result.faults.extend(all);
     }
 }

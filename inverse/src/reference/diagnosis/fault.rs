@@ -345,6 +345,55 @@ impl fmt::Display for Fault {
     }
 }
 
+/// What is broken at the same time: one fault, or two.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Faults {
+    first: Fault,
+    other: Option<Fault>,
+}
+
+impl Faults {
+    /// One fault, with another beside it.
+    pub(crate) fn two(first: Fault, other: Fault) -> Self {
+        Self {
+            first,
+            other: Some(other),
+        }
+    }
+
+    /// The fault, where it is one.
+    pub(crate) fn single(self) -> Option<Fault> {
+        self.other.is_none().then_some(self.first)
+    }
+
+    /// Whether they are one, of several electrodes that are open.
+    pub(crate) fn are_many_open(self) -> bool {
+        matches!(self.single(), Some(Fault::Open(open)) if open.list().len() > 1)
+    }
+
+    /// Each of them.
+    pub(crate) fn iter(self) -> impl Iterator<Item = Fault> {
+        [Some(self.first), self.other].into_iter().flatten()
+    }
+
+    /// Whether the values that are left tell touches right.
+    pub(crate) fn leaves_touches(self) -> bool {
+        self.iter().all(|fault| fault.leaves_touches())
+    }
+
+    /// The same faults, whatever their sizes, and whichever is first.
+    pub(crate) fn is_same(self, other: Self) -> bool {
+        let has_all_of = |of: Self| of.iter().all(|a| self.iter().any(|b| a.is_same(&b)));
+        self.iter().count() == other.iter().count() && has_all_of(other)
+    }
+}
+
+impl From<Fault> for Faults {
+    fn from(first: Fault) -> Self {
+        Self { first, other: None }
+    }
+}
+
 /// `drive +`.
 fn multiplexer(drive: bool, plus: bool) -> String {
     format!(

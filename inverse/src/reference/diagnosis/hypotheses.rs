@@ -2,13 +2,15 @@
 
 mod predictions;
 mod search;
+mod two;
 
 pub(crate) use self::search::{PARTS, Search};
+pub(crate) use self::two::SearchOfTwo;
 
 use self::search::Best;
 use super::covariance::Covariance;
 use super::evidence::{Evidence, Products};
-use super::fault::{Electrodes, Fault, MOST_ELECTRODES};
+use super::fault::{Electrodes, Fault, Faults, MOST_ELECTRODES};
 use super::freed::{Cost, Freed};
 use crate::reference::Difference;
 use crate::reference::drift::{DriftShapes, Drifting, LEAST_GAIN, MOST_OFFSET};
@@ -81,6 +83,8 @@ pub(crate) struct Diagnosis {
     /// Sense pairs, and drive pairs, each with its values.
     channels: Vec<([usize; 2], Vec<usize>)>,
     drives: Vec<([usize; 2], Vec<usize>)>,
+    /// Whether its frames follow one another: then a search may take the time of several.
+    is_of_sequence: bool,
     /// What linear faults are told by in a frame of known noise; see [`Diagnosis::suspects`].
     scores: Option<Scores>,
 }
@@ -99,22 +103,27 @@ pub(crate) enum Told {
     Nothing,
     /// A press on an electrode, or a fault of it: more frames tell.
     Perhaps,
-    /// A fault.
-    Fault {
-        /// Which one.
-        fault: Fault,
+    /// A fault, or two.
+    Faults {
+        /// Which ones.
+        faults: Faults,
         /// Whether nothing else comes into question: touches alone leave more than is expected.
         alone: bool,
     },
 }
 
 impl Told {
-    /// The fault, if there is one.
-    pub(crate) fn fault(self) -> Option<Fault> {
+    /// The faults, if there are any.
+    pub(crate) fn faults(self) -> Option<Faults> {
         match self {
-            Self::Fault { fault, .. } => Some(fault),
+            Self::Faults { faults, .. } => Some(faults),
             Self::Nothing | Self::Perhaps => None,
         }
+    }
+
+    /// The fault, if it is one.
+    pub(crate) fn fault(self) -> Option<Fault> {
+        self.faults().and_then(Faults::single)
     }
 }
 
@@ -135,6 +144,7 @@ impl Diagnosis {
             channels: by_pair(imager, |m| m.sense),
             drives: by_pair(imager, |m| m.drive),
             scores: None,
+            is_of_sequence: false,
             looked_at: None,
             imager: Arc::clone(imager),
         })
@@ -144,7 +154,11 @@ impl Diagnosis {
     pub(crate) fn of_sequence(imager: &Arc<Imager>) -> Option<Self> {
         let part = MOST_LOOKED_AT as f64 / imager.pattern.len().max(1) as f64;
         if part >= 1.0 {
-            return Self::new(imager);
+            let all = Self::new(imager)?;
+            return Some(Self {
+                is_of_sequence: true,
+                ..all
+            });
         }
         let looked_at = spread_evenly(imager.pattern.measurements(), part);
         let measurements = looked_at.iter().map(|k| imager.pattern.measurements()[*k]).collect();
@@ -156,6 +170,7 @@ impl Diagnosis {
         };
         Some(Self {
             looked_at: Some(looked_at),
+            is_of_sequence: true,
             ..Self::new(&Arc::new(seen))?
         })
     }
@@ -292,7 +307,7 @@ impl Diagnosis {
         if let Some((((drive, plus), electrode), of)) =
             cheapest(evidence, &stuck, |(end, l)| self.misrouted(end, |_| l))
         {
-            best.offer(cost + of, || Fault::Multiplexer { drive, plus, electrode });
+            best.offer_of_all(cost + of, Fault::Multiplexer { drive, plus, electrode });
         }
         let lines = usize::BITS - n.saturating_sub(1).leading_zeros();
         let lines = (0..lines as usize).flat_map(|b| (0..b).map(move |a| [a, b]));
@@ -301,12 +316,12 @@ impl Diagnosis {
         // Where that is no electrode, nothing is connected.
         let predict = |(end, lines)| self.misrouted(end, |l| readdressed(l, lines));
         if let Some((((drive, plus), lines), of)) = cheapest(evidence, &exchanged, predict) {
-            best.offer(cost + of, || Fault::Address { drive, plus, lines });
+            best.offer_of_all(cost + of, Fault::Address { drive, plus, lines });
         }
         let pairs: Vec<[usize; 2]> = self.pairs().collect();
         let cost = FAULT + (pairs.len() as f64).ln();
         if let Some((pair, of)) = cheapest(evidence, &pairs, |pair| self.exchanged(pair)) {
-            best.offer(cost + of, || Fault::Exchanged(pair));
+            best.offer_of_all(cost + of, Fault::Exchanged(pair));
         }
     }
 
@@ -316,7 +331,7 @@ impl Diagnosis {
         let short = cheapest(evidence, &shorts, |(pair, ohm)| self.short(pair, ohm)).map(|(short, _)| short);
         for (pair, ohm) in short.into_iter().chain(self.leak(evidence)) {
             let (ohm, refined) = self.refine_short((pair, ohm), evidence);
-            best.offer(cost + refined, || Fault::Short { electrodes: pair, ohm });
+            best.offer_of_all(cost + refined, Fault::Short { electrodes: pair, ohm });
         }
     }
 
@@ -430,7 +445,7 @@ impl Diagnosis {
             best.offer(cost + of_offset, || Fault::Offset(*pair));
             // Whatever else it does.
             let (of_any, others) = evidence.free(values);
-            best.offer_free(cost + of_any, others, || Some(Fault::Channel(*pair)));
+            best.offer_channel((cost + of_any, others), *pair);
         }
         let cost = FAULT + SWITCH + (self.drives.len() as f64).ln();
         for (pair, values) in &self.drives {
@@ -490,9 +505,8 @@ impl Diagnosis {
             let Some((cost, set, _)) = tried.first() else {
                 return;
             };
-            best.offer_free(FAULT + count as f64 * one + cost.all, cost.others, || {
-                Some(Fault::Open(Electrodes::of(set)))
-            });
+            let prior = FAULT + count as f64 * one;
+            best.offer_open((prior + cost.all, cost.others), Electrodes::of(set));
             if cost.all + one > least || count == MOST_ELECTRODES {
                 return;
             }
@@ -632,6 +646,23 @@ pub(crate) fn values_of(imager: &Imager, electrodes: &[usize]) -> Vec<usize> {
         of.iter().any(|l| electrodes.contains(l))
     });
     of.map(|(k, _)| k).collect()
+}
+
+/// Values that a fault spoils, and that are left out because of it.
+pub(crate) fn spoilt_by(imager: &Imager, fault: Fault) -> Vec<usize> {
+    match fault {
+        Fault::Open(electrodes) | Fault::Contacts(electrodes) | Fault::Loose(electrodes) => {
+            values_of(imager, electrodes.list())
+        }
+        Fault::Leak { electrodes, .. } => values_of(imager, &electrodes),
+        // Of a sheet that is reciprocal the one is like the inverse of the other, where it is small.
+        Fault::Gain(pair, _) | Fault::Drive(pair, _) => {
+            [values_of_channel(imager, pair), values_of_drive(imager, pair)].concat()
+        }
+        Fault::Offset(pair) | Fault::Rail(pair) | Fault::Channel(pair) => values_of_channel(imager, pair),
+        Fault::Value(k, _) => vec![k],
+        _ => Vec::new(),
+    }
 }
 
 /// Values of one sense pair.

@@ -11,5 +11,6 @@ mod freed;
 mod hypotheses;
 mod press;
 
+pub(crate) use fault::Faults;
 pub use fault::{Electrodes, Fault, MOST_ELECTRODES};
-pub(crate) use hypotheses::{Diagnosis, PARTS, Search, Told, values_of, values_of_channel, values_of_drive};
+pub(crate) use hypotheses::{Diagnosis, PARTS, Search, SearchOfTwo, Told, spoilt_by, values_of, values_of_channel};

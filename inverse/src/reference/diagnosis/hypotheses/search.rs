@@ -5,15 +5,15 @@ use super::{
 };
 use crate::reference::Difference;
 use crate::reference::diagnosis::evidence::Evidence;
-use crate::reference::diagnosis::fault::Fault;
+use crate::reference::diagnosis::fault::{Electrodes, Fault};
 use crate::reference::diagnosis::press::Press;
 
 /// Parts of a search. With 32 electrodes they take about as long as one another.
 pub(crate) const PARTS: usize = 3;
 /// Relative error of what a fault is predicted to change: the model's electrodes are not quite the sheet's. Of a sheet that is as its
 /// model it is less, which tells a fault from a press.
-const PREDICTION: f64 = 0.02;
-const PREDICTIONS: [f64; 3] = [PREDICTION, PREDICTION / 4.0, PREDICTION / 16.0];
+pub(super) const PREDICTION: f64 = 0.02;
+pub(super) const PREDICTIONS: [f64; 3] = [PREDICTION, PREDICTION / 4.0, PREDICTION / 16.0];
 
 /// The best explanation so far, its cost and that of touches alone.
 pub(super) struct Best {
@@ -22,8 +22,12 @@ pub(super) struct Best {
     /// Resistances of the contacts that explain the frame best, ohm.
     pub(super) worse: Vec<(usize, f64)>,
     /// The part of the cost that values have which are not free.
-    left: f64,
+    pub(super) left: f64,
     pub(super) touches: f64,
+    /// The most probable fault that changes all values, open electrodes, and the amplifier whose values are free, with their costs.
+    of_all: Option<(f64, Fault)>,
+    open: Option<(f64, Electrodes)>,
+    channel: Option<(f64, [usize; 2])>,
     /// Whether the frame by itself rather speaks for a fault than for the press that it may be.
     perhaps: bool,
 }
@@ -42,18 +46,42 @@ impl Best {
         }
         better
     }
+
+    /// A fault that changes all values may be one of two.
+    pub(super) fn offer_of_all(&mut self, cost: f64, fault: Fault) {
+        if self.of_all.is_none_or(|(least, _)| cost < least) {
+            self.of_all = Some((cost, fault));
+        }
+        self.offer(cost, || fault);
+    }
+
+    /// So may open electrodes.
+    pub(super) fn offer_open(&mut self, (cost, left): (f64, f64), electrodes: Electrodes) {
+        if self.open.is_none_or(|(least, _)| cost < least) {
+            self.open = Some((cost, electrodes));
+        }
+        self.offer_free(cost, left, || Some(Fault::Open(electrodes)));
+    }
+
+    /// So may an amplifier.
+    pub(super) fn offer_channel(&mut self, (cost, left): (f64, f64), pair: [usize; 2]) {
+        if self.channel.is_none_or(|(least, _)| cost < least) {
+            self.channel = Some((cost, pair));
+        }
+        self.offer_free(cost, left, || Some(Fault::Channel(pair)));
+    }
 }
 
 /// A search that was begun.
 pub(crate) struct Search {
     /// What is looked at.
-    d: Difference,
+    pub(super) d: Difference,
     /// Standard deviation of every value's own noise, V of the model; not finite for a value that takes no part.
-    own: Vec<f64>,
+    pub(super) own: Vec<f64>,
     /// Relative errors of what is predicted: the one that is searched with, and smaller ones that may be the case.
     predictions: &'static [f64],
-    evidence: Evidence,
-    best: Best,
+    pub(super) evidence: Evidence,
+    pub(super) best: Best,
     /// Parts that are done.
     done: usize,
 }
@@ -75,6 +103,9 @@ impl Search {
             worse: Vec::new(),
             left: touches,
             touches,
+            of_all: None,
+            open: None,
+            channel: None,
             perhaps: false,
         };
         Some(Self {
@@ -90,6 +121,29 @@ impl Search {
     /// Parts that are left.
     pub(crate) fn left(&self) -> usize {
         PARTS - self.done.min(PARTS)
+    }
+
+    /// How many values take part.
+    pub(super) fn used(&self) -> f64 {
+        self.d.used.iter().filter(|used| **used).count() as f64
+    }
+
+    /// The most probable faults that may be one of two: open electrodes; and where one fault explains nothing, one that changes all
+    /// values, open electrodes together, and an amplifier.
+    pub(super) fn may_be_one_of_two(&self, explains: bool) -> Vec<Fault> {
+        let best = &self.best;
+        let open = best.open.iter().map(|(_, open)| *open);
+        let each = open
+            .clone()
+            .flat_map(|open| open.list().iter().map(|l| Electrodes::of(&[*l])).collect::<Vec<_>>());
+        let each = each.map(Fault::Open);
+        if explains {
+            return each.collect();
+        }
+        let of_all = best.of_all.iter().map(|(_, fault)| *fault);
+        let together = open.filter(|open| open.list().len() > 1).map(Fault::Open);
+        let channel = best.channel.iter().map(|(_, pair)| Fault::Channel(*pair));
+        of_all.chain(each).chain(together).chain(channel).collect()
     }
 
     /// Whether what is looked at is a baseline, compared with the model.
@@ -144,12 +198,11 @@ impl Diagnosis {
     /// What a search that is at its end told: the fault that explains the difference best; none where touches and drift do, or where it
     /// leaves more than twice the square that is expected.
     pub(crate) fn told(&self, search: &Search) -> Told {
-        let best = &search.best;
-        let values = search.d.used.iter().filter(|used| **used).count() as f64;
+        let (best, values) = (&search.best, search.used());
         match best.fault {
             // Otherwise it is nothing that is known.
-            Some(fault) if best.left <= values => Told::Fault {
-                fault: self.of_its_size(self.of_all_values(fault)),
+            Some(fault) if best.left <= values => Told::Faults {
+                faults: self.of_its_size(self.of_all_values(fault)).into(),
                 alone: best.touches > values,
             },
             None if best.perhaps => Told::Perhaps,
@@ -157,8 +210,23 @@ impl Diagnosis {
         }
     }
 
+    /// Cost of touches alone, however strong; infinite where it cannot be computed.
+    pub(super) fn strong(&mut self, search: &Search) -> f64 {
+        let Search { d, own, evidence, .. } = search;
+        let errors = errors(d, own, search.predictions[0]);
+        let covariance = (&mut self.covariance, STRONG_RISE / RISE);
+        let strong = Evidence::new(&d.y, covariance, &errors, self.largest_v);
+        strong.map_or(f64::INFINITY, |strong| strong.of_touches_beside(evidence))
+    }
+
     /// Holds the best fault against strong touches anywhere, and against a press on its electrodes.
     fn offer_presses(&mut self, search: &mut Search) {
+        if search.best.fault.is_some() {
+            let (strong, best) = (self.strong(search), &mut search.best);
+            if strong < best.cost {
+                (best.fault, best.cost, best.left) = (None, strong, strong);
+            }
+        }
         let Search {
             d,
             own,
@@ -167,22 +235,6 @@ impl Diagnosis {
             best,
             ..
         } = search;
-        if best.fault.is_some() {
-            let errors = errors(d, own, predictions[0]);
-            let strong = Evidence::new(
-                &d.y,
-                (&mut self.covariance, STRONG_RISE / RISE),
-                &errors,
-                self.largest_v,
-            );
-            let Some(strong) = strong.map(|strong| strong.of_touches_beside(evidence)) else {
-                (best.fault, best.cost, best.left) = (None, best.touches, best.touches);
-                return;
-            };
-            if strong < best.cost {
-                (best.fault, best.cost, best.left) = (None, strong, strong);
-            }
-        }
         // A baseline is not held against presses: what is found in it leaves no touches.
         let exact = &predictions[1..];
         let may_press = best.fault.filter(|_| !exact.is_empty());

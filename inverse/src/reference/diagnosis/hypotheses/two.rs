@@ -1,0 +1,331 @@
+//! A search for one fault, and for two at once where one does not explain a frame well.
+//!
+//! Of two faults one is taken out of the frame: the values that it spoils are left out, and what it changes of all is subtracted. What is
+//! left is searched like any frame. Once that tells the other, the other is taken out, and the first looked at once more: an amplifier
+//! that may give anything is perhaps one of another gain. The two are told where they cost less than one.
+
+use super::search::{PREDICTION, PREDICTIONS, Search};
+use super::{Diagnosis, FAULT, Told, readdressed, spoilt_by};
+use crate::reference::Difference;
+use crate::reference::diagnosis::fault::{Fault, Faults};
+use crate::stats::is_of_noise;
+use nalgebra::DVector;
+
+/// A search for one fault or two, in parts.
+pub(crate) struct SearchOfTwo {
+    one: Search,
+    /// What is named already, and whether touches explain what it leaves.
+    known: Option<(Faults, bool)>,
+    /// Faults beside which another is looked for, the last first.
+    may_have: Vec<Fault>,
+    beside: Option<Beside>,
+    /// What explains the frame best, and its cost.
+    told: Told,
+    cost: f64,
+    /// Whether two leave no more than noise.
+    enough: bool,
+}
+
+/// A search in what a fault leaves of a frame.
+struct Beside {
+    taken_out: Fault,
+    search: Search,
+    /// Whether this one was told where the other one was taken out.
+    again: bool,
+}
+
+impl SearchOfTwo {
+    /// Parts that are left of what was begun.
+    pub(crate) fn left(&self) -> usize {
+        self.beside.as_ref().map_or(&self.one, |beside| &beside.search).left()
+    }
+
+    /// What it told, at its end.
+    pub(crate) fn told(&self) -> Told {
+        self.told
+    }
+
+    /// Whether they are the best now.
+    fn offer(&mut self, faults: Faults, cost: f64) -> bool {
+        let better = cost < self.cost;
+        if better {
+            (self.told, self.cost) = (Told::Faults { faults, alone: true }, cost);
+        }
+        better
+    }
+}
+
+impl Diagnosis {
+    /// Begins a search for one fault or two. `sigma_v`: noise of one value, V of the model. `known`: what is named already, and whether
+    /// touches explain what it leaves.
+    pub(crate) fn begin_two(
+        &mut self,
+        d: &Difference,
+        sigma_v: Option<f64>,
+        known: Option<(Faults, bool)>,
+    ) -> Option<SearchOfTwo> {
+        let one = self.begin(d, sigma_v)?;
+        let faults = known.into_iter().flat_map(|(faults, _)| faults.iter());
+        Some(SearchOfTwo {
+            known,
+            may_have: faults.collect(),
+            one,
+            beside: None,
+            told: Told::Nothing,
+            cost: f64::INFINITY,
+            enough: false,
+        })
+    }
+
+    /// Goes on with the next part; whether it was the last.
+    pub(crate) fn go_on_two(&mut self, search: &mut SearchOfTwo) -> bool {
+        let Some(beside) = &mut search.beside else {
+            if !self.go_on(&mut search.one) {
+                return false;
+            }
+            (search.told, search.cost) = (self.told(&search.one), search.one.best.cost);
+            if !self.may_be_two(search) {
+                return true;
+            }
+            for fault in search.one.may_be_one_of_two(search.told.faults().is_some()) {
+                if !search.may_have.iter().any(|of| of.is_same(&fault)) {
+                    search.may_have.push(fault);
+                }
+            }
+            search.may_have.reverse();
+            return self.begin_beside(search);
+        };
+        if !self.go_on(&mut beside.search) {
+            return false;
+        }
+        let Some(Beside {
+            taken_out,
+            search: of_rest,
+            again,
+        }) = search.beside.take()
+        else {
+            return true;
+        };
+        let is_open = |fault: Fault| matches!(fault, Fault::Open(_));
+        let other = self.told(&of_rest).fault();
+        // Two sets of open electrodes are one.
+        let Some(other) = other.filter(|other| !(is_open(*other) && is_open(taken_out))) else {
+            return self.begin_beside(search);
+        };
+        let cost = self.cost_of_two(&search.one, taken_out, &of_rest);
+        let better = search.offer(Faults::two(taken_out, other), cost);
+        search.enough |= better && is_of_noise(2.0 * of_rest.best.left, of_rest.used());
+        if better && !again && self.take_out(search, other, true) {
+            return false;
+        }
+        self.begin_beside(search)
+    }
+
+    /// Begins the search beside the next fault that may be one of two; true where there is none, or no need.
+    fn begin_beside(&mut self, search: &mut SearchOfTwo) -> bool {
+        if search.enough {
+            return true;
+        }
+        while let Some(first) = search.may_have.pop() {
+            if self.take_out(search, first, false) {
+                return false;
+            }
+        }
+        true
+    }
+
+    /// Whether two faults are looked for: one does not explain what was searched, or one is known and leaves more, or two are known.
+    fn may_be_two(&mut self, search: &SearchOfTwo) -> bool {
+        // In a table every frame is searched at once, and that takes as long as some searches.
+        if !self.is_of_sequence || search.told == Told::Perhaps {
+            return false;
+        }
+        let (one, values) = (&search.one, search.one.used());
+        let Some(told) = search.told.faults() else {
+            return one.best.left > values && self.strong(one) > values;
+        };
+        // What sets so many values free may explain what it is not.
+        let may_be =
+            |(known, explained): (Faults, bool)| !explained || known.single().is_none() || told.are_many_open();
+        search.known.is_some_and(may_be)
+    }
+
+    /// Cost of two faults, of which one was taken out, and the other found in the rest.
+    fn cost_of_two(&self, one: &Search, taken_out: Fault, of_rest: &Search) -> f64 {
+        let saved = of_rest.best.touches - of_rest.best.cost;
+        let cost = match taken_out {
+            Fault::Leak { electrodes, ohm } => one.evidence.of(&self.short(electrodes, ohm)) - saved,
+            _ if taken_out.leaves_touches() => one.evidence.free(&self.seen_of(taken_out)).0 - saved,
+            _ => of_rest.best.cost + of_rest.evidence.wider_than(&one.evidence),
+        };
+        FAULT + cost
+    }
+
+    /// Begins a search in a frame without a fault; false where that cannot be.
+    fn take_out(&mut self, search: &mut SearchOfTwo, fault: Fault, again: bool) -> bool {
+        let one = &search.one;
+        let (mut d, mut own) = (one.d.clone(), one.own.clone());
+        let spoilt = self.seen_of(fault);
+        match self.predicted(fault) {
+            Some(predicted) => {
+                d.y -= &predicted;
+                let changed = own.iter_mut().zip(&predicted);
+                changed.for_each(|(own, change)| *own = own.hypot(PREDICTION * change));
+            }
+            None if spoilt.is_empty() => return false,
+            None => {}
+        }
+        spoilt.iter().for_each(|k| own[*k] = f64::NAN);
+        d.leave_out(spoilt);
+        search.beside = Search::new(self, d, own, &PREDICTIONS).map(|search| Beside {
+            taken_out: fault,
+            search,
+            again,
+        });
+        search.beside.is_some()
+    }
+
+    /// What a fault changes of all values, V; none where it leaves values free.
+    fn predicted(&self, fault: Fault) -> Option<DVector<f64>> {
+        match fault {
+            Fault::Short { electrodes, ohm } | Fault::Leak { electrodes, ohm } => Some(self.short(electrodes, ohm)),
+            Fault::Exchanged(pair) => Some(self.exchanged(pair)),
+            Fault::Multiplexer { drive, plus, electrode } => Some(self.misrouted((drive, plus), |_| electrode)),
+            Fault::Address { drive, plus, lines } => Some(self.misrouted((drive, plus), |l| readdressed(l, lines))),
+            _ => None,
+        }
+    }
+
+    /// Values of what is looked at that a fault spoils.
+    fn seen_of(&self, fault: Fault) -> Vec<usize> {
+        match (fault, &self.looked_at) {
+            (Fault::Value(of_all, _), Some(looked_at)) => {
+                looked_at.iter().position(|k| *k == of_all).into_iter().collect()
+            }
+            _ => spoilt_by(&self.imager, fault),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::reference::diagnosis::Electrodes;
+    use crate::reference::diagnosis::hypotheses::{values_of_channel, values_of_drive};
+    use crate::reference::imager::Imager;
+    use forward::{Drive, Pattern, Sheet};
+    use nalgebra::DVector;
+    use rand::{Rng, SeedableRng, rngs::StdRng};
+    use rand_distr::{Distribution, Normal};
+    use std::sync::Arc;
+
+    /// Two faults at once are told as what they are, once something is known.
+    #[test]
+    fn two_faults_at_once_are_told() {
+        let pattern = Pattern::adjacent(16).unwrap();
+        let imager = Arc::new(Imager::new(&Sheet::paper(), Drive::PAPER, pattern, 10.0).unwrap());
+        let mut diagnosis = Diagnosis::of_sequence(&imager).unwrap();
+        let sigma_v = 1e-3 * diagnosis.mean_v;
+        let mut rng = StdRng::seed_from_u64(8);
+        let noise = Normal::new(0.0, sigma_v).unwrap();
+        let open = Fault::Open(Electrodes::of(&[2]));
+        let pair = [8, 9];
+        let short = |pair, ohm| (Fault::Short { electrodes: pair, ohm }, diagnosis.short(pair, ohm));
+        let gain_of = |values: Vec<usize>, factor: f64| {
+            let mut change = DVector::zeros(imager.pattern.len());
+            values
+                .iter()
+                .for_each(|k| change[*k] = (factor - 1.0) * imager.model_v[*k]);
+            change
+        };
+        let (leak, stuck) = (
+            Fault::Leak {
+                electrodes: pair,
+                ohm: 2e4,
+            },
+            Fault::Multiplexer {
+                drive: true,
+                plus: true,
+                electrode: 8,
+            },
+        );
+        let others = [
+            short(pair, 30.0),
+            short([5, 11], 200.0),
+            (leak, diagnosis.short(pair, 2e4)),
+            (Fault::Exchanged([7, 8]), diagnosis.exchanged([7, 8])),
+            (stuck, diagnosis.misrouted((true, true), |_| 8)),
+            (Fault::Gain(pair, 1.1), gain_of(values_of_channel(&imager, pair), 1.1)),
+            (Fault::Drive(pair, 0.9), gain_of(values_of_drive(&imager, pair), 0.9)),
+        ];
+        for (other, change) in others {
+            let both = Faults::two(open, other);
+            let many = Fault::Open(Electrodes::of(&[2, pair[0], pair[1]]));
+            for known in [None, Some(open), Some(other), Some(many)] {
+                let mut y = change.map(|v| v + noise.sample(&mut rng));
+                for k in spoilt_by(&imager, open) {
+                    y[k] = rng.random_range(-1.1..-0.9) * imager.model_v[k];
+                }
+                let d = Difference {
+                    spread: vec![1.0; y.len()],
+                    used: vec![true; y.len()],
+                    y,
+                };
+                let known = known.map(|fault| (Faults::from(fault), false));
+                let mut search = diagnosis.begin_two(&d, Some(sigma_v), known).unwrap();
+                while !diagnosis.go_on_two(&mut search) {}
+                let told = search.told().faults();
+                // Before anything is known the open electrode may be named by itself, and those of a short beside it.
+                let is_first = |told: Faults| told.iter().all(|told| told.is_same(&open)) || told.are_many_open();
+                assert!(
+                    told.map_or(known.is_none(), |told| told.is_same(both)
+                        || (known.is_none() && is_first(told))),
+                    "{other:?} known {known:?}: {told:?}"
+                );
+            }
+        }
+    }
+
+    /// One fault is told as one, whatever is named already.
+    #[test]
+    fn one_fault_is_told_as_one() {
+        let pattern = Pattern::adjacent(16).unwrap();
+        let imager = Arc::new(Imager::new(&Sheet::paper(), Drive::PAPER, pattern, 10.0).unwrap());
+        let mut diagnosis = Diagnosis::of_sequence(&imager).unwrap();
+        let sigma_v = 1e-3 * diagnosis.mean_v;
+        let mut rng = StdRng::seed_from_u64(9);
+        let noise = Normal::new(0.0, sigma_v).unwrap();
+        let gone = Fault::Open(Electrodes::of(&[12]));
+        let faults = [
+            (
+                Fault::Short {
+                    electrodes: [2, 6],
+                    ohm: 30.0,
+                },
+                diagnosis.short([2, 6], 30.0),
+            ),
+            (Fault::Exchanged([3, 8]), diagnosis.exchanged([3, 8])),
+        ];
+        for (fault, change) in faults {
+            for known in [
+                None,
+                Some((Faults::from(gone), false)),
+                Some((Faults::two(gone, fault), false)),
+            ] {
+                let y = change.map(|v| v + noise.sample(&mut rng));
+                let d = Difference {
+                    spread: vec![1.0; y.len()],
+                    used: vec![true; y.len()],
+                    y,
+                };
+                let mut search = diagnosis.begin_two(&d, Some(sigma_v), known).unwrap();
+                while !diagnosis.go_on_two(&mut search) {}
+                let told = search.told().faults();
+                assert!(
+                    told.is_some_and(|told| told.is_same(fault.into())),
+                    "{fault:?}, known {known:?}: {told:?}"
+                );
+            }
+        }
+    }
+}
