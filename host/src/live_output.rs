@@ -133,6 +133,7 @@ impl Output {
             FindingKind::Electrode,
             FindingKind::ElectrodeElsewhere,
             FindingKind::Contact,
+            FindingKind::Leak,
         ];
         let findings = inspection.findings.iter().filter(|f| broken.contains(&f.kind));
         self.broken = findings.flat_map(|f| f.electrodes.iter().map(|l| l - 1)).collect();

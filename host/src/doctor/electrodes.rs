@@ -85,6 +85,21 @@ fn sheet(inspection: &Inspection) -> Line {
             "turn the two wires round; touches are found all the same",
         )
         .electrodes(sign.electrodes.iter().copied())
+    } else if let Some(leak) = has(&[FindingKind::Leak]) {
+        Line::look(
+            name,
+            leak.to_string(),
+            Cause::Wiring,
+            "dry and clean what is between their wires and clamps",
+        )
+        .electrodes(leak.electrodes.iter().copied())
+    } else if let Some(saturated) = has(&[FindingKind::Saturated]) {
+        Line::look(
+            name,
+            saturated.to_string(),
+            Cause::Hardware,
+            "look at the amplifiers' supply and gains",
+        )
     } else if let Some(gain) = has(&[FindingKind::SenseGain, FindingKind::SenseOffset]) {
         Line::look(
             name,

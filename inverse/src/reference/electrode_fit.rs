@@ -7,10 +7,12 @@
 //! value. How large these are is chosen by the evidence of the baseline itself (MacKay 1992), so that a sheet that
 //! is not like the model keeps its electrodes where they were said to be.
 
+mod distortion;
 mod linear;
 mod odd_pairs;
 mod uneven;
 
+pub use distortion::Distortion;
 pub use odd_pairs::{OddPair, PairError};
 
 use crate::reference::imager::Imager;
@@ -37,6 +39,8 @@ pub struct ElectrodeFit {
     /// Pairs with a gain or an offset of their own. The values of a gain are divided by it in the fit, those of an offset take no
     /// part.
     pub odd_pairs: Vec<OddPair>,
+    /// Something of the board that changes all values. It is taken out of them in the fit.
+    pub distortion: Option<Distortion>,
     /// What the fit leaves of the baseline: relative, root mean square over the values that take part.
     pub misfit: f64,
 }
@@ -126,6 +130,12 @@ impl Default for ElectrodeFitOptions {
     }
 }
 
+/// A distortion is looked for where the fit leaves more than this, or something stands out; and taken where it leaves less by this factor, or no
+/// more and less stands out.
+const OFF: f64 = 3e-3;
+const LESS: f64 = 3.0;
+/// Most times that it is looked for about the electrodes that are found without it.
+const MOST_DISTORTED: usize = 6;
 /// Reach of the paper's disc, mm.
 const PAPER_REACH_MM: f64 = 97.5;
 
@@ -140,6 +150,69 @@ pub fn find(imager: &Imager, baseline: &[f64]) -> Option<ElectrodeFit> {
 /// # Errors
 /// [`NoFit`] says why nothing was found.
 pub fn find_with(imager: &Imager, baseline: &[f64], options: &ElectrodeFitOptions) -> Result<ElectrodeFit, NoFit> {
+    let found = find_without(imager, baseline, options);
+    let is_sound = |fit: &ElectrodeFit| fit.misfit <= OFF && fit.odd() == 0;
+    if !imager.is_searched() || found.as_ref().is_ok_and(is_sound) {
+        return found;
+    }
+    let is_better = |fit: &ElectrodeFit| match &found {
+        Ok(before) => LESS * fit.misfit < before.misfit || (fit.misfit <= before.misfit && fit.odd() < before.odd()),
+        Err(_) => true,
+    };
+    let settled = || settle(imager, baseline, options).ok().map(|(fit, ..)| fit.imager);
+    let starts: [&dyn Fn() -> Option<Arc<Imager>>; 2] = [&|| Some(Arc::new(imager.clone())), &settled];
+    for start in starts {
+        let undistorted = start().and_then(|start| undistorted(start, imager, baseline, options));
+        if let Some((distortion, without)) = undistorted
+            && let Some(fit) = find_without(imager, &without, options).ok().filter(is_better)
+        {
+            return Ok(ElectrodeFit {
+                distortion: Some(distortion),
+                ..fit
+            });
+        }
+    }
+    found
+}
+
+/// What distorts a baseline, and the baseline without it. The electrodes take a part of it up, so they are looked for in what is left, and it is
+/// looked for about them, until it stays. `here`: with the electrodes at the start.
+fn undistorted(
+    mut here: Arc<Imager>,
+    imager: &Imager,
+    baseline: &[f64],
+    options: &ElectrodeFitOptions,
+) -> Option<(Distortion, Vec<f64>)> {
+    let mut linear = Linear::new(&here, baseline, options)?;
+    let mut scales = linear.best(&linear.residual, reach(imager));
+    let mut last = None;
+    // The least misfit, with what comes of it.
+    let mut best: Option<(f64, (Distortion, Vec<f64>))> = None;
+    for _ in 0..MOST_DISTORTED {
+        let Some((distortion, logarithms)) = distortion::most_probable(&here, &linear, scales, reach(imager)) else {
+            break;
+        };
+        let without: Vec<f64> = baseline.iter().zip(&logarithms).map(|(v, of)| v / of.exp()).collect();
+        let Ok((fit, _, of_fit)) = settle(imager, &without, options) else {
+            break;
+        };
+        if best.as_ref().is_none_or(|(misfit, ..)| fit.misfit < *misfit) {
+            best = Some((fit.misfit, (distortion, without)));
+        }
+        if last.is_some_and(|last| distortion.is_near(last)) {
+            break;
+        }
+        last = Some(distortion);
+        let at: Vec<f64> = fit.contact.iter().map(|c| c.ln()).chain(fit.moved_mm).collect();
+        linear = Linear::new(&fit.imager, baseline, options)?;
+        linear.about = linear.slopes() * DVector::from_vec(at);
+        (here, scales) = (fit.imager, of_fit);
+    }
+    best.map(|(_, found)| found)
+}
+
+/// The same of a baseline that nothing distorts.
+fn find_without(imager: &Imager, baseline: &[f64], options: &ElectrodeFitOptions) -> Result<ElectrodeFit, NoFit> {
     let mut kept = baseline.to_vec();
     let mut outliers: Vec<(usize, f64)> = Vec::new();
     let mut odd_pairs: Vec<OddPair> = Vec::new();
@@ -189,6 +262,13 @@ pub fn find_with(imager: &Imager, baseline: &[f64], options: &ElectrodeFitOption
             kept[*k] = f64::NAN;
         }
         outliers.extend(more);
+    }
+}
+
+impl ElectrodeFit {
+    /// How many values and pairs stand out.
+    fn odd(&self) -> usize {
+        self.outliers.len() + self.odd_pairs.len()
     }
 }
 
@@ -243,6 +323,7 @@ fn settle(
                 unevenness: s.unevenness,
                 outliers: Vec::new(),
                 odd_pairs: Vec::new(),
+                distortion: None,
             };
             return Ok((fit, linear, s));
         }

@@ -3,8 +3,8 @@
 
 use crate::reference::bad_contacts;
 use crate::reference::baseline::Baseline;
-use crate::reference::diagnosis::{Diagnosis, Fault};
-use crate::reference::electrode_fit::{self, ElectrodeFit, ElectrodeFitOptions, NoFit, OddPair, PairError};
+use crate::reference::diagnosis::{Diagnosis, Fault, values_of};
+use crate::reference::electrode_fit::{self, Distortion, ElectrodeFit, ElectrodeFitOptions, NoFit, OddPair, PairError};
 use crate::reference::imager::Imager;
 use crate::reference::screening::{Finding, FindingKind, ScreeningOptions, consensus, screen, value_finding};
 use crate::reference::wiring::{self, WiringCheck, WiringOptions, order_text};
@@ -130,6 +130,10 @@ pub fn inspect(
                 for odd in &fit.odd_pairs {
                     findings.push(odd_finding(pattern, odd, &mut used));
                 }
+                findings.extend(
+                    fit.distortion
+                        .map(|distortion| distortion_finding(imager, distortion, &mut used)),
+                );
                 electrodes = Some(fit);
             }
             Err(why) => not_found = Some(why),
@@ -185,6 +189,29 @@ fn odd_finding(pattern: &Pattern, odd: &OddPair, used: &mut [bool]) -> Finding {
         values: of.len(),
         of: pattern.len(),
         left_out,
+    }
+}
+
+/// What the board does to all values. Those of electrodes that a leak connects are left out: the leak changes the others by little, and what
+/// they see of a touch.
+fn distortion_finding(imager: &Imager, distortion: Distortion, used: &mut [bool]) -> Finding {
+    let pattern = &imager.pattern;
+    let Distortion::Leak { electrodes, ohm } = distortion else {
+        return Finding {
+            left_out: false,
+            ..of_no_value(FindingKind::Saturated, pattern)
+        };
+    };
+    let of: Vec<usize> = values_of(imager, &electrodes)
+        .into_iter()
+        .filter(|k| used[*k])
+        .collect();
+    of.iter().for_each(|k| used[*k] = false);
+    Finding {
+        electrodes: electrodes.map(|l| l + 1).to_vec(),
+        factor: Some(ohm),
+        values: of.len(),
+        ..of_no_value(FindingKind::Leak, pattern)
     }
 }
 

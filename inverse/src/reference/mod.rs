@@ -17,6 +17,7 @@ pub mod screening;
 mod taken;
 mod told_sheet;
 pub mod wiring;
+mod written;
 
 pub use difference::Difference;
 pub use drift::Drift;

@@ -7,6 +7,7 @@
 //! electrode that is named no longer count against its neighbours, so that dead electrodes do not mask each other.
 
 use crate::reference::imager::MOST_SEARCHED;
+use crate::reference::written::resistance;
 use forward::{Pair, Pattern};
 use serde::Serialize;
 use std::fmt;
@@ -85,6 +86,10 @@ pub enum FindingKind {
     SenseMissing,
     /// The values of a sense pair are far noisier than the others; the factor says how many times. They are used, and count less.
     SenseNoise,
+    /// Two electrodes are connected over a resistance; [`Finding::factor`] is that, in ohm.
+    Leak,
+    /// All amplifiers saturate. Their values are used.
+    Saturated,
     /// Noise hides light touches; the factor is what a fingertip changes where the sheet tells least, over the noise. It concerns no value.
     Noise,
     /// What presses told of the sheet cannot be used with this baseline. It concerns no value.
@@ -197,6 +202,17 @@ impl fmt::Display for Finding {
                  the amplifier and at what runs beside its wires",
                 e(0).min(e(1)),
                 e(0).max(e(1))
+            ),
+            FindingKind::Leak => write!(
+                f,
+                "electrodes {} and {} are connected over {} in the baseline: {out}; look for moisture and dirt between their wires and clamps",
+                e(0),
+                e(1),
+                resistance(factor)
+            ),
+            FindingKind::Saturated => write!(
+                f,
+                "the amplifiers saturate in the baseline: touches may be shown too small; look at their supply and their gains"
             ),
             FindingKind::Noise => write!(
                 f,

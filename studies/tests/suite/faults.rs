@@ -79,6 +79,26 @@ fn touches_beside_a_weak_leak_are_right() {
     }
 }
 
+/// What changes all values of a baseline by a law is named, and touches are right beside it.
+#[test]
+fn what_distorts_a_baseline_is_named() {
+    for name in [
+        "`electrodes_short:3,4,10000`",
+        "`electrodes_short:3,4,100000`",
+        "`electrodes_short:3,10,300000`",
+        "`contact_raised:3,500`, `electrodes_short:9,10,10000`",
+        "`amplifier_saturating:1`, board drawn_board",
+        "`amplifier_saturating:1.5`, board drawn_board",
+    ] {
+        let outcome = run(name, When::Baseline);
+        let [touched, rest] = [outcome.touched, outcome.rest];
+        assert!(
+            touched.right_part() > 0.95 && rest.right_part() > 0.95,
+            "{name}: {outcome:?}"
+        );
+    }
+}
+
 /// Two of different kinds at once are named both, whatever each would look like by itself, and leave what the worse of them leaves.
 #[test]
 fn two_faults_at_once_are_both_named() {

@@ -45,7 +45,7 @@ const SHORTS_OHM: [f64; 4] = [0.0, 30.0, 200.0, 1000.0];
 /// A leak over so much or more changes a frame in proportion to what it conducts: the frame tells its size.
 const LEAK_OHM: f64 = 10_000.0;
 /// Where the first stage of amplifiers may end, over the largest voltage of an electrode from the middle of the source, and its gain.
-const LIMITS: [f64; 6] = [0.05, 0.12, 0.25, 0.45, 0.75, 1.2];
+pub(crate) const LIMITS: [f64; 6] = [0.05, 0.12, 0.25, 0.45, 0.75, 1.2];
 const FIRST_GAINS: [f64; 4] = [1.0, 4.0, 12.0, 40.0];
 const CONTACTS_OHM: [f64; 7] = [10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0, 10_000.0];
 /// A contact worse by this is small.

@@ -117,6 +117,21 @@ impl Linear {
         self.residual.map(|r| (r - mean).powi(2)).mean().sqrt()
     }
 
+    /// Which values of the baseline are in use.
+    pub(super) fn used(&self) -> &[usize] {
+        &self.used
+    }
+
+    /// The inverse of the values' covariance under a choice of scales.
+    pub(super) fn inverse(&self, s: Scales) -> Option<LowRankInverse> {
+        let mut columns = self.columns.clone();
+        for (mut column, sd) in columns.column_iter_mut().zip(&self.sd(s)) {
+            column *= *sd;
+        }
+        let own_sd: Vec<f64> = self.spread.iter().map(|spread| s.error * spread).collect();
+        LowRankInverse::new(&columns, &own_sd)
+    }
+
     /// Values that the others do not predict, with measured over predicted; or a pair that does so better.
     pub(super) fn stand_out(
         &self,
@@ -124,12 +139,7 @@ impl Linear {
         baseline: &[f64],
         pattern: &Pattern,
     ) -> (Vec<(usize, f64)>, Option<OddPair>) {
-        let mut columns = self.columns.clone();
-        for (mut column, sd) in columns.column_iter_mut().zip(&self.sd(s)) {
-            column *= *sd;
-        }
-        let own_sd: Vec<f64> = self.spread.iter().map(|spread| s.error * spread).collect();
-        let Some(inverse) = LowRankInverse::new(&columns, &own_sd) else {
+        let Some(inverse) = self.inverse(s) else {
             return (Vec::new(), None);
         };
         let weighted = inverse.times(&(&self.residual + &self.about));

@@ -73,7 +73,7 @@ impl Diagnosis {
 
     /// What amplifiers do whose first stage of this gain ends at `limit_v` from the middle of the source, on one side or on `both`. Its two
     /// outputs are the mean voltage of a pair and half of the amplified difference more, or less; of a sine the fundamental is measured.
-    pub(super) fn saturated(&self, gain: f64, limit_v: f64, both: bool) -> DVector<f64> {
+    pub(crate) fn saturated(&self, gain: f64, limit_v: f64, both: bool) -> DVector<f64> {
         let r = &self.potentials_ohm;
         let changes = self.imager.pattern.measurements().iter().map(|m| {
             let (plus, minus) = (m.drive.plus, m.drive.minus);
@@ -93,7 +93,7 @@ impl Diagnosis {
     }
 
     /// Largest voltage of an electrode from the middle of the source.
-    pub(super) fn largest_from_middle_v(&self) -> f64 {
+    pub(crate) fn largest_from_middle_v(&self) -> f64 {
         let halves = self.imager.pattern.drives().iter().map(|d| {
             let across_ohm = self.across([d.plus, d.minus]);
             0.5 * self.imager.drive.current_a(across_ohm) * across_ohm
