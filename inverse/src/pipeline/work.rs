@@ -18,7 +18,7 @@ pub struct Work {
     pub problems: usize,
     /// Tables of responses made for them.
     pub tables: usize,
-    /// Parts of searches for what is broken: three for one fault, and three more for each beside which another is looked for.
+    /// Parts of searches for what is broken: three for one fault, and three or six more for each beside which another is looked for.
     pub search_parts: usize,
 }
 

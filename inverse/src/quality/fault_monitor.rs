@@ -476,6 +476,10 @@ impl FaultMonitor {
         let asked = known.is_some() || due || beside || (unexplained && self.until == 0 && self.named.is_none());
         let early = self.sequence && self.suspicious < SUSPICIOUS && known.is_none() && !due;
         let again = self.candidate.is_some();
+        if beside && self.begun.as_ref().is_some_and(|begun| !begun.reason.unexplained) {
+            // It looks at a frame before this came.
+            self.begun = None;
+        }
         if self.begun.is_none() && (early || !(asked || again)) {
             return false;
         }

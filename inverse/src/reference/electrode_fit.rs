@@ -130,11 +130,11 @@ impl Default for ElectrodeFitOptions {
     }
 }
 
-/// A distortion is looked for where the fit leaves more than this, or something stands out; and taken where it leaves less by this factor, or no
-/// more and less stands out.
+/// A distortion is looked for where the fit leaves more than this, or something stands out. It is taken where the fit leaves less by this
+/// factor, or half of what stands out, and no more.
 const OFF: f64 = 3e-3;
 const LESS: f64 = 3.0;
-/// Most times that it is looked for about the electrodes that are found without it.
+/// Most times that it is looked for.
 const MOST_DISTORTED: usize = 6;
 /// Reach of the paper's disc, mm.
 const PAPER_REACH_MM: f64 = 97.5;
@@ -156,27 +156,29 @@ pub fn find_with(imager: &Imager, baseline: &[f64], options: &ElectrodeFitOption
         return found;
     }
     let is_better = |fit: &ElectrodeFit| match &found {
-        Ok(before) => LESS * fit.misfit < before.misfit || (fit.misfit <= before.misfit && fit.odd() < before.odd()),
-        Err(_) => true,
-    };
-    let settled = || settle(imager, baseline, options).ok().map(|(fit, ..)| fit.imager);
-    let starts: [&dyn Fn() -> Option<Arc<Imager>>; 2] = [&|| Some(Arc::new(imager.clone())), &settled];
-    for start in starts {
-        let undistorted = start().and_then(|start| undistorted(start, imager, baseline, options));
-        if let Some((distortion, without)) = undistorted
-            && let Some(fit) = find_without(imager, &without, options).ok().filter(is_better)
-        {
-            return Ok(ElectrodeFit {
-                distortion: Some(distortion),
-                ..fit
-            });
+        Ok(before) => {
+            let leaves_less = LESS * fit.misfit < before.misfit && fit.odd() <= before.odd();
+            leaves_less || (fit.misfit <= before.misfit && 2 * fit.odd() <= before.odd())
         }
-    }
-    found
+        Err(_) => fit.misfit < LESS * OFF && fit.odd() == 0,
+    };
+    let taken = |(distortion, without): (Distortion, Vec<f64>)| {
+        let fit = find_without(imager, &without, options).ok().filter(is_better)?;
+        Some(ElectrodeFit {
+            distortion: Some(distortion),
+            ..fit
+        })
+    };
+    let drawn = undistorted(Arc::new(imager.clone()), imager, baseline, options).and_then(taken);
+    let fit = drawn.or_else(|| {
+        let (settled, ..) = settle(imager, baseline, options).ok()?;
+        undistorted(settled.imager, imager, baseline, options).and_then(taken)
+    });
+    fit.map_or(found.clone(), Ok)
 }
 
-/// What distorts a baseline, and the baseline without it. The electrodes take a part of it up, so they are looked for in what is left, and it is
-/// looked for about them, until it stays. `here`: with the electrodes at the start.
+/// What distorts a baseline, and the baseline without it. The electrodes take a part of it up. So they are looked for in what is left, and it is
+/// looked for about them, until it stays. `here`: with the electrodes where that begins.
 fn undistorted(
     mut here: Arc<Imager>,
     imager: &Imager,
@@ -192,7 +194,11 @@ fn undistorted(
         let Some((distortion, logarithms)) = distortion::most_probable(&here, &linear, scales, reach(imager)) else {
             break;
         };
-        let without: Vec<f64> = baseline.iter().zip(&logarithms).map(|(v, of)| v / of.exp()).collect();
+        let without = baseline.iter().zip(&logarithms);
+        // Values whose sign would be another stand out as they are.
+        let without: Vec<f64> = without
+            .map(|(v, of)| if of.is_finite() { v / of.exp() } else { *v })
+            .collect();
         let Ok((fit, _, of_fit)) = settle(imager, &without, options) else {
             break;
         };

@@ -130,10 +130,9 @@ pub fn inspect(
                 for odd in &fit.odd_pairs {
                     findings.push(odd_finding(pattern, odd, &mut used));
                 }
-                findings.extend(
-                    fit.distortion
-                        .map(|distortion| distortion_finding(imager, distortion, &mut used)),
-                );
+                // What leaves no touches is said already.
+                let distortion = fit.distortion.filter(|_| fault.is_none());
+                findings.extend(distortion.map(|distortion| distortion_finding(imager, distortion, &mut used)));
                 electrodes = Some(fit);
             }
             Err(why) => not_found = Some(why),

@@ -7,6 +7,7 @@ pub mod diagnosis;
 mod difference;
 pub mod drift;
 pub mod electrode_fit;
+mod golden_sections;
 pub mod imager;
 pub mod inspection;
 mod low_rank;

@@ -116,7 +116,7 @@ pub struct Finding {
     /// Index of the value in the pattern, from 0, of a single value.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub value: Option<usize>,
-    /// Measured over expected, where one number says it.
+    /// Measured over expected, where one number says it; of some kinds another number ([`FindingKind`]).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub factor: Option<f64>,
     /// How many values it concerns that no finding before it does.

@@ -44,6 +44,8 @@ const WRONG_MM: f64 = 5.0;
 pub struct Outcome {
     /// What was said, in order: when, s of the board's time since the fault, and what. What the baseline or the start says is at 0.
     pub said: Vec<(f64, String)>,
+    /// What the last frame's faults are.
+    pub last: Vec<String>,
     /// Frames under a finger: all, those with one touch within 5 mm, those without that are not doubted, those that are doubted.
     pub touched: Counts,
     /// The same of frames without a finger. Right are those without a touch.

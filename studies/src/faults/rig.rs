@@ -250,7 +250,8 @@ fn end(outcome: &mut Outcome, why: &LinkError) {
 
 /// What the program says of a frame.
 fn hear(outcome: &mut Outcome, after_s: f64, result: &FrameResult) {
-    let faults = result.faults.iter().map(ToString::to_string);
+    outcome.last = result.faults.iter().map(ToString::to_string).collect();
+    let faults = outcome.last.clone().into_iter();
     let doubt = result.doubt.map(|doubt| doubt.to_string());
     let drift = result.drift.notice().map(|notice| notice.to_string());
     faults

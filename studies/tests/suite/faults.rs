@@ -131,6 +131,13 @@ fn two_faults_at_once_are_both_named() {
         let outcome = run(name, when);
         let [touched, rest] = [outcome.touched, outcome.rest];
         let known = if leaves_touches { touched.right } else { touched.doubted };
+        let case = cases().into_iter().find(|c| c.name == name).unwrap();
+        let last = outcome.last.join(" & ");
+        let both = case
+            .named
+            .iter()
+            .any(|words| words.iter().all(|word| last.contains(word)));
+        assert!(both && outcome.last.len() == 2, "{name}: {last}");
         // The second is looked for once the first is known.
         assert!(touched.frames <= known + 2 * UNKNOWN, "{name}: {outcome:?}");
         assert!(rest.right_part() > 0.95, "{name}: {outcome:?}");

@@ -14,6 +14,7 @@ use super::fault::{Electrodes, Fault, Faults, MOST_ELECTRODES};
 use super::freed::{Cost, Freed};
 use crate::reference::Difference;
 use crate::reference::drift::{DriftShapes, Drifting, LEAST_GAIN, MOST_OFFSET};
+use crate::reference::golden_sections::least;
 use crate::reference::imager::Imager;
 use crate::reference::screening::consensus;
 use forward::{Drive, Measurement, Pair, Pattern, Solver};
@@ -349,7 +350,7 @@ impl Diagnosis {
     fn refine_short(&self, (pair, ohm): ([usize; 2], f64), evidence: &Evidence) -> (f64, f64) {
         // Where a wire's own resistance is nothing, a logarithm is none.
         let of = |ohm: f64| evidence.of(&self.short(pair, ohm));
-        least(of, (ohm, of(ohm)), [0.2 * ohm, 6.0 * ohm + 30.0])
+        least(of, (ohm, of(ohm)), [0.2 * ohm, 6.0 * ohm + 30.0], REFINEMENTS)
     }
 
     fn offer_contacts(&self, evidence: &Evidence, best: &mut Best) {
@@ -394,7 +395,7 @@ impl Diagnosis {
                 evidence.of(&self.contacts(&with))
             };
             let start = (now, of(now));
-            (worse[k].1, cost) = least(of, start, [now / 3.5, 3.5 * now]);
+            (worse[k].1, cost) = least(of, start, [now / 3.5, 3.5 * now], REFINEMENTS);
         }
         cost
     }
@@ -428,7 +429,12 @@ impl Diagnosis {
                 with[which] = size;
                 evidence.of(&self.saturated(with[0], with[1], both))
             };
-            (now[which], of_now) = least(of, (now[which], of_now), [now[which] / 3.0, 3.0 * now[which]]);
+            (now[which], of_now) = least(
+                of,
+                (now[which], of_now),
+                [now[which] / 3.0, 3.0 * now[which]],
+                REFINEMENTS,
+            );
         }
         best.offer(FAULT + 2.0 * RESISTANCE + of_now, || Fault::Saturated);
     }
@@ -675,27 +681,6 @@ pub(crate) fn values_of_channel(imager: &Imager, pair: [usize; 2]) -> Vec<usize>
 pub(crate) fn values_of_drive(imager: &Imager, pair: [usize; 2]) -> Vec<usize> {
     let own = by_pair(imager, |m| m.drive).into_iter().find(|(of, _)| *of == pair);
     own.map_or_else(Vec::new, |(_, values)| values)
-}
-
-/// The least value of a function near a start (where, value), by golden sections of an interval.
-fn least(of: impl Fn(f64) -> f64, start: (f64, f64), [mut low, mut high]: [f64; 2]) -> (f64, f64) {
-    let part = 0.5 * (5.0_f64.sqrt() - 1.0);
-    let mut best = start;
-    for _ in 0..REFINEMENTS {
-        let [a, b] = [high - part * (high - low), low + part * (high - low)];
-        let [of_a, of_b] = [of(a), of(b)];
-        for (at, value) in [(a, of_a), (b, of_b)] {
-            if value < best.1 {
-                best = (at, value);
-            }
-        }
-        if of_a < of_b {
-            high = b;
-        } else {
-            low = a;
-        }
-    }
-    best
 }
 
 #[cfg(test)]

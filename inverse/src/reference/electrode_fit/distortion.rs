@@ -5,6 +5,7 @@
 
 use super::linear::{Linear, Scales};
 use crate::reference::diagnosis::{Diagnosis, LIMITS};
+use crate::reference::golden_sections;
 use crate::reference::imager::Imager;
 use nalgebra::DVector;
 use std::sync::Arc;
@@ -61,7 +62,7 @@ impl Distortion {
         match (self, sizes) {
             (Self::Leak { electrodes, .. }, [ohm]) => Self::Leak { electrodes, ohm: *ohm },
             (Self::Saturated { both, .. }, [limit_v, gain]) => Self::Saturated {
-                gain: *gain,
+                gain: gain.max(1.0),
                 limit_v: *limit_v,
                 both,
             },
@@ -119,29 +120,15 @@ pub(super) fn most_probable(
     let (mut least, mut best) = tried.min_by(|a, b| a.0.total_cmp(&b.0))?;
     let sizes = best.sizes().len();
     for which in (0..sizes).cycle().take(ROUNDS * sizes) {
+        let of_size = |logarithm: f64| {
+            let mut sizes = best.sizes();
+            sizes[which] = logarithm.exp();
+            best.of_sizes(&sizes)
+        };
         let size = best.sizes()[which];
-        let [mut low, mut high] = [size / REACH, size * REACH].map(f64::ln);
-        // Golden sections of the logarithm of the size.
-        let part = 0.5 * (5.0_f64.sqrt() - 1.0);
-        for _ in 0..STEPS {
-            let [a, b] = [high - part * (high - low), low + part * (high - low)];
-            let [of_a, of_b] = [a, b].map(|at| {
-                let mut sizes = best.sizes();
-                sizes[which] = at.exp();
-                let of = best.of_sizes(&sizes);
-                (cost(of), of)
-            });
-            for (cost, of) in [of_a, of_b] {
-                if cost < least {
-                    (least, best) = (cost, of);
-                }
-            }
-            if of_a.0 < of_b.0 {
-                high = b;
-            } else {
-                low = a;
-            }
-        }
+        let around = [size / REACH, size * REACH].map(f64::ln);
+        let (logarithm, cost) = golden_sections::least(|at| cost(of_size(at)), (size.ln(), least), around, STEPS);
+        (least, best) = (cost, of_size(logarithm));
     }
     let evidence = |y: &DVector<f64>| linear.best_of(y, reach).0;
     (evidence(&left(best)) - evidence(&y) > CLEAR).then(|| (best, laws.logarithms(best)))

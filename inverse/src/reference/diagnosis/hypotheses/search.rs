@@ -82,6 +82,8 @@ pub(crate) struct Search {
     predictions: &'static [f64],
     pub(super) evidence: Evidence,
     pub(super) best: Best,
+    /// Cost of touches alone, however strong; infinite before the last part.
+    pub(super) strong: f64,
     /// Parts that are done.
     done: usize,
 }
@@ -114,6 +116,7 @@ impl Search {
             predictions,
             evidence,
             best,
+            strong: f64::INFINITY,
             done: 0,
         })
     }
@@ -133,10 +136,8 @@ impl Search {
     pub(super) fn may_be_one_of_two(&self, explains: bool) -> Vec<Fault> {
         let best = &self.best;
         let open = best.open.iter().map(|(_, open)| *open);
-        let each = open
-            .clone()
-            .flat_map(|open| open.list().iter().map(|l| Electrodes::of(&[*l])).collect::<Vec<_>>());
-        let each = each.map(Fault::Open);
+        let each = best.open.iter().flat_map(|(_, open)| open.list());
+        let each = each.map(|l| Fault::Open(Electrodes::of(&[*l])));
         if explains {
             return each.collect();
         }
@@ -210,22 +211,19 @@ impl Diagnosis {
         }
     }
 
-    /// Cost of touches alone, however strong; infinite where it cannot be computed.
-    pub(super) fn strong(&mut self, search: &Search) -> f64 {
-        let Search { d, own, evidence, .. } = search;
-        let errors = errors(d, own, search.predictions[0]);
-        let covariance = (&mut self.covariance, STRONG_RISE / RISE);
-        let strong = Evidence::new(&d.y, covariance, &errors, self.largest_v);
-        strong.map_or(f64::INFINITY, |strong| strong.of_touches_beside(evidence))
-    }
-
     /// Holds the best fault against strong touches anywhere, and against a press on its electrodes.
     fn offer_presses(&mut self, search: &mut Search) {
-        if search.best.fault.is_some() {
-            let (strong, best) = (self.strong(search), &mut search.best);
-            if strong < best.cost {
-                (best.fault, best.cost, best.left) = (None, strong, strong);
-            }
+        let errors_of_all = errors(&search.d, &search.own, search.predictions[0]);
+        let covariance = (&mut self.covariance, STRONG_RISE / RISE);
+        let strong = Evidence::new(&search.d.y, covariance, &errors_of_all, self.largest_v);
+        let best = &mut search.best;
+        let Some(strong) = strong.map(|strong| strong.of_touches_beside(&search.evidence)) else {
+            (best.fault, best.cost, best.left) = (None, best.touches, best.touches);
+            return;
+        };
+        search.strong = strong;
+        if best.fault.is_some() && strong < best.cost {
+            (best.fault, best.cost, best.left) = (None, strong, strong);
         }
         let Search {
             d,

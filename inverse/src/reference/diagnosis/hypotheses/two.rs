@@ -1,11 +1,11 @@
 //! A search for one fault, and for two at once where one does not explain a frame well.
 //!
-//! Of two faults one is taken out of the frame: the values that it spoils are left out, and what it changes of all is subtracted. What is
-//! left is searched like any frame. Once that tells the other, the other is taken out, and the first looked at once more: an amplifier
+//! Of two faults one is taken out of the frame: what it changes of all values is subtracted, or the values that it spoils are left out. What
+//! is left is searched like any frame. Once that tells the other, the other is taken out, and the first looked at once more: an amplifier
 //! that may give anything is perhaps one of another gain. The two are told where they cost less than one.
 
 use super::search::{PREDICTION, PREDICTIONS, Search};
-use super::{Diagnosis, FAULT, Told, readdressed, spoilt_by};
+use super::{Diagnosis, FAULT, RESISTANCE, SWITCH, Told, readdressed, spoilt_by};
 use crate::reference::Difference;
 use crate::reference::diagnosis::fault::{Fault, Faults};
 use crate::stats::is_of_noise;
@@ -37,7 +37,11 @@ struct Beside {
 impl SearchOfTwo {
     /// Parts that are left of what was begun.
     pub(crate) fn left(&self) -> usize {
-        self.beside.as_ref().map_or(&self.one, |beside| &beside.search).left()
+        // Of many parts that follow one another a frame keeps time for one.
+        match &self.beside {
+            Some(beside) => beside.search.left().min(1),
+            None => self.one.left(),
+        }
     }
 
     /// What it told, at its end.
@@ -49,7 +53,8 @@ impl SearchOfTwo {
     fn offer(&mut self, faults: Faults, cost: f64) -> bool {
         let better = cost < self.cost;
         if better {
-            (self.told, self.cost) = (Told::Faults { faults, alone: true }, cost);
+            let alone = self.one.best.touches > self.one.used();
+            (self.told, self.cost) = (Told::Faults { faults, alone }, cost);
         }
         better
     }
@@ -107,13 +112,20 @@ impl Diagnosis {
             return true;
         };
         let is_open = |fault: Fault| matches!(fault, Fault::Open(_));
-        let other = self.told(&of_rest).fault();
-        // Two sets of open electrodes are one.
-        let Some(other) = other.filter(|other| !(is_open(*other) && is_open(taken_out))) else {
+        let pair_of = |fault: Fault| match fault {
+            Fault::Short { electrodes, .. } | Fault::Leak { electrodes, .. } => Some(electrodes),
+            _ => None,
+        };
+        // Two sets of open electrodes are one, and so is what is left of a leak.
+        let is_one = |other: Fault| {
+            let pair = pair_of(other);
+            (is_open(other) && is_open(taken_out)) || (pair.is_some() && pair == pair_of(taken_out))
+        };
+        let Some(other) = self.told(&of_rest).fault().filter(|other| !is_one(*other)) else {
             return self.begin_beside(search);
         };
         let cost = self.cost_of_two(&search.one, taken_out, &of_rest);
-        let better = search.offer(Faults::two(taken_out, other), cost);
+        let better = search.offer(Faults::two(self.of_its_size(taken_out), other), cost);
         search.enough |= better && is_of_noise(2.0 * of_rest.best.left, of_rest.used());
         if better && !again && self.take_out(search, other, true) {
             return false;
@@ -135,48 +147,70 @@ impl Diagnosis {
     }
 
     /// Whether two faults are looked for: one does not explain what was searched, or one is known and leaves more, or two are known.
-    fn may_be_two(&mut self, search: &SearchOfTwo) -> bool {
+    fn may_be_two(&self, search: &SearchOfTwo) -> bool {
         // In a table every frame is searched at once, and that takes as long as some searches.
         if !self.is_of_sequence || search.told == Told::Perhaps {
             return false;
         }
         let (one, values) = (&search.one, search.one.used());
+        let are_two = search.known.is_some_and(|(known, _)| known.single().is_none());
         let Some(told) = search.told.faults() else {
-            return one.best.left > values && self.strong(one) > values;
+            return are_two || (one.best.left > values && one.strong > values);
         };
+        // Beside what leaves no touches nothing else tells whether there is more.
+        let is_enough = |known: Faults| !known.leaves_touches() && is_of_noise(2.0 * one.best.left, values);
+        let leaves_more = |(known, explained): (Faults, bool)| !explained && !is_enough(known);
         // What sets so many values free may explain what it is not.
-        let may_be =
-            |(known, explained): (Faults, bool)| !explained || known.single().is_none() || told.are_many_open();
-        search.known.is_some_and(may_be)
+        are_two
+            || search
+                .known
+                .is_some_and(|known| leaves_more(known) || told.are_many_open())
     }
 
     /// Cost of two faults, of which one was taken out, and the other found in the rest.
     fn cost_of_two(&self, one: &Search, taken_out: Fault, of_rest: &Search) -> f64 {
-        let saved = of_rest.best.touches - of_rest.best.cost;
-        let cost = match taken_out {
-            Fault::Leak { electrodes, ohm } => one.evidence.of(&self.short(electrodes, ohm)) - saved,
-            _ if taken_out.leaves_touches() => one.evidence.free(&self.seen_of(taken_out)).0 - saved,
-            _ => of_rest.best.cost + of_rest.evidence.wider_than(&one.evidence),
+        let cost = match self.predicted(taken_out) {
+            Some(_) => of_rest.best.cost + of_rest.evidence.wider_than(&one.evidence),
+            None => {
+                let saved = of_rest.best.touches - of_rest.best.cost;
+                one.evidence.free(&self.seen_of(taken_out)).0 - saved
+            }
         };
-        FAULT + cost
+        FAULT + self.cost_of_choice(taken_out) + cost
+    }
+
+    /// Cost of its being this fault and no other of its kind.
+    fn cost_of_choice(&self, fault: Fault) -> f64 {
+        let n = self.electrodes() as f64;
+        match fault {
+            Fault::Open(electrodes) => electrodes.list().len() as f64 * n.ln(),
+            Fault::Contacts(electrodes) => electrodes.list().len() as f64 * (RESISTANCE + n.ln()),
+            Fault::Short { .. } | Fault::Leak { .. } => RESISTANCE + (self.pairs().count() as f64).ln(),
+            Fault::Exchanged(_) => (self.pairs().count() as f64).ln(),
+            Fault::Multiplexer { .. } | Fault::Address { .. } => (4.0 * n).ln(),
+            Fault::Gain(..) | Fault::Offset(_) | Fault::Channel(_) => (3.0 * self.channels.len() as f64).ln(),
+            Fault::Drive(..) => SWITCH + (self.drives.len() as f64).ln(),
+            Fault::Value(..) => (self.imager.pattern.len() as f64).ln(),
+            _ => 0.0,
+        }
     }
 
     /// Begins a search in a frame without a fault; false where that cannot be.
     fn take_out(&mut self, search: &mut SearchOfTwo, fault: Fault, again: bool) -> bool {
         let one = &search.one;
         let (mut d, mut own) = (one.d.clone(), one.own.clone());
-        let spoilt = self.seen_of(fault);
-        match self.predicted(fault) {
-            Some(predicted) => {
-                d.y -= &predicted;
-                let changed = own.iter_mut().zip(&predicted);
-                changed.for_each(|(own, change)| *own = own.hypot(PREDICTION * change));
+        if let Some(predicted) = self.predicted(fault) {
+            d.y -= &predicted;
+            let changed = own.iter_mut().zip(&predicted);
+            changed.for_each(|(own, change)| *own = own.hypot(PREDICTION * change));
+        } else {
+            let spoilt = self.seen_of(fault);
+            if spoilt.is_empty() {
+                return false;
             }
-            None if spoilt.is_empty() => return false,
-            None => {}
+            spoilt.iter().for_each(|k| own[*k] = f64::NAN);
+            d.leave_out(spoilt);
         }
-        spoilt.iter().for_each(|k| own[*k] = f64::NAN);
-        d.leave_out(spoilt);
         search.beside = Search::new(self, d, own, &PREDICTIONS).map(|search| Beside {
             taken_out: fault,
             search,
@@ -261,8 +295,20 @@ mod tests {
         for (other, change) in others {
             let both = Faults::two(open, other);
             let many = Fault::Open(Electrodes::of(&[2, pair[0], pair[1]]));
-            for known in [None, Some(open), Some(other), Some(many)] {
+            let finger = 0.5 * imager.sensitivity.column((imager.grid.len() - 1) / 2);
+            let known = [
+                None,
+                Some(open.into()),
+                Some(other.into()),
+                Some(many.into()),
+                Some(both),
+            ];
+            for known in known {
                 let mut y = change.map(|v| v + noise.sample(&mut rng));
+                if known == Some(both) {
+                    // They are told beside a finger, too.
+                    y += &finger;
+                }
                 for k in spoilt_by(&imager, open) {
                     y[k] = rng.random_range(-1.1..-0.9) * imager.model_v[k];
                 }
@@ -271,7 +317,8 @@ mod tests {
                     used: vec![true; y.len()],
                     y,
                 };
-                let known = known.map(|fault| (Faults::from(fault), false));
+                // What is known of both leaves nothing unexplained.
+                let known = known.map(|faults: Faults| (faults, faults == both));
                 let mut search = diagnosis.begin_two(&d, Some(sigma_v), known).unwrap();
                 while !diagnosis.go_on_two(&mut search) {}
                 let told = search.told().faults();
