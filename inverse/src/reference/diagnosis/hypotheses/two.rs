@@ -37,11 +37,7 @@ struct Beside {
 impl SearchOfTwo {
     /// Parts that are left of what was begun.
     pub(crate) fn left(&self) -> usize {
-        // Of many parts that follow one another a frame keeps time for one.
-        match &self.beside {
-            Some(beside) => beside.search.left().min(1),
-            None => self.one.left(),
-        }
+        self.beside.as_ref().map_or(&self.one, |beside| &beside.search).left()
     }
 
     /// What it told, at its end.
