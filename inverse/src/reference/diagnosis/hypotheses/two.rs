@@ -45,6 +45,11 @@ impl SearchOfTwo {
         self.told
     }
 
+    /// Whether two are named already.
+    fn are_known(&self) -> bool {
+        self.known.is_some_and(|(known, _)| known.single().is_none())
+    }
+
     /// Whether they are the best now.
     fn offer(&mut self, faults: Faults, cost: f64) -> bool {
         let better = cost < self.cost;
@@ -117,7 +122,12 @@ impl Diagnosis {
             let pair = pair_of(other);
             (is_open(other) && is_open(taken_out)) || (pair.is_some() && pair == pair_of(taken_out))
         };
-        let Some(other) = self.told(&of_rest).fault().filter(|other| !is_one(*other)) else {
+        let told = self.told(&of_rest);
+        if told == Told::Perhaps && (search.told == Told::Nothing || search.are_known()) {
+            // It does not speak against what is known.
+            search.told = told;
+        }
+        let Some(other) = told.fault().filter(|other| !is_one(*other)) else {
             return self.begin_beside(search);
         };
         let cost = self.cost_of_two(&search.one, taken_out, &of_rest);
@@ -149,15 +159,14 @@ impl Diagnosis {
             return false;
         }
         let (one, values) = (&search.one, search.one.used());
-        let are_two = search.known.is_some_and(|(known, _)| known.single().is_none());
         let Some(told) = search.told.faults() else {
-            return are_two || (one.best.left > values && one.strong > values);
+            return search.are_known() || (one.best.left > values && one.strong > values);
         };
         // Beside what leaves no touches nothing else tells whether there is more.
         let is_enough = |known: Faults| !known.leaves_touches() && is_of_noise(2.0 * one.best.left, values);
         let leaves_more = |(known, explained): (Faults, bool)| !explained && !is_enough(known);
         // What sets so many values free may explain what it is not.
-        are_two
+        search.are_known()
             || search
                 .known
                 .is_some_and(|known| leaves_more(known) || told.are_many_open())
@@ -326,6 +335,35 @@ mod tests {
                     "{other:?} known {known:?}: {told:?}"
                 );
             }
+        }
+    }
+
+    /// A worse contact is like a press on its electrode. Beside another fault that is known no frame speaks against it.
+    #[test]
+    fn two_that_are_known_are_not_denied() {
+        let pattern = Pattern::adjacent(16).unwrap();
+        let imager = Arc::new(Imager::new(&Sheet::paper(), Drive::PAPER, pattern, 10.0).unwrap());
+        let mut diagnosis = Diagnosis::of_sequence(&imager).unwrap();
+        let sigma_v = 1e-3 * diagnosis.mean_v;
+        let noise = Normal::new(0.0, sigma_v).unwrap();
+        let [open, contact] = [Fault::Open(Electrodes::of(&[2])), Fault::Contacts(Electrodes::of(&[8]))];
+        let both = Faults::two(open, contact);
+        for (seed, ohm) in (0..24).zip([200.0, 500.0].into_iter().cycle()) {
+            let mut rng = StdRng::seed_from_u64(seed);
+            let mut y = diagnosis.contacts(&[(8, ohm)]).map(|v| v + noise.sample(&mut rng));
+            for k in spoilt_by(&imager, open) {
+                y[k] = rng.random_range(-1.1..-0.9) * imager.model_v[k];
+            }
+            let d = Difference {
+                spread: vec![1.0; y.len()],
+                used: vec![true; y.len()],
+                y,
+            };
+            let mut search = diagnosis.begin_two(&d, Some(sigma_v), Some((both, true))).unwrap();
+            while !diagnosis.go_on_two(&mut search) {}
+            let told = search.told();
+            let is_both = told.faults().is_some_and(|told| told.is_same(both));
+            assert!(told == Told::Perhaps || is_both, "{seed}, {ohm} ohm: {told:?}");
         }
     }
 
