@@ -309,10 +309,12 @@ impl Output {
             self.write_line(result, frame, counters, events)?;
         }
         let line = self.line_text(frame.time_s);
-        let status = result.doubt.map(|d| d.to_string());
-        let status = status
-            .or_else(|| result.faults.first().map(ToString::to_string))
-            .or_else(|| line.clone());
+        let status = match result.doubt {
+            // What is broken besides is said, too.
+            None | Some(Doubt::Fault(_)) => faults_text(&result.faults).or_else(|| result.doubt.map(|d| d.to_string())),
+            Some(doubt) => Some(doubt.to_string()),
+        };
+        let status = status.or_else(|| line.clone());
         let status = status.or_else(|| result.notice().map(|n| n.to_string()));
         self.show(imager, result, frame, counters, status)?;
         if let Some(node) = &mut self.node {
@@ -582,4 +584,10 @@ impl Output {
             self.said = text;
         }
     }
+}
+
+/// What is broken, in one text; none where nothing is.
+fn faults_text(faults: &[Fault]) -> Option<String> {
+    let texts: Vec<String> = faults.iter().map(ToString::to_string).collect();
+    (!texts.is_empty()).then(|| texts.join(". Also, "))
 }
