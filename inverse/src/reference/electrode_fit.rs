@@ -130,9 +130,9 @@ impl Default for ElectrodeFitOptions {
     }
 }
 
-/// A distortion is looked for where the fit leaves more than this, or something stands out. It is taken where the fit leaves less by this
-/// factor, or half of what stands out, and no more.
+/// Misfit from which a distortion is looked for. So it is where something stands out.
 const OFF: f64 = 3e-3;
+/// By how much less the fit has to leave without it; or half of what stands out, and no more.
 const LESS: f64 = 3.0;
 /// Most times that it is looked for.
 const MOST_DISTORTED: usize = 6;

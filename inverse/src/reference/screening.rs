@@ -86,7 +86,7 @@ pub enum FindingKind {
     SenseMissing,
     /// The values of a sense pair are far noisier than the others; the factor says how many times. They are used, and count less.
     SenseNoise,
-    /// Two electrodes are connected over a resistance; [`Finding::factor`] is that, in ohm.
+    /// Two electrodes are connected over a resistance; [`Finding::factor`] is that, in ohm. Their values are left out.
     Leak,
     /// All amplifiers saturate. Their values are used.
     Saturated,

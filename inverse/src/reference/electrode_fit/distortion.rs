@@ -276,6 +276,9 @@ mod tests {
             bump([20.0, -30.0], 40.0, 0.3),
             bump([-40.0, 10.0], 12.0, 0.8),
             bump([60.0, 30.0], 8.0, 1.0) + bump([-10.0, 0.0], 20.0, -0.2),
+            // Fingers that rest at the rim, beside electrodes.
+            bump([85.0, 5.0], 8.0, 0.5),
+            bump([-88.0, -5.0], 7.0, 0.6) + bump([-60.0, -62.0], 7.0, 0.6),
         ];
         for (which, logarithms) in all.iter().enumerate() {
             let baseline = measured(&is, logarithms, &mut rng);

@@ -50,6 +50,13 @@ impl SearchOfTwo {
         self.known.is_some_and(|(known, _)| known.single().is_none())
     }
 
+    /// Whether two are named, this is one of them, and nothing that was told is two.
+    fn may_be_known(&self, fault: Fault) -> bool {
+        let of_two = |(known, _): (Faults, bool)| known.iter().any(|of| of.is_same(&fault));
+        let told_one = self.told.faults().is_none_or(|told| told.single().is_some());
+        self.are_known() && told_one && self.known.is_some_and(of_two)
+    }
+
     /// Whether they are the best now.
     fn offer(&mut self, faults: Faults, cost: f64) -> bool {
         let better = cost < self.cost;
@@ -123,7 +130,7 @@ impl Diagnosis {
             (is_open(other) && is_open(taken_out)) || (pair.is_some() && pair == pair_of(taken_out))
         };
         let told = self.told(&of_rest);
-        if told == Told::Perhaps && (search.told == Told::Nothing || search.are_known()) {
+        if told == Told::Perhaps && (search.told == Told::Nothing || search.may_be_known(taken_out)) {
             // It does not speak against what is known.
             search.told = told;
         }
@@ -258,13 +265,31 @@ mod tests {
     use rand_distr::{Distribution, Normal};
     use std::sync::Arc;
 
+    /// The paper's sheet, with the noise of a value, V.
+    fn rig() -> (Arc<Imager>, Diagnosis, f64) {
+        let pattern = Pattern::adjacent(16).unwrap();
+        let imager = Arc::new(Imager::new(&Sheet::paper(), Drive::PAPER, pattern, 10.0).unwrap());
+        let diagnosis = Diagnosis::of_sequence(&imager).unwrap();
+        let sigma_v = 1e-3 * diagnosis.mean_v;
+        (imager, diagnosis, sigma_v)
+    }
+
+    /// What a change (V) tells.
+    fn tell(diagnosis: &mut Diagnosis, sigma_v: f64, y: DVector<f64>, known: Option<(Faults, bool)>) -> Told {
+        let d = Difference {
+            spread: vec![1.0; y.len()],
+            used: vec![true; y.len()],
+            y,
+        };
+        let mut search = diagnosis.begin_two(&d, Some(sigma_v), known).unwrap();
+        while !diagnosis.go_on_two(&mut search) {}
+        search.told()
+    }
+
     /// Two faults at once are told as what they are, once something is known.
     #[test]
     fn two_faults_at_once_are_told() {
-        let pattern = Pattern::adjacent(16).unwrap();
-        let imager = Arc::new(Imager::new(&Sheet::paper(), Drive::PAPER, pattern, 10.0).unwrap());
-        let mut diagnosis = Diagnosis::of_sequence(&imager).unwrap();
-        let sigma_v = 1e-3 * diagnosis.mean_v;
+        let (imager, mut diagnosis, sigma_v) = rig();
         let mut rng = StdRng::seed_from_u64(8);
         let noise = Normal::new(0.0, sigma_v).unwrap();
         let open = Fault::Open(Electrodes::of(&[2]));
@@ -317,16 +342,9 @@ mod tests {
                 for k in spoilt_by(&imager, open) {
                     y[k] = rng.random_range(-1.1..-0.9) * imager.model_v[k];
                 }
-                let d = Difference {
-                    spread: vec![1.0; y.len()],
-                    used: vec![true; y.len()],
-                    y,
-                };
                 // What is known of both leaves nothing unexplained.
                 let known = known.map(|faults: Faults| (faults, faults == both));
-                let mut search = diagnosis.begin_two(&d, Some(sigma_v), known).unwrap();
-                while !diagnosis.go_on_two(&mut search) {}
-                let told = search.told().faults();
+                let told = tell(&mut diagnosis, sigma_v, y, known).faults();
                 // Before anything is known the open electrode may be named by itself, and those of a short beside it.
                 let is_first = |told: Faults| told.iter().all(|told| told.is_same(&open)) || told.are_many_open();
                 assert!(
@@ -341,10 +359,7 @@ mod tests {
     /// A worse contact is like a press on its electrode. Beside another fault that is known no frame speaks against it.
     #[test]
     fn two_that_are_known_are_not_denied() {
-        let pattern = Pattern::adjacent(16).unwrap();
-        let imager = Arc::new(Imager::new(&Sheet::paper(), Drive::PAPER, pattern, 10.0).unwrap());
-        let mut diagnosis = Diagnosis::of_sequence(&imager).unwrap();
-        let sigma_v = 1e-3 * diagnosis.mean_v;
+        let (imager, mut diagnosis, sigma_v) = rig();
         let noise = Normal::new(0.0, sigma_v).unwrap();
         let [open, contact] = [Fault::Open(Electrodes::of(&[2])), Fault::Contacts(Electrodes::of(&[8]))];
         let both = Faults::two(open, contact);
@@ -354,14 +369,7 @@ mod tests {
             for k in spoilt_by(&imager, open) {
                 y[k] = rng.random_range(-1.1..-0.9) * imager.model_v[k];
             }
-            let d = Difference {
-                spread: vec![1.0; y.len()],
-                used: vec![true; y.len()],
-                y,
-            };
-            let mut search = diagnosis.begin_two(&d, Some(sigma_v), Some((both, true))).unwrap();
-            while !diagnosis.go_on_two(&mut search) {}
-            let told = search.told();
+            let told = tell(&mut diagnosis, sigma_v, y, Some((both, true)));
             let is_both = told.faults().is_some_and(|told| told.is_same(both));
             assert!(told == Told::Perhaps || is_both, "{seed}, {ohm} ohm: {told:?}");
         }
@@ -370,10 +378,7 @@ mod tests {
     /// One fault is told as one, whatever is named already.
     #[test]
     fn one_fault_is_told_as_one() {
-        let pattern = Pattern::adjacent(16).unwrap();
-        let imager = Arc::new(Imager::new(&Sheet::paper(), Drive::PAPER, pattern, 10.0).unwrap());
-        let mut diagnosis = Diagnosis::of_sequence(&imager).unwrap();
-        let sigma_v = 1e-3 * diagnosis.mean_v;
+        let (_, mut diagnosis, sigma_v) = rig();
         let mut rng = StdRng::seed_from_u64(9);
         let noise = Normal::new(0.0, sigma_v).unwrap();
         let gone = Fault::Open(Electrodes::of(&[12]));
@@ -394,14 +399,7 @@ mod tests {
                 Some((Faults::two(gone, fault), false)),
             ] {
                 let y = change.map(|v| v + noise.sample(&mut rng));
-                let d = Difference {
-                    spread: vec![1.0; y.len()],
-                    used: vec![true; y.len()],
-                    y,
-                };
-                let mut search = diagnosis.begin_two(&d, Some(sigma_v), known).unwrap();
-                while !diagnosis.go_on_two(&mut search) {}
-                let told = search.told().faults();
+                let told = tell(&mut diagnosis, sigma_v, y, known).faults();
                 assert!(
                     told.is_some_and(|told| told.is_same(fault.into())),
                     "{fault:?}, known {known:?}: {told:?}"
