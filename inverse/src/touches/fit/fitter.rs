@@ -353,7 +353,8 @@ impl Fitter {
         let fitted = &self.fits.now;
         let explained = self.options.explains(fitted.misfit, job.data.gain)
             || fitted.relative_residual <= self.options.most_residual;
-        if explained || !fitted.finished {
+        let may = || (self.options).may_explain(fitted.misfit, fitted.relative_residual, job.data.gain);
+        if explained || !fitted.finished && may() {
             self.tell_as_one(&mut job);
         }
         let fitted = &mut self.fits.now;
@@ -467,11 +468,13 @@ impl Fitter {
         let is_worth = |now: &Self| now.expected_error() > now.options.worth_a_solution && now.may_explain(job, 0.0);
         let mut corrects = self.may_solve(job) && is_worth(self);
         let fitted = &self.fits.now;
-        // What a search that came to its end leaves is far more than the error of the linear model.
+        // The next frame goes on with a search that has cost what it may. What one that came to its end leaves is far more than the error
+        // of the linear model.
+        let over = !fitted.finished && self.evaluations >= job.until_evaluations;
         let far =
             fitted.finished && !(self.options).may_explain(fitted.misfit, fitted.relative_residual, job.data.gain);
-        if !corrects && far && carried.is_none() {
-            self.fits.now.settled &= self.may_solve(job);
+        if !corrects && (far || over) && carried.is_none() {
+            self.fits.now.settled &= self.may_solve(job) && !over;
         } else if !corrects && (shows || carried.is_some()) {
             let was_worth = self.expected_error() > self.options.worth_a_solution;
             self.carried.error = None;

@@ -74,7 +74,7 @@ impl FitterOptions {
     }
 
     /// Whether discs may explain a frame of which a picture leaves this misfit, and this part of the norm: it is free to show any disc. Of
-    /// the first discs that were fitted to it the same is asked before others are.
+    /// discs that were fitted the same is asked before more is done with them.
     pub(crate) fn may_explain(&self, misfit: f64, residual: f64, gain: f64) -> bool {
         let most = self.most_of_picture;
         self.explains(misfit / most.powi(2), gain) || residual <= most * self.most_residual

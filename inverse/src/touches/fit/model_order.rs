@@ -129,10 +129,12 @@ pub struct Search<'a> {
     chi_square_threshold: f64,
     scratch: &'a mut Scratch,
     polarity: Polarity,
-    /// What fits may still cost, in evaluations of the response to one touch.
-    remaining_work: usize,
-    /// What they have cost.
-    work: usize,
+    /// What the search may cost, in evaluations of the response to one touch.
+    most_work: usize,
+    /// What its fits have cost.
+    fits: usize,
+    /// What the table had taken before.
+    summing: f64,
 }
 
 /// Where a search begins besides the picture's peaks.
@@ -186,8 +188,9 @@ impl<'a> Search<'a> {
             chi_square_threshold,
             scratch,
             polarity: Polarity::Up,
-            remaining_work: usize::MAX,
-            work: 0,
+            most_work: usize::MAX,
+            fits: 0,
+            summing: model.table.summing(),
         })
     }
 
@@ -230,27 +233,33 @@ impl<'a> Search<'a> {
 
     /// A fit from a start; `None` once the search has cost what it may.
     fn fit(&mut self, start: &[Disc]) -> Option<Fit> {
-        if self.remaining_work == 0 {
+        if self.is_over() {
             return None;
         }
         self.fit_in(start, self.model.order.steps.most_steps)
+    }
+
+    /// What the search has cost, in evaluations of the response to one touch.
+    fn work(&self) -> usize {
+        self.fits + (self.model.table.summing() - self.summing) as usize
+    }
+
+    /// Whether that is what it may.
+    fn is_over(&self) -> bool {
+        self.work() >= self.most_work
     }
 
     fn fit_in(&mut self, start: &[Disc], most_steps: usize) -> Option<Fit> {
         let DiscModel { table, prior, order } = self.model;
         let work = &mut self.scratch.work;
         let fit = fit(table, prior, &order.steps, self.data, start, most_steps, work)?;
-        self.remaining_work = self.remaining_work.saturating_sub(fit.work);
-        self.work += fit.work;
+        self.fits += fit.work;
         Some(fit)
     }
 
     /// Limits what the search may cost, in evaluations of the response to one touch.
     pub fn within(self, most_work: usize) -> Self {
-        Self {
-            remaining_work: most_work,
-            ..self
-        }
+        Self { most_work, ..self }
     }
 
     /// Limits touches to those that change the resistivity this way.
@@ -298,9 +307,9 @@ impl<'a> Search<'a> {
         Found {
             fit,
             followed,
-            finished: self.remaining_work > 0,
+            finished: !self.is_over(),
             hopeless: false,
-            work: self.work,
+            work: self.work(),
         }
     }
 

@@ -63,6 +63,8 @@ struct Made {
     missing: Vec<(usize, usize)>,
     /// Room for as many as are made at once.
     few: Vec<f64>,
+    /// How many were summed up from the cells.
+    summed: usize,
 }
 
 impl NodeValues {
@@ -161,6 +163,14 @@ impl NodeValues {
         }
     }
 
+    /// How many columns were summed up from the cells when they were asked for, in all.
+    pub(super) fn summed(&self) -> usize {
+        match self {
+            Self::Reduced(reduced) => reduced.made.borrow().summed,
+            Self::Whole(_) | Self::Summed(..) => 0,
+        }
+    }
+
     /// Looks at the columns that were named coarse, and in this order.
     pub(super) fn with_coarse<R>(&self, coarse: &[usize], look: impl FnOnce(&[f64], &[usize]) -> R) -> R {
         match self {
@@ -207,6 +217,7 @@ impl Made {
         match source {
             Source::Columns(values, by) => self.multiply(values, by, stride),
             Source::Cells(discs, sums) => {
+                self.summed += self.missing.len();
                 for (column, place) in self.missing.drain(..) {
                     discs.mean(sums, column, &mut self.values[place * stride..][..stride]);
                 }

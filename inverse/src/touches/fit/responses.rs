@@ -35,6 +35,8 @@ const STEPS: f64 = 40.0;
 /// Most numbers that are tabulated, 154 MB. Of more the discs are summed up from the cells whenever they are needed: 16 electrodes have 9
 /// million, 32 have 41.
 const MOST_TABULATED: usize = 19_200_000;
+/// Columns that are summed up from the cells in the time of an evaluation: 1.7 and 5 us of 928 values.
+const SUMMED_IN_AN_EVALUATION: f64 = 3.0;
 
 /// Where the nodes are; shared by the tables of one sheet.
 #[derive(Debug)]
@@ -298,6 +300,12 @@ impl ResponseTable {
         } else {
             out.clear();
         }
+    }
+
+    /// What was taken to sum up responses from the cells so far, in evaluations of the response to one touch: of sheets with many values
+    /// they are not tabulated.
+    pub(super) fn summing(&self) -> f64 {
+        self.values.summed() as f64 / SUMMED_IN_AN_EVALUATION
     }
 
     pub(super) fn stencil(&self, at: [f64; 2]) -> Stencil {
