@@ -340,7 +340,11 @@ impl ContactTest {
         let may = solver.fits() && result.changed;
         // Whether contacts drifted or changed is decided first, but for what this frame has no time for.
         let decided = self.put_off == 0 && (!self.monitor.is_open() || self.waits_for_rest());
-        if !(may && decided && (new || unexplained)) {
+        if !(may && (new || unexplained)) {
+            return;
+        }
+        self.polarity.pass();
+        if !decided {
             return;
         }
         if solver.is_spent() && !late {
@@ -367,9 +371,15 @@ impl ContactTest {
         if better && explained && result.touches.iter().any(|t| !before.allows(t.rise)) {
             return;
         }
-        self.polarity.narrow(before);
+        let unplaced = better && explained && solver.fitted_touches().iter().any(|t| !before.allows(t.rise));
+        self.polarity.narrow(before, unplaced);
         result.copy_from(&self.kept);
         solver.end_other();
+    }
+
+    /// Whether touches of both signs would explain a frame that those of one leave some of, in places that it does not tell.
+    pub(crate) fn hides_both_signs(&self, result: &FrameResult) -> bool {
+        result.changed && self.polarity.is_unplaced() && self.leaves(result)
     }
 
     /// Whether touches leave some of a frame unexplained.

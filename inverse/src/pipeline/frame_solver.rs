@@ -36,7 +36,7 @@ use std::time::Instant;
 /// A picture that leaves more than this part of a change is no picture of what is on the sheet: the model is wrong. Those of objects in
 /// tanks leave up to 0.15, those of real skins half and more.
 const MOST_RESIDUAL: f64 = 0.3;
-/// A touch that stands out by so many of its standard deviations is not passed over in silence.
+/// Touches that stand out together by so many standard deviations are not passed over in silence.
 const UNPLACED_SAID: f64 = 20.0;
 
 /// Of how many frames the values are the mean.
@@ -222,6 +222,11 @@ impl FrameSolver {
     /// Whether it did, and no solution of the sheet would change its touches.
     pub(crate) fn is_settled(&self) -> bool {
         self.is_finished() && self.fitter.as_ref().is_some_and(|f| f.last().settled)
+    }
+
+    /// All touches that were fitted last: also those whose places are not known.
+    pub(crate) fn fitted_touches(&self) -> &[Touch] {
+        self.fitter.as_ref().map_or(&[], |f| &f.last().touches)
     }
 
     /// Whether touches are fitted to the measurements.
@@ -621,8 +626,10 @@ impl FrameSolver {
         let placed = significant.filter(|t| is_placed(t, &fitted.touches, geometry, unplaced));
         result.touches.clear();
         result.touches.extend(placed.copied());
-        result.unplaced = result.touches.is_empty()
-            && (fitted.standing_out(UNPLACED_SAID)).any(|t| !is_placed(t, &fitted.touches, geometry, unplaced));
+        // Neither of two that look like one another's absence stands out, and both together do.
+        let left = square(&fitted.residual_whitened);
+        let together = left / fitted.relative_residual.powi(2) - left;
+        result.unplaced = result.touches.is_empty() && together > UNPLACED_SAID.powi(2);
         result.misfit = Some(fitted.misfit);
         if self.options.sequence {
             result.residual = fitted.relative_residual;

@@ -32,6 +32,8 @@ pub(crate) struct PolarityTest {
     rises_before: usize,
     /// Frames until both signs are tried again.
     until: usize,
+    /// Whether touches of both signs explained the frame then, in places that it does not tell.
+    unplaced: bool,
 }
 
 impl PolarityTest {
@@ -49,12 +51,24 @@ impl PolarityTest {
             fell_at: None,
             rises_before: 0,
             until: 0,
+            unplaced: false,
         }
+    }
+
+    /// A frame goes by that both signs might explain.
+    pub(crate) fn pass(&mut self) {
+        self.until = self.until.saturating_sub(1);
     }
 
     /// With what the frame is fitted first.
     pub(crate) fn now(&self) -> Polarity {
         self.now
+    }
+
+    /// Whether both signs explained the frame in which they were tried last, with touches in places that it does not tell: something that
+    /// rested on the sheet has slid a little, say.
+    pub(crate) fn is_unplaced(&self) -> bool {
+        self.unplaced
     }
 
     /// What the sheet's touches do, as far as that is known.
@@ -66,18 +80,17 @@ impl PolarityTest {
     /// sheet is not known, since a fall in one place is much like rises in others.
     pub(crate) fn asks(&mut self, new: bool, unexplained: bool) -> bool {
         let due = unexplained && self.until == 0;
-        self.until = self.until.saturating_sub(1);
         self.now != Polarity::Either && (due || (new && self.known().is_none()))
     }
 
     /// The frame was explained with both signs, and not with one.
     pub(crate) fn widen(&mut self) {
-        (self.now, self.until) = (Polarity::Either, 0);
+        (self.now, self.until, self.unplaced) = (Polarity::Either, 0, false);
     }
 
-    /// It was not: back to what it was, until the next time.
-    pub(crate) fn narrow(&mut self, now: Polarity) {
-        self.now = now;
+    /// It was not, or only by touches whose places it does not tell (`unplaced`): back to what it was, until the next time.
+    pub(crate) fn narrow(&mut self, now: Polarity, unplaced: bool) {
+        (self.now, self.unplaced) = (now, unplaced);
         self.until = if self.sequence { RETRY_FRAMES } else { 0 };
     }
 
@@ -91,7 +104,7 @@ impl PolarityTest {
             }
         }
         self.now = self.known().unwrap_or_default();
-        (self.falls, self.until, self.just_learned) = (0, 0, false);
+        (self.falls, self.until, self.just_learned, self.unplaced) = (0, 0, false, false);
         self.rises_before = self.rises;
     }
 

@@ -652,6 +652,7 @@ impl Reconstructor {
             (true, true) => 2,
             (true, false) => self.options.unexplained_frames,
         };
+        let hidden = self.contacts.hides_both_signs(&self.result);
         // With their shapes left out, touches that explain the rest are right.
         let doubted = !changed.is_empty() && self.result.changed && self.contacts.leaves(&self.result);
         let contact = doubted.then(|| Doubt::Fault(Fault::Contacts(Electrodes::of(changed))));
@@ -662,7 +663,7 @@ impl Reconstructor {
                 fell: touch.rise < 0.0,
             }))
             .or((self.disagrees && contact.is_none()).then_some(Doubt::NotReciprocal))
-            .or((self.unexplained >= least).then_some(Doubt::NotTouches))
+            .or((self.unexplained >= least || hidden).then_some(Doubt::NotTouches))
             .or((self.result.unplaced && self.result.changed).then_some(Doubt::Unplaced))
             .or(contact);
         if self.result.doubt == Some(Doubt::NotThisSheet) {

@@ -175,3 +175,67 @@ fn a_finger_lifted_from_the_baseline_is_said_and_no_touch() {
         }
     }
 }
+
+/// A finger rests on the sheet when the baseline is taken, and slides away: a fall where it was, and a rise in it at first. Frames that
+/// show anything else are doubted. Far enough away it is found, and what it left is said.
+#[test]
+fn a_finger_that_slides_away_is_no_touch_elsewhere() {
+    const FRAMES_PER_S: f64 = 115.1;
+    const FAR_MM: f64 = 50.0;
+    let imager = imager(Drive::PAPER, 5.0).unwrap();
+    let mut rng = rng(205);
+    let mut sheet = TestSheet::new(&imager, Drive::PAPER, 0.0, 0.0, &mut rng).unwrap();
+    let sigma = noise_v(
+        &sheet.clean_frame(&[touch([48.0, 0.0], 0.2)]).unwrap(),
+        &sheet.baseline.clone(),
+        27.0,
+    );
+    let (mut silent, mut moving) = (0, 0);
+    for (mm_per_s, rise) in [(50.0, 0.3), (50.0, 0.15), (25.0, 0.2), (150.0, 0.3), (400.0, 0.3)] {
+        let turn = 2.0 * PI * rng.random::<f64>();
+        let way = turn + PI + rng.random_range(-0.8..0.8);
+        let at = |mm: f64| [30.0 * turn.cos() + mm * way.cos(), 30.0 * turn.sin() + mm * way.sin()];
+        let baseline = sheet.clean_frame(&[touch(at(0.0), rise)]).unwrap();
+        let noise = FrameNoise::Known {
+            sigma,
+            baseline_frames: Some(64),
+        };
+        let reference = Reference::new(imager.clone(), noisy(baseline.clone(), sigma / 8.0, &mut rng), noise).unwrap();
+        let options = ReconstructorOptions::for_imager(&imager, Method::Nnls).of_sequence();
+        let mut r = Reconstructor::new(reference, options);
+        for _ in 0..20 {
+            let found = r
+                .frame_after(&noisy(baseline.clone(), sigma, &mut rng), Some(1.0 / FRAMES_PER_S))
+                .unwrap();
+            assert!(found.touches.is_empty() && found.doubt.is_none());
+        }
+        let on_the_way = (FAR_MM / mm_per_s * FRAMES_PER_S) as usize;
+        for n in 0..on_the_way + 60 {
+            let mm = (n as f64 / FRAMES_PER_S * mm_per_s).min(FAR_MM);
+            let clean = sheet.clean_frame(&[touch(at(mm), rise)]).unwrap();
+            let found = r
+                .frame_after(&noisy(clean, sigma, &mut rng), Some(1.0 / FRAMES_PER_S))
+                .unwrap();
+            let [x, y] = at(mm);
+            let off = |t: &Touch| (t.x_mm - x).hypot(t.y_mm - y);
+            moving += usize::from(n < on_the_way);
+            let wrong = found.touches.iter().any(|t| off(t) > 10.0) || (found.touches.is_empty() && mm > 10.0);
+            silent += usize::from(wrong && found.doubt.is_none());
+            if n >= on_the_way + 12 {
+                assert!(
+                    matches!(found.doubt, Some(Doubt::Gone { .. })),
+                    "{mm_per_s}, {n}: {:?}",
+                    found.doubt
+                );
+                let rises: Vec<&Touch> = found.touches.iter().filter(|t| t.rise > 0.0).collect();
+                assert!(
+                    rises.len() == 1 && off(rises[0]) < 3.0,
+                    "{mm_per_s}, {n}: {:?}",
+                    found.touches
+                );
+            }
+        }
+    }
+    println!("{silent} silent and wrong of {moving} frames on the way");
+    assert!(silent < moving / 10, "{silent} of {moving}");
+}

@@ -151,7 +151,7 @@ impl ContactTest {
         if lifted && probable {
             return other;
         }
-        self.polarity.narrow(sign);
+        self.polarity.narrow(sign, false);
         result.copy_from(&self.kept);
         solver.end_other();
         self.drifting = rare;

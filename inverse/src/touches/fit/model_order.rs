@@ -49,7 +49,7 @@ pub struct ModelOrderOptions {
     pub near: f64,
     /// A touch is tried to be removed where its significance is below this many times what it must bring.
     pub removal_worth: f64,
-    /// Two touches overlap, and are rejected, when nearer than this part of the sum of their radii. Fingers do not
+    /// Two touches of one sign overlap, and are rejected, when nearer than this part of the sum of their radii. Fingers do not
     /// overlap.
     pub overlap: f64,
     /// Longest move of a followed touch from one frame to the next, in expected radii. More follows faster touches, and
@@ -96,6 +96,9 @@ pub struct DiscModel<'a> {
     /// How their number is chosen.
     pub order: &'a ModelOrderOptions,
 }
+
+/// Expected radii from the rim from which a fall and a rise may lie in one another.
+const FROM_RIM: f64 = 2.0;
 
 /// Standard deviation of chi-square with so many degrees of freedom.
 fn scatter(freedom: f64) -> f64 {
@@ -194,13 +197,16 @@ impl<'a> Search<'a> {
         })
     }
 
-    /// Whether any two touches lie in one another.
+    /// Whether any two touches lie in one another. A fall and a rise may: a finger that rested on the sheet has slid. At the rim what a
+    /// contact does looks like that.
     fn overlap(&self, discs: &[Disc]) -> bool {
         let part = self.model.order.overlap;
+        let DiscModel { table, prior, .. } = self.model;
+        let inside = |d: &Disc| table.is_inside(d.at, FROM_RIM * prior.radius_mm);
         discs.iter().enumerate().any(|(k, a)| {
-            discs[..k]
-                .iter()
-                .any(|b| (a.at[0] - b.at[0]).hypot(a.at[1] - b.at[1]) < part * (a.radius + b.radius))
+            let slid = |b: &Disc| a.strength * b.strength < 0.0 && [a, b].iter().all(|d| inside(d));
+            let near = |b: &Disc| (a.at[0] - b.at[0]).hypot(a.at[1] - b.at[1]) < part * (a.radius + b.radius);
+            discs[..k].iter().any(|b| near(b) && !slid(b))
         })
     }
 

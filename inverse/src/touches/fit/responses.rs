@@ -255,6 +255,16 @@ impl ResponseTable {
         forward::curve::contains(&self.lattice.outline_mm, at)
     }
 
+    /// Whether a place is on the sheet and so far from its rim, as far as eight directions tell.
+    pub(super) fn is_inside(&self, at: [f64; 2], from_rim_mm: f64) -> bool {
+        let (dx, dy) = (from_rim_mm, from_rim_mm * std::f64::consts::FRAC_1_SQRT_2);
+        let around = [[dx, 0.0], [dy, dy], [0.0, dx], [-dy, dy]];
+        around
+            .iter()
+            .flat_map(|[x, y]| [[at[0] + x, at[1] + y], [at[0] - x, at[1] - y]])
+            .all(|p| self.holds(p))
+    }
+
     /// The expected radius, mm.
     pub fn radius_mm(&self) -> f64 {
         self.lattice.radius_mm
