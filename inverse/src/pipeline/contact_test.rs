@@ -245,7 +245,11 @@ impl ContactTest {
             let misfit = result.misfit.map(|misfit| 1.0 + (misfit - 1.0) / task.averaged.gain);
             // A frame like many before is not sudden any more.
             self.sudden = self.sudden.saturating_sub(task.averaged.frames);
-            self.left_at_rest = self.until == 0 && misfit.is_none_or(|m| m > self.options.explained);
+            let left = misfit.is_none_or(|m| m > self.options.explained);
+            if !left {
+                self.polarity.note_explained();
+            }
+            self.left_at_rest = self.until == 0 && left;
             if self.left_at_rest {
                 self.wait = (2 * self.wait).min(MOST_WAIT);
             }
@@ -315,6 +319,9 @@ impl ContactTest {
             self.sudden = 0;
         }
         self.sudden = self.sudden.saturating_sub(1);
+        if !left {
+            self.polarity.note_explained();
+        }
         self.explained_before |= !left;
         self.left_before = if left { self.left_before + 1 } else { 0 };
     }
@@ -347,11 +354,11 @@ impl ContactTest {
         if !decided {
             return;
         }
-        if solver.is_spent() && !late {
-            self.owed.polarity = Some(new);
+        if !self.polarity.asks(new, unexplained) {
             return;
         }
-        if !self.polarity.asks(new, unexplained) {
+        if solver.is_spent() && !late {
+            self.owed.polarity = Some(new);
             return;
         }
         let before = self.polarity.now();
@@ -371,15 +378,17 @@ impl ContactTest {
         if better && explained && result.touches.iter().any(|t| !before.allows(t.rise)) {
             return;
         }
-        let unplaced = better && explained && solver.fitted_touches().iter().any(|t| !before.allows(t.rise));
-        self.polarity.narrow(before, unplaced);
+        self.polarity.narrow(
+            before,
+            better && explained && !lands && has_pair(solver.fitted_touches()),
+        );
         result.copy_from(&self.kept);
         solver.end_other();
     }
 
-    /// Whether touches of both signs would explain a frame that those of one leave some of, in places that it does not tell.
+    /// Whether touches of both signs would explain a frame that is not explained by those of one, in places that it does not tell.
     pub(crate) fn hides_both_signs(&self, result: &FrameResult) -> bool {
-        result.changed && self.polarity.is_unplaced() && self.leaves(result)
+        result.changed && self.polarity.is_unplaced()
     }
 
     /// Whether touches leave some of a frame unexplained.
@@ -431,6 +440,13 @@ impl ContactTest {
         solver.even_out(changed, difference);
         act(solver, Task { difference, ..task })
     }
+}
+
+/// Whether the strongest touch has one of the other sign beside it that is half as strong.
+fn has_pair(touches: &[Touch]) -> bool {
+    let strongest = |sign: f64| touches.iter().map(|t| sign * t.total_mm2).fold(0.0, f64::max);
+    let (rise, fall) = (strongest(1.0), strongest(-1.0));
+    rise.min(fall) >= 0.5 * rise.max(fall) && rise > 0.0
 }
 
 /// Whether it drifts less often than contacts do.

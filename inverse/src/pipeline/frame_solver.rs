@@ -628,8 +628,8 @@ impl FrameSolver {
         result.touches.extend(placed.copied());
         // Neither of two that look like one another's absence stands out, and both together do.
         let left = square(&fitted.residual_whitened);
-        let together = left / fitted.relative_residual.powi(2) - left;
-        result.unplaced = result.touches.is_empty() && together > UNPLACED_SAID.powi(2);
+        let together = (left / fitted.relative_residual.powi(2) - left) / fitted.variance;
+        result.unplaced = result.touches.is_empty() && !fitted.touches.is_empty() && together > UNPLACED_SAID.powi(2);
         result.misfit = Some(fitted.misfit);
         if self.options.sequence {
             result.residual = fitted.relative_residual;
@@ -652,17 +652,20 @@ impl FrameSolver {
     }
 }
 
-/// Whether a touch has a place: one whose uncertainty is larger than the distance to the rim, or to a stronger touch, has none.
+/// Whether a touch has a place: one whose uncertainty is larger than the distance to the rim, to a stronger touch, or to one of the other
+/// sign, has none.
 fn is_placed(touch: &Touch, touches: &[Touch], geometry: &Geometry, unplaced_mm: f64) -> bool {
     let sd = touch.x_sd_mm.unwrap_or(0.0).max(touch.y_sd_mm.unwrap_or(0.0));
     sd <= unplaced_mm || sd <= apart(touch, touches, geometry)
 }
 
-/// Distance of a touch from the rim, or from a stronger touch where that is nearer, mm.
+/// Distance of a touch from the rim, or from a stronger touch or one of the other sign where that is nearer, mm.
 fn apart(touch: &Touch, touches: &[Touch], geometry: &Geometry) -> f64 {
     let rim = geometry.outline().nearest([touch.x_mm, touch.y_mm]).1;
-    let stronger = touches.iter().filter(|t| t.total_mm2.abs() > touch.total_mm2.abs());
-    let distances = stronger.map(|t| (t.x_mm - touch.x_mm).hypot(t.y_mm - touch.y_mm));
+    let others = touches
+        .iter()
+        .filter(|t| t.total_mm2.abs() > touch.total_mm2.abs() || t.rise * touch.rise < 0.0);
+    let distances = others.map(|t| (t.x_mm - touch.x_mm).hypot(t.y_mm - touch.y_mm));
     distances.fold(rim, f64::min)
 }
 

@@ -10,7 +10,7 @@ const LEARNED_FRAMES: usize = 8;
 /// that came and went at places so far from one another, mm, are touches. Chosen by hand: more than a finger that comes back misses its
 /// place by.
 const OTHER_PLACE_MM: f64 = 15.0;
-/// Frames until what touches of one sign do not explain is tried again with both.
+/// Frames that touches of one sign do not explain until such a one is tried again with both.
 const RETRY_FRAMES: usize = 16;
 
 /// Follows the polarity of the frames of one baseline.
@@ -30,7 +30,7 @@ pub(crate) struct PolarityTest {
     fell_at: Option<[f64; 2]>,
     /// Those with rises until the sheet was last quiet.
     rises_before: usize,
-    /// Frames until both signs are tried again.
+    /// Such frames until both signs are tried again.
     until: usize,
     /// Whether touches of both signs explained the frame then, in places that it does not tell.
     unplaced: bool,
@@ -55,6 +55,11 @@ impl PolarityTest {
         }
     }
 
+    /// A frame was explained by touches of one sign.
+    pub(crate) fn note_explained(&mut self) {
+        self.unplaced = false;
+    }
+
     /// A frame goes by that both signs might explain.
     pub(crate) fn pass(&mut self) {
         self.until = self.until.saturating_sub(1);
@@ -65,8 +70,7 @@ impl PolarityTest {
         self.now
     }
 
-    /// Whether both signs explained the frame in which they were tried last, with touches in places that it does not tell: something that
-    /// rested on the sheet has slid a little, say.
+    /// Whether both signs explained the frame in which they were tried last, by touches in places that it does not tell.
     pub(crate) fn is_unplaced(&self) -> bool {
         self.unplaced
     }
@@ -78,7 +82,7 @@ impl PolarityTest {
 
     /// Whether a frame is to be fitted with both signs: one that is not explained; and one with a new touch as long as the
     /// sheet is not known, since a fall in one place is much like rises in others.
-    pub(crate) fn asks(&mut self, new: bool, unexplained: bool) -> bool {
+    pub(crate) fn asks(&self, new: bool, unexplained: bool) -> bool {
         let due = unexplained && self.until == 0;
         self.now != Polarity::Either && (due || (new && self.known().is_none()))
     }

@@ -10,7 +10,7 @@ const ELECTRODES: f64 = 16.0;
 pub struct Work {
     /// Pictures with their fits of touches.
     pub fits: usize,
-    /// Evaluations of the response to one touch in these fits.
+    /// Evaluations of the response to one touch in these fits, or what responses that were not there took, in as many.
     pub evaluations: usize,
     /// Solutions of the sheet with touches.
     pub solutions: usize,

@@ -140,6 +140,7 @@ impl ContactTest {
         }
         self.kept.copy_from(result);
         let rare = std::mem::replace(&mut self.drifting, before);
+        let unplaced = self.polarity.is_unplaced();
         self.polarity.widen();
         solver.begin_other(before);
         let other = self.solve_with(solver, task, detectors, result);
@@ -151,7 +152,7 @@ impl ContactTest {
         if lifted && probable {
             return other;
         }
-        self.polarity.narrow(sign, false);
+        self.polarity.narrow(sign, unplaced);
         result.copy_from(&self.kept);
         solver.end_other();
         self.drifting = rare;

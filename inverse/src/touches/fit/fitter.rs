@@ -468,13 +468,11 @@ impl Fitter {
         let is_worth = |now: &Self| now.expected_error() > now.options.worth_a_solution && now.may_explain(job, 0.0);
         let mut corrects = self.may_solve(job) && is_worth(self);
         let fitted = &self.fits.now;
-        // The next frame goes on with a search that has cost what it may. What one that came to its end leaves is far more than the error
-        // of the linear model.
-        let over = !fitted.finished && self.evaluations >= job.until_evaluations;
-        let far =
-            fitted.finished && !(self.options).may_explain(fitted.misfit, fitted.relative_residual, job.data.gain);
-        if !corrects && (far || over) && carried.is_none() {
-            self.fits.now.settled &= self.may_solve(job) && !over;
+        // What a search that goes no further in this frame leaves is far more than the error of the linear model.
+        let ended = fitted.finished || self.evaluations >= job.until_evaluations;
+        let far = ended && !(self.options).may_explain(fitted.misfit, fitted.relative_residual, job.data.gain);
+        if !corrects && far && carried.is_none() {
+            self.fits.now.settled &= self.may_solve(job);
         } else if !corrects && (shows || carried.is_some()) {
             let was_worth = self.expected_error() > self.options.worth_a_solution;
             self.carried.error = None;

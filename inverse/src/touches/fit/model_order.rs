@@ -49,8 +49,8 @@ pub struct ModelOrderOptions {
     pub near: f64,
     /// A touch is tried to be removed where its significance is below this many times what it must bring.
     pub removal_worth: f64,
-    /// Two touches of one sign overlap, and are rejected, when nearer than this part of the sum of their radii. Fingers do not
-    /// overlap.
+    /// Two touches overlap, and are rejected, when nearer than this part of the sum of their radii. Fingers do not
+    /// overlap. A fall and a rise may, away from the rim.
     pub overlap: f64,
     /// Longest move of a followed touch from one frame to the next, in expected radii. More follows faster touches, and
     /// may take another touch for the same.

@@ -163,7 +163,7 @@ impl NodeValues {
         }
     }
 
-    /// How many columns were summed up from the cells when they were asked for, in all.
+    /// How many columns were summed up from the cells when they were asked for, where that is counted: of columns that are kept.
     pub(super) fn summed(&self) -> usize {
         match self {
             Self::Reduced(reduced) => reduced.made.borrow().summed,
