@@ -48,7 +48,7 @@ pub struct FrameResult {
     /// Part of the change's square that its touches take, 0 to 1, where discs do not explain the frame. Those that have no place are not
     /// listed, and count.
     pub explained: Option<f64>,
-    /// Whether touches explain the change of which none is listed, since none has a place.
+    /// Whether touches that stand out together explain the change, and none of them is listed: none stands out alone and has a place.
     pub unplaced: bool,
     /// What speaks against the touches.
     pub doubt: Option<Doubt>,

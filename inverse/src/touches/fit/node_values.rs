@@ -361,7 +361,12 @@ mod tests {
         };
         same(&column(&kept, length, &needed), &column(&summed, length, &needed));
         let by = DMatrix::from_fn(5, length, |i, j| (1.3 * i as f64 + 0.7 * j as f64).cos());
-        let reduced = [&kept, &summed].map(|v| column(&v.reduced(&by, count, &needed, false), 5, &needed));
-        same(&reduced[0], &reduced[1]);
+        let reduced = [&kept, &summed].map(|v| v.reduced(&by, count, &needed, false));
+        let columns = || reduced.each_ref().map(|v| column(v, 5, &needed));
+        let [of_kept, of_summed] = columns();
+        same(&of_kept, &of_summed);
+        // What is there already is not summed up once more, and only what is summed up counts.
+        columns();
+        assert_eq!(reduced.each_ref().map(NodeValues::summed), [0, needed.len()]);
     }
 }
