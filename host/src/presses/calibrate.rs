@@ -13,7 +13,7 @@ use ::forward::Sheet;
 use anyhow::{Context, Result, bail};
 use clap::{ArgGroup, Args};
 use hil_sim::BOARD_NAME;
-use inverse::learned::{Findings, Gain, Learned, Press, Setting, StoredGain, learn, turn};
+use inverse::learned::{Findings, Gain, Grain, Learned, Press, Setting, StoredGain, learn, turn};
 use serde::Serialize;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -84,6 +84,8 @@ struct Line<'a> {
     clockwise: Option<bool>,
     centre_mm: [f64; 2],
     radius_mm: f64,
+    /// None where the sheet seems to conduct alike in all directions.
+    grain: Option<GrainLine>,
     memory: f64,
     displaced: f64,
     corrected: bool,
@@ -100,6 +102,13 @@ struct Line<'a> {
     model: Option<ModelLine>,
     #[serde(skip_serializing_if = "Option::is_none")]
     model_not_tried: Option<String>,
+}
+
+/// How many times as well the sheet seems to conduct along its grain as across, and where that is, degrees from the x axis.
+#[derive(Serialize)]
+struct GrainLine {
+    ratio: f64,
+    along_deg: f64,
 }
 
 /// Newtons over the sheet.
@@ -361,6 +370,9 @@ fn line<'a>(found: &Findings, known: &'a [truth::KnownPress], table: &Measuremen
         clockwise: found.shared.then_some(found.clockwise),
         centre_mm: found.centre_mm,
         radius_mm: found.radius_mm,
+        grain: found
+            .grain
+            .map(|Grain { ratio, along_deg }| GrainLine { ratio, along_deg }),
         memory: found.memory,
         displaced: found.displaced,
         corrected: found.corrected,
@@ -435,6 +447,15 @@ fn words(line: &Line<'_>) -> String {
         "\nradius          {:.0} mm, of the sheet that the presses tell",
         line.radius_mm
     );
+    text += "\ngrain           ";
+    text += &match &line.grain {
+        Some(GrainLine { ratio, along_deg }) => {
+            format!(
+                "like a sheet that conducts {ratio:.1} times as well along {along_deg:.0} degrees from the x axis as across"
+            )
+        }
+        None => "none: like a sheet that conducts alike in all directions".to_owned(),
+    };
     text += "\nmemory          ";
     text += &match (percent(line.memory), percent(line.displaced)) {
         (0, 0) => "the press before does not show".to_owned(),

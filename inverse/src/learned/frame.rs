@@ -1,13 +1,15 @@
 //! Where a sheet is and how its electrodes go round; where presses are felt on one that the press before displaced.
 
 use super::sensitivities::Sensitivities;
-use nalgebra::{Matrix2, Vector2};
+use nalgebra::{Complex, Matrix2, Vector2};
 use std::f64::consts::TAU;
 
 /// Iterations that find where a press is felt; each squares what is left.
 const INVERTED: usize = 4;
 /// Largest part by which a sheet is displaced: what is felt at one place is pressed at one place.
 pub(super) const MOST_DISPLACED: f64 = 0.5;
+/// Largest stretch: a sheet that conducts sixteen times as well along as across.
+pub(super) const MOST_STRETCHED: f64 = 0.6;
 
 /// Where the presses are, and how the electrodes go round.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -22,11 +24,31 @@ pub(super) struct Frame {
     pub(super) electrodes: usize,
     /// Whether their numbers go round clockwise.
     pub(super) clockwise: bool,
+    /// Q of [`Sensitivities`]: how a sheet is stretched to one that conducts as well in all directions; 0 where it does.
+    pub(super) stretch: Complex<f64>,
+}
+
+/// How much better a sheet conducts along its grain than across, as presses tell it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Grain {
+    /// Conductivity along it over that across.
+    pub ratio: f64,
+    /// Its direction, degrees counter-clockwise from the x axis, 0 to 180.
+    pub along_deg: f64,
 }
 
 impl Frame {
+    /// None where the sheet conducts alike in all directions.
+    pub(super) fn grain(&self) -> Option<Grain> {
+        let (size, argument) = self.stretch.to_polar();
+        (size > 0.0).then(|| Grain {
+            ratio: ((1.0 + size) / (1.0 - size)).powi(2),
+            along_deg: (0.5 * argument.to_degrees() + 90.0).rem_euclid(180.0),
+        })
+    }
+
     pub(super) fn basis(&self) -> Sensitivities {
-        Sensitivities::new(self.centre_mm, self.radius_mm)
+        Sensitivities::new(self.centre_mm, self.radius_mm, self.stretch)
     }
 
     /// The angle by which a measurement is turned by so many electrodes, counter-clockwise.
@@ -76,16 +98,6 @@ impl Frame {
         }
         felt.into()
     }
-
-    /// Where a place lies for a measurement that is turned by so many electrodes.
-    pub(super) fn turned_back(&self, place_mm: [f64; 2], turned: usize) -> [f64; 2] {
-        let (sin, cos) = (-self.angle(turned)).sin_cos();
-        let [x, y] = [0, 1].map(|k| place_mm[k] - self.centre_mm[k]);
-        [
-            self.centre_mm[0] + cos * x - sin * y,
-            self.centre_mm[1] + sin * x + cos * y,
-        ]
-    }
 }
 
 #[cfg(test)]
@@ -100,6 +112,7 @@ mod tests {
             radius_mm: 50.0,
             electrodes: 16,
             clockwise: false,
+            stretch: Complex::ZERO,
         };
         let before = Some([30.0, -20.0]);
         for part in [-MOST_DISPLACED, -0.1, 0.0, 0.2, MOST_DISPLACED] {

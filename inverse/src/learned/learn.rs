@@ -3,6 +3,7 @@
 
 use super::choice::{Choice, Setting};
 use super::correction::{Correction, StoredCorrection};
+use super::frame::Grain;
 use super::locator::{Evidence, Locator, Presence};
 use super::maps::{Maps, Presses, StoredMaps, columns, matrix};
 use super::orbits::Orbits;
@@ -98,6 +99,8 @@ pub struct Findings {
     pub centre_mm: [f64; 2],
     /// Radius of the sheet as the presses tell it, mm.
     pub radius_mm: f64,
+    /// Its grain; none where it conducts alike in all directions.
+    pub grain: Option<Grain>,
     /// Part of what the press before did that is in the change of the next; 0 where it does not show.
     pub memory: f64,
     /// Part of the press before's way from the middle by which the middle of the sheet is displaced; 0 where it does not show.
@@ -291,6 +294,7 @@ pub fn learn(
         clockwise: choice.frame.clockwise,
         centre_mm: choice.frame.centre_mm,
         radius_mm: choice.frame.radius_mm,
+        grain: choice.frame.grain(),
         memory: choice.prior.memory,
         displaced: choice.prior.displaced,
         corrected: correction.is_some(),

@@ -13,11 +13,11 @@ mod normal;
 
 use self::design::{Design, GRAINED, features, precisions};
 use self::normal::{Normal, Turned};
-use super::frame::{Frame, MOST_DISPLACED};
+use super::frame::{Frame, MOST_DISPLACED, MOST_STRETCHED};
 use super::orbits::Orbits;
 use super::sensitivities::Sensitivities;
 use crate::stats::median;
-use nalgebra::{DMatrix, DVector, DVectorView, Matrix2};
+use nalgebra::{Complex, DMatrix, DVector, DVectorView, Matrix2};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
@@ -133,6 +133,10 @@ pub struct StoredMaps {
     pub radius_mm: f64,
     /// Whether the electrodes' numbers go round clockwise.
     pub clockwise: bool,
+    /// How the sheet's grain stretches it, real and imaginary part: the difference of the half axes of an even sheet that conducts alike,
+    /// over their sum, with twice the angle of the longer one. Both are 0 where there is no grain, and in older files.
+    #[serde(default)]
+    pub stretch: [f64; 2],
     /// Root mean square of the changes of every measurement's orbit.
     pub scale: Vec<f64>,
     /// Gain of every measurement over that of its orbit.
@@ -332,11 +336,20 @@ impl Maps {
     /// The change of a measurement by a press of the usual strength there, by what it shares with its orbit alone.
     pub(super) fn shared_at(&self, measurement: usize, place_mm: [f64; 2]) -> f64 {
         let member = self.orbits.members[measurement];
-        let mut here = DVector::zeros(Sensitivities::len());
-        let back = self.frame.turned_back(place_mm, member.turned);
-        self.basis.values_at(back, here.as_mut_slice());
+        let (mut here, mut weights) = (
+            DVector::zeros(Sensitivities::len()),
+            DVector::zeros(Sensitivities::len()),
+        );
+        self.basis.values_at(place_mm, here.as_mut_slice());
+        let angle = self.frame.angle(member.turned);
+        Sensitivities::add_turned(
+            self.shared_by(measurement).as_slice(),
+            angle,
+            1.0,
+            weights.as_mut_slice(),
+        );
         let sign = if member.negative { -1.0 } else { 1.0 };
-        sign * self.scale[measurement] * here.dot(&self.shared_by(measurement))
+        sign * self.scale[measurement] * here.dot(&weights)
     }
 
     /// The change of every measurement by a press of the usual strength at each of some places: measurements x places.
@@ -410,6 +423,7 @@ impl Maps {
             reach_mm: self.frame.reach_mm,
             radius_mm: self.frame.radius_mm,
             clockwise: self.frame.clockwise,
+            stretch: [self.frame.stretch.re, self.frame.stretch.im],
             scale: self.scale.clone(),
             gains: self.gains.clone(),
             shared: columns(&self.shared),
@@ -428,6 +442,7 @@ impl Maps {
             radius_mm: stored.radius_mm,
             electrodes,
             clockwise: stored.clockwise,
+            stretch: Complex::new(stored.stretch[0], stored.stretch[1]),
         };
         // Squares of what is in the frames' unit are numbers too.
         let positive = |v: &f64| (1e-150..=1e150).contains(v);
@@ -438,6 +453,7 @@ impl Maps {
             && (1.0..=10.0).contains(&(stored.radius_mm / stored.reach_mm))
             && stored.centre_mm.iter().all(|v| v.abs() <= 1e6)
             && stored.memory.abs() <= 1.0
+            && frame.stretch.norm() <= MOST_STRETCHED
             && stored.displaced.abs() <= MOST_DISPLACED
             && stored.scale.iter().all(positive)
             && weights.into_iter().flatten().flatten().all(small);

@@ -34,6 +34,7 @@ pub use correction::StoredCorrection;
 pub use design::Marks;
 pub use follower::LearnedSheet;
 pub(crate) use follower::PressFollower;
+pub use frame::Grain;
 pub use gain::{Gain, StoredGain};
 pub use learn::{FEWEST, Findings, LearnError, Learned, Press, Stored, learn};
 pub use locator::{Located, Presence};

@@ -1,13 +1,14 @@
 //! How a skin is best described: symmetric or not, which way round, around what; chosen by cross-validation.
 
 use super::choice::{Choice, Setting};
-use super::frame::{Frame, MOST_DISPLACED};
+use super::frame::{Frame, MOST_DISPLACED, MOST_STRETCHED};
 use super::locator::Evidence;
 use super::maps::{Presses, Prior};
 use super::orbits::Orbits;
+use super::rest::FREEDOM;
 use super::validation::{FIRST_TEMPERING, Validation, cross_validate, locators};
 use forward::Measurement;
-use nalgebra::{Matrix2, Vector2};
+use nalgebra::{Complex, Matrix2, Vector2};
 
 /// Parts where only a choice is to be made.
 const QUICK_FOLDS: usize = 5;
@@ -39,6 +40,11 @@ const TURNED: Prior = Prior { own: 1e-4, ..PRIOR };
 const ALONE: Prior = Prior { own: 0.5, ..PRIOR };
 /// Radii of the sheet over the reach of the presses that are tried: mostly nobody presses on the rim.
 const RADII: [f64; 3] = [1.25, 1.12, 1.05];
+/// Standard deviation of a coordinate of the stretch, before anything is known of it: a sheet that conducts twice as well along as across
+/// has one of 0.17.
+const STRETCH_SD: f64 = 0.2;
+/// First and last step by which it is looked for.
+const STRETCH_STEPS: [f64; 2] = [0.2, 0.05];
 /// Parts of what the press before did that are tried as left.
 const MEMORIES: [f64; 6] = [0.07, 0.14, 0.2, 0.3, 0.4, 0.5];
 /// Standard errors by which presses have to be drawn to the one before, and be located better by a memory.
@@ -186,6 +192,7 @@ pub(super) fn choose(
                 radius_mm: RADII[0] * reach_mm,
                 electrodes: setting.electrodes,
                 clockwise,
+                stretch: Complex::ZERO,
             },
             prior,
             turn,
@@ -227,7 +234,40 @@ pub(super) fn choose(
         None => alone,
     };
     progress(5, PARTS);
-    Some(remember(taken?, presses).choice)
+    let choice = stretched(taken?.choice, presses);
+    Some(remember(Tried::new(choice, presses)?, presses).choice)
+}
+
+/// With the stretch by which maps of the others tell presses best, beside what is expected of it: the posterior's mode, by a search of the
+/// pattern of four neighbours (Hooke and Jeeves 1961). None where it does not tell them better by a standard error.
+fn stretched(choice: Choice, presses: &Presses) -> Choice {
+    let at = |stretch: Complex<f64>| {
+        let mut choice = choice.clone();
+        choice.frame.stretch = stretch;
+        let rests = rests(&choice, presses)?;
+        let mean = rests.iter().sum::<f64>() / rests.len() as f64;
+        let unexpected = (stretch.norm() / STRETCH_SD).powi(2) / (FREEDOM * presses.len() as f64);
+        Some((mean + unexpected, rests, choice))
+    };
+    let Some(even) = at(Complex::ZERO) else {
+        return choice;
+    };
+    let (mut best, mut step) = (even.clone(), STRETCH_STEPS[0]);
+    while step >= STRETCH_STEPS[1] {
+        let here = best.2.frame.stretch;
+        let neighbours = [Complex::ONE, -Complex::ONE, Complex::I, -Complex::I].map(|way| here + way * step);
+        let allowed = neighbours.into_iter().filter(|q| q.norm() <= MOST_STRETCHED);
+        let least = allowed.filter_map(at).min_by(|a, b| a.0.total_cmp(&b.0));
+        match least.filter(|tried| tried.0 < best.0) {
+            Some(tried) => best = tried,
+            None => step *= 0.5,
+        }
+    }
+    if are_less(&best.1, &even.1, LIKELY) {
+        best.2
+    } else {
+        choice
+    }
 }
 
 /// With the radius by which maps of the others tell presses best.

@@ -5,7 +5,15 @@
 //! electrodes at the rim have no preferred order around it, which gives F' the covariance `1 / (1 - z conj(w))` of Szegő, z and w over the
 //! disc's radius. The response then is a Gaussian process with the covariance `1 / |1 - z conj(w)|²`. It is smooth in the middle, and the
 //! stronger and finer the nearer to the rim. Its terms `z^m conj(z)^n` have independent weights of variance one.
+//!
+//! A sheet with a grain conducts better along it than across. Lengths over the roots of the conductivities make of such a disc an even sheet
+//! with an elliptic rim. There `z = ζ + Q conj(ζ)`, ζ being the place on the disc. `|Q|` is the difference of the half axes over their sum,
+//! and half the argument of Q is the direction of the longer one, across the grain. Fields are analytic in z again. Currents around the
+//! rim that change as `n` times the angle make those of Chebyshev's polynomials of the second kind, `U_0 = 1`, `U_1 = z`,
+//! `U_(n + 1) = z U_n - Q U_(n - 1)`: on the rim, where `z = ζ + Q / ζ`, they are `(ζ^(n + 1) - (Q / ζ)^(n + 1)) / (ζ - Q / ζ)`. So the terms are
+//! `U_m conj(U_n)`. With Q = 0 they are those of an even disc.
 
+use nalgebra::Complex;
 use std::f64::consts::SQRT_2;
 
 /// Highest degree m + n. What is beyond is four hundredths of the variance at 0.8 of the radius.
@@ -13,16 +21,39 @@ const DEGREE: usize = 10;
 /// How many there are.
 const COUNT: usize = (DEGREE + 1) * (DEGREE + 2) / 2;
 
-/// The terms up to a degree, on a disc around a place. Their values grow beyond the disc.
+/// The terms up to a degree, on a disc around a place with a stretch Q. Their values grow beyond the disc.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Sensitivities {
     centre_mm: [f64; 2],
     radius_mm: f64,
+    stretch: Complex<f64>,
+}
+
+/// The terms of two fields: real and imaginary part of their product, the second one conjugated.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Pair {
+    /// Degree of the first field.
+    pub(super) high: usize,
+    /// Degree of the second, which is not higher.
+    pub(super) low: usize,
+    /// Number of their first term.
+    pub(super) first: usize,
+}
+
+impl Pair {
+    /// How many terms; the product of a field with itself is real.
+    pub(super) const fn len(self) -> usize {
+        if self.high == self.low { 1 } else { 2 }
+    }
 }
 
 impl Sensitivities {
-    pub(super) const fn new(centre_mm: [f64; 2], radius_mm: f64) -> Self {
-        Self { centre_mm, radius_mm }
+    pub(super) const fn new(centre_mm: [f64; 2], radius_mm: f64, stretch: Complex<f64>) -> Self {
+        Self {
+            centre_mm,
+            radius_mm,
+            stretch,
+        }
     }
 
     /// How many.
@@ -30,45 +61,49 @@ impl Sensitivities {
         COUNT
     }
 
-    /// Their values at a place, into a list of [`Sensitivities::len`]: `r^2n` times real and imaginary part of `z^(m - n)`.
+    /// The pairs of fields, in the order of their terms.
+    pub(super) fn pairs() -> impl Iterator<Item = Pair> {
+        let mut first = 0;
+        let pairs = (0..=DEGREE).flat_map(|order| (0..=(DEGREE - order) / 2).map(move |low| (low + order, low)));
+        pairs.map(move |(high, low)| {
+            let pair = Pair { high, low, first };
+            first += pair.len();
+            pair
+        })
+    }
+
+    /// Their values at a place, into a list of [`Sensitivities::len`].
     pub(super) fn values_at(&self, place_mm: [f64; 2], out: &mut [f64]) {
         let [x, y] = [0, 1].map(|k| (place_mm[k] - self.centre_mm[k]) / self.radius_mm);
-        let square = x * x + y * y;
-        let (mut re, mut im) = (1.0, 0.0);
-        let mut next = out.iter_mut();
-        let mut put = |value: f64| {
-            if let Some(out) = next.next() {
-                *out = value;
+        let place = Complex::new(x, y);
+        let z = place + self.stretch * place.conj();
+        let mut fields = [Complex::ONE; DEGREE + 1];
+        fields[1] = z;
+        for k in 1..DEGREE {
+            fields[k + 1] = z * fields[k] - self.stretch * fields[k - 1];
+        }
+        for pair in Self::pairs() {
+            let value = fields[pair.high] * fields[pair.low].conj();
+            if pair.len() == 1 {
+                out[pair.first] = value.re;
+            } else {
+                out[pair.first] = SQRT_2 * value.re;
+                out[pair.first + 1] = SQRT_2 * value.im;
             }
-        };
-        for order in 0..=DEGREE {
-            let mut size = if order == 0 { 1.0 } else { SQRT_2 };
-            for _ in 0..=(DEGREE - order) / 2 {
-                put(size * re);
-                if order > 0 {
-                    put(size * im);
-                }
-                size *= square;
-            }
-            (re, im) = (x * re - y * im, x * im + y * re);
         }
     }
 
     /// Adds to weights of the terms those of a map that is turned around the centre, times a gain: `gain f(R(-angle) p)`.
     pub(super) fn add_turned(map: &[f64], angle: f64, gain: f64, out: &mut [f64]) {
-        let mut next = 0;
-        for order in 0..=DEGREE {
-            let (sin, cos) = (order as f64 * angle).sin_cos();
-            for _ in 0..=(DEGREE - order) / 2 {
-                if order == 0 {
-                    out[next] += gain * map[next];
-                    next += 1;
-                } else {
-                    let (re, im) = (map[next], map[next + 1]);
-                    out[next] += gain * (re * cos - im * sin);
-                    out[next + 1] += gain * (re * sin + im * cos);
-                    next += 2;
-                }
+        for pair in Self::pairs() {
+            let (sin, cos) = ((pair.high - pair.low) as f64 * angle).sin_cos();
+            let k = pair.first;
+            if pair.len() == 1 {
+                out[k] += gain * map[k];
+            } else {
+                let (re, im) = (map[k], map[k + 1]);
+                out[k] += gain * (re * cos - im * sin);
+                out[k + 1] += gain * (re * sin + im * cos);
             }
         }
     }
@@ -80,7 +115,7 @@ mod tests {
 
     #[test]
     fn a_turned_map_has_the_values_of_the_map_at_places_turned_back() {
-        let basis = Sensitivities::new([0.0; 2], 40.0);
+        let basis = Sensitivities::new([0.0; 2], 40.0, Complex::ZERO);
         let map: Vec<f64> = (0..Sensitivities::len()).map(|k| (k as f64 * 1.7).sin()).collect();
         let value = |weights: &[f64], p: [f64; 2]| -> f64 {
             let mut out = vec![0.0; Sensitivities::len()];
@@ -99,8 +134,32 @@ mod tests {
     }
 
     #[test]
+    fn terms_of_a_stretched_sheet_are_products_of_chebyshev_polynomials() {
+        let stretch = Complex::from_polar(0.4, 1.1);
+        let basis = Sensitivities::new([3.0, -2.0], 50.0, stretch);
+        for w in [Complex::from_polar(0.9, 0.3), Complex::from_polar(0.7, -2.0)] {
+            let z = w + stretch / w;
+            let place = (z - stretch * z.conj()) / (1.0 - stretch.norm_sqr());
+            let mut found = vec![0.0; Sensitivities::len()];
+            basis.values_at([3.0 + 50.0 * place.re, -2.0 + 50.0 * place.im], &mut found);
+            let field = |n: usize| -> Complex<f64> {
+                let power = |base: Complex<f64>| (0..n).fold(base, |product, _| product * base);
+                (power(w) - power(stretch / w)) / (w - stretch / w)
+            };
+            let wanted = Sensitivities::pairs().flat_map(|pair| {
+                let product = field(pair.high) * field(pair.low).conj();
+                let size = if pair.len() == 1 { 1.0 } else { SQRT_2 };
+                [size * product.re, size * product.im].into_iter().take(pair.len())
+            });
+            for (k, (found, wanted)) in found.iter().zip(wanted).enumerate() {
+                assert!((found - wanted).abs() < 1e-9, "{w} {k}: {found} {wanted}");
+            }
+        }
+    }
+
+    #[test]
     fn independent_weights_make_the_covariance_of_what_the_rim_can_feel() {
-        let basis = Sensitivities::new([3.0, -2.0], 50.0);
+        let basis = Sensitivities::new([3.0, -2.0], 50.0, Complex::ZERO);
         let at = |p: [f64; 2]| {
             let mut out = vec![0.0; Sensitivities::len()];
             basis.values_at(p, &mut out);

@@ -130,6 +130,7 @@ impl Design {
 mod tests {
     use super::*;
     use forward::Pattern;
+    use nalgebra::Complex;
     use rand::rngs::StdRng;
     use rand::{Rng, SeedableRng};
 
@@ -144,6 +145,7 @@ mod tests {
                 radius_mm: 50.0,
                 electrodes: 8,
                 clockwise,
+                stretch: Complex::ZERO,
             };
             let prior = Prior {
                 shared: 0.5,
@@ -163,7 +165,11 @@ mod tests {
             let basis = frame.basis();
             let design = Design::new(&presses, frame, prior, &orbits, &basis).unwrap();
             for turned in 0..8 {
-                let back = |place| frame.turned_back(place, turned);
+                let (sin, cos) = (-frame.angle(turned)).sin_cos();
+                let back = |[x, y]: [f64; 2]| {
+                    let [x, y] = [x - 3.0, y + 2.0];
+                    [3.0 + cos * x - sin * y, -2.0 + sin * x + cos * y]
+                };
                 let felt = (places_mm.iter().zip(&before_mm)).map(|(p, b)| Some(back(frame.felt(*p, *b, 0.1))));
                 let left = features(&basis, before_mm.iter().map(|b| b.map(back))) * 0.2;
                 let wanted = features(&basis, felt) + left;
