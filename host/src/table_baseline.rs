@@ -223,20 +223,20 @@ impl Prepared<'_> {
         let unpressed: Vec<&[f64]> = self.unpressed.iter().map(AsRef::as_ref).collect();
         let rest = Baseline::of_frames(own[0].values.len(), &unpressed).values_v;
         let recovered = progress::meanwhile("comparing frames with those before", || batch.recovered(&rest, &own))?;
-        if recovered <= 0.0 {
+        let Some(recovered) = recovered else {
             return Ok(None);
-        }
+        };
         for frame in &mut self.frames {
             if let Some(own) = frame.own {
-                frame.values = own.compared(&rest, recovered).into();
+                frame.values = own.compared(&rest, Some(&recovered)).into();
             }
         }
         eprintln!(
             "creep: {:.0} % of the dents in the frames before have gone in the frames themselves. That is taken off (docs/tables.md, \
              Baselines)",
-            100.0 * recovered
+            100.0 * recovered.part
         );
-        Ok(Some(recovered))
+        Ok(Some(recovered.part))
     }
 }
 
@@ -348,7 +348,7 @@ fn own<'a>(table: &'a MeasurementTable, names: &Names<'_>, common: &[usize], pat
             };
             frames.push(Frame {
                 place,
-                values: own.compared(&reference, 0.0).into(),
+                values: own.compared(&reference, None).into(),
                 own: Some(own),
                 baseline: before.name.clone(),
             });

@@ -13,7 +13,7 @@ use crate::reference::noise::FrameNoise;
 use crate::solvers::Method;
 use crate::touches::polarity::Polarity;
 use crate::touches::touch::Touch;
-pub use recovery::OwnFrame;
+pub use recovery::{OwnFrame, Recovery};
 use std::sync::Arc;
 
 /// How a table is reconstructed.

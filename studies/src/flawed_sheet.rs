@@ -218,7 +218,9 @@ fn by_model(
     }
     let recovered = batch.recovered(&reference, &presses.iter().map(own).collect::<Vec<_>>())?;
     for (k, press) in presses.iter().enumerate() {
-        let touches = batch.frame(k, &own(press).compared(&reference, recovered))?.touches;
+        let touches = batch
+            .frame(k, &own(press).compared(&reference, recovered.as_ref()))?
+            .touches;
         let strongest = touches
             .iter()
             .max_by(|a, b| a.total_mm2.abs().total_cmp(&b.total_mm2.abs()));

@@ -1,9 +1,10 @@
 //! Frames that are each compared with the frame just before them.
 //!
 //! Rubber recovers after a press, slowly (creep recovery). The frame before has dents of the presses before it, and when its own press
-//! is measured a part of them has gone. So the sheet without that press is between the frame before, b, and the sheet at rest, r:
-//! `b + p (r - b)`. The part p is one number for frames that were taken alike. Where a touch explains a frame, it tells that part: with
-//! the right one it leaves least.
+//! is measured a part of them has gone. So the sheet without that press is between the frame before, b, and the sheet without dents, u:
+//! `b + p (u - b)`. The part p is one number for frames that were taken alike. Often nobody has seen the sheet without dents. The mean of
+//! the frames before, r, has the mean of all dents, which is like the mean of all presses, d, but shallower: `u = r - m d`. Where a touch
+//! explains a frame, it tells both numbers: with the right ones it leaves least.
 
 use super::{Batch, reconstructor};
 use crate::pipeline::ReconstructorOptions;
@@ -14,8 +15,12 @@ use crate::touches::fit::prior::FitOptions;
 const FEWEST: usize = 8;
 /// Frames that are tried, spread over the table.
 const MOST_TRIED: usize = 30;
-/// Parts that are tried: 0 and so many equal steps to 1. Between them the least is that of a parabola.
+/// Numbers that are tried: 0 and so many equal steps to the largest. Between them the least is that of a parabola.
 const STEPS: usize = 5;
+/// Largest part that has gone.
+const MOST_GONE: f64 = 1.0;
+/// Largest depth of the mean of all dents, over that of the mean press: rubber that keeps half of a press until the next one.
+const MOST_DENTED: f64 = 0.5;
 /// By how many standard errors frames have to leave less.
 const CLEAR: f64 = 2.0;
 /// A sheet's value below this part of the median is too small to divide by.
@@ -30,17 +35,44 @@ pub struct OwnFrame<'a> {
     pub values: &'a [f64],
 }
 
+/// What of the dents in the frames before has gone in the frames themselves.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Recovery {
+    /// The part that has gone, 0 to 1.
+    pub part: f64,
+    /// Depth of the mean of all dents, over that of the mean press, 0 to 0.5.
+    pub dented: f64,
+    /// The sheet without dents, in the unit of the frames.
+    undented: Vec<f64>,
+}
+
+impl Recovery {
+    fn new(rest: &[f64], mean: &[f64], (part, dented): (f64, f64)) -> Self {
+        Self {
+            part,
+            dented,
+            undented: rest.iter().zip(mean).map(|(r, d)| r - dented * d).collect(),
+        }
+    }
+}
+
 impl OwnFrame<'_> {
-    /// The frame in the unit of the sheet at rest, `r V / (b + p (r - b))`: it has the difference to that which it has to its own
-    /// baseline. `recovered` is the part p, 0 to 1. Not a number where the baseline is missing or next to nothing, or where p is not 0 and
-    /// the sheet at rest has the other sign.
-    pub fn compared(&self, rest: &[f64], recovered: f64) -> Vec<f64> {
-        let own = |(r, b): (&f64, &f64)| match recovered > 0.0 {
-            true if r * b > 0.0 => b + recovered * (r - b),
-            true => f64::NAN,
-            false => *b,
+    /// The frame in the unit of the sheet at rest, `r V / (b + p (u - b))`: it has the difference to that which it has to its own
+    /// baseline, without the dents that have gone. Not a number where the baseline is missing or next to nothing, or where dents have gone
+    /// and the sheet without them has the other sign.
+    pub fn compared(&self, rest: &[f64], recovery: Option<&Recovery>) -> Vec<f64> {
+        let own: Vec<f64> = match recovery {
+            Some(recovery) => (recovery.undented.iter().zip(self.before))
+                .map(|(u, b)| {
+                    if u * b > 0.0 {
+                        b + recovery.part * (u - b)
+                    } else {
+                        f64::NAN
+                    }
+                })
+                .collect(),
+            None => self.before.to_vec(),
         };
-        let own: Vec<f64> = rest.iter().zip(self.before).map(own).collect();
         let mut sizes: Vec<f64> = own.iter().map(|v| v.abs()).filter(|v| v.is_finite()).collect();
         sizes.sort_by(f64::total_cmp);
         let least = sizes.get(sizes.len() / 2).map_or(f64::INFINITY, |m| LEAST_BASELINE * m);
@@ -51,20 +83,61 @@ impl OwnFrame<'_> {
     }
 }
 
+/// The mean of what frames differ from those before them: 0 where no frame has a value.
+fn mean_change(values: usize, frames: &[OwnFrame<'_>]) -> Vec<f64> {
+    let mean = |c: usize| {
+        let changes = frames
+            .iter()
+            .map(|f| f.values[c] - f.before[c])
+            .filter(|d| d.is_finite());
+        let (sum, count) = changes.fold((0.0, 0.0), |(sum, count), d| (sum + d, count + 1.0));
+        if count > 0.0 { sum / count } else { 0.0 }
+    };
+    (0..values).map(mean).collect()
+}
+
+/// Where on the steps frames leave least, by their sum over all frames and a parabola; and whether that is clearly less than on the first
+/// step. `left` has a list for each step of what frames leave, as logarithms.
+fn least(left: &[Vec<f64>], largest: f64) -> (f64, bool) {
+    let count = left[0].len() as f64;
+    let sums: Vec<f64> = left.iter().map(|of| of.iter().sum()).collect();
+    let best = (0..sums.len())
+        .min_by(|a, b| sums[*a].total_cmp(&sums[*b]))
+        .unwrap_or(0);
+    if best == 0 {
+        return (0.0, false);
+    }
+    let mean = (sums[0] - sums[best]) / count;
+    let square: f64 = (left[0].iter().zip(&left[best]))
+        .map(|(first, best)| (first - best - mean).powi(2))
+        .sum();
+    let error = (square / (count * (count - 1.0))).sqrt();
+    // Beside the ends.
+    let off = match (sums.get(best - 1), sums.get(best + 1)) {
+        (Some(before), Some(after)) => {
+            0.5 * (before - after) / (before + after - 2.0 * sums[best]).max(f64::MIN_POSITIVE)
+        }
+        _ => 0.0,
+    };
+    let at = largest * (best as f64 + off.clamp(-0.5, 0.5)) / STEPS as f64;
+    (at, mean > CLEAR * error)
+}
+
 impl Batch {
-    /// The part of what the frames before differ from the sheet at `rest` that has gone in the frames themselves, 0 to 1; 0 where that
-    /// cannot be told: of fewer than eight frames, and of those that follow one another.
+    /// What of the dents in the frames before has gone in the frames themselves. `rest` is the mean of the frames before, or the sheet at
+    /// rest. None where that cannot be told: of fewer than eight frames, and of those that follow one another.
     ///
     /// # Errors
     /// [`ImagerError::Baseline`] when a frame does not have the pattern's length.
-    pub fn recovered(&self, rest: &[f64], frames: &[OwnFrame<'_>]) -> Result<f64, ImagerError> {
+    pub fn recovered(&self, rest: &[f64], frames: &[OwnFrame<'_>]) -> Result<Option<Recovery>, ImagerError> {
         let is_told = self.how.fit.is_some() && self.inspection.fault.is_none() && self.interval_s.is_none();
         if !is_told || frames.len() < FEWEST {
-            return Ok(0.0);
+            return Ok(None);
         }
-        let tried: Vec<&OwnFrame<'_>> = frames.iter().step_by(frames.len().div_ceil(MOST_TRIED)).collect();
-        let at = |step: usize| step as f64 / STEPS as f64;
-        // What one touch leaves of each frame with each part, however much that is: more touches look like dents.
+        let count = frames.len().min(MOST_TRIED);
+        let mut tried: Vec<&OwnFrame<'_>> = (0..count).map(|k| &frames[k * frames.len() / count]).collect();
+        let mean = mean_change(rest.len(), frames);
+        // What one touch leaves of each frame, however much that is: more touches look like dents.
         let single = |fit| FitOptions { most_touches: 1, ..fit };
         let mut reconstructor = reconstructor(
             &self.inspection,
@@ -75,41 +148,50 @@ impl Batch {
             },
             self.tells_noise,
         )?;
-        // By frame, then by part, as logarithms.
-        let mut left: Vec<Vec<f64>> = Vec::with_capacity(tried.len());
-        for frame in &tried {
-            let mut of = Vec::with_capacity(STEPS + 1);
-            for step in 0..=STEPS {
-                let result = reconstructor.frame(&frame.compared(rest, at(step)))?;
-                // What has not changed leaves its noise.
-                let misfit = if result.changed { result.misfit } else { Some(1.0) };
-                of.extend(misfit.map(|misfit| misfit.max(f64::MIN_POSITIVE).ln()));
-            }
-            // One that cannot be fitted says nothing.
-            if of.len() > STEPS {
-                left.push(of);
-            }
-        }
-        if left.len() < FEWEST {
-            return Ok(0.0);
-        }
-        let count = left.len() as f64;
-        let sums: Vec<f64> = (0..=STEPS).map(|k| left.iter().map(|of| of[k]).sum()).collect();
-        let best = (0..=STEPS).min_by(|a, b| sums[*a].total_cmp(&sums[*b])).unwrap_or(0);
-        let mean = (sums[0] - sums[best]) / count;
-        let square: f64 = left.iter().map(|of| (of[0] - of[best] - mean).powi(2)).sum();
-        let error = (square / (count * (count - 1.0))).sqrt();
-        if best == 0 || mean <= CLEAR * error {
-            return Ok(0.0);
-        }
-        // Beside the ends.
-        let off = match (sums.get(best - 1), sums.get(best + 1)) {
-            (Some(before), Some(after)) => {
-                0.5 * (before - after) / (before + after - 2.0 * sums[best]).max(f64::MIN_POSITIVE)
-            }
-            _ => 0.0,
+        let mut leaves = |frame: &OwnFrame<'_>, numbers: (f64, f64)| -> Result<Option<f64>, ImagerError> {
+            let recovery = (numbers.0 > 0.0).then(|| Recovery::new(rest, &mean, numbers));
+            let result = reconstructor.frame(&frame.compared(rest, recovery.as_ref()))?;
+            // What has not changed leaves its noise.
+            let misfit = if result.changed { result.misfit } else { Some(1.0) };
+            Ok(misfit.map(|misfit| misfit.max(f64::MIN_POSITIVE).ln()))
         };
-        Ok(at(best) + off.clamp(-0.5, 0.5) / STEPS as f64)
+        let mut found = (0.0, 0.0);
+        // The part, then the mean dent, then the part beside it.
+        for of_dents in [false, true, false] {
+            let mut left: Vec<Vec<f64>> = vec![Vec::new(); STEPS + 1];
+            let mut fitted = Vec::with_capacity(tried.len());
+            for frame in &tried {
+                let mut of = Vec::with_capacity(STEPS + 1);
+                for step in 0..=STEPS {
+                    let at = step as f64 / STEPS as f64;
+                    let numbers = match of_dents {
+                        true => (found.0, at * MOST_DENTED),
+                        false => (at * MOST_GONE, found.1),
+                    };
+                    of.extend(leaves(frame, numbers)?);
+                }
+                // One that cannot be fitted says nothing.
+                if of.len() > STEPS {
+                    left.iter_mut().zip(of).for_each(|(list, value)| list.push(value));
+                    fitted.push(*frame);
+                }
+            }
+            tried = fitted;
+            if tried.len() < FEWEST {
+                return Ok(None);
+            }
+            if of_dents {
+                // Where dents recover there are some.
+                (found.1, _) = least(&left, MOST_DENTED);
+            } else {
+                let (part, is_clear) = least(&left, MOST_GONE);
+                if !is_clear {
+                    return Ok(None);
+                }
+                found.0 = part;
+            }
+        }
+        Ok(Some(Recovery::new(rest, &mean, found)))
     }
 }
 
@@ -124,15 +206,16 @@ mod tests {
             before: &[1.0, -6.0, 0.0, f64::NAN],
             values: &[1.1, -6.6, 1.0, 1.0],
         };
-        let compared = own.compared(&rest, 0.0);
+        let compared = own.compared(&rest, None);
         for k in 0..2 {
             assert!((compared[k] / rest[k] - own.values[k] / own.before[k]).abs() < 1e-15);
         }
         assert!(compared[2].is_nan() && compared[3].is_nan());
         // Of a sheet that is at rest again the frame before says nothing, but where it has the other sign.
-        let again = own.compared(&rest, 1.0);
+        let gone = |part: f64, rest: &[f64]| own.compared(rest, Some(&Recovery::new(rest, &[0.0; 4], (part, 0.0))));
+        let again = gone(1.0, &rest);
         assert!((0..2).all(|k| (again[k] - own.values[k]).abs() < 1e-12), "{again:?}");
-        let half = own.compared(&[-2.0, -3.0, 5.0, 1.0], 0.5);
+        let half = gone(0.5, &[-2.0, -3.0, 5.0, 1.0]);
         assert!(
             half[0].is_nan() && (half[1] + 3.0 * 6.6 / 4.5).abs() < 1e-12,
             "{half:?}"
