@@ -53,6 +53,8 @@ pub(crate) struct Prepared<'a> {
     pub name: String,
     /// The frames to reconstruct, in the order of the columns.
     pub frames: Vec<Frame<'a>>,
+    /// Whether no dents of presses are in the unpressed frames: they are none of those before a press.
+    pub undented: bool,
     /// Whether the unpressed frames are measured: they tell where the electrodes are.
     pub measured: bool,
     /// Whether the scatter of the unpressed frames is their noise.
@@ -202,6 +204,7 @@ impl BaselineArguments {
             unpressed: vec![model.clone().into()],
             name: "the model".to_owned(),
             frames: table.columns.iter().enumerate().map(frame).collect(),
+            undented: true,
             measured: false,
             tells_noise: false,
             drifts: false,
@@ -222,7 +225,9 @@ impl Prepared<'_> {
         }
         let unpressed: Vec<&[f64]> = self.unpressed.iter().map(AsRef::as_ref).collect();
         let rest = Baseline::of_frames(own[0].values.len(), &unpressed).values_v;
-        let recovered = progress::meanwhile("comparing frames with those before", || batch.recovered(&rest, &own))?;
+        let recovered = progress::meanwhile("comparing frames with those before", || {
+            batch.recovered(&rest, self.undented, &own)
+        })?;
         let Some(recovered) = recovered else {
             return Ok(None);
         };
@@ -231,9 +236,16 @@ impl Prepared<'_> {
                 frame.values = own.compared(&rest, Some(&recovered)).into();
             }
         }
+        let depth = match recovered.dented > 0.0 {
+            true => format!(
+                " (as deep as {:.0} % of a press, in the mean)",
+                100.0 * recovered.dented
+            ),
+            false => String::new(),
+        };
         eprintln!(
-            "creep: {:.0} % of the dents in the frames before have gone in the frames themselves. That is taken off (docs/tables.md, \
-             Baselines)",
+            "creep: {:.0} % of the dents in the frames before{depth} have gone in the frames themselves. That is taken off \
+             (docs/tables.md, Baselines)",
             100.0 * recovered.part
         );
         Ok(Some(recovered.part))
@@ -285,6 +297,7 @@ fn plain(table: &MeasurementTable, common: Vec<usize>) -> Prepared<'_> {
             .map(|k| table.columns[*k].values.as_slice().into())
             .collect(),
         name,
+        undented: true,
         measured: true,
         tells_noise: true,
         drifts: true,
@@ -374,6 +387,7 @@ fn own<'a>(table: &'a MeasurementTable, names: &Names<'_>, common: &[usize], pat
         unpressed: columns.into_iter().map(Cow::from).collect(),
         name: format!("of each frame its own, by {file}"),
         frames,
+        undented: !common.is_empty(),
         measured: true,
         // They were taken at different times: their scatter is drift.
         tells_noise: false,

@@ -216,7 +216,7 @@ fn by_model(
             values: &press.frame,
         }
     }
-    let recovered = batch.recovered(&reference, &presses.iter().map(own).collect::<Vec<_>>())?;
+    let recovered = batch.recovered(&reference, false, &presses.iter().map(own).collect::<Vec<_>>())?;
     for (k, press) in presses.iter().enumerate() {
         let touches = batch
             .frame(k, &own(press).compared(&reference, recovered.as_ref()))?

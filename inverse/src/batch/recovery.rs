@@ -3,8 +3,9 @@
 //! Rubber recovers after a press, slowly (creep recovery). The frame before has dents of the presses before it, and when its own press
 //! is measured a part of them has gone. So the sheet without that press is between the frame before, b, and the sheet without dents, u:
 //! `b + p (u - b)`. The part p is one number for frames that were taken alike. Often nobody has seen the sheet without dents. The mean of
-//! the frames before, r, has the mean of all dents, which is like the mean of all presses, d, but shallower: `u = r - m d`. Where a touch
-//! explains a frame, it tells both numbers: with the right ones it leaves least.
+//! the frames before, r, then has the mean of all dents, which is like the mean press, but shallower. Its depth m is one number, too. The
+//! mean change from before to under a press, d, is the mean press less what of the mean dent has gone: `u = r - m d / (1 - p m)`. Where a
+//! touch explains a frame, it tells both numbers: with the right ones it leaves least.
 
 use super::{Batch, reconstructor};
 use crate::pipeline::ReconstructorOptions;
@@ -40,7 +41,7 @@ pub struct OwnFrame<'a> {
 pub struct Recovery {
     /// The part that has gone, 0 to 1.
     pub part: f64,
-    /// Depth of the mean of all dents, over that of the mean press, 0 to 0.5.
+    /// Depth of the mean of all dents, over that of the mean press, 0 to 0.5; 0 where the sheet was seen without dents.
     pub dented: f64,
     /// The sheet without dents, in the unit of the frames.
     undented: Vec<f64>,
@@ -51,7 +52,9 @@ impl Recovery {
         Self {
             part,
             dented,
-            undented: rest.iter().zip(mean).map(|(r, d)| r - dented * d).collect(),
+            undented: (rest.iter().zip(mean))
+                .map(|(r, d)| r - dented * d / (1.0 - part * dented))
+                .collect(),
         }
     }
 }
@@ -86,12 +89,9 @@ impl OwnFrame<'_> {
 /// The mean of what frames differ from those before them: 0 where no frame has a value.
 fn mean_change(values: usize, frames: &[OwnFrame<'_>]) -> Vec<f64> {
     let mean = |c: usize| {
-        let changes = frames
-            .iter()
-            .map(|f| f.values[c] - f.before[c])
-            .filter(|d| d.is_finite());
-        let (sum, count) = changes.fold((0.0, 0.0), |(sum, count), d| (sum + d, count + 1.0));
-        if count > 0.0 { sum / count } else { 0.0 }
+        let change = |f: &OwnFrame<'_>| Some(f.values.get(c)? - f.before.get(c)?).filter(|d| d.is_finite());
+        let changes: Vec<f64> = frames.iter().filter_map(change).collect();
+        changes.iter().sum::<f64>() / changes.len().max(1) as f64
     };
     (0..values).map(mean).collect()
 }
@@ -119,17 +119,23 @@ fn least(left: &[Vec<f64>], largest: f64) -> (f64, bool) {
         }
         _ => 0.0,
     };
-    let at = largest * (best as f64 + off.clamp(-0.5, 0.5)) / STEPS as f64;
+    let off = if off.is_finite() { off.clamp(-0.5, 0.5) } else { 0.0 };
+    let at = largest * (best as f64 + off) / STEPS as f64;
     (at, mean > CLEAR * error)
 }
 
 impl Batch {
-    /// What of the dents in the frames before has gone in the frames themselves. `rest` is the mean of the frames before, or the sheet at
-    /// rest. None where that cannot be told: of fewer than eight frames, and of those that follow one another.
+    /// What of the dents in the frames before has gone in the frames themselves. `rest` is the sheet without dents (`is_undented`), or the
+    /// mean of the frames before. None where that cannot be told: of fewer than eight frames, and of those that follow one another.
     ///
     /// # Errors
     /// [`ImagerError::Baseline`] when a frame does not have the pattern's length.
-    pub fn recovered(&self, rest: &[f64], frames: &[OwnFrame<'_>]) -> Result<Option<Recovery>, ImagerError> {
+    pub fn recovered(
+        &self,
+        rest: &[f64],
+        is_undented: bool,
+        frames: &[OwnFrame<'_>],
+    ) -> Result<Option<Recovery>, ImagerError> {
         let is_told = self.how.fit.is_some() && self.inspection.fault.is_none() && self.interval_s.is_none();
         if !is_told || frames.len() < FEWEST {
             return Ok(None);
@@ -157,7 +163,12 @@ impl Batch {
         };
         let mut found = (0.0, 0.0);
         // The part, then the mean dent, then the part beside it.
-        for of_dents in [false, true, false] {
+        let passes = if is_undented {
+            &[false][..]
+        } else {
+            &[false, true, false]
+        };
+        for &of_dents in passes {
             let mut left: Vec<Vec<f64>> = vec![Vec::new(); STEPS + 1];
             let mut fitted = Vec::with_capacity(tried.len());
             for frame in &tried {
@@ -176,22 +187,23 @@ impl Batch {
                     fitted.push(*frame);
                 }
             }
-            tried = fitted;
-            if tried.len() < FEWEST {
-                return Ok(None);
+            if fitted.len() < FEWEST {
+                break;
             }
+            tried = fitted;
             if of_dents {
                 // Where dents recover there are some.
                 (found.1, _) = least(&left, MOST_DENTED);
-            } else {
-                let (part, is_clear) = least(&left, MOST_GONE);
-                if !is_clear {
-                    return Ok(None);
+                if found.1 == 0.0 {
+                    break;
                 }
+            } else if let (part, true) = least(&left, MOST_GONE) {
                 found.0 = part;
+            } else {
+                break;
             }
         }
-        Ok(Some(Recovery::new(rest, &mean, found)))
+        Ok((found.0 > 0.0).then(|| Recovery::new(rest, &mean, found)))
     }
 }
 
@@ -211,6 +223,8 @@ mod tests {
             assert!((compared[k] / rest[k] - own.values[k] / own.before[k]).abs() < 1e-15);
         }
         assert!(compared[2].is_nan() && compared[3].is_nan());
+        // A frame that lacks values tells nothing of them.
+        assert!((mean_change(5, &[own])[1] + 0.6).abs() < 1e-12 && mean_change(5, &[own])[3..] == [0.0; 2]);
         // Of a sheet that is at rest again the frame before says nothing, but where it has the other sign.
         let gone = |part: f64, rest: &[f64]| own.compared(rest, Some(&Recovery::new(rest, &[0.0; 4], (part, 0.0))));
         let again = gone(1.0, &rest);

@@ -105,6 +105,32 @@ mod tests {
     use super::*;
 
     #[test]
+    fn the_axes_of_the_stretched_sheet_tell_its_grain() {
+        let grain = |stretch| {
+            let frame = Frame {
+                centre_mm: [0.0; 2],
+                reach_mm: 40.0,
+                radius_mm: 50.0,
+                electrodes: 16,
+                clockwise: false,
+                stretch,
+            };
+            frame.grain()
+        };
+        assert_eq!(grain(Complex::ZERO), None);
+        // Lengths are over the roots of the conductivities: 1 along x, and 1 / 3 along y, where it conducts nine times as well.
+        let along_y = grain(Complex::new(0.5, 0.0)).unwrap();
+        assert!((along_y.ratio - 9.0).abs() < 1e-12 && (along_y.along_deg - 90.0).abs() < 1e-12);
+        let along_x = grain(Complex::new(-0.5, 0.0)).unwrap();
+        assert!(along_x.along_deg.min(180.0 - along_x.along_deg) < 1e-9, "{along_x:?}");
+        let askew = grain(Complex::from_polar(0.2, 0.5)).unwrap();
+        assert!(
+            (askew.along_deg - 90.0 - 0.25_f64.to_degrees()).abs() < 1e-9,
+            "{askew:?}"
+        );
+    }
+
+    #[test]
     fn where_a_press_is_felt_tells_where_it_is_and_how_that_changes() {
         let frame = Frame {
             centre_mm: [3.0, -2.0],

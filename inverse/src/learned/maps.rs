@@ -3,7 +3,8 @@
 //! `y_c = f_c(p) + λ f_c(q') + noise` with `f_c(q) = g_c f_k(R_c q) + r_c(q)`: what the press before at q' left behind is a part of what it
 //! did, or it displaces where this one is felt, p. All measurements of an orbit share one map `f_k`, each turned with its electrodes and
 //! with a gain `g_c` of its own, as contacts and amplifiers have. A sheet with a grain, as one of stripes, conducts better along it than
-//! across: that changes a map with the cosine and the sine of twice the angle by which its electrodes are turned, to first order.
+//! across: that changes a map with the cosine and the sine of twice the angle by which its electrodes are turned, to first order. The map
+//! itself is one of the sheet that the grain's stretch makes even, where `R_c` turns the currents around the rim.
 //! `r_c` is what is left of one measurement. All are Gaussian processes, with the covariance of what a rim can feel
 //! ([`Sensitivities`]), and so is their posterior, in closed form. What lies far outside is drawn in before each of a few repetitions
 //! (Huber's pseudo-values), and each measurement's noise follows from what is left.
@@ -133,8 +134,8 @@ pub struct StoredMaps {
     pub radius_mm: f64,
     /// Whether the electrodes' numbers go round clockwise.
     pub clockwise: bool,
-    /// How the sheet's grain stretches it, real and imaginary part: the difference of the half axes of an even sheet that conducts alike,
-    /// over their sum, with twice the angle of the longer one. Both are 0 where there is no grain, and in older files.
+    /// Stretch by the sheet's grain, real and imaginary part. Its size is the difference over the sum of the half axes of an even sheet
+    /// that responds alike. Its argument is twice the angle of the longer one. It is 0 where there is no grain, and in older files.
     #[serde(default)]
     pub stretch: [f64; 2],
     /// Root mean square of the changes of every measurement's orbit.

@@ -43,7 +43,7 @@ const RADII: [f64; 3] = [1.25, 1.12, 1.05];
 /// Standard deviation of a coordinate of the stretch, before anything is known of it: a sheet that conducts twice as well along as across
 /// has one of 0.17.
 const STRETCH_SD: f64 = 0.2;
-/// First and last step by which it is looked for.
+/// First and last step by which it is looked for. The last one is a sheet that conducts 1.2 times as well along as across.
 const STRETCH_STEPS: [f64; 2] = [0.2, 0.05];
 /// Parts of what the press before did that are tried as left.
 const MEMORIES: [f64; 6] = [0.07, 0.14, 0.2, 0.3, 0.4, 0.5];
@@ -234,12 +234,14 @@ pub(super) fn choose(
         None => alone,
     };
     progress(5, PARTS);
-    let choice = stretched(taken?.choice, presses);
-    Some(remember(Tried::new(choice, presses)?, presses).choice)
+    let taken = taken?;
+    let choice = stretched(taken.choice.clone(), presses);
+    let grained = (choice.frame.stretch != Complex::ZERO).then(|| Tried::new(choice, presses));
+    Some(remember(grained.flatten().unwrap_or(taken), presses).choice)
 }
 
 /// With the stretch by which maps of the others tell presses best, beside what is expected of it: the posterior's mode, by a search of the
-/// pattern of four neighbours (Hooke and Jeeves 1961). None where it does not tell them better by a standard error.
+/// pattern of four neighbours (Hooke and Jeeves 1961). The same choice where they are not told better by a standard error.
 fn stretched(choice: Choice, presses: &Presses) -> Choice {
     let at = |stretch: Complex<f64>| {
         let mut choice = choice.clone();

@@ -6,17 +6,18 @@
 //! disc's radius. The response then is a Gaussian process with the covariance `1 / |1 - z conj(w)|²`. It is smooth in the middle, and the
 //! stronger and finer the nearer to the rim. Its terms `z^m conj(z)^n` have independent weights of variance one.
 //!
-//! A sheet with a grain conducts better along it than across. Lengths over the roots of the conductivities make of such a disc an even sheet
-//! with an elliptic rim. There `z = ζ + Q conj(ζ)`, ζ being the place on the disc. `|Q|` is the difference of the half axes over their sum,
-//! and half the argument of Q is the direction of the longer one, across the grain. Fields are analytic in z again. Currents around the
-//! rim that change as `n` times the angle make those of Chebyshev's polynomials of the second kind, `U_0 = 1`, `U_1 = z`,
-//! `U_(n + 1) = z U_n - Q U_(n - 1)`: on the rim, where `z = ζ + Q / ζ`, they are `(ζ^(n + 1) - (Q / ζ)^(n + 1)) / (ζ - Q / ζ)`. So the terms are
-//! `U_m conj(U_n)`. With Q = 0 they are those of an even disc.
+//! A sheet with a grain conducts better along it than across. Lengths over the roots of the conductivities make of such a disc an even
+//! sheet with an elliptic rim. There `z = ζ + Q conj(ζ)`, ζ being the place on the disc. `|Q|` is the difference of the half axes over
+//! their sum, and half the argument of Q is the direction of the longer one, across the grain. Fields are analytic in z again. Currents
+//! around the rim that change as n + 1 times the angle make Chebyshev's polynomials of the second kind, `U_0 = 1`, `U_1 = z` and
+//! `U_(n + 1) = z U_n - Q U_(n - 1)`. On the rim `z = ζ + Q / ζ`, and they are `(ζ^(n + 1) - (Q / ζ)^(n + 1)) / (ζ - Q / ζ)`. So the terms
+//! are `U_m conj(U_n)`. With Q = 0 they are those of an even disc.
 
 use nalgebra::Complex;
 use std::f64::consts::SQRT_2;
 
-/// Highest degree m + n. What is beyond is four hundredths of the variance at 0.8 of the radius.
+/// Highest degree m + n. What is beyond is four hundredths of the variance at 0.8 of the radius on a sheet without a grain. On one that
+/// conducts five times as well along its grain it is a third there, at the ends of the grain, and nothing across.
 const DEGREE: usize = 10;
 /// How many there are.
 const COUNT: usize = (DEGREE + 1) * (DEGREE + 2) / 2;
@@ -93,7 +94,10 @@ impl Sensitivities {
         }
     }
 
-    /// Adds to weights of the terms those of a map that is turned around the centre, times a gain: `gain f(R(-angle) p)`.
+    /// Adds to weights of the terms those of electrodes that are turned by an angle, times a gain. On a sheet without a grain that turns
+    /// the map around the centre, `gain f(R(-angle) p)`. On another it turns the currents around the rim, but for what the grain changes
+    /// of their fields: `U_(n - 1)` has `1 / (1 - |Q|^n)` of a current along one axis, `1 / (1 + |Q|^n)` of one along the other. That is
+    /// left to the maps that change with twice the angle.
     pub(super) fn add_turned(map: &[f64], angle: f64, gain: f64, out: &mut [f64]) {
         for pair in Self::pairs() {
             let (sin, cos) = ((pair.high - pair.low) as f64 * angle).sin_cos();

@@ -92,10 +92,11 @@ impl PolarityTest {
         (self.now, self.until, self.unplaced) = (Polarity::Either, 0, false);
     }
 
-    /// It was not, or only by touches whose places it does not tell (`unplaced`): back to what it was, until the next time.
+    /// It was not, or only by touches whose places it does not tell (`unplaced`): back to what it was, until the next time. What moves has
+    /// places soon, so that after such touches the next frame is tried.
     pub(crate) fn narrow(&mut self, now: Polarity, unplaced: bool) {
         (self.now, self.unplaced) = (now, unplaced);
-        self.until = if self.sequence { RETRY_FRAMES } else { 0 };
+        self.until = if self.sequence && !unplaced { RETRY_FRAMES } else { 0 };
     }
 
     /// The sheet is quiet: what was there has gone, so that it was a touch; or what had gone is there again.

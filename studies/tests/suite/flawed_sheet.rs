@@ -62,11 +62,11 @@ fn the_part_of_a_dent_that_has_gone_is_found() {
         let unpressed = if is_seen { vec![rest.as_slice()] } else { unpressed };
         let mean = Baseline::of_frames(rest.len(), &unpressed).values_v;
         let batch = Batch::new(Arc::clone(&imager), &unpressed, options).unwrap();
-        let found = batch.recovered(&mean, &own).unwrap();
+        let found = batch.recovered(&mean, is_seen, &own).unwrap();
         let (part, dented) = found.map_or((0.0, 0.0), |found| (found.part, found.dented));
         assert!((part - gone).abs() < 0.1, "{gone}: {part}");
         let depth = if is_seen { 0.0 } else { DENT / PRESS };
-        assert!((dented - depth).abs() < 0.15, "{gone}: {dented} of {depth}");
+        assert!((dented - depth).abs() < 0.08, "{gone}: {dented} of {depth}");
     }
 }
 

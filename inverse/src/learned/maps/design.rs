@@ -36,7 +36,7 @@ pub(super) fn features(basis: &Sensitivities, places: impl Iterator<Item = Optio
 }
 
 /// The presses as the terms see them: `here = seen terms^T`. A row of `here` has the features of a press's place and, of those of the
-/// press before, the part that is left. Features of places that are turned back are the features, turned. So all measurements share the
+/// press before, the part that is left. Electrodes that are turned see the features, turned. So all measurements share the
 /// directions that presses see, of which there are no more than terms.
 pub(super) struct Design {
     /// Presses x directions, orthonormal, and transposed.
