@@ -176,6 +176,9 @@ struct Source {
     /// Part of earlier dents that has gone between the frame before and the frame, 0 to 1.
     #[serde(skip_serializing_if = "Option::is_none")]
     creep_recovered: Option<f64>,
+    /// Depth of the mean of these dents over that of the mean press, 0 to 0.5, where no frame shows the sheet without them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    creep_dented: Option<f64>,
 }
 
 /// A frame's name, what it was compared with, and what came of it.
@@ -310,6 +313,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     }
     let mut source = Source {
         creep_recovered: None,
+        creep_dented: None,
         sheet: chosen.line.to_string(),
         pattern: chosen.table_pattern.name.clone(),
         missing: chosen
@@ -357,7 +361,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         let most = found.moved_mm.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
         eprintln!("electrodes found in the baseline, up to {most:.1} mm from where they were said to be");
     }
-    source.creep_recovered = ready.prepared.recover(&batch)?;
+    if let Some(recovery) = ready.prepared.recover(&batch)? {
+        source.creep_recovered = Some(recovery.part);
+        source.creep_dented = Some(recovery.dented).filter(|_| !ready.prepared.undented);
+    }
     let results = reconstruct(arguments, &table, ready.prepared.frames, &mut batch)?;
     table_notices::of_all(results.iter().map(|done| &done.result), method);
     // Everything is computed and every picture written before the first line is printed: no part passes for the whole.

@@ -8,7 +8,7 @@ use crate::presses::locate::Comparison;
 use crate::progress;
 use anyhow::{Result, anyhow, bail};
 use clap::Args;
-use inverse::batch::{Batch, OwnFrame};
+use inverse::batch::{Batch, OwnFrame, Recovery};
 use inverse::reference::baseline::Baseline;
 use inverse::reference::imager::Imager;
 use std::borrow::Cow;
@@ -214,11 +214,11 @@ impl BaselineArguments {
 
 impl Prepared<'_> {
     /// Takes dents of earlier presses off frames that have each their own baseline: rubber recovers while the frame is pressed. Gives the
-    /// part that has recovered, and says it on stderr; none where none is to be seen.
+    /// what has recovered, and says it on stderr; none where nothing is to be seen.
     ///
     /// # Errors
     /// A frame of another length.
-    pub(crate) fn recover(&mut self, batch: &Batch) -> Result<Option<f64>> {
+    pub(crate) fn recover(&mut self, batch: &Batch) -> Result<Option<Recovery>> {
         let own: Vec<OwnFrame<'_>> = self.frames.iter().filter_map(|frame| frame.own).collect();
         if own.is_empty() {
             return Ok(None);
@@ -248,7 +248,7 @@ impl Prepared<'_> {
              (docs/tables.md, Baselines)",
             100.0 * recovered.part
         );
-        Ok(Some(recovered.part))
+        Ok(Some(recovered))
     }
 }
 

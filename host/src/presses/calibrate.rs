@@ -85,7 +85,7 @@ struct Line<'a> {
     centre_mm: [f64; 2],
     radius_mm: f64,
     /// None where the sheet seems to conduct alike in all directions.
-    grain: Option<GrainLine>,
+    grain: Option<Grain>,
     memory: f64,
     displaced: f64,
     corrected: bool,
@@ -102,13 +102,6 @@ struct Line<'a> {
     model: Option<ModelLine>,
     #[serde(skip_serializing_if = "Option::is_none")]
     model_not_tried: Option<String>,
-}
-
-/// How many times as well the sheet seems to conduct along its grain as across, and where that is, degrees from the x axis.
-#[derive(Serialize)]
-struct GrainLine {
-    ratio: f64,
-    along_deg: f64,
 }
 
 /// Newtons over the sheet.
@@ -370,9 +363,7 @@ fn line<'a>(found: &Findings, known: &'a [truth::KnownPress], table: &Measuremen
         clockwise: found.shared.then_some(found.clockwise),
         centre_mm: found.centre_mm,
         radius_mm: found.radius_mm,
-        grain: found
-            .grain
-            .map(|Grain { ratio, along_deg }| GrainLine { ratio, along_deg }),
+        grain: found.grain,
         memory: found.memory,
         displaced: found.displaced,
         corrected: found.corrected,
@@ -449,7 +440,7 @@ fn words(line: &Line<'_>) -> String {
     );
     text += "\ngrain           ";
     text += &match &line.grain {
-        Some(GrainLine { ratio, along_deg }) => {
+        Some(Grain { ratio, along_deg }) => {
             format!(
                 "like a sheet that conducts {ratio:.1} times as well along {along_deg:.0} degrees from the x axis as across"
             )

@@ -2,6 +2,7 @@
 
 use super::sensitivities::Sensitivities;
 use nalgebra::{Complex, Matrix2, Vector2};
+use serde::Serialize;
 use std::f64::consts::TAU;
 
 /// Iterations that find where a press is felt; each squares what is left.
@@ -29,7 +30,7 @@ pub(super) struct Frame {
 }
 
 /// How much better a sheet conducts along its grain than across, as presses tell it.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Grain {
     /// Conductivity along it over that across.
     pub ratio: f64,
