@@ -66,7 +66,7 @@ pub(crate) fn order(calibration: &PressCalibration, of: &str, among: &[Measureme
     Ok(order)
 }
 
-/// The same, with what is missing in words.
+/// The same, with what is missing or turned round in words.
 ///
 /// # Errors
 /// Too few of them are there.
@@ -84,8 +84,20 @@ pub(crate) fn found(
             all - missing
         );
     }
-    let said = format!("{of}: {missing} of the {all} measurements of {file} are not in it and are taken as missing");
-    Ok((order, (missing > 0).then_some(said)))
+    let mut said = Vec::new();
+    if missing > 0 {
+        said.push(format!(
+            "{missing} of the {all} measurements of {file} are not in it and are taken as missing"
+        ));
+    }
+    let turned = order.turned_round();
+    if turned > 0 {
+        said.push(format!(
+            "{turned} of the {all} measurements of {file} have their drive turned round in it, which real skins do not always measure alike"
+        ));
+    }
+    let said = (!said.is_empty()).then(|| format!("{of}: {}", said.join("; ")));
+    Ok((order, said))
 }
 
 /// Locates the presses of a table's frames, in order: what a press leaves behind is taken from the next one.

@@ -10,7 +10,9 @@ use super::orbits::Orbits;
 use super::rest::{Residuals, Rest};
 use super::search::{PARTS, choose};
 use super::stale::stale;
-use super::validation::{FOLDS, STEPS, Validation, first_evidence, locators, quantile, second_evidence, validate};
+use super::validation::{
+    FOLDS, Fold, STEPS, Validation, first_evidence, locators, quantile, second_evidence, validate,
+};
 use crate::stats::median;
 use forward::Measurement;
 use nalgebra::{DMatrix, DVector};
@@ -36,6 +38,14 @@ const FARTHEST_MM: f64 = 1e5;
 const LARGEST_CHANGE: f64 = 1e100;
 /// Presses beyond this many times the median error, and beyond a quarter of the reach, are gross.
 const GROSS: f64 = 6.0;
+/// Parts of the reach: a press that is so far off may spoil the others, and nearer ones are all alike.
+const FAR_OFF: f64 = 0.5;
+const LEAST_OFF: f64 = 0.01;
+/// Standard errors by which the others are located better without it, where it does.
+const SURELY: f64 = 3.0;
+/// How many are tried, the farthest ones; and of how many presses. More than that one does not spoil.
+const TRIED: usize = 3;
+const MANY: usize = 100;
 
 /// A press at a known place.
 #[derive(Clone, Debug, PartialEq)]
@@ -244,23 +254,31 @@ pub fn learn(
     }
     let measurements: Vec<Measurement> = used.iter().map(|k| setting.measurements[*k]).collect();
     let all = gather(presses, &used, &(0..presses.len()).collect::<Vec<_>>());
-    let choice = choose(&all, setting, &measurements, &mut progress).ok_or(LearnError::NoChange)?;
-    let validated = |presses: &Presses| {
-        let (list, residuals, turning) = locators(&choice, presses, FOLDS, STEPS)?;
-        let (validation, evidence) = validate(&list, presses);
-        let rest = residuals.rest(&choice.orbits, turning);
-        Some((list, residuals, rest, validation, evidence))
-    };
+    let mut choice = choose(&all, setting, &measurements, &mut progress).ok_or(LearnError::NoChange)?;
+    let mut numbers: Vec<usize> = (0..presses.len()).collect();
     let mut kept = all;
-    let (mut list, mut residuals, mut rest, mut validation, mut evidence) =
-        validated(&kept).ok_or(LearnError::NoChange)?;
-    progress(PARTS - 2, PARTS);
-    let gross = gross(&validation, choice.frame.reach_mm);
-    let numbers: Vec<usize> = (0..presses.len()).filter(|k| !gross.contains(k)).collect();
-    if !gross.is_empty() {
+    let mut checked = Checked::new(&choice, &kept).ok_or(LearnError::NoChange)?;
+    while let Some(spoiler) = checked.spoiler(&choice, &kept) {
+        numbers.remove(spoiler);
         kept = gather(presses, &used, &numbers);
-        (list, residuals, rest, validation, evidence) = validated(&kept).ok_or(LearnError::NoChange)?;
+        choice = choose(&kept, setting, &measurements, &mut |_, _| {}).ok_or(LearnError::NoChange)?;
+        checked = Checked::new(&choice, &kept).ok_or(LearnError::NoChange)?;
     }
+    progress(PARTS - 2, PARTS);
+    let gross = gross(&checked.validation, choice.frame.reach_mm);
+    if !gross.is_empty() {
+        let rows = 0..numbers.len();
+        numbers = rows.filter(|k| !gross.contains(k)).map(|k| numbers[k]).collect();
+        kept = gather(presses, &used, &numbers);
+        checked = Checked::new(&choice, &kept).ok_or(LearnError::NoChange)?;
+    }
+    let Checked {
+        list,
+        residuals,
+        rest,
+        mut validation,
+        mut evidence,
+    } = checked;
     evidence.first = first_evidence(&validation).min(SURE.ln());
     // What a second press gains in frames with one.
     evidence.thorough = true;
@@ -283,7 +301,7 @@ pub fn learn(
     let findings = Findings {
         presses: kept.len(),
         missed: validation.missed().into_iter().map(|k| numbers[k]).collect(),
-        gross,
+        gross: (0..presses.len()).filter(|k| !numbers.contains(k)).collect(),
         dead: (0..setting.measurements.len()).filter(|c| !used.contains(c)).collect(),
         unexplained: (0..used.len())
             .filter(|c| rest.covariance[(*c, *c)] > HARDLY * mean_square(&kept, *c))
@@ -342,6 +360,56 @@ fn explained(presses: &Presses, residuals: &Residuals, scale: &[f64]) -> f64 {
         }
     }
     1.0 - (left / whole.max(f64::MIN_POSITIVE)).min(1.0)
+}
+
+/// Presses, each located by what the others taught.
+struct Checked {
+    list: Vec<Fold<Locator>>,
+    residuals: Residuals,
+    rest: Rest,
+    validation: Validation,
+    evidence: Evidence,
+}
+
+impl Checked {
+    fn new(choice: &Choice, presses: &Presses) -> Option<Self> {
+        let (list, residuals, turning) = locators(choice, presses, FOLDS, STEPS)?;
+        let (validation, evidence) = validate(&list, presses);
+        Some(Self {
+            rest: residuals.rest(&choice.orbits, turning),
+            list,
+            residuals,
+            validation,
+            evidence,
+        })
+    }
+
+    /// Of few presses one at a wrong place spoils the maps for the others, so that many are off. It is one that the others put far from its
+    /// place, and without which they are located better, surely.
+    fn spoiler(&self, choice: &Choice, presses: &Presses) -> Option<usize> {
+        let reach_mm = choice.frame.reach_mm;
+        let errors = self.validation.errors_mm(reach_mm);
+        let mut far: Vec<usize> = (0..errors.len()).filter(|k| errors[*k] > FAR_OFF * reach_mm).collect();
+        if presses.len() > MANY || presses.len() <= FEWEST {
+            return None;
+        }
+        far.sort_by(|a, b| errors[*b].total_cmp(&errors[*a]));
+        let tried = far.into_iter().take(TRIED).filter_map(|k| {
+            let others: Vec<usize> = (0..errors.len()).filter(|o| *o != k).collect();
+            let without = Self::new(choice, &presses.select(&others))?
+                .validation
+                .errors_mm(reach_mm);
+            let gains: Vec<f64> = (others.iter().zip(&without))
+                .map(|(o, now)| (errors[*o].max(LEAST_OFF * reach_mm) / now.max(LEAST_OFF * reach_mm)).ln())
+                .collect();
+            let count = gains.len() as f64;
+            let mean = gains.iter().sum::<f64>() / count;
+            let variance = gains.iter().map(|g| (g - mean).powi(2)).sum::<f64>() / (count - 1.0);
+            let surely = mean / (variance / count).sqrt().max(f64::MIN_POSITIVE);
+            (surely > SURELY).then_some((k, mean))
+        });
+        tried.max_by(|a, b| a.1.total_cmp(&b.1)).map(|t| t.0)
+    }
 }
 
 fn gross(validation: &Validation, reach_mm: f64) -> Vec<usize> {

@@ -3,10 +3,12 @@
 mod beside;
 mod evidence;
 mod lattice;
+mod outliers;
 
 use self::beside::Beside;
 pub(super) use self::evidence::Evidence;
 use self::lattice::{FAR, Lattice, Placed, Scored};
+use self::outliers::Outliers;
 use super::maps::Maps;
 use super::rest::{Rest, variance};
 use crate::linalg::aligned::Aligned;
@@ -22,16 +24,12 @@ const DIRECTIONS: usize = 48;
 const MORE_DIRECTIONS: usize = 16;
 /// Iterations that find them.
 const SUBSPACE_ITERATIONS: usize = 3;
-/// Residuals beyond this many standard deviations are drawn in before a frame is fitted again.
-const HUBER: f64 = 4.0;
-/// How often a frame is fitted with its outliers drawn in.
+/// How often a frame is fitted with its wild values replaced.
 const REPETITIONS: usize = 2;
 /// The same where values are missing, which take the place of what was fitted: as many are needed until nothing changes.
 const REPETITIONS_WITH_MISSING: usize = 20;
 /// Mean square of residuals from which two presses at once are looked for. Presses that were learned from leave 1.
 const SUSPECT: f64 = 2.0;
-/// Largest change of a measurement by several presses, over that of one.
-const LARGEST_SUM: f64 = 1.5;
 /// Sweeps over the presses of a frame in which each is placed anew with the others as they are.
 const SWEEPS: usize = 2;
 /// Most presses of a frame.
@@ -96,14 +94,15 @@ pub(super) struct Locator {
     /// Part of the rest that is proportional to a press.
     proportional: f64,
     whitener: Cholesky<f64, nalgebra::Dyn>,
+    /// Inverse of the covariance of the rest, and of that of whole frames with a press of the usual strength anywhere.
+    precision: DMatrix<f64>,
+    precision_anywhere: DMatrix<f64>,
     /// Directions x measurements of the whitened frame.
     directions: DMatrix<f64>,
     /// For every node its whitened map along the directions, one after another.
     reduced: Aligned,
     squares: Vec<f64>,
     deviations: Vec<f64>,
-    /// Largest change that the maps have anywhere, of every measurement.
-    largest: Vec<f64>,
     /// Whether one node of every group is enough where that tells a posterior.
     hurried: bool,
     arch: Arch,
@@ -145,7 +144,7 @@ impl Locator {
         let whitener = Cholesky::new(covariance.clone())?;
         let mut inverse = DMatrix::identity(table.nrows(), table.nrows());
         whitener.l_dirty().solve_lower_triangular_mut(&mut inverse);
-        let whitened = inverse * &table;
+        let whitened = &inverse * &table;
         let directions = leading(&whitened)?;
         let small = &directions * &whitened;
         let stride = padded(small.nrows(), LANES);
@@ -155,20 +154,24 @@ impl Locator {
         }
         let small_of = |nodes: &[usize]| small.select_columns(nodes);
         let uncertainty: Vec<f64> = nodes_mm.iter().map(|p| maps.uncertainty(*p)).collect();
+        let usual = uncertainty.iter().map(|u| variance(rest.proportional, &[(1.0, *u)]));
+        let usual = usual.sum::<f64>() / uncertainty.len() as f64;
+        let anywhere = covariance * usual + &table * table.transpose() / table.ncols() as f64;
         Some(Self {
             proportional: rest.proportional,
-            uncertainty,
             squares: small.column_iter().map(|c| c.norm_squared()).collect(),
             deviations: covariance.diagonal().iter().map(|v| v.sqrt()).collect(),
-            largest: table.row_iter().map(|r| r.amax()).collect(),
             directions,
             reduced,
+            precision: inverse.tr_mul(&inverse),
+            precision_anywhere: Cholesky::new(anywhere)?.inverse(),
             hurried: false,
             crossings: small_of(&lattice.spread).tr_mul(&small_of(&lattice.spread)),
             lattice,
             table,
             whitener,
             maps,
+            uncertainty,
             arch: Arch::new(),
         })
     }
@@ -308,43 +311,40 @@ impl Locator {
 
     /// The presses of a frame: its changes against the sheet just before, and the place of the press before.
     pub(super) fn locate(&self, change: &[f64], before_mm: Option<[f64; 2]>, evidence: Evidence) -> Presence {
-        let values = DVector::from_column_slice(change) - self.maps.memory_of(before_mm);
-        // Presses far from one another do not add up to much more than the largest that one alone does.
-        let mut drawn_in = DVector::from_fn(values.len(), |c, _| {
-            let limit = LARGEST_SUM * self.largest[c] + HUBER * self.deviations[c];
-            if values[c].is_finite() {
-                values[c].clamp(-limit, limit)
-            } else {
-                0.0
-            }
-        });
+        let mut values = DVector::from_column_slice(change) - self.maps.memory_of(before_mm);
+        let missing: Vec<usize> = (0..values.len()).filter(|c| !values[*c].is_finite()).collect();
+        missing.iter().for_each(|c| values[*c] = 0.0);
+        let most = if missing.is_empty() {
+            REPETITIONS
+        } else {
+            REPETITIONS_WITH_MISSING
+        };
+        // A value that takes the place of a missing one agrees with the others. So all together tell as much less.
+        let there = 1.0 - missing.len() as f64 / values.len() as f64;
+        let evidence = Evidence {
+            tempering: evidence.tempering / there.max(f64::MIN_POSITIVE),
+            ..evidence
+        };
+        let mut told = Outliers::new(&self.precision_anywhere, &missing).replaced(values.clone(), 1.0);
+        let mut outliers = Outliers::new(&self.precision, &missing);
         let mut found = Presence::default();
-        let missing = values.iter().any(|v| !v.is_finite());
-        let most = if missing { REPETITIONS_WITH_MISSING } else { REPETITIONS };
         for _ in 0..most {
-            found = self.fit(&drawn_in, evidence);
+            found = self.fit(&told, evidence);
             let mut mean = DVector::zeros(values.len());
             for press in &found.presses {
-                mean += self.table.column(press.node) * press.strength;
+                mean.axpy(press.strength, &self.table.column(press.node), 1.0);
             }
             let presses: Vec<_> = (found.presses.iter().map(|p| (p.strength, self.uncertainty[p.node]))).collect();
             let variance = variance(self.proportional, &presses).max(1.0);
-            let mut changed = false;
-            for c in 0..values.len() {
-                let limit = HUBER * self.deviations[c] * variance.sqrt();
-                let left = if values[c].is_finite() {
-                    values[c] - mean[c]
-                } else {
-                    0.0
-                };
-                let next = mean[c] + left.clamp(-limit, limit);
-                changed |= (next - drawn_in[c]).abs() > 1e-3 * self.deviations[c];
-                drawn_in[c] = next;
-            }
-            if !changed {
+            let next = outliers.replaced(&values - &mean, variance) + mean;
+            let changed = next.iter().zip(&told).zip(&self.deviations);
+            let changed = changed.filter(|((a, b), sd)| (*a - *b).abs() > 1e-3 * *sd).count();
+            told = next;
+            if changed == 0 {
                 break;
             }
         }
+        found.misfit /= there.max(f64::MIN_POSITIVE);
         for press in &mut found.presses {
             let covariance = Matrix2::from(press.covariance_mm2);
             let (place, covariance) = self.maps.pressed(press.place_mm, covariance, before_mm);

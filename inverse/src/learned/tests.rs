@@ -426,6 +426,68 @@ fn a_frame_of_which_a_quarter_is_missing_is_located_nearly_as_well() {
     assert!(parts < 1.3 * whole, "{parts} {whole}");
 }
 
+/// Rows that are not in a table, and those that a plan leaves out: half of all.
+#[test]
+fn presses_are_found_where_half_of_the_measurements_are_missing() {
+    let mut skin = Skin::new(false, 0.0, 0.1);
+    let (learned, _) = skin.learn(40);
+    let whole = skin.presses(100);
+    let errors = locate(&learned, &whole).0[50];
+    let left_out: [fn(&Measurement) -> bool; 2] = [|m| m.drive.plus % 8 < 4, |m| m.drive.plus > m.sense.plus];
+    for left_out in left_out {
+        let mut parts = whole.clone();
+        for press in &mut parts {
+            let values = press.change.iter_mut().zip(&skin.measurements);
+            values.filter(|(_, m)| left_out(m)).for_each(|(v, _)| *v = f64::NAN);
+        }
+        // `locate` fails where no press is found.
+        let (parts, inside, counts) = locate(&learned, &parts);
+        assert!(parts[50] < 1.8 * errors, "{} {errors}", parts[50]);
+        assert!((0.88..=1.0).contains(&inside), "{inside}");
+        assert!(counts.iter().filter(|c| **c == 1).count() >= 97);
+    }
+}
+
+/// Among few presses the maps of the others are spoiled by it as well.
+#[test]
+fn one_press_of_few_at_a_wrong_place_is_named() {
+    for (count, wrong) in [(12, 7), (20, 4)] {
+        let mut skin = Skin::new(true, 0.0, 0.1);
+        let mut presses = skin.presses(count);
+        let (_, sound) = learn(&presses, &skin.setting(), |_, _| {}).unwrap();
+        assert_eq!(sound.gross, [0; 0]);
+        let [x, y] = presses[wrong].place_mm;
+        presses[wrong].place_mm = [-y, -x];
+        let moved = (x + y).hypot(x + y);
+        let (_, found) = learn(&presses, &skin.setting(), |_, _| {}).unwrap();
+        assert_eq!(found.gross, [wrong], "{moved} mm: {found:?}");
+        assert!(found.error_mm[0] < 1.3 * sound.error_mm[0] + 0.3, "{found:?} {sound:?}");
+    }
+}
+
+/// A value that is no larger than the changes themselves, where nobody knows yet where the press is.
+#[test]
+fn one_wild_value_moves_no_press() {
+    let mut skin = Skin::new(false, 0.0, 0.1);
+    let (learned, _) = skin.learn(60);
+    let whole = skin.presses(100);
+    let mut wild = whole.clone();
+    for (k, press) in wild.iter_mut().enumerate() {
+        let size = (press.change.iter().map(|v| v * v).sum::<f64>() / press.change.len() as f64).sqrt();
+        let count = press.change.len();
+        press.change[k * 37 % count] += if k % 2 == 0 { 3.0 } else { -3.0 } * size;
+    }
+    let [(whole, ..), (wild, ..)] = [whole, wild].map(|list| locate(&learned, &list));
+    assert!(
+        wild[50] < 1.1 * whole[50] && wild[95] < 1.2 * whole[95],
+        "{} {} {} {}",
+        wild[50],
+        whole[50],
+        wild[95],
+        whole[95]
+    );
+}
+
 #[test]
 fn a_press_that_did_not_happen_is_named_as_missed_or_gross() {
     let mut skin = Skin::new(false, 0.0, 0.1);
