@@ -15,6 +15,7 @@ use crate::{recording_file, sheet};
 use anyhow::Result;
 use hil_sim::SimPort;
 use inverse::live::{Live, LiveFrame};
+use inverse::reference::baseline::Baseline;
 use inverse::touches::gestures::Gestures;
 use link::{ConnectionEvent, LinkNotices, MeasuredFrame, Session};
 use protocol::{Watch, Watching};
@@ -134,11 +135,11 @@ impl Run<'_> {
             }
             self.begin_recording(frame.sequence)?;
             if self.take(&frame)? {
-                if self.live.wants_baseline() {
+                if let Some(baseline) = self.live.rested() {
                     say!(
-                        "what lay on the sheet in the baseline has gone, and nothing touches: a new baseline is taken; the page can undo it"
+                        "what lay on the sheet in the baseline has gone, and nothing touches: a new baseline is in force; the page can undo it"
                     );
-                    self.obey(PageCommand::Tare)?;
+                    self.renew(baseline)?;
                 }
                 pictures += 1;
                 // What came before the first picture is no part: the baseline, and what passed while that was looked into.
@@ -235,6 +236,19 @@ impl Run<'_> {
             PageCommand::Seek { .. } | PageCommand::Pause | PageCommand::Play => {}
         }
         Ok(())
+    }
+
+    /// Puts a baseline in force that frames at rest made.
+    fn renew(&mut self, baseline: Baseline) -> Result<()> {
+        if let Some(notes) = &self.notes {
+            notes.resume(&baseline, None);
+        }
+        self.live.resume(baseline.clone())?;
+        self.baselines.taken(baseline);
+        // Nothing touches: the board learns its own.
+        self.session.set_watch(self.watch.clone());
+        self.show_newest();
+        self.in_force()
     }
 
     /// Whether a frame was measured before the simulated skin's scene began. The pictures begin with the scene.

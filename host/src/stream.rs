@@ -288,12 +288,14 @@ impl Stream {
             self.said.extend(inspection.warnings());
             self.said.extend(inspection.notes());
         }
-        if matches!(self.way, Way::Board(_)) && self.live.wants_baseline() {
+        let rested = self.live.rested().filter(|_| matches!(self.way, Way::Board(_)));
+        if let Some(baseline) = rested {
             self.said.push_back(
-                "what lay on the sheet in the baseline has gone, and nothing touches: a new baseline is taken"
+                "what lay on the sheet in the baseline has gone, and nothing touches: a new baseline is in force"
                     .to_owned(),
             );
-            self.tare()?;
+            self.live.resume(baseline)?;
+            self.is_new = true;
         }
         let taken = match &mut self.way {
             Way::Board(board) => board.next(wait, &mut self.live, &mut self.said)?,

@@ -38,7 +38,7 @@ pub struct LiveOptions {
     /// How far a touch may move from one frame to the next and keep its number, as a part of the sheet's width; and how far
     /// from where it vanished it may be seen again. Touches nearer to each other are seldom resolved. Chosen by hand.
     pub reach: f64,
-    /// How long something that lay on the sheet in the baseline must have gone for [`Live::wants_baseline`], s. Chosen by hand: a
+    /// How long something that lay on the sheet in the baseline must have gone for [`Live::rested`], s. Chosen by hand: a
     /// finger lifts in less.
     pub gone_s: f64,
     /// How long a touch may be gone and keep its number, s. A second tap at the same place within it is the same touch. Chosen
@@ -105,8 +105,18 @@ pub struct Live {
     repeats: Repeats,
     /// Time from a frame to the next, s, as last seen.
     interval_s: Option<f64>,
-    /// Since when nothing is on the sheet, and something that lay there in the baseline has gone, s.
-    gone_since_s: Option<f64>,
+    /// Where nothing is on the sheet, and something that lay there in the baseline has gone.
+    gone: Option<Gone>,
+    /// The baseline of that sheet, when it is complete.
+    rested: Option<Baseline>,
+}
+
+/// Something has gone, and nothing touches.
+struct Gone {
+    /// Since when, s.
+    since_s: f64,
+    /// Frames of it, for a baseline.
+    taker: BaselineTaker,
 }
 
 /// What a baseline makes possible.
@@ -148,7 +158,8 @@ impl Live {
             before_s: None,
             repeats: Repeats::default(),
             interval_s: None,
-            gone_since_s: None,
+            gone: None,
+            rested: None,
             nominal: imager,
             options,
         }
@@ -201,7 +212,7 @@ impl Live {
 
     /// Takes the baseline anew, from the next frame on.
     pub fn tare(&mut self) {
-        self.gone_since_s = None;
+        self.forget_gone();
         self.repeats = Repeats::default();
         let taker = BaselineTaker::new(self.nominal.pattern.len(), self.options.baseline_frames);
         self.taker = Some(taker.until_still(AGAIN));
@@ -215,9 +226,9 @@ impl Live {
     pub fn resume(&mut self, baseline: Baseline) -> Result<(), ImagerError> {
         self.nominal.fits(&baseline.values_v, &baseline.values_v)?;
         self.taker = None;
-        self.gone_since_s = None;
+        self.forget_gone();
         self.repeats = Repeats::after(&baseline);
-        self.put_in_force(baseline)
+        self.put_in_force(baseline, self.learned_polarity())
     }
 
     /// The touches that are followed, with their numbers.
@@ -234,15 +245,26 @@ impl Live {
     pub fn gap(&mut self) {
         self.tracker.gap();
         self.before_s = None;
-        self.gone_since_s = None;
+        self.forget_gone();
     }
 
-    /// Whether a new baseline is called for, and can be taken: something that lay on the sheet in the baseline has gone, for
-    /// [`LiveOptions::gone_s`], and nothing touches. Not before it is known which way touches change the resistivity: what has
-    /// gone may else be a touch.
-    pub fn wants_baseline(&self) -> bool {
-        let since = self.gone_since_s.zip(self.before_s);
-        since.is_some_and(|(since, now)| now - since >= self.options.gone_s)
+    /// The baseline that is called for: something that lay on the sheet in the one in force has gone, for [`LiveOptions::gone_s`],
+    /// nothing touches, and as many frames more as a baseline has were so. It is the mean of these: so a finger that comes down meanwhile
+    /// is a touch. Not before it is known which way touches change the resistivity: what has gone may else be a touch.
+    /// [`Live::resume`] puts it in force.
+    pub fn rested(&mut self) -> Option<Baseline> {
+        self.rested.take()
+    }
+
+    fn forget_gone(&mut self) {
+        (self.gone, self.rested) = (None, None);
+    }
+
+    fn learned_polarity(&self) -> Option<Polarity> {
+        match &self.running.as_ref()?.way {
+            Way::Model(reconstructor) => reconstructor.learned_polarity(),
+            Way::Presses(_) => None,
+        }
     }
 
     /// The baseline in force.
@@ -270,7 +292,7 @@ impl Live {
                 return Ok(LiveFrame::Baseline { left, again });
             };
             self.taker = None;
-            self.put_in_force(baseline)?;
+            self.put_in_force(baseline, None)?;
             return Ok(LiveFrame::Baseline { left: 0, again: false });
         }
         let Some(Running { way, .. }) = &mut self.running else {
@@ -291,7 +313,6 @@ impl Live {
         let result = reconstructor.frame_after(values_v, self.interval_s)?;
         self.repeats.take(values_v, &mut result.doubt);
         let gone = matches!(result.doubt, Some(Doubt::Gone { .. })) && result.touches.is_empty();
-        self.gone_since_s = gone.then(|| self.gone_since_s.unwrap_or(time_s));
         let doubted = result.doubt.is_some() || !result.faults.is_empty();
         self.tracker.update(time_s, &mut result.touches, doubted);
         if result.anew {
@@ -308,10 +329,23 @@ impl Live {
                 touch.uncalibrated = true;
             }
         }
+        if gone {
+            let begun = self.gone.get_or_insert_with(|| Gone {
+                since_s: time_s,
+                taker: BaselineTaker::new(values_v.len(), self.options.baseline_frames).until_still(AGAIN),
+            });
+            let waited = time_s - begun.since_s >= self.options.gone_s;
+            if let Some(baseline) = waited.then(|| begun.taker.take(values_v)).flatten() {
+                (self.gone, self.rested) = (None, Some(baseline));
+            }
+        } else {
+            (self.gone, self.rested) = (None, None);
+        }
         Ok(LiveFrame::Picture(result))
     }
 
-    fn put_in_force(&mut self, baseline: Baseline) -> Result<(), ImagerError> {
+    /// `learned`: what the sheet's touches do, where the baseline before told.
+    fn put_in_force(&mut self, baseline: Baseline, learned: Option<Polarity>) -> Result<(), ImagerError> {
         if let Some(meter) = &mut self.meter {
             // What is pressed in now belongs to the baseline.
             meter.rest();
@@ -335,7 +369,11 @@ impl Live {
         };
         let reference = Reference::of(imager, &inspection.baseline)?;
         self.running = Some(Running {
-            way: Way::Model(Box::new(Reconstructor::new(reference, options).after(inspection.fault))),
+            way: Way::Model(Box::new(
+                Reconstructor::new(reference, options)
+                    .after(inspection.fault)
+                    .with_learned(learned),
+            )),
             inspection,
         });
         Ok(())

@@ -11,6 +11,7 @@ use crate::pipeline::result::FrameResult;
 use crate::quality::contact::{ContactMonitor, ContactOptions, Evidence};
 use crate::reference::Difference;
 use crate::reference::drift::Drifting;
+use crate::touches::polarity::Polarity;
 use crate::touches::touch::Touch;
 
 /// Frames for which the test of new touches waits for a search that does not come to its end; then the search is patient.
@@ -131,6 +132,16 @@ impl ContactTest {
         let mut changed = self.monitor.changed().to_vec();
         changed.retain(|l| !electrodes.contains(l));
         self.monitor.keep(changed);
+    }
+
+    /// What frames taught of the signs of touches.
+    pub(crate) fn learned_polarity(&self) -> Option<Polarity> {
+        self.polarity.learned()
+    }
+
+    /// That frames before these taught it.
+    pub(crate) fn learn_polarity(&mut self, polarity: Option<Polarity>) {
+        self.polarity.know(polarity);
     }
 
     /// A fault was named: what it looked like was no touch.

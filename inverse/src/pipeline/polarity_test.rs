@@ -55,6 +55,17 @@ impl PolarityTest {
         }
     }
 
+    /// What frames taught.
+    pub(crate) fn learned(&self) -> Option<Polarity> {
+        self.learned
+    }
+
+    /// That the frames of an earlier baseline taught it.
+    pub(crate) fn know(&mut self, learned: Option<Polarity>) {
+        self.learned = learned;
+        self.now = self.known().unwrap_or_default();
+    }
+
     /// A frame was explained by touches of one sign.
     pub(crate) fn note_explained(&mut self) {
         self.unplaced = false;

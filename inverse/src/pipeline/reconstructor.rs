@@ -78,6 +78,8 @@ pub struct Reconstructor {
     judged: Vec<bool>,
     /// Values that are numbers, but none that a converter gives.
     beyond: Vec<usize>,
+    /// Whether each value of the frame is missing that the baseline has.
+    missing: Vec<bool>,
     whole: Difference,
     /// The frame in which faults are looked for, where its gain is not to be trusted.
     suspicious: Difference,
@@ -126,6 +128,7 @@ impl Reconstructor {
             difference: reference.unchanged().clone(),
             judged: Vec::new(),
             beyond: Vec::new(),
+            missing: Vec::new(),
             whole: reference.unchanged().clone(),
             suspicious: reference.unchanged().clone(),
             mean: Vec::new(),
@@ -138,6 +141,18 @@ impl Reconstructor {
     /// The same after a baseline that was taken with something broken: no touches are shown, since none can be right.
     pub fn after(self, fault: Option<Fault>) -> Self {
         Self { before: fault, ..self }
+    }
+
+    /// The same of a sheet of which it was learned which way touches change the resistivity; none where it was not.
+    #[must_use]
+    pub fn with_learned(mut self, polarity: Option<Polarity>) -> Self {
+        self.contacts.learn_polarity(polarity);
+        self
+    }
+
+    /// Which way touches change the resistivity, where frames told.
+    pub fn learned_polarity(&self) -> Option<Polarity> {
+        self.contacts.learned_polarity()
     }
 
     /// What frames are compared with.
@@ -198,6 +213,11 @@ impl Reconstructor {
             self.reference.difference_into(values, &mut self.whole)?;
             self.show_faults();
             return Ok(&mut self.result);
+        }
+        self.reference.missing_into(values, &mut self.missing)?;
+        if self.broken.take_missing(&self.missing, self.reference.unchanged()) {
+            self.left_changed = true;
+            self.show_faults();
         }
         let noise = self.reference.value_noise().filter(|_| self.options.sequence);
         self.rests = noise.is_some_and(|noise| is_alike(&self.last, values, &self.left.used, noise));

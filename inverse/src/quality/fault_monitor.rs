@@ -152,6 +152,9 @@ pub(crate) struct FaultMonitor {
     begun: Option<Begun>,
     found_nothing: bool,
     loose: LooseContacts,
+    /// Sense pairs whose amplifiers are at their rails, and what the last frames say instead, how often.
+    rails: Vec<[usize; 2]>,
+    other_rails: (Vec<[usize; 2]>, usize),
 }
 
 impl FaultMonitor {
@@ -179,7 +182,52 @@ impl FaultMonitor {
             begun: None,
             found_nothing: false,
             loose: LooseContacts::default(),
+            rails: Vec::new(),
+            other_rails: (Vec::new(), 0),
         }
+    }
+
+    /// Takes which values of a frame are missing that the baseline has. Amplifiers at their rails are told by that alone, whatever else is
+    /// broken. True where others are named now.
+    pub(crate) fn take_missing(&mut self, missing: &[bool], unchanged: &Difference) -> bool {
+        if self.rails.is_empty() && self.other_rails.1 == 0 && !missing.contains(&true) {
+            return false;
+        }
+        let mut rails = Vec::new();
+        let some_are_there = unchanged
+            .used
+            .iter()
+            .zip(missing)
+            .any(|(had, missing)| *had && !missing);
+        for m in self.imager.pattern.measurements().iter().filter(|_| some_are_there) {
+            let pair = [m.sense.plus.min(m.sense.minus), m.sense.plus.max(m.sense.minus)];
+            if !rails.contains(&pair) {
+                let own = values_of_channel(&self.imager, pair);
+                let mut had = own.iter().filter(|k| unchanged.used[**k]).peekable();
+                if had.peek().is_some() && had.all(|k| missing[*k]) {
+                    rails.push(pair);
+                }
+            }
+        }
+        rails.sort_unstable();
+        if rails == self.rails {
+            self.other_rails.1 = 0;
+            return false;
+        }
+        let (before, times) = &mut self.other_rails;
+        *times = if *before == rails { *times + 1 } else { 1 };
+        *before = rails;
+        if *times < if self.sequence { NAMES } else { 1 } {
+            return false;
+        }
+        self.rails.clone_from(before);
+        *times = 0;
+        true
+    }
+
+    /// Amplifiers at their rails.
+    pub(crate) fn rails(&self) -> impl Iterator<Item = Fault> + '_ {
+        self.rails.iter().map(|pair| Fault::Rail(*pair))
     }
 
     /// Makes ready to compare frames of this noise (V of the model) with every fault, which takes as long as many frames.
@@ -354,7 +402,11 @@ impl FaultMonitor {
 
     /// Leaves the values out that the named fault and loose contacts spoil, in a difference.
     pub(crate) fn leave_out(&self, d: &mut Difference) {
-        d.leave_out(self.spoilt().into_iter().chain(self.of_loose()));
+        let of_rails = self
+            .rails
+            .iter()
+            .flat_map(|pair| values_of_channel(&self.imager, *pair));
+        d.leave_out(self.spoilt().into_iter().chain(self.of_loose()).chain(of_rails));
     }
 
     /// Electrodes whose values are left out.
@@ -458,7 +510,7 @@ impl FaultMonitor {
         if self.named.is_none() {
             self.until = self.until.min(self.longest_wait);
         }
-        let known = self.of_values(values, d, unchanged);
+        let known = of_values(values, d, unchanged);
         let without = self.without_loose(d);
         let d = &*without;
         let unexplained = seen.unexplained || suspected || known.is_some();
@@ -562,29 +614,6 @@ impl FaultMonitor {
         true
     }
 
-    /// What the values say without a model: the same everywhere, or missing together.
-    fn of_values(&self, values: &[f64], d: &Difference, unchanged: &Difference) -> Option<Fault> {
-        let first = values.first()?;
-        if first.is_finite() && values.iter().all(|v| v == first) {
-            return Some(Fault::Converter);
-        }
-        let is_missing = |k: usize| unchanged.used[k] && !d.used[k];
-        let missing = (0..values.len()).filter(|k| is_missing(*k)).count();
-        if missing == 0 {
-            return None;
-        }
-        if !d.used.contains(&true) {
-            return Some(Fault::Range);
-        }
-        let one = (0..values.len()).find(|k| is_missing(*k))?;
-        let sense = self.imager.pattern.measurements()[one].sense;
-        let pair = [sense.plus.min(sense.minus), sense.plus.max(sense.minus)];
-        let own = values_of_channel(&self.imager, pair);
-        let all = own.iter().filter(|k| is_missing(**k)).count();
-        let had = own.iter().filter(|k| unchanged.used[**k]).count();
-        (all == missing && all == had).then_some(Fault::Rail(pair))
-    }
-
     /// Parts of searches for what is broken so far.
     pub(crate) fn parts(&self) -> usize {
         self.parts
@@ -625,6 +654,16 @@ impl FaultMonitor {
         self.begun = Some(begun);
         None
     }
+}
+
+/// What the values say without a model: the same everywhere, or all missing.
+fn of_values(values: &[f64], d: &Difference, unchanged: &Difference) -> Option<Fault> {
+    let first = values.first()?;
+    if first.is_finite() && values.iter().all(|v| v == first) {
+        return Some(Fault::Converter);
+    }
+    let had = unchanged.used.contains(&true);
+    (had && !d.used.contains(&true)).then_some(Fault::Range)
 }
 
 /// By how much a gain that all values have in common is more than 1: of all but some of them, with the least absolute deviation.
@@ -670,6 +709,55 @@ mod tests {
             }
             assert!(!monitor.is_over(&d, &unchanged, sigma_v), "{gain}");
         }
+    }
+
+    /// Each is told by its own values, beside other faults and other rails, from the second frame on.
+    #[test]
+    fn amplifiers_at_their_rails_are_named_whatever_else_is_broken() {
+        let pattern = Pattern::adjacent(16).unwrap();
+        let imager = Arc::new(Imager::new(&Sheet::paper(), Drive::PAPER, pattern, 10.0).unwrap());
+        let mut unchanged = Difference {
+            y: DVector::zeros(imager.pattern.len()),
+            spread: vec![1.0; imager.pattern.len()],
+            used: vec![true; imager.pattern.len()],
+        };
+        // A value that the baseline does not have either.
+        unchanged.used[values_of_channel(&imager, [2, 3])[0]] = false;
+        let mut monitor = FaultMonitor::new(&imager, true);
+        let missing = |rails: &[[usize; 2]], more: Option<usize>| -> Vec<bool> {
+            let of: Vec<usize> = rails.iter().flat_map(|r| values_of_channel(&imager, *r)).collect();
+            (0..imager.pattern.len())
+                .map(|k| unchanged.used[k] && (of.contains(&k) || more == Some(k)))
+                .collect()
+        };
+        assert!(!monitor.take_missing(&missing(&[], Some(9)), &unchanged));
+        assert!(!monitor.take_missing(&missing(&[[2, 3]], None), &unchanged));
+        assert!(monitor.take_missing(&missing(&[[2, 3]], Some(9)), &unchanged));
+        assert_eq!(monitor.rails, [[2, 3]]);
+        assert!(monitor.name_contacts(&[9]));
+        let both = [[2, 3], [11, 12]];
+        assert!(!monitor.take_missing(&missing(&both, None), &unchanged));
+        assert!(monitor.take_missing(&missing(&both, None), &unchanged));
+        assert_eq!(monitor.rails, both);
+        assert!(
+            monitor
+                .named()
+                .is_some_and(|f| matches!(f.single(), Some(Fault::Contacts(_))))
+        );
+        let mut d = unchanged.clone();
+        monitor.leave_out(&mut d);
+        assert!(
+            both.iter()
+                .flat_map(|r| values_of_channel(&imager, *r))
+                .all(|k| !d.used[k])
+        );
+        // A frame by chance does not end it; two do.
+        for ends in [false, false, true] {
+            let frame = if ends { missing(&[], None) } else { missing(&both, None) };
+            assert!(!monitor.take_missing(&frame, &unchanged));
+        }
+        assert!(monitor.take_missing(&missing(&[], None), &unchanged));
+        assert_eq!(monitor.rails().count(), 0);
     }
 
     /// What comes beside a fault that is named, and is none, does not end it before it is looked for again; and the search for it takes

@@ -132,6 +132,18 @@ impl Reference {
         difference.fill(&self.imager.model_v, &self.baseline, frame);
         Ok(())
     }
+
+    /// Whether each value of a frame is missing that the baseline has.
+    ///
+    /// # Errors
+    /// As for [`Reference::difference`].
+    pub(crate) fn missing_into(&self, frame: &[f64], missing: &mut Vec<bool>) -> Result<(), ImagerError> {
+        self.imager.fits(&self.baseline, frame)?;
+        let both = self.unchanged.used.iter().zip(&self.baseline).zip(frame);
+        missing.clear();
+        missing.extend(both.map(|((known, b), v)| *known && !is_measured(*v, *b)));
+        Ok(())
+    }
 }
 
 #[cfg(test)]

@@ -221,6 +221,54 @@ fn a_finger_that_is_lifted_moves_no_others() {
     );
 }
 
+/// What lay on the sheet in the baseline has gone. A finger that comes down while the new one is being made is shown all the same, and is
+/// no part of it: once it has lifted, the sheet is quiet.
+#[test]
+fn a_baseline_that_renews_itself_takes_no_finger_into_it() {
+    let press = |x, y, forces: &[(f64, f64)]| Touch::pressed(Shape::Finger, 6.75, x, y, forces);
+    let during = |from: f64, to: f64| [(from, 0.0), (from + 0.05, 12.0), (to, 12.0), (to + 0.05, 0.0)];
+    let mut held = file(
+        vec![
+            press(-25.0, 15.0, &[(0.0, 12.0), (1.0, 12.0), (1.1, 0.0)]),
+            press(30.0, 20.0, &during(1.5, 2.5)),
+            press(30.0, -20.0, &during(3.15, 5.0)),
+        ],
+        31,
+    );
+    held.scene.preloaded = true;
+    held.scene.material = Material::default();
+    let mut chain = Chain::start(&held, true);
+    let pressed = chain.baseline();
+    chain.port.begin_scene();
+    let began_s = chain.port.scene_began_s().unwrap();
+    chain.busy_until(began_s);
+    let (mut seen, mut held_frames, mut renewed, mut quiet) = (0, 0, 0, 0);
+    loop {
+        let (time_s, result) = chain.picture();
+        let scene_s = time_s - began_s;
+        let is_there = |t: &inverse::touches::touch::Touch| (t.x_mm - 30.0).hypot(t.y_mm + 20.0) < 3.0;
+        if (3.3..5.0).contains(&scene_s) {
+            held_frames += 1;
+            seen += usize::from(result.touches.iter().any(is_there));
+        }
+        if scene_s > 6.5 {
+            let is_quiet = result.touches.is_empty() && result.doubt.is_none();
+            assert!(is_quiet, "{scene_s}: {:?} {:?}", result.touches, result.doubt);
+            quiet += 1;
+        }
+        if scene_s > 7.5 {
+            break;
+        }
+        if let Some(baseline) = chain.live.rested() {
+            renewed += 1;
+            chain.live.resume(baseline).unwrap();
+        }
+    }
+    assert!(renewed == 1 && differ(chain.live.baseline().unwrap(), &pressed));
+    assert!(held_frames > 100 && seen == held_frames, "{seen} of {held_frames}");
+    assert!(quiet > 50, "{quiet}");
+}
+
 #[test]
 fn an_earlier_baseline_brings_its_touches_back_and_their_numbers_go_on() {
     let mut chain = Chain::start(&file(finger(), 7), true);

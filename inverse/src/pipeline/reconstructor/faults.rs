@@ -231,7 +231,10 @@ impl Reconstructor {
             }
         }
         self.result.faults.clear();
-        let all = named().chain(self.broken.loose()).chain(contacts);
+        let all = named()
+            .chain(self.broken.rails())
+            .chain(self.broken.loose())
+            .chain(contacts);
         self.result.faults.extend(all);
     }
 }
