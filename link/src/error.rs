@@ -62,7 +62,14 @@ pub enum LinkError {
     Refused(String),
     /// There is no way to scan what is wired to the board.
     #[error("no scan plan suits this board: {0}")]
-    Plan(#[from] PlanError),
+    Plan(PlanError),
+}
+
+// No source: the text above has all of it.
+impl From<PlanError> for LinkError {
+    fn from(error: PlanError) -> Self {
+        Self::Plan(error)
+    }
 }
 
 /// What a silence is, by what came meanwhile.

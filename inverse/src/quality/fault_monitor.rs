@@ -594,6 +594,7 @@ impl FaultMonitor {
             self.candidate = None;
             self.until = next_look(told);
             // Its size may be another.
+            let told = told.in_order_of(named);
             if named != told {
                 self.name(Some(told));
             }
@@ -758,6 +759,22 @@ mod tests {
         }
         assert!(monitor.take_missing(&missing(&[], None), &unchanged));
         assert_eq!(monitor.rails().count(), 0);
+    }
+
+    /// The texts of two faults do not change places when a size is known better.
+    #[test]
+    fn two_faults_keep_their_order() {
+        let leak = |ohm| Fault::Leak {
+            electrodes: [9, 10],
+            ohm,
+        };
+        let open = Fault::Open(Electrodes::of(&[3]));
+        let named = Faults::two(open, leak(2e4));
+        for told in [Faults::two(leak(3e4), open), Faults::two(open, leak(3e4))] {
+            let both: Vec<Fault> = told.in_order_of(named).iter().collect();
+            assert_eq!(both, [open, leak(3e4)]);
+        }
+        assert_eq!(Faults::from(open).in_order_of(open.into()), open.into());
     }
 
     /// What comes beside a fault that is named, and is none, does not end it before it is looked for again; and the search for it takes

@@ -372,6 +372,14 @@ impl Faults {
         matches!(self.single(), Some(Fault::Open(open)) if open.list().len() > 1)
     }
 
+    /// The same faults as others, of other sizes, in the others' order.
+    pub(crate) fn in_order_of(self, others: Self) -> Self {
+        match self.other {
+            Some(other) if !self.first.is_same(&others.first) => Self::two(other, self.first),
+            _ => self,
+        }
+    }
+
     /// Each of them.
     pub(crate) fn iter(self) -> impl Iterator<Item = Fault> {
         [Some(self.first), self.other].into_iter().flatten()
