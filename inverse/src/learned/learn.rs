@@ -21,6 +21,10 @@ use thiserror::Error;
 
 /// Fewest presses to learn from.
 pub const FEWEST: usize = 5;
+/// Fewest presses of which half tell what more would.
+pub const FEWEST_FOR_MORE: usize = 4 * FEWEST;
+/// Changes are alike where so small a part of them, as squares, differs from press to press. On a sheet it is half and more.
+const ALIKE: f64 = 1e-4;
 /// A measurement takes part from this share of presses on in which it has a value.
 const MOSTLY: f64 = 0.9;
 /// Measurements below this part of the median of all are dead.
@@ -81,6 +85,11 @@ pub enum LearnError {
     /// Nothing changes, or nothing can be solved for.
     #[error("the presses change nothing that can be measured; are the columns before and after exchanged for copies?")]
     NoChange,
+    /// Presses that do not differ tell no place.
+    #[error(
+        "every press changes the measurements alike, wherever it is, so that places cannot be told; look at which columns are the frames under a press"
+    )]
+    Alike,
     /// Stored numbers that do not belong together.
     #[error("its numbers do not fit one another; calibrate anew")]
     Stored,
@@ -226,6 +235,18 @@ fn alive(presses: &[Press], count: usize) -> Vec<usize> {
     (0..count).filter(|c| sizes[*c] > least).collect()
 }
 
+/// Whether all presses change the measurements by the same values.
+fn alike(presses: &[Press], used: &[usize]) -> bool {
+    let (mut whole, mut differs) = (0.0, 0.0);
+    for c in used {
+        let values: Vec<f64> = presses.iter().map(|p| p.change[*c]).filter(|v| v.is_finite()).collect();
+        let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
+        whole += values.iter().map(|v| v * v).sum::<f64>();
+        differs += values.iter().map(|v| (v - mean).powi(2)).sum::<f64>();
+    }
+    differs < ALIKE * whole
+}
+
 /// Some presses, in order of time; the one before may be one that is not kept.
 fn gather(presses: &[Press], used: &[usize], kept: &[usize]) -> Presses {
     Presses {
@@ -251,6 +272,9 @@ pub fn learn(
     let used = alive(presses, setting.measurements.len());
     if used.is_empty() {
         return Err(LearnError::NoChange);
+    }
+    if alike(presses, &used) {
+        return Err(LearnError::Alike);
     }
     let measurements: Vec<Measurement> = used.iter().map(|k| setting.measurements[*k]).collect();
     let all = gather(presses, &used, &(0..presses.len()).collect::<Vec<_>>());
@@ -424,7 +448,7 @@ fn gross(validation: &Validation, reach_mm: f64) -> Vec<usize> {
 }
 
 fn half_error(choice: &Choice, presses: &Presses, evidence: Evidence) -> Option<f64> {
-    if presses.len() < 4 * FEWEST {
+    if presses.len() < FEWEST_FOR_MORE {
         return None;
     }
     let half = presses.select(&(0..presses.len()).step_by(2).collect::<Vec<_>>());

@@ -36,7 +36,7 @@ pub use follower::LearnedSheet;
 pub(crate) use follower::PressFollower;
 pub use frame::Grain;
 pub use gain::{Gain, StoredGain};
-pub use learn::{FEWEST, Findings, LearnError, Learned, Press, Stored, learn};
+pub use learn::{FEWEST, FEWEST_FOR_MORE, Findings, LearnError, Learned, Press, Stored, learn};
 pub use locator::{Located, Presence};
 pub use maps::StoredMaps;
 pub use order::Order;

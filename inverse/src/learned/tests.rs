@@ -549,6 +549,7 @@ fn what_cannot_be_learned_from_is_said() {
     assert_eq!(with(&|p| p.change[7] = -1e200), Some(LearnError::OutOfRange(1)));
     assert_eq!(with(&|p| p.change.fill(0.0)), Some(LearnError::NoChange));
     assert_eq!(with(&|p| p.change.fill(f64::NAN)), Some(LearnError::NoChange));
+    assert_eq!(with(&|p| p.change.fill(0.5)), Some(LearnError::Alike));
     let malformed = LearnError::Malformed {
         press: 1,
         values: 191,
