@@ -35,6 +35,23 @@ pub fn replace(path: &Path, fill: impl FnOnce(&mut File) -> io::Result<()>) -> i
     written
 }
 
+/// Tries whether [`replace`] can write there; what is there stays as it is.
+///
+/// # Errors
+/// What the system said.
+pub fn try_out(path: &Path) -> io::Result<()> {
+    let target = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
+    match fs::metadata(&target) {
+        Ok(old) if old.is_dir() => File::options().write(true).open(path).map(drop),
+        Ok(old) if !old.is_file() => Ok(()),
+        _ => {
+            let beside = beside(&target);
+            File::create(&beside)?;
+            fs::remove_file(&beside)
+        }
+    }
+}
+
 /// A name beside a file, for what is to become it.
 pub fn beside(path: &Path) -> PathBuf {
     let mut name = path.file_name().unwrap_or_default().to_owned();
@@ -63,6 +80,20 @@ mod tests {
         assert!(replace(folder.path(), |_| Ok(())).is_err());
         let names = fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().file_name());
         assert_eq!(names.collect::<Vec<_>>(), ["baseline.toml"]);
+    }
+
+    #[test]
+    fn what_is_tried_out_is_told_and_leaves_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("skin.cal");
+        try_out(&path).unwrap();
+        assert!(!path.exists());
+        fs::write(&path, "old").unwrap();
+        try_out(&path).unwrap();
+        assert_eq!(fs::read_to_string(&path).unwrap(), "old");
+        assert!(try_out(folder.path()).is_err());
+        assert!(try_out(&folder.path().join("none").join("skin.cal")).is_err());
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
     }
 
     #[cfg(unix)]
