@@ -278,11 +278,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let is_of_presses = calibration.map_or(Ok(false), presses::file::is)?;
     let of_presses = calibration.filter(|_| is_of_presses);
     let rubber = calibration.filter(|_| !is_of_presses);
+    // First, so that a damaged file is told and not taken for one of the rubber's creep.
+    let calibration = rubber.map(calibration_file::read).transpose()?;
     if rubber.is_some() && arguments.frame_s.is_none() {
         let why = "--calibration of the rubber's creep needs --frame-s: the time from a frame to the next";
         return Err(Usage(why.to_owned()).into());
     }
-    let calibration = rubber.map(calibration_file::read).transpose()?;
     let Input { table, sheet, baseline } = read(arguments)?;
     let of_presses = of_presses.map(presses::file::read).transpose()?;
     // The sheet of a model that locates the calibration's presses better than what they taught.

@@ -111,6 +111,9 @@ pub(crate) fn old_keys(text: &str) -> Result<RubberKeys, toml::de::Error> {
     toml::from_str(text)
 }
 
+/// Longest line of an error, bytes.
+const LONGEST_SHOWN: usize = 200;
+
 const HEAD: &str = "\
 # Calibration of a tactile skin for `skin run --calibration FILE`.
 # delayed_ratio: delayed over instant compliance. tau_s: time constant of the delayed part.
@@ -128,6 +131,22 @@ pub(crate) fn text(calibration: &Calibration, errors: Option<StandardErrors>) ->
     Ok(format!("{HEAD}{}", toml::to_string(&keys)?))
 }
 
+/// What is wrong with a text, and where. The line itself is shown where it is no map's: those are thousands of characters long.
+fn wrong(text: &str, error: &toml::de::Error) -> String {
+    let whole = error.to_string().trim_end().to_owned();
+    if whole.lines().all(|line| line.len() <= LONGEST_SHOWN) {
+        return whole;
+    }
+    let before = error.span().map_or(0, |span| span.start).min(text.len());
+    let line = 1 + text.as_bytes()[..before].iter().filter(|byte| **byte == b'\n').count();
+    let cut = if text.ends_with('\n') {
+        ""
+    } else {
+        "; the file seems to be cut off"
+    };
+    format!("line {line}: {}{cut}", error.message())
+}
+
 /// Reads a calibration; `file` is its name in messages.
 ///
 /// # Errors
@@ -137,7 +156,10 @@ pub(crate) fn parse(file: &str, text: &str) -> Result<Calibration, CalibrationFi
         file: file.to_owned(),
         message,
     };
-    let message = |e: toml::de::Error| malformed(e.to_string().trim_end().to_owned());
+    if text.trim().is_empty() {
+        return Err(malformed("it is empty".to_owned()));
+    }
+    let message = |e: toml::de::Error| malformed(wrong(text, &e));
     let keys = match kind(text).as_deref() {
         Some(SKIN) => {
             #[derive(Deserialize)]
@@ -202,6 +224,18 @@ mod tests {
         for errors in [None, Some(errors)] {
             assert_eq!(parse("c", &text(&calibration, errors).unwrap()).unwrap(), calibration);
         }
+    }
+
+    #[test]
+    fn a_file_that_is_cut_off_is_told_without_its_lines() {
+        let map = format!("kind = \"skin\"\n[presses]\nmap = [{}", "0.125, ".repeat(2000));
+        let message = parse("c.toml", &map).unwrap_err().to_string();
+        assert!(
+            message.contains("line 3") && message.contains("cut off") && message.len() < 200,
+            "{message}"
+        );
+        let empty = parse("c.toml", "\n").unwrap_err().to_string();
+        assert!(empty.contains("it is empty"), "{empty}");
     }
 
     #[test]
