@@ -6,7 +6,10 @@ use ::forward::Geometry;
 use anyhow::{Result, bail};
 use clap::Args;
 use std::fmt::Write as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+
+/// How its lists of positions begin.
+const OWN: &str = "# skin calibrate gcode:";
 
 /// Arguments of `skin calibrate gcode`.
 #[derive(Debug, Args)]
@@ -74,6 +77,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
             positions.display()
         );
     }
+    // Nobody named it: a list of this command may be made again, anything else is kept.
+    if arguments.positions.is_none() && positions.exists() && !is_own(&positions) {
+        bail!(
+            "{}: there already, and no list of skin calibrate gcode; name the list of positions with --positions",
+            positions.display()
+        );
+    }
     let (sheet, marks) = arguments.which.marks()?;
     let (low, high) = Geometry::new(&sheet)?.bounding_box();
     let middle = [0, 1].map(|k| 0.5 * (low[k] + high[k]));
@@ -87,6 +97,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         positions.display()
     );
     Ok(())
+}
+
+/// Whether a list of positions is one that this command wrote.
+fn is_own(path: &Path) -> bool {
+    std::fs::read(path).is_ok_and(|bytes| bytes.starts_with(OWN.as_bytes()))
 }
 
 /// The G-code and the list of positions. Times count from the first command; those of the printer's accelerations are not in them.
@@ -131,7 +146,7 @@ fn program(a: &Arguments, middle: [f64; 2], marks: &[[f64; 2]]) -> Result<(Strin
         1000.0 * a.pause_s
     );
     let mut list = format!(
-        "# skin calibrate gcode: when each press is down, by the printer's clock from its first command, and where\n# depth {} mm, held for {} s\nt_s,x_mm,y_mm\n",
+        "{OWN} when each press is down, by the printer's clock from its first command, and where\n# depth {} mm, held for {} s\nt_s,x_mm,y_mm\n",
         a.depth_mm, a.dwell_s
     );
     let (mut time_s, mut at) = (a.pause_s, a.origin_mm);

@@ -80,6 +80,9 @@ pub(crate) struct Arguments {
 /// # Errors
 /// The sheet cannot be read, or a file not be written.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
+    if let Some(path) = arguments.svg.as_ref().filter(|svg| arguments.csv.as_ref() == Some(svg)) {
+        bail!("{}: the drawing and the list need two files", path.display());
+    }
     let (sheet, marks) = arguments.which.marks()?;
     let geometry = Geometry::new(&sheet)?;
     let mut list = "mark,x_mm,y_mm,where\n".to_owned();
