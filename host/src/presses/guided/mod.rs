@@ -212,9 +212,15 @@ impl Run<'_> {
     }
 
     /// Whether all presses are there.
-    fn is_done(&self) -> bool {
+    fn has_all(&self) -> bool {
         // Of a list the last one has to be whole: its end tells it from others.
         self.kept.len() >= self.count && !(self.held && self.listed.is_some())
+    }
+
+    /// Whether no more frames are looked at. A recording is read to its end: it may hold presses that are not in the list, before and between
+    /// those that are.
+    fn is_done(&self) -> bool {
+        self.arguments.from.is_none() && self.has_all()
     }
 
     /// What to do now, in a few words.
@@ -243,7 +249,7 @@ impl Run<'_> {
     }
 
     fn ask(&self, guide: &mut Guide) {
-        let mark = self.ways.as_ref().and_then(Ways::next_mm).filter(|_| !self.is_done());
+        let mark = self.ways.as_ref().and_then(Ways::next_mm).filter(|_| !self.has_all());
         // The page has the number of the press above it.
         let text = match mark.filter(|_| !self.held) {
             Some(mark) => format!("{}; hold for a second", words(&self.geometry, mark)),
@@ -310,7 +316,7 @@ impl Run<'_> {
     }
 
     fn say_task(&self, guide: &mut Guide) {
-        if !self.is_done() {
+        if !self.has_all() {
             say!("{}", self.task());
         }
         self.ask(guide);
@@ -336,6 +342,7 @@ impl Run<'_> {
 
     fn taken(&mut self, press: TakenPress, guide: &mut Guide) {
         let place_mm = self.ways.as_ref().and_then(Ways::next_mm);
+        let place_mm = place_mm.filter(|_| self.kept.len() < self.count);
         // A simulated skin has a gauge.
         let force_n = self.pressed.as_ref().map(|scene| {
             let forces = scene.scene.truth(press.taken_s);
@@ -384,7 +391,7 @@ impl Run<'_> {
                 let Some(mark) = ways.next_mm() else { return false };
                 ways.skip();
                 guide.note(format!("skipped: {}", words(&self.geometry, mark)));
-                let left = ways.ahead(self.count - self.kept.len()).len();
+                let left = ways.ahead(self.count.saturating_sub(self.kept.len())).len();
                 self.count = self.count.min(self.kept.len() + left);
             }
             Wish::Enough => return false,
@@ -430,8 +437,16 @@ impl Run<'_> {
                     list.len() - pairs.len()
                 );
             }
-            self.kept.retain(|kept| kept.place_mm.is_some());
+        } else {
+            let without = self.kept.iter().filter(|kept| kept.place_mm.is_none()).count();
+            if without > 0 {
+                say!(
+                    "notice: the recording has {without} presses more than the {} that are wanted; they are left out, unless --count and --marks ask for them",
+                    self.count
+                );
+            }
         }
+        self.kept.retain(|kept| kept.place_mm.is_some());
         if let Some(path) = &self.arguments.gauge {
             let list = positions::gauge_presses(path)?;
             let spans: Vec<[f64; 2]> = self.kept.iter().map(|k| [k.press.began_s, k.lifted_s]).collect();
