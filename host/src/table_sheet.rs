@@ -69,6 +69,55 @@ impl Geometry {
     }
 }
 
+/// A sheet in a line, where a table can be of it.
+///
+/// # Errors
+/// The table's electrodes, pattern or header are not those of the sheet.
+pub(crate) fn fitting(table: &MeasurementTable, sheet: &Sheet) -> Result<SheetLine> {
+    let line = SheetLine::of(sheet)?;
+    let describe = "describe the sheet that was measured with --sheet FILE";
+    electrodes_fit(table, line.electrodes, "the sheet", describe)?;
+    if let Some(difference) = table.sheet.as_ref().and_then(|named| named.differs(&line)) {
+        bail!(
+            "{}: its header names another sheet than the one used: {difference}; {describe}, or correct the header",
+            table.file
+        );
+    }
+    Ok(line)
+}
+
+/// Holds a table against the number of electrodes that its header names, where it does.
+///
+/// # Errors
+/// The rows are of another number.
+pub(crate) fn fits_its_header(table: &MeasurementTable) -> Result<()> {
+    let remedy = "correct the header";
+    match &table.sheet {
+        Some(named) => electrodes_fit(table, named.electrodes, "the sheet of its header", remedy),
+        None => Ok(()),
+    }
+}
+
+fn electrodes_fit(table: &MeasurementTable, electrodes: usize, whose: &str, remedy: &str) -> Result<()> {
+    let file = &table.file;
+    if electrodes < table.electrodes {
+        bail!(
+            "{file}: it names electrodes up to {}, but {whose} has {electrodes}; {remedy}",
+            table.electrodes
+        );
+    }
+    // Neighbours across the highest number are neighbours on the sheet that was measured, and not on a larger one.
+    let own = TablePattern::of_rows(table.electrodes, &table.measurements);
+    if own.known && !TablePattern::of_rows(electrodes, &table.measurements).known {
+        bail!(
+            "{file}: its rows are a pattern of {} electrodes ({}), but {whose} has {electrodes}; {remedy}",
+            table.electrodes,
+            own.name
+        );
+    }
+    Ok(())
+}
+
 fn length() -> impl Fn(&str) -> Result<f64, String> + Clone {
     number::positive("a length in mm above 0")
 }
@@ -132,29 +181,7 @@ impl Geometry {
             (None, None) => (self.disc(table)?, None),
         };
         let electrodes = sheet.electrodes.len();
-        if electrodes < table.electrodes {
-            bail!(
-                "{file}: it names electrodes up to {}, but the sheet has {electrodes}; describe the sheet that was measured with --sheet FILE",
-                table.electrodes
-            );
-        }
-        // Neighbours across the highest number are neighbours on the sheet that was measured, and not on a larger one.
-        let own = TablePattern::of_rows(table.electrodes, &table.measurements);
-        if own.known && !TablePattern::of_rows(electrodes, &table.measurements).known {
-            bail!(
-                "{file}: its rows are a pattern of {} electrodes ({}), but the sheet has {electrodes}; describe the sheet that was measured \
-                 with --sheet FILE",
-                table.electrodes,
-                own.name
-            );
-        }
-        let line = SheetLine::of(&sheet)?;
-        if let Some(difference) = table.sheet.as_ref().and_then(|named| named.differs(&line)) {
-            bail!(
-                "{file}: its header names another sheet than the one used: {difference}; describe the sheet that was measured \
-                 with --sheet FILE, or correct the header"
-            );
-        }
+        let line = fitting(table, &sheet)?;
         let table_pattern = match &wanted {
             Some(wanted) => {
                 if let Some((row, m)) = foreign(wanted, &table.measurements) {

@@ -1,19 +1,21 @@
 //! `skin calibrate presses`: maps of a real skin from presses at known places.
 
+use super::extent::Extent;
 use super::file::{ModelKeys, Of, Taught};
 use super::guided::{self, Gathered};
 use super::{changes, file, model, store, truth};
 use crate::baselines;
 use crate::files::measurements::MeasurementTable;
+use crate::files::replace::try_out;
 use crate::json;
 use crate::progress::Progress;
-use crate::table_file;
 use crate::usage::Usage;
+use crate::{table_file, table_sheet};
 use ::forward::Sheet;
 use anyhow::{Context, Result, bail};
 use clap::{ArgGroup, Args};
 use hil_sim::BOARD_NAME;
-use inverse::learned::{Findings, Gain, Grain, Learned, Press, Setting, StoredGain, learn, turn};
+use inverse::learned::{FEWEST_FOR_MORE, Findings, Gain, Grain, Learned, Press, Setting, StoredGain, learn, turn};
 use serde::Serialize;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -93,6 +95,7 @@ struct Line<'a> {
     error_median_mm: f64,
     error_95th_percentile_mm: f64,
     uncertainty_factor: f64,
+    more_presses: MorePresses,
     expected_mm: Option<f64>,
     /// Newtons over the sheet; none where fewer than five forces are known.
     force: Option<ForceLine>,
@@ -104,6 +107,28 @@ struct Line<'a> {
     model_not_tried: Option<String>,
 }
 
+/// What more presses promise.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+enum MorePresses {
+    /// Their error is told.
+    WouldHelp,
+    /// They are few, so that more surely help; by how much they do not tell.
+    TooFewToTell,
+    /// All presses are not located better than half of them are.
+    NoSign,
+}
+
+impl MorePresses {
+    fn of(found: &Findings) -> Self {
+        match found.expected_mm(MORE) {
+            Some(_) => Self::WouldHelp,
+            None if found.presses < FEWEST_FOR_MORE => Self::TooFewToTell,
+            None => Self::NoSign,
+        }
+    }
+}
+
 /// Newtons over the sheet.
 #[derive(Serialize)]
 struct ForceLine {
@@ -111,7 +136,7 @@ struct ForceLine {
     usual_n: f64,
     /// Largest over smallest among the places of the presses.
     range: f64,
-    /// Standard deviation of the force of one press, over the force.
+    /// Standard deviation of the force of one press, over the force: each by what the others tell.
     relative_sd: f64,
 }
 
@@ -174,16 +199,26 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let table = table_file::read(&input.table, None, &[])?;
     let known = truth::read(&input.truth)?;
     let list = input.truth.display().to_string();
+    let extent = extent(&input, &table)?;
+    if let Some(extent) = extent.as_ref().filter(|_| input.gathered.is_none()) {
+        extent.check(&list, known.iter().map(|press| (press.line, press.place_mm)))?;
+        if let Some(doubt) = extent.doubt(known.iter().map(|press| press.place_mm)) {
+            eprintln!("warning: {list}: {doubt}");
+        }
+    }
     let presses = changes::presses(&table, &list, &known, arguments.difference)?;
     let setting = Setting {
         measurements: &table.measurements,
-        electrodes: table.electrodes,
+        electrodes: electrodes(&input, &table),
         turn: input.sheet.as_ref().map_or(Ok(1), turn)?,
     };
     let progress = Progress::new("learning");
     let (learned, found) = learn(&presses, &setting, |done, whole| progress.at(done, whole))
         .with_context(|| format!("{}: no calibration can be made", table.file))?;
     drop(progress);
+    if let Some(doubt) = extent.and_then(|extent| extent.doubt_radius(found.radius_mm)) {
+        eprintln!("warning: {list}: {doubt}");
+    }
     let model = by_model(arguments, &input, &table, &known, &found);
     let gain = gain(&learned, &presses, &known);
     let mut of = Of::new(input.sheet.as_ref(), &table.measurements)?;
@@ -198,7 +233,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         model: model.as_ref().ok(),
         gain: gain.as_ref(),
         measurements: &table.measurements,
-        electrodes: table.electrodes,
+        electrodes: electrodes(&input, &table),
         difference: arguments.difference,
         of,
     };
@@ -252,6 +287,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
 /// A table and a list: those that are given, or what is taken now.
 fn input(arguments: &Arguments) -> Result<Input> {
     if !arguments.guided.is_asked() {
+        file::holds_presses(&arguments.out)?;
         let missing = || Usage("give a table with --truth, or a board with --port, --serial or --simulate".to_owned());
         return Ok(Input {
             table: arguments.table.clone().ok_or_else(missing)?,
@@ -263,11 +299,12 @@ fn input(arguments: &Arguments) -> Result<Input> {
     if arguments.sheet.is_some() && (arguments.guided.scene.is_some() || arguments.guided.from.is_some()) {
         return Err(Usage("a scene and a recording have a sheet of their own; leave --sheet out".to_owned()).into());
     }
-    let gathered = guided::gather(&arguments.guided, arguments.sheet.as_deref())?;
     let (table, truth) = (
         arguments.out.with_extension("table.csv"),
         arguments.out.with_extension("presses.csv"),
     );
+    clear(&arguments.out, [&table, &truth])?;
+    let gathered = guided::gather(&arguments.guided, arguments.sheet.as_deref())?;
     gathered.write(&table, &truth)?;
     eprintln!(
         "{0}, {1}: what was taken; skin calibrate presses {0} --truth {1} learns from it again",
@@ -280,6 +317,44 @@ fn input(arguments: &Arguments) -> Result<Input> {
         truth,
         gathered: Some(gathered),
     })
+}
+
+/// Sees before the first press that what is taken can be written, and that nothing of earlier presses is lost: they cannot be taken again.
+fn clear(out: &Path, beside: [&Path; 2]) -> Result<()> {
+    let mut there: Vec<String> = (beside.iter().filter(|path| path.exists()))
+        .map(|path| path.display().to_string())
+        .collect();
+    if file::holds_presses(out)? {
+        there.push(out.display().to_string());
+    }
+    if !there.is_empty() {
+        bail!(
+            "{}: there already, of earlier presses; name another file with --out, or move what is there away",
+            there.join(", ")
+        );
+    }
+    for path in beside {
+        try_out(path).with_context(|| format!("{}: cannot be written", path.display()))?;
+    }
+    Ok(())
+}
+
+/// How far the sheet extends, where it is known. It is that of the table then.
+fn extent(input: &Input, table: &MeasurementTable) -> Result<Option<Extent>> {
+    table_sheet::fits_its_header(table)?;
+    Ok(match &input.sheet {
+        Some(sheet) => {
+            table_sheet::fitting(table, sheet)?;
+            Some(Extent::of(sheet)?)
+        }
+        None => table.sheet.as_ref().and_then(Extent::named),
+    })
+}
+
+/// Those of the sheet; those that the table names where nothing else is known.
+fn electrodes(input: &Input, table: &MeasurementTable) -> usize {
+    let of = |sheet: &Sheet| sheet.electrodes.len();
+    input.sheet.as_ref().map_or(table.electrodes, of)
 }
 
 /// Where it is stored for its board; none where it is of no board.
@@ -371,6 +446,7 @@ fn line<'a>(found: &Findings, known: &'a [truth::KnownPress], table: &Measuremen
         error_median_mm: found.error_mm[0],
         error_95th_percentile_mm: found.error_mm[1],
         uncertainty_factor: found.tempering.sqrt(),
+        more_presses: MorePresses::of(found),
         expected_mm: found.expected_mm(MORE),
         force: None,
         forces_known: 0,
@@ -472,6 +548,9 @@ fn words(line: &Line<'_>) -> String {
     );
     text += &match line.expected_mm {
         Some(mm) => format!("\nmore presses    {MORE} more: about {mm:.1} mm median expected"),
+        None if line.more_presses == MorePresses::TooFewToTell => {
+            format!("\nmore presses    advised; fewer than {FEWEST_FOR_MORE} do not tell by how much they would help")
+        }
         None => "\nmore presses    nothing says that they would help".to_owned(),
     };
     text += &match &line.force {

@@ -7,7 +7,7 @@ pub(crate) use of::Of;
 
 use crate::files::baseline_file::unix_s;
 use crate::files::calibration_file::{self, CalibrationFileError, PRESSES, RubberKeys, SKIN, kind};
-use crate::files::replace::replace;
+use crate::files::replace::{replace, try_out};
 use ::forward::file::{MOST_ELECTRODES, parse_sheet};
 use ::forward::{Measurement, Pair, Sheet};
 use inverse::force::meter::Calibration;
@@ -294,6 +294,19 @@ fn there(path: &Path) -> Result<Keys, CalibrationFileError> {
             "{message}; it stands where the calibration is to be written: remove it, or write elsewhere with --out"
         ),
     })
+}
+
+/// Whether a file that parts are to be put into holds presses already.
+///
+/// # Errors
+/// It cannot be read or written, or is no calibration.
+pub(crate) fn holds_presses(path: &Path) -> Result<bool, CalibrationFileError> {
+    let keys = there(path)?;
+    try_out(path).map_err(|cause| CalibrationFileError::Io {
+        file: path.display().to_string(),
+        cause,
+    })?;
+    Ok(keys.presses.is_some())
 }
 
 fn replaced(path: &Path, keys: &Keys) -> Result<(), CalibrationFileError> {

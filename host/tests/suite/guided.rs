@@ -266,3 +266,119 @@ fn a_robots_list_says_where_the_presses_of_a_stream_were() {
         wrong.said
     );
 }
+
+/// Presses cost an hour of somebody's or of a robot's time: none is overwritten, and what cannot be written is found before the first.
+#[test]
+fn nothing_of_earlier_presses_is_overwritten_and_what_cannot_be_written_is_found_first() {
+    let folder = folder();
+    let path = folder.path();
+    let guided = |more: &[&str]| {
+        let five = ["calibrate", "presses", "--scene", "rubber.toml", "--count", "5"];
+        skin(path, &[&five[..], more].concat(), "")
+    };
+    // The rubber's creep that is there stays, and presses go beside it.
+    let creep = "kind = \"skin\"\nversion = 4\n[of]\n[rubber]\ndelayed_ratio = 0.3\ntau_s = 5.0\nexponent = 1.0\nunit_rise_mpa = 0.25\nforce_sd_n = 0.1\n";
+    std::fs::write(path.join("skin.cal"), creep).unwrap();
+    // A table's frames need a time for it.
+    let table = [
+        "reconstruct",
+        "table.csv",
+        "--baseline",
+        "1",
+        "--calibration",
+        "skin.cal",
+    ];
+    let refused = skin(path, &table, "");
+    assert!(
+        refused.code == Some(2) && refused.said.contains("--frame-s"),
+        "{}",
+        refused.said
+    );
+    let first = guided(&[]);
+    assert_eq!(first.code, Some(0), "{}", first.said);
+    assert!(
+        first.said.contains("the rubber's creep that was in it is kept"),
+        "{}",
+        first.said
+    );
+    let files = ["skin.table.csv", "skin.presses.csv", "skin.cal"];
+    let read = || files.map(|file| std::fs::read_to_string(path.join(file)).unwrap());
+    let before = read();
+    let again = guided(&["--seed", "9"]);
+    assert_eq!(again.code, Some(1), "{}", again.said);
+    for said in files.iter().chain(&["--out"]) {
+        assert!(again.said.contains(said), "{said}: {}", again.said);
+    }
+    assert!(
+        !again.said.contains("taking the baseline") && read() == before,
+        "{}",
+        again.said
+    );
+    for out in ["nowhere/skin.cal", "."] {
+        let refused = guided(&["--out", out]);
+        assert_eq!(refused.code, Some(1), "{out}: {}", refused.said);
+        assert!(!refused.said.contains("taking the baseline"), "{out}: {}", refused.said);
+    }
+    // From the table the calibration is made again.
+    let table = ["calibrate", "presses", files[0], "--truth", files[1]];
+    assert_eq!(skin(path, &table, "").code, Some(0));
+    // Marks in another unit.
+    std::fs::write(path.join("marks.csv"), "x_mm,y_mm\n0,0\n500,0\n0,50\n-50,0\n30,30\n").unwrap();
+    let off = guided(&["--marks", "marks.csv", "--out", "off.cal"]);
+    assert_eq!(off.code, Some(1), "{}", off.said);
+    assert!(
+        off.said.contains("marks.csv:3: x 500.0, y 0.0 mm is not on the sheet")
+            && !off.said.contains("taking the baseline"),
+        "{}",
+        off.said
+    );
+}
+
+/// A list that lacks a press does not end the recording before its last one.
+#[test]
+fn a_recording_is_read_to_its_end_whatever_the_list_lacks() {
+    let folder = folder();
+    let path = folder.path();
+    let places = [[0, 0], [22, 66], [78, 49], [33, 11], [-72, -57], [-66, 0], [40, -82]];
+    let mut scene = "duration_s = 30.0\n[material]\nkind = \"elastic\"\n".to_owned();
+    let mut list = "t_s,x_mm,y_mm\n".to_owned();
+    let mut at_s = 2.5;
+    for (k, [x, y]) in places.iter().enumerate() {
+        scene += &format!(
+            "[[touch]]\nshape = \"finger\"\npress = {{ at_s = {at_s:.3}, for_s = 1.2, ramp_s = 0.1, x_mm = {x}.0, y_mm = {y}.0, force_n = 12.0 }}\n"
+        );
+        if k != 1 {
+            list += &format!("{at_s:.3},{x},{y}\n");
+        }
+        at_s += 2.5 + 0.3 * (k as f64 * 2.3).sin();
+    }
+    std::fs::write(path.join("robot.toml"), scene).unwrap();
+    std::fs::write(path.join("list.csv"), list).unwrap();
+    let recorded = skin(
+        path,
+        &["record", "robot.mcap", "--scene", "robot.toml", "--seconds", "19"],
+        "",
+    );
+    assert_eq!(recorded.code, Some(0), "{}", recorded.said);
+    let ran = skin(
+        path,
+        &[
+            "calibrate",
+            "presses",
+            "--from",
+            "robot.mcap",
+            "--positions",
+            "list.csv",
+        ],
+        "",
+    );
+    assert_eq!(ran.code, Some(0), "{}", ran.said);
+    let found = columns(&path.join("skin.presses.csv"), ["x_mm", "y_mm"]);
+    let listed = columns(&path.join("list.csv"), ["x_mm", "y_mm"]);
+    assert_eq!(found, listed, "{}", ran.said);
+    assert!(
+        ran.said.contains("1 presses of the stream are not in the list") && !ran.said.contains("were not found"),
+        "{}",
+        ran.said
+    );
+}

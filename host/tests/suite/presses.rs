@@ -371,3 +371,127 @@ fn where_the_model_locates_better_than_what_was_learned_it_is_used() {
         "{said}"
     );
 }
+
+/// Places in another unit and tables of another sheet are refused where the sheet is known, or doubted.
+#[test]
+fn places_that_cannot_be_on_the_sheet_and_sheets_of_another_number_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    let places = places(12);
+    write(path, &places, 12, true);
+    let run = |arguments: &[&str]| {
+        let presses = ["calibrate", "presses", "--difference"];
+        let out = skin().current_dir(path).args(presses).args(arguments).output().unwrap();
+        let text = |bytes: Vec<u8>| String::from_utf8(bytes).unwrap();
+        (out.status.code(), text(out.stdout), text(out.stderr))
+    };
+    let disc = |name: &str, count: usize| {
+        let text = format!(
+            "sheet_resistance_ohm = 1000.0\noutline = {{ kind = \"disc\", diameter_mm = 124.0 }}\n[electrode_ring]\ncount = {count}\nwidth_mm = 4.0\ncontact_mm = 1.0\n"
+        );
+        std::fs::write(path.join(name), text).unwrap();
+    };
+    disc("sheet.toml", 16);
+    disc("other.toml", 32);
+    let table = std::fs::read_to_string(path.join("table.csv")).unwrap();
+    let headed = |name: &str, electrodes: usize| {
+        let header = format!("# sheet: disc, 124.0 x 124.0 mm, 120.8 cm2, {electrodes} electrodes, 1 at (62.0, 0.0)\n");
+        std::fs::write(path.join(name), header + &table).unwrap();
+    };
+    headed("headed.csv", 16);
+    headed("wrong.csv", 32);
+    let scaled = |name: &str, factor: f64| {
+        let mut text = "frame,before,x_mm,y_mm\n".to_owned();
+        for (k, [x, y]) in places.iter().enumerate() {
+            writeln!(text, "p{k},,{},{}", factor * x, factor * y).unwrap();
+        }
+        std::fs::write(path.join(name), text).unwrap();
+    };
+    scaled("um.csv", 1000.0);
+    scaled("cm.csv", 0.1);
+    for known in [&["table.csv", "--sheet", "sheet.toml"][..], &["headed.csv"]] {
+        let with = |list: &str| run(&[known, &["--truth", list]].concat());
+        let (code, _, said) = with("um.csv");
+        assert!(
+            code == Some(1)
+                && said.contains("um.csv:2: ")
+                && said.contains("is not on the sheet")
+                && said.contains("millimetres"),
+            "{said}"
+        );
+        assert!(!path.join("skin.cal").exists());
+        let (code, _, said) = with("cm.csv");
+        assert!(
+            code == Some(0) && said.contains("warning: cm.csv: all places are within"),
+            "{said}"
+        );
+        let (code, out, said) = with("known.csv");
+        assert!(code == Some(0) && !said.contains("warning: known.csv"), "{said}");
+        // Twelve of them.
+        assert!(out.contains("more presses    advised; fewer than 20"), "{out}");
+        std::fs::remove_file(path.join("skin.cal")).unwrap();
+    }
+    for (known, words) in [
+        (
+            &["table.csv", "--sheet", "other.toml"][..],
+            "but the sheet has 32; describe the sheet",
+        ),
+        (&["wrong.csv"], "but the sheet of its header has 32; correct the header"),
+    ] {
+        let (code, _, said) = run(&[known, &["--truth", "known.csv"]].concat());
+        assert!(
+            code == Some(1) && said.contains("a pattern of 16 electrodes") && said.contains(words),
+            "{said}"
+        );
+    }
+    // Without a sheet nobody knows.
+    let (code, out, said) = run(&["table.csv", "--truth", "cm.csv", "--json"]);
+    assert!(code == Some(0) && !said.contains("warning"), "{said}");
+    let found: serde_json::Value = serde_json::from_str(&out).unwrap();
+    assert_eq!(found["more_presses"], "too_few_to_tell", "{found}");
+    assert!(found["expected_mm"].is_null(), "{found}");
+}
+
+/// Files that are damaged, or that somebody else needs.
+#[test]
+fn a_calibration_that_is_cut_off_says_so_and_other_files_are_not_written_over() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    write(path, &places(12), 12, true);
+    let run = |arguments: &[&str]| {
+        let out = skin().current_dir(path).args(arguments).output().unwrap();
+        (out.status.code(), String::from_utf8(out.stderr).unwrap())
+    };
+    let made = run(&[
+        "calibrate",
+        "presses",
+        "table.csv",
+        "--truth",
+        "known.csv",
+        "--difference",
+    ]);
+    assert_eq!(made.0, Some(0), "{}", made.1);
+    let text = std::fs::read_to_string(path.join("skin.cal")).unwrap();
+    for (cut, words) in [(20_000, "the file seems to be cut off"), (0, "it is empty")] {
+        std::fs::write(path.join("cut.cal"), &text[..cut]).unwrap();
+        let (code, said) = run(&["reconstruct", "table.csv", "--calibration", "cut.cal", "--difference"]);
+        assert_eq!(code, Some(1), "{said}");
+        assert!(
+            said.contains("cut.cal: ") && said.contains(words) && !said.contains("--frame-s") && said.len() < 300,
+            "{said}"
+        );
+    }
+    std::fs::write(path.join("press.csv"), "mine\n").unwrap();
+    let gcode = ["calibrate", "gcode", "--count", "5", "--out", "press.gcode"];
+    let (code, said) = run(&gcode);
+    assert!(code == Some(1) && said.contains("--positions"), "{said}");
+    assert_eq!(std::fs::read_to_string(path.join("press.csv")).unwrap(), "mine\n");
+    // Its own list is made anew.
+    std::fs::remove_file(path.join("press.csv")).unwrap();
+    assert_eq!((run(&gcode).0, run(&gcode).0), (Some(0), Some(0)));
+    let (code, said) = run(&["calibrate", "marks", "--svg", "m.x", "--csv", "m.x"]);
+    assert!(
+        code == Some(1) && said.contains("two files") && !path.join("m.x").exists(),
+        "{said}"
+    );
+}

@@ -14,6 +14,7 @@ use self::guide::{Guide, Wish};
 use self::interim::Interim;
 use self::marks::Ways;
 use self::stream::{Frame, Stream};
+use super::extent::Extent;
 use super::marks::words;
 use crate::config::Config;
 use crate::files::positions::{self, Listed};
@@ -115,9 +116,21 @@ pub(crate) fn gather(arguments: &Arguments, sheet_file: Option<&Path>) -> Result
             without.line
         );
     }
-    let ways = match (&listed, &arguments.marks) {
+    let marks = arguments.marks.as_deref().map(written::marks).transpose()?;
+    let given = match (&arguments.positions, &listed, &arguments.marks, &marks) {
+        (Some(path), Some(list), ..) => {
+            let places = list.iter().filter_map(|press| Some((press.line, press.place_mm?)));
+            Some((path, places.collect()))
+        }
+        (.., Some(path), Some(marks)) => Some((path, marks.clone())),
+        _ => None,
+    };
+    if let Some((path, places)) = given {
+        on_the_sheet(&sheet, path, &places)?;
+    }
+    let ways = match (&listed, marks) {
         (Some(_), _) => None,
-        (None, Some(path)) => Some(Ways::list(written::marks(path)?)),
+        (None, Some(marks)) => Some(Ways::list(marks.into_iter().map(|(_, place_mm)| place_mm).collect())),
         (None, None) => Some(Ways::chosen(Marks::new(&sheet, arguments.tip_mm)?, arguments.count)),
     };
     let count = match (&listed, &ways) {
@@ -170,6 +183,17 @@ pub(crate) fn gather(arguments: &Arguments, sheet_file: Option<&Path>) -> Result
         presses: run.kept,
         guide,
     })
+}
+
+/// Sees before the first press that the places of a list can be pressed.
+fn on_the_sheet(sheet: &Sheet, path: &Path, places: &Vec<(u64, [f64; 2])>) -> Result<()> {
+    let extent = Extent::of(sheet)?;
+    let list = path.display().to_string();
+    extent.check(&list, places.iter().copied())?;
+    if let Some(doubt) = extent.doubt(places.iter().map(|(_, place_mm)| *place_mm)) {
+        say!("warning: {list}: {doubt}");
+    }
+    Ok(())
 }
 
 impl Run<'_> {

@@ -45,16 +45,19 @@ pub(super) fn write(gathered: &Gathered, table: &Path, list: &Path) -> Result<()
     write_text(list, &out)
 }
 
-/// Marks to press in this order: a CSV with `x_mm` and `y_mm`.
+/// Marks to press in this order, each with its line: a CSV with `x_mm` and `y_mm`.
 ///
 /// # Errors
 /// [`FileError`] with line and column.
-pub(super) fn marks(path: &Path) -> Result<Vec<[f64; 2]>, FileError> {
+pub(super) fn marks(path: &Path) -> Result<Vec<(u64, [f64; 2])>, FileError> {
     columns::read(path, |file, text| {
         let columns = Columns::parse(file, text)?;
         let (x, y) = (columns.column("x_mm")?, columns.column("y_mm")?);
         let place = |line: Line, column, name| line.value(column, name, "a place in millimetres");
-        let both = |line| Ok([place(line, x, "x_mm")?, place(line, y, "y_mm")?]);
+        let both = |line: Line| {
+            let place_mm = [place(line, x, "x_mm")?, place(line, y, "y_mm")?];
+            Ok((line.number(), place_mm))
+        };
         columns.lines().map(both).collect()
     })
 }
