@@ -14,6 +14,8 @@ const FEWEST_FORCES: usize = 5;
 /// Lengths that are tried, over the reach of the presses, and sizes of the process over its noise, as variances.
 const LENGTHS: [f64; 3] = [0.4, 0.8, 1.6];
 const SIZES: [f64; 8] = [1e-9, 0.1, 0.3, 1.0, 3.0, 10.0, 100.0, 1e3];
+/// Below it the place tells nothing.
+const FLAT: f64 = 1e-3;
 /// Variance of the constant over the noise's: nothing is known of it.
 const CONSTANT: f64 = 1e6;
 /// Noise that is expected beforehand, over the force, as if so many forces had told it: an inverse gamma distribution of its variance.
@@ -90,7 +92,7 @@ impl Gain {
             return None;
         }
         let logs = DVector::from_iterator(presses.len(), presses.iter().map(|p| (p.2 / p.1).ln()));
-        let mut best: Option<Fit> = None;
+        let (mut best, mut flat): (Option<Fit>, Option<Fit>) = (None, None);
         for length in LENGTHS {
             let harmonics = harmonics(centre_mm, reach_mm, length);
             let variances = harmonics.matern(length * reach_mm);
@@ -100,12 +102,17 @@ impl Gain {
                 let Some(fit) = fit(&plain, &variances, size, length, &logs) else {
                     continue;
                 };
-                if best.as_ref().is_none_or(|b| fit.evidence > b.evidence) {
+                if size < FLAT {
+                    flat = Some(fit);
+                } else if best.as_ref().is_none_or(|b| fit.evidence > b.evidence) {
                     best = Some(fit);
                 }
             }
         }
-        let fit = best?;
+        // Evidence trusts its prior; a function that tells presses left out no better than one number does is none.
+        let (flat, best) = (flat?, best?);
+        let tells = best.evidence > flat.evidence && best.left_out.norm_squared() < flat.left_out.norm_squared();
+        let fit = if tells { best } else { flat };
         let harmonics = harmonics(centre_mm, reach_mm, fit.length);
         let at: Vec<f64> = (presses.iter())
             .map(|p| features(&harmonics, p.0).dot(&fit.weights))
