@@ -120,7 +120,7 @@ pub(crate) fn gather(arguments: &Arguments, sheet_file: Option<&Path>) -> Result
     let given = match (&arguments.positions, &listed, &arguments.marks, &marks) {
         (Some(path), Some(list), ..) => {
             let places = list.iter().filter_map(|press| Some((press.line, press.place_mm?)));
-            Some((path, places.collect()))
+            Some((path, places.collect::<Vec<_>>()))
         }
         (.., Some(path), Some(marks)) => Some((path, marks.clone())),
         _ => None,
@@ -186,7 +186,7 @@ pub(crate) fn gather(arguments: &Arguments, sheet_file: Option<&Path>) -> Result
 }
 
 /// Sees before the first press that the places of a list can be pressed.
-fn on_the_sheet(sheet: &Sheet, path: &Path, places: &Vec<(u64, [f64; 2])>) -> Result<()> {
+fn on_the_sheet(sheet: &Sheet, path: &Path, places: &[(u64, [f64; 2])]) -> Result<()> {
     let extent = Extent::of(sheet)?;
     let list = path.display().to_string();
     extent.check(&list, places.iter().copied())?;
