@@ -30,6 +30,9 @@ const REPETITIONS: usize = 2;
 const REPETITIONS_WITH_MISSING: usize = 20;
 /// Mean square of residuals from which two presses at once are looked for. Presses that were learned from leave 1.
 const SUSPECT: f64 = 2.0;
+/// Variance of a frame with presses that nobody knows yet, over that with one of the usual strength: one may be twice as strong, or four
+/// may be there.
+const ANY: f64 = 4.0;
 /// Sweeps over the presses of a frame in which each is placed anew with the others as they are.
 const SWEEPS: usize = 2;
 /// Most presses of a frame.
@@ -325,7 +328,7 @@ impl Locator {
             tempering: evidence.tempering / there.max(f64::MIN_POSITIVE),
             ..evidence
         };
-        let mut told = Outliers::new(&self.precision_anywhere, &missing).replaced(values.clone(), 1.0);
+        let mut told = Outliers::new(&self.precision_anywhere, &missing).replaced(values.clone(), ANY);
         let mut outliers = Outliers::new(&self.precision, &missing);
         let mut found = Presence::default();
         for _ in 0..most {
