@@ -77,6 +77,8 @@ const USUAL_CHANGE: f64 = 0.01;
 /// sheet alike, but these are smaller than this part of the voltages.
 const OF_VOLTAGES: f64 = 0.98;
 const LEAST_VOLTAGE: f64 = 0.5;
+/// A source of which less is left is broken: a column with a gain so small over another is of another unit.
+const LEAST_GAIN: f64 = 0.2;
 
 impl BaselineArguments {
     /// For each frame the one that a list of presses names before it.
@@ -130,6 +132,7 @@ impl BaselineArguments {
         for name in &self.baseline {
             common.extend(names.range(name.trim())?);
         }
+        agree(table, &common)?;
         let prepared = match &self.before {
             Some(path) => own(table, &names, &common, path)?,
             None => plain(table, common),
@@ -273,6 +276,36 @@ fn assumed_unit_v(table: &MeasurementTable, model: &[f64], notes: &mut Vec<Strin
     eprintln!("warning: {}: {told}", table.file);
     notes.push(told);
     USUAL_CHANGE / usual
+}
+
+/// Refuses columns of a baseline that are of another sign than the others, or of another unit: no source loses so much.
+///
+/// Where most of three or more agree, the others are left out of the mean, and that is said ([`Baseline::of_frames`]).
+fn agree(table: &MeasurementTable, common: &[usize]) -> Result<()> {
+    let Some(first) = common.first().map(|k| &table.columns[*k]) else {
+        return Ok(());
+    };
+    let gain = |c: &Column| number::median(c.values.iter().zip(&first.values).map(|(v, of)| v / of));
+    let gains: Vec<(&str, f64)> = (common.iter().map(|k| &table.columns[*k]))
+        .map(|c| (c.name.as_str(), gain(c)))
+        .filter(|(_, gain)| gain.is_finite())
+        .collect();
+    let usual = number::median(gains.iter().map(|(_, gain)| *gain));
+    let agrees = |gain: f64| (LEAST_GAIN..=1.0 / LEAST_GAIN).contains(&(gain / usual));
+    let count = gains.iter().filter(|(_, gain)| agrees(*gain)).count();
+    if count == gains.len() || (count > 2 && 2 * count > gains.len()) {
+        return Ok(());
+    }
+    let factors: Vec<String> = (gains.iter().skip(1))
+        .map(|(name, gain)| format!("{name} is {gain:.3} times {}", first.name))
+        .collect();
+    let told: Vec<&str> = factors.iter().map(String::as_str).collect();
+    bail!(
+        "{}: the columns of the baseline do not agree (in the median {}): they are of another sign or unit, or of another measurement; \
+         name columns that are alike",
+        table.file,
+        shortened(&told)
+    )
 }
 
 /// The mean of some frames for all others.

@@ -9,6 +9,7 @@ use crate::reference::Reference;
 use crate::reference::baseline::Baseline;
 use crate::reference::imager::{Imager, ImagerError};
 use crate::reference::inspection::{Inspection, InspectionOptions, inspect};
+use crate::reference::moved;
 use crate::reference::noise::FrameNoise;
 use crate::solvers::Method;
 use crate::touches::polarity::Polarity;
@@ -76,6 +77,40 @@ fn reconstructor(
     Ok(Reconstructor::new(reference, how).after(inspection.fault))
 }
 
+/// How far the sheet moved between two of two or three frames, as [`Baseline::moved`] has it: their scatter tells no noise, but exchanged
+/// pairs do. So each is reconstructed with the first as its baseline, and the sheet moved where that shows anything.
+fn moved_of_few(inspection: &Inspection, how: ReconstructorOptions, frames: &[&[f64]]) -> Result<f64, ImagerError> {
+    let (imager, of) = (&inspection.imager, &inspection.baseline);
+    let known: Vec<&[f64]> = (frames.iter().copied())
+        .filter(|frame| frame.iter().any(|v| v.is_finite()))
+        .collect();
+    let [first, others @ ..] = &known[..] else {
+        return Ok(0.0);
+    };
+    if others.is_empty() || known.len() >= moved::FEWEST_FRAMES || inspection.fault.is_some() {
+        return Ok(0.0);
+    }
+    // What is left out of the baseline tells nothing.
+    let left = first.iter().zip(&of.values_v);
+    let first: Vec<f64> = left.map(|(v, of)| if of.is_finite() { *v } else { f64::NAN }).collect();
+    let reference = Reference::new(Arc::clone(imager), first, FrameNoise::Unknown)?;
+    let mut reconstructor = Reconstructor::new(reference.clone(), how);
+    let mut most = 0.0_f64;
+    for other in others {
+        let result = reconstructor.frame(other)?;
+        let shows = !result.touches.is_empty() || result.doubt.is_some() || !result.faults.is_empty();
+        let (Some(noise), true) = (result.noise, result.changed && shows) else {
+            continue;
+        };
+        let d = reference.difference(other)?;
+        let sds = moved::beyond_gain(&d, &imager.model_v) / noise.sigma;
+        if sds >= moved::LEAST_MOVED {
+            most = most.max(sds);
+        }
+    }
+    Ok(most.min(f64::MAX))
+}
+
 impl Batch {
     /// Takes frames of the unpressed sheet (any unit, in the pattern's order; not a number where a value is missing) as the
     /// baseline.
@@ -88,18 +123,22 @@ impl Batch {
             // Each frame has its own baseline, and these were taken hours apart.
             baseline.moved = 0.0;
         }
-        let inspection = inspect(
+        let mut inspection = inspect(
             &imager,
             baseline,
             options.find_electrodes,
             &InspectionOptions::default(),
         );
+        let of_frames = ReconstructorOptions::for_imager(&inspection.imager, options.method);
+        if options.noise_frames != usize::MAX && of_frames.fit.is_some() {
+            inspection.note_moved(moved_of_few(&inspection, of_frames, unpressed)?);
+        }
         let (imager, baseline) = (&inspection.imager, &inspection.baseline);
         let how = ReconstructorOptions {
             polarity: options.polarity,
             drifts: options.drifts,
             sequence: options.interval_s.is_some(),
-            ..ReconstructorOptions::for_imager(imager, options.method)
+            ..of_frames
         };
         let meter = options.calibration.map(|c| ForceMeter::new(imager, c));
         let tells_noise = baseline.frames >= options.noise_frames;

@@ -347,6 +347,23 @@ fn misfit(model_v: &[f64], baseline: &[f64], fitted: &[f64]) -> f64 {
 }
 
 impl Inspection {
+    /// Notes how far the sheet moved meanwhile, in standard deviations ([`Baseline::moved`]); 0 is not at all.
+    pub(crate) fn note_moved(&mut self, sd: f64) {
+        if sd <= self.baseline.moved {
+            return;
+        }
+        self.baseline.moved = sd;
+        // What moved is no noise.
+        self.findings.retain(|f| {
+            !matches!(
+                f.kind,
+                FindingKind::Moved | FindingKind::SenseNoise | FindingKind::Noise
+            )
+        });
+        let moved = of_frames(&self.baseline, &self.imager.pattern).find(|f| f.kind == FindingKind::Moved);
+        self.findings.extend(moved);
+    }
+
     /// A baseline that is taken as it is, where the model says nothing of the sheet.
     pub(crate) fn unlooked(imager: &Arc<Imager>, baseline: Baseline) -> Self {
         Self {

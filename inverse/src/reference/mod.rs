@@ -11,7 +11,7 @@ mod golden_sections;
 pub mod imager;
 pub mod inspection;
 mod low_rank;
-mod moved;
+pub(crate) mod moved;
 pub mod noise;
 mod resolution;
 pub mod screening;

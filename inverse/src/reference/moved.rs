@@ -6,12 +6,13 @@
 //! taken out before: a source may drift.
 
 use crate::linalg::eigen::symmetric_eigen;
+use crate::reference::difference::Difference;
 use crate::reference::resolution::step_of;
 use crate::stats::median;
 use nalgebra::DMatrix;
 
-/// Fewest frames that tell it.
-const FEWEST_FRAMES: usize = 4;
+/// Fewest frames whose scatter tells it.
+pub(crate) const FEWEST_FRAMES: usize = 4;
 /// Fewest values that scatter.
 const FEWEST_VALUES: usize = 16;
 /// The largest variance of noise is said to be more than noise from so many of its own standard deviations on: one of ten million
@@ -19,7 +20,7 @@ const FEWEST_VALUES: usize = 16;
 const CLEARLY: f64 = 8.0;
 
 /// Less is no matter: a change without a touch is doubted from so many on, too.
-const LEAST_MOVED: f64 = 20.0;
+pub(crate) const LEAST_MOVED: f64 = 20.0;
 /// So many frames tell it, however many there are.
 const MOST_FRAMES: usize = 256;
 
@@ -103,6 +104,18 @@ pub(crate) fn moved(count: usize, frames: impl Fn(usize) -> Vec<f64>, rounding: 
         sd,
         along: course.iter().map(|u| (u - middle) * sd / range).collect(),
     })
+}
+
+/// What a frame differs from another by beside a common gain, each value over its spread: 2-norm, V of the model.
+pub(crate) fn beyond_gain(d: &Difference, model_v: &[f64]) -> f64 {
+    let values = || {
+        let all = d.y.iter().zip(model_v).zip(&d.spread).zip(&d.used);
+        all.filter(|(_, used)| **used)
+            .map(|(((y, m), spread), _)| (y / spread, m / spread))
+    };
+    let [own, all] = values().fold([0.0; 2], |sum, (y, m)| [sum[0] + y * m, sum[1] + m * m]);
+    let gain = if all > 0.0 { own / all } else { 0.0 };
+    values().map(|(y, m)| (y - gain * m).powi(2)).sum::<f64>().sqrt()
 }
 
 /// A value in all frames.
