@@ -9,30 +9,46 @@ const TIMES: usize = 4;
 /// Fewest different values between these: a converter with fewer steps has many values at each.
 const FEWEST: usize = 32;
 
+/// So many rails are told.
+const MOST_TOLD: usize = 4;
+
 /// Takes the values at rails out of a table; says how many and at which value, or nothing where there are none.
+///
+/// Rails are those of the whole table, and of each column by itself: a frame that was clipped may stand beside one that was not.
 pub(crate) fn leave_out(table: &mut MeasurementTable) -> Option<String> {
-    let values = || table.columns.iter().flat_map(|c| c.values.iter().copied());
-    let rails = rails(values().filter(|v| v.is_finite()).collect());
-    let of = |rail: f64| values().filter(|v| *v == rail).count();
-    let told: Vec<String> = rails
-        .iter()
-        .map(|rail| format!("{} values are {}", of(*rail), rail))
+    let finite = |values: &[f64]| values.iter().copied().filter(|v| v.is_finite()).collect::<Vec<f64>>();
+    let of_all = rails(table.columns.iter().flat_map(|c| finite(&c.values)).collect());
+    let mut told: Vec<(f64, usize)> = of_all.iter().map(|rail| (*rail, 0)).collect();
+    for column in &mut table.columns {
+        // Of one column the least magnitudes are no rail: they are values far from the source.
+        let own = rails(finite(&column.values)).into_iter();
+        let own: Vec<f64> = own.filter(|rail| is_largest(*rail, &column.values)).collect();
+        for v in (column.values.iter_mut()).filter(|v| of_all.contains(v) || own.contains(v)) {
+            match told.iter_mut().find(|(rail, _)| rail == v) {
+                Some((_, count)) => *count += 1,
+                None => told.push((*v, 1)),
+            }
+            *v = f64::NAN;
+        }
+    }
+    let mut texts: Vec<String> = (told.iter().take(MOST_TOLD))
+        .map(|(rail, count)| format!("{count} values are {rail}"))
         .collect();
-    if told.is_empty() {
-        return None;
+    if told.len() > MOST_TOLD {
+        let more: usize = told[MOST_TOLD..].iter().map(|(_, count)| count).sum();
+        texts.push(format!("{more} more are others"));
     }
-    for v in table
-        .columns
-        .iter_mut()
-        .flat_map(|c| &mut c.values)
-        .filter(|v| rails.contains(v))
-    {
-        *v = f64::NAN;
-    }
-    Some(format!(
-        "{} to the last digit, as at the rail of a converter or where a number marks what is missing; they are left out",
-        told.join(" and ")
-    ))
+    (!texts.is_empty()).then(|| {
+        format!(
+            "{} to the last digit, as at the rail of a converter or where a number marks what is missing; they are left out",
+            texts.join(" and ")
+        )
+    })
+}
+
+/// Whether no value of the same sign is larger in magnitude.
+fn is_largest(rail: f64, values: &[f64]) -> bool {
+    !values.iter().any(|v| v.abs() > rail.abs() && v * rail > 0.0)
 }
 
 /// The smallest and the largest value, where these are rails. What is 0 is no voltage at all.
@@ -60,6 +76,35 @@ fn rails(mut values: Vec<f64>) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A frame that was clipped, beside one that was not and one whose values lie closely at the least.
+    #[test]
+    fn a_column_has_a_rail_of_its_own() {
+        let whole: Vec<f64> = (0..200).map(|k| 1.1 + (f64::from(k) * 0.7).sin()).collect();
+        let clipped: Vec<f64> = whole.iter().map(|v| v.min(1.9)).collect();
+        let least: Vec<f64> = whole.iter().map(|v| v.max(0.3)).collect();
+        // Where the values are from does not matter here.
+        let mut table = MeasurementTable::parse(
+            "t.csv",
+            b"drive_a,drive_b,sense_a,sense_b,whole,clipped,least\n1,2,3,4,1,1,1\n",
+            |_, _| (),
+        )
+        .unwrap();
+        for (column, values) in table.columns.iter_mut().zip([&whole, &clipped, &least]) {
+            column.values.clone_from(values);
+        }
+        let count = whole.iter().filter(|v| **v >= 1.9).count();
+        let said = leave_out(&mut table).unwrap();
+        assert!(
+            said.starts_with(&format!("{count} values are 1.9 to the last digit")),
+            "{said}"
+        );
+        let left = table
+            .columns
+            .iter()
+            .map(|c| c.values.iter().filter(|v| v.is_nan()).count());
+        assert_eq!(left.collect::<Vec<usize>>(), [0, count, 0]);
+    }
 
     #[test]
     fn what_stands_at_the_end_again_and_again_is_a_rail() {

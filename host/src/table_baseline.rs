@@ -77,6 +77,8 @@ const USUAL_CHANGE: f64 = 0.01;
 /// sheet alike, but these are smaller than this part of the voltages.
 const OF_VOLTAGES: f64 = 0.98;
 const LEAST_VOLTAGE: f64 = 0.5;
+/// Ratios of pressed to unpressed voltages are nearer to 1 than this in the median; changes have both signs, or die away from the touch.
+const MOST_OFF_ONE: f64 = 0.2;
 /// A source of which less is left is broken: a column with a gain so small over another is of another unit.
 const LEAST_GAIN: f64 = 0.2;
 
@@ -161,7 +163,7 @@ impl BaselineArguments {
     /// Columns of changes: the model's voltages are the baseline, and a frame is these with its change.
     ///
     /// # Errors
-    /// Columns that are voltages.
+    /// Columns that are voltages, or ratios of them.
     fn changes<'a>(&self, table: &'a MeasurementTable, imager: &Imager) -> Result<Prepared<'a>> {
         let model = &imager.model_v;
         let said_v = self.unit_v.unwrap_or(1.0);
@@ -172,6 +174,15 @@ impl BaselineArguments {
             bail!(
                 "{}: its columns are in proportion to the voltages of the sheet and as large, not changes of them; leave out --difference, \
                  and name a frame of the unpressed sheet with --baseline. If they are changes all the same, say their unit with --unit-v",
+                table.file
+            );
+        }
+        let are_ratios = |c: &Column| number::median(c.values.iter().map(|v| (v - 1.0).abs())) < MOST_OFF_ONE;
+        if table.columns.iter().all(are_ratios) {
+            bail!(
+                "{}: its columns are near 1 throughout, as ratios of pressed to unpressed voltages, which are no changes. Name a frame of \
+                 the unpressed sheet with --baseline; or, where only ratios are left, subtract 1 and multiply each by its unpressed voltage \
+                 (skin forward --csv gives the model's)",
                 table.file
             );
         }

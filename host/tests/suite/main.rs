@@ -36,3 +36,4 @@ mod tables;
 mod transcripts;
 #[cfg(target_os = "linux")]
 mod web_load;
+mod wrong_tables;

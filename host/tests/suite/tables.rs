@@ -14,10 +14,10 @@ fn skin(arguments: &[&str]) -> Output {
 }
 
 /// Electrodes from 1 of every row, and its value.
-type Rows = Vec<([usize; 4], f64)>;
+pub(crate) type Rows = Vec<([usize; 4], f64)>;
 
 /// What `skin forward` says of a sheet with these options.
-fn forward(options: &[&str]) -> Rows {
+pub(crate) fn forward(options: &[&str]) -> Rows {
     let output = skin(&[&["forward", "--csv"], options].concat());
     assert!(output.status.success());
     let text = String::from_utf8(output.stdout).unwrap();
@@ -31,14 +31,14 @@ fn forward(options: &[&str]) -> Rows {
         .collect()
 }
 
-fn values(rows: &Rows) -> Vec<f64> {
+pub(crate) fn values(rows: &Rows) -> Vec<f64> {
     rows.iter().map(|(_, v)| *v).collect()
 }
 
-const TOUCH: [&str; 2] = ["--touch", "30,20,9,0.2"];
+pub(crate) const TOUCH: [&str; 2] = ["--touch", "30,20,9,0.2"];
 
 /// A table with drive and sense electrodes.
-fn table(rows: &Rows, frames: &[(&str, Vec<f64>)]) -> String {
+pub(crate) fn table(rows: &Rows, frames: &[(&str, Vec<f64>)]) -> String {
     let mut text = "drive_a,drive_b,sense_a,sense_b".to_owned();
     for (name, _) in frames {
         write!(text, ",{name}").unwrap();
@@ -52,14 +52,14 @@ fn table(rows: &Rows, frames: &[(&str, Vec<f64>)]) -> String {
     text + "\n"
 }
 
-struct Folder(tempfile::TempDir);
+pub(crate) struct Folder(tempfile::TempDir);
 
 impl Folder {
-    fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self(tempfile::tempdir().unwrap())
     }
 
-    fn file(&self, name: &str, bytes: impl AsRef<[u8]>) -> PathBuf {
+    pub(crate) fn file(&self, name: &str, bytes: impl AsRef<[u8]>) -> PathBuf {
         let path = self.0.path().join(name);
         std::fs::write(&path, bytes).unwrap();
         path
@@ -67,7 +67,7 @@ impl Folder {
 }
 
 /// Lines of JSON and what is said beside them.
-fn reconstruct(file: &Path, options: &[&str]) -> (Vec<Value>, String) {
+pub(crate) fn reconstruct(file: &Path, options: &[&str]) -> (Vec<Value>, String) {
     let output = skin(
         &[
             &["reconstruct", file.to_str().unwrap(), "--json", "--no-progress"],
@@ -81,7 +81,7 @@ fn reconstruct(file: &Path, options: &[&str]) -> (Vec<Value>, String) {
     (lines.lines().map(|l| serde_json::from_str(l).unwrap()).collect(), said)
 }
 
-fn refused(file: &Path, options: &[&str]) -> String {
+pub(crate) fn refused(file: &Path, options: &[&str]) -> String {
     let output = skin(&[&["reconstruct", file.to_str().unwrap()], options].concat());
     assert_eq!(output.status.code(), Some(1), "{options:?}");
     assert!(output.stdout.is_empty());
@@ -89,7 +89,7 @@ fn refused(file: &Path, options: &[&str]) -> String {
 }
 
 /// Places of a frame's touches, mm.
-fn places(line: &Value) -> Vec<[f64; 2]> {
+pub(crate) fn places(line: &Value) -> Vec<[f64; 2]> {
     let list = line["touches"].as_array().unwrap();
     list.iter()
         .map(|t| ["x_mm", "y_mm"].map(|k| t[k].as_f64().unwrap()))

@@ -14,7 +14,7 @@ use crate::quality::fault_monitor::FaultMonitor;
 use crate::quality::faults::{FaultDetector, leave_out};
 use crate::quality::flickers::{Flickers, is_alike};
 use crate::quality::reciprocity::Reciprocity;
-use crate::reference::diagnosis::{Electrodes, Fault, Faults};
+use crate::reference::diagnosis::{Electrodes, Fault, Faults, factor};
 use crate::reference::drift::{COMMON, Drifting};
 use crate::reference::imager::{Imager, ImagerError};
 use crate::reference::noise::NoiseEstimate;
@@ -207,7 +207,9 @@ impl Reconstructor {
         self.searched = self.broken.parts();
         self.makes = false;
         if !self.options.sequence {
-            self.gain = 1.0;
+            // A frame of a table stands alone.
+            self.gain = self.told_gain(values)?;
+            (self.sound_gain, self.looked_gain) = (1.0, 1.0);
         }
         if self.before.is_some() {
             self.reference.difference_into(values, &mut self.whole)?;
@@ -231,6 +233,24 @@ impl Reconstructor {
             self.look_for_loose_contacts(values);
         }
         Ok(&mut self.result)
+    }
+
+    /// What a source has left, where that alone makes the frame look like another sheet's: a gain is divided out before anything is looked
+    /// for. Else 1.
+    fn told_gain(&mut self, values: &[f64]) -> Result<f64, ImagerError> {
+        self.reference.difference_into(values, &mut self.whole)?;
+        let (model_v, most) = (&self.reference.imager().model_v, self.options.doubts.largest_change);
+        if self.whole.part_of(model_v) <= most {
+            return Ok(1.0);
+        }
+        let Some(gain) = factor(model_v, &self.whole).filter(|gain| (self.options.least_gain..1.0).contains(gain))
+        else {
+            return Ok(1.0);
+        };
+        let divided: Vec<f64> = values.iter().map(|v| v / gain).collect();
+        self.reference.difference_into(&divided, &mut self.whole)?;
+        let is_gain = self.whole.part_of(model_v) <= most;
+        Ok(if is_gain { gain } else { 1.0 })
     }
 
     /// By how much the variance of a difference's noise is larger than with the baseline's gain: what is divided by a small gain is noisier.
@@ -291,6 +311,11 @@ impl Reconstructor {
         }
         if self.solver.made() == (0, 0) {
             self.making = 0;
+        }
+        if self.result.drift.gain < self.options.least_gain && self.result.doubt.is_none() {
+            // No source drifts so far: what touches explain beside it is none either.
+            self.result.touches.clear();
+            self.result.doubt = Some(Doubt::NotThisSheet);
         }
         if self.result.anew && (!self.options.sequence || self.since_picture_s > self.options.picture_s) {
             self.picture();

@@ -34,6 +34,8 @@ pub(crate) const OFFSET: f64 = 10.0;
 pub(crate) const MOST_OFFSET: f64 = OFFSET * CHANNELS[CHANNELS.len() - 1];
 /// Root mean square of a smooth unevenness: none, a sheet warmed on one side, and one that was bent. More is an object on it.
 const UNEVEN: [f64; 4] = [0.0, 0.003, 0.01, 0.03];
+/// Three standard deviations of the widest: an unevenness that is larger is none.
+pub(crate) const MOST_UNEVEN: f64 = 3.0 * UNEVEN[UNEVEN.len() - 1];
 /// Correlation lengths of an unevenness over the sheet's reach: that of parts of the sheet, and of the whole. A palm has a quarter.
 /// Less hides touches.
 const LENGTHS: [f64; 2] = [0.6, 1.2];

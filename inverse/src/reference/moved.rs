@@ -150,10 +150,15 @@ impl Centred {
 
 #[cfg(test)]
 mod tests {
+    use super::LEAST_MOVED;
+    use crate::batch::{Batch, BatchOptions};
     use crate::reference::baseline::{Baseline, BaselineTaker};
+    use crate::reference::imager::Imager;
+    use crate::solvers::Method;
     use forward::{DiscTouch, Drive, Model, ModelOptions, Pattern, Sheet, Solver};
     use rand::{Rng, SeedableRng};
     use rand_distr::StandardNormal;
+    use std::sync::Arc;
 
     /// The untouched sheet, and what a light finger of +10 % changes.
     fn sheet() -> [Vec<f64>; 2] {
@@ -204,6 +209,37 @@ mod tests {
             let frames: Vec<Vec<f64>> = (0..count).map(|j| frame(j, &mut rng)).collect();
             let found = baseline(&frames);
             assert_eq!(found.moved, 0.0, "{trial}: {count} frames, {noise_v} V");
+        }
+    }
+
+    /// Of two or three frames, too, which are held against each other one by one: a batch has what tells their noise.
+    #[test]
+    fn noise_of_a_few_frames_does_not_move() {
+        let [sheet, change] = sheet();
+        let pattern = Pattern::adjacent(16).unwrap();
+        let imager = Arc::new(Imager::new(&Sheet::paper(), Drive::PAPER, pattern, 10.0).unwrap());
+        let mut rng = rand::rngs::StdRng::seed_from_u64(8);
+        for trial in 0..12 {
+            let count = 2 + trial % 2;
+            let noise_v = [3e-6, 3e-5, 1e-3][trial / 2 % 3];
+            let digits = [9, 3][trial / 6];
+            let mut moved = |pressed: usize| {
+                let mut frame = |j: usize| -> Vec<f64> {
+                    let part = f64::from(u8::from(j == pressed));
+                    let value = |(v, c): (&f64, &f64)| {
+                        let v = (1.0 + 0.01 * j as f64) * v + part * c + noise_v * rng.sample::<f64, _>(StandardNormal);
+                        format!("{v:.digits$e}").parse().unwrap()
+                    };
+                    sheet.iter().zip(&change).map(value).collect()
+                };
+                let frames: Vec<Vec<f64>> = (0..count).map(&mut frame).collect();
+                let frames: Vec<&[f64]> = frames.iter().map(Vec::as_slice).collect();
+                let batch = Batch::new(Arc::clone(&imager), &frames, BatchOptions::of(Method::Nnls)).unwrap();
+                batch.inspection().baseline.moved
+            };
+            assert_eq!(moved(count), 0.0, "{trial}");
+            let found = moved(trial % count);
+            assert!(noise_v > 1e-5 || digits < 9 || found > LEAST_MOVED, "{trial}: {found}");
         }
     }
 

@@ -4,7 +4,7 @@ use super::{ContactTest, Detectors, MOST_PUT_OFF, is_rare};
 use crate::pipeline::frame_solver::{FrameSolver, Task};
 use crate::pipeline::result::FrameResult;
 use crate::quality::contact::Evidence;
-use crate::reference::drift::Drifting;
+use crate::reference::drift::{Drifting, MOST_OFFSET, MOST_UNEVEN};
 use crate::touches::polarity::Polarity;
 
 impl ContactTest {
@@ -98,7 +98,8 @@ impl ContactTest {
         // and what is no touch at all, look like anything smooth.
         let explains = |drifting, result: &FrameResult, with: Evidence, without| {
             let is_explained = result.misfit.is_some() || !result.changed;
-            !is_rare(drifting) || (is_explained && with.explains_of(without, &self.options))
+            let may_be = result.drift.uneven <= MOST_UNEVEN && result.drift.offset.abs() <= MOST_OFFSET;
+            !is_rare(drifting) || (is_explained && may_be && with.explains_of(without, &self.options))
         };
         let takes = evidence.zip(found).is_some_and(|(evidence, found)| {
             if other.index() < before.index() {

@@ -289,8 +289,11 @@ impl Diagnosis {
     /// A source that is lost; of a frame that is compared with a baseline, one whose voltages changed by one factor that is no drift.
     fn offer_source(&self, evidence: &Evidence, of_frame: Option<&Difference>, best: &mut Best) {
         let v = &self.imager.model_v;
-        let factor = of_frame.and_then(|d| factor(v, d)).filter(|f| *f < LEAST_GAIN);
-        let factor = factor.unwrap_or(0.0);
+        let factor = of_frame.and_then(|d| factor(v, d)).unwrap_or(0.0);
+        if factor >= LEAST_GAIN {
+            // What is left is a gain.
+            return;
+        }
         let changed = DVector::from_iterator(v.len(), v.iter().map(|v| (factor - 1.0) * v));
         let fault = if factor.abs() < LOST {
             Fault::Source
@@ -542,7 +545,7 @@ fn readdressed(electrode: usize, [a, b]: [usize; 2]) -> usize {
 }
 
 /// The middle of what values are times those of the baseline.
-fn factor(model_v: &[f64], d: &Difference) -> Option<f64> {
+pub(crate) fn factor(model_v: &[f64], d: &Difference) -> Option<f64> {
     let used = (0..model_v.len()).filter(|k| d.used[*k] && model_v[*k] != 0.0);
     let mut factors: Vec<f64> = used.map(|k| 1.0 + d.y[k] / model_v[k]).collect();
     factors.sort_by(f64::total_cmp);
