@@ -53,6 +53,8 @@ pub(crate) struct Run<'a> {
     pub(crate) held: Option<SimPort>,
     /// Frames that a baseline still wants; none while no baseline is taken.
     pub(crate) wanted: Option<usize>,
+    /// Whether a baseline renews itself where something has gone: not after an earlier one was wanted back.
+    pub(crate) renews: bool,
     /// What is recorded of it, and by whom.
     pub(crate) notes: Option<Notes>,
     pub(crate) recorder: Option<Recorder>,
@@ -135,7 +137,7 @@ impl Run<'_> {
             }
             self.begin_recording(frame.sequence)?;
             if self.take(&frame)? {
-                if let Some(baseline) = self.live.rested() {
+                if let Some(baseline) = self.live.rested().filter(|_| self.renews) {
                     say!(
                         "what lay on the sheet in the baseline has gone, and nothing touches: a new baseline is in force; the page can undo it"
                     );
@@ -211,6 +213,7 @@ impl Run<'_> {
                 }
                 self.output.set_baseline(self.baselines.note(true));
                 self.wanted = Some(usize::MAX);
+                self.renews = true;
             }
             PageCommand::UndoBaseline => {
                 let taking = self.wanted.is_some();
@@ -220,6 +223,8 @@ impl Run<'_> {
                         say!("the board does not watch until a new baseline is taken");
                     }
                     self.wanted = None;
+                    // It was wanted back: it stays until somebody asks for another.
+                    self.renews = false;
                     if let Some(notes) = &self.notes {
                         notes.resume(&baseline, None);
                     }
@@ -243,11 +248,14 @@ impl Run<'_> {
         if let Some(notes) = &self.notes {
             notes.resume(&baseline, None);
         }
+        // Frames are not to pile up meanwhile.
+        self.show_newest();
+        let told = Progress::new("inspecting the baseline");
         self.live.resume(baseline.clone())?;
+        drop(told);
         self.baselines.taken(baseline);
         // Nothing touches: the board learns its own.
         self.session.set_watch(self.watch.clone());
-        self.show_newest();
         self.in_force()
     }
 

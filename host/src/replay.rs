@@ -365,6 +365,7 @@ impl<'a> Player<'a> {
             watch: None,
             held: None,
             wanted: None,
+            renews: true,
             notes: None,
             recorder: None,
             not_recorded: Ok(()),

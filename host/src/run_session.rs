@@ -177,6 +177,7 @@ pub(crate) fn one(arguments: &SourceArguments, outputs: &Outputs<'_>, within: Wi
         watch: watch_of(arguments, &session)?,
         held,
         wanted: None,
+        renews: true,
         notes: tap.map(|tap| Notes::new(tap, &record)),
         recorder,
         not_recorded: Ok(()),

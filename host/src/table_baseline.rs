@@ -308,7 +308,7 @@ fn agree(table: &MeasurementTable, common: &[usize]) -> Result<()> {
         return Ok(());
     }
     let factors: Vec<String> = (gains.iter().skip(1))
-        .map(|(name, gain)| format!("{name} is {gain:.3} times {}", first.name))
+        .map(|(name, gain)| format!("{name} is {} times {}", factor_words(*gain), first.name))
         .collect();
     let told: Vec<&str> = factors.iter().map(String::as_str).collect();
     bail!(
@@ -317,6 +317,15 @@ fn agree(table: &MeasurementTable, common: &[usize]) -> Result<()> {
         table.file,
         shortened(&told)
     )
+}
+
+/// A factor of which the size counts.
+fn factor_words(gain: f64) -> String {
+    if (0.01..1e4).contains(&gain.abs()) {
+        format!("{gain:.3}")
+    } else {
+        format!("{gain:.2e}")
+    }
 }
 
 /// The mean of some frames for all others.

@@ -329,7 +329,9 @@ impl Live {
                 touch.uncalibrated = true;
             }
         }
-        if gone {
+        if gone && self.rested.is_some() {
+            // Nobody took it yet.
+        } else if gone {
             let begun = self.gone.get_or_insert_with(|| Gone {
                 since_s: time_s,
                 taker: BaselineTaker::new(values_v.len(), self.options.baseline_frames).until_still(AGAIN),

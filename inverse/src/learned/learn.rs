@@ -17,6 +17,7 @@ use crate::stats::median;
 use forward::Measurement;
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
+use statrs::distribution::{ContinuousCDF, StudentsT};
 use thiserror::Error;
 
 /// Fewest presses to learn from.
@@ -45,11 +46,13 @@ const GROSS: f64 = 6.0;
 /// Parts of the reach: a press that is so far off may spoil the others, and nearer ones are all alike.
 const FAR_OFF: f64 = 0.5;
 const LEAST_OFF: f64 = 0.01;
-/// Standard errors by which the others are located better without it, where it does.
-const SURELY: f64 = 3.0;
-/// How many are tried, the farthest ones; and of how many presses. More than that one does not spoil.
+/// Chance that the others are located better without it, where it does not spoil them, by Student's distribution.
+const BY_CHANCE: f64 = 1e-3;
+/// How many are tried, the farthest ones; and of how many presses. Fewer tell too little, and more than that one does not spoil.
 const TRIED: usize = 3;
-const MANY: usize = 100;
+const SPOILT: std::ops::RangeInclusive<usize> = 8..=100;
+/// Largest part that is left out so; one may be in any case.
+const MOST_SPOILERS: f64 = 0.1;
 
 /// A press at a known place.
 #[derive(Clone, Debug, PartialEq)]
@@ -282,7 +285,10 @@ pub fn learn(
     let mut numbers: Vec<usize> = (0..presses.len()).collect();
     let mut kept = all;
     let mut checked = Checked::new(&choice, &kept).ok_or(LearnError::NoChange)?;
-    while let Some(spoiler) = checked.spoiler(&choice, &kept) {
+    let most = ((MOST_SPOILERS * presses.len() as f64) as usize).max(1);
+    while presses.len() - numbers.len() < most
+        && let Some(spoiler) = checked.spoiler(&choice, &kept)
+    {
         numbers.remove(spoiler);
         kept = gather(presses, &used, &numbers);
         choice = choose(&kept, setting, &measurements, &mut |_, _| {}).ok_or(LearnError::NoChange)?;
@@ -414,7 +420,7 @@ impl Checked {
         let reach_mm = choice.frame.reach_mm;
         let errors = self.validation.errors_mm(reach_mm);
         let mut far: Vec<usize> = (0..errors.len()).filter(|k| errors[*k] > FAR_OFF * reach_mm).collect();
-        if presses.len() > MANY || presses.len() <= FEWEST {
+        if !SPOILT.contains(&presses.len()) {
             return None;
         }
         far.sort_by(|a, b| errors[*b].total_cmp(&errors[*a]));
@@ -429,8 +435,9 @@ impl Checked {
             let count = gains.len() as f64;
             let mean = gains.iter().sum::<f64>() / count;
             let variance = gains.iter().map(|g| (g - mean).powi(2)).sum::<f64>() / (count - 1.0);
-            let surely = mean / (variance / count).sqrt().max(f64::MIN_POSITIVE);
-            (surely > SURELY).then_some((k, mean))
+            let better = mean / (variance / count).sqrt().max(f64::MIN_POSITIVE);
+            let student = StudentsT::new(0.0, 1.0, count - 1.0).ok()?;
+            (student.sf(better) < BY_CHANCE / TRIED as f64).then_some((k, mean))
         });
         tried.max_by(|a, b| a.1.total_cmp(&b.1)).map(|t| t.0)
     }

@@ -8,7 +8,7 @@ mod outliers;
 use self::beside::Beside;
 pub(super) use self::evidence::Evidence;
 use self::lattice::{FAR, Lattice, Placed, Scored};
-use self::outliers::Outliers;
+use self::outliers::Missing;
 use super::maps::Maps;
 use super::rest::{Rest, variance};
 use crate::linalg::aligned::Aligned;
@@ -17,6 +17,7 @@ use crate::linalg::kernels::{LANES, dots_of, padded};
 use crate::quality::doubt::Doubt;
 use nalgebra::{Cholesky, DMatrix, DVector, Matrix2};
 use pulp::Arch;
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// Directions of the whitened maps that are kept.
 const DIRECTIONS: usize = 48;
@@ -100,6 +101,8 @@ pub(super) struct Locator {
     /// Inverse of the covariance of the rest, and of that of whole frames with a press of the usual strength anywhere.
     precision: DMatrix<f64>,
     precision_anywhere: DMatrix<f64>,
+    /// What both say without the values that were missing last: most often they are missing in the next frame, too.
+    without: Mutex<Arc<[Missing; 2]>>,
     /// Directions x measurements of the whitened frame.
     directions: DMatrix<f64>,
     /// For every node its whitened map along the directions, one after another.
@@ -160,14 +163,19 @@ impl Locator {
         let usual = uncertainty.iter().map(|u| variance(rest.proportional, &[(1.0, *u)]));
         let usual = usual.sum::<f64>() / uncertainty.len() as f64;
         let anywhere = covariance * usual + &table * table.transpose() / table.ncols() as f64;
+        let (precision, precision_anywhere) = (inverse.tr_mul(&inverse), Cholesky::new(anywhere)?.inverse());
         Some(Self {
             proportional: rest.proportional,
             squares: small.column_iter().map(|c| c.norm_squared()).collect(),
             deviations: covariance.diagonal().iter().map(|v| v.sqrt()).collect(),
             directions,
             reduced,
-            precision: inverse.tr_mul(&inverse),
-            precision_anywhere: Cholesky::new(anywhere)?.inverse(),
+            without: Mutex::new(Arc::new([
+                Missing::new(&precision, &[]),
+                Missing::new(&precision_anywhere, &[]),
+            ])),
+            precision,
+            precision_anywhere,
             hurried: false,
             crossings: small_of(&lattice.spread).tr_mul(&small_of(&lattice.spread)),
             lattice,
@@ -312,6 +320,15 @@ impl Locator {
         })
     }
 
+    /// What the others say where some values are missing: of the rest, and of whole frames.
+    fn without(&self, missing: &[usize]) -> Arc<[Missing; 2]> {
+        let mut last = self.without.lock().unwrap_or_else(PoisonError::into_inner);
+        if last[0].values() != missing {
+            *last = Arc::new([&self.precision, &self.precision_anywhere].map(|p| Missing::new(p, missing)));
+        }
+        Arc::clone(&last)
+    }
+
     /// The presses of a frame: its changes against the sheet just before, and the place of the press before.
     pub(super) fn locate(&self, change: &[f64], before_mm: Option<[f64; 2]>, evidence: Evidence) -> Presence {
         let mut values = DVector::from_column_slice(change) - self.maps.memory_of(before_mm);
@@ -322,14 +339,15 @@ impl Locator {
         } else {
             REPETITIONS_WITH_MISSING
         };
-        // A value that takes the place of a missing one agrees with the others. So all together tell as much less.
+        // A value that takes the place of a missing one agrees with the others: all tell no more than the part that is there.
         let there = 1.0 - missing.len() as f64 / values.len() as f64;
         let evidence = Evidence {
             tempering: evidence.tempering / there.max(f64::MIN_POSITIVE),
             ..evidence
         };
-        let mut told = Outliers::new(&self.precision_anywhere, &missing).replaced(values.clone(), ANY);
-        let mut outliers = Outliers::new(&self.precision, &missing);
+        let without = self.without(&missing);
+        let [alone, anywhere] = without.as_ref();
+        let mut told = anywhere.replaced(&self.precision_anywhere, values.clone(), ANY);
         let mut found = Presence::default();
         for _ in 0..most {
             found = self.fit(&told, evidence);
@@ -339,7 +357,7 @@ impl Locator {
             }
             let presses: Vec<_> = (found.presses.iter().map(|p| (p.strength, self.uncertainty[p.node]))).collect();
             let variance = variance(self.proportional, &presses).max(1.0);
-            let next = outliers.replaced(&values - &mean, variance) + mean;
+            let next = alone.replaced(&self.precision, &values - &mean, variance) + mean;
             let changed = next.iter().zip(&told).zip(&self.deviations);
             let changed = changed.filter(|((a, b), sd)| (*a - *b).abs() > 1e-3 * *sd).count();
             told = next;

@@ -206,15 +206,15 @@ impl Reconstructor {
         self.solver.begin_frame(self.broken.owed());
         self.searched = self.broken.parts();
         self.makes = false;
-        if !self.options.sequence {
-            // A frame of a table stands alone.
-            self.gain = self.told_gain(values)?;
-            (self.sound_gain, self.looked_gain) = (1.0, 1.0);
-        }
         if self.before.is_some() {
             self.reference.difference_into(values, &mut self.whole)?;
             self.show_faults();
             return Ok(&mut self.result);
+        }
+        if !self.options.sequence {
+            // A frame of a table stands alone.
+            self.gain = self.told_gain(values)?;
+            (self.sound_gain, self.looked_gain) = (1.0, 1.0);
         }
         self.reference.missing_into(values, &mut self.missing)?;
         if self.broken.take_missing(&self.missing, self.reference.unchanged()) {
@@ -312,7 +312,8 @@ impl Reconstructor {
         if self.solver.made() == (0, 0) {
             self.making = 0;
         }
-        if self.result.drift.gain < self.options.least_gain && self.result.doubt.is_none() {
+        let is_small = !self.options.sequence && self.result.drift.gain < self.options.least_gain;
+        if is_small && self.result.doubt.is_none() {
             // No source drifts so far: what touches explain beside it is none either.
             self.result.touches.clear();
             self.result.doubt = Some(Doubt::NotThisSheet);

@@ -7,8 +7,7 @@ use crate::quality::flickers::Flicker;
 use crate::quality::loose_contacts::LooseContacts;
 use crate::reference::Difference;
 use crate::reference::diagnosis::{
-    Diagnosis, Electrodes, Fault, Faults, MOST_ELECTRODES, PARTS, SearchOfTwo, Told, spoilt_by, values_of,
-    values_of_channel,
+    Diagnosis, Electrodes, Fault, Faults, MOST_ELECTRODES, PARTS, SearchOfTwo, Told, sense_pairs, spoilt_by, values_of,
 };
 use crate::reference::imager::Imager;
 use crate::stats::is_of_noise;
@@ -33,6 +32,9 @@ const LONGEST_WAIT: usize = 64;
 
 /// Frames from which a fault that may be one is none: their mean would have told.
 const MOST_OPEN: usize = 64;
+/// Fewest values of an amplifier that tell that it is at its rail.
+const LEAST_OF_RAIL: usize = 2;
+
 /// Frames until these faults are looked for again.
 fn next_look(faults: Faults) -> usize {
     let soon = |fault: Fault| !fault.leaves_touches() || matches!(fault, Fault::Contacts(_) | Fault::Leak { .. });
@@ -152,7 +154,9 @@ pub(crate) struct FaultMonitor {
     begun: Option<Begun>,
     found_nothing: bool,
     loose: LooseContacts,
-    /// Sense pairs whose amplifiers are at their rails, and what the last frames say instead, how often.
+    /// Sense pairs with their values.
+    senses: Vec<([usize; 2], Vec<usize>)>,
+    /// Those whose amplifiers are at their rails, and what the last frames say instead, how often.
     rails: Vec<[usize; 2]>,
     other_rails: (Vec<[usize; 2]>, usize),
 }
@@ -182,6 +186,7 @@ impl FaultMonitor {
             begun: None,
             found_nothing: false,
             loose: LooseContacts::default(),
+            senses: sense_pairs(imager),
             rails: Vec::new(),
             other_rails: (Vec::new(), 0),
         }
@@ -199,14 +204,10 @@ impl FaultMonitor {
             .iter()
             .zip(missing)
             .any(|(had, missing)| *had && !missing);
-        for m in self.imager.pattern.measurements().iter().filter(|_| some_are_there) {
-            let pair = [m.sense.plus.min(m.sense.minus), m.sense.plus.max(m.sense.minus)];
-            if !rails.contains(&pair) {
-                let own = values_of_channel(&self.imager, pair);
-                let mut had = own.iter().filter(|k| unchanged.used[**k]).peekable();
-                if had.peek().is_some() && had.all(|k| missing[*k]) {
-                    rails.push(pair);
-                }
+        for (pair, values) in self.senses.iter().filter(|_| some_are_there) {
+            let mut had = values.iter().filter(|k| unchanged.used[**k]);
+            if had.clone().count() >= LEAST_OF_RAIL && had.all(|k| missing[*k]) {
+                rails.push(*pair);
             }
         }
         rails.sort_unstable();
@@ -402,10 +403,8 @@ impl FaultMonitor {
 
     /// Leaves the values out that the named fault and loose contacts spoil, in a difference.
     pub(crate) fn leave_out(&self, d: &mut Difference) {
-        let of_rails = self
-            .rails
-            .iter()
-            .flat_map(|pair| values_of_channel(&self.imager, *pair));
+        let of_rails = self.senses.iter().filter(|(pair, _)| self.rails.contains(pair));
+        let of_rails = of_rails.flat_map(|(_, values)| values.iter().copied());
         d.leave_out(self.spoilt().into_iter().chain(self.of_loose()).chain(of_rails));
     }
 
@@ -712,6 +711,13 @@ mod tests {
         }
     }
 
+    fn of_pair(imager: &Imager, pair: [usize; 2]) -> Vec<usize> {
+        let mut pairs = sense_pairs(imager).into_iter();
+        pairs
+            .find(|(of, _)| *of == pair)
+            .map_or_else(Vec::new, |(_, values)| values)
+    }
+
     /// Each is told by its own values, beside other faults and other rails, from the second frame on.
     #[test]
     fn amplifiers_at_their_rails_are_named_whatever_else_is_broken() {
@@ -723,10 +729,10 @@ mod tests {
             used: vec![true; imager.pattern.len()],
         };
         // A value that the baseline does not have either.
-        unchanged.used[values_of_channel(&imager, [2, 3])[0]] = false;
+        unchanged.used[of_pair(&imager, [2, 3])[0]] = false;
         let mut monitor = FaultMonitor::new(&imager, true);
         let missing = |rails: &[[usize; 2]], more: Option<usize>| -> Vec<bool> {
-            let of: Vec<usize> = rails.iter().flat_map(|r| values_of_channel(&imager, *r)).collect();
+            let of: Vec<usize> = rails.iter().flat_map(|r| of_pair(&imager, *r)).collect();
             (0..imager.pattern.len())
                 .map(|k| unchanged.used[k] && (of.contains(&k) || more == Some(k)))
                 .collect()
@@ -747,11 +753,7 @@ mod tests {
         );
         let mut d = unchanged.clone();
         monitor.leave_out(&mut d);
-        assert!(
-            both.iter()
-                .flat_map(|r| values_of_channel(&imager, *r))
-                .all(|k| !d.used[k])
-        );
+        assert!(both.iter().flat_map(|r| of_pair(&imager, *r)).all(|k| !d.used[k]));
         // A frame by chance does not end it; two do.
         for ends in [false, false, true] {
             let frame = if ends { missing(&[], None) } else { missing(&both, None) };

@@ -10,80 +10,60 @@ use nalgebra::{DMatrix, DVector};
 
 /// A value this many standard deviations from what the others tell is wild.
 const FAR: f64 = 8.0;
-/// Largest part of the values that is wild: more are not single ones.
+/// Largest part of the values that is wild, and how many at most: more are not single ones.
 const MOST_WILD: f64 = 0.1;
+const MOST_COUNT: usize = 32;
+
 /// A value that is out.
 struct Out {
     value: usize,
-    /// A change of values that are out by which no residual of the others changes what it says, and its product with the precision.
+    /// A change of this value, and of those that were out before, whose product with the precision is 0 at those before; and that product.
     direction: DVector<f64>,
     product: DVector<f64>,
 }
 
-/// The values of a frame that are out.
-pub(super) struct Outliers<'a> {
-    precision: &'a DMatrix<f64>,
-    /// Of every value, given the others that are in; 0 of those that are out.
+/// Values that are missing in frame after frame.
+pub(super) struct Missing {
+    values: Vec<usize>,
+    /// Precision of every value, given the others that are there; 0 of those that are missing.
     own: DVector<f64>,
     out: Vec<Out>,
-    /// How many of these are missing, and the precisions without them.
-    missing: usize,
-    without_missing: DVector<f64>,
 }
 
-impl<'a> Outliers<'a> {
-    /// With those that are missing.
-    pub(super) fn new(precision: &'a DMatrix<f64>, missing: &[usize]) -> Self {
-        let mut new = Self {
-            precision,
-            own: precision.diagonal(),
-            out: Vec::new(),
-            missing: missing.len(),
-            without_missing: DVector::zeros(0),
-        };
-        missing.iter().for_each(|value| new.take_out(*value));
-        new.without_missing = new.own.clone();
-        new
+impl Missing {
+    pub(super) fn new(precision: &DMatrix<f64>, values: &[usize]) -> Self {
+        let (mut own, mut out) = (precision.diagonal(), Vec::new());
+        for value in values {
+            let more = Out::new(precision, *value, out.iter(), &mut own);
+            out.extend(more);
+        }
+        Self {
+            values: values.to_vec(),
+            own,
+            out,
+        }
     }
 
-    fn take_out(&mut self, value: usize) {
-        let mut direction = DVector::zeros(self.own.len());
-        direction[value] = 1.0;
-        let mut product = self.precision.column(value).into_owned();
-        for before in &self.out {
-            let part = before.product[value] / before.product[before.value];
-            direction.axpy(-part, &before.direction, 1.0);
-            product.axpy(-part, &before.product, 1.0);
-        }
-        let pivot = product[value];
-        self.own.zip_apply(&product, |own, p| *own -= p * p / pivot);
-        self.own[value] = 0.0;
-        self.out.push(Out {
-            value,
-            direction,
-            product,
-        });
+    pub(super) fn values(&self) -> &[usize] {
+        &self.values
     }
 
-    /// Residuals in which what is missing or wild has the value that the others tell. They have so many variances of the rest.
-    pub(super) fn replaced(&mut self, mut left: DVector<f64>, variance: f64) -> DVector<f64> {
-        self.out.truncate(self.missing);
-        self.own.copy_from(&self.without_missing);
-        let mut pull = self.precision * &left;
-        for out in &self.out {
-            out.apply(&mut left, &mut pull);
-        }
-        let inside = |own: &DVector<f64>| -> Vec<usize> { (0..own.len()).filter(|c| own[*c] > 0.0).collect() };
-        let square = |pull: &DVector<f64>, own: &DVector<f64>, c: usize| pull[c] * pull[c] / own[c];
+    /// Residuals in which what is missing or wild has the value that the others tell. They have so many variances of the rest, of which
+    /// this is the precision.
+    pub(super) fn replaced(&self, precision: &DMatrix<f64>, mut left: DVector<f64>, variance: f64) -> DVector<f64> {
+        let mut pull = precision * &left;
+        self.out.iter().for_each(|out| out.apply(&mut left, &mut pull));
         let far = FAR * FAR * variance;
-        for _ in 0..(MOST_WILD * left.len() as f64) as usize {
-            let squares = inside(&self.own).into_iter().map(|c| (c, square(&pull, &self.own, c)));
-            let Some((value, _)) = squares.filter(|s| s.1 > far).max_by(|a, b| a.1.total_cmp(&b.1)) else {
+        let (mut own, mut wild) = (self.own.clone(), Vec::<Out>::new());
+        for _ in 0..((MOST_WILD * left.len() as f64) as usize).min(MOST_COUNT) {
+            let squares = (0..own.len()).filter(|c| own[*c] > 0.0);
+            let squares = squares.map(|c| (c, pull[c] * pull[c] / own[c])).filter(|s| s.1 > far);
+            let Some((value, _)) = squares.max_by(|a, b| a.1.total_cmp(&b.1)) else {
                 break;
             };
-            self.take_out(value);
-            if let Some(out) = self.out.last() {
+            if let Some(out) = Out::new(precision, value, self.out.iter().chain(&wild), &mut own) {
                 out.apply(&mut left, &mut pull);
+                wild.push(out);
             }
         }
         left
@@ -91,6 +71,35 @@ impl<'a> Outliers<'a> {
 }
 
 impl Out {
+    /// One more beside those before. None where these tell it already.
+    fn new<'a>(
+        precision: &DMatrix<f64>,
+        value: usize,
+        before: impl Iterator<Item = &'a Self>,
+        own: &mut DVector<f64>,
+    ) -> Option<Self> {
+        let mut direction = DVector::zeros(own.len());
+        direction[value] = 1.0;
+        let mut product = precision.column(value).into_owned();
+        for out in before {
+            let part = out.product[value] / out.product[out.value];
+            direction.axpy(-part, &out.direction, 1.0);
+            product.axpy(-part, &out.product, 1.0);
+        }
+        let pivot = product[value];
+        own[value] = 0.0;
+        if pivot.is_nan() || pivot <= 0.0 {
+            return None;
+        }
+        own.zip_apply(&product, |own, p| *own -= p * p / pivot);
+        own[value] = 0.0;
+        Some(Self {
+            value,
+            direction,
+            product,
+        })
+    }
+
     fn apply(&self, left: &mut DVector<f64>, pull: &mut DVector<f64>) {
         let part = pull[self.value] / self.product[self.value];
         left.axpy(-part, &self.direction, 1.0);
@@ -129,7 +138,7 @@ mod tests {
         let expected = alone.dot(&Cholesky::new(small).unwrap().solve(&alone));
         for wrong in [0.0, 5.0] {
             missing.iter().for_each(|c| sample[*c] = wrong);
-            let whole = Outliers::new(&precision, &missing).replaced(sample.clone(), 1.0);
+            let whole = Missing::new(&precision, &missing).replaced(&precision, sample.clone(), 1.0);
             let square = whole.dot(&(&precision * &whole));
             assert!((square / expected - 1.0).abs() < 1e-6, "{square} {expected}");
             assert!(others.iter().all(|c| whole[*c] == sample[*c]));
@@ -143,13 +152,13 @@ mod tests {
         for _ in 0..50 {
             let (covariance, sample) = rest(60, &mut random);
             let precision = covariance.try_inverse().unwrap();
-            let mut outliers = Outliers::new(&precision, &[]);
-            assert_eq!(outliers.replaced(sample.clone(), 1.0), sample);
+            let none = Missing::new(&precision, &[]);
+            assert_eq!(none.replaced(&precision, sample.clone(), 1.0), sample);
             let mut wild = sample.clone();
             wild[7] += 2.0;
             wild[23] -= 2.0;
             wild[24] -= 2.0;
-            let back = outliers.replaced(wild, 1.0);
+            let back = none.replaced(&precision, wild, 1.0);
             let off = (&back - &sample).amax();
             assert!(off < 0.8, "{off}");
             assert_eq!((0..60).filter(|c| back[*c] != sample[*c]).count(), 3);

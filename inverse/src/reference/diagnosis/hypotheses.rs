@@ -674,6 +674,11 @@ pub(crate) fn spoilt_by(imager: &Imager, fault: Fault) -> Vec<usize> {
     }
 }
 
+/// All sense pairs, each with its values.
+pub(crate) fn sense_pairs(imager: &Imager) -> Vec<([usize; 2], Vec<usize>)> {
+    by_pair(imager, |m| m.sense)
+}
+
 /// Values of one sense pair.
 pub(crate) fn values_of_channel(imager: &Imager, pair: [usize; 2]) -> Vec<usize> {
     let own = by_pair(imager, |m| m.sense).into_iter().find(|(of, _)| *of == pair);

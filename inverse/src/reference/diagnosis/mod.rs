@@ -14,5 +14,5 @@ mod press;
 pub(crate) use fault::Faults;
 pub use fault::{Electrodes, Fault, MOST_ELECTRODES};
 pub(crate) use hypotheses::{
-    Diagnosis, LIMITS, PARTS, Search, SearchOfTwo, Told, factor, spoilt_by, values_of, values_of_channel,
+    Diagnosis, LIMITS, PARTS, Search, SearchOfTwo, Told, factor, sense_pairs, spoilt_by, values_of,
 };
