@@ -46,7 +46,7 @@ pub(crate) fn of_frame(frame: &str, result: &FrameResult, measurements: &[Measur
 }
 
 /// Which values of a frame have nothing to do with the others; none where all have.
-fn rejected(places: &[usize], measurements: &[Measurement]) -> Option<String> {
+pub(crate) fn rejected(places: &[usize], measurements: &[Measurement]) -> Option<String> {
     let told = places.iter().filter_map(|k| measurements.get(*k)).take(MOST_TOLD);
     let told: Vec<String> = told
         .map(|m| {

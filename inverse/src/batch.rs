@@ -119,8 +119,9 @@ impl Batch {
     /// [`ImagerError::Baseline`] when a frame does not have the pattern's length.
     pub fn new(imager: Arc<Imager>, unpressed: &[&[f64]], options: BatchOptions) -> Result<Self, ImagerError> {
         let mut baseline = Baseline::of_frames(imager.pattern.len(), unpressed);
-        if options.noise_frames == usize::MAX {
-            // Each frame has its own baseline, and these were taken hours apart.
+        // Each frame has its own baseline, and these were taken hours apart.
+        let are_apart = options.noise_frames == usize::MAX;
+        if are_apart {
             baseline.moved = 0.0;
         }
         let mut inspection = inspect(
@@ -130,7 +131,7 @@ impl Batch {
             &InspectionOptions::default(),
         );
         let of_frames = ReconstructorOptions::for_imager(&inspection.imager, options.method);
-        if options.noise_frames != usize::MAX && of_frames.fit.is_some() {
+        if !are_apart && of_frames.fit.is_some() {
             inspection.note_moved(moved_of_few(&inspection, of_frames, unpressed)?);
         }
         let (imager, baseline) = (&inspection.imager, &inspection.baseline);

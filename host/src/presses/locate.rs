@@ -7,6 +7,7 @@ use crate::files::measurements::MeasurementTable;
 use crate::files::sheet_line::SheetLine;
 use crate::json;
 use crate::progress::Progress;
+use crate::table_notices;
 use ::forward::Measurement;
 use anyhow::{Result, bail};
 use inverse::learned::{Gain, Located, Order, Presence};
@@ -52,6 +53,9 @@ struct FrameLine<'a> {
     calibration: &'a str,
     #[serde(skip_serializing_if = "Option::is_none")]
     doubt: Option<String>,
+    /// Values that the others do not tell, and that took no part: rows from 0.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    rejected: Vec<usize>,
 }
 
 /// Where the measurements of a calibration are among those of a table or a board; `of` names that. What is missing is said.
@@ -141,7 +145,11 @@ pub(crate) fn run(
         if let Some(press) = presence.presses.first() {
             before_mm = Some(press.place_mm);
         }
-        let used = change.iter().filter(|v| v.is_finite()).count();
+        let rejected = order.among(&presence.wild);
+        if let Some(text) = table_notices::rejected(&rejected, &table.measurements) {
+            eprintln!("notice: frame {}: {text}", frame.name);
+        }
+        let used = change.iter().filter(|v| v.is_finite()).count() - rejected.len();
         let doubt = doubt(&presence, used);
         if let Some(doubt) = &doubt {
             eprintln!("warning: frame {}: {doubt}", frame.name);
@@ -157,6 +165,7 @@ pub(crate) fn run(
                 baseline: &frame.baseline,
                 calibration: file,
                 doubt,
+                rejected,
             };
             crate::say::stdout().write_all(&json::line(&line)?)?;
         } else {

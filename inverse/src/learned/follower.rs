@@ -135,7 +135,8 @@ impl PressFollower {
         result.changed = !presence.presses.is_empty();
         result.residual = 1.0 - presence.explained;
         result.misfit = result.changed.then_some(presence.misfit);
-        result.used = used;
+        result.rejected = self.order.among(&presence.wild);
+        result.used = used - result.rejected.len();
         result.doubt = doubt;
     }
 }

@@ -472,6 +472,8 @@ impl Learned {
         let value = |k: &usize| change.get(*k).copied().unwrap_or(f64::NAN);
         let used: Vec<f64> = self.used.iter().map(value).collect();
         let mut presence = self.locator.locate(&used, before_mm, self.evidence);
+        presence.wild.iter_mut().for_each(|k| *k = self.used[*k]);
+        presence.wild.sort_unstable();
         if let Some(correction) = &self.correction {
             correction.correct(&used, &mut presence);
         }

@@ -71,6 +71,8 @@ pub struct Presence {
     /// By how much the logarithm of the evidence rises with every press more that was tried, the last of which was not
     /// accepted.
     pub gains: Vec<f64>,
+    /// Measurements whose values the others do not tell, by their numbers: these took no part.
+    pub wild: Vec<usize>,
 }
 
 /// A frame whose residuals are this many times as large as in presses that were learned from, in variances, is doubted.
@@ -347,20 +349,22 @@ impl Locator {
         };
         let without = self.without(&missing);
         let [alone, anywhere] = without.as_ref();
-        let mut told = anywhere.replaced(&self.precision_anywhere, values.clone(), ANY);
+        let (mut told, mut wild) = anywhere.replaced(&self.precision_anywhere, values.clone(), ANY);
         let mut found = Presence::default();
         for _ in 0..most {
             found = self.fit(&told, evidence);
+            found.wild = wild;
             let mut mean = DVector::zeros(values.len());
             for press in &found.presses {
                 mean.axpy(press.strength, &self.table.column(press.node), 1.0);
             }
             let presses: Vec<_> = (found.presses.iter().map(|p| (p.strength, self.uncertainty[p.node]))).collect();
             let variance = variance(self.proportional, &presses).max(1.0);
-            let next = alone.replaced(&self.precision, &values - &mean, variance) + mean;
+            let (left, of_next) = alone.replaced(&self.precision, &values - &mean, variance);
+            let next = left + mean;
             let changed = next.iter().zip(&told).zip(&self.deviations);
             let changed = changed.filter(|((a, b), sd)| (*a - *b).abs() > 1e-3 * *sd).count();
-            told = next;
+            (told, wild) = (next, of_next);
             if changed == 0 {
                 break;
             }

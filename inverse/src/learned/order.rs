@@ -60,6 +60,12 @@ impl Order {
         self.turned_round
     }
 
+    /// Where some of the measurements, by their numbers, are among the others.
+    pub fn among(&self, measurements: &[usize]) -> Vec<usize> {
+        let places = measurements.iter().filter_map(|k| *self.places.get(*k)?);
+        places.map(|(place, _)| place).collect()
+    }
+
     /// Values of the others in the order of the measurements; not a number where there is none.
     pub fn ordered(&self, values: &[f64]) -> Vec<f64> {
         let value = |place: &Option<(usize, f64)>| {
@@ -105,5 +111,6 @@ mod tests {
         let order = Order::new(&half, &senses.collect::<Vec<_>>());
         assert_eq!((order.missing(), order.turned_round()), (0, 0));
         assert_eq!(order.ordered(&values)[3], -3.0);
+        assert_eq!(order.among(&[3, 5]), [3, 5]);
     }
 }

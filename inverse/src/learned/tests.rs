@@ -477,6 +477,17 @@ fn one_wild_value_moves_no_press() {
         let count = press.change.len();
         press.change[k * 37 % count] += if k % 2 == 0 { 3.0 } else { -3.0 } * size;
     }
+    // It is said which one took no part, and of sound frames none.
+    let told = |list: &[Press], is_right: &dyn Fn(usize, &[usize]) -> bool| {
+        let found = list
+            .iter()
+            .map(|press| learned.locate(&press.change, None).wild)
+            .enumerate();
+        found.filter(|(k, wild)| is_right(*k, wild)).count()
+    };
+    let count = skin.measurements.len();
+    assert!(told(&wild, &|k, found| found == [k * 37 % count]) >= 95);
+    assert!(told(&whole, &|_, found| found.is_empty()) >= 99);
     let [(whole, ..), (wild, ..)] = [whole, wild].map(|list| locate(&learned, &list));
     assert!(
         wild[50] < 1.1 * whole[50] && wild[95] < 1.2 * whole[95],

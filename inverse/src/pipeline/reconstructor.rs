@@ -217,7 +217,10 @@ impl Reconstructor {
             (self.sound_gain, self.looked_gain) = (1.0, 1.0);
         }
         self.reference.missing_into(values, &mut self.missing)?;
-        if self.broken.take_missing(&self.missing, self.reference.unchanged()) {
+        if self
+            .broken
+            .take_missing(&self.missing, &self.reference.unchanged().used)
+        {
             self.left_changed = true;
             self.show_faults();
         }

@@ -5,6 +5,7 @@
 
 use crate::quality::flickers::Flicker;
 use crate::quality::loose_contacts::LooseContacts;
+use crate::quality::rails::Rails;
 use crate::reference::Difference;
 use crate::reference::diagnosis::{
     Diagnosis, Electrodes, Fault, Faults, MOST_ELECTRODES, PARTS, SearchOfTwo, Told, sense_pairs, spoilt_by, values_of,
@@ -32,9 +33,6 @@ const LONGEST_WAIT: usize = 64;
 
 /// Frames from which a fault that may be one is none: their mean would have told.
 const MOST_OPEN: usize = 64;
-/// Fewest values of an amplifier that tell that it is at its rail.
-const LEAST_OF_RAIL: usize = 2;
-
 /// Frames until these faults are looked for again.
 fn next_look(faults: Faults) -> usize {
     let soon = |fault: Fault| !fault.leaves_touches() || matches!(fault, Fault::Contacts(_) | Fault::Leak { .. });
@@ -154,11 +152,7 @@ pub(crate) struct FaultMonitor {
     begun: Option<Begun>,
     found_nothing: bool,
     loose: LooseContacts,
-    /// Sense pairs with their values.
-    senses: Vec<([usize; 2], Vec<usize>)>,
-    /// Those whose amplifiers are at their rails, and what the last frames say instead, how often.
-    rails: Vec<[usize; 2]>,
-    other_rails: (Vec<[usize; 2]>, usize),
+    rails: Rails,
 }
 
 impl FaultMonitor {
@@ -186,49 +180,18 @@ impl FaultMonitor {
             begun: None,
             found_nothing: false,
             loose: LooseContacts::default(),
-            senses: sense_pairs(imager),
-            rails: Vec::new(),
-            other_rails: (Vec::new(), 0),
+            rails: Rails::new(sense_pairs(imager), if sequence { NAMES } else { 1 }),
         }
     }
 
-    /// Takes which values of a frame are missing that the baseline has. Amplifiers at their rails are told by that alone, whatever else is
-    /// broken. True where others are named now.
-    pub(crate) fn take_missing(&mut self, missing: &[bool], unchanged: &Difference) -> bool {
-        if self.rails.is_empty() && self.other_rails.1 == 0 && !missing.contains(&true) {
-            return false;
-        }
-        let mut rails = Vec::new();
-        let some_are_there = unchanged
-            .used
-            .iter()
-            .zip(missing)
-            .any(|(had, missing)| *had && !missing);
-        for (pair, values) in self.senses.iter().filter(|_| some_are_there) {
-            let mut had = values.iter().filter(|k| unchanged.used[**k]);
-            if had.clone().count() >= LEAST_OF_RAIL && had.all(|k| missing[*k]) {
-                rails.push(*pair);
-            }
-        }
-        rails.sort_unstable();
-        if rails == self.rails {
-            self.other_rails.1 = 0;
-            return false;
-        }
-        let (before, times) = &mut self.other_rails;
-        *times = if *before == rails { *times + 1 } else { 1 };
-        *before = rails;
-        if *times < if self.sequence { NAMES } else { 1 } {
-            return false;
-        }
-        self.rails.clone_from(before);
-        *times = 0;
-        true
+    /// Takes which values of a frame are missing that the baseline has. True where other amplifiers are named as at their rails now.
+    pub(crate) fn take_missing(&mut self, missing: &[bool], had: &[bool]) -> bool {
+        self.rails.take(missing, had)
     }
 
     /// Amplifiers at their rails.
     pub(crate) fn rails(&self) -> impl Iterator<Item = Fault> + '_ {
-        self.rails.iter().map(|pair| Fault::Rail(*pair))
+        self.rails.named().map(Fault::Rail)
     }
 
     /// Makes ready to compare frames of this noise (V of the model) with every fault, which takes as long as many frames.
@@ -403,9 +366,12 @@ impl FaultMonitor {
 
     /// Leaves the values out that the named fault and loose contacts spoil, in a difference.
     pub(crate) fn leave_out(&self, d: &mut Difference) {
-        let of_rails = self.senses.iter().filter(|(pair, _)| self.rails.contains(pair));
-        let of_rails = of_rails.flat_map(|(_, values)| values.iter().copied());
-        d.leave_out(self.spoilt().into_iter().chain(self.of_loose()).chain(of_rails));
+        d.leave_out(
+            self.spoilt()
+                .into_iter()
+                .chain(self.of_loose())
+                .chain(self.rails.values()),
+        );
     }
 
     /// Electrodes whose values are left out.
@@ -709,58 +675,6 @@ mod tests {
             }
             assert!(!monitor.is_over(&d, &unchanged, sigma_v), "{gain}");
         }
-    }
-
-    fn of_pair(imager: &Imager, pair: [usize; 2]) -> Vec<usize> {
-        let mut pairs = sense_pairs(imager).into_iter();
-        pairs
-            .find(|(of, _)| *of == pair)
-            .map_or_else(Vec::new, |(_, values)| values)
-    }
-
-    /// Each is told by its own values, beside other faults and other rails, from the second frame on.
-    #[test]
-    fn amplifiers_at_their_rails_are_named_whatever_else_is_broken() {
-        let pattern = Pattern::adjacent(16).unwrap();
-        let imager = Arc::new(Imager::new(&Sheet::paper(), Drive::PAPER, pattern, 10.0).unwrap());
-        let mut unchanged = Difference {
-            y: DVector::zeros(imager.pattern.len()),
-            spread: vec![1.0; imager.pattern.len()],
-            used: vec![true; imager.pattern.len()],
-        };
-        // A value that the baseline does not have either.
-        unchanged.used[of_pair(&imager, [2, 3])[0]] = false;
-        let mut monitor = FaultMonitor::new(&imager, true);
-        let missing = |rails: &[[usize; 2]], more: Option<usize>| -> Vec<bool> {
-            let of: Vec<usize> = rails.iter().flat_map(|r| of_pair(&imager, *r)).collect();
-            (0..imager.pattern.len())
-                .map(|k| unchanged.used[k] && (of.contains(&k) || more == Some(k)))
-                .collect()
-        };
-        assert!(!monitor.take_missing(&missing(&[], Some(9)), &unchanged));
-        assert!(!monitor.take_missing(&missing(&[[2, 3]], None), &unchanged));
-        assert!(monitor.take_missing(&missing(&[[2, 3]], Some(9)), &unchanged));
-        assert_eq!(monitor.rails, [[2, 3]]);
-        assert!(monitor.name_contacts(&[9]));
-        let both = [[2, 3], [11, 12]];
-        assert!(!monitor.take_missing(&missing(&both, None), &unchanged));
-        assert!(monitor.take_missing(&missing(&both, None), &unchanged));
-        assert_eq!(monitor.rails, both);
-        assert!(
-            monitor
-                .named()
-                .is_some_and(|f| matches!(f.single(), Some(Fault::Contacts(_))))
-        );
-        let mut d = unchanged.clone();
-        monitor.leave_out(&mut d);
-        assert!(both.iter().flat_map(|r| of_pair(&imager, *r)).all(|k| !d.used[k]));
-        // A frame by chance does not end it; two do.
-        for ends in [false, false, true] {
-            let frame = if ends { missing(&[], None) } else { missing(&both, None) };
-            assert!(!monitor.take_missing(&frame, &unchanged));
-        }
-        assert!(monitor.take_missing(&missing(&[], None), &unchanged));
-        assert_eq!(monitor.rails().count(), 0);
     }
 
     /// The texts of two faults do not change places when a size is known better.

@@ -6,6 +6,7 @@ pub(crate) mod fault_monitor;
 pub mod faults;
 pub(crate) mod flickers;
 mod loose_contacts;
+pub(crate) mod rails;
 pub mod reciprocity;
 pub(crate) mod repeats;
 pub(crate) mod wild;
