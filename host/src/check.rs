@@ -298,8 +298,10 @@ fn words(arguments: &Arguments, line: &Line, check: &WiringCheck, inspection: &I
             text += &format!("better order   {}\n", fit(&line.best));
         }
         text += &format!("wired          --wires {}\n", order_text(&check.best.order));
-    } else {
+    } else if line.conclusive {
         text += "wired          as said, as far as the baseline tells\n";
+    } else {
+        text += "wired          not known: the baseline is not that of the sheet as described\n";
     }
     match &line.touch {
         Some(touch) => {
@@ -308,7 +310,7 @@ fn words(arguments: &Arguments, line: &Line, check: &WiringCheck, inspection: &I
                 touch.correlation, touch.next
             );
         }
-        None if line.equal.len() > 1 => {
+        None if line.equal.len() > 1 && line.conclusive => {
             let how = if arguments.file.is_some() {
                 " --frame COLUMN"
             } else {
