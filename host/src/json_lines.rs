@@ -235,6 +235,9 @@ struct Line<'a> {
     /// What is broken on the board or at its wires.
     #[serde(skip_serializing_if = "<[_]>::is_empty")]
     faults: &'a [Fault],
+    /// Values that have nothing to do with the others and took no part: places in the plan, from 0.
+    #[serde(skip_serializing_if = "<[_]>::is_empty")]
+    rejected: &'a [usize],
     /// What was said of the line within the last second.
     #[serde(skip_serializing_if = "Option::is_none")]
     line: Option<&'a str>,
@@ -316,6 +319,7 @@ pub(crate) fn picture(
         baseline: beside.baseline.map(|note| BaselineLine::of(note, beside.unix_s)),
         doubt: result.doubt,
         faults: &result.faults,
+        rejected: &result.rejected,
         line: beside.line,
         drift: &result.drift,
         left_out: beside.left_out,
