@@ -1,6 +1,7 @@
 //! The baseline in force, those before it for an undo, and the last good one, stored for the next start.
 
 use crate::files::baseline_file::{self, BaselineFileError, Stored, Subject, unix_s};
+use crate::presses::store::try_folder;
 use crate::say::say;
 use anyhow::{Result, bail};
 use hil_sim::BOARD_NAME;
@@ -35,6 +36,8 @@ struct Store {
     holds: Option<Stored>,
     /// Whether the next baseline is stored whatever it differs by.
     replace: bool,
+    /// Whether it can be written to.
+    writes: bool,
 }
 
 /// The baselines of a session.
@@ -97,7 +100,15 @@ impl Baselines {
                     None
                 }
             };
+            let tried = try_folder(folder);
+            if let Err(cause) = &tried {
+                say!(
+                    "warning: {}: cannot be written to ({cause}): no baseline of this run is stored; name another folder with --state-dir",
+                    folder.display()
+                );
+            }
             Store {
+                writes: tried.is_ok(),
                 path,
                 subject,
                 holds,
@@ -205,6 +216,10 @@ impl Store {
                  and take a new one",
                 words(age)
             ));
+        }
+        // That was said at the start.
+        if !self.writes {
+            return None;
         }
         match baseline_file::write(&self.path, &self.subject, new) {
             Ok(()) => {

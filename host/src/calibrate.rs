@@ -123,6 +123,16 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         Some(What::Gcode(gcode)) => return presses::gcode::run(gcode),
         None => {}
     }
+    // Before anything is pressed.
+    let folder = arguments.port.as_ref().and_then(|_| baselines::state(None, false));
+    if let Some(folder) = &folder {
+        store::try_folder(folder).with_context(|| {
+            format!(
+                "{}: the calibration cannot be stored there; set XDG_STATE_HOME to another folder",
+                folder.display()
+            )
+        })?;
+    }
     let (samples, of) = match (&arguments.file, &arguments.port, &arguments.scene, &arguments.from) {
         (Some(table), ..) => (press_table::read(table, arguments.force_n)?, Of::default()),
         (_, Some(port), ..) => record(arguments, port)?,
@@ -137,8 +147,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let rubber = RubberKeys::of(&fit.calibration, Some(fit.errors));
     let with_presses = file::put_rubber(&arguments.out, rubber.clone(), of.clone())?;
     // Of a board, and not of a simulated one.
-    let stored = match (&arguments.port, &of.serial, baselines::state(None, false)) {
-        (Some(_), Some(serial), Some(folder)) => Some(store::place(&folder, serial)?),
+    let stored = match (&of.serial, folder) {
+        (Some(serial), Some(folder)) => Some(store::place(&folder, serial)?),
         _ => None,
     };
     if let Some(path) = &stored {

@@ -349,3 +349,39 @@ fn of_skin(skin: &str, line: &[u8]) -> Option<Vec<u8>> {
 fn print(line: &impl Serialize) -> Result<()> {
     write(&json::line(line)?)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ::forward::{Drive, Pattern, Sheet};
+    use inverse::reference::imager::Imager;
+
+    /// By the schema it is a list of at least one place, or not there.
+    #[test]
+    fn values_that_took_no_part_are_in_the_line() {
+        let imager = Imager::new(&Sheet::paper(), Drive::PAPER, Pattern::adjacent(16).unwrap(), 12.0).unwrap();
+        let frame = MeasuredFrame {
+            sequence: 7,
+            time_s: 1.0,
+            values_v: vec![0.0; 208],
+        };
+        let beside = Beside {
+            cells: false,
+            events: &[],
+            unix_s: 0.0,
+            baseline: None,
+            line: None,
+            left_out: &[],
+            place: None,
+        };
+        let mut result = FrameResult::nothing(&imager);
+        for rejected in [vec![], vec![3, 17]] {
+            result.rejected.clone_from(&rejected);
+            let line = picture(&result, &frame, LinkCounters::default(), &beside).unwrap();
+            let line: Value = serde_json::from_slice(&line).unwrap();
+            let found = line.get("rejected").cloned();
+            assert_eq!(found.as_ref(), (!rejected.is_empty()).then(|| json!(rejected)).as_ref());
+            assert!(line["touches"].as_array().is_some_and(Vec::is_empty), "{line}");
+        }
+    }
+}

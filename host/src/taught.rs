@@ -1,6 +1,7 @@
 //! Calibrations from presses for whoever has frames in memory: learned, read, written, and what they locate. `skin calibrate
 //! presses` and `skin reconstruct --calibration` do the same with tables.
 
+use crate::presses::extent::Extent;
 use crate::presses::file::{self, PressCalibration};
 use crate::presses::locate::found;
 use ::forward::{Measurement, Sheet};
@@ -31,6 +32,7 @@ impl Taught {
             measurements: frames.measurements,
             electrodes: frames.sheet.electrodes.len(),
             turn: turn(frames.sheet)?,
+            extent: Some(Extent::of(frames.sheet)?.of_sheet()),
         };
         let (learned, found) = learn(presses, &setting, |_, _| {})?;
         // Read again: what a file holds is what locates, digits cut and all.

@@ -257,6 +257,7 @@ pub fn compare(
         measurements: imager.pattern.measurements(),
         electrodes: imager.pattern.electrodes(),
         turn: 1,
+        extent: None,
     };
     let (learned, findings) = learn(&known.iter().map(press).collect::<Vec<_>>(), &setting, |_, _| {})?;
     let mut taught = Located::default();

@@ -61,6 +61,7 @@ fn calibrations() -> Vec<Vec<u8>> {
         measurements: &measurements,
         electrodes: ELECTRODES,
         turn: 1,
+        extent: None,
     };
     let (learned, found) = learn(&presses, &setting, |_, _| {}).unwrap();
     let sheet = "sheet_resistance_ohm = 800.0\noutline = { kind = \"disc\", diameter_mm = 100.0 }\n[electrode_ring]\ncount = 6\n\

@@ -206,6 +206,7 @@ impl Skin {
             measurements: &self.table.measurements,
             electrodes: self.table.electrodes,
             turn: 1,
+            extent: None,
         };
         let mut row = Row {
             skin: self.name.clone(),

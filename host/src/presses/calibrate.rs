@@ -8,20 +8,28 @@ use crate::baselines;
 use crate::files::measurements::MeasurementTable;
 use crate::files::replace::try_out;
 use crate::json;
-use crate::progress::Progress;
+use crate::progress::{self, Progress};
 use crate::usage::Usage;
 use crate::{table_file, table_sheet};
 use ::forward::Sheet;
 use anyhow::{Context, Result, bail};
 use clap::{ArgGroup, Args};
 use hil_sim::BOARD_NAME;
-use inverse::learned::{FEWEST_FOR_MORE, Findings, Gain, Grain, Learned, Press, Setting, StoredGain, learn, turn};
+use inverse::learned::{
+    FEWEST_FOR_MORE, Findings, Gain, Grain, Learned, Marks, Press, Setting, Shift, StoredGain, Unreached,
+    learn_without, shifted, turn,
+};
 use serde::Serialize;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// Presses for which the gain of more is told.
 const MORE: usize = 30;
+
+/// A fingertip's radius over the reach of a sheet: nearer to the rim nobody is told to press.
+const FROM_THE_RIM: f64 = 0.06;
+/// Places that are named where presses do not reach; the others are counted.
+const MOST_MARKS: usize = 3;
 
 /// What takes the place of a table. What is said of one is refused beside it: clap does not ask for the table where it may not be.
 const NO_TABLE: [&str; 5] = ["port", "serial", "simulate", "scene", "from"];
@@ -47,6 +55,9 @@ pub(crate) struct Arguments {
     /// the paper's disc onto itself.
     #[arg(long, value_name = "FILE")]
     sheet: Option<PathBuf>,
+    /// Learns from the list as it is, even where the presses say that it is shifted from a line on.
+    #[arg(long, hide_short_help = true)]
+    as_listed: bool,
     /// Where to write the calibration. What is there of the rubber's creep is kept.
     #[arg(long, default_value = "skin.cal", value_name = "FILE")]
     out: PathBuf,
@@ -105,6 +116,49 @@ struct Line<'a> {
     model: Option<ModelLine>,
     #[serde(skip_serializing_if = "Option::is_none")]
     model_not_tried: Option<String>,
+    /// None where presses reach all of the sheet.
+    unreached: Option<UnreachedLine>,
+    /// Where the list was learned from though presses fit it better shifted.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    shifted: Option<ShiftedLine>,
+}
+
+/// Where presses tell little of the sheet.
+#[derive(Serialize)]
+struct UnreachedLine {
+    /// Part of the sheet, 0 to 1.
+    part: f64,
+    /// Where to press as well, mm.
+    also_mm: Vec<[f64; 2]>,
+}
+
+impl UnreachedLine {
+    fn of(unreached: &Unreached) -> Option<Self> {
+        (!unreached.also_mm.is_empty()).then(|| Self {
+            part: unreached.part,
+            also_mm: unreached.also_mm.clone(),
+        })
+    }
+}
+
+/// From which press on another line has its place.
+#[derive(Serialize)]
+struct ShiftedLine {
+    line: u64,
+    frame: String,
+    /// 1 where that is the next line, -1 where it is the one before.
+    by: isize,
+}
+
+impl ShiftedLine {
+    fn of(shift: &Shift, known: &[truth::KnownPress]) -> Self {
+        let press = &known[shift.from];
+        Self {
+            line: press.line,
+            frame: press.frame.clone(),
+            by: shift.by,
+        }
+    }
 }
 
 /// What more presses promise.
@@ -195,6 +249,7 @@ struct Input {
 /// # Errors
 /// A table or a list of presses that makes no sense, too few presses, a board that does not answer, a file that cannot be written.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
+    try_store(arguments)?;
     let mut input = input(arguments)?;
     let table = table_file::read(&input.table, None, &[])?;
     let known = truth::read(&input.truth)?;
@@ -211,15 +266,43 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         measurements: &table.measurements,
         electrodes: electrodes(&input, &table),
         turn: input.sheet.as_ref().map_or(Ok(1), turn)?,
+        extent: extent.as_ref().map(Extent::of_sheet),
+    };
+    let cannot = || format!("{}: no calibration can be made", table.file);
+    let by_model = by_model(arguments, &input, &table, &known);
+    let shift = {
+        let by_maps = progress::meanwhile("comparing the list with the presses", || shifted(&presses, &setting));
+        let by_model = by_model.as_ref().ok().and_then(|by_model| by_model.shifted(&known));
+        let by_maps = by_maps
+            .with_context(cannot)?
+            .map(|shift| (shift, "of the change is left"));
+        by_model.map(|shift| (shift, "mm off")).or(by_maps)
+    };
+    if let Some((shift, what)) = &shift {
+        let said = shift_words(&list, &known, shift, what);
+        if !arguments.as_listed {
+            bail!("{said}; --as-listed learns from the list as it is");
+        }
+        eprintln!("warning: {said}");
+    }
+    let wrong = match &by_model {
+        Ok(by_model) if shift.is_none() => by_model.wrong(&known),
+        _ => Vec::new(),
     };
     let progress = Progress::new("learning");
-    let (learned, found) = learn(&presses, &setting, |done, whole| progress.at(done, whole))
-        .with_context(|| format!("{}: no calibration can be made", table.file))?;
+    let (learned, found) =
+        learn_without(&presses, &setting, &wrong, |done, whole| progress.at(done, whole)).with_context(cannot)?;
     drop(progress);
+    let unreached = unreached(&input, extent.as_ref(), &setting, &known, &found)?;
     if let Some(doubt) = extent.and_then(|extent| extent.doubt_radius(found.radius_mm)) {
         eprintln!("warning: {list}: {doubt}");
     }
-    let model = by_model(arguments, &input, &table, &known, &found);
+    let model = by_model.and_then(|by_model| model::tried(&by_model, &known, &found.gross, found.error_mm));
+    if let Some(said) = unreached_words(&unreached)
+        && !model.as_ref().is_ok_and(|model| model.better)
+    {
+        eprintln!("warning: {list}: {said}");
+    }
     let gain = gain(&learned, &presses, &known);
     let mut of = Of::new(input.sheet.as_ref(), &table.measurements)?;
     if let Some(gathered) = &input.gathered {
@@ -247,6 +330,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         model_not_tried: model.as_ref().err().map(|why| format!("{why:#}")),
         force: gain.as_ref().map(|gain| ForceLine::of(gain.stored())),
         forces_known: known.iter().filter(|press| press.force_n.is_some()).count(),
+        unreached: UnreachedLine::of(&unreached),
+        shifted: shift.map(|(shift, _)| ShiftedLine::of(&shift, &known)),
         ..line(&found, &known, &table, &presses)
     };
     let mut out = crate::say::stdout();
@@ -357,6 +442,23 @@ fn electrodes(input: &Input, table: &MeasurementTable) -> usize {
     input.sheet.as_ref().map_or(table.electrodes, of)
 }
 
+/// Sees before the first press whether the calibration can be stored, where that is known by then.
+fn try_store(arguments: &Arguments) -> Result<()> {
+    let guided = &arguments.guided;
+    // A recording may be of a simulated board, which is stored in a folder that is named only.
+    let simulated = arguments.store.is_none() && (guided.simulate || guided.scene.is_some() || guided.from.is_some());
+    let stores = arguments.store.is_some() || guided.is_asked();
+    let folder = stores.then(|| baselines::state(arguments.state_dir.as_deref(), simulated));
+    folder.flatten().map_or(Ok(()), |folder| {
+        store::try_folder(&folder).with_context(|| {
+            format!(
+                "{}: the calibration cannot be stored there; name another folder with --state-dir",
+                folder.display()
+            )
+        })
+    })
+}
+
 /// Where it is stored for its board; none where it is of no board.
 fn stored(arguments: &Arguments, input: &Input) -> Result<Option<PathBuf>> {
     let hello = input.gathered.as_ref().map(|gathered| &gathered.hello);
@@ -392,25 +494,90 @@ fn gain(learned: &Learned, presses: &[Press], known: &[truth::KnownPress]) -> Op
     Gain::learn(&list)
 }
 
-/// How well the sheet's model locates the presses, or why it was not tried.
+/// From which line on a list tells the places of other presses, in words.
+fn shift_words(list: &str, known: &[truth::KnownPress], shift: &Shift, what: &str) -> String {
+    let (line, frame) = (known[shift.from].line, &known[shift.from].frame);
+    let (where_is, cause) = if shift.by > 0 {
+        (
+            "after",
+            "is a line too many there, or a press that was not taken? Take it out",
+        )
+    } else {
+        (
+            "before",
+            "is a line missing there, or a press that was made twice? Put it in, or take the press out",
+        )
+    };
+    let [own, read] = shift
+        .left
+        .map(|left| if what.starts_with("mm") { left } else { 100.0 * left });
+    let unit = if what.starts_with("mm") { "" } else { " %" };
+    format!(
+        "{list}:{line}: from about here on, frame {frame}, presses fit the place of the line {where_is} theirs: {read:.1}{unit} {what} then, and \
+         {own:.1}{unit} as listed; {cause}, so that each line has the place of its press"
+    )
+}
+
+/// Where the presses that were learned from tell little of the sheet. Of one that is not known: of the disc that they tell.
+fn unreached(
+    input: &Input,
+    extent: Option<&Extent>,
+    setting: &Setting<'_>,
+    known: &[truth::KnownPress],
+    found: &Findings,
+) -> Result<Unreached> {
+    let marks = match (&input.sheet, extent.map(Extent::of_sheet)) {
+        (Some(sheet), Some(of_sheet)) => Marks::new(sheet, FROM_THE_RIM * of_sheet.reach_mm)?,
+        (_, of_sheet) => {
+            let (middle_mm, reach_mm) = match of_sheet {
+                Some(of_sheet) => (of_sheet.middle_mm, of_sheet.reach_mm),
+                None => (found.centre_mm, found.radius_mm),
+            };
+            Marks::on_disc(
+                middle_mm,
+                (1.0 - FROM_THE_RIM) * reach_mm,
+                (setting.electrodes, setting.turn),
+            )
+        }
+    };
+    let marks = if found.shared { marks } else { marks.alone() };
+    let learned = (0..known.len()).filter(|k| !found.gross.contains(k));
+    let places: Vec<[f64; 2]> = learned.map(|k| known[k].place_mm).collect();
+    Ok(marks.unreached(&places))
+}
+
+/// That in words; none where the presses reach all of the sheet.
+fn unreached_words(unreached: &Unreached) -> Option<String> {
+    let marks: Vec<String> = (unreached.also_mm.iter().take(MOST_MARKS))
+        .map(|[x, y]| format!("{x:.0},{y:.0}"))
+        .collect();
+    let more = unreached.also_mm.len() - marks.len();
+    let more = if more > 0 {
+        format!(" and {more} more")
+    } else {
+        String::new()
+    };
+    (!marks.is_empty()).then(|| {
+        format!(
+            "on {} % of the sheet the presses tell less than half of what touches change, and these are located worse there; press also near {} mm{more}",
+            percent(unreached.part).max(1),
+            marks.join(" and ")
+        )
+    })
+}
+
+/// Where the sheet's model puts the presses, or why it was not tried.
 fn by_model(
     arguments: &Arguments,
     input: &Input,
     table: &MeasurementTable,
     known: &[truth::KnownPress],
-    found: &Findings,
-) -> Result<ModelKeys> {
+) -> Result<model::ByModel> {
     if arguments.difference {
         bail!("changes alone do not tell what they are a part of");
     }
-    model::tried(
-        table,
-        &input.truth,
-        known,
-        input.sheet.as_ref(),
-        arguments.sheet.as_deref(),
-        found.error_mm,
-    )
+    let sheet = (input.sheet.as_ref(), arguments.sheet.as_deref());
+    model::located(table, &input.truth, known, sheet)
 }
 
 fn sheet_of(path: &Path) -> Result<Sheet> {
@@ -452,6 +619,8 @@ fn line<'a>(found: &Findings, known: &'a [truth::KnownPress], table: &Measuremen
         forces_known: 0,
         model: None,
         model_not_tried: None,
+        unreached: None,
+        shifted: None,
     }
 }
 

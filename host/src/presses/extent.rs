@@ -12,7 +12,7 @@ const TINY: f64 = 0.1;
 const LARGE: f64 = 1.5;
 
 /// How far a sheet extends.
-pub(super) struct Extent {
+pub(crate) struct Extent {
     /// None where only a table's header tells the sheet.
     geometry: Option<Geometry>,
     line: SheetLine,
@@ -25,7 +25,7 @@ impl Extent {
     ///
     /// # Errors
     /// It makes no sense.
-    pub(super) fn of(sheet: &Sheet) -> Result<Self, GeometryError> {
+    pub(crate) fn of(sheet: &Sheet) -> Result<Self, GeometryError> {
         let geometry = Geometry::new(sheet)?;
         let (low, high) = geometry.bounding_box();
         let reach_mm = reach(geometry.outline().polyline(), low, high);
@@ -49,6 +49,18 @@ impl Extent {
             line: line.clone(),
             reach_mm,
         })
+    }
+
+    /// For those that learn. A header's sheet is taken to lie around the origin, from which places are.
+    pub(crate) fn of_sheet(&self) -> inverse::learned::Extent {
+        let middle_mm = self.geometry.as_ref().map_or([0.0; 2], |geometry| {
+            let (low, high) = geometry.bounding_box();
+            [0, 1].map(|k| 0.5 * (low[k] + high[k]))
+        });
+        inverse::learned::Extent {
+            middle_mm,
+            reach_mm: self.reach_mm,
+        }
     }
 
     /// Whether a fingertip there touches the sheet. A header does not say where its middle is: but nothing is farther from an electrode

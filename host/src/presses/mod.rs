@@ -3,7 +3,7 @@
 pub(crate) mod bench;
 pub(crate) mod calibrate;
 mod changes;
-mod extent;
+pub(crate) mod extent;
 pub(crate) mod file;
 pub(crate) mod gcode;
 mod guided;

@@ -10,7 +10,7 @@ use crate::table_sheet::Geometry;
 use ::forward::Sheet;
 use ::forward::file::sheet_text;
 use anyhow::{Result, bail};
-use inverse::learned::{SeenPress, model_is_better, told};
+use inverse::learned::{SeenPress, Shift, far_off, model_is_better, shifted_by_places, told};
 use inverse::reference::ToldSheet;
 use inverse::reference::inspection::Inspection;
 use inverse::solvers::Method;
@@ -22,30 +22,66 @@ use std::sync::Arc;
 /// Most presses that are tried: they tell a median well enough, and on a sheet that is not the model's each takes its time.
 const MOST: usize = 60;
 
-/// The model of a sheet (the paper's disc where no file says another), tried on presses spread over a list. A press in which it finds
-/// nothing counts as half the extent of the presses. The strongest touch counts where it finds several. What the presses tell of the
-/// sheet is taken where each is located better by what the others tell. `learned_mm` is what it is compared with: median and 95th
-/// percentile.
+/// Distances below this part of the extent of the presses are alike.
+const ALIKE: f64 = 0.01;
+
+/// Where a sheet's model, which knows nothing of the list, puts presses.
+pub(super) struct ByModel {
+    found: Found,
+    /// Numbers of the presses in the list.
+    presses: Vec<usize>,
+    /// Half the extent of the presses, mm.
+    missed_mm: f64,
+}
+
+impl ByModel {
+    /// Where it puts each press of a list; none of those that were not tried, or in which it finds nothing.
+    fn places_mm(&self, count: usize) -> Vec<Option<[f64; 2]>> {
+        let mut places = vec![None; count];
+        for (found, k) in self.found.presses.iter().zip(&self.presses) {
+            places[*k] = found.strongest.as_ref().map(|touch| [touch.x_mm, touch.y_mm]);
+        }
+        places
+    }
+
+    /// Presses that it puts far from their places, though most near theirs.
+    pub(super) fn wrong(&self, known: &[KnownPress]) -> Vec<usize> {
+        let places = self.places_mm(known.len());
+        let off = |k: &usize| places[*k].map(|found| apart(found, known[*k].place_mm));
+        let errors: Vec<Option<f64>> = self.presses.iter().map(off).collect();
+        let far = far_off(&errors, self.missed_mm);
+        far.into_iter().map(|k| self.presses[k]).collect()
+    }
+
+    /// Whether it puts presses at the places of other lines.
+    pub(super) fn shifted(&self, known: &[KnownPress]) -> Option<Shift> {
+        let listed: Vec<[f64; 2]> = known.iter().map(|press| press.place_mm).collect();
+        shifted_by_places(&self.places_mm(known.len()), &listed, ALIKE * self.missed_mm)
+    }
+}
+
+fn apart(a: [f64; 2], b: [f64; 2]) -> f64 {
+    (a[0] - b[0]).hypot(a[1] - b[1])
+}
+
+/// The model of a sheet (the paper's disc where no file says another), tried on presses spread over a list. The strongest touch counts
+/// where it finds several.
 ///
 /// # Errors
 /// Why there is no model of the table.
-pub(super) fn tried(
+pub(super) fn located(
     table: &MeasurementTable,
     list: &Path,
     known: &[KnownPress],
-    sheet: Option<&Sheet>,
-    sheet_file: Option<&Path>,
-    learned_mm: [f64; 2],
-) -> Result<ModelKeys> {
-    let known_mm: HashMap<&str, [f64; 2]> = known.iter().map(|p| (p.frame.as_str(), p.place_mm)).collect();
+    (sheet, sheet_file): (Option<&Sheet>, Option<&Path>),
+) -> Result<ByModel> {
     let span = |axis: usize| {
         let along = || known.iter().map(|p| p.place_mm[axis]);
         along().fold(f64::MIN, f64::max) - along().fold(f64::MAX, f64::min)
     };
     let missed_mm = 0.5 * span(0).hypot(span(1));
-    let some: Vec<&str> = (known.iter().step_by(known.len().div_ceil(MOST)))
-        .map(|p| p.frame.as_str())
-        .collect();
+    let presses: Vec<usize> = (0..known.len()).step_by(known.len().div_ceil(MOST)).collect();
+    let some: Vec<&str> = presses.iter().map(|k| known[*k].frame.as_str()).collect();
     // What is uncertain of the sheet is told by the presses.
     let found = of_frames(
         table,
@@ -54,18 +90,50 @@ pub(super) fn tried(
         (sheet, sheet_file),
         (Some(ToldSheet::trusted()), true),
     )?;
-    let off = |touch: &Touch, place: [f64; 2]| (touch.x_mm - place[0]).hypot(touch.y_mm - place[1]);
-    let errors = (found.presses.iter().zip(&some))
-        .map(|(found, name)| found.strongest.as_ref().map_or(missed_mm, |t| off(t, known_mm[name])));
+    Ok(ByModel {
+        found,
+        presses,
+        missed_mm,
+    })
+}
+
+/// How well it locates the presses but those of a list, which are at wrong places. One in which it finds nothing counts as half the extent
+/// of the presses. What the presses tell of the sheet is taken where each is located better by what the others tell. `learned_mm` is what it
+/// is compared with: median and 95th percentile.
+///
+/// # Errors
+/// No press is left.
+pub(super) fn tried(
+    by_model: &ByModel,
+    known: &[KnownPress],
+    gross: &[usize],
+    learned_mm: [f64; 2],
+) -> Result<ModelKeys> {
+    let ByModel {
+        found,
+        presses,
+        missed_mm,
+    } = by_model;
+    let missed_mm = *missed_mm;
+    let kept = || {
+        let pairs = found.presses.iter().zip(presses);
+        pairs
+            .filter(|(_, k)| !gross.contains(*k))
+            .map(|(found, k)| (found, known[*k].place_mm))
+    };
+    let errors = kept().map(|(found, place)| {
+        let off = |touch: &Touch| apart([touch.x_mm, touch.y_mm], place);
+        found.strongest.as_ref().map_or(missed_mm, off)
+    });
     let untold = errors_at(errors.collect())?;
-    let seen: Vec<SeenPress> = (found.presses.iter().zip(&some))
-        .filter_map(|(found, name)| seen(found.strongest.as_ref()?, known_mm[name]))
+    let seen: Vec<SeenPress> = kept()
+        .filter_map(|(found, place)| seen(found.strongest.as_ref()?, place))
         .collect();
     let told = progress::meanwhile("fitting the sheet to the presses", || told(&found.inspection, &seen));
     let told = told.filter(|told| told.stands);
     let errors = match &told {
         Some(told) => {
-            let missed = found.presses.len().saturating_sub(seen.len());
+            let missed = kept().count().saturating_sub(seen.len());
             let errors = told.errors_mm.iter().copied();
             errors_at(errors.chain(std::iter::repeat_n(missed_mm, missed)).collect())?
         }

@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
+use view::replace::try_out;
 
 /// The file of a board in a folder, by its serial number. Letters, digits and hyphens are in its name, all else as its code.
 pub(crate) fn path(folder: &Path, serial: &str) -> PathBuf {
@@ -24,6 +25,15 @@ pub(crate) fn path(folder: &Path, serial: &str) -> PathBuf {
 pub(crate) fn place(folder: &Path, serial: &str) -> std::io::Result<PathBuf> {
     std::fs::create_dir_all(folder)?;
     Ok(path(folder, serial))
+}
+
+/// Sees before something is measured whether what comes of it can be stored in a folder, which is there from now on.
+///
+/// # Errors
+/// It cannot be made, or nothing can be written there.
+pub(crate) fn try_folder(folder: &Path) -> std::io::Result<()> {
+    std::fs::create_dir_all(folder)?;
+    try_out(&folder.join("trial"))
 }
 
 #[cfg(test)]

@@ -267,6 +267,104 @@ fn a_robots_list_says_where_the_presses_of_a_stream_were() {
     );
 }
 
+/// A list whose lines have the places of other presses from somewhere on is refused with its line, and presses at wrong places are left out:
+/// the sheet's model, which knows nothing of the list, tells both.
+#[test]
+fn a_list_that_does_not_fit_its_presses_is_said() {
+    let folder = folder();
+    let path = folder.path();
+    let guided = [
+        "calibrate",
+        "presses",
+        "--scene",
+        "rubber.toml",
+        "--count",
+        "20",
+        "--json",
+    ];
+    let taught = skin(path, &guided, "");
+    assert_eq!(taught.code, Some(0), "{}", taught.said);
+    let found: Value = serde_json::from_str(&taught.out).unwrap();
+    assert!(
+        found["gross"].as_array().unwrap().is_empty() && found["unreached"].is_null(),
+        "{found}"
+    );
+    let text = std::fs::read_to_string(path.join("skin.presses.csv")).unwrap();
+    let places = columns(&path.join("skin.presses.csv"), ["x_mm", "y_mm"]);
+    let with = |name: &str, place: &dyn Fn(usize) -> [f64; 2]| {
+        let mut lines = text.lines();
+        let mut out = lines.next().unwrap().to_owned() + "\n";
+        for (k, line) in lines.enumerate() {
+            let fields: Vec<&str> = line.split(',').collect();
+            let [x, y] = place(k);
+            out += &format!("{},{},{x},{y},{},{}\n", fields[0], fields[1], fields[4], fields[5]);
+        }
+        std::fs::write(path.join(name), out).unwrap();
+    };
+    let learn = |list: &str, more: &[&str]| {
+        let learn = [
+            "calibrate",
+            "presses",
+            "skin.table.csv",
+            "--truth",
+            list,
+            "--out",
+            "again.cal",
+            "--json",
+        ];
+        skin(path, &[&learn[..], more].concat(), "")
+    };
+    // From the tenth press on each line has the place of the press after: that of line 11 is in line 10.
+    with("skipped.csv", &|k| places[if k < 9 { k } else { (k + 1) % 20 }]);
+    let refused = learn("skipped.csv", &[]);
+    assert_eq!(refused.code, Some(1), "{}", refused.said);
+    let line: usize = refused
+        .said
+        .split("skipped.csv:")
+        .nth(1)
+        .unwrap()
+        .split(':')
+        .next()
+        .unwrap()
+        .parse()
+        .unwrap();
+    assert!((10..=13).contains(&line), "{}", refused.said);
+    assert!(
+        refused.said.contains("the line before theirs") && refused.said.contains("--as-listed"),
+        "{}",
+        refused.said
+    );
+    assert!(!path.join("again.cal").exists());
+    let as_listed = learn("skipped.csv", &["--as-listed"]);
+    assert_eq!(as_listed.code, Some(0), "{}", as_listed.said);
+    let found: Value = serde_json::from_str(&as_listed.out).unwrap();
+    assert_eq!(
+        (&found["shifted"]["by"], &found["shifted"]["line"]),
+        (&(-1).into(), &line.into()),
+        "{found}"
+    );
+
+    // Five of twenty on the other side of the sheet.
+    let wrong: Vec<usize> = (0..20)
+        .filter(|k| places[*k][0].hypot(places[*k][1]) > 50.0)
+        .step_by(2)
+        .take(5)
+        .collect();
+    with("wrong.csv", &|k| {
+        places[k].map(|v| if wrong.contains(&k) { -v } else { v })
+    });
+    let without = learn("wrong.csv", &[]);
+    assert_eq!(without.code, Some(0), "{}", without.said);
+    let found: Value = serde_json::from_str(&without.out).unwrap();
+    let names: Vec<String> = wrong.iter().map(|k| format!("p{k}")).collect();
+    assert_eq!(found["gross"], serde_json::json!(names), "{found}");
+    assert_eq!(found["model"]["better"], true, "{found}");
+    assert!(
+        found["model"]["error_95th_percentile_mm"].as_f64().unwrap() < 1.0,
+        "{found}"
+    );
+}
+
 /// Presses cost an hour of somebody's or of a robot's time: none is overwritten, and what cannot be written is found before the first.
 #[test]
 fn nothing_of_earlier_presses_is_overwritten_and_what_cannot_be_written_is_found_first() {
@@ -319,6 +417,14 @@ fn nothing_of_earlier_presses_is_overwritten_and_what_cannot_be_written_is_found
         assert_eq!(refused.code, Some(1), "{out}: {}", refused.said);
         assert!(!refused.said.contains("taking the baseline"), "{out}: {}", refused.said);
     }
+    // A folder that cannot be made, since a file is there.
+    let refused = guided(&["--out", "other.cal", "--state-dir", "rubber.toml"]);
+    assert_eq!(refused.code, Some(1), "{}", refused.said);
+    assert!(
+        refused.said.contains("name another folder with --state-dir") && !refused.said.contains("taking the baseline"),
+        "{}",
+        refused.said
+    );
     // From the table the calibration is made again.
     let table = ["calibrate", "presses", files[0], "--truth", files[1]];
     assert_eq!(skin(path, &table, "").code, Some(0));

@@ -14,6 +14,17 @@ pub struct Setting<'a> {
     pub electrodes: usize,
     /// A turn by so many electrodes maps the sheet onto itself; the number of electrodes where none does.
     pub turn: usize,
+    /// How far the sheet extends, where that is known; none where the presses are to tell.
+    pub extent: Option<Extent>,
+}
+
+/// How far a sheet extends.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Extent {
+    /// Its middle, mm.
+    pub middle_mm: [f64; 2],
+    /// From there to the farthest point of its rim, mm.
+    pub reach_mm: f64,
 }
 
 /// One way to learn.

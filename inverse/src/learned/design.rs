@@ -28,6 +28,18 @@ const EXCHANGES: usize = 12_000;
 /// Part of the tip's radius that may be missing at the rim: outlines are polygons.
 const ROUNDING: f64 = 1e-3;
 
+/// Part of what is expected of the maps at a place that presses have to tell: half of it.
+const TOLD: f64 = 0.5;
+
+/// Where presses tell little of a sheet.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Unreached {
+    /// Part of the sheet of whose maps they tell less than half, and less than as many presses do that are spread well; 0 to 1.
+    pub part: f64,
+    /// Marks, mm, that with the presses reach all of it; those that tell most first.
+    pub also_mm: Vec<[f64; 2]>,
+}
+
 /// Chooses marks on a sheet, one after the other.
 #[derive(Clone)]
 pub struct Marks {
@@ -79,8 +91,62 @@ impl Marks {
         let electrodes = sheet.electrodes.len();
         let by = turn(sheet)?;
         let about = if by < electrodes { [0.0; 2] } else { centre };
-        let turns = (0..electrodes).step_by(by).map(|t| TAU * t as f64 / electrodes as f64);
-        Ok(Self::of(places, about, &turns.collect::<Vec<_>>()))
+        Ok(Self::of(places, about, &turns(electrodes, by)))
+    }
+
+    /// On a disc of which no more is known than its middle and radius, mm. `by`: a turn by so many of its electrodes maps it onto itself.
+    pub fn on_disc(centre_mm: [f64; 2], radius_mm: f64, (electrodes, by): (usize, usize)) -> Self {
+        let step = STEP * LENGTH * radius_mm;
+        let count = (radius_mm / step).ceil() as i64;
+        let raster = (-count..=count).flat_map(|j| (-count..=count).map(move |i| [step * i as f64, step * j as f64]));
+        let rim = (TAU / (STEP * LENGTH)).ceil() as usize;
+        let rim = (0..rim).map(|k| (TAU * k as f64 / rim as f64).sin_cos());
+        let rim = rim.map(|(sin, cos)| [radius_mm * cos, radius_mm * sin]);
+        let inside = raster.filter(|p| p[0].hypot(p[1]) < radius_mm);
+        let places = rim.chain(inside).map(|p| [centre_mm[0] + p[0], centre_mm[1] + p[1]]);
+        Self::of(places.collect(), centre_mm, &turns(electrodes, by))
+    }
+
+    /// The same without symmetry: every measurement has a map of its own.
+    pub fn alone(self) -> Self {
+        let centre = [0, 1].map(|k| {
+            let along = || self.places_mm.iter().map(|p| p[k]);
+            0.5 * (along().fold(f64::MAX, f64::min) + along().fold(f64::MIN, f64::max))
+        });
+        if self.shared.is_empty() {
+            self
+        } else {
+            Self::of(self.places_mm, centre, &[])
+        }
+    }
+
+    /// Where presses at these places tell little.
+    pub fn unreached(mut self, presses_mm: &[[f64; 2]]) -> Unreached {
+        let before = self.variances();
+        let over = |marks: &Self| -> Vec<f64> { marks.variances().iter().zip(&before).map(|(v, b)| v / b).collect() };
+        let mut spread = self.clone();
+        for _ in presses_mm {
+            if largest(&over(&spread)) <= TOLD {
+                break;
+            }
+            spread.taken.extend(spread.next());
+        }
+        let limit = largest(&over(&spread)).max(TOLD);
+        presses_mm.iter().for_each(|place| self.press(*place));
+        // Many near one place tell little more than one.
+        self.taken.sort_unstable();
+        self.taken.dedup();
+        let beyond = |marks: &Self| over(marks).iter().filter(|v| **v > limit * (1.0 + 1e-9)).count();
+        let part = beyond(&self) as f64 / self.places_mm.len().max(1) as f64;
+        let mut also_mm = Vec::new();
+        while also_mm.len() < self.places_mm.len()
+            && beyond(&self) > 0
+            && let Some(next) = self.next()
+        {
+            self.taken.push(next);
+            also_mm.push(self.places_mm[next]);
+        }
+        Unreached { part, also_mm }
     }
 
     /// Among given places on a sheet that these turns (rad) around a place map onto itself.
@@ -253,6 +319,12 @@ impl Marks {
     }
 }
 
+/// Turns by multiples of so many electrodes, rad.
+fn turns(electrodes: usize, by: usize) -> Vec<f64> {
+    let all = (0..electrodes).step_by(by.max(1));
+    all.map(|t| TAU * t as f64 / electrodes as f64).collect()
+}
+
 fn largest(variances: &[f64]) -> f64 {
     variances.iter().copied().fold(0.0, f64::max)
 }
@@ -389,5 +461,45 @@ mod tests {
         assert_ne!(first, second);
         marks.press(second);
         assert!(marks.list(30).iter().all(|m| *m != first));
+    }
+
+    /// On a disc with 16-fold symmetry and on one with none: presses all over reach all of it, others do not, and the marks that are asked
+    /// for mend it.
+    #[test]
+    fn where_presses_do_not_reach_is_told_with_the_marks_that_mend_it() {
+        let disc = |by: usize| Marks::on_disc([0.0; 2], 90.0, (16, by));
+        for by in [1, 16] {
+            // Those of the design leave nothing by its own measure.
+            for count in [5, 10, 20, 50] {
+                let marks = disc(by).list(count);
+                let found = disc(by).unreached(&marks);
+                assert_eq!((found.part, found.also_mm.len()), (0.0, 0), "{by} {count}");
+            }
+            let spread = raster(30.0, 90.0, false);
+            assert_eq!(disc(by).unreached(&spread).part, 0.0, "{by}");
+        }
+        let rim = |count: i32| (0..count).map(move |k| (TAU * f64::from(k) / f64::from(count)).sin_cos());
+        let at_rim: Vec<[f64; 2]> = rim(24).map(|(s, c)| [80.0 * c, 80.0 * s]).collect();
+        let in_corner: Vec<[f64; 2]> = (raster(9.0, 90.0, true).into_iter())
+            .filter(|p| p[0] > 20.0 && p[1] > 45.0)
+            .collect();
+        let on_line: Vec<[f64; 2]> = (0..20).map(|k| [9.0 * f64::from(k) - 85.0, 0.0]).collect();
+        for (name, presses, by, away) in [
+            ("rim", &at_rim, 1, [0.0, 0.0]),
+            ("rim", &at_rim, 16, [0.0, 0.0]),
+            ("corner", &in_corner, 1, [0.0, 0.0]),
+            ("corner", &in_corner, 16, [-60.0, -40.0]),
+            ("line", &on_line, 16, [0.0, 80.0]),
+        ] {
+            let found = disc(by).unreached(presses);
+            assert!(found.part > 0.02 && !found.also_mm.is_empty(), "{name} {by}: {found:?}");
+            let off = |p: &[f64; 2]| (p[0] - away[0]).hypot(p[1] - away[1]);
+            let nearest = found.also_mm.iter().map(off).fold(f64::INFINITY, f64::min);
+            assert!(nearest < 45.0, "{name} {by}: {found:?}");
+            let with: Vec<[f64; 2]> = presses.iter().chain(&found.also_mm).copied().collect();
+            assert_eq!(disc(by).unreached(&with).part, 0.0, "{name} {by}");
+        }
+        // A line from the middle to the rim tells all of a sheet that turns.
+        assert_eq!(disc(1).unreached(&on_line).part, 0.0);
     }
 }

@@ -189,7 +189,7 @@ pub struct Stored {
     pub maps: StoredMaps,
 }
 
-fn check(presses: &[Press], setting: &Setting<'_>) -> Result<(), LearnError> {
+pub(super) fn check(presses: &[Press], setting: &Setting<'_>) -> Result<(), LearnError> {
     if presses.len() < FEWEST {
         return Err(LearnError::TooFew(presses.len()));
     }
@@ -222,7 +222,7 @@ fn check(presses: &[Press], setting: &Setting<'_>) -> Result<(), LearnError> {
 }
 
 /// Measurements that have values which change.
-fn alive(presses: &[Press], count: usize) -> Vec<usize> {
+pub(super) fn alive(presses: &[Press], count: usize) -> Vec<usize> {
     let typical = |c: usize| {
         let sizes: Vec<f64> = presses.iter().map(|p| p.change[c].abs()).collect();
         let there = sizes.iter().filter(|v| v.is_finite()).count() as f64;
@@ -251,7 +251,7 @@ fn alike(presses: &[Press], used: &[usize]) -> bool {
 }
 
 /// Some presses, in order of time; the one before may be one that is not kept.
-fn gather(presses: &[Press], used: &[usize], kept: &[usize]) -> Presses {
+pub(super) fn gather(presses: &[Press], used: &[usize], kept: &[usize]) -> Presses {
     Presses {
         places_mm: kept.iter().map(|k| presses[*k].place_mm).collect(),
         before_mm: kept
@@ -269,9 +269,27 @@ fn gather(presses: &[Press], used: &[usize], kept: &[usize]) -> Presses {
 pub fn learn(
     presses: &[Press],
     setting: &Setting<'_>,
+    progress: impl FnMut(usize, usize),
+) -> Result<(Learned, Findings), LearnError> {
+    learn_without(presses, setting, &[], progress)
+}
+
+/// The same without some presses, by their numbers from 0, that something else says are at wrong places: they are gross.
+///
+/// # Errors
+/// As for [`learn`].
+pub fn learn_without(
+    presses: &[Press],
+    setting: &Setting<'_>,
+    wrong: &[usize],
     mut progress: impl FnMut(usize, usize),
 ) -> Result<(Learned, Findings), LearnError> {
     check(presses, setting)?;
+    let mut numbers: Vec<usize> = (0..presses.len()).filter(|k| !wrong.contains(k)).collect();
+    let given = numbers.len();
+    if given < FEWEST {
+        return Err(LearnError::TooFew(given));
+    }
     let used = alive(presses, setting.measurements.len());
     if used.is_empty() {
         return Err(LearnError::NoChange);
@@ -280,13 +298,12 @@ pub fn learn(
         return Err(LearnError::Alike);
     }
     let measurements: Vec<Measurement> = used.iter().map(|k| setting.measurements[*k]).collect();
-    let all = gather(presses, &used, &(0..presses.len()).collect::<Vec<_>>());
+    let all = gather(presses, &used, &numbers);
     let mut choice = choose(&all, setting, &measurements, &mut progress).ok_or(LearnError::NoChange)?;
-    let mut numbers: Vec<usize> = (0..presses.len()).collect();
     let mut kept = all;
     let mut checked = Checked::new(&choice, &kept).ok_or(LearnError::NoChange)?;
-    let most = ((MOST_SPOILERS * presses.len() as f64) as usize).max(1);
-    while presses.len() - numbers.len() < most
+    let most = ((MOST_SPOILERS * given as f64) as usize).max(1);
+    while given - numbers.len() < most
         && let Some(spoiler) = checked.spoiler(&choice, &kept)
     {
         numbers.remove(spoiler);
@@ -443,13 +460,20 @@ impl Checked {
     }
 }
 
+/// Presses that are put so far from their places, mm, that these are wrong, by what puts most near theirs; none where nothing is found.
+pub fn far_off(errors_mm: &[Option<f64>], reach_mm: f64) -> Vec<usize> {
+    let limit = (GROSS * median(errors_mm.iter().map(|e| e.unwrap_or(reach_mm)))).max(0.25 * reach_mm);
+    let off = |k: &usize| errors_mm[*k].is_some_and(|e| e > limit);
+    (0..errors_mm.len()).filter(off).collect()
+}
+
 fn gross(validation: &Validation, reach_mm: f64) -> Vec<usize> {
-    let limit = (GROSS * median(validation.errors_mm(reach_mm).into_iter())).max(0.25 * reach_mm);
-    let off = |o: &[f64; 2]| o[0].hypot(o[1]) > limit;
+    let errors = validation
+        .offsets
+        .iter()
+        .map(|o| Some(o[0].hypot(o[1])).filter(|e| e.is_finite()));
+    let list = far_off(&errors.collect::<Vec<_>>(), reach_mm);
     let few = validation.offsets.len() / 10;
-    let list: Vec<usize> = (0..validation.offsets.len())
-        .filter(|k| off(&validation.offsets[*k]))
-        .collect();
     // Where many are off, it is the maps that are not good enough.
     if list.len() <= few { list } else { Vec::new() }
 }

@@ -5,13 +5,13 @@ use super::frame::{Frame, MOST_DISPLACED, MOST_STRETCHED};
 use super::locator::Evidence;
 use super::maps::{Presses, Prior};
 use super::orbits::Orbits;
-use super::rest::FREEDOM;
+use super::rest::{FREEDOM, Residuals};
 use super::validation::{FIRST_TEMPERING, Validation, cross_validate, locators};
 use forward::Measurement;
 use nalgebra::{Complex, Matrix2, Vector2};
 
 /// Parts where only a choice is to be made.
-const QUICK_FOLDS: usize = 5;
+pub(super) const QUICK_FOLDS: usize = 5;
 /// Steps of the grid there, from the middle to the reach of the presses.
 const QUICK_STEPS: f64 = 10.0;
 /// Parts of the work, about equally long.
@@ -120,9 +120,13 @@ impl Tried {
 }
 
 /// Logarithms of the mean square of what maps of the others leave of each press, over the scales of the measurements.
-fn rests(choice: &Choice, presses: &Presses) -> Option<Vec<f64>> {
+pub(super) fn rests(choice: &Choice, presses: &Presses) -> Option<Vec<f64>> {
     let (maps, residuals) = cross_validate(choice, presses, QUICK_FOLDS)?;
-    let scale = &maps.first()?.of_others.scale;
+    Some(left_of(&residuals, &maps.first()?.of_others.scale))
+}
+
+/// The same of residuals.
+pub(super) fn left_of(residuals: &Residuals, scale: &[f64]) -> Vec<f64> {
     let rest = |k: usize| {
         let over = scale.iter().enumerate().map(|(c, s)| residuals.values[(k, c)] / s);
         let there: Vec<f64> = over
@@ -132,7 +136,59 @@ fn rests(choice: &Choice, presses: &Presses) -> Option<Vec<f64>> {
         let mean = there.iter().sum::<f64>() / there.len().max(1) as f64;
         mean.max(f64::MIN_POSITIVE).ln()
     };
-    Some((0..presses.len()).map(rest).collect())
+    (0..residuals.values.nrows()).map(rest).collect()
+}
+
+/// Ways to describe a sheet before anything is tried: those that differ in what no list of presses may get wrong unseen, which way round
+/// the electrodes are.
+pub(super) fn first_choices(presses: &Presses, setting: &Setting<'_>, measurements: &[Measurement]) -> Vec<Choice> {
+    if setting.turn < setting.electrodes {
+        [false, true]
+            .map(|clockwise| {
+                first_choice(
+                    presses,
+                    setting,
+                    measurements,
+                    ([0.0; 2], setting.turn, clockwise, TURNED),
+                )
+            })
+            .to_vec()
+    } else {
+        vec![first_choice(
+            presses,
+            setting,
+            measurements,
+            ([0.0; 2], setting.turn, false, ALONE),
+        )]
+    }
+}
+
+/// One around a centre, mm, with a turn, a way round and a prior.
+fn first_choice(
+    presses: &Presses,
+    setting: &Setting<'_>,
+    measurements: &[Measurement],
+    (centre_mm, turn, clockwise, prior): ([f64; 2], usize, bool, Prior),
+) -> Choice {
+    // Later presses may be anywhere on the sheet.
+    let of_sheet = setting.extent.map_or(0.0, |sheet| {
+        let off = [0, 1].map(|k| sheet.middle_mm[k] - centre_mm[k]);
+        sheet.reach_mm + off[0].hypot(off[1])
+    });
+    let reach_mm = reach(presses, centre_mm).max(of_sheet);
+    Choice {
+        frame: Frame {
+            centre_mm,
+            reach_mm,
+            radius_mm: RADII[0] * reach_mm,
+            electrodes: setting.electrodes,
+            clockwise,
+            stretch: Complex::ZERO,
+        },
+        prior,
+        turn,
+        orbits: Orbits::new(measurements, setting.electrodes, turn),
+    }
 }
 
 /// Whether some losses are less than others by more than so many standard errors of the difference.
@@ -179,25 +235,13 @@ pub(super) fn choose(
     progress: &mut impl FnMut(usize, usize),
 ) -> Option<Choice> {
     let along = |axis: usize| presses.places_mm.iter().map(move |p| p[axis]);
-    let middle = [0, 1].map(|axis| {
+    let of_presses = [0, 1].map(|axis| {
         let (low, high) = along(axis).fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(v), h.max(v)));
         0.5 * (low + high)
     });
+    let middle = setting.extent.map_or(of_presses, |sheet| sheet.middle_mm);
     let make = |centre_mm: [f64; 2], turn: usize, clockwise: bool, prior: Prior| {
-        let reach_mm = reach(presses, centre_mm);
-        Choice {
-            frame: Frame {
-                centre_mm,
-                reach_mm,
-                radius_mm: RADII[0] * reach_mm,
-                electrodes: setting.electrodes,
-                clockwise,
-                stretch: Complex::ZERO,
-            },
-            prior,
-            turn,
-            orbits: Orbits::new(measurements, setting.electrodes, turn),
-        }
+        first_choice(presses, setting, measurements, (centre_mm, turn, clockwise, prior))
     };
     let with = |choice: &Choice, prior: Prior| Choice {
         prior,
@@ -208,7 +252,11 @@ pub(super) fn choose(
     let mut middles = vec![[0.0; 2]];
     let mean = [0, 1].map(|axis| along(axis).sum::<f64>() / presses.len() as f64);
     let by_chance = reach(presses, middle) * (-MIDDLE_BY_CHANCE.ln() / (2.0 * presses.len() as f64)).sqrt();
-    if middle[0].hypot(middle[1]) > 0.2 * reach(presses, middle) && mean[0].hypot(mean[1]) > by_chance {
+    // What turns a sheet that is known turns it around the origin.
+    if setting.extent.is_none()
+        && middle[0].hypot(middle[1]) > 0.2 * reach(presses, middle)
+        && mean[0].hypot(mean[1]) > by_chance
+    {
         middles.push(middle);
     }
     let ways = middles.iter().flat_map(|m| [(*m, false), (*m, true)]);

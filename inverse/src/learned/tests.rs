@@ -6,7 +6,10 @@ use super::maps::{Presses, Prior};
 use super::orbits::Orbits;
 use super::search::PRIOR;
 use super::validation::cross_validate;
-use super::{FEWEST, Findings, LearnError, Learned, Press, Setting, Stored, learn};
+use super::{
+    Extent, FEWEST, Findings, LearnError, Learned, Press, Setting, Shift, Stored, far_off, learn, learn_without,
+    shifted, shifted_by_places,
+};
 use forward::{Measurement, Pattern};
 use nalgebra::{Complex, DMatrix};
 use rand::rngs::StdRng;
@@ -123,6 +126,7 @@ impl Skin {
             measurements: &self.measurements,
             electrodes: 16,
             turn: 1,
+            extent: None,
         }
     }
 
@@ -688,4 +692,153 @@ fn the_grain_of_a_sheet_is_found_and_presses_on_it_are_located() {
         );
         assert!(inside > 0.9, "{inside}");
     }
+}
+
+/// Presses on an even disc by the theory, with noise.
+fn presses_of_theory(skin: &mut Skin, count: usize) -> Vec<Press> {
+    let press = |_| {
+        let place_mm = skin.place();
+        let noise = skin.noise();
+        let change = change_of_a_grained_sheet(&skin.measurements, 1.0, 0.0, place_mm);
+        Press {
+            place_mm,
+            change: change.iter().zip(noise).map(|(c, n)| c + n).collect(),
+        }
+    };
+    (0..count).map(press).collect()
+}
+
+/// The list of presses with the places of other lines from one on: the place of a press is `by` lines further on then.
+fn off_by_a_line(presses: &[Press], from: usize, by: isize) -> Vec<Press> {
+    let count = presses.len() as isize;
+    let there = |k: usize| {
+        let line = if k < from {
+            k as isize
+        } else {
+            (k as isize - by).rem_euclid(count)
+        };
+        presses[line as usize].place_mm
+    };
+    let shifted = presses.iter().enumerate().map(|(k, press)| Press {
+        place_mm: there(k),
+        change: press.change.clone(),
+    });
+    shifted.collect()
+}
+
+#[test]
+fn a_list_that_is_one_line_off_is_told_and_a_right_one_is_not() {
+    let (mut told, mut of) = (0, 0);
+    for (seed, count) in [(1, 5), (2, 10), (3, 20)] {
+        let mut skin = Skin::new(seed % 2 == 0, 0.0, 0.2);
+        skin.random = StdRng::seed_from_u64(seed);
+        let bumps = skin.presses(count);
+        skin.noise = 0.3;
+        for right in [bumps, presses_of_theory(&mut skin, count)] {
+            assert_eq!(shifted(&right, &skin.setting()), Ok(None), "{seed} {count}");
+            let ways = [(0, -1), (0, 1), (5, 1), (8, -1)];
+            for (from, by) in ways.into_iter().filter(|_| count == 20) {
+                let found = shifted(&off_by_a_line(&right, from, by), &skin.setting()).unwrap();
+                // Between which lines one is missing presses at nearly one place do not tell.
+                let is_near = |shift: Shift| shift.by == by && shift.from.abs_diff(from) <= 2;
+                told += usize::from(found.is_some_and(|shift| is_near(shift) && shift.left[1] < shift.left[0]));
+                of += 1;
+            }
+        }
+    }
+    // A few places by chance are near those of their neighbours in the list.
+    assert!(told + 1 >= of, "{told} of {of}");
+}
+
+#[test]
+fn what_knows_nothing_of_a_list_tells_of_few_presses_that_it_is_off() {
+    let mut skin = Skin::new(false, 0.0, 0.1);
+    for count in [10, 20, 50, 200] {
+        let presses = skin.presses(count);
+        let places = |list: &[Press]| -> Vec<[f64; 2]> { list.iter().map(|p| p.place_mm).collect() };
+        let noise: Vec<f64> = (0..2 * count).map(|_| skin.random.sample(StandardNormal)).collect();
+        let near = |k: usize| [0, 1].map(|a| presses[k].place_mm[a] + noise[2 * k + a]);
+        // In every ninth nothing is found.
+        let found: Vec<Option<[f64; 2]>> = (0..count).map(|k| (k % 9 != 4).then(|| near(k))).collect();
+        assert_eq!(shifted_by_places(&found, &places(&presses), 0.5), None, "{count}");
+        let ways = [(0, 1), (0, -1), (count / 3, 1), (count / 2, -1)];
+        for (from, by) in ways.into_iter().take(if count < 20 { 2 } else { 4 }) {
+            let listed = places(&off_by_a_line(&presses, from, by));
+            let shift = shifted_by_places(&found, &listed, 0.5);
+            let right = shift.is_some_and(|s| s.by == by && s.from.abs_diff(from) <= 2);
+            assert!(right, "{count} {from} {by}: {shift:?}");
+        }
+        // What puts presses anywhere says nothing.
+        let anywhere: Vec<Option<[f64; 2]>> = (0..count).map(|_| Some(skin.place())).collect();
+        assert_eq!(shifted_by_places(&anywhere, &places(&presses), 0.5), None, "{count}");
+    }
+}
+
+/// Where the sheet is known a touch that is far from all presses is found with a deviation that says so, or is doubted. Where it is not, it
+/// is put among them, or missed.
+#[test]
+fn presses_in_a_corner_of_a_known_sheet_do_not_draw_touches_there() {
+    let mut skin = Skin::new(false, 0.0, 0.3);
+    let presses = presses_of_theory(&mut skin, 500);
+    let in_corner = |p: &Press| p.place_mm[0] > 15.0 && p.place_mm[1] > 5.0;
+    let taught: Vec<Press> = presses.iter().filter(|p| in_corner(p)).take(20).cloned().collect();
+    let away: Vec<Press> = presses
+        .iter()
+        .filter(|p| p.place_mm[0] < 0.0)
+        .take(100)
+        .cloned()
+        .collect();
+    let extent = Extent {
+        middle_mm: [0.0; 2],
+        reach_mm: REACH_MM,
+    };
+    let honest = |turn: usize, extent: Option<Extent>| {
+        let setting = Setting {
+            turn,
+            extent,
+            ..skin.setting()
+        };
+        let (learned, found) = learn(&taught, &setting, |_, _| {}).unwrap();
+        assert!(extent.is_none() || found.centre_mm == [0.0; 2], "{found:?}");
+        let honest = |press: &&Press| {
+            let presence = learned.locate(&press.change, None);
+            let within = presence.presses.first().is_some_and(|found| {
+                (0..2).all(|a| (found.place_mm[a] - press.place_mm[a]).abs() < 3.0 * found.covariance_mm2[a][a].sqrt())
+            });
+            within || presence.doubt().is_some()
+        };
+        away.iter().filter(honest).count()
+    };
+    // A sheet that turns, and one of which that is not known.
+    for (turn, least) in [(1, 95), (16, 0)] {
+        let [known, unknown] = [Some(extent), None].map(|extent| honest(turn, extent));
+        assert!(
+            known >= least && known > 2 * unknown,
+            "{turn}: {known} and {unknown} of 100"
+        );
+    }
+}
+
+#[test]
+fn presses_that_something_else_calls_wrong_are_gross_and_teach_nothing() {
+    let mut skin = Skin::new(false, 0.0, 0.1);
+    let right = skin.presses(20);
+    let mut presses = right.clone();
+    let wrong = [2, 5, 9, 13, 17];
+    for k in wrong {
+        presses[k].place_mm = presses[k].place_mm.map(|v| -v);
+    }
+    let (_, found) = learn_without(&presses, &skin.setting(), &wrong, |_, _| {}).unwrap();
+    assert_eq!((found.gross.as_slice(), found.presses), (wrong.as_slice(), 15));
+    let few: Vec<usize> = (0..16).collect();
+    let left = learn_without(&presses, &skin.setting(), &few, |_, _| {}).err();
+    assert_eq!(left, Some(LearnError::TooFew(4)));
+    // Errors of right places, with less than a half of wrong ones, and one in which nothing was found.
+    let errors: Vec<Option<f64>> = (0..20)
+        .map(|k| (k != 7).then_some(if wrong.contains(&k) { 60.0 } else { 1.0 }))
+        .collect();
+    assert_eq!(far_off(&errors, 50.0), wrong);
+    // What is off by as much everywhere knows nothing of places.
+    let errors: Vec<Option<f64>> = (0..20).map(|k| Some(20.0 + f64::from(k))).collect();
+    assert_eq!(far_off(&errors, 50.0), [0; 0]);
 }

@@ -27,7 +27,7 @@ pub(super) struct Fold<T> {
 
 /// Rows of every fold and those of all others. A fold is a stretch of time: what drifts from press to press must not
 /// be known from the neighbours.
-fn folds(count: usize, most: usize) -> Vec<(Vec<usize>, Vec<usize>)> {
+pub(super) fn folds(count: usize, most: usize) -> Vec<(Vec<usize>, Vec<usize>)> {
     let folds = if count < 2 * most { count } else { most };
     (0..folds)
         .map(|f| (0..count).partition(|k| k * folds / count == f))

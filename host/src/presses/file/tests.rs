@@ -26,6 +26,7 @@ fn taught(test: impl FnOnce(&Taught<'_>)) {
         measurements: pattern.measurements(),
         electrodes: 8,
         turn: 8,
+        extent: None,
     };
     let (learned, found) = learn(&presses, &setting, |_, _| ()).unwrap();
     let forces: Vec<_> = presses.iter().map(|p| (p.place_mm, 1.0, 5.0)).collect();

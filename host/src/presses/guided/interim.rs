@@ -1,6 +1,7 @@
 //! What the presses so far taught, while others are taken: it plays back where a press is.
 
 use super::Kept;
+use crate::presses::extent::Extent;
 use ::forward::{Measurement, Pattern, Sheet};
 use anyhow::Result;
 use inverse::learned::{FEWEST, Learned, Press, Setting, TakenPress, learn, turn};
@@ -14,6 +15,7 @@ const SHOWN_S: f64 = 2.0;
 /// The calibration so far.
 pub(super) struct Interim {
     turn: usize,
+    extent: inverse::learned::Extent,
     measurements: Vec<Measurement>,
     electrodes: usize,
     learned: Option<Learned>,
@@ -31,6 +33,7 @@ impl Interim {
     pub(super) fn new(sheet: &Sheet) -> Result<Self> {
         Ok(Self {
             turn: turn(sheet)?,
+            extent: Extent::of(sheet)?.of_sheet(),
             measurements: Vec::new(),
             electrodes: sheet.electrodes.len(),
             learned: None,
@@ -61,6 +64,7 @@ impl Interim {
             measurements: &self.measurements,
             electrodes: self.electrodes,
             turn: self.turn,
+            extent: Some(self.extent),
         };
         // What cannot be learned from yet perhaps can with the next press.
         if let Ok((learned, _)) = learn(&presses, &setting, |_, _| ()) {
