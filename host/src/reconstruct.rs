@@ -107,6 +107,9 @@ struct TouchLine {
     x_mm: f64,
     y_mm: f64,
     rise: f64,
+    /// Whether the rise is the most or the least that the model of discs has: it is at least so much.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    at_limit: bool,
     area_mm2: f64,
     total_mm2: f64,
     /// Standard uncertainties; null where the touch is a peak of the picture only.
@@ -477,6 +480,7 @@ fn print(results: &[Done<'_>], source: &Source, values: usize, left_out: &[&Find
                         x_mm: t.x_mm,
                         y_mm: t.y_mm,
                         rise: t.rise,
+                        at_limit: t.at_limit,
                         area_mm2: t.area_mm2,
                         total_mm2: t.total_mm2,
                         x_sd_mm: t.x_sd_mm,
@@ -528,9 +532,10 @@ fn print(results: &[Done<'_>], source: &Source, values: usize, left_out: &[&Find
         for t in &result.touches {
             writeln!(
                 out,
-                "    x {:7.1} mm  y {:7.1} mm  rise {:6.1} %  area {:6.0} mm2{}",
+                "    x {:7.1} mm  y {:7.1} mm  rise {}{:6.1} %  area {:6.0} mm2{}",
                 t.x_mm,
                 t.y_mm,
+                at_least(t),
                 100.0 * t.rise,
                 t.area_mm2,
                 t.force_n.map_or(String::new(), |f| format!("  force {f:6.2} N"))
@@ -539,6 +544,15 @@ fn print(results: &[Done<'_>], source: &Source, values: usize, left_out: &[&Find
     }
     out.flush()?;
     Ok(())
+}
+
+/// What stands before a rise at the model's limit: it is at least so much.
+fn at_least(touch: &Touch) -> &'static str {
+    match (touch.at_limit, touch.rise < 0.0) {
+        (false, _) => "",
+        (true, false) => "at least ",
+        (true, true) => "at most ",
+    }
 }
 
 #[cfg(test)]

@@ -59,6 +59,9 @@ class Touch:
     def rise(self) -> float:
         """Relative change of resistivity at the centre: 0.2 is +20 %, negative where it falls."""
     @property
+    def at_limit(self) -> bool:
+        """Whether the rise is the largest or the smallest that the model of discs has: it is at least so large, or so small."""
+    @property
     def area_mm2(self) -> float:
         """Area that is pressed, mm²."""
     @property

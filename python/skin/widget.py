@@ -35,7 +35,8 @@ LEAST_RISE = 0.05
 def _label(touch: Touch) -> str:
     number = "" if touch.id is None else f"{touch.id}: "
     if touch.force_n is None:
-        return f"{number}{100 * touch.rise:+.0f} %"
+        limit = ("≥ " if touch.rise > 0 else "≤ ") if touch.at_limit else ""
+        return f"{number}{limit}{100 * touch.rise:+.0f} %"
     return f"{number}{'~' if touch.uncalibrated else ''}{touch.force_n:.1f} N"
 
 

@@ -132,14 +132,19 @@ pub fn rise_text(rise: f64) -> String {
     format!("{:+.0} %", 100.0 * rise).replace('-', "\u{2212}")
 }
 
-/// How strong a touch is: "+20 %", where the force is known "+20 %  12.3 N", and where it is that of a typical rubber "+20 %  ≈ 12 N".
+/// How strong a touch is: "+20 %", "≥ +1133 %" where that is the model's limit, where the force is known "+20 %  12.3 N", and where it is that of a typical rubber "+20 %  ≈ 12 N".
 pub fn strength_text(touch: &Touch) -> String {
     let force = match touch.force_n {
         Some(force_n) if touch.uncalibrated => format!("  \u{2248} {force_n:.0} N"),
         Some(force_n) => format!("  {force_n:.1} N"),
         None => String::new(),
     };
-    rise_text(touch.rise) + &force
+    let limit = match (touch.at_limit, touch.rise < 0.0) {
+        (false, _) => "",
+        (true, false) => "\u{2265} ",
+        (true, true) => "\u{2264} ",
+    };
+    format!("{limit}{}{force}", rise_text(touch.rise))
 }
 
 /// A place: "12.3, −40.1 mm".
@@ -234,5 +239,14 @@ mod tests {
             ..pressed
         };
         assert_eq!(strength_text(&typical), "+20 %  \u{2248} 12 N");
+        let limit = |rise| Touch {
+            rise,
+            at_limit: true,
+            ..touch
+        };
+        assert_eq!(
+            (strength_text(&limit(11.3333)), strength_text(&limit(-0.919))),
+            ("\u{2265} +1133 %".into(), "\u{2264} \u{2212}92 %".into())
+        );
     }
 }

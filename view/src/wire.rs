@@ -9,7 +9,7 @@
 //!
 //! | at | type | what |
 //! |---|---|---|
-//! | 0 | 4 bytes | `SKN4` |
+//! | 0 | 4 bytes | `SKN5` |
 //! | 4 | u32 | number of the scene it belongs to |
 //! | 8 | u64 | sequence |
 //! | 16 | f64 | the board's time, s |
@@ -27,7 +27,7 @@
 //! | 86 | u16 | s, bytes of the status line |
 //! | 88 | u32 | 1 where the cells are those of the smoothed reconstruction, 0 of the fitted touches |
 //! | 92 | n | runs of cells: how many to skip, how many follow, their steps; LEB128, low bits first |
-//! | | m x 24 | touches: u32 id (4294967295 = none), f32 x and y in mm, f32 rise, f32 area in mm², f32 force in N or NaN |
+//! | | m x 28 | touches: u32 id (4294967295 = none), f32 x and y in mm, f32 rise, f32 area in mm², f32 force in N or NaN, u32 1 where the rise is the model's limit |
 //! | | s | status line, UTF-8 |
 
 use serde::{Deserialize, Serialize};
@@ -37,10 +37,10 @@ use crate::shown::Shown;
 use inverse::touches::touch::Touch;
 
 /// First bytes of a frame; the last one is the version of this format.
-pub const MAGIC: [u8; 4] = *b"SKN4";
+pub const MAGIC: [u8; 4] = *b"SKN5";
 
 const HEADER: usize = 92;
-const TOUCH: usize = 24;
+const TOUCH: usize = 28;
 const NO_ID: u32 = u32::MAX;
 
 /// What stays the same from frame to frame, as the page is told.
@@ -287,6 +287,7 @@ pub fn encode(picture: &Picture, shown: &Shown, scene: u32, published_ms: f64, b
         for number in [touch.x_mm, touch.y_mm, touch.rise, touch.area_mm2, force] {
             out.extend((number as f32).to_le_bytes());
         }
+        out.extend(u32::from(touch.at_limit).to_le_bytes());
     }
     out.extend(status.as_bytes());
     out
@@ -337,6 +338,7 @@ pub fn decode(bytes: &[u8]) -> Option<Frame> {
             rise: number()?,
             area_mm2: number()?,
             force_n: number().map(|f| Some(f).filter(|f| !f.is_nan()))?,
+            at_limit: r.u32()? != 0,
             ..Touch::default()
         })
     };

@@ -17,6 +17,7 @@ pub(crate) fn picture(sequence: u64) -> Picture {
         y_mm,
         rise: 0.25,
         area_mm2: 490.5,
+        at_limit: x_mm < 0.0,
         ..Touch::default()
     };
     Picture {

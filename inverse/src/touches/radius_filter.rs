@@ -24,9 +24,6 @@ pub struct RadiusFilterOptions {
     pub outlier_sd: f64,
     /// A touch that is gone for longer is forgotten, s.
     pub patience_s: f64,
-    /// A touch with this relative rise or more is left as it is: its radius was fitted too small, so that its strength
-    /// does not follow from it. It is just below the largest rise that a fit gives.
-    pub too_strong: f64,
 }
 
 impl Default for RadiusFilterOptions {
@@ -35,7 +32,6 @@ impl Default for RadiusFilterOptions {
             rate_per_s: 1.6,
             outlier_sd: 4.0,
             patience_s: 0.5,
-            too_strong: 11.0,
         }
     }
 }
@@ -99,7 +95,8 @@ impl RadiusFilter {
                         known.before = Some(known.now);
                     }
                     known.now = known.before.map_or(fitted, |before| before.then(fitted, &options));
-                    if touch.rise < options.too_strong {
+                    // The radius of one at the limit was fitted too small, so that its strength does not follow from its rise.
+                    if !touch.at_limit {
                         known.now.apply(touch);
                     }
                 }
@@ -146,7 +143,7 @@ impl Radius {
             radius: self.mm,
             strength: 2.0 * touch.rise / (2.0 + touch.rise) * touch.area_mm2,
         };
-        touch.rise = disc.rise();
+        (touch.rise, touch.at_limit) = (disc.rise(), disc.is_at_limit());
         touch.area_mm2 = disc.area_mm2();
         touch.total_mm2 = touch.rise * touch.area_mm2;
     }
@@ -174,6 +171,31 @@ mod tests {
             total_mm2: disc.rise() * disc.area_mm2(),
             area_sd_mm2: Some(2.0 * PI * radius * sd),
             ..Touch::default()
+        }
+    }
+
+    /// A rise or a fall at the limit says nothing of the strength: it stays as it was fitted.
+    #[test]
+    fn what_is_at_the_limit_stays() {
+        for sign in [1.0, -1.0] {
+            let mut radius_filter = RadiusFilter::default();
+            for (frame, radius) in [5.0, 4.0, 6.0].into_iter().enumerate() {
+                let disc = Disc {
+                    at: [1.0, 2.0],
+                    radius,
+                    strength: sign * 1000.0,
+                };
+                let fitted = Touch {
+                    rise: disc.rise(),
+                    area_mm2: disc.area_mm2(),
+                    at_limit: disc.is_at_limit(),
+                    ..touch(7, radius, 1.0)
+                };
+                assert!(fitted.at_limit);
+                let mut touches = [fitted];
+                radius_filter.update(0.01 * frame as f64, false, &mut touches);
+                assert_eq!(touches, [fitted]);
+            }
         }
     }
 

@@ -28,8 +28,9 @@ const signed = (text) => text.replace("-", "\u2212");
 /** A number with its sign as typesetters write it, and never "−0.0". */
 export const number = (value, digits) => signed((Number(value.toFixed(digits)) || 0).toFixed(digits));
 
-/** "+20 %" */
-export const riseText = (rise) => (rise < 0 ? "" : "+") + number(100 * rise, 0) + "\u202f%";
+/** "+20 %"; "≥ +1133 %" where it is the largest that the model has, "≤ −92 %" where the smallest */
+export const riseText = ({ rise, atLimit }) =>
+  (atLimit ? (rise < 0 ? "\u2264\u202f" : "\u2265\u202f") : "") + (rise < 0 ? "" : "+") + number(100 * rise, 0) + "\u202f%";
 
 /** "12.3 N"; of a typical rubber "≈ 12 N" */
 export const forceText = (force, uncalibrated) =>
@@ -37,7 +38,7 @@ export const forceText = (force, uncalibrated) =>
 
 /** "+20 %", and where the force is known "+20 %  12.3 N" */
 export const strengthText = (touch, uncalibrated) =>
-  riseText(touch.rise) + (touch.force === null ? "" : "  " + forceText(touch.force, uncalibrated));
+  riseText(touch) + (touch.force === null ? "" : "  " + forceText(touch.force, uncalibrated));
 
 /** "12.3, −40.1 mm" */
 export const placeText = (touch) => `${number(touch.x, 1)}, ${number(touch.y, 1)} mm`;

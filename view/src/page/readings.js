@@ -37,7 +37,7 @@ export function showTouches(touches, scene) {
     chip.style.background = idColour(touch.id);
     set(cells[1], number(touch.x, 1));
     set(cells[2], number(touch.y, 1));
-    set(cells[3], riseText(touch.rise));
+    set(cells[3], riseText(touch));
     // Presses that teach a sheet do not teach an area.
     set(cells[4], touch.area > 0 ? number(touch.area, 0) : "–");
     set(cells[5], touch.force === null ? "" : forceText(touch.force, scene.uncalibrated));

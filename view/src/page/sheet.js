@@ -226,7 +226,7 @@ export class Sheet {
     return touches.map((touch, k) => {
       const [x, y] = this.px([touch.x, touch.y]);
       const whole = [strengthText(touch, this.scene.uncalibrated), placeText(touch)];
-      const [first, second] = this.compact ? [riseText(touch.rise), ""] : whole;
+      const [first, second] = this.compact ? [riseText(touch), ""] : whole;
       const chip = touch.id === null ? 0 : (0.9 + 0.6 * String(touch.id).length) * t;
       const ring = { key: touch.id ?? `#${k}`, id: touch.id, x, y, r: ringRadius(touch) * this.scale, first, second, chip };
       return { ...ring, ...this.labelSize(c, ring, t), h: (this.compact ? 1.95 : 3.1) * t };

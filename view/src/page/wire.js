@@ -1,7 +1,7 @@
 // The connection to the program: frames in, acknowledgements and requests out, and a new try whenever it breaks.
 // The format is documented in the program's source (view/wire.rs).
 
-const VERSION = 4;
+const VERSION = 5;
 const NO_ID = 0xffffffff;
 const text = new TextDecoder();
 
@@ -11,13 +11,14 @@ export function decode(buffer) {
   if (buffer.byteLength < 92 || view.getUint32(0) !== 0x534b4e30 + VERSION) return null;
   const [n, m, s] = [view.getUint32(80, true), view.getUint16(84, true), view.getUint16(86, true)];
   const touchesAt = 92 + n;
-  const statusAt = touchesAt + 24 * m;
+  const statusAt = touchesAt + 28 * m;
   if (buffer.byteLength !== statusAt + s) return null;
   const touches = [];
-  for (let k = 0, at = touchesAt; k < m; k++, at += 24) {
+  for (let k = 0, at = touchesAt; k < m; k++, at += 28) {
     const id = view.getUint32(at, true);
     const [x, y, rise, area, force] = [4, 8, 12, 16, 20].map((offset) => view.getFloat32(at + offset, true));
-    touches.push({ id: id === NO_ID ? null : id, x, y, rise, area, force: Number.isNaN(force) ? null : force });
+    touches.push({ id: id === NO_ID ? null : id, x, y, rise, area, force: Number.isNaN(force) ? null : force,
+      atLimit: view.getUint32(at + 24, true) !== 0 });
   }
   return {
     scene: view.getUint32(4, true),

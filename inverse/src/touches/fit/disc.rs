@@ -29,6 +29,12 @@ impl Disc {
         (self.strength / self.area_mm2()).clamp(-LARGEST_CONTRAST, LARGEST_CONTRAST)
     }
 
+    /// Whether its strength asks for more contrast than is accepted: how much it rises or falls is then not known, but that it is at least
+    /// so much.
+    pub fn is_at_limit(&self) -> bool {
+        self.strength.abs() >= LARGEST_CONTRAST * self.area_mm2()
+    }
+
     /// The same strength on a disc that is large enough for its contrast to be accepted.
     pub fn believable(&self) -> Self {
         let least = (self.strength.abs() / (PI * LARGEST_CONTRAST)).sqrt();
@@ -57,3 +63,23 @@ pub const MOST_TOUCHES: usize = 24;
 
 /// Touches as they are fitted together.
 pub type Discs = ArrayVec<Disc, MOST_TOUCHES>;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The clamped contrast and the flag say the same: below the limit the strength is that of the rise, and beyond it more.
+    #[test]
+    fn at_the_limit_the_strength_is_more_than_that_of_the_rise() {
+        for strength in [-900.0, -500.0, -10.0, 10.0, 500.0, 900.0] {
+            let disc = Disc {
+                at: [0.0; 2],
+                radius: 12.5,
+                strength,
+            };
+            let of_rise = 2.0 * disc.rise() / (2.0 + disc.rise()) * disc.area_mm2();
+            let is_measured = (of_rise - strength).abs() < 1e-9 * strength.abs();
+            assert_eq!(disc.is_at_limit(), !is_measured, "{strength}");
+        }
+    }
+}

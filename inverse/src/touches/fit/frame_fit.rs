@@ -53,6 +53,8 @@ pub struct Fitted {
     pub settled: bool,
     /// Mean square of the whitened residual per degree of freedom: 1 where noise explains it.
     pub misfit: f64,
+    /// Degrees of freedom of that.
+    pub freedom: f64,
     /// Norm of the residual over the norm of the data.
     pub relative_residual: f64,
     /// Data minus model over the noise, of [`stride`](crate::touches::fit::responses::ResponseTable::stride) entries.
@@ -224,7 +226,7 @@ fn fit_whitened(
         })
         .collect();
     out.places = found.iter().map(|f| f.3).collect();
-    out.misfit = misfit;
+    (out.misfit, out.freedom) = (misfit, freedom);
     out.relative_residual = best.square.sqrt() / norm.max(f64::MIN_POSITIVE);
     out.residual_whitened.clear();
     out.residual_whitened.extend_from_slice(&best.residual);
@@ -272,6 +274,7 @@ pub(super) fn touch_of(disc: &Disc, sigma: f64, of: impl Fn(usize, usize) -> Opt
         x_mm: disc.at[0],
         y_mm: disc.at[1],
         rise,
+        at_limit: disc.is_at_limit(),
         area_mm2: disc.area_mm2(),
         total_mm2: rise * disc.area_mm2(),
         x_sd_mm: of(0, 0).map(sd),
