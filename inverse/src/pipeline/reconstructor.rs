@@ -40,6 +40,8 @@ pub struct Reconstructor {
     /// The frame before, and whether this one differs from it by nothing but noise: then nothing moved while it was measured.
     last: Vec<f64>,
     rests: bool,
+    /// Whether it is the same to the last bit.
+    repeats: bool,
     flickers: Flickers,
     /// What was broken as the baseline was taken.
     before: Option<Fault>,
@@ -62,6 +64,10 @@ pub struct Reconstructor {
     following: Following,
     /// Frames one after another that no touches explained.
     unexplained: usize,
+    /// Frames of a scene at rest of which touches leave more than noise and the model's error; and the latter, but for that of the touches'
+    /// shape.
+    left_over: usize,
+    model_misfit: f64,
     /// Frames one after another that were not solved, but made what they are solved with; and whether this one is among them.
     making: usize,
     makes: bool,
@@ -106,6 +112,7 @@ impl Reconstructor {
             disagrees: false,
             last: Vec::new(),
             rests: false,
+            repeats: false,
             flickers: Flickers::default(),
             before: None,
             due: false,
@@ -119,6 +126,8 @@ impl Reconstructor {
             looked_gain: 1.0,
             following: Following::new(reference.baseline().len(), options.follow_s),
             unexplained: 0,
+            left_over: 0,
+            model_misfit: reference.model_misfit(),
             making: 0,
             makes: false,
             since_picture_s: f64::INFINITY,
@@ -226,6 +235,7 @@ impl Reconstructor {
         }
         let noise = self.reference.value_noise().filter(|_| self.options.sequence);
         self.rests = noise.is_some_and(|noise| is_alike(&self.last, values, &self.left.used, noise));
+        self.repeats = self.last == values;
         self.last.clear();
         self.last.extend_from_slice(values);
         let mut divided = std::mem::take(&mut self.divided);
@@ -464,7 +474,7 @@ impl Reconstructor {
             self.broken.put_nothing_off();
         }
         self.show_faults();
-        self.unexplained = 0;
+        (self.unexplained, self.left_over) = (0, 0);
         self.disagrees = false;
     }
 
@@ -507,6 +517,7 @@ impl Reconstructor {
         if averaged.frames > 1 {
             self.broken.leave_out(&mut self.difference);
             self.solve(averaged, quiet);
+            self.doubt_what_is_open(averaged.gain);
             self.show_faults();
             return Ok(true);
         }
@@ -551,6 +562,7 @@ impl Reconstructor {
             self.solve_without_outliers(quiet);
         }
         let open = self.broken.is_open() && self.contacts.leaves(&self.result);
+        self.doubt_what_is_open(1.0);
         let jumped = self.gain_jumped();
         if jumped {
             // Every frame counts.
@@ -562,6 +574,14 @@ impl Reconstructor {
         }
         self.show_faults();
         Ok(true)
+    }
+
+    /// Doubts touches that leave more than noise, as long as it is open whether that is a fault or a press. `gain` is that of a mean.
+    fn doubt_what_is_open(&mut self, gain: f64) {
+        let left = self.result.changed && self.contacts.leaves_of_mean(&self.result, gain);
+        if self.broken.is_left_open() && left {
+            self.result.doubt = self.result.doubt.or(Some(Doubt::NotTouches));
+        }
     }
 
     /// Begins with the frame once more, as it was measured but for what is known to be broken now.
@@ -625,6 +645,35 @@ impl Reconstructor {
         self.solver.fits() && result.changed && result.touches.is_empty() && !explained
     }
 
+    /// Doubts a scene at rest of which touches leave more than noise and the error of the model explain, from as many frames on as of others.
+    /// While touches move, a frame has some of each place. Where presses taught the sheet, they tell what touches may leave.
+    fn left_over(&mut self) -> Option<Doubt> {
+        if self.contacts.drifts_rarely() {
+            // What is left may be that of the drift, whose model is linear.
+            return None;
+        }
+        let mean = self.averaged.frames > 1;
+        let known = self.noise().is_some() && self.imager().told.is_none() && !self.broken.leaks();
+        if self.repeats {
+            // The mean of the same frame has the noise of one.
+            return None;
+        }
+        if !(self.options.sequence && known && (mean || self.rests)) {
+            self.left_over = 0;
+            return None;
+        }
+        // Less may be what drifts slowly, which is not asked for before.
+        let left = self.contacts.leaves_of_mean(&self.result, self.averaged.gain);
+        match left && self.solver.leaves_over(&self.result, self.model_misfit) {
+            true if mean => self.left_over = self.left_over.max(self.averaged.frames),
+            true => self.left_over += 1,
+            false if mean => self.left_over = 0,
+            // Noise of a single frame may hide it.
+            false => {}
+        }
+        (self.result.changed && self.left_over >= self.options.unexplained_frames).then_some(Doubt::LeftOver)
+    }
+
     /// Solves the difference of a frame, or of the mean of several. False where what it is solved with had to be made, and took the frame's
     /// time.
     fn solve(&mut self, averaged: Averaged, quiet: bool) -> bool {
@@ -673,12 +722,12 @@ impl Reconstructor {
 
     /// The same of values that were judged; `noise` is none where nothing tells it.
     fn solve_judged(&mut self, averaged: Averaged, quiet: bool, noise: Option<NoiseEstimate>) {
-        let model_v = &self.reference.imager().model_v;
         self.averaged = averaged;
         let task = task(&self.difference, noise, averaged, quiet);
         let gone = self
             .contacts
             .solve(&mut self.solver, task, &mut self.detectors, &mut self.result);
+        let left_over = self.left_over();
         let changed = self.contacts.changed();
         if let Some(detector) = &mut self.detectors[self.contacts.detector()]
             && ((self.contacts.is_open() && !self.contacts.waits_for_rest())
@@ -705,7 +754,7 @@ impl Reconstructor {
         // With their shapes left out, touches that explain the rest are right.
         let doubted = !changed.is_empty() && self.result.changed && self.contacts.leaves(&self.result);
         let contact = doubted.then(|| Doubt::Fault(Fault::Contacts(Electrodes::of(changed))));
-        self.result.doubt = Doubt::of(&self.difference, model_v, self.options.doubts)
+        self.result.doubt = Doubt::of(&self.difference, &self.reference.imager().model_v, self.options.doubts)
             .or(gone.map(|touch| Doubt::Gone {
                 x_mm: touch.x_mm.round() as i32,
                 y_mm: touch.y_mm.round() as i32,
@@ -714,6 +763,7 @@ impl Reconstructor {
             .or((self.disagrees && contact.is_none()).then_some(Doubt::NotReciprocal))
             .or((self.unexplained >= least || hidden).then_some(Doubt::NotTouches))
             .or((self.result.unplaced && self.result.changed).then_some(Doubt::Unplaced))
+            .or(left_over)
             .or(contact);
         if self.result.doubt == Some(Doubt::NotThisSheet) {
             // Whatever they are, they are no touches on the sheet of the baseline.

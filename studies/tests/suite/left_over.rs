@@ -1,0 +1,150 @@
+//! What touches leave of a scene at rest, strengths at the model's limit, and contacts that look like presses.
+
+use forward::{DiscTouch, Drive, Pattern};
+use inverse::live::{Live, LiveFrame, LiveOptions};
+use inverse::pipeline::FrameResult;
+use inverse::reference::imager::Imager;
+use rand::rngs::StdRng;
+use std::f64::consts::PI;
+use std::sync::Arc;
+use studies::{TestSheet, Worse, imager, noise_v, noisy, rng};
+
+/// Time from a frame to the next, s.
+const INTERVAL_S: f64 = 1.0 / 115.0;
+const BASELINE: usize = 80;
+
+fn finger(at: [f64; 2], rise: f64) -> DiscTouch {
+    DiscTouch {
+        centre_mm: at,
+        radius_mm: 12.5,
+        rise,
+    }
+}
+
+/// A sheet on another mesh than the imager's, with the noise at which a finger of +20 % has 27 dB.
+struct Rig {
+    sheet: TestSheet,
+    sigma: f64,
+    rng: StdRng,
+    live: Live,
+    frames: usize,
+}
+
+impl Rig {
+    fn new(imager: &Arc<Imager>, seed: u64) -> Self {
+        let mut rng = rng(seed);
+        let mut sheet = TestSheet::of_sheet(imager, Drive::PAPER, imager.model.sheet()).unwrap();
+        let one = sheet.clean_frame(&[finger([31.0, -18.0], 0.2)]).unwrap();
+        let sigma = noise_v(&one, &sheet.baseline, 27.0);
+        let options = LiveOptions {
+            baseline_frames: BASELINE,
+            ..LiveOptions::default()
+        };
+        let mut live = Live::new(Arc::clone(imager), options);
+        for k in 0..BASELINE {
+            let frame = sheet.empty(sigma, &mut rng);
+            live.frame(k as f64 * INTERVAL_S, &frame).unwrap();
+        }
+        Self {
+            sheet,
+            sigma,
+            rng,
+            live,
+            frames: BASELINE,
+        }
+    }
+
+    /// Takes frames of a scene at rest, and looks at every result.
+    fn rest(&mut self, clean: &[f64], frames: usize, mut look: impl FnMut(usize, &FrameResult)) {
+        for k in 0..frames {
+            let frame = noisy(clean.to_vec(), self.sigma, &mut self.rng);
+            self.frames += 1;
+            match self.live.frame(self.frames as f64 * INTERVAL_S, &frame).unwrap() {
+                LiveFrame::Picture(result) => look(k, result),
+                LiveFrame::Baseline { .. } => panic!("the baseline is taken"),
+            }
+        }
+    }
+}
+
+/// Whether every touch of these is found within 5 mm, and nothing else.
+fn are(result: &FrameResult, touches: &[DiscTouch]) -> bool {
+    let near = |t: &DiscTouch| {
+        let [x, y] = t.centre_mm;
+        result
+            .touches
+            .iter()
+            .any(|found| (found.x_mm - x).hypot(found.y_mm - y) < 5.0)
+    };
+    result.touches.len() == touches.len() && touches.iter().all(near)
+}
+
+/// What touches leave of a scene at rest is noise, of as many frames as are averaged: one finger and three leave nothing to doubt.
+#[test]
+fn fingers_at_rest_leave_nothing_over() {
+    let imager = imager(Drive::PAPER, 5.0).unwrap();
+    for (count, radius) in [(1, 40.0), (3, 60.0)] {
+        let one = |k: usize| {
+            let angle = 2.0 * PI * k as f64 / count as f64 + 0.2;
+            finger([radius * angle.cos(), radius * angle.sin()], 0.2)
+        };
+        let touches: Vec<DiscTouch> = (0..count).map(one).collect();
+        let mut rig = Rig::new(&imager, 5);
+        let clean = rig.sheet.clean_frame(&touches).unwrap();
+        let mut averaged = 0;
+        rig.rest(&clean, 96, |k, result| {
+            averaged = averaged.max(result.frames);
+            assert!(
+                k < 4 || (are(result, &touches) && result.doubt.is_none()),
+                "frame {k}: {result:?}"
+            );
+        });
+        assert_eq!(averaged, 16);
+    }
+}
+
+/// A contact of the square that gets worse by 150 ohm under two fingers is like a press in the corner, and one of them may take all of it.
+/// Once a touch would have come down, no frame is wrong in silence, however long that lasts.
+#[test]
+fn a_contact_in_a_corner_is_not_silent() {
+    let text = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../sheets/square.toml")).unwrap();
+    let (sheet, _) = forward::file::parse_sheet(&text).unwrap();
+    let pattern = Pattern::adjacent(16).unwrap();
+    let imager = Arc::new(Imager::new(&sheet, Drive::PAPER, pattern, 5.0).unwrap());
+    let two = [finger([40.0, 10.0], 0.22), finger([-30.0, -30.0], 0.22)];
+    for (electrode, worse) in [
+        (2, Worse::Face(150.0)),
+        (4, Worse::Face(150.0)),
+        (7, Worse::Wire(150.0)),
+    ] {
+        let mut rig = Rig::new(&imager, 7);
+        let clean = rig.sheet.clean_frame(&two).unwrap();
+        let bad = rig.sheet.worse_frame(&two, &[(electrode, worse)]).unwrap();
+        rig.rest(&clean, 32, |k, result| {
+            assert!(k < 4 || (are(result, &two) && result.doubt.is_none()), "frame {k}");
+        });
+        rig.rest(&bad, 200, |k, result| {
+            let said = result.doubt.is_some() || !result.faults.is_empty();
+            let right = are(result, &two) && result.touches.iter().all(|t| (t.rise / 0.22 - 1.0).abs() < 0.15);
+            assert!(k < 4 || said || right, "electrode {electrode}, frame {k}: {result:?}");
+        });
+    }
+}
+
+/// A hole, whose resistivity rises without end, is said to rise by at least as much as discs may; a finger of +300 % is measured.
+#[test]
+fn a_hole_is_at_the_limit_and_a_strong_finger_is_not() {
+    let imager = imager(Drive::PAPER, 5.0).unwrap();
+    for (rise, at_limit) in [(300.0, true), (3.0, false)] {
+        let mut rig = Rig::new(&imager, 11);
+        let touch = finger([20.0, 30.0], rise);
+        let clean = rig.sheet.clean_frame(&[touch]).unwrap();
+        let mut last = None;
+        rig.rest(&clean, 32, |_, result| last = Some(result.clone()));
+        let last = last.unwrap();
+        assert!(are(&last, &[touch]), "{last:?}");
+        assert_eq!(last.touches[0].at_limit, at_limit, "{last:?}");
+        // s = 2 c / (2 + c) is no larger than 1.7.
+        assert!(!at_limit || (last.touches[0].rise - 3.4 / 0.3).abs() < 1e-9, "{last:?}");
+    }
+}
