@@ -28,6 +28,7 @@ use inverse::reference::imager::Imager;
 use inverse::reference::screening::Finding;
 use inverse::solvers::{Method, Status};
 use inverse::touches::polarity::Polarity;
+use inverse::touches::touch::Touch;
 use serde::Serialize;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
