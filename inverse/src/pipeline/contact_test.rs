@@ -175,11 +175,6 @@ impl ContactTest {
         is_rare(self.drifting) && self.leaves(result)
     }
 
-    /// Whether something rare drifts.
-    pub(crate) fn drifts_rarely(&self) -> bool {
-        is_rare(self.drifting)
-    }
-
     /// Whether what the frames show came from one to the next, not long ago.
     pub(crate) fn is_sudden(&self) -> bool {
         self.sudden > 0

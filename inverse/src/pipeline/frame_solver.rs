@@ -20,7 +20,7 @@ use crate::reference::Difference;
 use crate::reference::drift::{Drift, DriftShapes, Drifting};
 use crate::reference::imager::Imager;
 use crate::reference::noise::{NoiseEstimate, NoiseSource};
-use crate::stats::{fisher_quantile, is_of_noise};
+use crate::stats::fisher_quantile;
 use crate::touches::fit::disc::MOST_TOUCHES;
 use crate::touches::fit::fitter::{Beside, Data, Fitter, Places};
 use crate::touches::fit::fitter_options::FitterOptions;
@@ -250,19 +250,6 @@ impl FrameSolver {
     pub(crate) fn is_explained(&self, result: &FrameResult, gain: f64) -> bool {
         let explains = |misfit| !self.options.sequence || self.may_leave(misfit, result.residual, gain);
         self.fits() && result.misfit.is_some_and(explains)
-    }
-
-    /// Whether the touches of a result leave more than noise and the error of their model explain; `error` is that of the sheet's, as a part of
-    /// the change. Noise is told by its chi-square.
-    pub(crate) fn leaves_over(&self, result: &FrameResult, error: f64) -> bool {
-        let seen = result.misfit.filter(|_| result.changed && result.residual > 0.0);
-        let Some((misfit, fit)) = seen.zip(self.options.fit) else {
-            return false;
-        };
-        let square = misfit * result.freedom;
-        let change = square / result.residual.powi(2);
-        let of_model = (fit.model_error.powi(2) + error * error) * change;
-        !is_of_noise(square - of_model, result.freedom)
     }
 
     /// Begins another fit of the frame, with touches of other signs or without a contact.
@@ -643,7 +630,7 @@ impl FrameSolver {
         let left = square(&fitted.residual_whitened);
         let together = (left / fitted.relative_residual.powi(2) - left) / fitted.variance;
         result.unplaced = result.touches.is_empty() && !fitted.touches.is_empty() && together > UNPLACED_SAID.powi(2);
-        (result.misfit, result.freedom) = (Some(fitted.misfit), fitted.freedom);
+        result.misfit = Some(fitted.misfit);
         if self.options.sequence {
             result.residual = fitted.relative_residual;
         }
@@ -686,39 +673,4 @@ fn apart(touch: &Touch, touches: &[Touch], geometry: &Geometry) -> f64 {
 /// chi-square where the noise is known).
 fn gate(rank: usize, noise: NoiseSource, false_alarm: f64) -> f64 {
     fisher_quantile(rank as f64, noise.freedom(), 1.0 - false_alarm).unwrap_or(f64::INFINITY)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use forward::{Drive, Pattern, Sheet};
-
-    /// Noise is off its chi-square by five standard deviations at most. What is left of a large change may be the model's besides, by the part
-    /// of it that discs and the sheet are off.
-    #[test]
-    fn what_is_left_over_is_more_than_noise_and_the_model() {
-        let pattern = Pattern::adjacent(16).unwrap();
-        let imager = Arc::new(Imager::new(&Sheet::paper(), Drive::PAPER, pattern, 20.0).unwrap());
-        let options = ReconstructorOptions::for_imager(&imager, crate::solvers::Method::Nnls);
-        let of_discs = options.fit.unwrap().model_error;
-        let solver = FrameSolver::new(&imager, options);
-        let freedom = 200.0;
-        let leaves = |sds: f64, of_model: f64, error: f64| {
-            let of_noise = freedom + sds * (2.0_f64 * freedom).sqrt();
-            // Of a change of 1,000 standard deviations the model leaves this part.
-            let square = of_noise + (1000.0 * of_model).powi(2);
-            let result = FrameResult {
-                changed: true,
-                misfit: Some(square / freedom),
-                freedom,
-                residual: square.sqrt() / 1000.0,
-                ..FrameResult::default()
-            };
-            solver.leaves_over(&result, error)
-        };
-        for (part, error) in [(of_discs, 0.0), (of_discs.hypot(0.02), 0.02)] {
-            assert!(!leaves(4.9, part, error) && leaves(5.1, part, error));
-        }
-        assert!(leaves(0.0, 0.02, 0.0) && !leaves(0.0, 0.02, 0.02));
-    }
 }

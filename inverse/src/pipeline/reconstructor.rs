@@ -40,8 +40,6 @@ pub struct Reconstructor {
     /// The frame before, and whether this one differs from it by nothing but noise: then nothing moved while it was measured.
     last: Vec<f64>,
     rests: bool,
-    /// Whether it is the same to the last bit.
-    repeats: bool,
     flickers: Flickers,
     /// What was broken as the baseline was taken.
     before: Option<Fault>,
@@ -64,10 +62,6 @@ pub struct Reconstructor {
     following: Following,
     /// Frames one after another that no touches explained.
     unexplained: usize,
-    /// Frames of a scene at rest of which touches leave more than noise and the model's error; and the latter, but for that of the touches'
-    /// shape.
-    left_over: usize,
-    model_misfit: f64,
     /// Frames one after another that were not solved, but made what they are solved with; and whether this one is among them.
     making: usize,
     makes: bool,
@@ -112,7 +106,6 @@ impl Reconstructor {
             disagrees: false,
             last: Vec::new(),
             rests: false,
-            repeats: false,
             flickers: Flickers::default(),
             before: None,
             due: false,
@@ -126,8 +119,6 @@ impl Reconstructor {
             looked_gain: 1.0,
             following: Following::new(reference.baseline().len(), options.follow_s),
             unexplained: 0,
-            left_over: 0,
-            model_misfit: reference.model_misfit(),
             making: 0,
             makes: false,
             since_picture_s: f64::INFINITY,
@@ -235,7 +226,6 @@ impl Reconstructor {
         }
         let noise = self.reference.value_noise().filter(|_| self.options.sequence);
         self.rests = noise.is_some_and(|noise| is_alike(&self.last, values, &self.left.used, noise));
-        self.repeats = self.last == values;
         self.last.clear();
         self.last.extend_from_slice(values);
         let mut divided = std::mem::take(&mut self.divided);
@@ -474,7 +464,7 @@ impl Reconstructor {
             self.broken.put_nothing_off();
         }
         self.show_faults();
-        (self.unexplained, self.left_over) = (0, 0);
+        self.unexplained = 0;
         self.disagrees = false;
     }
 
@@ -645,35 +635,6 @@ impl Reconstructor {
         self.solver.fits() && result.changed && result.touches.is_empty() && !explained
     }
 
-    /// Doubts a scene at rest of which touches leave more than noise and the error of the model explain, from as many frames on as of others.
-    /// While touches move, a frame has some of each place. Where presses taught the sheet, they tell what touches may leave.
-    fn left_over(&mut self) -> Option<Doubt> {
-        if self.contacts.drifts_rarely() {
-            // What is left may be that of the drift, whose model is linear.
-            return None;
-        }
-        let mean = self.averaged.frames > 1;
-        let known = self.noise().is_some() && self.imager().told.is_none() && !self.broken.leaks();
-        if self.repeats {
-            // The mean of the same frame has the noise of one.
-            return None;
-        }
-        if !(self.options.sequence && known && (mean || self.rests)) {
-            self.left_over = 0;
-            return None;
-        }
-        // Less may be what drifts slowly, which is not asked for before.
-        let left = self.contacts.leaves_of_mean(&self.result, self.averaged.gain);
-        match left && self.solver.leaves_over(&self.result, self.model_misfit) {
-            true if mean => self.left_over = self.left_over.max(self.averaged.frames),
-            true => self.left_over += 1,
-            false if mean => self.left_over = 0,
-            // Noise of a single frame may hide it.
-            false => {}
-        }
-        (self.result.changed && self.left_over >= self.options.unexplained_frames).then_some(Doubt::LeftOver)
-    }
-
     /// Solves the difference of a frame, or of the mean of several. False where what it is solved with had to be made, and took the frame's
     /// time.
     fn solve(&mut self, averaged: Averaged, quiet: bool) -> bool {
@@ -727,7 +688,6 @@ impl Reconstructor {
         let gone = self
             .contacts
             .solve(&mut self.solver, task, &mut self.detectors, &mut self.result);
-        let left_over = self.left_over();
         let changed = self.contacts.changed();
         if let Some(detector) = &mut self.detectors[self.contacts.detector()]
             && ((self.contacts.is_open() && !self.contacts.waits_for_rest())
@@ -763,7 +723,6 @@ impl Reconstructor {
             .or((self.disagrees && contact.is_none()).then_some(Doubt::NotReciprocal))
             .or((self.unexplained >= least || hidden).then_some(Doubt::NotTouches))
             .or((self.result.unplaced && self.result.changed).then_some(Doubt::Unplaced))
-            .or(left_over)
             .or(contact);
         if self.result.doubt == Some(Doubt::NotThisSheet) {
             // Whatever they are, they are no touches on the sheet of the baseline.

@@ -45,8 +45,6 @@ pub struct FrameResult {
     /// Mean squared misfit of the touches' fit, in variances of the noise; none where the touches are the picture's peaks
     /// because discs do not explain the frame.
     pub misfit: Option<f64>,
-    /// Degrees of freedom of the misfit: values of the fit, less its parameters.
-    pub freedom: f64,
     /// Part of the change's square that its touches take, 0 to 1, where discs do not explain the frame. Those that have no place are not
     /// listed, and count.
     pub explained: Option<f64>,
@@ -83,7 +81,6 @@ impl FrameResult {
             changed: false,
             status: Status::Converged,
             misfit: None,
-            freedom: 0.0,
             explained: None,
             unplaced: false,
             doubt: None,

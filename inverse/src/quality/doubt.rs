@@ -23,8 +23,6 @@ pub enum Doubt {
     MovedBaseline,
     /// Something changed, but no touches explain it.
     NotTouches,
-    /// In a scene at rest touches leave more than noise and the error of the model explain.
-    LeftOver,
     /// Touches explain the change, but where they are is not known: none is listed.
     Unplaced,
     /// At rest values that are the same on every sheet, with drive and sense exchanged, are not: what measures is wrong, or the wires.
@@ -138,11 +136,6 @@ impl fmt::Display for Doubt {
             Self::MovedBaseline => write!(
                 f,
                 "the sheet moved while the baseline was taken: touches are of a sheet that something already pressed; take a baseline at rest"
-            ),
-            Self::LeftOver => write!(
-                f,
-                "the touches leave more than noise and the error of the model explain: one may be missing beside them, or what presses is \
-                 no disc"
             ),
             Self::Unplaced => write!(
                 f,

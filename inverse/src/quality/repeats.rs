@@ -43,9 +43,7 @@ impl Repeats {
         self.count = if self.is_same(values_v) { self.count + 1 } else { 0 };
         let says_less = matches!(
             doubt,
-            None | Some(
-                Doubt::NotTouches | Doubt::LeftOver | Doubt::Unplaced | Doubt::NotReciprocal | Doubt::Gone { .. }
-            )
+            None | Some(Doubt::NotTouches | Doubt::Unplaced | Doubt::NotReciprocal | Doubt::Gone { .. })
         );
         if !self.may_be && self.count >= MOST && says_less {
             self.covered = Some(doubt.replace(Doubt::Repeated));

@@ -107,18 +107,6 @@ impl Reference {
         self.baseline_share
     }
 
-    /// What the model is off the baseline by, but for their gain, as a part of it (2-norms). It is as wrong for touches.
-    pub(crate) fn model_misfit(&self) -> f64 {
-        let gain = self.imager.gain(&self.baseline);
-        let values = self.imager.model_v.iter().zip(&self.baseline).zip(&self.unchanged.used);
-        let (mut off, mut all) = (0.0, 0.0_f64);
-        for ((model, baseline), _) in values.filter(|(_, used)| **used) {
-            off += (gain * baseline - model).powi(2);
-            all += model * model;
-        }
-        (off / all.max(f64::MIN_POSITIVE)).sqrt()
-    }
-
     /// The baseline's difference to itself: 0, with the values that take part and their spread.
     pub(crate) fn unchanged(&self) -> &Difference {
         &self.unchanged

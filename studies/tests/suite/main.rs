@@ -16,7 +16,7 @@ mod flawed_sheet;
 mod given_up;
 mod hand;
 mod landing;
-mod left_over;
+mod limits;
 mod model_error;
 mod noise;
 mod polarity;

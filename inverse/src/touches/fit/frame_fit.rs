@@ -53,8 +53,6 @@ pub struct Fitted {
     pub settled: bool,
     /// Mean square of the whitened residual per degree of freedom: 1 where noise explains it.
     pub misfit: f64,
-    /// Degrees of freedom of that.
-    pub freedom: f64,
     /// Norm of the residual over the norm of the data.
     pub relative_residual: f64,
     /// Data minus model over the noise, of [`stride`](crate::touches::fit::responses::ResponseTable::stride) entries.
@@ -226,7 +224,7 @@ fn fit_whitened(
         })
         .collect();
     out.places = found.iter().map(|f| f.3).collect();
-    (out.misfit, out.freedom) = (misfit, freedom);
+    out.misfit = misfit;
     out.relative_residual = best.square.sqrt() / norm.max(f64::MIN_POSITIVE);
     out.residual_whitened.clear();
     out.residual_whitened.extend_from_slice(&best.residual);

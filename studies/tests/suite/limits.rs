@@ -1,11 +1,10 @@
-//! What touches leave of a scene at rest, strengths at the model's limit, and contacts that look like presses.
+//! Strengths at the model's limit, and contacts that look like presses.
 
 use forward::{DiscTouch, Drive, Pattern};
 use inverse::live::{Live, LiveFrame, LiveOptions};
 use inverse::pipeline::FrameResult;
 use inverse::reference::imager::Imager;
 use rand::rngs::StdRng;
-use std::f64::consts::PI;
 use std::sync::Arc;
 use studies::{TestSheet, Worse, imager, noise_v, noisy, rng};
 
@@ -77,30 +76,6 @@ fn are(result: &FrameResult, touches: &[DiscTouch]) -> bool {
             .any(|found| (found.x_mm - x).hypot(found.y_mm - y) < 5.0)
     };
     result.touches.len() == touches.len() && touches.iter().all(near)
-}
-
-/// What touches leave of a scene at rest is noise, of as many frames as are averaged: one finger and three leave nothing to doubt.
-#[test]
-fn fingers_at_rest_leave_nothing_over() {
-    let imager = imager(Drive::PAPER, 5.0).unwrap();
-    for (count, radius) in [(1, 40.0), (3, 60.0)] {
-        let one = |k: usize| {
-            let angle = 2.0 * PI * k as f64 / count as f64 + 0.2;
-            finger([radius * angle.cos(), radius * angle.sin()], 0.2)
-        };
-        let touches: Vec<DiscTouch> = (0..count).map(one).collect();
-        let mut rig = Rig::new(&imager, 5);
-        let clean = rig.sheet.clean_frame(&touches).unwrap();
-        let mut averaged = 0;
-        rig.rest(&clean, 96, |k, result| {
-            averaged = averaged.max(result.frames);
-            assert!(
-                k < 4 || (are(result, &touches) && result.doubt.is_none()),
-                "frame {k}: {result:?}"
-            );
-        });
-        assert_eq!(averaged, 16);
-    }
 }
 
 /// A contact of the square that gets worse by 150 ohm under two fingers is like a press in the corner, and one of them may take all of it.
