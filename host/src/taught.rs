@@ -32,7 +32,7 @@ impl Taught {
             measurements: frames.measurements,
             electrodes: frames.sheet.electrodes.len(),
             turn: turn(frames.sheet)?,
-            extent: Some(Extent::of(frames.sheet)?.of_sheet()),
+            extent: Extent::of(frames.sheet)?.of_sheet(),
         };
         let (learned, found) = learn(presses, &setting, |_, _| {})?;
         // Read again: what a file holds is what locates, digits cut and all.

@@ -132,7 +132,8 @@ pub fn rise_text(rise: f64) -> String {
     format!("{:+.0} %", 100.0 * rise).replace('-', "\u{2212}")
 }
 
-/// How strong a touch is: "+20 %", "≥ +1133 %" where that is the model's limit, where the force is known "+20 %  12.3 N", and where it is that of a typical rubber "+20 %  ≈ 12 N".
+/// How strong a touch is: "+20 %", and "≥ +1133 %" where that is the model's limit. Where the force is known "+20 %  12.3 N", and where
+/// it is that of a typical rubber "+20 %  ≈ 12 N".
 pub fn strength_text(touch: &Touch) -> String {
     let force = match touch.force_n {
         Some(force_n) if touch.uncalibrated => format!("  \u{2248} {force_n:.0} N"),

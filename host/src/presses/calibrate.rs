@@ -16,8 +16,8 @@ use anyhow::{Context, Result, bail};
 use clap::{ArgGroup, Args};
 use hil_sim::BOARD_NAME;
 use inverse::learned::{
-    FEWEST_FOR_MORE, Findings, Gain, Grain, Learned, Marks, Press, Setting, Shift, StoredGain, Unreached,
-    learn_without, shifted, turn,
+    FEWEST_FOR_MORE, Findings, Gain, Gaps, Grain, Learned, Marks, Press, Setting, Shift, StoredGain, learn_without,
+    shifted, turn,
 };
 use serde::Serialize;
 use std::io::Write;
@@ -133,7 +133,7 @@ struct UnreachedLine {
 }
 
 impl UnreachedLine {
-    fn of(unreached: &Unreached) -> Option<Self> {
+    fn of(unreached: &Gaps) -> Option<Self> {
         (!unreached.also_mm.is_empty()).then(|| Self {
             part: unreached.part,
             also_mm: unreached.also_mm.clone(),
@@ -266,7 +266,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         measurements: &table.measurements,
         electrodes: electrodes(&input, &table),
         turn: input.sheet.as_ref().map_or(Ok(1), turn)?,
-        extent: extent.as_ref().map(Extent::of_sheet),
+        extent: extent.as_ref().and_then(Extent::of_sheet),
     };
     let cannot = || format!("{}: no calibration can be made", table.file);
     let by_model = by_model(arguments, &input, &table, &known);
@@ -275,7 +275,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         let by_model = by_model.as_ref().ok().and_then(|by_model| by_model.shifted(&known));
         let by_maps = by_maps
             .with_context(cannot)?
-            .map(|shift| (shift, "of the change is left"));
+            .map(|shift| (shift, "of the square of a usual change is left"));
         by_model.map(|shift| (shift, "mm off")).or(by_maps)
     };
     if let Some((shift, what)) = &shift {
@@ -290,8 +290,16 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         _ => Vec::new(),
     };
     let progress = Progress::new("learning");
-    let (learned, found) =
-        learn_without(&presses, &setting, &wrong, |done, whole| progress.at(done, whole)).with_context(cannot)?;
+    let learn = |wrong: &[usize]| {
+        learn_without(&presses, &setting, wrong, |done, whole| progress.at(done, whole)).with_context(cannot)
+    };
+    let (mut learned, mut found) = learn(&wrong)?;
+    if let Ok(by_model) = &by_model {
+        let confirmed = by_model.confirmed(&wrong, &known, &presses, &learned);
+        if confirmed != wrong {
+            (learned, found) = learn(&confirmed)?;
+        }
+    }
     drop(progress);
     let unreached = unreached(&input, extent.as_ref(), &setting, &known, &found)?;
     if let Some(doubt) = extent.and_then(|extent| extent.doubt_radius(found.radius_mm)) {
@@ -525,8 +533,13 @@ fn unreached(
     setting: &Setting<'_>,
     known: &[truth::KnownPress],
     found: &Findings,
-) -> Result<Unreached> {
-    let marks = match (&input.sheet, extent.map(Extent::of_sheet)) {
+) -> Result<Gaps> {
+    let of_sheet = extent.and_then(Extent::of_sheet);
+    if input.sheet.is_none() && extent.is_some_and(|extent| !extent.is_disc()) {
+        // A header does not tell where such a sheet is.
+        return Ok(Gaps::default());
+    }
+    let marks = match (&input.sheet, of_sheet) {
         (Some(sheet), Some(of_sheet)) => Marks::new(sheet, FROM_THE_RIM * of_sheet.reach_mm)?,
         (_, of_sheet) => {
             let (middle_mm, reach_mm) = match of_sheet {
@@ -547,7 +560,7 @@ fn unreached(
 }
 
 /// That in words; none where the presses reach all of the sheet.
-fn unreached_words(unreached: &Unreached) -> Option<String> {
+fn unreached_words(unreached: &Gaps) -> Option<String> {
     let marks: Vec<String> = (unreached.also_mm.iter().take(MOST_MARKS))
         .map(|[x, y]| format!("{x:.0},{y:.0}"))
         .collect();

@@ -51,16 +51,29 @@ impl Extent {
         })
     }
 
-    /// For those that learn. A header's sheet is taken to lie around the origin, from which places are.
-    pub(crate) fn of_sheet(&self) -> inverse::learned::Extent {
-        let middle_mm = self.geometry.as_ref().map_or([0.0; 2], |geometry| {
-            let (low, high) = geometry.bounding_box();
-            [0, 1].map(|k| 0.5 * (low[k] + high[k]))
-        });
-        inverse::learned::Extent {
+    /// For those that learn. Of a header's sheet only where it is a disc around the origin, as its first electrodes tell: the middle of
+    /// others is not known.
+    pub(crate) fn of_sheet(&self) -> Option<inverse::learned::Extent> {
+        let middle_mm = match &self.geometry {
+            Some(geometry) => {
+                let (low, high) = geometry.bounding_box();
+                [0, 1].map(|k| 0.5 * (low[k] + high[k]))
+            }
+            None => {
+                let off = |[x, y]: &[f64; 2]| (x.hypot(*y) - self.reach_mm).abs();
+                let around = (self.line.first_mm.iter()).all(|first| off(first) <= BEYOND * self.reach_mm);
+                (around && self.is_disc()).then_some([0.0; 2])?
+            }
+        };
+        Some(inverse::learned::Extent {
             middle_mm,
             reach_mm: self.reach_mm,
-        }
+        })
+    }
+
+    /// Whether the outline is said to be a disc.
+    pub(super) fn is_disc(&self) -> bool {
+        self.line.outline == "disc"
     }
 
     /// Whether a fingertip there touches the sheet. A header does not say where its middle is: but nothing is farther from an electrode

@@ -10,7 +10,7 @@ use crate::table_sheet::Geometry;
 use ::forward::Sheet;
 use ::forward::file::sheet_text;
 use anyhow::{Result, bail};
-use inverse::learned::{SeenPress, Shift, far_off, model_is_better, shifted_by_places, told};
+use inverse::learned::{Learned, Press, SeenPress, Shift, far_off, model_is_better, shifted_by_places, told};
 use inverse::reference::ToldSheet;
 use inverse::reference::inspection::Inspection;
 use inverse::solvers::Method;
@@ -53,6 +53,26 @@ impl ByModel {
         far.into_iter().map(|k| self.presses[k]).collect()
     }
 
+    /// Those of these presses that maps of the others put nearer to where the model does than to their places: a model that is wrong of a
+    /// part of the sheet puts right presses there far off, too.
+    pub(super) fn confirmed(
+        &self,
+        wrong: &[usize],
+        known: &[KnownPress],
+        presses: &[Press],
+        maps: &Learned,
+    ) -> Vec<usize> {
+        let places = self.places_mm(known.len());
+        let is_wrong = |k: &usize| {
+            let before_mm = k.checked_sub(1).map(|before| known[before].place_mm);
+            let presence = maps.locate(&presses[*k].change, before_mm);
+            let by_maps = presence.presses.first().map(|press| press.place_mm);
+            let both = by_maps.zip(places[*k]);
+            both.is_some_and(|(maps, model)| apart(maps, model) < apart(maps, known[*k].place_mm))
+        };
+        wrong.iter().copied().filter(is_wrong).collect()
+    }
+
     /// Whether it puts presses at the places of other lines.
     pub(super) fn shifted(&self, known: &[KnownPress]) -> Option<Shift> {
         let listed: Vec<[f64; 2]> = known.iter().map(|press| press.place_mm).collect();
@@ -80,7 +100,7 @@ pub(super) fn located(
         along().fold(f64::MIN, f64::max) - along().fold(f64::MAX, f64::min)
     };
     let missed_mm = 0.5 * span(0).hypot(span(1));
-    let presses: Vec<usize> = (0..known.len()).step_by(known.len().div_ceil(MOST)).collect();
+    let presses: Vec<usize> = (0..known.len()).step_by(known.len().div_ceil(MOST).max(1)).collect();
     let some: Vec<&str> = presses.iter().map(|k| known[*k].frame.as_str()).collect();
     // What is uncertain of the sheet is told by the presses.
     let found = of_frames(

@@ -12,7 +12,8 @@
 //! of, the mean of both is reconstructed. The mean of the most frames is followed by the mean of as many new ones. One
 //! reconstruction too many then costs accuracy as well, so noise seldom exceeds those quantiles. The first frames are the
 //! exception: they may be the last of a touch that comes down. A drift too slow to show in one frame shows in a mean: of 2,
-//! 4, 8 frames and so on, those since the last result are compared with those before. Where they differ they alone count.
+//! 4, 8 frames and so on, those since the last result are compared with those before. Where they differ they alone count. Where
+//! touches move on so, they slide: every frame is new until they rest.
 
 use crate::change::rest_mean::RestMean;
 use crate::change::slide::Slide;
@@ -205,7 +206,12 @@ impl ChangeDetector {
     /// Tests a frame. At most so many frames at rest are averaged; fewer than two average nothing. A frame with a value that
     /// is no number where there should be one is new. `stretch`: the variance of the difference's noise over the usual one.
     pub(crate) fn test(&mut self, frame: &[f64], most_averaged: usize, stretch: f64) -> Change {
-        self.most = most_averaged.min(self.options.most_frames);
+        let most = most_averaged.min(self.options.most_frames);
+        if most != self.most {
+            // Another time from frame to frame.
+            self.slide.end();
+            self.most = most;
+        }
         let change = self.look(frame, stretch);
         match change {
             Change::Nothing => self.forget(),
@@ -254,9 +260,11 @@ impl ChangeDetector {
         };
         let before = 1.0 / rest.frames().max(1) as f64;
         if !same(reduced, 1.0, before, last.limit_along) {
-            let by = reduced.iter().zip(&last.reduced).map(|(a, b)| a - b);
-            self.slide
-                .note_move(self.most, by, |before, now| last.goes_on(before, now));
+            if self.most > 1 {
+                let by = reduced.iter().zip(&last.reduced).map(|(a, b)| a - b);
+                self.slide
+                    .note_move(self.most, by, |before, now| last.goes_on(before, now));
+            }
             return Change::New;
         }
         if self.most < 2 {
@@ -280,6 +288,9 @@ impl ChangeDetector {
             let by = rest.reduced_sum().iter().zip(&last.reduced).map(|(a, b)| share * a - b);
             self.slide
                 .note_move(self.most, by, |before, now| last.goes_on(before, now));
+            if self.slide.is_on() {
+                return Change::New;
+            }
         }
         rest.renew(!drifts && 2 * frames <= self.most);
         Change::Mean

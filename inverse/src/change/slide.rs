@@ -1,10 +1,10 @@
 //! Touches that slide: whether they came to rest.
 
 /// Frames of touches that slide, in blocks of which each is compared with the one before. Nothing is allocated once it is as large as
-/// two reduced frames.
+/// three reduced frames.
 ///
-/// Of a slide that makes a frame new, or a mean drift, in n frames, blocks of 2 n frames differ by twice as much, and their noise is
-/// smaller. What is slower than that is seen as a slide later, or moves by less than a frame's deviation.
+/// A slide may take n frames to make a frame new, or a mean drift. Blocks of 2 n frames then differ by twice as much. Their noise
+/// is smaller. What is slower is seen as a slide later.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Slide {
     /// Frames since touches at rest moved last; none before they did. And by what they moved then, reduced.
@@ -20,8 +20,8 @@ pub(crate) struct Slide {
 }
 
 impl Slide {
-    /// Touches at rest have moved `by` so much. Noise alone does that now and then, and the next frames go back: the touches slide where
-    /// they `go_on`, told of the move before and of this one, no more than `most` frames later. A block has no more frames than that, either.
+    /// Touches at rest have moved `by` so much. Noise alone does that now and then, and the next frames go back. The touches slide where
+    /// they `go_on`, told of the move before and of this one, no more than `most` frames later. A block has no more frames, either.
     pub(super) fn note_move(
         &mut self,
         most: usize,
@@ -44,8 +44,8 @@ impl Slide {
         self.length > 0
     }
 
-    /// Takes a reduced frame. Where a block is complete, it ends the slide if it is the `same` as the one before: told of their
-    /// difference, and of the variance of its noise over that of one frame.
+    /// Takes a reduced frame. A complete block ends the slide if it is the `same` as the one before. That is told of their difference,
+    /// and of the variance of its noise over that of one frame.
     pub(super) fn take(&mut self, reduced: &[f64], same: impl FnOnce(&[f64], f64) -> bool) {
         self.moved = self.moved.map(|since| since + 1);
         if !self.is_on() {

@@ -32,8 +32,8 @@ const ROUNDING: f64 = 1e-3;
 const TOLD: f64 = 0.5;
 
 /// Where presses tell little of a sheet.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Unreached {
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Gaps {
     /// Part of the sheet of whose maps they tell less than half, and less than as many presses do that are spread well; 0 to 1.
     pub part: f64,
     /// Marks, mm, that with the presses reach all of it; those that tell most first.
@@ -121,7 +121,7 @@ impl Marks {
     }
 
     /// Where presses at these places tell little.
-    pub fn unreached(mut self, presses_mm: &[[f64; 2]]) -> Unreached {
+    pub fn unreached(mut self, presses_mm: &[[f64; 2]]) -> Gaps {
         let before = self.variances();
         let over = |marks: &Self| -> Vec<f64> { marks.variances().iter().zip(&before).map(|(v, b)| v / b).collect() };
         let mut spread = self.clone();
@@ -146,7 +146,7 @@ impl Marks {
             self.taken.push(next);
             also_mm.push(self.places_mm[next]);
         }
-        Unreached { part, also_mm }
+        Gaps { part, also_mm }
     }
 
     /// Among given places on a sheet that these turns (rad) around a place map onto itself.

@@ -32,7 +32,7 @@ mod tests;
 
 pub use choice::{Extent, Setting};
 pub use correction::StoredCorrection;
-pub use design::{Marks, Unreached};
+pub use design::{Gaps, Marks};
 pub use follower::LearnedSheet;
 pub(crate) use follower::PressFollower;
 pub use frame::Grain;

@@ -11,6 +11,7 @@ use super::rest::Residuals;
 use super::search::{QUICK_FOLDS, choose, first_choices, left_of, rests};
 use super::validation::folds;
 use super::{LearnError, Press};
+use crate::stats::median;
 use forward::Measurement;
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
@@ -171,16 +172,28 @@ pub fn shifted(presses: &[Press], setting: &Setting<'_>) -> Result<Option<Shift>
 /// `least_mm` are alike.
 pub fn shifted_by_places(found: &[Option<[f64; 2]>], places_mm: &[[f64; 2]], least_mm: f64) -> Option<Shift> {
     let count = places_mm.len();
-    let off = |found: [f64; 2], line: usize| {
-        let [x, y] = [0, 1].map(|k| found[k] - places_mm[line][k]);
-        0.5 * (x * x + y * y + least_mm * least_mm).ln()
+    let line = |k: usize, by: isize| k.checked_add_signed(by).filter(|line| *line < count);
+    let apart = |k: usize, by: isize| {
+        let (found, place) = (found[k]?, places_mm[line(k, by)?]);
+        Some([found[0] - place[0], found[1] - place[1]])
+    };
+    // A list whose origin is off is right all the same: on a raster, its neighbours' places may be nearer.
+    let displaced = |by: isize| {
+        let all: Vec<[f64; 2]> = (0..count).filter_map(|k| apart(k, by)).collect();
+        [0, 1].map(|axis| median(all.iter().map(|off| off[axis])))
+    };
+    let [own, next, before] = [0, 1, -1].map(displaced);
+    let off = |k: usize, by: isize| {
+        let middle = match by {
+            0 => own,
+            1 => next,
+            _ => before,
+        };
+        let [x, y] = apart(k, by).map(|off| [off[0] - middle[0], off[1] - middle[1]])?;
+        Some(0.5 * (x * x + y * y + least_mm * least_mm).ln())
     };
     let way = |by: isize| {
-        let beside = |k: usize| k.checked_add_signed(by).filter(|line| *line < count);
-        let left = found.iter().enumerate().map(|(k, found)| match found {
-            Some(found) => (off(*found, k), beside(k).map(|line| off(*found, line))),
-            None => (0.0, None),
-        });
+        let left = (0..count).map(|k| off(k, 0).map_or((0.0, None), |own| (own, off(k, by))));
         let (from, sum) = best_from(&left.collect::<Vec<_>>());
         (Reading { count, from, by }, sum)
     };
@@ -188,8 +201,11 @@ pub fn shifted_by_places(found: &[Option<[f64; 2]>], places_mm: &[[f64; 2]], lea
     if reading.from == count {
         return None;
     }
-    let both = (found.iter().enumerate())
-        .filter_map(|(k, found)| Some((k, off((*found)?, k), off((*found)?, reading.line(k)?))));
+    let both = (0..count).filter_map(|k| {
+        reading.line(k)?;
+        let read = off(k, if k < reading.from { 0 } else { reading.by })?;
+        Some((k, off(k, 0)?, read))
+    });
     surely(reading, both)
 }
 
@@ -214,7 +230,8 @@ fn surely(reading: Reading, both: impl Iterator<Item = (usize, f64, f64)>) -> Op
     })
 }
 
-/// The chance that logarithms are so much less by another reading where both leave as much, by Student's distribution; none of fewer than two.
+/// The chance that logarithms are so much less by another reading where both leave as much, by Student's distribution. None of fewer
+/// than two.
 fn chance(list: &[(usize, f64, f64)]) -> Option<f64> {
     let count = list.len() as f64;
     let gains = || list.iter().map(|(_, own, read)| own - read);

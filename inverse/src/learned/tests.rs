@@ -810,7 +810,7 @@ fn presses_in_a_corner_of_a_known_sheet_do_not_draw_touches_there() {
         away.iter().filter(honest).count()
     };
     // A sheet that turns, and one of which that is not known.
-    for (turn, least) in [(1, 95), (16, 0)] {
+    for (turn, least) in [(1, 95), (16, 65)] {
         let [known, unknown] = [Some(extent), None].map(|extent| honest(turn, extent));
         assert!(
             known >= least && known > 2 * unknown,

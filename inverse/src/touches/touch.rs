@@ -14,8 +14,8 @@ pub struct Touch {
     pub y_mm: f64,
     /// Relative rise of resistivity at the centre, 0.2 = 20 %.
     pub rise: f64,
-    /// Whether [`Touch::rise`] is the largest that the model of discs has, or the smallest: it is not measured, the touch explains its frame
-    /// best with at least as much.
+    /// Whether [`Touch::rise`] is the largest that the model of discs has, or the smallest. It is not measured then: the touch explains
+    /// its frame best with at least as much.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub at_limit: bool,
     /// Area that is pressed, mm².

@@ -475,6 +475,7 @@ fn numbers_beside_the_curves_lie_on_nothing() {
                 id: Some(id),
                 x_mm: 20.0 * f64::from(id) - 80.0,
                 rise: 0.2 + 0.001 * f64::from(id),
+                at_limit: id == 6,
                 area_mm2: if id == 7 { 0.0 } else { 300.0 },
                 ..Default::default()
             })
@@ -494,6 +495,9 @@ fn numbers_beside_the_curves_lie_on_nothing() {
     let areas = page.ask("[...document.querySelectorAll('#touches tr')].map((row) => [row.cells[0], row.cells[4]].map((c) => c.textContent).join()).join(';')");
     let areas = areas.as_str().unwrap();
     assert!(areas.contains("7,\u{2013}") && areas.contains("6,300"), "{areas}");
+    // A rise at the model's limit is at least so large.
+    let rises = page.ask("[...document.querySelectorAll('#touches tr')].filter((row) => row.cells[3]?.textContent.startsWith('\u{2265}')).map((row) => row.cells[0].textContent).join()");
+    assert_eq!(rises, "6");
 }
 
 /// Lines that strokes of the touches' marks draw, [x, y] to [x, y] in CSS pixels of the sheet.

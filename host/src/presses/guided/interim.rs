@@ -15,7 +15,7 @@ const SHOWN_S: f64 = 2.0;
 /// The calibration so far.
 pub(super) struct Interim {
     turn: usize,
-    extent: inverse::learned::Extent,
+    extent: Option<inverse::learned::Extent>,
     measurements: Vec<Measurement>,
     electrodes: usize,
     learned: Option<Learned>,
@@ -64,7 +64,7 @@ impl Interim {
             measurements: &self.measurements,
             electrodes: self.electrodes,
             turn: self.turn,
-            extent: Some(self.extent),
+            extent: self.extent,
         };
         // What cannot be learned from yet perhaps can with the next press.
         if let Ok((learned, _)) = learn(&presses, &setting, |_, _| ()) {
