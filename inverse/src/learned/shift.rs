@@ -177,10 +177,17 @@ pub fn shifted_by_places(found: &[Option<[f64; 2]>], places_mm: &[[f64; 2]], lea
         let (found, place) = (found[k]?, places_mm[line(k, by)?]);
         Some([found[0] - place[0], found[1] - place[1]])
     };
-    // A list whose origin is off is right all the same: on a raster, its neighbours' places may be nearer.
+    // A list whose origin is off is right all the same: on a raster, its neighbours' places may be nearer. Most presses agree then by
+    // how much it is off.
     let displaced = |by: isize| {
         let all: Vec<[f64; 2]> = (0..count).filter_map(|k| apart(k, by)).collect();
-        [0, 1].map(|axis| median(all.iter().map(|off| off[axis])))
+        let middle = [0, 1].map(|axis| median(all.iter().map(|off| off[axis])));
+        let far = |from: [f64; 2]| median(all.iter().map(|off| (off[0] - from[0]).hypot(off[1] - from[1])));
+        if 2.0 * far(middle) < far([0.0; 2]) {
+            middle
+        } else {
+            [0.0; 2]
+        }
     };
     let [own, next, before] = [0, 1, -1].map(displaced);
     let off = |k: usize, by: isize| {

@@ -768,6 +768,13 @@ fn what_knows_nothing_of_a_list_tells_of_few_presses_that_it_is_off() {
             let right = shift.is_some_and(|s| s.by == by && s.from.abs_diff(from) <= 2);
             assert!(right, "{count} {from} {by}: {shift:?}");
         }
+        // The origin is off by more than half of a raster's pitch: each press is nearest to the place of the next line.
+        let raster: Vec<[f64; 2]> = (0..count)
+            .map(|k| [10.0 * (k % 10) as f64, 10.0 * (k / 10) as f64])
+            .collect();
+        let off = |k: usize| Some([raster[k][0] + 6.0 + noise[2 * k], raster[k][1] + noise[2 * k + 1]]);
+        let found: Vec<Option<[f64; 2]>> = (0..count).map(off).collect();
+        assert_eq!(shifted_by_places(&found, &raster, 0.5), None, "{count}");
         // What puts presses anywhere says nothing.
         let anywhere: Vec<Option<[f64; 2]>> = (0..count).map(|_| Some(skin.place())).collect();
         assert_eq!(shifted_by_places(&anywhere, &places(&presses), 0.5), None, "{count}");
