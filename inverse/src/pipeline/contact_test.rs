@@ -252,9 +252,11 @@ impl ContactTest {
             let Averaged { frames, grown, .. } = task.averaged;
             let new = if grown { frames / 2 } else { frames };
             self.until = self.until.saturating_sub(new);
+            // In variances of one frame's noise, as the test of a frame has it.
+            let misfit = result.misfit.map(|misfit| 1.0 + (misfit - 1.0) / task.averaged.gain);
             // A frame like many before is not sudden any more.
             self.sudden = self.sudden.saturating_sub(task.averaged.frames);
-            let left = self.leaves_of_mean(result, task.averaged.gain);
+            let left = misfit.is_none_or(|m| m > self.options.explained);
             if !left {
                 self.polarity.note_explained();
             }
@@ -402,14 +404,7 @@ impl ContactTest {
 
     /// Whether touches leave some of a frame unexplained.
     pub(crate) fn leaves(&self, result: &FrameResult) -> bool {
-        self.leaves_of_mean(result, 1.0)
-    }
-
-    /// The same of a mean whose noise has so many times less variance than that of a frame: as much as they would leave of one.
-    pub(crate) fn leaves_of_mean(&self, result: &FrameResult, gain: f64) -> bool {
-        result
-            .misfit
-            .is_none_or(|misfit| of_one_frame(misfit, gain) > self.options.explained)
+        result.misfit.is_none_or(|misfit| misfit > self.options.explained)
     }
 
     /// Solves a frame without what drifted, and what the contacts did that changed.
@@ -456,11 +451,6 @@ impl ContactTest {
         solver.even_out(changed, difference);
         act(solver, Task { difference, ..task })
     }
-}
-
-/// The misfit of a mean, in variances of one frame's noise.
-fn of_one_frame(misfit: f64, gain: f64) -> f64 {
-    1.0 + (misfit - 1.0) / gain
 }
 
 /// Whether the strongest touch has one of the other sign beside it that is half as strong.

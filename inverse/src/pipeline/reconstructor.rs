@@ -507,7 +507,6 @@ impl Reconstructor {
         if averaged.frames > 1 {
             self.broken.leave_out(&mut self.difference);
             self.solve(averaged, quiet);
-            self.doubt_what_is_open(averaged.gain);
             self.show_faults();
             return Ok(true);
         }
@@ -552,7 +551,6 @@ impl Reconstructor {
             self.solve_without_outliers(quiet);
         }
         let open = self.broken.is_open() && self.contacts.leaves(&self.result);
-        self.doubt_what_is_open(1.0);
         let jumped = self.gain_jumped();
         if jumped {
             // Every frame counts.
@@ -564,14 +562,6 @@ impl Reconstructor {
         }
         self.show_faults();
         Ok(true)
-    }
-
-    /// Doubts touches that leave more than noise, as long as it is open whether that is a fault or a press. `gain` is that of a mean.
-    fn doubt_what_is_open(&mut self, gain: f64) {
-        let left = self.result.changed && self.contacts.leaves_of_mean(&self.result, gain);
-        if self.broken.is_left_open() && left {
-            self.result.doubt = self.result.doubt.or(Some(Doubt::NotTouches));
-        }
     }
 
     /// Begins with the frame once more, as it was measured but for what is known to be broken now.
@@ -683,6 +673,7 @@ impl Reconstructor {
 
     /// The same of values that were judged; `noise` is none where nothing tells it.
     fn solve_judged(&mut self, averaged: Averaged, quiet: bool, noise: Option<NoiseEstimate>) {
+        let model_v = &self.reference.imager().model_v;
         self.averaged = averaged;
         let task = task(&self.difference, noise, averaged, quiet);
         let gone = self
@@ -714,7 +705,7 @@ impl Reconstructor {
         // With their shapes left out, touches that explain the rest are right.
         let doubted = !changed.is_empty() && self.result.changed && self.contacts.leaves(&self.result);
         let contact = doubted.then(|| Doubt::Fault(Fault::Contacts(Electrodes::of(changed))));
-        self.result.doubt = Doubt::of(&self.difference, &self.reference.imager().model_v, self.options.doubts)
+        self.result.doubt = Doubt::of(&self.difference, model_v, self.options.doubts)
             .or(gone.map(|touch| Doubt::Gone {
                 x_mm: touch.x_mm.round() as i32,
                 y_mm: touch.y_mm.round() as i32,

@@ -31,8 +31,7 @@ const REJECTED: usize = 32;
 /// Most frames between two looks that find nothing.
 const LONGEST_WAIT: usize = 64;
 
-/// Frames whose mean tells whether a fault that may be one is one: from then on not every frame is looked at. Where touches leave more than
-/// noise of all of them, and the fault does not, it is no press.
+/// Frames from which a fault that may be one is none: their mean would have told.
 const MOST_OPEN: usize = 64;
 /// Frames until these faults are looked for again.
 fn next_look(faults: Faults) -> usize {
@@ -80,16 +79,6 @@ impl Mean {
             count += 1.0;
         }
         is_of_noise(square, count)
-    }
-}
-
-impl Told {
-    /// The fault that may be a press, once it is told by the mean of so many frames that touches do not explain.
-    fn of_long(self, mean: Option<&Mean>) -> Option<Fault> {
-        match (self, mean) {
-            (Self::Perhaps(fault), Some(mean)) if mean.frames >= MOST_OPEN as f64 => fault,
-            _ => None,
-        }
     }
 }
 
@@ -332,11 +321,6 @@ impl FaultMonitor {
         self.named
     }
 
-    /// Whether the last look left open whether what touches do not explain is a fault or a press.
-    pub(crate) fn is_left_open(&self) -> bool {
-        self.open
-    }
-
     /// Whether a fault is a candidate, or may be one: then every frame counts.
     pub(crate) fn is_open(&self) -> bool {
         self.candidate.is_some() || (self.open && self.suspicious < MOST_OPEN)
@@ -534,23 +518,13 @@ impl FaultMonitor {
                 None => return false,
             },
         };
-        let of_long = told.of_long(
-            self.mean
-                .as_ref()
-                .filter(|_| reason.unexplained && self.named.is_none()),
-        );
-        self.suspected = reason.suspected || of_long.is_some();
-        let told = of_long.map_or(told, |fault| Told::Faults {
-            faults: fault.into(),
-            alone: false,
-        });
+        self.suspected = reason.suspected;
         let known_contacts = |faults: Faults, known: &[usize]| match faults.single() {
             Some(Fault::Contacts(electrodes)) => electrodes.list().iter().all(|l| known.contains(l)),
             _ => false,
         };
-        let is_open = matches!(told, Told::Perhaps(_));
-        self.open = is_open && self.named.is_none();
-        if is_open && self.named.is_some() {
+        self.open = told == Told::Perhaps && self.named.is_none();
+        if told == Told::Perhaps && self.named.is_some() {
             // It does not speak against the fault.
             self.until = self.named.map_or(0, next_look);
             return false;

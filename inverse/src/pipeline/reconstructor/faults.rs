@@ -168,11 +168,9 @@ impl Reconstructor {
             return false;
         };
         let now = self.result.touches.len();
-        let better = match (before, self.result.misfit) {
-            (Some(before), Some(now)) => now < BETTER * before,
-            (None, now) => now.is_some(),
-            (Some(_), None) => false,
-        };
+        let better = before
+            .zip(self.result.misfit)
+            .is_some_and(|(before, now)| now < BETTER * before);
         if now < touches || (now == touches && better) {
             self.contacts.unlearn_signs();
             return false;

@@ -102,8 +102,8 @@ struct Scores {
 pub(crate) enum Told {
     /// Touches and drift explain it, or nothing that is known.
     Nothing,
-    /// A press on an electrode, or a fault of it: more frames tell. With that fault where it explains all of them.
-    Perhaps(Option<Fault>),
+    /// A press on an electrode, or a fault of it: more frames tell.
+    Perhaps,
     /// A fault, or two.
     Faults {
         /// Which ones.
@@ -118,7 +118,7 @@ impl Told {
     pub(crate) fn faults(self) -> Option<Faults> {
         match self {
             Self::Faults { faults, .. } => Some(faults),
-            Self::Nothing | Self::Perhaps(_) => None,
+            Self::Nothing | Self::Perhaps => None,
         }
     }
 

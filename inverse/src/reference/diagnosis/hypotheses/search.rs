@@ -28,8 +28,8 @@ pub(super) struct Best {
     of_all: Option<(f64, Fault)>,
     open: Option<(f64, Electrodes)>,
     channel: Option<(f64, [usize; 2])>,
-    /// The fault for which the frame by itself rather speaks than for the press that it may be, and its cost but for its being there.
-    perhaps: Option<(Fault, f64)>,
+    /// Whether the frame by itself rather speaks for a fault than for the press that it may be.
+    perhaps: bool,
 }
 
 impl Best {
@@ -108,7 +108,7 @@ impl Search {
             of_all: None,
             open: None,
             channel: None,
-            perhaps: None,
+            perhaps: false,
         };
         Some(Self {
             d,
@@ -206,9 +206,7 @@ impl Diagnosis {
                 faults: self.of_its_size(self.of_all_values(fault)).into(),
                 alone: best.touches > values,
             },
-            None => best.perhaps.map_or(Told::Nothing, |(fault, left)| {
-                Told::Perhaps((left <= values).then(|| self.of_all_values(fault)))
-            }),
+            None if best.perhaps => Told::Perhaps,
             _ => Told::Nothing,
         }
     }
@@ -252,10 +250,9 @@ impl Diagnosis {
             }
             tracing::debug!(?best.fault, broken, touched, prior, "a press instead");
             if touched < broken {
-                // Nothing but how seldom it is speaks against the fault.
-                let left = broken - prior;
-                best.perhaps = best.fault.zip((left < touched - place).then_some(left));
                 (best.fault, best.cost, best.left) = (None, touched, touched);
+                // Nothing but how seldom it is speaks against the fault.
+                best.perhaps = broken - prior < touched - place;
             }
         }
         tracing::debug!(?best.fault, best.touches, best.cost, "looked for a fault");

@@ -130,9 +130,9 @@ impl Diagnosis {
             (is_open(other) && is_open(taken_out)) || (pair.is_some() && pair == pair_of(taken_out))
         };
         let told = self.told(&of_rest);
-        if matches!(told, Told::Perhaps(_)) && (search.told == Told::Nothing || search.may_be_known(taken_out)) {
-            // It does not speak against what is known. Beside something else that is taken out it does not explain the frame.
-            search.told = Told::Perhaps(None);
+        if told == Told::Perhaps && (search.told == Told::Nothing || search.may_be_known(taken_out)) {
+            // It does not speak against what is known.
+            search.told = told;
         }
         let Some(other) = told.fault().filter(|other| !is_one(*other)) else {
             return self.begin_beside(search);
@@ -162,7 +162,7 @@ impl Diagnosis {
     /// Whether two faults are looked for: one does not explain what was searched, or one is known and leaves more, or two are known.
     fn may_be_two(&self, search: &SearchOfTwo) -> bool {
         // In a table every frame is searched at once, and that takes as long as some searches.
-        if !self.is_of_sequence || matches!(search.told, Told::Perhaps(_)) {
+        if !self.is_of_sequence || search.told == Told::Perhaps {
             return false;
         }
         let (one, values) = (&search.one, search.one.used());
@@ -371,10 +371,7 @@ mod tests {
             }
             let told = tell(&mut diagnosis, sigma_v, y, Some((both, true)));
             let is_both = told.faults().is_some_and(|told| told.is_same(both));
-            assert!(
-                matches!(told, Told::Perhaps(_)) || is_both,
-                "{seed}, {ohm} ohm: {told:?}"
-            );
+            assert!(told == Told::Perhaps || is_both, "{seed}, {ohm} ohm: {told:?}");
         }
     }
 
