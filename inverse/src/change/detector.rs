@@ -12,13 +12,11 @@
 //! of, the mean of both is reconstructed. The mean of the most frames is followed by the mean of as many new ones. One
 //! reconstruction too many then costs accuracy as well, so noise seldom exceeds those quantiles. The first frames are the
 //! exception: they may be the last of a touch that comes down. A drift too slow to show in one frame shows in a mean: of 2,
-//! 4, 8 frames and so on, those since the last result are compared with those before. Where they differ they alone count. Where
-//! touches move on so, they slide: every frame is new until they rest.
+//! 4, 8 frames and so on, those since the last result are compared with those before. Where they differ they alone count.
 
 use crate::change::rest_mean::RestMean;
-use crate::change::slide::Slide;
 use crate::linalg::basis::orthogonalise;
-use crate::linalg::vector::{dot, square};
+use crate::linalg::vector::square;
 use crate::solvers::{Problem, Projector};
 use crate::stats::chi_square_quantile;
 
@@ -102,31 +100,17 @@ impl Last {
     /// Whether `share` times a reduced sum of frames differs by nothing but noise, in all directions and in those along the
     /// touches. `before` is the variance of this frame's noise, over that of one frame.
     fn is_same(&self, sum: &[f64], share: f64, before: f64, limit: f64, limit_along: f64) -> bool {
-        let difference = sum.iter().zip(&self.reduced).map(|(a, b)| share * a - b);
-        self.is_noise(difference, sum.len(), share + before, limit, limit_along)
-    }
-
-    /// Whether two differences move the touches the same way.
-    fn goes_on(&self, before: &[f64], now: &[f64]) -> bool {
-        let along = self.along.chunks_exact(now.len());
-        before.len() == now.len() && along.map(|q| dot(q, before) * dot(q, now)).sum::<f64>() > 0.0
-    }
-
-    /// Whether a difference of so many entries is nothing but noise of so much variance, over that of one frame.
-    fn is_noise(
-        &self,
-        difference: impl Iterator<Item = f64> + Clone,
-        directions: usize,
-        noise: f64,
-        limit: f64,
-        limit_along: f64,
-    ) -> bool {
-        let change: f64 = difference.clone().map(|d| d * d).sum();
-        let along = self.along.chunks_exact(directions).map(|q| {
-            let part: f64 = q.iter().zip(difference.clone()).map(|(q, d)| q * d).sum();
-            part * part
-        });
-        change <= noise * limit && along.sum::<f64>() <= noise * limit_along
+        let (mut change, mut along) = (0.0, 0.0);
+        for (a, b) in sum.iter().zip(&self.reduced) {
+            change += (share * a - b) * (share * a - b);
+        }
+        for q in self.along.chunks_exact(sum.len()) {
+            let each = q.iter().zip(sum).zip(&self.reduced);
+            let part: f64 = each.map(|((q, a), b)| q * (share * a - b)).sum();
+            along += part * part;
+        }
+        let noise = share + before;
+        change <= noise * limit && along <= noise * limit_along
     }
 }
 
@@ -148,7 +132,6 @@ pub(crate) struct ChangeDetector {
     /// Most frames at rest of which the mean is taken.
     most: usize,
     rest: RestMean,
-    slide: Slide,
     /// Variance of one frame's noise, and the baseline's over it.
     variance: f64,
     baseline_share: f64,
@@ -191,7 +174,6 @@ impl ChangeDetector {
             remembers: false,
             most: 1,
             rest: RestMean::default(),
-            slide: Slide::default(),
             variance,
             baseline_share,
             limits_along: Vec::new(),
@@ -206,12 +188,7 @@ impl ChangeDetector {
     /// Tests a frame. At most so many frames at rest are averaged; fewer than two average nothing. A frame with a value that
     /// is no number where there should be one is new. `stretch`: the variance of the difference's noise over the usual one.
     pub(crate) fn test(&mut self, frame: &[f64], most_averaged: usize, stretch: f64) -> Change {
-        let most = most_averaged.min(self.options.most_frames);
-        if most != self.most {
-            // Another time from frame to frame.
-            self.slide.end();
-            self.most = most;
-        }
+        self.most = most_averaged.min(self.options.most_frames);
         let change = self.look(frame, stretch);
         match change {
             Change::Nothing => self.forget(),
@@ -243,28 +220,18 @@ impl ChangeDetector {
         if square(reduced) <= stretch * self.limit {
             return Change::Nothing;
         }
-        let (last, rest) = (&self.last, &mut self.rest);
-        // Two frames have the same baseline.
-        let own = own_stretch(stretch, self.baseline_share);
-        let often = self.limits_same[0];
-        self.slide.take(reduced, |difference, noise| {
-            let each = difference.iter().copied();
-            last.is_noise(each, difference.len(), noise, own * often, own * last.limit_first)
-        });
-        if !self.remembers || self.slide.is_on() {
+        if !self.remembers {
             return Change::New;
         }
+        let (last, rest) = (&self.last, &mut self.rest);
         let limit = self.limits_same[usize::from(self.most > 1)];
+        // Two frames have the same baseline.
+        let own = own_stretch(stretch, self.baseline_share);
         let same = |sum: &[f64], share: f64, before: f64, along: f64| {
             last.is_same(sum, share, before, own * limit, own * along)
         };
         let before = 1.0 / rest.frames().max(1) as f64;
         if !same(reduced, 1.0, before, last.limit_along) {
-            if self.most > 1 {
-                let by = reduced.iter().zip(&last.reduced).map(|(a, b)| a - b);
-                self.slide
-                    .note_move(self.most, by, |before, now| last.goes_on(before, now));
-            }
             return Change::New;
         }
         if self.most < 2 {
@@ -276,21 +243,15 @@ impl ChangeDetector {
         rest.add(frame, reduced);
         let (since, frames) = (rest.since(), rest.frames());
         let all = since >= frames;
-        let is_first = all && frames <= self.options.first_frames;
-        let limit_along = if is_first { last.limit_first } else { last.limit_along };
+        let limit_along = if all && frames <= self.options.first_frames {
+            last.limit_first
+        } else {
+            last.limit_along
+        };
         let share = 1.0 / since as f64;
         let drifts = since.is_power_of_two() && !same(rest.reduced_sum(), share, before, limit_along);
         if !drifts && !all {
             return Change::Same;
-        }
-        // The end of a touch that comes down is no slide, and noise often looks like it.
-        if drifts && !is_first {
-            let by = rest.reduced_sum().iter().zip(&last.reduced).map(|(a, b)| share * a - b);
-            self.slide
-                .note_move(self.most, by, |before, now| last.goes_on(before, now));
-            if self.slide.is_on() {
-                return Change::New;
-            }
         }
         rest.renew(!drifts && 2 * frames <= self.most);
         Change::Mean
@@ -348,7 +309,6 @@ impl ChangeDetector {
     pub(crate) fn forget(&mut self) {
         self.remembers = false;
         self.rest.end();
-        self.slide.end();
     }
 }
 

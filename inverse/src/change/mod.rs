@@ -2,6 +2,5 @@
 
 pub(crate) mod detector;
 mod rest_mean;
-mod slide;
 
 pub use detector::ChangeOptions;
