@@ -1,6 +1,6 @@
 //! Medians, and quantiles of the distributions that tests of the noise need.
 
-use statrs::distribution::{ChiSquared, ContinuousCDF, FisherSnedecor};
+use statrs::distribution::{ChiSquared, ContinuousCDF, FisherSnedecor, StudentsT};
 
 /// The middle one of the values that are finite, the upper of two; 0 of none.
 pub(crate) fn median(values: impl Iterator<Item = f64>) -> f64 {
@@ -22,6 +22,17 @@ const NOISE: f64 = 5.0;
 /// Whether a sum of squares, each over its variance, of `count` values is one of noise.
 pub(crate) fn is_of_noise(square: f64, count: f64) -> bool {
     square < count + NOISE * (2.0 * count).sqrt()
+}
+
+/// The chance that the mean of some gains is so far above 0 where each is as often a loss, by Student's distribution, with that mean. None of
+/// fewer than two.
+pub(crate) fn chance_of_gain(gains: &[f64]) -> Option<(f64, f64)> {
+    let count = gains.len() as f64;
+    let mean = gains.iter().sum::<f64>() / count;
+    let variance = gains.iter().map(|g| (g - mean).powi(2)).sum::<f64>() / (count - 1.0);
+    let better = mean / (variance / count).sqrt().max(f64::MIN_POSITIVE);
+    let student = StudentsT::new(0.0, 1.0, count - 1.0).ok()?;
+    Some((student.sf(better), mean))
 }
 
 /// The value that Fisher's F exceeds with a probability of `1 - probability`.

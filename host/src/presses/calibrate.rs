@@ -270,16 +270,28 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     };
     let cannot = || format!("{}: no calibration can be made", table.file);
     let by_model = by_model(arguments, &input, &table, &known);
-    let shift = {
-        let by_maps = progress::meanwhile("comparing the list with the presses", || shifted(&presses, &setting));
-        let by_model = by_model.as_ref().ok().and_then(|by_model| by_model.shifted(&known));
-        let by_maps = by_maps
-            .with_context(cannot)?
-            .map(|shift| (shift, "of the square of a usual change is left"));
-        by_model.map(|shift| (shift, "mm off")).or(by_maps)
+    let by_maps = progress::meanwhile("comparing the list with the presses", || shifted(&presses, &setting))
+        .with_context(cannot)?;
+    let by_places = by_model.as_ref().ok().and_then(|by_model| by_model.shifted(&known));
+    let said = match (&by_places, &by_maps) {
+        (Some(shift), _) => {
+            let [own, read] = shift.left;
+            Some(shift_words(
+                &list,
+                &known,
+                shift,
+                [format!("{own:.1} mm"), format!("{read:.1} mm off")],
+            ))
+        }
+        (None, Some(shift)) => {
+            let [own, read] = shift.left.map(|left| 100.0 * left);
+            let read = format!("{read:.1} % of the square of a usual change is left");
+            Some(shift_words(&list, &known, shift, [format!("{own:.1} %"), read]))
+        }
+        (None, None) => None,
     };
-    if let Some((shift, what)) = &shift {
-        let said = shift_words(&list, &known, shift, what);
+    let shift = by_places.or(by_maps);
+    if let Some(said) = said {
         if !arguments.as_listed {
             bail!("{said}; --as-listed learns from the list as it is");
         }
@@ -291,7 +303,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     };
     let progress = Progress::new("learning");
     let learn = |wrong: &[usize]| {
-        learn_without(&presses, &setting, wrong, |done, whole| progress.at(done, whole)).with_context(cannot)
+        let learned = learn_without(&presses, &setting, wrong, |done, whole| progress.at(done, whole));
+        learned.with_context(|| match wrong.len() {
+            0 => cannot(),
+            count => format!(
+                "{}; the sheet's model puts {count} presses far from their places in {list}",
+                cannot()
+            ),
+        })
     };
     let (mut learned, mut found) = learn(&wrong)?;
     if let Ok(by_model) = &by_model {
@@ -339,7 +358,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         force: gain.as_ref().map(|gain| ForceLine::of(gain.stored())),
         forces_known: known.iter().filter(|press| press.force_n.is_some()).count(),
         unreached: UnreachedLine::of(&unreached),
-        shifted: shift.map(|(shift, _)| ShiftedLine::of(&shift, &known)),
+        shifted: shift.map(|shift| ShiftedLine::of(&shift, &known)),
         ..line(&found, &known, &table, &presses)
     };
     let mut out = crate::say::stdout();
@@ -502,8 +521,8 @@ fn gain(learned: &Learned, presses: &[Press], known: &[truth::KnownPress]) -> Op
     Gain::learn(&list)
 }
 
-/// From which line on a list tells the places of other presses, in words.
-fn shift_words(list: &str, known: &[truth::KnownPress], shift: &Shift, what: &str) -> String {
+/// From which line on a list tells the places of other presses, in words; with what is left as listed, and as read.
+fn shift_words(list: &str, known: &[truth::KnownPress], shift: &Shift, [own, read]: [String; 2]) -> String {
     let (line, frame) = (known[shift.from].line, &known[shift.from].frame);
     let (where_is, cause) = if shift.by > 0 {
         (
@@ -516,13 +535,9 @@ fn shift_words(list: &str, known: &[truth::KnownPress], shift: &Shift, what: &st
             "is a line missing there, or a press that was made twice? Put it in, or take the press out",
         )
     };
-    let [own, read] = shift
-        .left
-        .map(|left| if what.starts_with("mm") { left } else { 100.0 * left });
-    let unit = if what.starts_with("mm") { "" } else { " %" };
     format!(
-        "{list}:{line}: from about here on, frame {frame}, presses fit the place of the line {where_is} theirs: {read:.1}{unit} {what} then, and \
-         {own:.1}{unit} as listed; {cause}, so that each line has the place of its press"
+        "{list}:{line}: from about here on, frame {frame}, presses fit the place of the line {where_is} theirs: {read} then, and {own} as \
+         listed; {cause}, so that each line has the place of its press"
     )
 }
 

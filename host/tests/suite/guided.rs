@@ -40,6 +40,12 @@ fn folder() -> tempfile::TempDir {
     folder
 }
 
+/// Presses on that scene.
+fn on_rubber(folder: &Path, arguments: &[&str], keys: &str) -> Ran {
+    let presses = ["calibrate", "presses", "--scene", "rubber.toml"];
+    skin(folder, &[&presses[..], arguments].concat(), keys)
+}
+
 /// Columns of a CSV by their names.
 fn columns<const N: usize>(path: &Path, names: [&str; N]) -> Vec<[f64; N]> {
     let text = std::fs::read_to_string(path).unwrap();
@@ -59,18 +65,8 @@ fn columns<const N: usize>(path: &Path, names: [&str; N]) -> Vec<[f64; N]> {
 fn a_guided_run_gives_a_calibration_that_finds_other_presses_and_their_forces() {
     let folder = folder();
     let path = folder.path();
-    let guided = [
-        "calibrate",
-        "presses",
-        "--scene",
-        "rubber.toml",
-        "--count",
-        "20",
-        "--json",
-        "--state-dir",
-        "state",
-    ];
-    let taught = skin(path, &guided, "n\n");
+    let guided = ["--count", "20", "--json", "--state-dir", "state"];
+    let taught = on_rubber(path, &guided, "n\n");
     assert_eq!(taught.code, Some(0), "{}", taught.said);
     for said in [
         "taking the baseline, do not touch",
@@ -105,10 +101,6 @@ fn a_guided_run_gives_a_calibration_that_finds_other_presses_and_their_forces() 
     let marks = "x_mm,y_mm\n20,31\n-42,8\n3,-25\n-18,47\n50,-12\n-60,-35\n";
     std::fs::write(path.join("others.csv"), marks).unwrap();
     let others = [
-        "calibrate",
-        "presses",
-        "--scene",
-        "rubber.toml",
         "--marks",
         "others.csv",
         "--count",
@@ -118,7 +110,7 @@ fn a_guided_run_gives_a_calibration_that_finds_other_presses_and_their_forces() 
         "--out",
         "others.cal",
     ];
-    let others = skin(path, &others, "");
+    let others = on_rubber(path, &others, "");
     assert_eq!(others.code, Some(0), "{}", others.said);
     // On a sheet as the model has it the model is better; told that it is not, the presses have to do.
     let file = path.join("skin.cal");
@@ -236,30 +228,14 @@ fn a_robots_list_says_where_the_presses_of_a_stream_were() {
     ];
     let made = skin(path, &gcode, "");
     assert_eq!(made.code, Some(0), "{}", made.said);
-    let robot = [
-        "calibrate",
-        "presses",
-        "--scene",
-        "rubber.toml",
-        "--positions",
-        "press.csv",
-        "--out",
-        "robot.cal",
-    ];
-    let ran = skin(path, &robot, "");
+    let robot = ["--positions", "press.csv", "--out", "robot.cal"];
+    let ran = on_rubber(path, &robot, "");
     assert_eq!(ran.code, Some(0), "{}", ran.said);
     let listed = columns(&path.join("press.csv"), ["x_mm", "y_mm"]);
     let found = columns(&path.join("robot.presses.csv"), ["x_mm", "y_mm"]);
     assert_eq!(found, listed);
-    let wrong = [
-        "calibrate",
-        "presses",
-        "--scene",
-        "rubber.toml",
-        "--positions",
-        "nowhere.csv",
-    ];
-    let wrong = skin(path, &wrong, "");
+    let wrong = ["--positions", "nowhere.csv"];
+    let wrong = on_rubber(path, &wrong, "");
     assert!(
         wrong.code == Some(1) && wrong.said.contains("nowhere.csv"),
         "{}",
@@ -273,16 +249,8 @@ fn a_robots_list_says_where_the_presses_of_a_stream_were() {
 fn a_list_that_does_not_fit_its_presses_is_said() {
     let folder = folder();
     let path = folder.path();
-    let guided = [
-        "calibrate",
-        "presses",
-        "--scene",
-        "rubber.toml",
-        "--count",
-        "20",
-        "--json",
-    ];
-    let taught = skin(path, &guided, "");
+    let guided = ["--count", "20", "--json"];
+    let taught = on_rubber(path, &guided, "");
     assert_eq!(taught.code, Some(0), "{}", taught.said);
     let found: Value = serde_json::from_str(&taught.out).unwrap();
     assert!(
@@ -371,8 +339,8 @@ fn nothing_of_earlier_presses_is_overwritten_and_what_cannot_be_written_is_found
     let folder = folder();
     let path = folder.path();
     let guided = |more: &[&str]| {
-        let five = ["calibrate", "presses", "--scene", "rubber.toml", "--count", "5"];
-        skin(path, &[&five[..], more].concat(), "")
+        let five = ["--count", "5"];
+        on_rubber(path, &[&five[..], more].concat(), "")
     };
     // The rubber's creep that is there stays, and presses go beside it.
     let creep = "kind = \"skin\"\nversion = 4\n[of]\n[rubber]\ndelayed_ratio = 0.3\ntau_s = 5.0\nexponent = 1.0\nunit_rise_mpa = 0.25\nforce_sd_n = 0.1\n";

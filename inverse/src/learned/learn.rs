@@ -13,11 +13,10 @@ use super::stale::stale;
 use super::validation::{
     FOLDS, Fold, STEPS, Validation, first_evidence, locators, quantile, second_evidence, validate,
 };
-use crate::stats::median;
+use crate::stats::{chance_of_gain, median};
 use forward::Measurement;
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
-use statrs::distribution::{ContinuousCDF, StudentsT};
 use thiserror::Error;
 
 /// Fewest presses to learn from.
@@ -449,12 +448,8 @@ impl Checked {
             let gains: Vec<f64> = (others.iter().zip(&without))
                 .map(|(o, now)| (errors[*o].max(LEAST_OFF * reach_mm) / now.max(LEAST_OFF * reach_mm)).ln())
                 .collect();
-            let count = gains.len() as f64;
-            let mean = gains.iter().sum::<f64>() / count;
-            let variance = gains.iter().map(|g| (g - mean).powi(2)).sum::<f64>() / (count - 1.0);
-            let better = mean / (variance / count).sqrt().max(f64::MIN_POSITIVE);
-            let student = StudentsT::new(0.0, 1.0, count - 1.0).ok()?;
-            (student.sf(better) < BY_CHANCE / TRIED as f64).then_some((k, mean))
+            let (chance, mean) = chance_of_gain(&gains)?;
+            (chance < BY_CHANCE / TRIED as f64).then_some((k, mean))
         });
         tried.max_by(|a, b| a.1.total_cmp(&b.1)).map(|t| t.0)
     }

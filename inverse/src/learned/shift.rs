@@ -2,7 +2,7 @@
 //!
 //! Each of some ways to read the list is tried: as it is, or from a press on one line earlier or later. Maps of the others say what part of
 //! each press's change is left, at the place of its line and at that of the line beside. From that follows from which press on the list is
-//! best read otherwise, and maps are learned anew of the list so read, until nothing changes (Viterbi training; Juang and Rabiner 1990).
+//! best read otherwise. Maps are learned anew of the list so read, until nothing changes (Viterbi training; Juang and Rabiner 1990).
 
 use super::choice::{Choice, Setting};
 use super::learn::{alive, check, gather};
@@ -11,9 +11,8 @@ use super::rest::Residuals;
 use super::search::{QUICK_FOLDS, choose, first_choices, left_of, rests};
 use super::validation::folds;
 use super::{LearnError, Press};
-use crate::stats::median;
+use crate::stats::{chance_of_gain, median};
 use forward::Measurement;
-use statrs::distribution::{ContinuousCDF, StudentsT};
 
 /// Parts of the list at which a shift is first supposed to begin: then less than an eighth of it is read wrong.
 const STARTS: usize = 4;
@@ -221,10 +220,12 @@ pub fn shifted_by_places(found: &[Option<[f64; 2]>], places_mm: &[[f64; 2]], lea
 fn surely(reading: Reading, both: impl Iterator<Item = (usize, f64, f64)>) -> Option<Shift> {
     let all: Vec<(usize, f64, f64)> = both.collect();
     let otherwise: Vec<(usize, f64, f64)> = all.iter().copied().filter(|(k, ..)| *k >= reading.from).collect();
-    let chance = [&all, &otherwise]
-        .map(|list| chance(list))
+    let gains = |list: &[(usize, f64, f64)]| list.iter().map(|(_, own, read)| own - read).collect::<Vec<_>>();
+    let chances = [&all, &otherwise].map(|list| chance_of_gain(&gains(list)));
+    let chance = chances
         .into_iter()
         .flatten()
+        .map(|(chance, _)| chance)
         .reduce(f64::min)?;
     // Each of both ways from each press on is a reading, compared twice.
     let compared = (4 * reading.count) as f64;
@@ -235,15 +236,4 @@ fn surely(reading: Reading, both: impl Iterator<Item = (usize, f64, f64)>) -> Op
         by: reading.by,
         left: [mean(|(_, own, _)| *own), mean(|(.., read)| *read)],
     })
-}
-
-/// The chance that logarithms are so much less by another reading where both leave as much, by Student's distribution. None of fewer
-/// than two.
-fn chance(list: &[(usize, f64, f64)]) -> Option<f64> {
-    let count = list.len() as f64;
-    let gains = || list.iter().map(|(_, own, read)| own - read);
-    let mean = gains().sum::<f64>() / count;
-    let variance = gains().map(|g| (g - mean).powi(2)).sum::<f64>() / (count - 1.0);
-    let better = mean / (variance / count).sqrt().max(f64::MIN_POSITIVE);
-    Some(StudentsT::new(0.0, 1.0, count - 1.0).ok()?.sf(better))
 }
