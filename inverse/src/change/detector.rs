@@ -12,13 +12,16 @@
 //! of, the mean of both is reconstructed. The mean of the most frames is followed by the mean of as many new ones. One
 //! reconstruction too many then costs accuracy as well, so noise seldom exceeds those quantiles. The first frames are the
 //! exception: they may be the last of a touch that comes down. A drift too slow to show in one frame shows in a mean: of 2,
-//! 4, 8 frames and so on, those since the last result are compared with those before. Where they differ they alone count.
+//! 4, 8 frames and so on, those since the last result are compared with those before. Where they differ they alone count. Where
+//! touches change their places so, they slide: every frame is new until they rest.
 
 use crate::change::rest_mean::RestMean;
+use crate::change::slide::Slide;
 use crate::linalg::basis::orthogonalise;
-use crate::linalg::vector::square;
+use crate::linalg::vector::{dot, square};
 use crate::solvers::{Problem, Projector};
 use crate::stats::chi_square_quantile;
+use crate::touches::fit::levenberg_marquardt::PARAMETERS;
 
 /// Thresholds of the change detector.
 ///
@@ -67,6 +70,8 @@ impl Default for ChangeOptions {
 
 /// A direction of which less than this part (of its square) is new lies in those before it.
 const DEPENDENT: f64 = 1e-18;
+/// Parameters of a touch's place: the first of [`PARAMETERS`].
+const PLACE: usize = 2;
 
 /// What a frame turns out to be.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -90,10 +95,13 @@ pub(crate) fn own_stretch(stretch: f64, baseline_share: f64) -> f64 {
 #[derive(Clone, Debug, Default)]
 struct Last {
     reduced: Vec<f64>,
-    /// Orthonormal directions along the touches' parameters, one after the other.
+    /// Orthonormal directions along the touches' parameters, one after the other: first along sizes and strengths, so many entries,
+    /// then along what places do besides.
     along: Vec<f64>,
+    of_sizes: usize,
     limit_along: f64,
     limit_first: f64,
+    limit_places: f64,
 }
 
 impl Last {
@@ -111,6 +119,25 @@ impl Last {
         }
         let noise = share + before;
         change <= noise * limit && along <= noise * limit_along
+    }
+
+    /// Adds the part of a direction that is new.
+    fn add_along(&mut self, direction: &[f64]) {
+        let start = self.along.len();
+        self.along.extend_from_slice(direction);
+        let (earlier, this) = self.along.split_at_mut(start);
+        if let Some(length) = orthogonalise(earlier, this, DEPENDENT) {
+            let scale = 1.0 / length.sqrt();
+            this.iter_mut().for_each(|t| *t *= scale);
+        } else {
+            self.along.truncate(start);
+        }
+    }
+
+    /// Product of the parts of two differences along the touches' places. What sizes and strengths do as well is no part of them.
+    fn along_places(&self, a: &[f64], b: &[f64]) -> f64 {
+        let places = self.along.get(self.of_sizes..).unwrap_or_default();
+        places.chunks_exact(a.len()).map(|q| dot(q, a) * dot(q, b)).sum()
     }
 }
 
@@ -132,6 +159,7 @@ pub(crate) struct ChangeDetector {
     /// Most frames at rest of which the mean is taken.
     most: usize,
     rest: RestMean,
+    slide: Slide,
     /// Variance of one frame's noise, and the baseline's over it.
     variance: f64,
     baseline_share: f64,
@@ -174,6 +202,7 @@ impl ChangeDetector {
             remembers: false,
             most: 1,
             rest: RestMean::default(),
+            slide: Slide::default(),
             variance,
             baseline_share,
             limits_along: Vec::new(),
@@ -220,18 +249,29 @@ impl ChangeDetector {
         if square(reduced) <= stretch * self.limit {
             return Change::Nothing;
         }
-        if !self.remembers {
-            return Change::New;
-        }
         let (last, rest) = (&self.last, &mut self.rest);
-        let limit = self.limits_same[usize::from(self.most > 1)];
         // Two frames have the same baseline.
         let own = own_stretch(stretch, self.baseline_share);
+        let along_places = |a: &[f64], b: &[f64]| last.along_places(a, b);
+        self.slide.take(reduced, own * last.limit_places, along_places);
+        if !self.remembers || self.slide.is_on() {
+            return Change::New;
+        }
+        let limit = self.limits_same[usize::from(self.most > 1)];
         let same = |sum: &[f64], share: f64, before: f64, along: f64| {
             last.is_same(sum, share, before, own * limit, own * along)
         };
         let before = 1.0 / rest.frames().max(1) as f64;
+        let slides = |slide: &mut Slide, sum: &[f64], share: f64| {
+            let by = sum.iter().zip(&last.reduced).map(|(a, b)| share * a - b);
+            let limit = own * (share + before) * last.limit_places;
+            slide.note(self.most, by, limit, along_places);
+            slide.is_on()
+        };
         if !same(reduced, 1.0, before, last.limit_along) {
+            if self.most > 1 {
+                slides(&mut self.slide, reduced, 1.0);
+            }
             return Change::New;
         }
         if self.most < 2 {
@@ -243,15 +283,16 @@ impl ChangeDetector {
         rest.add(frame, reduced);
         let (since, frames) = (rest.since(), rest.frames());
         let all = since >= frames;
-        let limit_along = if all && frames <= self.options.first_frames {
-            last.limit_first
-        } else {
-            last.limit_along
-        };
+        let is_first = all && frames <= self.options.first_frames;
+        let limit_along = if is_first { last.limit_first } else { last.limit_along };
         let share = 1.0 / since as f64;
         let drifts = since.is_power_of_two() && !same(rest.reduced_sum(), share, before, limit_along);
         if !drifts && !all {
             return Change::Same;
+        }
+        // The end of a touch that comes down is no slide, and noise often looks like it.
+        if drifts && !is_first && slides(&mut self.slide, rest.reduced_sum(), share) {
+            return Change::New;
         }
         rest.renew(!drifts && 2 * frames <= self.most);
         Change::Mean
@@ -281,16 +322,14 @@ impl ChangeDetector {
         last.reduced.clear();
         last.reduced.extend_from_slice(&reduced[..directions]);
         last.along.clear();
-        for column in slopes.chunks_exact(stride) {
-            let start = last.along.len();
-            last.along.extend_from_slice(&column[..directions]);
-            let (earlier, this) = last.along.split_at_mut(start);
-            if let Some(length) = orthogonalise(earlier, this, DEPENDENT) {
-                let scale = 1.0 / length.sqrt();
-                this.iter_mut().for_each(|t| *t *= scale);
-            } else {
-                last.along.truncate(start);
-            }
+        let columns = || slopes.chunks_exact(stride).enumerate();
+        let is_place = |k: usize| k % PARAMETERS < PLACE;
+        for (_, column) in columns().filter(|(k, _)| !is_place(*k)) {
+            last.add_along(&column[..directions]);
+        }
+        last.of_sizes = last.along.len();
+        for (_, column) in columns().filter(|(k, _)| is_place(*k)) {
+            last.add_along(&column[..directions]);
         }
         let count = last.along.len() / directions.max(1);
         while self.limits_along.len() <= count {
@@ -301,6 +340,7 @@ impl ChangeDetector {
                 .push([self.options.anew_along, self.options.jump_along].map(limit));
         }
         let limits = self.limits_along[count];
+        last.limit_places = self.limits_along[(last.along.len() - last.of_sizes) / directions.max(1)][0];
         last.limit_first = limits[0];
         last.limit_along = limits[usize::from(self.most > 1)];
     }
@@ -309,6 +349,7 @@ impl ChangeDetector {
     pub(crate) fn forget(&mut self) {
         self.remembers = false;
         self.rest.end();
+        self.slide.end();
     }
 }
 

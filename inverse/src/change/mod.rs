@@ -2,5 +2,6 @@
 
 pub(crate) mod detector;
 mod rest_mean;
+mod slide;
 
 pub use detector::ChangeOptions;
