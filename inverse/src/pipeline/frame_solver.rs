@@ -268,6 +268,11 @@ impl FrameSolver {
         self.fitter.iter_mut().for_each(Fitter::forget);
     }
 
+    /// Starts the next fit of the frame without the touches that were found in it.
+    pub(crate) fn forget_found(&mut self) {
+        self.fitter.iter_mut().for_each(Fitter::forget_found);
+    }
+
     /// Starts the next frame without anything of the frame before.
     pub(crate) fn forget(&mut self) {
         self.weightings.forget();
@@ -577,7 +582,7 @@ impl FrameSolver {
             polarity: task.polarity,
             corrected: task.corrected,
             unhurried: !self.options.sequence,
-            from_found: self.options.sequence && task.changed.is_empty(),
+            from_found: task.changed.is_empty(),
         };
         let options = *fitter.options();
         // What no sheet shows at any one time is in frames while touches move as well, and may be what the noise is estimated by.

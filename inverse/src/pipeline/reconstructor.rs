@@ -569,6 +569,7 @@ impl Reconstructor {
         self.difference.copy_from(&self.whole);
         self.broken.add_leak(&mut self.difference, -1.0);
         self.left_changed = true;
+        self.solver.forget_found();
     }
 
     /// Solves a frame that its touches do not explain without the values that stand out of what they leave, where the noise is known. The

@@ -325,8 +325,9 @@ fn weighed(volts: &DMatrix<f64>, used: &[bool], spread: &[f64]) -> DMatrix<f64> 
     })
 }
 
-/// How many problems are kept: for every kind of drift, and for two with a contact or values that come and go.
-const MOST_KEPT: usize = 6;
+/// How many problems are kept: for each of five kinds of drift with all values and without those of what is broken, and for two with
+/// a contact. A table in which the same electrode is open in every frame needs them all for every frame.
+const MOST_KEPT: usize = 12;
 
 /// The same of frames with many values, in which nothing rare is looked for: a problem takes 200 MB.
 const MOST_KEPT_OF_MANY: usize = 2;

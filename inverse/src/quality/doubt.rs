@@ -104,9 +104,10 @@ impl fmt::Display for Doubt {
             Self::Fault(fault) => write!(f, "{fault}"),
             Self::Gone { x_mm, y_mm, fell } => {
                 let [change, rise] = if *fell { ["lower", "down"] } else { ["raise", "up"] };
+                let wet = if *fell { ", or water lies there" } else { "" };
                 write!(
                     f,
-                    "something that lay at ({x_mm}, {y_mm}) mm when the baseline was taken has gone: take a new baseline; or, if \
+                    "something that lay at ({x_mm}, {y_mm}) mm when the baseline was taken has gone{wet}: take a new baseline; or, if \
                      touches {change} the resistance of this sheet, say --rise {rise}"
                 )
             }

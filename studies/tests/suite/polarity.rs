@@ -244,3 +244,51 @@ fn a_finger_that_slides_away_is_no_touch_elsewhere() {
     assert!(10 * found_far > 9 * far, "{found_far} of {far}");
     assert!(silent < moving / 10, "{silent} of {moving}");
 }
+
+/// The rim of a cup is one touch in its middle, and a finger beside it is found. A rise with a fall in it would explain it as well.
+#[test]
+fn the_rim_of_a_cup_is_no_fall_in_a_rise() {
+    const REACH_MM: f64 = 30.0;
+    let imager = imager(Drive::PAPER, 5.0).unwrap();
+    let mut rng = rng(206);
+    let mut sheet = TestSheet::new(&imager, Drive::PAPER, 0.0, 0.0, &mut rng).unwrap();
+    let finger = touch([48.0, 0.0], 0.2);
+    let sigma = noise_v(&sheet.clean_frame(&[finger]).unwrap(), &sheet.baseline.clone(), 27.0);
+    let reference = Reference::new(imager, sheet.baseline.clone(), FrameNoise::of_frames(sigma)).unwrap();
+    let mut r = Reconstructor::new(
+        reference,
+        ReconstructorOptions::for_imager(&sheet.fitted_imager(), Method::Nnls),
+    );
+    let (mut falls, mut right) = (0, 0);
+    for n in 0..24 {
+        let [x, y] = if n % 2 == 0 {
+            place(&mut rng).map(|v| 0.5 * v)
+        } else {
+            [-25.0, rng.random_range(-10.0..10.0)]
+        };
+        let mut all: Vec<DiscTouch> = (0..30)
+            .map(|k| {
+                let angle = f64::from(k) * PI / 15.0;
+                DiscTouch {
+                    centre_mm: [x + REACH_MM * angle.cos(), y + REACH_MM * angle.sin()],
+                    radius_mm: 3.0,
+                    rise: 0.15,
+                }
+            })
+            .collect();
+        let mut truth = vec![[x, y]];
+        if n % 2 == 1 {
+            all.push(finger);
+            truth.push(finger.centre_mm);
+        }
+        let found = r
+            .frame(&noisy(sheet.clean_frame(&all).unwrap(), sigma, &mut rng))
+            .unwrap();
+        let is_there = |t: &Touch| truth.iter().any(|at| (t.x_mm - at[0]).hypot(t.y_mm - at[1]) < 5.0);
+        let is_right = found.touches.len() == truth.len() && found.touches.iter().all(is_there);
+        right += usize::from(is_right && found.doubt.is_none());
+        falls += found.touches.iter().filter(|t| t.rise < 0.0).count();
+    }
+    println!("{right} of 24 right, {falls} falls");
+    assert!(falls == 0 && right >= 20, "{right}, {falls}");
+}

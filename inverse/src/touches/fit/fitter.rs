@@ -307,10 +307,16 @@ impl Fitter {
     /// Forgets the touches of the frame before: they have gone.
     pub fn forget(&mut self) {
         self.forget_last();
+        self.forget_found();
         for aside in &mut self.aside {
             aside.followed.forget();
             aside.carried = Carried::default();
         }
+    }
+
+    /// Forgets the touches that were found in this frame: they were fitted to values that are known to be wrong by now.
+    pub(crate) fn forget_found(&mut self) {
+        self.found.clear();
     }
 
     fn forget_last(&mut self) {
@@ -409,23 +415,21 @@ impl Fitter {
             && let Some(discs) = merged_if_unresolved(&self.fits.now, radius_mm, least)
         {
             let fitted = &mut self.fits.now;
-            let (finished, settled, followed) = (fitted.finished, fitted.settled, fitted.followed);
+            let (settled, followed) = (fitted.settled, fitted.followed);
             let two = std::mem::replace(&mut fitted.discs, discs);
             fitted.followed = false;
-            // No search: it would find two again.
-            job.until_evaluations = self.evaluations;
             let values = if self.was_corrected {
                 Values::Corrected
             } else {
                 Values::Measured
             };
-            if self.again(job, values).is_none() {
+            // A search would find two again.
+            if self.again_without_search(job, values).is_none() {
                 std::mem::swap(&mut self.fits.now, &mut self.fits.before);
                 (self.fits.now.discs, self.fits.now.followed) = (two, followed);
                 return;
             }
             self.carried.error = None;
-            self.fits.now.finished = finished;
             self.fits.now.settled &= settled;
             self.refine(&job.data);
         }
@@ -546,6 +550,8 @@ impl Fitter {
     /// Takes the linearisation error of the touches fitted last off the data and fits again, until that changes
     /// nothing.
     fn correct(&mut self, job: &mut Job) -> Option<()> {
+        // Whether a search found as many touches with a correction as with the one before: the next one would, too.
+        let mut stays = false;
         // In a hurry, the next frame goes on with the correction.
         for round in 0..if job.hurried { 1 } else { self.options.most_rounds } {
             if !self.may_solve(job) {
@@ -559,7 +565,12 @@ impl Fitter {
             let error = self.solve(job)?;
             self.corrected.take_off(&error, 1.0, &mut job.data);
             self.carried.error = Some(error);
-            self.again(job, Values::Corrected)?;
+            if stays {
+                self.again_without_search(job, Values::Corrected)?;
+            } else {
+                self.again(job, Values::Corrected)?;
+                stays = round > 0 && self.fits.before.discs.len() == self.fits.now.discs.len();
+            }
             self.fits.now.settled = settled(&self.fits.before, &self.fits.now, self.options.settled);
             if self.fits.now.settled {
                 break;
@@ -624,6 +635,17 @@ impl Fitter {
     fn again(&mut self, job: &Job, values: Values) -> Option<()> {
         let follows = self.fits.now.followed;
         self.fit_from(job, values, self.prior.model_error, None, follows)
+    }
+
+    /// The same with as many touches.
+    fn again_without_search(&mut self, job: &mut Job, values: Values) -> Option<()> {
+        let finished = self.fits.now.finished;
+        let until = std::mem::replace(&mut job.until_evaluations, self.evaluations);
+        let fitted = self.again(job, values);
+        job.until_evaluations = until;
+        fitted?;
+        self.fits.now.finished = finished;
+        Some(())
     }
 
     /// Fits from these places, or from the touches fitted last. `error` is the part of the data that the model may get

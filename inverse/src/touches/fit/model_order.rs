@@ -197,15 +197,17 @@ impl<'a> Search<'a> {
         })
     }
 
-    /// Whether any two touches lie in one another. A fall and a rise may: a finger that rested on the sheet has slid. At the rim what a
-    /// contact does looks like that.
+    /// Whether any two touches lie in one another. A fall and a rise may overlap: a finger that rested on the sheet has slid. At the rim
+    /// what a contact does looks like that. One that lies wholly in the other is a ring, and no touches.
     fn overlap(&self, discs: &[Disc]) -> bool {
         let part = self.model.order.overlap;
         let DiscModel { table, prior, .. } = self.model;
         let inside = |d: &Disc| table.is_inside(d.at, FROM_RIM * prior.radius_mm);
         discs.iter().enumerate().any(|(k, a)| {
-            let slid = |b: &Disc| a.strength * b.strength < 0.0 && [a, b].iter().all(|d| inside(d));
-            let near = |b: &Disc| (a.at[0] - b.at[0]).hypot(a.at[1] - b.at[1]) < part * (a.radius + b.radius);
+            let apart = |b: &Disc| (a.at[0] - b.at[0]).hypot(a.at[1] - b.at[1]);
+            let within = |b: &Disc| apart(b) < (a.radius - b.radius).abs();
+            let slid = |b: &Disc| a.strength * b.strength < 0.0 && !within(b) && [a, b].iter().all(|d| inside(d));
+            let near = |b: &Disc| apart(b) < part * (a.radius + b.radius);
             discs[..k].iter().any(|b| near(b) && !slid(b))
         })
     }
