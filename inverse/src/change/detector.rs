@@ -13,7 +13,7 @@
 //! reconstruction too many then costs accuracy as well, so noise seldom exceeds those quantiles. The first frames are the
 //! exception: they may be the last of a touch that comes down. A drift too slow to show in one frame shows in a mean: of 2,
 //! 4, 8 frames and so on, those since the last result are compared with those before. Where they differ they alone count. Where
-//! touches change their places so, they slide: every frame is new until they rest.
+//! places change so twice, the same way, touches slide: every frame is new until they rest.
 
 use crate::change::rest_mean::RestMean;
 use crate::change::slide::Slide;
@@ -95,10 +95,10 @@ pub(crate) fn own_stretch(stretch: f64, baseline_share: f64) -> f64 {
 #[derive(Clone, Debug, Default)]
 struct Last {
     reduced: Vec<f64>,
-    /// Orthonormal directions along the touches' parameters, one after the other: first along sizes and strengths, so many entries,
-    /// then along what places do besides.
+    /// Orthonormal directions along the touches' parameters, one after the other: first along sizes and strengths. From this entry on they
+    /// are along what places do besides.
     along: Vec<f64>,
-    of_sizes: usize,
+    places_from: usize,
     limit_along: f64,
     limit_first: f64,
     limit_places: f64,
@@ -136,7 +136,7 @@ impl Last {
 
     /// Product of the parts of two differences along the touches' places. What sizes and strengths do as well is no part of them.
     fn along_places(&self, a: &[f64], b: &[f64]) -> f64 {
-        let places = self.along.get(self.of_sizes..).unwrap_or_default();
+        let places = self.along.get(self.places_from..).unwrap_or_default();
         places.chunks_exact(a.len()).map(|q| dot(q, a) * dot(q, b)).sum()
     }
 }
@@ -245,16 +245,19 @@ impl ChangeDetector {
                 };
             }
         });
-        // A comparison with what is no number is false: such a frame is new.
-        if square(reduced) <= stretch * self.limit {
+        let square = square(reduced);
+        if square <= stretch * self.limit {
             return Change::Nothing;
+        }
+        if !square.is_finite() {
+            return Change::New;
         }
         let (last, rest) = (&self.last, &mut self.rest);
         // Two frames have the same baseline.
         let own = own_stretch(stretch, self.baseline_share);
         let along_places = |a: &[f64], b: &[f64]| last.along_places(a, b);
         self.slide.take(reduced, own * last.limit_places, along_places);
-        if !self.remembers || self.slide.is_on() {
+        if !self.remembers || (self.most > 1 && self.slide.is_on()) {
             return Change::New;
         }
         let limit = self.limits_same[usize::from(self.most > 1)];
@@ -262,15 +265,14 @@ impl ChangeDetector {
             last.is_same(sum, share, before, own * limit, own * along)
         };
         let before = 1.0 / rest.frames().max(1) as f64;
-        let slides = |slide: &mut Slide, sum: &[f64], share: f64| {
+        let note_move = |slide: &mut Slide, sum: &[f64], share: f64| {
             let by = sum.iter().zip(&last.reduced).map(|(a, b)| share * a - b);
             let limit = own * (share + before) * last.limit_places;
             slide.note(self.most, by, limit, along_places);
-            slide.is_on()
         };
         if !same(reduced, 1.0, before, last.limit_along) {
             if self.most > 1 {
-                slides(&mut self.slide, reduced, 1.0);
+                note_move(&mut self.slide, reduced, 1.0);
             }
             return Change::New;
         }
@@ -291,8 +293,11 @@ impl ChangeDetector {
             return Change::Same;
         }
         // The end of a touch that comes down is no slide, and noise often looks like it.
-        if drifts && !is_first && slides(&mut self.slide, rest.reduced_sum(), share) {
-            return Change::New;
+        if drifts && !is_first {
+            note_move(&mut self.slide, rest.reduced_sum(), share);
+            if self.slide.is_on() {
+                return Change::New;
+            }
         }
         rest.renew(!drifts && 2 * frames <= self.most);
         Change::Mean
@@ -327,7 +332,7 @@ impl ChangeDetector {
         for (_, column) in columns().filter(|(k, _)| !is_place(*k)) {
             last.add_along(&column[..directions]);
         }
-        last.of_sizes = last.along.len();
+        last.places_from = last.along.len();
         for (_, column) in columns().filter(|(k, _)| is_place(*k)) {
             last.add_along(&column[..directions]);
         }
@@ -340,7 +345,7 @@ impl ChangeDetector {
                 .push([self.options.anew_along, self.options.jump_along].map(limit));
         }
         let limits = self.limits_along[count];
-        last.limit_places = self.limits_along[(last.along.len() - last.of_sizes) / directions.max(1)][0];
+        last.limit_places = self.limits_along[(last.along.len() - last.places_from) / directions.max(1)][0];
         last.limit_first = limits[0];
         last.limit_along = limits[usize::from(self.most > 1)];
     }

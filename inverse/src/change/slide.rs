@@ -12,14 +12,14 @@ const SAME_WAY: f64 = 0.5;
 pub(crate) struct Slide {
     /// Frames since touches at rest moved last; none before they did. And by what they moved then, reduced.
     moved: Option<usize>,
-    way: Vec<f64>,
+    last_move: Vec<f64>,
     /// Frames of a block, where touches slide; else 0.
     length: usize,
     /// Sum of the block's reduced frames so far, and how many.
     sum: Vec<f64>,
     frames: usize,
     /// The sum over the block before; empty where there is none.
-    before: Vec<f64>,
+    sum_before: Vec<f64>,
 }
 
 impl Slide {
@@ -43,11 +43,11 @@ impl Slide {
         let goes_on = |before: &[f64], now: &[f64]| {
             product(before, now) > SAME_WAY * (product(before, before) * product(now, now)).sqrt()
         };
-        if let Some(since) = since.filter(|_| goes_on(&self.way, &self.sum)) {
+        if let Some(since) = since.filter(|_| goes_on(&self.last_move, &self.sum)) {
             self.length = (2 * since.max(1)).min(most);
-            self.before.clear();
+            self.sum_before.clear();
         }
-        std::mem::swap(&mut self.sum, &mut self.way);
+        std::mem::swap(&mut self.sum, &mut self.last_move);
     }
 
     /// Whether the touches slide.
@@ -73,9 +73,9 @@ impl Slide {
         }
         let share = 1.0 / self.frames as f64;
         self.frames = 0;
-        std::mem::swap(&mut self.sum, &mut self.before);
-        if self.sum.len() == self.before.len() {
-            let both = self.sum.iter_mut().zip(&self.before);
+        std::mem::swap(&mut self.sum, &mut self.sum_before);
+        if self.sum.len() == self.sum_before.len() {
+            let both = self.sum.iter_mut().zip(&self.sum_before);
             both.for_each(|(s, b)| *s = share * (b - *s));
             if product(&self.sum, &self.sum) <= 2.0 * share * limit {
                 self.length = 0;
@@ -134,7 +134,7 @@ mod tests {
         assert!(!slide.is_on());
     }
 
-    /// It goes on as long as the blocks differ, and ends after two that are the same: 12 frames where frames move three apart.
+    /// It goes on as long as the blocks differ, and ends after two that are the same: 12 frames where the two moves were three frames apart.
     #[test]
     fn a_slide_ends_at_rest() {
         let mut slide = moved(3, [1.0, 0.0]);

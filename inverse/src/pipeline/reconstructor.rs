@@ -569,6 +569,7 @@ impl Reconstructor {
         self.difference.copy_from(&self.whole);
         self.broken.add_leak(&mut self.difference, -1.0);
         self.left_changed = true;
+        // They were fitted to values that are known to be wrong by now.
         self.solver.forget_found();
     }
 

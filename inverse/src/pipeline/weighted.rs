@@ -325,18 +325,21 @@ fn weighed(volts: &DMatrix<f64>, used: &[bool], spread: &[f64]) -> DMatrix<f64> 
     })
 }
 
-/// How many problems are kept: for each of five kinds of drift with all values and without those of what is broken, and for two with
-/// a contact. A table in which the same electrode is open in every frame needs them all for every frame.
+/// How many problems of tables are kept: for five ways to drift, with all values and without those of an electrode, and for two with a
+/// contact. Where that electrode is open in every frame, each frame needs the first ten.
 const MOST_KEPT: usize = 12;
+
+/// The same of a sequence, in which it is left out once it is known: for every way to drift, and for one with a contact.
+const MOST_KEPT_OF_SEQUENCE: usize = 6;
 
 /// The same of frames with many values, in which nothing rare is looked for: a problem takes 200 MB.
 const MOST_KEPT_OF_MANY: usize = 2;
 
-fn most_kept(imager: &Imager) -> usize {
-    if imager.is_searched() {
-        MOST_KEPT
-    } else {
-        MOST_KEPT_OF_MANY
+fn most_kept(imager: &Imager, options: &ReconstructorOptions) -> usize {
+    match (imager.is_searched(), options.sequence) {
+        (true, false) => MOST_KEPT,
+        (true, true) => MOST_KEPT_OF_SEQUENCE,
+        (false, _) => MOST_KEPT_OF_MANY,
     }
 }
 
@@ -379,7 +382,7 @@ impl Weightings {
                 0
             }
             None => {
-                self.kept.truncate(most_kept(imager) - 1);
+                self.kept.truncate(most_kept(imager, options) - 1);
                 let whole = self.whole.take().filter(|whole| whole.spread == difference.spread);
                 let mut whole = whole.unwrap_or_else(|| Whole::new(imager, options, &difference.spread));
                 let new = Weighted::new(&mut whole, imager, options, drift, contacts, difference, left_out);

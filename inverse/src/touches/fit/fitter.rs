@@ -47,7 +47,7 @@ pub struct Data<'a> {
     pub corrected: bool,
     /// Whether time does not count: the touches may get a mesh made for them.
     pub unhurried: bool,
-    /// Whether the search may begin at the touches that were found in this frame beside something else that drifts.
+    /// Whether the search may begin at the touches that another fit of this frame found.
     pub from_found: bool,
 }
 
@@ -138,8 +138,9 @@ pub struct Fitter {
     /// Evaluations of the response to one touch in this frame.
     evaluations: usize,
     allowed: Allowed,
-    /// Touches that were found in this frame, by a search that came to its end.
+    /// Touches that were found in this frame, by a search that came to its end; and by the fits that are none of the others' kind.
     found: Discs,
+    other_found: Discs,
     /// Of the frame fitted last.
     drift: Drift,
     /// Of a frame without touches.
@@ -196,6 +197,7 @@ impl Fitter {
             allowed: Allowed::default(),
             evaluations: 0,
             found: Discs::new(),
+            other_found: Discs::new(),
             drift: Drift::with_room(imager.pattern.electrodes()),
             alone: Drift::with_room(imager.pattern.electrodes()),
             refining: NuisanceScratch::default(),
@@ -295,6 +297,7 @@ impl Fitter {
         let mut other = std::mem::take(&mut self.other);
         self.exchange_with(&mut other);
         self.other = other;
+        std::mem::swap(&mut self.found, &mut self.other_found);
     }
 
     fn exchange_with(&mut self, aside: &mut Aside) {
@@ -314,7 +317,7 @@ impl Fitter {
         }
     }
 
-    /// Forgets the touches that were found in this frame: they were fitted to values that are known to be wrong by now.
+    /// Forgets the touches that were found in this frame.
     pub(crate) fn forget_found(&mut self) {
         self.found.clear();
     }

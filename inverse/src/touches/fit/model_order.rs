@@ -198,7 +198,7 @@ impl<'a> Search<'a> {
     }
 
     /// Whether any two touches lie in one another. A fall and a rise may overlap: a finger that rested on the sheet has slid. At the rim
-    /// what a contact does looks like that. One that lies wholly in the other is a ring, and no touches.
+    /// what a contact does looks like that. Where one lies wholly in the other, near its middle, both are a ring.
     fn overlap(&self, discs: &[Disc]) -> bool {
         let part = self.model.order.overlap;
         let DiscModel { table, prior, .. } = self.model;
