@@ -1,5 +1,5 @@
-//! Contacts that changed since the baseline: whether they are distinguished from touches. Table: docs/results.md,
-//! Contacts that changed.
+//! Contacts that changed since the baseline, and electrodes that slipped: whether they are distinguished from touches.
+//! Table: docs/results.md, Contacts that changed.
 //!
 //! `cargo run --release -p studies --example contacts -- [--scenes N] [--seed S] [--frames F]`
 //!
@@ -11,7 +11,7 @@
 use forward::{DiscTouch, Drive};
 use rand::Rng;
 use rand::rngs::StdRng;
-use studies::{LiveSheet, Worse, quantile};
+use studies::{LiveSheet, TestSheet, Worse, quantile, slipped};
 use tracing_subscriber::filter::{LevelFilter, Targets};
 use tracing_subscriber::prelude::*;
 
@@ -46,6 +46,60 @@ fn places(rng: &mut StdRng, count: usize, at_rim: bool) -> Vec<[f64; 2]> {
     out
 }
 
+/// What changed since the baseline.
+#[derive(Clone, Copy, Debug)]
+enum Change {
+    Contact(Worse),
+    /// Along the rim, mm, one way or the other.
+    Slip(f64),
+}
+
+/// Whether electrodes that changed so are named, and the touches beside them right: a line of the table.
+fn changed(live: &mut LiveSheet, change: Change, scenes: u64, frames: u64) -> anyhow::Result<String> {
+    let (mut named, mut right, mut errors, mut longest) = (0, 0, Vec::new(), 0.0_f64);
+    for k in 0..scenes {
+        let electrode = live.rng.random_range(0..16);
+        let touches: Vec<DiscTouch> = places(&mut live.rng, k as usize % 3, false)
+            .into_iter()
+            .map(|p| finger(p, 0.2))
+            .collect();
+        let clean = match change {
+            Change::Contact(worse) => live.sheet.worse_frame(&touches, &[(electrode, worse)])?,
+            Change::Slip(mm) => {
+                let sheet = slipped(electrode, if live.rng.random() { mm } else { -mm });
+                TestSheet::of_sheet(&live.sheet.imager, live.sheet.drive, &sheet)?.clean_frame(&touches)?
+            }
+        };
+        // A frame of the untouched sheet separates the scenes.
+        let rest = live.empty();
+        live.reconstructor.frame(&rest)?;
+        for _ in 1..frames {
+            let frame = live.frame(&clean);
+            let start = std::time::Instant::now();
+            live.reconstructor.frame(&frame)?;
+            longest = longest.max(start.elapsed().as_secs_f64() * 1e3);
+        }
+        let frame = live.frame(&clean);
+        let found = live.reconstructor.frame(&frame)?;
+        if found.contacts != [electrode] || found.touches.len() != touches.len() {
+            tracing::debug!(?electrode, ?change, ?touches, ?found.contacts, ?found.faults, ?found.doubt, ?found.touches, ?found.misfit, "wrong");
+        }
+        named += usize::from(found.contacts == [electrode]);
+        right += usize::from(found.touches.len() == touches.len());
+        for t in &touches {
+            let off = |f: &inverse::touches::touch::Touch| (f.x_mm - t.centre_mm[0]).hypot(f.y_mm - t.centre_mm[1]);
+            errors.push(found.touches.iter().map(off).fold(50.0, f64::min));
+        }
+    }
+    Ok(format!(
+        "{:.0} | {:.0} | {:.2} / {:.2} | {longest:.0} |",
+        100.0 * named as f64 / scenes as f64,
+        100.0 * right as f64 / scenes as f64,
+        quantile(&errors, 0.5),
+        quantile(&errors, 0.95),
+    ))
+}
+
 fn main() -> anyhow::Result<()> {
     let levels = std::env::var("RUST_LOG").ok().and_then(|levels| levels.parse().ok());
     tracing_subscriber::registry()
@@ -71,43 +125,8 @@ fn main() -> anyhow::Result<()> {
         let faces = [20.0, 50.0, 100.0, 200.0, 500.0].map(Worse::Face);
         let wires = [20.0, 100.0, 500.0].map(Worse::Wire);
         for worse in faces.into_iter().chain(wires) {
-            let (mut named, mut right, mut errors, mut longest) = (0, 0, Vec::new(), 0.0_f64);
-            for k in 0..scenes {
-                let electrode = live.rng.random_range(0..16);
-                let touches: Vec<DiscTouch> = places(&mut live.rng, k as usize % 3, false)
-                    .into_iter()
-                    .map(|p| finger(p, 0.2))
-                    .collect();
-                let clean = live.sheet.worse_frame(&touches, &[(electrode, worse)])?;
-                // A frame of the untouched sheet separates the scenes.
-                let rest = live.empty();
-                live.reconstructor.frame(&rest)?;
-                for _ in 1..frames {
-                    let frame = live.frame(&clean);
-                    let start = std::time::Instant::now();
-                    live.reconstructor.frame(&frame)?;
-                    longest = longest.max(start.elapsed().as_secs_f64() * 1e3);
-                }
-                let frame = live.frame(&clean);
-                let found = live.reconstructor.frame(&frame)?;
-                if found.contacts != [electrode] || found.touches.len() != touches.len() {
-                    tracing::debug!(?electrode, ?worse, ?touches, ?found.contacts, ?found.faults, ?found.doubt, ?found.touches, ?found.misfit, "wrong");
-                }
-                named += usize::from(found.contacts == [electrode]);
-                right += usize::from(found.touches.len() == touches.len());
-                for t in &touches {
-                    let off =
-                        |f: &inverse::touches::touch::Touch| (f.x_mm - t.centre_mm[0]).hypot(f.y_mm - t.centre_mm[1]);
-                    errors.push(found.touches.iter().map(off).fold(50.0, f64::min));
-                }
-            }
-            println!(
-                "| {name}, {worse:?} ohm | {:.0} | {:.0} | {:.2} / {:.2} | {longest:.0} |",
-                100.0 * named as f64 / scenes as f64,
-                100.0 * right as f64 / scenes as f64,
-                quantile(&errors, 0.5),
-                quantile(&errors, 0.95),
-            );
+            let found = changed(&mut live, Change::Contact(worse), scenes, frames)?;
+            println!("| {name}, {worse:?} ohm | {found}");
         }
         let (mut alarms, mut right, mut errors) = (0, 0, Vec::new());
         for k in 0..scenes {
@@ -138,6 +157,10 @@ fn main() -> anyhow::Result<()> {
             quantile(&errors, 0.5),
             quantile(&errors, 0.95),
         );
+        for mm in [0.05, 0.1, 0.3, 1.0] {
+            let found = changed(&mut live, Change::Slip(mm), scenes, frames)?;
+            println!("| {name}, slipped by {mm} mm | {found}");
+        }
     }
     Ok(())
 }

@@ -50,4 +50,6 @@ pub use error::StudyError;
 pub use live_sheet::LiveSheet;
 pub use scene::{Fault, Kind, Scene, Worse, rng};
 pub use score::{MISSED_MM, Score, quantile};
-pub use test_sheet::{TestSheet, imager, imager_for, live_reconstructor, misplaced, noise_v, noisy, reconstructor};
+pub use test_sheet::{
+    TestSheet, imager, imager_for, live_reconstructor, misplaced, noise_v, noisy, reconstructor, slipped,
+};

@@ -312,6 +312,15 @@ pub fn misplaced(off_mm: f64, contact: f64, rng: &mut StdRng) -> Sheet {
     sheet
 }
 
+/// The paper's sheet with an electrode that slipped along its rim, mm counter-clockwise.
+pub fn slipped(electrode: usize, by_mm: f64) -> Sheet {
+    let mut sheet = Sheet::paper();
+    if let Some(Place::Angle { angle_deg, .. }) = sheet.electrodes.get_mut(electrode).map(|e| &mut e.place) {
+        *angle_deg += (by_mm / RIM_MM).to_degrees();
+    }
+    sheet
+}
+
 /// Adds white noise of this standard deviation, V, to a frame.
 pub fn noisy(mut frame: Vec<f64>, sigma: f64, rng: &mut StdRng) -> Vec<f64> {
     add_noise(&mut frame, sigma, rng);

@@ -2,11 +2,13 @@
 
 mod contacts;
 mod outliers;
+mod slips;
 mod time;
 mod unexplained;
 mod unreached;
 
 pub(crate) use self::contacts::Candidate;
+use self::slips::BesideTouches;
 use self::unreached::tells_noise;
 use crate::change::detector::ChangeDetector;
 use crate::linalg::vector::square;
@@ -155,6 +157,9 @@ pub(crate) struct FrameSolver {
     left: f64,
     /// The contact that would explain the frame alone.
     alone: Option<usize>,
+    /// The electrode that slipped, by what drifts beside it.
+    slipped: [Option<usize>; Drifting::ALL.len()],
+    beside_touches: BesideTouches,
     /// Ridges of the pictures solved last, by what drifts.
     ridges: [Option<f64>; Drifting::ALL.len()],
     /// Room for touches.
@@ -190,6 +195,8 @@ impl FrameSolver {
             sizes: Vec::new(),
             left: 0.0,
             alone: None,
+            slipped: [None; Drifting::ALL.len()],
+            beside_touches: BesideTouches::default(),
             ridges: [None; Drifting::ALL.len()],
             spare: Vec::new(),
             work: Work::default(),
@@ -346,6 +353,9 @@ impl FrameSolver {
         self.fit(task, noise, detector, result);
         if task.drifting == Drifting::Contacts {
             self.alone = self.alone(noise);
+        }
+        if task.averaged.frames == 1 && self.imager.is_searched() {
+            self.slipped[task.drifting.index()] = self.slipped(task, noise);
         }
     }
 
@@ -644,7 +654,7 @@ impl FrameSolver {
     /// Begins a frame: nothing is known of its contacts. The noise is estimated where nothing else tells it as well: a few pairs that
     /// happen to be reciprocal do not.
     pub(crate) fn begin<'a>(&mut self, task: Task<'a>) -> Task<'a> {
-        self.alone = None;
+        (self.alone, self.slipped) = (None, [None; Drifting::ALL.len()]);
         if tells_noise(task.noise, task.difference) {
             return task;
         }

@@ -2,7 +2,7 @@
 
 use crate::linalg::basis::Basis;
 use crate::pipeline::options::ReconstructorOptions;
-use crate::quality::contact::Contacts;
+use crate::quality::contact::{Contacts, Slip};
 use crate::quality::wild::Unreached;
 use crate::reference::Difference;
 use crate::reference::drift::{DriftShapes, Drifting};
@@ -10,6 +10,7 @@ use crate::reference::imager::Imager;
 use crate::solvers::{Factored, Method, Nnls, NnlsOptions, Problem, Projector};
 use crate::touches::fit::fitter::Fitter;
 use crate::touches::fit::nuisance::Nuisances;
+use crate::touches::fit::reduction::WeightedProjection;
 use crate::touches::fit::responses::ResponseTable;
 use arrayvec::ArrayVec;
 use nalgebra::{DMatrix, DVector};
@@ -104,6 +105,8 @@ pub(crate) struct Weighted {
     pub(crate) tables: Option<Tables>,
     /// What tells wild values; made when a frame first needs it.
     unreached: Option<Unreached>,
+    /// Slips of all electrodes, reduced; made when a frame first needs them.
+    slips: Option<Vec<Slip>>,
 }
 
 /// What pictures are solved with.
@@ -191,6 +194,7 @@ impl Weighted {
             },
             tables: None,
             unreached: None,
+            slips: None,
         }
     }
 
@@ -226,6 +230,20 @@ impl Weighted {
             let problem = &self.pictures.problem;
             let basis = (0..reached.min(problem.rank())).map(|k| problem.direction(k));
             Unreached::outside(&self.used, self.left_out.columns().chunks(values).chain(basis))
+        })
+    }
+
+    /// What a slip of every electrode does to a reduced frame beside what its contact does.
+    pub(crate) fn slips(&mut self, contacts: &Contacts, imager: &Imager) -> &[Slip] {
+        let (used, spread, projector) = (&self.used, &self.spread, &mut self.projector);
+        self.slips.get_or_insert_with(|| {
+            let mut reduction = WeightedProjection {
+                used,
+                spread,
+                projector,
+            };
+            let of = |electrode| Slip::new(&contacts.small(imager, electrode), &mut reduction);
+            (0..imager.pattern.electrodes()).map(of).collect()
         })
     }
 

@@ -247,6 +247,8 @@ pub(crate) struct DriftShapes {
     common: DMatrix<f64>,
     /// V, values by electrodes: every contact's impedance.
     contacts: DMatrix<f64>,
+    /// V for 1 mm, values by electrodes: every electrode's place along the rim.
+    slips: DMatrix<f64>,
     /// V, values by waves: an unevenness whose mean square is 1.
     waves: DMatrix<f64>,
     wave_squares: Vec<f64>,
@@ -280,6 +282,7 @@ impl DriftShapes {
         Some(Self {
             common,
             contacts: by_electrode.columns(0, electrodes).into_owned(),
+            slips: by_electrode.columns(electrodes, electrodes).into_owned(),
             wave_squares: waves.squares,
             of_lengths: waves.of_lengths,
             waves: of_waves,
@@ -290,6 +293,11 @@ impl DriftShapes {
     /// What a relative rise of every contact's impedance does, V: values by electrodes.
     pub(crate) fn of_contacts(&self) -> DMatrix<f64> {
         self.contacts.clone()
+    }
+
+    /// What a slip of every electrode along the rim does, V for 1 mm: values by electrodes.
+    pub(crate) fn of_slips(&self) -> DMatrix<f64> {
+        self.slips.clone()
     }
 
     /// V, values by kinds; those that `drifting` takes, of which the first two are gain and resistance. The difference of a value is

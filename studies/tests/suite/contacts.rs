@@ -5,7 +5,7 @@ use inverse::pipeline::Reconstructor;
 use inverse::reference::diagnosis::Fault;
 use inverse::touches::touch::Touch;
 use rand::Rng;
-use studies::{LiveSheet, Worse};
+use studies::{LiveSheet, TestSheet, Worse, slipped};
 
 const CURRENT: Drive = Drive::Current { amplitude_a: 1e-3 };
 
@@ -74,6 +74,40 @@ fn a_worse_contact_is_named_and_shows_no_touch() {
             assert_named(&mut live, (7 * k + 4) % 16, Worse::Wire(ohm));
         }
     }
+}
+
+/// An electrode that slips along its rim by a fiftieth to a tenth of its width looks like a small touch beside it. It is named within half
+/// a second, at rest and beside a finger. The finger is right then, and nothing else is shown.
+#[test]
+fn an_electrode_that_slips_is_named_and_shows_no_touch() {
+    let (mut frames, mut wrong) = (0, 0);
+    for (seed, electrode, by_mm) in [(89, 4, 0.2), (90, 13, -0.4), (91, 9, 0.7), (92, 0, -1.0)] {
+        let mut live = live_sheet(Drive::PAPER, seed);
+        let mut moved = TestSheet::of_sheet(&live.sheet.imager, Drive::PAPER, &slipped(electrode, by_mm)).unwrap();
+        let opposite = std::f64::consts::TAU * (electrode as f64 / 16.0 + live.rng.random_range(0.2..0.8));
+        let at = [45.0 * opposite.cos(), 45.0 * opposite.sin()];
+        for touches in [vec![], vec![finger(at[0], at[1])]] {
+            rest(&mut live);
+            let clean = moved.clean_frame(&touches).unwrap();
+            for frame in 0..120 {
+                let result = live.reconstruct(&clean).unwrap();
+                let off = |t: &Touch| (t.x_mm - at[0]).hypot(t.y_mm - at[1]);
+                let right = result.touches.len() == touches.len() && result.touches.iter().all(|t| off(t) < 1.5);
+                let said = format!(
+                    "{by_mm} mm at {electrode}, frame {frame}: {:?} {:?}",
+                    result.contacts, result.touches
+                );
+                if frame >= 57 {
+                    assert!(right && result.contacts == [electrode], "{said}");
+                } else {
+                    frames += 1;
+                    wrong += usize::from(!right && result.doubt.is_none());
+                }
+            }
+        }
+    }
+    println!("{wrong} of {frames} frames before were wrong and silent");
+    assert!(20 * wrong <= frames, "{wrong} of {frames}");
 }
 
 /// Whenever a contact holds again: the first frame at rest ends it, also one in which it was to be looked for.

@@ -18,7 +18,7 @@ impl ContactTest {
     ) {
         let before = std::mem::replace(&mut self.drifting, Drifting::Contacts);
         let without = self.solve_with(solver, task, detectors, result);
-        let named = solver.candidate(&[], result);
+        let named = solver.candidate(&[], self.drifting, result);
         if named.is_some_and(|c| c.linear && changed.contains(&c.electrode)) {
             self.monitor.keep(changed);
             self.drifting = before;
@@ -47,7 +47,7 @@ impl ContactTest {
     /// A contact that the frame names, of those of which nothing is known.
     pub(super) fn candidate(&self, solver: &FrameSolver, result: &FrameResult) -> Option<Candidate> {
         let known = [self.monitor.changed(), &self.left_out].concat();
-        solver.candidate(&known, result)
+        solver.candidate(&known, self.drifting, result)
     }
 
     /// Tests contacts that the frame names.
@@ -85,14 +85,15 @@ impl ContactTest {
             }
             let kept = result.clone();
             let with = self.solve_with(solver, task, detectors, result);
-            if self.monitor.decide(with, without) != Decision::Changed {
+            let slips = candidate.is_some_and(|c| c.slips);
+            if self.monitor.decide(with, without, slips) != Decision::Changed {
                 tracing::debug!(?candidate, ?with, ?without, "no contact yet");
                 *result = kept;
                 solver.forget_touches();
                 break;
             }
             tracing::debug!(?candidate, ?with, ?without, "a contact");
-            self.decided.extend(candidate.map(|c| c.electrode));
+            self.decided.extend(candidate.filter(|c| !c.slips).map(|c| c.electrode));
             self.polarity.unlearn();
             without = with;
         }

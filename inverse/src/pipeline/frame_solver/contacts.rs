@@ -4,7 +4,7 @@ use super::{FrameSolver, Task};
 use crate::pipeline::result::FrameResult;
 use crate::quality::contact::{Contacts, Evidence};
 use crate::reference::Difference;
-use crate::reference::drift::ContactChange;
+use crate::reference::drift::{ContactChange, Drifting};
 use crate::reference::noise::{NoiseEstimate, NoiseSource};
 use crate::touches::fit::fitter::Beside;
 
@@ -14,6 +14,8 @@ pub(crate) struct Candidate {
     pub(crate) electrode: usize,
     /// Whether its change is small: estimated beside touches, which are right.
     pub(crate) linear: bool,
+    /// Whether it slipped along the rim: its shapes are those of its change.
+    pub(crate) slips: bool,
 }
 
 impl FrameSolver {
@@ -46,8 +48,8 @@ impl FrameSolver {
     }
 
     /// An electrode whose contact changed more than the others in the frame solved last, beside its touches; or one that would
-    /// explain the frame alone, without touches. `known` ones are left out.
-    pub(crate) fn candidate(&self, known: &[usize], result: &FrameResult) -> Option<Candidate> {
+    /// explain the frame alone, without touches. `known` ones are left out. `drifting`: beside what the result was found.
+    pub(crate) fn candidate(&self, known: &[usize], drifting: Drifting, result: &FrameResult) -> Option<Candidate> {
         // An estimate of the noise by a few directions is not good enough to blame a contact.
         if matches!(result.noise?.source, NoiseSource::Residual { .. }) {
             return None;
@@ -59,13 +61,19 @@ impl FrameSolver {
             .filter(|c| self.is_fault(c))
             .map(|c| c.electrode)
             .filter(new);
-        let alone = self.alone.filter(new);
+        let contact = self.alone.filter(new);
+        let alone = contact.or(self.slipped[drifting.index()].filter(new));
         // What is found beside touches that do not explain the frame is worth less than what the frame says without them.
         let most = self.options.contacts.explained;
         let linear = !result.changed || result.misfit.is_some_and(|misfit| misfit <= most);
         let electrode = if linear { beside.or(alone) } else { alone.or(beside) }?;
         let linear = linear && beside.is_some();
-        Some(Candidate { electrode, linear })
+        let slips = !linear && contact != Some(electrode) && Some(electrode) == alone;
+        Some(Candidate {
+            electrode,
+            linear,
+            slips,
+        })
     }
 
     fn is_fault(&self, contact: &ContactChange) -> bool {

@@ -22,4 +22,4 @@ mod shapes;
 pub(crate) use evidence::Evidence;
 pub(crate) use monitor::{ContactMonitor, Decision};
 pub use options::ContactOptions;
-pub(crate) use shapes::Contacts;
+pub(crate) use shapes::{Contacts, Slip};

@@ -222,8 +222,9 @@ impl ContactMonitor {
         self.candidate = None;
     }
 
-    /// Decides on the candidate from the full fits of a frame with and without it.
-    pub(crate) fn decide(&mut self, with: Option<Evidence>, without: Option<Evidence>) -> Decision {
+    /// Decides on the candidate from the full fits of a frame with and without it. Touches and its shapes must explain all where it `slips`:
+    /// they are those of its change.
+    pub(crate) fn decide(&mut self, with: Option<Evidence>, without: Option<Evidence>, slips: bool) -> Decision {
         let full_fits = self.full_fits();
         let options = self.options;
         let decision = match (&mut self.candidate, with.zip(without)) {
@@ -233,6 +234,7 @@ impl ContactMonitor {
                 s.without = s.without + without;
                 let (with, without) = (s.with.mean_of(s.compared), s.without.mean_of(s.compared));
                 match s.compared >= full_fits {
+                    true if slips && with.misfit > options.explained => Decision::Unchanged,
                     true if with.instead_of(without, &options) => Decision::Changed,
                     false if with.cost < without.cost => Decision::Open,
                     _ => Decision::Unchanged,
@@ -301,7 +303,7 @@ mod tests {
     fn frames(monitor: &mut ContactMonitor, most: usize, named: impl Fn(usize) -> Option<usize>) -> Option<usize> {
         (0..most).find(|k| {
             monitor.begin(false);
-            monitor.propose(named(*k), false) && monitor.decide(Some(BETTER), Some(WORSE)) == Decision::Changed
+            monitor.propose(named(*k), false) && monitor.decide(Some(BETTER), Some(WORSE), false) == Decision::Changed
         })
     }
 
@@ -385,7 +387,7 @@ mod tests {
             let asked = monitor.propose(Some(2), false);
             if asked {
                 assert_eq!(monitor.changed(), [2]);
-                assert_eq!(monitor.decide(Some(WORSE), Some(BETTER)), Decision::Unchanged);
+                assert_eq!(monitor.decide(Some(WORSE), Some(BETTER), false), Decision::Unchanged);
             }
             assert!(monitor.changed().is_empty());
             asked

@@ -1,9 +1,12 @@
 //! What contacts do to a frame.
 
+use crate::linalg::basis::Basis;
+use crate::linalg::vector::square;
 use crate::reference::Difference;
 use crate::reference::drift::DriftShapes;
 use crate::reference::imager::Imager;
-use forward::{Drive, Solver};
+use crate::touches::fit::reduction::{Reduce, WeightedProjection};
+use forward::{Drive, Electrode, Place, Solver};
 use nalgebra::DMatrix;
 use std::sync::Arc;
 
@@ -22,6 +25,10 @@ pub(crate) struct Contacts {
     driven: Vec<Vec<usize>>,
     /// Change of every voltage (V) by a unit relative rise of every contact.
     slopes: DMatrix<f64>,
+    /// The same by a slip of every electrode along the rim, V for 1 mm.
+    slips: DMatrix<f64>,
+    /// Centre and width of every electrode, mm; 0 wide inside the sheet, where none slips along a rim.
+    places: Vec<([f64; 2], f64)>,
     /// The same and the change for [`FACTORS`], made when first needed.
     shapes: Vec<Option<DMatrix<f64>>>,
 }
@@ -43,23 +50,34 @@ impl Contacts {
             drives: pattern.drives().iter().map(|p| of(*p).collect()).collect(),
             driven: (0..n).map(through).collect(),
             slopes: drift.of_contacts(),
+            slips: drift.of_slips(),
+            places: places(imager),
             shapes: vec![None; n],
         }
     }
 
     /// How many directions of a frame an electrode's contact takes.
     pub(crate) fn directions(&self, electrode: usize) -> usize {
-        self.driven[electrode].len() + 1 + FACTORS.len()
+        self.driven[electrode].len() + 2 + FACTORS.len()
     }
 
-    /// What a small change of a contact does to a frame, V: its drives' scales and the shunt. A column each.
+    /// Whether a point lies at an electrode: within two of its widths.
+    pub(crate) fn is_at(&self, electrode: usize, [x, y]: [f64; 2]) -> bool {
+        let place = self.places.get(electrode);
+        place.is_some_and(|(centre, width)| (x - centre[0]).hypot(y - centre[1]) < 2.0 * width)
+    }
+
+    /// What a small change of a contact does to a frame, V: its drives' scales and the shunt, and for 1 mm along the rim its slip. A column
+    /// each, the slip's the last.
     pub(crate) fn small(&self, imager: &Imager, electrode: usize) -> DMatrix<f64> {
         let driven = &self.driven[electrode];
-        let mut out = DMatrix::zeros(imager.pattern.len(), driven.len() + 1);
+        let mut out = DMatrix::zeros(imager.pattern.len(), driven.len() + 2);
         for (mut column, drive) in out.column_iter_mut().zip(driven) {
             self.drives[*drive].iter().for_each(|k| column[*k] = imager.model_v[*k]);
         }
         out.column_mut(driven.len()).copy_from(&self.slopes.column(electrode));
+        out.column_mut(driven.len() + 1)
+            .copy_from(&self.slips.column(electrode));
         out
     }
 
@@ -109,10 +127,56 @@ impl Contacts {
     }
 }
 
+/// What the slip of an electrode along its rim does to a reduced frame.
+#[derive(Clone, Debug)]
+pub(crate) struct Slip {
+    /// What its contact does.
+    pub(crate) contact: Basis,
+    /// The slip beside that, of unit length; 0 where it does nothing.
+    pub(crate) beside: Vec<f64>,
+}
+
+/// Part of the length of a shape below which nothing but rounding is left of it in a reduced frame.
+const LEAST_LEFT: f64 = 1e-9;
+
+impl Slip {
+    /// From [`Contacts::small`].
+    pub(crate) fn new(small: &DMatrix<f64>, reduction: &mut WeightedProjection) -> Self {
+        let mut contact = Basis::default();
+        let mut beside = Vec::new();
+        for (k, shape) in small.column_iter().enumerate() {
+            beside.clear();
+            reduction.reduce(shape.as_slice(), &mut beside);
+            let least = LEAST_LEFT.powi(2) * shape.norm_squared();
+            if contact.outside(&mut beside) <= least {
+                beside.fill(0.0);
+            } else if k + 1 < small.ncols() {
+                contact.add(&beside);
+            }
+        }
+        let norm = square(&beside).sqrt();
+        if norm > 0.0 {
+            beside.iter_mut().for_each(|v| *v /= norm);
+        }
+        Self { contact, beside }
+    }
+}
+
+fn places(imager: &Imager) -> Vec<([f64; 2], f64)> {
+    let centres = imager.model.geometry().electrode_centres();
+    let width = |e: &Electrode| match e.place {
+        Place::Angle { width_mm, .. } | Place::Arc { width_mm, .. } | Place::Point { width_mm, .. } => width_mm,
+        Place::Inside { .. } => 0.0,
+    };
+    centres
+        .into_iter()
+        .zip(imager.model.sheet().electrodes.iter().map(width))
+        .collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::linalg::basis::Basis;
     use forward::{ElectrodeMatrix, Pattern, Sheet};
 
     fn imager(drive: Drive) -> Imager {
