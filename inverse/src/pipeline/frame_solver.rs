@@ -354,9 +354,7 @@ impl FrameSolver {
         if task.drifting == Drifting::Contacts {
             self.alone = self.alone(noise);
         }
-        if task.averaged.frames == 1 && self.imager.is_searched() {
-            self.slipped[task.drifting.index()] = self.slipped(task, noise);
-        }
+        self.slipped[task.drifting.index()] = self.slipped(task, noise);
     }
 
     /// Finishes a frame. `task` is that of the solve whose result it is. Where no touches explain it, nothing says that the picture only
@@ -498,7 +496,9 @@ impl FrameSolver {
     fn tabulate(&mut self, at_once: bool) {
         if let (Some(fitter), Some(weighted)) = (&self.fitter, self.weightings.current_mut()) {
             self.work.tables += usize::from(weighted.tables.is_none());
-            weighted.tabulate(fitter, self.drift.as_ref(), at_once);
+            let contacts = self.contacts.as_ref().filter(|_| self.imager.is_searched());
+            let contacts = contacts.map(|contacts| (contacts, &*self.imager));
+            weighted.tabulate(fitter, self.drift.as_ref(), contacts, at_once);
         }
     }
 

@@ -10,7 +10,6 @@ use crate::reference::imager::Imager;
 use crate::solvers::{Factored, Method, Nnls, NnlsOptions, Problem, Projector};
 use crate::touches::fit::fitter::Fitter;
 use crate::touches::fit::nuisance::Nuisances;
-use crate::touches::fit::reduction::WeightedProjection;
 use crate::touches::fit::responses::ResponseTable;
 use arrayvec::ArrayVec;
 use nalgebra::{DMatrix, DVector};
@@ -105,8 +104,6 @@ pub(crate) struct Weighted {
     pub(crate) tables: Option<Tables>,
     /// What tells wild values; made when a frame first needs it.
     unreached: Option<Unreached>,
-    /// Slips of all electrodes, reduced; made when a frame first needs them.
-    slips: Option<Vec<Slip>>,
 }
 
 /// What pictures are solved with.
@@ -135,6 +132,8 @@ pub(crate) struct Tables {
     pub(crate) touches: ResponseTable,
     /// Of what is left out; none where the method knows of no drift.
     pub(crate) nuisances: Option<Nuisances>,
+    /// To slips of all electrodes; none where contacts are not looked for.
+    pub(crate) slips: Vec<Slip>,
 }
 
 impl Weighted {
@@ -194,7 +193,6 @@ impl Weighted {
             },
             tables: None,
             unreached: None,
-            slips: None,
         }
     }
 
@@ -233,20 +231,6 @@ impl Weighted {
         })
     }
 
-    /// What a slip of every electrode does to a reduced frame beside what its contact does.
-    pub(crate) fn slips(&mut self, contacts: &Contacts, imager: &Imager) -> &[Slip] {
-        let (used, spread, projector) = (&self.used, &self.spread, &mut self.projector);
-        self.slips.get_or_insert_with(|| {
-            let mut reduction = WeightedProjection {
-                used,
-                spread,
-                projector,
-            };
-            let of = |electrode| Slip::new(&contacts.small(imager, electrode), &mut reduction);
-            (0..imager.pattern.electrodes()).map(of).collect()
-        })
-    }
-
     /// Weighs a difference into `values`, without what says nothing of touches, and reduces it into `reduced`.
     pub(crate) fn reduce(&mut self, difference: &Difference, values: &mut Vec<f64>, reduced: &mut Vec<f64>) {
         values.clear();
@@ -257,7 +241,13 @@ impl Weighted {
     }
 
     /// Reduces the responses to touches, once: all `at_once`, or most when a touch first comes near.
-    pub(crate) fn tabulate(&mut self, fitter: &Fitter, drift: Option<&DriftShapes>, at_once: bool) {
+    pub(crate) fn tabulate(
+        &mut self,
+        fitter: &Fitter,
+        drift: Option<&DriftShapes>,
+        contacts: Option<(&Contacts, &Imager)>,
+        at_once: bool,
+    ) {
         if self.tables.is_none() {
             let weights: Vec<f64> = (0..self.used.len()).map(|k| self.weight(k)).collect();
             let directions = self.left_out.columns();
@@ -271,10 +261,18 @@ impl Weighted {
                     (fitter.volts(), at_once),
                 )
             };
+            let reduction = self.pictures.problem.reduction(&weights);
+            let slip = |(contacts, imager): (&Contacts, &Imager), electrode| {
+                let small = contacts.small(imager, electrode);
+                Slip::new(&small, &(&reduction * &small))
+            };
+            let slips = contacts.into_iter().flat_map(|of| {
+                let slip = &slip;
+                (0..of.1.pattern.electrodes()).map(move |electrode| slip(of, electrode))
+            });
             self.tables = Some(Tables {
-                touches: fitter
-                    .volts()
-                    .reduced(&self.pictures.problem.reduction(&weights), at_once),
+                slips: slips.collect(),
+                touches: fitter.volts().reduced(&reduction, at_once),
                 nuisances: drift
                     .filter(|_| self.drifting != Drifting::Nothing && !directions.is_empty())
                     .map(nuisances),

@@ -68,7 +68,8 @@ impl FrameSolver {
         let linear = !result.changed || result.misfit.is_some_and(|misfit| misfit <= most);
         let electrode = if linear { beside.or(alone) } else { alone.or(beside) }?;
         let linear = linear && beside.is_some();
-        let slips = !linear && contact != Some(electrode) && Some(electrode) == alone;
+        let is_contact = contact == Some(electrode) || beside == Some(electrode);
+        let slips = !is_contact && self.slipped[drifting.index()] == Some(electrode);
         Some(Candidate {
             electrode,
             linear,

@@ -6,10 +6,13 @@ use super::{FrameSolver, Task};
 use crate::linalg::basis::Basis;
 use crate::linalg::vector::{dot, square};
 use crate::quality::contact::Slip;
-use crate::reference::noise::NoiseEstimate;
+use crate::reference::noise::{NoiseEstimate, NoiseSource};
 use crate::touches::fit::disc::Disc;
 use crate::touches::fit::frame_fit::Fitted;
 use crate::touches::fit::levenberg_marquardt::PARAMETERS;
+
+/// Part of what a slip and the contact explain together that has to be the slip's: else the contact changed.
+const OWN_PART: f64 = 0.5;
 
 /// Room for what touches leave with a slip beside them. Nothing is allocated once it is as large as it gets.
 #[derive(Debug, Default)]
@@ -23,15 +26,23 @@ pub(super) struct BesideTouches {
 }
 
 impl FrameSolver {
-    /// The electrode that slipped, to first order and beside what its contact does. Most of a frame that touches do not explain is its
-    /// slip, or most of what they leave. Or a frame that they explain is explained better by the slip than by the touches at the electrode,
-    /// or than by all, by a margin and by more than the model of touches may be wrong.
+    /// The electrode that slipped, to first order and beside what its contact does.
+    ///
+    /// Where touches do not explain the frame, most of it is the slip, or most of what they leave. Where they do, the slip explains it better
+    /// than those at the electrode, or than all. It does so by a margin, and by more than the model of touches may be wrong.
     pub(super) fn slipped(&mut self, task: Task, noise: NoiseEstimate) -> Option<usize> {
+        let options = self.options.contacts;
+        // What no candidate is made of needs no search.
+        let is_known = !matches!(noise.source, NoiseSource::Residual { .. });
+        if task.averaged.frames > 1 || !is_known || task.changed.len() >= options.most_contacts {
+            return None;
+        }
         let (fitter, contacts) = (self.fitter.as_ref()?, self.contacts.as_ref()?);
-        let slips = self.weightings.current_mut()?.slips(contacts, &self.imager);
+        let slips = &self.weightings.current()?.tables.as_ref()?.slips;
         let fitted = fitter.last();
         let best = |least: f64, of: &mut dyn FnMut(usize, &Slip) -> f64| {
-            let new = slips.iter().enumerate().filter(|(l, _)| !task.changed.contains(l));
+            let new = slips.iter().enumerate();
+            let new = new.filter(|(l, slip)| slip.is_told() && !task.changed.contains(l));
             let better = new
                 .map(|(l, slip)| (l, of(l, slip)))
                 .filter(|(_, better)| *better > least);
@@ -45,26 +56,23 @@ impl FrameSolver {
         let room = &mut self.beside_touches;
         let mut least = 0.0;
         if !explained {
-            let most = best(self.options.contacts.of_frame * data, &mut |_, slip| along(slip));
+            let most = best(options.of_frame * data, &mut |_, slip| along(slip));
             if most.is_some() || fitted.hopeless {
                 return most;
             }
-            least = self.options.contacts.of_frame * square(&fitted.residual_whitened);
+            least = options.of_frame * square(&fitted.residual_whitened);
             room.take(fitted);
         }
         let variance = noise.sigma.powi(2);
         let model = self.options.fit?.model_error.powi(2) * data / variance;
-        best(
-            least.max(self.options.contacts.margin + model),
-            &mut |electrode, slip| {
-                let is_near = |d: &Disc| contacts.is_at(electrode, d.at);
-                if explained && !fitted.all.iter().any(is_near) {
-                    let with_touches = square(&fitted.residual_whitened) + (PARAMETERS * fitted.all.len()) as f64;
-                    return with_touches - ((data - along(slip)) / variance + 1.0);
-                }
-                room.lessened_by(slip, fitted, is_near)
-            },
-        )
+        best(least.max(options.margin + model), &mut |electrode, slip| {
+            let is_near = |d: &Disc| contacts.is_at(electrode, d.at);
+            let alone = room.lessened_by(slip, fitted, |_| true);
+            if explained && !fitted.all.iter().any(is_near) {
+                return alone;
+            }
+            alone.max(room.lessened_by(slip, fitted, is_near))
+        })
     }
 }
 
@@ -76,43 +84,45 @@ impl BesideTouches {
         slopes.for_each(|slope| self.all.add(slope));
     }
 
-    /// By how much chi-square and the number of parameters fall with a slip, and what its contact does, in place of some touches; or
-    /// beside all of those taken. The others give way, to first order. What they would without a slip, beyond their limits, does not
-    /// count.
+    /// By how much chi-square and the number of parameters fall with a slip, and what its contact does, in place of some touches; or beside all
+    /// that were taken. Nothing where most of it is the contact's. Touches that stay give way to first order, with the slip as without.
     fn lessened_by(&mut self, slip: &Slip, fitted: &Fitted, in_place_of: impl Fn(&Disc) -> bool) -> f64 {
         let n = fitted.residual_whitened.len();
-        self.left.clone_from(&fitted.residual_whitened);
+        let discs = || fitted.all.iter().zip(fitted.slopes.chunks_exact(PARAMETERS * n));
+        let gone = PARAMETERS * discs().filter(|(disc, _)| in_place_of(disc)).count();
         self.stay.clear();
-        let mut gone = 0;
-        for (disc, slopes) in fitted.all.iter().zip(fitted.slopes.chunks_exact(PARAMETERS * n)) {
-            if in_place_of(disc) {
-                let response = slopes[(PARAMETERS - 1) * n..].iter();
-                let strength = disc.strength / fitted.sigma;
-                self.left.iter_mut().zip(response).for_each(|(l, r)| *l += strength * r);
-                gone += PARAMETERS;
-            }
-        }
-        let (others, before) = if gone == 0 {
-            (&self.all, self.all.outside(&mut self.left))
-        } else {
-            let discs = fitted.all.iter().zip(fitted.slopes.chunks_exact(PARAMETERS * n));
-            for (_, slopes) in discs.filter(|(disc, _)| !in_place_of(disc)) {
+        if gone > 0 {
+            for (_, slopes) in discs().filter(|(disc, _)| !in_place_of(disc)) {
                 slopes.chunks_exact(n).for_each(|slope| self.stay.add(slope));
             }
-            self.stay.outside(&mut self.left);
-            (&self.stay, square(&fitted.residual_whitened) + gone as f64)
-        };
+        }
+        let others = if gone > 0 { &self.stay } else { &self.all };
+        self.left.clone_from(&fitted.residual_whitened);
+        let before = others.outside(&mut self.left) + gone as f64;
+        for (disc, slopes) in discs().filter(|(disc, _)| in_place_of(disc)) {
+            let response = slopes[(PARAMETERS - 1) * n..].iter();
+            let strength = disc.strength / fitted.sigma;
+            self.left.iter_mut().zip(response).for_each(|(l, r)| *l += strength * r);
+        }
+        let without = others.outside(&mut self.left);
         self.contact.clear();
-        let length = slip.beside.len().max(1);
-        let contact = slip.contact.columns().chunks_exact(length);
-        let directions = contact.len() + 1;
-        for shape in contact.chain([slip.beside.as_slice()]) {
+        let shapes = slip.contact.columns().chunks_exact(slip.beside.len().max(1));
+        let directions = shapes.len() + 1;
+        let mut with_contact = without;
+        for (k, shape) in shapes.chain([slip.beside.as_slice()]).enumerate() {
+            if k + 1 == directions {
+                with_contact = self.contact.outside(&mut self.left);
+            }
             self.slip.clear();
             self.slip.extend_from_slice(shape);
             self.slip.resize(n, 0.0);
             others.outside(&mut self.slip);
             self.contact.add(&self.slip);
         }
-        before - (self.contact.outside(&mut self.left) + directions as f64)
+        let with_slip = self.contact.outside(&mut self.left);
+        if with_contact - with_slip < OWN_PART * (without - with_slip) {
+            return 0.0;
+        }
+        before - (with_slip + directions as f64)
     }
 }

@@ -1,11 +1,9 @@
 //! What contacts do to a frame.
 
 use crate::linalg::basis::Basis;
-use crate::linalg::vector::square;
 use crate::reference::Difference;
 use crate::reference::drift::DriftShapes;
 use crate::reference::imager::Imager;
-use crate::touches::fit::reduction::{Reduce, WeightedProjection};
 use forward::{Drive, Electrode, Place, Solver};
 use nalgebra::DMatrix;
 use std::sync::Arc;
@@ -29,7 +27,7 @@ pub(crate) struct Contacts {
     slips: DMatrix<f64>,
     /// Centre and width of every electrode, mm; 0 wide inside the sheet, where none slips along a rim.
     places: Vec<([f64; 2], f64)>,
-    /// The same and the change for [`FACTORS`], made when first needed.
+    /// What any change of a contact does, made when first needed: see [`Contacts::shapes`].
     shapes: Vec<Option<DMatrix<f64>>>,
 }
 
@@ -58,7 +56,8 @@ impl Contacts {
 
     /// How many directions of a frame an electrode's contact takes.
     pub(crate) fn directions(&self, electrode: usize) -> usize {
-        self.driven[electrode].len() + 2 + FACTORS.len()
+        let slips = usize::from(self.places[electrode].1 > 0.0);
+        self.driven[electrode].len() + 1 + slips + FACTORS.len()
     }
 
     /// Whether a point lies at an electrode: within two of its widths.
@@ -67,8 +66,8 @@ impl Contacts {
         place.is_some_and(|(centre, width)| (x - centre[0]).hypot(y - centre[1]) < 2.0 * width)
     }
 
-    /// What a small change of a contact does to a frame, V: its drives' scales and the shunt, and for 1 mm along the rim its slip. A column
-    /// each, the slip's the last.
+    /// What a small change of a contact does to a frame, V: its drives' scales and the shunt. Last comes its slip, for 1 mm along the rim.
+    /// A column each.
     pub(crate) fn small(&self, imager: &Imager, electrode: usize) -> DMatrix<f64> {
         let driven = &self.driven[electrode];
         let mut out = DMatrix::zeros(imager.pattern.len(), driven.len() + 2);
@@ -132,33 +131,35 @@ impl Contacts {
 pub(crate) struct Slip {
     /// What its contact does.
     pub(crate) contact: Basis,
-    /// The slip beside that, of unit length; 0 where it does nothing.
+    /// The slip beside that, of unit length; 0 where a frame does not tell it.
     pub(crate) beside: Vec<f64>,
 }
 
-/// Part of the length of a shape below which nothing but rounding is left of it in a reduced frame.
-const LEAST_LEFT: f64 = 1e-9;
+/// Part of a shape's length that has to be left of it in a reduced frame: less is not told from drift and from other shapes.
+const LEAST_LEFT: f64 = 0.01;
 
 impl Slip {
-    /// From [`Contacts::small`].
-    pub(crate) fn new(small: &DMatrix<f64>, reduction: &mut WeightedProjection) -> Self {
+    /// From [`Contacts::small`], and from the same in a reduced frame.
+    pub(crate) fn new(small: &DMatrix<f64>, reduced: &DMatrix<f64>) -> Self {
         let mut contact = Basis::default();
-        let mut beside = Vec::new();
-        for (k, shape) in small.column_iter().enumerate() {
-            beside.clear();
-            reduction.reduce(shape.as_slice(), &mut beside);
-            let least = LEAST_LEFT.powi(2) * shape.norm_squared();
-            if contact.outside(&mut beside) <= least {
+        let mut beside = vec![0.0; reduced.nrows()];
+        for (k, (shape, reduced)) in small.column_iter().zip(reduced.column_iter()).enumerate() {
+            beside.copy_from_slice(reduced.as_slice());
+            let left = contact.outside(&mut beside);
+            if left <= LEAST_LEFT * LEAST_LEFT * shape.norm_squared() {
                 beside.fill(0.0);
             } else if k + 1 < small.ncols() {
                 contact.add(&beside);
+            } else {
+                beside.iter_mut().for_each(|v| *v /= left.sqrt());
             }
         }
-        let norm = square(&beside).sqrt();
-        if norm > 0.0 {
-            beside.iter_mut().for_each(|v| *v /= norm);
-        }
         Self { contact, beside }
+    }
+
+    /// Whether a frame tells it.
+    pub(crate) fn is_told(&self) -> bool {
+        self.beside.iter().any(|v| *v != 0.0)
     }
 }
 
