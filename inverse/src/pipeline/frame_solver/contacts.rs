@@ -62,14 +62,17 @@ impl FrameSolver {
             .map(|c| c.electrode)
             .filter(new);
         let contact = self.alone.filter(new);
-        let alone = contact.or(self.slipped[drifting.index()].filter(new));
+        // What drifts more rarely than contacts do is much like a slip.
+        let beside_drift = [drifting, Drifting::Contacts, Drifting::Common];
+        let slipped = beside_drift.iter().find_map(|d| self.slipped[d.index()]).filter(new);
+        let alone = contact.or(slipped);
         // What is found beside touches that do not explain the frame is worth less than what the frame says without them.
         let most = self.options.contacts.explained;
         let linear = !result.changed || result.misfit.is_some_and(|misfit| misfit <= most);
         let electrode = if linear { beside.or(alone) } else { alone.or(beside) }?;
         let linear = linear && beside.is_some();
         let is_contact = contact == Some(electrode) || beside == Some(electrode);
-        let slips = !is_contact && self.slipped[drifting.index()] == Some(electrode);
+        let slips = !is_contact && slipped == Some(electrode);
         Some(Candidate {
             electrode,
             linear,

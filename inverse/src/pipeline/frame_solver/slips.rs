@@ -40,6 +40,12 @@ impl FrameSolver {
         let (fitter, contacts) = (self.fitter.as_ref()?, self.contacts.as_ref()?);
         let slips = &self.weightings.current()?.tables.as_ref()?.slips;
         let fitted = fitter.last();
+        let n = fitted.residual_whitened.len();
+        // Values that are no numbers are not fitted.
+        let is_fitted = n >= self.reduced.len() && fitted.slopes.len() == PARAMETERS * n * fitted.all.len();
+        if self.reduced.is_empty() || !(is_fitted || fitted.hopeless) {
+            return None;
+        }
         let best = |least: f64, of: &mut dyn FnMut(usize, &Slip) -> f64| {
             let new = slips.iter().enumerate();
             let new = new.filter(|(l, slip)| slip.is_told() && !task.changed.contains(l));
