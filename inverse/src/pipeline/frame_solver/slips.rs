@@ -61,6 +61,8 @@ impl FrameSolver {
         let explained = !fitted.hopeless && fitter.options().explains(fitted.misfit, 1.0);
         let room = &mut self.beside_touches;
         let mut least = 0.0;
+        // Those of another frame say nothing of this one.
+        room.all.clear();
         if !explained {
             let most = best(options.of_frame * data, &mut |_, slip| along(slip));
             if most.is_some() || fitted.hopeless {
@@ -83,9 +85,8 @@ impl FrameSolver {
 }
 
 impl BesideTouches {
-    /// Takes the touches of a frame.
+    /// Takes the touches of a frame as well.
     fn take(&mut self, fitted: &Fitted) {
-        self.all.clear();
         let slopes = fitted.slopes.chunks_exact(fitted.residual_whitened.len().max(1));
         slopes.for_each(|slope| self.all.add(slope));
     }
