@@ -231,6 +231,12 @@ impl Solver {
         Ok(self.electrode_matrix())
     }
 
+    /// Makes the next solution depend on nothing that was solved before, to the last bit.
+    pub fn forget(&mut self) {
+        self.touches = None;
+        self.reference.clear();
+    }
+
     fn solve_on_own_mesh(
         &mut self,
         touches: &[DiscTouch],

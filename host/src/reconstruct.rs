@@ -9,7 +9,7 @@ use crate::files::replace::replace;
 use crate::files::sheet_line::SheetLine;
 use crate::json;
 use crate::presses::{self, file::PressCalibration};
-use crate::progress::{Progress, meanwhile};
+use crate::progress::Progress;
 use crate::recorded_frames::{self, Part};
 use crate::table_baseline::{BaselineArguments, Frame};
 use crate::table_batch::{How, TableBatch};
@@ -392,34 +392,24 @@ fn reconstruct<'a>(
 ) -> Result<Vec<Done<'a>>> {
     let progress = Progress::new("reconstructing");
     let pictures = arguments.png.is_some() || arguments.cells.is_some();
-    let count = table.columns.len();
+    let values: Vec<_> = frames.iter().map(|f| (f.place, f.values.as_ref())).collect();
     let mut results = Vec::with_capacity(frames.len());
-    let mut next = 0;
-    for frame in frames {
-        for place in next..frame.place {
-            batch.pass_over(place);
-        }
-        next = frame.place + 1;
-        // Before the first one much is made ready.
-        let mut result = if results.is_empty() {
-            meanwhile("the first frame", || batch.frame(frame.place, &frame.values))
-        } else {
-            batch.frame(frame.place, &frame.values)
-        }?;
-        let name = table.columns[frame.place].name.as_str();
+    batch.frames(&values, |number, mut result| {
+        let name = table.columns[values[number].0].name.as_str();
         table_notices::of_frame(name, &result, &table.measurements);
         if !pictures {
             // Of ten minutes of frames the cells alone take most of a gigabyte.
             result.x = Vec::new();
         }
-        results.push(Done {
-            frame: name,
-            baseline: frame.baseline,
-            result,
-        });
-        progress.at(next, count);
-    }
-    Ok(results)
+        results.push((name, result));
+        progress.at(results.len(), values.len());
+    })?;
+    let done = results.into_iter().zip(&frames).map(|((frame, result), of)| Done {
+        frame,
+        baseline: of.baseline.clone(),
+        result,
+    });
+    Ok(done.collect())
 }
 
 fn write_cells(folder: &Path, imager: &Imager, results: &[Done<'_>]) -> Result<()> {

@@ -1,5 +1,6 @@
 //! A table of frames to pictures: baseline from some of its frames, then every other frame in order.
 
+mod at_once;
 mod recovery;
 
 use crate::force::meter::{Calibration, ForceMeter};
@@ -111,6 +112,16 @@ fn moved_of_few(inspection: &Inspection, how: ReconstructorOptions, frames: &[&[
     Ok(most.min(f64::MAX))
 }
 
+impl Inspection {
+    /// The result of a frame after this baseline.
+    fn doubted(&self, mut result: FrameResult) -> FrameResult {
+        let moved = (self.baseline.moved > 0.0).then_some(Doubt::MovedBaseline);
+        let unlike = (!self.conclusive).then_some(Doubt::OtherSheet);
+        result.doubt = result.doubt.or(moved).or(unlike);
+        result
+    }
+}
+
 impl Batch {
     /// Takes frames of the unpressed sheet (any unit, in the pattern's order; not a number where a value is missing) as the
     /// baseline.
@@ -182,9 +193,6 @@ impl Batch {
             meter.update(place as f64 * interval_s, &mut result.touches);
             result.touches.retain(Touch::is_pressed);
         }
-        let moved = (self.inspection.baseline.moved > 0.0).then_some(Doubt::MovedBaseline);
-        let unlike = (!self.inspection.conclusive).then_some(Doubt::OtherSheet);
-        result.doubt = result.doubt.or(moved).or(unlike);
-        Ok(result)
+        Ok(self.inspection.doubted(result))
     }
 }

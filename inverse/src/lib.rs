@@ -4,7 +4,7 @@
 //! it: [`live`] (a stream of frames) and [`batch`] (a table of them), [`force`] (newtons from a rubber that creeps),
 //! [`pipeline`] (one frame), [`quality`] (what can be believed of it), [`touches`] (found, fitted, followed), [`change`] (is
 //! there anything new), [`reference`](mod@reference) (what frames are compared with), [`solvers`], `linalg` and `stats`. No
-//! I/O, no threads.
+//! I/O; threads for whole tables only ([`batch::Batch::frames`]).
 //! The way of a frame through all crates: docs/architecture.md.
 //!
 //! A touch on the paper's sheet, simulated on a mesh of its own and found again:

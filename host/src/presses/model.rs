@@ -240,13 +240,14 @@ pub(super) fn of_frames(
     let frames: HashMap<&str, _> = (ready.prepared.frames.iter())
         .map(|f| (table.columns[f.place].name.as_str(), f))
         .collect();
+    let frames = names.iter().map(|name| match frames.get(name) {
+        Some(frame) => Ok((frame.place, frame.values.as_ref())),
+        None => bail!("the table has no frame {name}"),
+    });
+    let frames: Vec<_> = frames.collect::<Result<_>>()?;
     let progress = Progress::new("trying the sheet's model");
-    let mut found = Vec::new();
-    for name in names {
-        let Some(frame) = frames.get(name) else {
-            bail!("the table has no frame {name}");
-        };
-        let result = batch.frame(frame.place, &frame.values)?;
+    let mut found = Vec::with_capacity(frames.len());
+    batch.frames(&frames, |_, result| {
         let strongest = (result.touches.iter()).max_by(|a, b| a.total_mm2.abs().total_cmp(&b.total_mm2.abs()));
         found.push(AtPress {
             strongest: strongest.cloned(),
@@ -258,7 +259,7 @@ pub(super) fn of_frames(
             },
         });
         progress.at(found.len(), names.len());
-    }
+    })?;
     Ok(Found {
         sheet: chosen.sheet,
         inspection: batch.inspection().clone(),

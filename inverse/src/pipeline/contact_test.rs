@@ -206,6 +206,15 @@ impl ContactTest {
         self.owed = Owed::default();
     }
 
+    /// Forgets all that earlier frames said, and what was put off in them: the next one stands alone.
+    pub(crate) fn stand_alone(&mut self) {
+        self.clear();
+        (self.asked, self.put_off, self.rests) = (0, 0, false);
+        self.drifted_before = Drifting::Common;
+        self.decided.clear();
+        self.left_out.clear();
+    }
+
     /// Solves a frame into the result, with the contacts that changed left out. What drifts and the contacts of the task are
     /// not looked at, nor its polarity. Returns the change where something lay on the sheet in its baseline that has gone.
     pub(crate) fn solve(

@@ -286,6 +286,14 @@ impl FrameSolver {
         self.forget_touches();
     }
 
+    /// Makes the next frame stand alone: nothing of it depends on an earlier one, to the last bit.
+    pub(crate) fn stand_alone(&mut self) {
+        self.weightings.forget();
+        self.fitter.iter_mut().for_each(Fitter::stand_alone);
+        (self.fitting, self.ridges) = (Drifting::Common, [None; Drifting::ALL.len()]);
+        (self.left, self.alone) = (0.0, None);
+    }
+
     /// The detector of changes against a reference of which frames have this difference to themselves; none where no value
     /// can be used. Makes ready all that a first touch of a sequence needs; not `at_once` what takes as long as many frames.
     pub(crate) fn detector(
@@ -304,7 +312,9 @@ impl FrameSolver {
         let weighted = self.weightings.current_mut()?;
         if at_once {
             let ridge = sigma / self.options.expected_rise;
-            weighted.pictures.prepare(ridge, self.options.drop_below_ridge);
+            weighted
+                .pictures
+                .prepare(ridge, self.options.drop_below_ridge, !self.options.sequence);
         }
         let offset: Vec<f64> = self
             .imager

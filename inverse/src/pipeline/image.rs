@@ -84,7 +84,7 @@ impl ImageSolver {
     ) -> f64 {
         let mut expected = options.expected_rise;
         let ridge = sigma / expected;
-        pictures.prepare(ridge, options.drop_below_ridge);
+        pictures.prepare(ridge, options.drop_below_ridge, !options.sequence);
         let problem = pictures.solving.as_ref().map_or(&pictures.problem, |(_, p)| p);
         let nnls = &mut pictures.nnls;
         nnls.set_ridge(ridge);

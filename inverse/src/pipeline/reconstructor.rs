@@ -203,6 +203,9 @@ impl Reconstructor {
     /// As for [`Reconstructor::frame`].
     pub fn frame_after(&mut self, values: &[f64], interval_s: Option<f64>) -> Result<&mut FrameResult, ImagerError> {
         self.since_picture_s += interval_s.unwrap_or(f64::INFINITY);
+        if !self.options.sequence {
+            self.stand_alone();
+        }
         self.solver.begin_frame(self.broken.owed());
         self.searched = self.broken.parts();
         self.makes = false;
@@ -212,9 +215,7 @@ impl Reconstructor {
             return Ok(&mut self.result);
         }
         if !self.options.sequence {
-            // A frame of a table stands alone.
             self.gain = self.told_gain(values)?;
-            (self.sound_gain, self.looked_gain) = (1.0, 1.0);
         }
         self.reference.missing_into(values, &mut self.missing)?;
         if self
@@ -236,6 +237,21 @@ impl Reconstructor {
             self.look_for_loose_contacts(values);
         }
         Ok(&mut self.result)
+    }
+
+    /// Forgets all frames before: one of a table stands alone, to the last bit.
+    fn stand_alone(&mut self) {
+        self.solver.stand_alone();
+        self.contacts.stand_alone();
+        self.broken.stand_alone();
+        self.faults.clear();
+        self.detectors.iter_mut().flatten().for_each(ChangeDetector::forget);
+        (self.flickers, self.disagrees, self.rests) = (Flickers::default(), false, false);
+        (self.due, self.left_changed, self.instead_of) = (false, false, None);
+        (self.gain, self.sound_gain, self.looked_gain) = (1.0, 1.0, 1.0);
+        (self.unexplained, self.making, self.averaged) = (0, 0, Averaged::ONE);
+        self.last.clear();
+        self.result = FrameResult::nothing(self.reference.imager());
     }
 
     /// What a source has left, where that alone makes the frame look like another sheet's: a gain is divided out before anything is looked
@@ -500,7 +516,7 @@ impl Reconstructor {
         self.beyond.clear();
         self.beyond.extend(beyond.map(|(k, _)| k));
         if !self.options.sequence {
-            // What was in the frame before says nothing of this one.
+            // Nor does what was said of it with another gain say anything.
             self.solver.forget_touches();
             self.broken.clear();
         }
@@ -775,8 +791,9 @@ fn detector(
     at_once: bool,
 ) -> Option<ChangeDetector> {
     let noise = reference.noise()?;
-    let is_searched = reference.imager().is_searched();
-    let at_once = at_once && is_searched && matches!(drifting, Drifting::Common | Drifting::Contacts);
+    // What a frame of a table is fitted with does not depend on which one came first.
+    let at_once = at_once && solver.is_of_sequence() && reference.imager().is_searched();
+    let at_once = at_once && matches!(drifting, Drifting::Common | Drifting::Contacts);
     let (baseline, share) = (reference.baseline(), reference.baseline_share());
     has_detector(solver, reference, drifting)
         .then(|| solver.detector(unchanged, baseline, noise.sigma, share, drifting, at_once))

@@ -353,6 +353,13 @@ impl FaultMonitor {
         (self.open, self.mean, self.begun, self.well) = (false, None, None, 0);
     }
 
+    /// The same but for what it is made ready with.
+    pub(crate) fn stand_alone(&mut self) {
+        let new = Self::new(&self.imager, self.sequence);
+        let before = std::mem::replace(self, new);
+        (self.diagnosis, self.parts) = (before.diagnosis, before.parts);
+    }
+
     /// Begins a frame, with the contacts that are known to have changed: whether the fault that was named is to be looked for again.
     pub(crate) fn begin(&mut self, contacts: &[usize]) -> bool {
         self.contacts.clear();

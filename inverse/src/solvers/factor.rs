@@ -144,6 +144,14 @@ impl Factor {
         self.lower.fill(f64::NAN);
     }
 
+    /// Makes P the empty set, as if there had been no other.
+    pub(super) fn clear(&mut self) {
+        self.in_set.fill(false);
+        self.members = 0;
+        self.clear_sum();
+        self.prepared.clear();
+    }
+
     /// Empties the sum; all of P is pending again.
     pub(super) fn clear_sum(&mut self) {
         self.in_sum.fill(false);

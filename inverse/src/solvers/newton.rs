@@ -92,9 +92,11 @@ impl Newton {
         }
     }
 
-    /// Forgets the last solve.
+    /// Forgets the last solve, to the last bit.
     pub(super) fn reset(&mut self) {
-        self.warm = false;
+        if std::mem::take(&mut self.warm) {
+            self.factor.clear();
+        }
     }
 
     /// Forgets the factor, not the point.
@@ -132,7 +134,6 @@ impl Newton {
             }
             // A state that an earlier frame spoilt costs neither this frame nor a later one.
             self.reset();
-            self.factor.clear_sum();
             if !was_warm {
                 return run;
             }

@@ -128,6 +128,9 @@ impl Nnls {
             if let Some(active_set) = &mut workspace.active_set {
                 active_set.reset();
             }
+            if let Some(stacked) = &mut workspace.stacked {
+                stacked.reset();
+            }
         }
     }
 

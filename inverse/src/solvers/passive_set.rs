@@ -84,6 +84,7 @@ impl PassiveSet {
     pub(super) fn clear(&mut self) {
         self.members.clear();
         self.values.fill(0.0);
+        self.moves = 0;
     }
 
     /// Columns in the set.

@@ -38,6 +38,11 @@ impl Stacked {
         }
     }
 
+    /// Forgets the last solve.
+    pub(super) fn reset(&mut self) {
+        self.solver.reset();
+    }
+
     /// The squared ridge, in the same units.
     pub(super) fn ridge_squared(&self) -> f64 {
         self.ridge_squared

@@ -35,7 +35,7 @@ const MAY_KNOW: [(&str, &[&str]); 12] = [
 ];
 /// What each may name besides in its tests.
 const MAY_KNOW_IN_TESTS: [(&str, &[&str]); 2] = [("link", &["hil-sim", "forward"]), ("firmware/parts", &["protocol"])];
-/// Registry crates of `inverse`: no I/O, no threads, no server.
+/// Registry crates of `inverse`: no I/O, no pool of threads, no server.
 const OF_INVERSE: [&str; 7] = [
     "arrayvec",
     "nalgebra",

@@ -225,6 +225,22 @@ impl Fitter {
         self.found.clear();
     }
 
+    /// Makes the next frame stand alone: nothing of it depends on an earlier one, to the last bit.
+    pub(crate) fn stand_alone(&mut self) {
+        self.nonlinear.iter_mut().for_each(NonlinearModel::forget);
+        self.chi_square_threshold = None;
+        (self.carried, self.followed) = (Carried::default(), Followed::default());
+        self.fits.now.forget();
+        for aside in self.aside.iter_mut().chain([&mut self.other]) {
+            (aside.carried, aside.followed) = (Carried::default(), Followed::default());
+            aside.fits.now.forget();
+        }
+        self.found.clear();
+        self.other_found.clear();
+        self.was_corrected = false;
+        self.drift.clear();
+    }
+
     /// Lets the next fit take so much.
     pub(crate) fn allow(&mut self, allowed: Allowed) {
         self.allowed = allowed;

@@ -68,6 +68,16 @@ pub struct Fitted {
 }
 
 impl Fitted {
+    /// Forgets its touches, and what it said of its frame.
+    pub(super) fn forget(&mut self) {
+        self.touches.clear();
+        self.discs.clear();
+        self.all.clear();
+        self.slopes.clear();
+        self.residual_whitened.clear();
+        (self.followed, self.finished, self.hopeless, self.settled, self.work) = (false, false, false, false, 0);
+    }
+
     /// With room for so many touches in data of this stride: no frame is then to allocate.
     pub(super) fn with_room(stride: usize, most: usize) -> Self {
         let count = PARAMETERS * most;

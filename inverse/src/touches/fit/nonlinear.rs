@@ -38,6 +38,11 @@ impl NonlinearModel {
         })
     }
 
+    /// Makes the next error depend on nothing that was solved before.
+    pub(crate) fn forget(&mut self) {
+        self.solver.forget();
+    }
+
     /// Linearisation error of the discs (strengths in mm²): what they change, less the table's response, V of the
     /// model. `table` holds volts of the model. `None` when the sheet with these discs cannot be solved.
     ///
