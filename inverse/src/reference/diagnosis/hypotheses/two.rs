@@ -138,7 +138,17 @@ impl Diagnosis {
             return self.begin_beside(search);
         };
         let cost = self.cost_of_two(&search.one, taken_out, &of_rest);
-        let better = search.offer(Faults::two(self.of_its_size(taken_out), other), cost);
+        let both = Faults::two(self.of_its_size(taken_out), other);
+        let better = search.offer(both, cost);
+        let is_apart = |a: Fault, b: Fault| a.electrodes().list().iter().all(|l| !b.electrodes().list().contains(l));
+        if let Told::Faults { faults, .. } = &mut search.told
+            && again
+            && faults.is_same(both)
+            && is_apart(taken_out, other)
+        {
+            // The size that was told first holds some of what the other one changes.
+            *faults = both;
+        }
         search.enough |= better && is_of_noise(2.0 * of_rest.best.left, of_rest.used());
         if better && !again && self.take_out(search, other, true) {
             return false;
@@ -352,6 +362,33 @@ mod tests {
                         || (known.is_none() && is_first(told))),
                     "{other:?} known {known:?}: {told:?}"
                 );
+            }
+        }
+    }
+
+    /// A leak that is told first holds some of what a contact changes. Beside the contact its resistance is its own.
+    #[test]
+    fn a_leak_beside_a_contact_has_its_own_size() {
+        let (_, mut diagnosis, sigma_v) = rig();
+        let noise = Normal::new(0.0, sigma_v).unwrap();
+        let mut rng = StdRng::seed_from_u64(12);
+        let contact = Fault::Contacts(Electrodes::of(&[2]));
+        for (pair, ohm) in [([8, 9], 1e4), ([5, 6], 1.2e4), ([12, 13], 1.5e4)] {
+            for raised_ohm in [500.0, 1000.0] {
+                let y = diagnosis.contacts(&[(2, raised_ohm)]) + diagnosis.short(pair, ohm);
+                let y = y.map(|v| v + noise.sample(&mut rng));
+                let told = tell(&mut diagnosis, sigma_v, y, None).faults().unwrap();
+                let leak = Fault::Leak { electrodes: pair, ohm };
+                assert!(
+                    told.is_same(Faults::two(leak, contact)),
+                    "{pair:?} {ohm} {raised_ohm}: {told:?}"
+                );
+                let found = told.iter().find_map(|fault| match fault {
+                    Fault::Leak { ohm, .. } => Some(ohm),
+                    _ => None,
+                });
+                let off = found.unwrap() / ohm - 1.0;
+                assert!(off.abs() < 0.03, "{pair:?} {ohm} {raised_ohm}: {off}");
             }
         }
     }
