@@ -231,7 +231,8 @@ impl Solver {
         Ok(self.electrode_matrix())
     }
 
-    /// Makes the next solution depend on nothing that was solved before, to the last bit.
+    /// Makes the next [`Solver::solve_touches`] or [`Solver::solve_touches_here`] depend on nothing that was solved before, to the last
+    /// bit.
     pub fn forget(&mut self) {
         self.touches = None;
         self.reference.clear();

@@ -140,3 +140,28 @@ fn a_refused_state_leaves_the_one_before() {
     assert!(solver.solve_touches(&[nowhere]).is_err());
     assert_eq!(solver.electrode_matrix(), &before);
 }
+
+/// After [`Solver::forget`] a solution is the same to the last bit, whatever was solved before.
+#[test]
+fn what_is_forgotten_leaves_nothing_behind() {
+    let touch = |x: f64, radius_mm: f64| DiscTouch {
+        centre_mm: [x, 10.0],
+        radius_mm,
+        rise: 0.4,
+    };
+    let small = [touch(20.0, 5.0)];
+    let mut first = Solver::new(model()).unwrap();
+    first.forget();
+    let alone = first.solve_touches_here(&small).unwrap().potentials_ohm().clone();
+    let mut kept = Solver::new(model()).unwrap();
+    let low_rank = kept.solve_touches_here(&small).unwrap().potentials_ohm().clone();
+    assert!(matches!(kept.work(), Work::LowRank { .. }));
+    assert!(low_rank != alone && (low_rank - &alone).amax() < 1e-9 * alone.amax());
+    for before in [vec![touch(-30.0, 15.0), touch(40.0, 9.0)], small.to_vec(), Vec::new()] {
+        let mut solver = Solver::new(model()).unwrap();
+        solver.solve_touches_here(&before).unwrap();
+        solver.solve_untouched_there().unwrap();
+        solver.forget();
+        assert_eq!(*solver.solve_touches_here(&small).unwrap().potentials_ohm(), alone);
+    }
+}

@@ -8,16 +8,22 @@ use std::num::NonZero;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc;
 use std::thread;
+use std::time::{Duration, Instant};
 
 /// Most cores for one table: what each makes for itself takes some 100 MB.
 const MOST_WORKERS: usize = 8;
 /// The same of frames with many values, where it takes 400 MB.
 const MOST_WORKERS_OF_MANY: usize = 2;
+/// A table that is done in this time is done by one: others would take as long to be ready.
+const WORTH_MORE: Duration = Duration::from_millis(200);
 
 impl Batch {
     /// Reconstructs frames, each with its place in the table, and hands over their results in the same order, each with its number in the
-    /// list. Where frames do not follow one another ([`BatchOptions::interval_s`](super::BatchOptions::interval_s)), all cores take part,
-    /// and the result of a frame is the same to the last bit, whatever comes before it. Else nothing pressed at the places between them.
+    /// list.
+    ///
+    /// Where frames do not follow one another ([`BatchOptions::interval_s`](super::BatchOptions::interval_s) is none), up to eight cores take
+    /// part in a table that takes long. What is said of a frame depends on its own values alone, to the last bit. Results that are done before
+    /// an earlier one wait for it. Where frames do follow one another, nothing pressed at the places between them ([`Batch::pass_over`]).
     ///
     /// # Errors
     /// [`ImagerError::Baseline`] at the first frame that does not have the pattern's length: `each` has had all before it.
@@ -26,16 +32,20 @@ impl Batch {
         frames: &[(usize, &[f64])],
         mut each: impl FnMut(usize, FrameResult),
     ) -> Result<(), ImagerError> {
-        let workers = if self.interval_s.is_none() {
-            self.workers().min(frames.len())
-        } else {
-            1
+        let workers = match self.interval_s {
+            Some(_) => 1,
+            None => self.workers(),
         };
-        if workers > 1 {
-            return self.frames_alone(workers, frames, each);
-        }
-        let mut next = 0;
+        let (begin, mut next) = (Instant::now(), 0);
         for (number, (place, values)) in frames.iter().enumerate() {
+            let left = &frames[number..];
+            let workers = workers.min(left.len());
+            if workers > 1 && begin.elapsed() > WORTH_MORE {
+                let mut each = |of, result| each(number + of, result);
+                if self.frames_alone(workers, left, &mut each)? {
+                    return Ok(());
+                }
+            }
             for between in next..*place {
                 self.pass_over(between);
             }
@@ -55,21 +65,22 @@ impl Batch {
         thread::available_parallelism().map_or(1, NonZero::get).min(most)
     }
 
+    /// The same by so many threads; false, and nothing done, where there is none to be had.
     fn frames_alone(
         &mut self,
         workers: usize,
         frames: &[(usize, &[f64])],
-        mut each: impl FnMut(usize, FrameResult),
-    ) -> Result<(), ImagerError> {
+        each: &mut impl FnMut(usize, FrameResult),
+    ) -> Result<bool, ImagerError> {
         let (inspection, how, tells_noise) = (&self.inspection, self.how, self.tells_noise);
         let (next, mut own) = (AtomicUsize::new(0), Some(&mut self.reconstructor));
         let (sender, receiver) = mpsc::channel();
         thread::scope(|scope| {
-            for _ in 0..workers {
+            for worker in 0..workers {
                 let (own, sender, next) = (own.take(), sender.clone(), &next);
-                scope.spawn(move || {
+                let work = move || {
                     let mut made = None;
-                    let reconstructor = match own {
+                    let solver = match own {
                         Some(own) => own,
                         // Where none can be made, the others do its part.
                         None => match reconstructor(inspection, how, tells_noise) {
@@ -80,14 +91,18 @@ impl Batch {
                     while let number = next.fetch_add(1, Ordering::Relaxed)
                         && let Some((_, values)) = frames.get(number)
                     {
-                        let result = reconstructor
-                            .frame(values)
-                            .map(|result| inspection.doubted(result.clone()));
+                        let result = solver.frame(values).map(|result| inspection.doubted(result.clone()));
                         if sender.send((number, result)).is_err() {
                             return;
                         }
                     }
-                });
+                };
+                match thread::Builder::new().spawn_scoped(scope, work) {
+                    Ok(_) => {}
+                    Err(_) if worker == 0 => return Ok(false),
+                    // Those that there are do the others' part.
+                    Err(_) => break,
+                }
             }
             drop(sender);
             let (mut waiting, mut number) = (BTreeMap::new(), 0);
@@ -98,7 +113,7 @@ impl Batch {
                     number += 1;
                 }
             }
-            Ok(())
+            Ok(true)
         })
     }
 }
@@ -106,10 +121,13 @@ impl Batch {
 #[cfg(test)]
 mod tests {
     use crate::batch::{Batch, BatchOptions};
+    use crate::force::meter::Calibration;
+    use crate::force::solid::Solid;
     use crate::pipeline::FrameResult;
-    use crate::reference::imager::{Imager, ImagerError};
+    use crate::reference::imager::Imager;
     use crate::solvers::Method;
-    use forward::{DiscTouch, Drive, Model, ModelOptions, Pattern, Sheet, Solver};
+    use crate::touches::polarity::Polarity;
+    use forward::{DiscTouch, Drive, Pattern, Sheet, Solver};
     use rand::{Rng, SeedableRng, rngs::StdRng};
     use rand_distr::StandardNormal;
     use std::sync::Arc;
@@ -122,29 +140,28 @@ mod tests {
         }
     }
 
-    fn imager() -> Arc<Imager> {
-        Arc::new(Imager::new(&Sheet::paper(), Drive::PAPER, Pattern::adjacent(16).unwrap(), 10.0).unwrap())
+    fn imager(electrodes: usize, drive: Drive) -> Arc<Imager> {
+        let sheet = Sheet::disc(195.0, electrodes, 4.0, 1.0, 1000.0);
+        Arc::new(Imager::new(&sheet, drive, Pattern::adjacent(electrodes).unwrap(), 15.0).unwrap())
     }
 
     /// The unpressed sheet, and frames of all that leaves something behind where frames follow one another.
-    fn table() -> (Vec<Vec<f64>>, Vec<Vec<f64>>) {
-        let pattern = Pattern::adjacent(16).unwrap();
-        let hand =
-            [(-40.0, 20.0), (-20.0, 45.0), (8.0, 50.0), (35.0, 35.0), (10.0, -30.0)].map(|(x, y)| touch(x, y, 0.6));
+    fn table(imager: &Imager) -> (Vec<Vec<f64>>, Vec<Vec<f64>>) {
+        let hand = [(-40.0, 20.0), (-20.0, 45.0), (8.0, 50.0), (35.0, 35.0), (10.0, -30.0)];
         let scenes = [
             vec![],
-            hand.to_vec(),
+            hand.map(|(x, y)| touch(x, y, 0.6)).to_vec(),
             vec![touch(30.0, -20.0, 0.3)],
             vec![touch(30.0, -20.0, -0.4)],
             vec![touch(-30.0, 5.0, 0.4), touch(32.0, 5.0, -0.3)],
-            vec![touch(0.0, 70.0, 1.5), touch(0.0, -60.0, 1.0), touch(20.0, 0.0, 1.0)],
+            // One at the rim, and two that overlap: multipoles do not tell them.
+            vec![touch(0.0, 88.0, 1.5), touch(0.0, -60.0, 1.0), touch(4.0, -50.0, 1.0)],
+            vec![touch(5.0, 5.0, 0.1)],
         ];
-        let all: Vec<DiscTouch> = scenes.iter().flatten().copied().collect();
-        let model = Model::new(&Sheet::paper(), &ModelOptions::for_touches(&all[..1])).unwrap();
-        let mut solver = Solver::new(model.into()).unwrap();
+        let mut solver = Solver::new(Arc::clone(&imager.model)).unwrap();
         let solved = scenes.iter().map(|scene| {
             let potentials = solver.solve_touches_here(scene).unwrap();
-            Drive::PAPER.frame_v(potentials, &pattern)
+            imager.drive.frame_v(potentials, &imager.pattern)
         });
         let solved: Vec<Vec<f64>> = solved.collect();
         let mut rng = StdRng::seed_from_u64(11);
@@ -170,12 +187,8 @@ mod tests {
         (unpressed, frames)
     }
 
-    fn batch(imager: &Arc<Imager>, unpressed: &[Vec<f64>], method: Method, interval_s: Option<f64>) -> Batch {
+    fn batch(imager: &Arc<Imager>, unpressed: &[Vec<f64>], options: BatchOptions) -> Batch {
         let unpressed: Vec<&[f64]> = unpressed.iter().map(Vec::as_slice).collect();
-        let options = BatchOptions {
-            interval_s,
-            ..BatchOptions::of(method)
-        };
         Batch::new(Arc::clone(imager), &unpressed, options).unwrap()
     }
 
@@ -188,83 +201,111 @@ mod tests {
         format!("{result:?}")
     }
 
-    fn all(batch: &mut Batch, frames: &[&[f64]]) -> Vec<String> {
-        let frames: Vec<(usize, &[f64])> = frames.iter().copied().enumerate().collect();
-        let mut results = Vec::new();
-        let each = |number, result| {
-            assert_eq!(number, results.len());
-            results.push(said(result));
-        };
-        batch.frames(&frames, each).unwrap();
-        results
-    }
-
-    /// A frame of a table has one result, to the last bit: as the first of its table, after any other, and beside others.
+    /// A frame of a table has one result, to the last bit: as the first of its table, after any other, and beside others. Whatever is known
+    /// of the noise and of the sign of touches, by every method, and where values are so many that responses are made as they are needed.
     #[test]
     fn a_frame_of_a_table_stands_alone() {
-        let (imager, (unpressed, frames)) = (imager(), table());
-        for method in [Method::Nnls, Method::LawsonHanson, Method::Tikhonov] {
-            let first = |frame: &Vec<f64>| said(batch(&imager, &unpressed, method, None).frame(0, frame).unwrap());
+        let current = Drive::Current { amplitude_a: 1e-3 };
+        let rise = Some(Polarity::Up);
+        for (method, polarity, baseline, drive, electrodes) in [
+            (Method::Nnls, None, 10, Drive::PAPER, 16),
+            (Method::Nnls, rise, 10, current, 16),
+            (Method::Nnls, None, 1, Drive::PAPER, 16),
+            (Method::Nnls, rise, 10, Drive::PAPER, 32),
+            (Method::LawsonHanson, None, 10, Drive::PAPER, 16),
+            (Method::Tikhonov, None, 10, Drive::PAPER, 16),
+        ] {
+            let imager = imager(electrodes, drive);
+            let (unpressed, mut frames) = table(&imager);
+            if electrodes > 16 {
+                // They take seconds each.
+                frames = [2, 6, 9, 0].map(|k| frames[k].clone()).to_vec();
+            }
+            let options = BatchOptions {
+                polarity,
+                ..BatchOptions::of(method)
+            };
+            let new = || batch(&imager, &unpressed[..baseline], options);
+            let case = format!("{method:?} {polarity:?} {baseline} {electrodes}");
+            let first = |frame: &Vec<f64>| said(new().frame(0, frame).unwrap());
             let alone: Vec<String> = frames.iter().map(first).collect();
-            let orders: [Vec<usize>; 3] = [
-                (0..frames.len()).collect(),
-                (0..frames.len()).rev().collect(),
-                (0..3 * frames.len())
-                    .map(|k| (5 * k + k / frames.len()) % frames.len())
-                    .collect(),
-            ];
+            let count = frames.len();
+            let mut orders: Vec<Vec<usize>> = vec![(0..count).rev().collect()];
+            if electrodes == 16 {
+                orders.push((0..count).map(|k| 5 * k % count).collect());
+            }
             for order in orders {
-                let list: Vec<&[f64]> = order.iter().map(|k| frames[*k].as_slice()).collect();
-                let mut one = batch(&imager, &unpressed, method, None);
-                let in_turn = list.iter().map(|frame| said(one.frame(0, frame).unwrap()));
-                for (place, result) in in_turn.enumerate() {
-                    assert!(
-                        result == alone[order[place]],
-                        "{method:?}: {:?}, {place}",
-                        &order[..=place]
-                    );
-                }
-                let at_once = all(&mut batch(&imager, &unpressed, method, None), &list);
-                assert_eq!(at_once.len(), list.len());
-                for (result, of) in at_once.iter().zip(&order) {
-                    assert!(*result == alone[*of], "{method:?}: {of}");
+                let mut one = new();
+                for (place, k) in order.iter().enumerate() {
+                    let result = said(one.frame(place, &frames[*k]).unwrap());
+                    assert!(result == alone[*k], "{case}: {:?}", &order[..=place]);
                 }
             }
+            let list: Vec<(usize, &[f64])> = frames.iter().map(Vec::as_slice).enumerate().collect();
+            let mut number = 0;
+            let mut each = |of: usize, result| {
+                assert_eq!(of, number);
+                assert!(said(result) == alone[of], "{case}: {of} beside others");
+                number += 1;
+            };
+            assert!(new().frames_alone(3, &list, &mut each).unwrap());
+            assert_eq!(number, count);
         }
     }
 
-    /// Frames that follow one another are solved in turn.
+    /// Frames that follow one another are solved in turn, and nothing pressed between them.
     #[test]
-    fn a_sequence_keeps_its_order() {
-        let (imager, (unpressed, frames)) = (imager(), table());
-        let list: Vec<&[f64]> = [0, 2, 2, 2, 0, 1, 1].iter().map(|k| frames[*k].as_slice()).collect();
-        let mut one = batch(&imager, &unpressed, Method::Nnls, Some(0.02));
-        let in_turn = list.iter().enumerate();
-        let in_turn: Vec<String> = in_turn.map(|(k, f)| said(one.frame(k, f).unwrap())).collect();
-        assert_eq!(
-            all(&mut batch(&imager, &unpressed, Method::Nnls, Some(0.02)), &list),
-            in_turn
-        );
+    fn a_sequence_keeps_its_order_and_its_pauses() {
+        let imager = imager(16, Drive::PAPER);
+        let (unpressed, frames) = table(&imager);
+        let calibration = Calibration {
+            solid: Solid {
+                delayed_ratio: 0.4,
+                tau_s: 6.0,
+                exponent: 1.0,
+                unit_rise_mpa: 0.25,
+            },
+            force_sd_n: 0.05,
+        };
+        let options = BatchOptions {
+            interval_s: Some(0.5),
+            calibration: Some(calibration),
+            ..BatchOptions::of(Method::Nnls)
+        };
+        let list = [(0, 2), (1, 2), (2, 1), (9, 2), (10, 0)].map(|(place, k)| (place, frames[k].as_slice()));
+        let mut one = batch(&imager, &unpressed, options);
+        let mut in_turn = Vec::new();
+        for place in 0..=10 {
+            match list.iter().find(|(at, _)| *at == place) {
+                Some((_, frame)) => in_turn.push(said(one.frame(place, frame).unwrap())),
+                None => one.pass_over(place),
+            }
+        }
+        let (mut all, mut without) = (Vec::new(), Vec::new());
+        let mut at_once = batch(&imager, &unpressed, options);
+        at_once.frames(&list, |_, result| all.push(said(result))).unwrap();
+        assert_eq!(all, in_turn);
+        let mut close = batch(&imager, &unpressed, options);
+        let of_close: Vec<(usize, &[f64])> = list.iter().enumerate().map(|(k, (_, f))| (k, *f)).collect();
+        close.frames(&of_close, |_, result| without.push(said(result))).unwrap();
+        assert!(without != in_turn, "a pause changes forces");
     }
 
-    /// A frame of another length is told, and costs none before it.
+    /// A frame of another length is told, and costs none before or after it.
     #[test]
     fn the_first_bad_frame_is_told() {
-        let (imager, (unpressed, frames)) = (imager(), table());
-        let mut batch = batch(&imager, &unpressed, Method::Nnls, None);
-        let list = [
-            &frames[2][..],
-            &frames[0],
-            &frames[1][..100],
-            &frames[1],
-            &frames[0][..7],
-        ];
+        let imager = imager(16, Drive::PAPER);
+        let (unpressed, frames) = table(&imager);
+        let mut batch = batch(&imager, &unpressed, BatchOptions::of(Method::Nnls));
+        let good = [&frames[2][..], &frames[0]];
+        let list = [good[0], good[1], &frames[1][..100], &frames[1], &frames[0][..7]];
         let list: Vec<(usize, &[f64])> = list.into_iter().enumerate().collect();
         let mut had = Vec::new();
-        let error = batch.frames(&list, |number, _| had.push(number)).unwrap_err();
-        assert!(matches!(error, ImagerError::Baseline { .. }), "{error}");
+        let mut each = |number, result| had.push((number, said(result)));
+        let error = batch.frames_alone(3, &list, &mut each).unwrap_err();
         assert!(error.to_string().contains("100"), "{error}");
-        assert_eq!(had, [0, 1]);
-        assert_eq!(all(&mut batch, &[]), [String::new(); 0]);
+        batch.frames(&list[..2], &mut each).unwrap();
+        assert_eq!(had[..2], had[2..]);
+        assert_eq!(had.len(), 4);
     }
 }

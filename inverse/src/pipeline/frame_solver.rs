@@ -291,7 +291,7 @@ impl FrameSolver {
         self.weightings.forget();
         self.fitter.iter_mut().for_each(Fitter::stand_alone);
         (self.fitting, self.ridges) = (Drifting::Common, [None; Drifting::ALL.len()]);
-        (self.left, self.alone) = (0.0, None);
+        self.left = 0.0;
     }
 
     /// The detector of changes against a reference of which frames have this difference to themselves; none where no value
@@ -306,7 +306,7 @@ impl FrameSolver {
         at_once: bool,
     ) -> Option<ChangeDetector> {
         self.weigh(unchanged, (drifting, &[]));
-        if at_once || self.options.sequence {
+        if self.options.sequence {
             self.tabulate(at_once);
         }
         let weighted = self.weightings.current_mut()?;

@@ -235,6 +235,8 @@ impl Reconstructor {
         done?;
         if self.options.sequence {
             self.look_for_loose_contacts(values);
+        } else {
+            self.result.anew = true;
         }
         Ok(&mut self.result)
     }
@@ -599,7 +601,10 @@ impl Reconstructor {
         if !(self.result.changed && self.contacts.leaves(&self.result)) {
             return;
         }
-        let task = task(&self.difference, Some(noise), Averaged::ONE, quiet);
+        let task = Task {
+            patient: true,
+            ..task(&self.difference, Some(noise), Averaged::ONE, quiet)
+        };
         let outliers = self.solver.outliers(self.contacts.signed(task), noise);
         if outliers.is_empty() {
             return;

@@ -312,17 +312,15 @@ impl Pictures {
     /// Makes the part of the problem ready that a solve with this ridge uses: without directions below a part of it. One that was made
     /// for a ridge about as large serves as well. Which one does not depend on earlier frames where each stands `alone`.
     pub(crate) fn prepare(&mut self, ridge: f64, drop_below_ridge: f64, alone: bool) {
-        let made_for = self.solving.as_ref().map_or(0.0, |(made_for, _)| *made_for);
-        // A ridge estimated from frame after frame scatters; a larger one loses less by what is left out, not more.
-        let (serves, next) = if alone {
-            let next = 8.0_f64.powf(ridge.log(8.0).floor());
-            (made_for == next, next)
-        } else {
-            ((0.5..8.0).contains(&(ridge / made_for)), ridge)
+        let fraction = drop_below_ridge * ridge / self.problem.singular().max();
+        let serves = match &self.solving {
+            Some((_, known)) if alone => known.rank() == self.problem.rank_without(fraction),
+            // A ridge estimated from frame after frame scatters; a larger one loses less by what is left out, not more.
+            Some((made_for, _)) => (0.5..8.0).contains(&(ridge / made_for)),
+            None => false,
         };
         if !serves {
-            let fraction = drop_below_ridge * next / self.problem.singular().max();
-            self.solving = Some((next, self.problem.without(fraction)));
+            self.solving = Some((ridge, self.problem.without(fraction)));
         }
     }
 

@@ -123,10 +123,15 @@ impl Problem {
         }
     }
 
+    /// Rank of [`Problem::without`].
+    pub fn rank_without(&self, fraction: f64) -> usize {
+        let limit = fraction * self.singular.iter().copied().fold(0.0, f64::max);
+        self.singular.iter().filter(|s| **s >= limit).count()
+    }
+
     /// The same problem without the directions whose singular value is below `fraction` of the largest.
     pub fn without(&self, fraction: f64) -> Self {
-        let limit = fraction * self.singular.iter().copied().fold(0.0, f64::max);
-        let kept = self.singular.iter().filter(|s| **s >= limit).count();
+        let kept = self.rank_without(fraction);
         if kept == self.rank() {
             return self.clone();
         }

@@ -4,7 +4,7 @@ mod merged;
 mod state;
 
 use self::merged::{merged_if_strong, merged_if_unresolved};
-use self::state::{Aside, Carried, Corrected, Fits, Followed, Job, Values};
+use self::state::{Aside, Carried, Corrected, Fits, Followed, Found, Job, Values};
 use crate::reference::ToldSheet;
 use crate::reference::drift::{Drift, Drifting};
 use crate::reference::imager::Imager;
@@ -45,7 +45,7 @@ pub struct Data<'a> {
     pub patient: bool,
     /// Whether the error of the linear model may be solved for: that takes as long as many fits.
     pub corrected: bool,
-    /// Whether time does not count: the touches may get a mesh made for them.
+    /// Whether time does not count: the touches may get a mesh made for them, and multipoles must be as exact as the table.
     pub unhurried: bool,
     /// Whether the search may begin at the touches that another fit of this frame found.
     pub from_found: bool,
@@ -119,8 +119,8 @@ pub struct Fitter {
     electrodes: Option<Option<ElectrodeUncertainty>>,
     /// Made when a frame first needs it.
     nonlinear: Option<NonlinearModel>,
-    /// What takes its place while touches move.
-    scattering: Option<ScatteringModel>,
+    /// What takes its place where it is as exact; made when a frame first needs it. None inside where the sheet leaves no room for it.
+    scattering: Option<Option<ScatteringModel>>,
     /// How the noise is known, and the chi-square threshold for that.
     chi_square_threshold: Option<(NoiseSource, f64)>,
     carried: Carried,
@@ -139,8 +139,8 @@ pub struct Fitter {
     evaluations: usize,
     allowed: Allowed,
     /// Touches that were found in this frame, by a search that came to its end; and by the fits that are none of the others' kind.
-    found: Discs,
-    other_found: Discs,
+    found: Found,
+    other_found: Found,
     /// Of the frame fitted last.
     drift: Drift,
     /// Of a frame without touches.
@@ -196,8 +196,8 @@ impl Fitter {
             solutions: 0,
             allowed: Allowed::default(),
             evaluations: 0,
-            found: Discs::new(),
-            other_found: Discs::new(),
+            found: Found::default(),
+            other_found: Found::default(),
             drift: Drift::with_room(imager.pattern.electrodes()),
             alone: Drift::with_room(imager.pattern.electrodes()),
             refining: NuisanceScratch::default(),
@@ -216,13 +216,13 @@ impl Fitter {
     pub(crate) fn prepare_motion(&mut self) {
         let imager = &self.imager;
         self.electrodes = Some(uncertain(imager, self.prior.radius_mm));
-        self.scattering = ScatteringModel::new(&imager.model, imager.drive, &imager.pattern);
+        self.scattering = Some(ScatteringModel::new(&imager.model, imager.drive, &imager.pattern));
     }
 
     /// Begins a frame, however often it is fitted.
     pub(crate) fn begin_frame(&mut self) {
         (self.solutions, self.evaluations) = (0, 0);
-        self.found.clear();
+        self.found = Found::default();
     }
 
     /// Makes the next frame stand alone: nothing of it depends on an earlier one, to the last bit.
@@ -230,15 +230,15 @@ impl Fitter {
         self.nonlinear.iter_mut().for_each(NonlinearModel::forget);
         self.chi_square_threshold = None;
         (self.carried, self.followed) = (Carried::default(), Followed::default());
-        self.fits.now.forget();
+        self.fits.forget();
         for aside in self.aside.iter_mut().chain([&mut self.other]) {
             (aside.carried, aside.followed) = (Carried::default(), Followed::default());
-            aside.fits.now.forget();
+            aside.fits.forget();
         }
-        self.found.clear();
-        self.other_found.clear();
+        self.forget_found();
         self.was_corrected = false;
         self.drift.clear();
+        self.alone.clear();
     }
 
     /// Lets the next fit take so much.
@@ -304,7 +304,7 @@ impl Fitter {
     /// Begins another fit of the frame, of which the frame before says nothing.
     pub(crate) fn begin_other(&mut self) {
         self.end_other();
-        self.found.clear();
+        self.found = Found::default();
         self.forget_last();
     }
 
@@ -335,7 +335,7 @@ impl Fitter {
 
     /// Forgets the touches that were found in this frame.
     pub(crate) fn forget_found(&mut self) {
-        self.found.clear();
+        (self.found, self.other_found) = (Found::default(), Found::default());
     }
 
     fn forget_last(&mut self) {
@@ -366,13 +366,13 @@ impl Fitter {
             until_evaluations: self.evaluations.saturating_add(self.allowed.evaluations),
             data,
         };
-        let (prior, from_found) = (self.prior, job.data.from_found);
+        let prior = self.prior;
         let found = std::mem::take(&mut self.found);
-        self.find(&mut job, &mut || {
-            if from_found && !found.is_empty() {
-                return Some(found.clone());
-            }
-            Some(peaks()?.iter().map(|at| prior.seed(*at)).collect())
+        let begin = Some(&found).filter(|found| job.data.from_found && !found.discs.is_empty());
+        let error = begin.and_then(|found| found.error.clone());
+        self.find(&mut job, error, &mut || match begin {
+            Some(found) => Some(found.discs.clone()),
+            None => Some(peaks()?.iter().map(|at| prior.seed(*at)).collect()),
         })?;
         self.refine(&job.data);
         let fitted = &self.fits.now;
@@ -403,7 +403,13 @@ impl Fitter {
             }
         }
         self.found = if explained && fitted.finished {
-            fitted.discs.clone()
+            Found {
+                discs: fitted.discs.clone(),
+                // Where frames follow one another, it may be that of an earlier one.
+                error: (self.carried.error.as_ref())
+                    .filter(|_| self.was_corrected && job.data.unhurried)
+                    .cloned(),
+            }
         } else {
             found
         };
@@ -454,15 +460,20 @@ impl Fitter {
         }
     }
 
-    /// Fits the linear model, corrected by what the frame before left or where a nonlinear solution is worth it.
-    fn find(&mut self, job: &mut Job, seeds: Seeds) -> Option<()> {
+    /// Fits the linear model, corrected by what the frame before left or where a nonlinear solution is worth it. `error` is that of the
+    /// touches that the search begins at, where it is known.
+    fn find(&mut self, job: &mut Job, error: Option<LinearisationError>, seeds: Seeds) -> Option<()> {
         let follows = std::mem::replace(&mut self.followed.holds, false);
         if job.data.gain <= 1.0 {
             self.carried.failed = None;
         }
         self.carried.error = self.carried.error.take().filter(|_| follows);
+        let known = !follows && error.is_some();
+        if known {
+            self.carried.error = error;
+        }
         let carried = self.carried.error.as_ref().map(|error| {
-            let scale = error.scale(&self.fits.now.discs);
+            let scale = if known { 1.0 } else { error.scale(&self.fits.now.discs) };
             (scale, self.corrected.take_off(error, scale, &mut job.data))
         });
         // Where the linear model's error shows, no touch may be added for it before it is corrected.
@@ -487,6 +498,12 @@ impl Fitter {
             && self.fits.now.followed
         {
             return self.renew(job, scale, size);
+        }
+        if let Some((scale, size)) = carried.filter(|_| known) {
+            self.fits.now.settled = self.serves(scale, size)?;
+            if self.fits.now.settled {
+                return Some(());
+            }
         }
         let is_worth = |now: &Self| now.expected_error() > now.options.worth_a_solution && now.may_explain(job, 0.0);
         let mut corrects = self.may_solve(job) && is_worth(self);
@@ -624,24 +641,25 @@ impl Fitter {
     /// The linearisation error of the touches fitted last; `None` when the sheet cannot be solved with them. What is exact enough for a
     /// frame may show in the mean of several.
     fn solve(&mut self, job: &Job) -> Option<LinearisationError> {
-        let scattering = self.scattering.as_ref().filter(|_| !job.data.unhurried);
-        let (discs, mean) = (&self.fits.now.discs, job.data.gain > 1.0);
-        let scattered = scattering
-            .and_then(|s| LinearisationError::scattered(s, self.even.as_ref().unwrap_or(&self.volts), discs, mean));
+        let Imager {
+            model, drive, pattern, ..
+        } = &*self.imager;
+        let table = self.even.as_ref().unwrap_or(&self.volts);
+        let (discs, unhurried) = (&self.fits.now.discs, job.data.unhurried);
+        let made = || ScatteringModel::new(model, *drive, pattern);
+        let scattering = self.scattering.get_or_insert_with(made).as_ref();
+        let exact = unhurried || job.data.gain > 1.0;
+        let scattered = scattering.and_then(|s| LinearisationError::scattered(s, table, discs, exact));
         if scattered.is_some() {
             return scattered;
         }
         if self.nonlinear.is_none() {
-            self.nonlinear = NonlinearModel::new(&self.imager.model, self.imager.drive, &self.imager.pattern);
+            self.nonlinear = NonlinearModel::new(model, *drive, pattern);
+            // The first solution is made as the first of any later frame.
+            self.nonlinear.iter_mut().for_each(NonlinearModel::forget);
         }
         self.solutions += 1;
-        let (nonlinear, discs) = (self.nonlinear.as_mut()?, &self.fits.now.discs);
-        LinearisationError::solve(
-            nonlinear,
-            self.even.as_ref().unwrap_or(&self.volts),
-            discs,
-            job.data.unhurried,
-        )
+        LinearisationError::solve(self.nonlinear.as_mut()?, table, discs, unhurried)
     }
 
     /// Estimated norm of the linearisation error of the touches fitted last, in standard deviations of the noise.

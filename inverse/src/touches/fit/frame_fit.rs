@@ -68,14 +68,15 @@ pub struct Fitted {
 }
 
 impl Fitted {
-    /// Forgets its touches, and what it said of its frame.
+    /// Forgets all that it said of its frame, and keeps the room.
     pub(super) fn forget(&mut self) {
+        let before = std::mem::take(self);
+        (self.touches, self.covariance) = (before.touches, before.covariance);
+        (self.residual_whitened, self.slopes) = (before.residual_whitened, before.slopes);
         self.touches.clear();
-        self.discs.clear();
-        self.all.clear();
-        self.slopes.clear();
+        self.covariance.clear();
         self.residual_whitened.clear();
-        (self.followed, self.finished, self.hopeless, self.settled, self.work) = (false, false, false, false, 0);
+        self.slopes.clear();
     }
 
     /// With room for so many touches in data of this stride: no frame is then to allocate.

@@ -6,7 +6,7 @@
 //! interpolation error. Taken off the data, it leaves what the table can fit. A few rounds, each from the touches of
 //! the round before, are enough for +300 %.
 //!
-//! A solution takes milliseconds. Where touches move, the same error comes from multiple scattering in a fiftieth of the time
+//! A solution takes milliseconds. Where discs lie apart, the same error comes from multiple scattering in a fiftieth of the time
 //! ([`ScatteringModel`]).
 
 use crate::touches::fit::disc::{Disc, Discs, MOST_TOUCHES};

@@ -1,9 +1,17 @@
 //! What is kept within a frame and from frame to frame.
 
+use crate::touches::fit::disc::Discs;
 use crate::touches::fit::fitter::Data;
 use crate::touches::fit::frame_fit::{Fitted, Frame, Seeds, Start, fit};
 use crate::touches::fit::linearisation_error::LinearisationError;
 use crate::touches::fit::model_order::{Before, DiscModel, Scratch};
+
+/// Touches that a search found, and their linearisation error where it was solved for.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Found {
+    pub(super) discs: Discs,
+    pub(super) error: Option<LinearisationError>,
+}
 
 /// What is the same for all fits of a frame.
 pub(super) struct Job<'a> {
@@ -52,7 +60,7 @@ impl Corrected {
 /// The nonlinear correction, carried from frame to frame.
 #[derive(Debug, Default)]
 pub(super) struct Carried {
-    /// Linearisation error of the frame before, solved for in that frame or an earlier one.
+    /// Linearisation error of the frame before, solved for in that frame or an earlier one; or of another fit of this frame.
     pub(super) error: Option<LinearisationError>,
     /// Unexplained misfit after the last failed solution for a mean, in variances of one frame's noise.
     pub(super) failed: Option<f64>,
@@ -131,6 +139,12 @@ impl Fits {
             now: fitted(),
             before: fitted(),
         }
+    }
+
+    /// Forgets both.
+    pub(super) fn forget(&mut self) {
+        self.now.forget();
+        self.before.forget();
     }
 
     /// Fits a frame from these places, or from the touches fitted last. With a misfit, the touches fitted last are
