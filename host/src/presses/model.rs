@@ -9,7 +9,7 @@ use crate::table_batch::{How, TableBatch};
 use crate::table_sheet::Geometry;
 use ::forward::Sheet;
 use ::forward::file::sheet_text;
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
 use inverse::learned::{Learned, Press, SeenPress, Shift, far_off, model_is_better, shifted_by_places, told};
 use inverse::reference::ToldSheet;
 use inverse::reference::inspection::Inspection;
@@ -237,14 +237,14 @@ pub(super) fn of_frames(
     if recovers {
         ready.prepared.recover(&batch)?;
     }
-    let frames: HashMap<&str, _> = (ready.prepared.frames.iter())
-        .map(|f| (table.columns[f.place].name.as_str(), f))
+    let named: HashMap<&str, _> = (ready.prepared.frames.iter())
+        .map(|f| (table.columns[f.place].name.as_str(), (f.place, f.values.as_ref())))
         .collect();
-    let frames = names.iter().map(|name| match frames.get(name) {
-        Some(frame) => Ok((frame.place, frame.values.as_ref())),
-        None => bail!("the table has no frame {name}"),
-    });
-    let frames: Vec<_> = frames.collect::<Result<_>>()?;
+    let of_name = |name: &&str| {
+        let frame = named.get(name).copied();
+        frame.with_context(|| format!("the table has no frame {name}"))
+    };
+    let frames: Vec<_> = names.iter().map(of_name).collect::<Result<_>>()?;
     let progress = Progress::new("trying the sheet's model");
     let mut found = Vec::with_capacity(frames.len());
     batch.frames(&frames, |_, result| {

@@ -312,9 +312,7 @@ impl FrameSolver {
         let weighted = self.weightings.current_mut()?;
         if at_once {
             let ridge = sigma / self.options.expected_rise;
-            weighted
-                .pictures
-                .prepare(ridge, self.options.drop_below_ridge, !self.options.sequence);
+            weighted.pictures.prepare(ridge, self.options.drop_below_ridge, false);
         }
         let offset: Vec<f64> = self
             .imager
