@@ -59,7 +59,7 @@ fn look(pair: [usize; 2], ohm: f64, touched: bool, seed: u64) -> Result<Shown, S
 fn main() -> Result<(), StudyError> {
     println!("| between | kilohm | finger | named | right | wrong and silent | doubted |");
     println!("|---|---|---|---|---|---|---|");
-    for pair in [[3, 4], [2, 5], [2, 9]] {
+    for pair in [[3, 4], [3, 5], [2, 5], [2, 9]] {
         for kilohm in [3.0, 10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0] {
             for touched in [false, true] {
                 let mut all = Shown::default();

@@ -8,11 +8,13 @@ use crate::pipeline::frame_solver::{Averaged, FrameSolver, Task};
 use crate::pipeline::options::ReconstructorOptions;
 use crate::pipeline::polarity_test::PolarityTest;
 use crate::pipeline::result::FrameResult;
-use crate::quality::contact::{ContactMonitor, ContactOptions, Evidence};
+use crate::quality::contact::{Cause, ContactMonitor, ContactOptions, Evidence};
 use crate::reference::Difference;
+use crate::reference::diagnosis::{Electrodes, Fault, MOST_ELECTRODES};
 use crate::reference::drift::Drifting;
 use crate::touches::polarity::Polarity;
 use crate::touches::touch::Touch;
+use arrayvec::ArrayVec;
 
 /// Frames for which the test of new touches waits for a search that does not come to its end; then the search is patient.
 const MOST_PUT_OFF: usize = 2;
@@ -70,6 +72,8 @@ pub(crate) struct ContactTest {
     owed: Owed,
     /// Contacts that full fits of this frame decided on.
     decided: Vec<usize>,
+    /// Leaks that were accepted, and their resistances as they were told last, ohm.
+    leaks: Vec<([usize; 2], f64)>,
     /// Electrodes whose values are left out.
     left_out: Vec<usize>,
     /// Whether a mean of frames at rest leaves what drift may explain: the next frame is asked by itself.
@@ -104,6 +108,7 @@ impl ContactTest {
             put_off: 0,
             owed: Owed::default(),
             decided: Vec::new(),
+            leaks: Vec::new(),
             left_out: Vec::new(),
             left_at_rest: false,
             rests: false,
@@ -113,7 +118,28 @@ impl ContactTest {
     }
 
     /// Electrodes whose contact is accepted to have changed.
-    pub(crate) fn changed(&self) -> &[usize] {
+    pub(crate) fn changed(&self) -> impl Iterator<Item = usize> + '_ {
+        self.monitor.changed().iter().filter_map(|cause| cause.contact())
+    }
+
+    /// What is accepted to have changed at the rim, the contacts together.
+    pub(crate) fn faults(&self) -> impl Iterator<Item = Fault> + '_ {
+        let contacts: ArrayVec<usize, MOST_ELECTRODES> = self.changed().take(MOST_ELECTRODES).collect();
+        let contacts = (!contacts.is_empty()).then(|| Fault::Contacts(Electrodes::of(&contacts)));
+        let leaks = self.leaks.iter().filter(|(pair, _)| self.is_known(*pair));
+        let leaks = leaks.map(|(pair, ohm)| Fault::Leak {
+            electrodes: *pair,
+            ohm: *ohm,
+        });
+        contacts.into_iter().chain(leaks)
+    }
+
+    fn is_known(&self, leak: [usize; 2]) -> bool {
+        self.monitor.changed().contains(&Cause::Leak(leak))
+    }
+
+    /// What is accepted to have changed.
+    pub(crate) fn causes(&self) -> &[Cause] {
         self.monitor.changed()
     }
 
@@ -130,7 +156,7 @@ impl ContactTest {
         self.left_out.clear();
         self.left_out.extend_from_slice(electrodes);
         let mut changed = self.monitor.changed().to_vec();
-        changed.retain(|l| !electrodes.contains(l));
+        changed.retain(|cause| !cause.is_of(electrodes));
         self.monitor.keep(changed);
     }
 
@@ -210,6 +236,7 @@ impl ContactTest {
     pub(crate) fn stand_alone(&mut self) {
         self.clear();
         (self.asked, self.put_off, self.rests) = (0, 0, false);
+        self.leaks.clear();
         self.drifted_before = Drifting::Common;
         self.decided.clear();
         self.left_out.clear();
@@ -313,7 +340,7 @@ impl ContactTest {
                     // What a frame names costs nothing.
                     let candidate = self.candidate(solver, result);
                     self.monitor
-                        .note(candidate.map(|c| c.electrode), candidate.is_some_and(|c| c.linear));
+                        .note(candidate.map(|c| c.cause), candidate.is_some_and(|c| c.linear));
                 }
             } else {
                 evidence = self.test_candidates(evidence, solver, task, detectors, result);
@@ -365,8 +392,9 @@ impl ContactTest {
         };
         let unexplained = result.touches.is_empty() || !result.misfit.is_some_and(explains);
         let may = solver.fits() && result.changed;
-        // Whether contacts drifted or changed is decided first, but for what this frame has no time for.
-        let decided = self.put_off == 0 && (!self.monitor.is_open() || self.waits_for_rest());
+        // Whether contacts drifted or changed is decided first, but for what this frame has no time for. A leak is held against touches of
+        // the other sign.
+        let decided = self.put_off == 0 && (!self.monitor.asks_contact() || self.waits_for_rest());
         if !(may && (new || unexplained)) {
             return;
         }

@@ -2,13 +2,13 @@
 
 mod contacts;
 mod outliers;
-mod slips;
+mod rim;
 mod time;
 mod unexplained;
 mod unreached;
 
 pub(crate) use self::contacts::Candidate;
-use self::slips::BesideTouches;
+use self::rim::BesideTouches;
 use self::unreached::tells_noise;
 use crate::change::detector::ChangeDetector;
 use crate::linalg::vector::square;
@@ -17,7 +17,7 @@ use crate::pipeline::options::ReconstructorOptions;
 use crate::pipeline::result::FrameResult;
 use crate::pipeline::weighted::{Pictures, Weightings};
 use crate::pipeline::work::Work;
-use crate::quality::contact::Contacts;
+use crate::quality::contact::{Cause, Contacts};
 use crate::reference::Difference;
 use crate::reference::drift::{Drift, DriftShapes, Drifting};
 use crate::reference::imager::Imager;
@@ -72,8 +72,8 @@ pub(crate) struct Task<'a> {
     pub(crate) averaged: Averaged,
     /// What is taken to drift.
     pub(crate) drifting: Drifting,
-    /// Electrodes whose contact's shapes are left out.
-    pub(crate) changed: &'a [usize],
+    /// What changed at the rim, whose shapes are left out.
+    pub(crate) changed: &'a [Cause],
     /// Which way touches change the resistivity.
     pub(crate) polarity: Polarity,
     /// Whether the detector has seen the frame: only then it can take it for the last one.
@@ -157,8 +157,8 @@ pub(crate) struct FrameSolver {
     left: f64,
     /// The contact that would explain the frame alone.
     alone: Option<usize>,
-    /// The electrode that slipped, by what drifts beside it.
-    slipped: [Option<usize>; Drifting::ALL.len()],
+    /// The electrode that slipped, or the leak, by what drifts beside it.
+    at_rim: [Option<Cause>; Drifting::ALL.len()],
     beside_touches: BesideTouches,
     /// Ridges of the pictures solved last, by what drifts.
     ridges: [Option<f64>; Drifting::ALL.len()],
@@ -195,7 +195,7 @@ impl FrameSolver {
             sizes: Vec::new(),
             left: 0.0,
             alone: None,
-            slipped: [None; Drifting::ALL.len()],
+            at_rim: [None; Drifting::ALL.len()],
             beside_touches: BesideTouches::default(),
             ridges: [None; Drifting::ALL.len()],
             spare: Vec::new(),
@@ -362,7 +362,7 @@ impl FrameSolver {
         if task.drifting == Drifting::Contacts {
             self.alone = self.alone(noise);
         }
-        self.slipped[task.drifting.index()] = self.slipped(task, noise);
+        self.at_rim[task.drifting.index()] = self.at_rim(task, noise);
     }
 
     /// Finishes a frame. `task` is that of the solve whose result it is. Where no touches explain it, nothing says that the picture only
@@ -451,7 +451,7 @@ impl FrameSolver {
         }
     }
 
-    fn weigh(&mut self, difference: &Difference, left_out: (Drifting, &[usize])) {
+    fn weigh(&mut self, difference: &Difference, left_out: (Drifting, &[Cause])) {
         if left_out.0 != Drifting::Nothing {
             self.fit_beside(left_out.0);
         }
@@ -459,7 +459,7 @@ impl FrameSolver {
     }
 
     /// Makes this problem the one in use.
-    fn switch(&mut self, difference: &Difference, left_out: (Drifting, &[usize])) {
+    fn switch(&mut self, difference: &Difference, left_out: (Drifting, &[Cause])) {
         let (drift, contacts) = (self.drift.as_ref(), self.contacts.as_mut());
         self.work.problems +=
             self.weightings
@@ -662,7 +662,7 @@ impl FrameSolver {
     /// Begins a frame: nothing is known of its contacts. The noise is estimated where nothing else tells it as well: a few pairs that
     /// happen to be reciprocal do not.
     pub(crate) fn begin<'a>(&mut self, task: Task<'a>) -> Task<'a> {
-        (self.alone, self.slipped) = (None, [None; Drifting::ALL.len()]);
+        (self.alone, self.at_rim) = (None, [None; Drifting::ALL.len()]);
         if tells_noise(task.noise, task.difference) {
             return task;
         }

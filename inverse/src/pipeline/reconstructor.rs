@@ -14,7 +14,7 @@ use crate::quality::fault_monitor::FaultMonitor;
 use crate::quality::faults::{FaultDetector, leave_out};
 use crate::quality::flickers::{Flickers, is_alike};
 use crate::quality::reciprocity::Reciprocity;
-use crate::reference::diagnosis::{Electrodes, Fault, Faults, factor};
+use crate::reference::diagnosis::{Fault, Faults, factor};
 use crate::reference::drift::{COMMON, Drifting};
 use crate::reference::imager::{Imager, ImagerError};
 use crate::reference::noise::NoiseEstimate;
@@ -383,7 +383,7 @@ impl Reconstructor {
             // What the frame is to be solved with was made in its time.
             return Ok(false);
         }
-        self.due |= self.broken.begin(self.contacts.changed());
+        self.due |= self.broken.begin(self.contacts.causes());
         let stretch = self.stretch();
         if self.due {
             // What is broken is looked for in a frame that shows nothing, too.
@@ -594,7 +594,7 @@ impl Reconstructor {
     /// Solves a frame that its touches do not explain without the values that stand out of what they leave, where the noise is known. The
     /// result is kept where touches explain the others: no more than before, where these explained the frame in part.
     fn solve_without_outliers(&mut self, quiet: bool) {
-        let may = self.imager().is_searched() && self.solver.fits() && self.contacts.changed().is_empty();
+        let may = self.imager().is_searched() && self.solver.fits() && self.contacts.causes().is_empty();
         let Some(noise) = self.noise().filter(|_| may) else {
             return;
         };
@@ -702,10 +702,10 @@ impl Reconstructor {
         let gone = self
             .contacts
             .solve(&mut self.solver, task, &mut self.detectors, &mut self.result);
-        let changed = self.contacts.changed();
+        let changed = self.contacts.faults().next();
         if let Some(detector) = &mut self.detectors[self.contacts.detector()]
             && ((self.contacts.is_open() && !self.contacts.waits_for_rest())
-                || !changed.is_empty()
+                || !self.contacts.causes().is_empty()
                 || self.faults.is_open())
         {
             // Every frame counts.
@@ -726,8 +726,8 @@ impl Reconstructor {
         };
         let hidden = self.contacts.hides_both_signs(&self.result);
         // With their shapes left out, touches that explain the rest are right.
-        let doubted = !changed.is_empty() && self.result.changed && self.contacts.leaves(&self.result);
-        let contact = doubted.then(|| Doubt::Fault(Fault::Contacts(Electrodes::of(changed))));
+        let doubted = self.result.changed && self.contacts.leaves(&self.result);
+        let contact = changed.filter(|_| doubted).map(Doubt::Fault);
         self.result.doubt = Doubt::of(&self.difference, model_v, self.options.doubts)
             .or(gone.map(|touch| Doubt::Gone {
                 x_mm: touch.x_mm.round() as i32,

@@ -2,14 +2,14 @@
 
 use crate::linalg::basis::Basis;
 use crate::pipeline::options::ReconstructorOptions;
-use crate::quality::contact::{Contacts, Slip};
+use crate::quality::contact::{Cause, Contacts, RimShape};
 use crate::quality::wild::Unreached;
 use crate::reference::Difference;
 use crate::reference::drift::{DriftShapes, Drifting};
 use crate::reference::imager::Imager;
 use crate::solvers::{Factored, Method, Nnls, NnlsOptions, Problem, Projector};
 use crate::touches::fit::fitter::Fitter;
-use crate::touches::fit::nuisance::Nuisances;
+use crate::touches::fit::nuisance::{KnownCauses, Nuisances};
 use crate::touches::fit::responses::ResponseTable;
 use arrayvec::ArrayVec;
 use nalgebra::{DMatrix, DVector};
@@ -84,18 +84,18 @@ fn is_ridged(options: &ReconstructorOptions) -> bool {
     matches!(options.method, Method::Nnls | Method::Tikhonov)
 }
 
-/// The weighted and reduced problem for the values that take part, without what some contacts do.
+/// The weighted and reduced problem for the values that take part, without what changed at the rim does.
 pub(crate) struct Weighted {
     used: Vec<bool>,
     spread: Vec<f64>,
-    /// Electrodes whose contact's shapes are left out.
-    contacts: Vec<usize>,
+    /// What changed at the rim, whose shapes are left out.
+    changed: Vec<Cause>,
     /// What says nothing of touches: drift, and those shapes.
     left_out: Basis,
     /// What drifts.
     drifting: Drifting,
-    /// The shapes of the contacts, weighted.
-    shapes: Vec<f64>,
+    /// The same with its weighted shapes.
+    known: KnownCauses,
     /// For pictures.
     pub(crate) pictures: Pictures,
     /// Onto the problem's rows.
@@ -132,8 +132,8 @@ pub(crate) struct Tables {
     pub(crate) touches: ResponseTable,
     /// Of what is left out; none where the method knows of no drift.
     pub(crate) nuisances: Option<Nuisances>,
-    /// To slips of all electrodes; none where contacts are not looked for.
-    pub(crate) slips: Vec<Slip>,
+    /// To slips of electrodes, and leaks; none where contacts are not looked for.
+    pub(crate) rim: Vec<RimShape>,
 }
 
 impl Weighted {
@@ -144,20 +144,26 @@ impl Weighted {
         drift: Option<&DriftShapes>,
         contacts: Option<&mut Contacts>,
         difference: &Difference,
-        (drifting, changed): (Drifting, &[usize]),
+        (drifting, changed): (Drifting, &[Cause]),
     ) -> Self {
         let mut left_out = Basis::default();
         let drift = drift.filter(|_| is_ridged(options));
         if let Some(drift) = drift {
             drift.add_to(drifting, &mut left_out, |k| weight(difference, k));
         }
-        let mut own = Vec::new();
+        let mut known = KnownCauses::default();
         if let Some(contacts) = contacts {
-            for electrode in changed {
-                if let Some(shapes) = contacts.shapes(imager, *electrode) {
+            for cause in changed {
+                if let Some(shapes) = contacts.shapes(imager, *cause) {
+                    match cause {
+                        Cause::Contact(electrode) => known.contacts.push(*electrode),
+                        Cause::Leak(pair) => known
+                            .leaks
+                            .push((*pair, known.shapes.len() / difference.used.len().max(1))),
+                    }
                     let shapes = weighed(shapes, &difference.used, &difference.spread);
                     shapes.column_iter().for_each(|c| left_out.add(c.as_slice()));
-                    own.extend_from_slice(shapes.as_slice());
+                    known.shapes.extend_from_slice(shapes.as_slice());
                 }
             }
         }
@@ -173,10 +179,10 @@ impl Weighted {
         Self {
             used: difference.used.clone(),
             spread: difference.spread.clone(),
-            contacts: changed.to_vec(),
+            changed: changed.to_vec(),
             left_out,
             drifting,
-            shapes: own,
+            known,
             projector: Projector::new(&problem, problem.rank()),
             pictures: Pictures {
                 problem,
@@ -196,11 +202,11 @@ impl Weighted {
         }
     }
 
-    fn is_for(&self, difference: &Difference, (drifting, changed): (Drifting, &[usize])) -> bool {
+    fn is_for(&self, difference: &Difference, (drifting, changed): (Drifting, &[Cause])) -> bool {
         self.used == difference.used
             && self.spread == difference.spread
             && self.drifting == drifting
-            && self.contacts == changed
+            && self.changed == changed
     }
 
     /// Weight of value k: 0 where it takes no part.
@@ -251,27 +257,11 @@ impl Weighted {
         if self.tables.is_none() {
             let weights: Vec<f64> = (0..self.used.len()).map(|k| self.weight(k)).collect();
             let directions = self.left_out.columns();
-            let left_out = (self.drifting, self.contacts.as_slice());
-            let nuisances = |d| {
-                Nuisances::new(
-                    d,
-                    left_out,
-                    (directions, &self.shapes),
-                    &weights,
-                    (fitter.volts(), at_once),
-                )
-            };
+            let left_out = (self.drifting, &self.known);
+            let nuisances = |d| Nuisances::new(d, left_out, directions, &weights, (fitter.volts(), at_once));
             let reduction = self.pictures.problem.reduction(&weights);
-            let slip = |(contacts, imager): (&Contacts, &Imager), electrode| {
-                let small = contacts.small(imager, electrode);
-                Slip::new(&small, &(&reduction * &small))
-            };
-            let slips = contacts.into_iter().flat_map(|of| {
-                let slip = &slip;
-                (0..of.1.pattern.electrodes()).map(move |electrode| slip(of, electrode))
-            });
             self.tables = Some(Tables {
-                slips: slips.collect(),
+                rim: contacts.map_or_else(Vec::new, |(contacts, imager)| contacts.rim_shapes(imager, &reduction)),
                 touches: fitter.volts().reduced(&reduction, at_once),
                 nuisances: drift
                     .filter(|_| self.drifting != Drifting::Nothing && !directions.is_empty())
@@ -394,7 +384,7 @@ impl Weightings {
         drift: Option<&DriftShapes>,
         contacts: Option<&mut Contacts>,
         difference: &Difference,
-        left_out: (Drifting, &[usize]),
+        left_out: (Drifting, &[Cause]),
     ) -> usize {
         match self.kept.iter().position(|w| w.is_for(difference, left_out)) {
             Some(place) => {

@@ -3,6 +3,7 @@
 //! A touch that comes down while two frames are measured fits nothing either, but the next frame tells another story. What is broken
 //! stays broken. In frames that follow one another a fault is therefore looked for from the third on, and named when two tell the same.
 
+use crate::quality::contact::Cause;
 use crate::quality::flickers::Flicker;
 use crate::quality::loose_contacts::LooseContacts;
 use crate::quality::rails::Rails;
@@ -128,8 +129,9 @@ pub(crate) struct FaultMonitor {
     alone: bool,
     /// Whether it was searched for in a frame that touches explain.
     suspected: bool,
-    /// Electrodes whose contact is known to have changed.
+    /// Electrodes whose contact is known to have changed, and weak leaks that are known.
     contacts: Vec<usize>,
+    leaks: Vec<[usize; 2]>,
     /// Whether the last look left open whether there is a fault.
     open: bool,
     /// What the last looks told, and how many.
@@ -166,6 +168,7 @@ impl FaultMonitor {
             alone: false,
             suspected: false,
             contacts: Vec::new(),
+            leaks: Vec::new(),
             open: false,
             candidate: None,
             suspicious: 0,
@@ -360,10 +363,12 @@ impl FaultMonitor {
         (self.diagnosis, self.parts) = (before.diagnosis, before.parts);
     }
 
-    /// Begins a frame, with the contacts that are known to have changed: whether the fault that was named is to be looked for again.
-    pub(crate) fn begin(&mut self, contacts: &[usize]) -> bool {
+    /// Begins a frame, with what is known to have changed at the rim: whether the fault that was named is to be looked for again.
+    pub(crate) fn begin(&mut self, known: &[Cause]) -> bool {
         self.contacts.clear();
-        self.contacts.extend_from_slice(contacts);
+        self.contacts.extend(known.iter().filter_map(|cause| cause.contact()));
+        self.leaks.clear();
+        self.leaks.extend(known.iter().filter_map(|cause| cause.leak()));
         self.until = self.until.saturating_sub(1);
         self.rejected = self
             .rejected
@@ -528,6 +533,7 @@ impl FaultMonitor {
         self.suspected = reason.suspected;
         let known_contacts = |faults: Faults, known: &[usize]| match faults.single() {
             Some(Fault::Contacts(electrodes)) => electrodes.list().iter().all(|l| known.contains(l)),
+            Some(Fault::Leak { electrodes, .. }) => self.leaks.contains(&electrodes),
             _ => false,
         };
         self.open = told == Told::Perhaps && self.named.is_none();

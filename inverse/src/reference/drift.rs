@@ -87,6 +87,9 @@ pub struct Drift {
     /// The contact that changed more than the others do, where the frame shows one.
     #[serde(skip)]
     pub contact: Option<ContactChange>,
+    /// Leaks that are known, and their sizes over that of [`LEAK_OHM`](super::diagnosis::LEAK_OHM), beside touches.
+    #[serde(skip)]
+    pub(crate) leaks: Vec<([usize; 2], f64)>,
 }
 
 fn rounded<S: Serializer>(value: &f64, serializer: S) -> Result<S::Ok, S::Error> {
@@ -186,6 +189,7 @@ impl Drift {
             cost: 0.0,
             evidence: 0.0,
             contact: None,
+            leaks: Vec::new(),
         }
     }
 
@@ -196,6 +200,7 @@ impl Drift {
         (self.uneven, self.offset) = (other.uneven, other.offset);
         (self.by_own, self.contact) = (other.by_own, other.contact);
         (self.cost, self.evidence) = (other.cost, other.evidence);
+        self.leaks.clone_from(&other.leaks);
     }
 
     /// Makes it no drift.
@@ -205,6 +210,7 @@ impl Drift {
         (self.uneven, self.offset) = (0.0, 0.0);
         (self.by_own, self.contact) = (false, None);
         (self.cost, self.evidence) = (0.0, 0.0);
+        self.leaks.clear();
     }
 }
 
@@ -256,6 +262,8 @@ pub(crate) struct DriftShapes {
     of_lengths: [Vec<f64>; LENGTHS.len()],
     /// V, values by pairs and one: the gain of every sense pair, and an offset of all values.
     channels: DMatrix<f64>,
+    /// The electrodes' matrix of the sheet, ohm.
+    potentials_ohm: DMatrix<f64>,
 }
 
 impl DriftShapes {
@@ -287,6 +295,7 @@ impl DriftShapes {
             of_lengths: waves.of_lengths,
             waves: of_waves,
             channels: channels(imager),
+            potentials_ohm: solver.electrode_matrix().potentials_ohm().clone(),
         })
     }
 
@@ -298,6 +307,11 @@ impl DriftShapes {
     /// What a slip of every electrode along the rim does, V for 1 mm: values by electrodes.
     pub(crate) fn of_slips(&self) -> DMatrix<f64> {
         self.slips.clone()
+    }
+
+    /// The electrodes' matrix of the sheet, ohm.
+    pub(crate) fn potentials_ohm(&self) -> &DMatrix<f64> {
+        &self.potentials_ohm
     }
 
     /// V, values by kinds; those that `drifting` takes, of which the first two are gain and resistance. The difference of a value is

@@ -363,7 +363,7 @@ fn quick_taps_on_an_electrode_are_no_loose_contact() {
 fn a_conductive_thing_at_the_rim_is_no_leak() {
     let mut rig = Rig::new(893, |_, _| ());
     for k in 0..16 {
-        let rise = [-0.4, -0.8][k / 2 % 2];
+        let rise = [-0.4, -0.8, -0.05, -0.1][k / 2 % 4];
         let angle = std::f64::consts::TAU * 0.5 * k as f64 / 16.0;
         let out = [97.5 - 9.0, 97.5 - 15.0, 97.5 - 25.0][k % 3];
         let thing = DiscTouch {
@@ -373,9 +373,9 @@ fn a_conductive_thing_at_the_rim_is_no_leak() {
         };
         let with = rig.sheet.clean_frame(&[thing]).unwrap();
         let change: Vec<f64> = with.iter().zip(&rig.sheet.baseline).map(|(w, b)| w - b).collect();
-        for frame in 0..24 {
+        for frame in 0..72 {
             let result = rig.result(false, |values| {
-                if frame < 12 {
+                if frame < 60 {
                     values.iter_mut().zip(&change).for_each(|(v, change)| *v += change);
                 }
             });

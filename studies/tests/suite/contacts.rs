@@ -285,6 +285,45 @@ fn a_leak_that_dries_leaves_touches() {
     }
 }
 
+/// A leak of hundreds of kilohms between electrodes near one another looks like weak touches before them. It is named with its resistance,
+/// at rest and beside a finger. The finger is right then, as well as without a leak, and nothing else is shown.
+#[test]
+fn a_weak_leak_between_electrodes_near_one_another_is_named() {
+    let (mut frames, mut wrong) = (0, 0);
+    for (seed, pair, ohm) in [
+        (94, [3, 4], 300e3),
+        (95, [0, 15], 1e6),
+        (96, [9, 11], 1e6),
+        (97, [12, 13], 3e6),
+    ] {
+        let mut live = live_sheet(Drive::PAPER, seed);
+        let at = [-20.0, 35.0];
+        for touches in [vec![], vec![finger(at[0], at[1])]] {
+            rest(&mut live);
+            let clean = live.sheet.leaky_frame(&touches, pair, ohm).unwrap();
+            for frame in 0..160 {
+                let result = live.reconstruct(&clean).unwrap();
+                let off = |t: &Touch| (t.x_mm - at[0]).hypot(t.y_mm - at[1]);
+                let right =
+                    |most| result.touches.len() == touches.len() && result.touches.iter().all(|t| off(t) < most);
+                if frame < 97 {
+                    frames += 1;
+                    wrong += usize::from(!right(1.5) && result.doubt.is_none());
+                    continue;
+                }
+                let [Fault::Leak { electrodes, ohm: told }] = result.faults[..] else {
+                    panic!("{pair:?} over {ohm}, frame {frame}: {:?}", result.faults);
+                };
+                assert_eq!(electrodes, pair);
+                assert!((told / ohm - 1.0).abs() < 0.3, "{told} of {ohm}");
+                assert!(right(0.7), "{pair:?}, frame {frame}: {:?}", result.touches);
+            }
+        }
+    }
+    println!("{wrong} of {frames} frames before were wrong and silent");
+    assert!(10 * wrong <= frames, "{wrong} of {frames}");
+}
+
 /// A row of a table says nothing of the next one, whatever leaks in it.
 #[test]
 fn a_leak_in_a_table_is_one_of_its_row() {

@@ -1,16 +1,16 @@
-//! Contacts that a frame names, and those that were accepted.
+//! Contacts and leaks that a frame names, and those that were accepted.
 
 use super::{ContactTest, Detectors};
 use crate::pipeline::frame_solver::{Candidate, FrameSolver, Task};
 use crate::pipeline::result::FrameResult;
-use crate::quality::contact::{Decision, Evidence};
+use crate::quality::contact::{Cause, Decision, Evidence};
 use crate::reference::drift::Drifting;
 
 impl ContactTest {
-    /// Tests the accepted contacts once more.
+    /// Tests what was accepted once more.
     pub(super) fn test_again(
         &mut self,
-        changed: Vec<usize>,
+        changed: Vec<Cause>,
         solver: &mut FrameSolver,
         task: Task,
         detectors: &mut Detectors,
@@ -18,12 +18,13 @@ impl ContactTest {
     ) {
         let before = std::mem::replace(&mut self.drifting, Drifting::Contacts);
         let without = self.solve_with(solver, task, detectors, result);
-        let named = solver.candidate(&[], self.drifting, result);
-        if named.is_some_and(|c| c.linear && changed.contains(&c.electrode)) {
+        let named = solver.candidate((&[], None, &[]), self.drifting, result);
+        if named.is_some_and(|c| c.linear && changed.contains(&c.cause)) {
             self.monitor.keep(changed);
             self.drifting = before;
             self.solve_with(solver, task, detectors, result);
             self.monitor.stay();
+            self.note_leaks(solver, result);
             return;
         }
         if task.quiet {
@@ -36,7 +37,23 @@ impl ContactTest {
         if self.monitor.decide_again(with, without) {
             *result = kept;
             solver.forget_touches();
+        } else {
+            self.note_leaks(solver, result);
         }
+    }
+
+    /// Takes note of the resistances that a frame tells of the leaks that are known. One that conducts nothing has gone.
+    fn note_leaks(&mut self, solver: &FrameSolver, result: &FrameResult) {
+        let mut changed = self.monitor.changed().to_vec();
+        for (pair, _) in &result.drift.leaks {
+            let ohm = solver.leak_ohm(*pair, result);
+            self.leaks.retain(|(known, _)| known != pair);
+            self.leaks.extend(ohm.map(|ohm| (*pair, ohm)));
+            if ohm.is_none() {
+                changed.retain(|cause| *cause != Cause::Leak(*pair));
+            }
+        }
+        self.monitor.keep(changed);
     }
 
     /// Whether contacts are looked for.
@@ -44,13 +61,13 @@ impl ContactTest {
         solver.imager().is_searched() && self.monitor.changed().len() < self.options.most_contacts
     }
 
-    /// A contact that the frame names, of those of which nothing is known.
+    /// A contact or a leak that the frame names, of those of which nothing is known.
     pub(super) fn candidate(&self, solver: &FrameSolver, result: &FrameResult) -> Option<Candidate> {
-        let known = [self.monitor.changed(), &self.left_out].concat();
-        solver.candidate(&known, self.drifting, result)
+        let (known, rejected) = (self.monitor.changed(), self.monitor.rejected());
+        solver.candidate((known, rejected, &self.left_out), self.drifting, result)
     }
 
-    /// Tests contacts that the frame names.
+    /// Tests contacts and leaks that the frame names.
     pub(super) fn test_candidates(
         &mut self,
         mut without: Option<Evidence>,
@@ -66,7 +83,7 @@ impl ContactTest {
                 break;
             }
             let linear = candidate.is_some_and(|c| c.linear);
-            if !self.monitor.propose(candidate.map(|c| c.electrode), linear) {
+            if !self.monitor.propose(candidate.map(|c| c.cause), linear) {
                 if self.rests {
                     self.doubt_candidate((candidate, without), solver, task, detectors, result);
                 }
@@ -85,15 +102,23 @@ impl ContactTest {
             }
             let kept = result.clone();
             let with = self.solve_with(solver, task, detectors, result);
-            let slips = candidate.is_some_and(|c| c.slips);
-            if self.monitor.decide(with, without, slips) != Decision::Changed {
-                tracing::debug!(?candidate, ?with, ?without, "no contact yet");
+            // What conducts nothing is no leak.
+            let may_be = |cause: Cause| match cause {
+                Cause::Leak(pair) => solver.leak_ohm(pair, result).is_some(),
+                Cause::Contact(_) => true,
+            };
+            let with = with.filter(|_| candidate.is_some_and(|c| may_be(c.cause)));
+            let at_rim = candidate.is_some_and(|c| c.at_rim);
+            if self.monitor.decide(with, without, at_rim) != Decision::Changed {
+                tracing::debug!(?candidate, ?with, ?without, "nothing at the rim yet");
                 *result = kept;
                 solver.forget_touches();
                 break;
             }
-            tracing::debug!(?candidate, ?with, ?without, "a contact");
-            self.decided.extend(candidate.filter(|c| !c.slips).map(|c| c.electrode));
+            tracing::debug!(?candidate, ?with, ?without, "a change at the rim");
+            let contact = candidate.filter(|c| !c.at_rim).and_then(|c| c.cause.contact());
+            self.decided.extend(contact);
+            self.note_leaks(solver, result);
             self.polarity.unlearn();
             without = with;
         }
@@ -112,8 +137,8 @@ impl ContactTest {
     ) {
         solver.fit_beside(self.drifting);
         let explained = !result.touches.is_empty() && !self.leaves(result) && solver.is_settled();
-        let electrode = candidate.filter(|c| !c.linear).map(|c| c.electrode);
-        if !explained || solver.is_spent() || !self.monitor.propose_early(electrode) {
+        let cause = candidate.filter(|c| !c.linear).map(|c| c.cause);
+        if !explained || solver.is_spent() || !self.monitor.propose_early(cause) {
             return;
         }
         self.kept.copy_from(result);

@@ -2,20 +2,20 @@
 
 use super::{FrameSolver, Task};
 use crate::pipeline::result::FrameResult;
-use crate::quality::contact::{Contacts, Evidence};
+use crate::quality::contact::{Cause, Contacts, Evidence};
 use crate::reference::Difference;
 use crate::reference::drift::{ContactChange, Drifting};
 use crate::reference::noise::{NoiseEstimate, NoiseSource};
 use crate::touches::fit::fitter::Beside;
 
-/// A contact that may have changed.
+/// What may have changed.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Candidate {
-    pub(crate) electrode: usize,
+    pub(crate) cause: Cause,
     /// Whether its change is small: estimated beside touches, which are right.
     pub(crate) linear: bool,
-    /// Whether it slipped along the rim: its shapes are those of its change.
-    pub(crate) slips: bool,
+    /// Whether an electrode slipped along the rim, or two leak: its shapes are those of its change.
+    pub(crate) at_rim: bool,
 }
 
 impl FrameSolver {
@@ -48,36 +48,43 @@ impl FrameSolver {
     }
 
     /// An electrode whose contact changed more than the others in the frame solved last, beside its touches; or one that would
-    /// explain the frame alone, without touches. `known` ones are left out. `drifting`: beside what the result was found.
-    pub(crate) fn candidate(&self, known: &[usize], drifting: Drifting, result: &FrameResult) -> Option<Candidate> {
+    /// explain the frame alone, without touches; or a leak. What is `known` is no candidate, nor what is of electrodes that are `left_out`.
+    /// `drifting`: beside what the result was found.
+    pub(crate) fn candidate(
+        &self,
+        (known, rejected, left_out): (&[Cause], Option<Cause>, &[usize]),
+        drifting: Drifting,
+        result: &FrameResult,
+    ) -> Option<Candidate> {
         // An estimate of the noise by a few directions is not good enough to blame a contact.
         if matches!(result.noise?.source, NoiseSource::Residual { .. }) {
             return None;
         }
-        let new = |electrode: &usize| !known.contains(electrode);
+        let new = |cause: &Cause| !known.contains(cause) && !cause.is_of(left_out);
         let beside = result
             .drift
             .contact
             .filter(|c| self.is_fault(c))
-            .map(|c| c.electrode)
+            .map(|c| Cause::Contact(c.electrode))
             .filter(new);
-        let contact = self.alone.filter(new);
+        let contact = self.alone.map(Cause::Contact).filter(new);
         // What drifts more rarely than contacts do is much like a slip.
         let beside_drift = [drifting, Drifting::Contacts, Drifting::Common];
-        let slipped = beside_drift.iter().find_map(|d| self.slipped[d.index()]).filter(new);
-        let alone = contact.or(slipped);
+        let at_rim = beside_drift.iter().find_map(|d| self.at_rim[d.index()].filter(new));
+        let alone = contact.or(at_rim);
         // What is found beside touches that do not explain the frame is worth less than what the frame says without them.
         let most = self.options.contacts.explained;
         let linear = !result.changed || result.misfit.is_some_and(|misfit| misfit <= most);
-        let electrode = if linear { beside.or(alone) } else { alone.or(beside) }?;
+        // A contact that stands out beside touches is much like a leak of its neighbours, and more frequent: it is tested first.
+        let is_leak = matches!(alone, Some(Cause::Leak(_))) && beside.is_none_or(|beside| Some(beside) != rejected);
+        let cause = match linear || is_leak {
+            true => beside.or(alone),
+            false => alone.or(beside),
+        }?;
         let linear = linear && beside.is_some();
-        let is_contact = contact == Some(electrode) || beside == Some(electrode);
-        let slips = !is_contact && slipped == Some(electrode);
-        Some(Candidate {
-            electrode,
-            linear,
-            slips,
-        })
+        let is_contact = contact == Some(cause) || beside == Some(cause);
+        let at_rim = !is_contact && at_rim == Some(cause);
+        Some(Candidate { cause, linear, at_rim })
     }
 
     fn is_fault(&self, contact: &ContactChange) -> bool {
@@ -99,8 +106,14 @@ impl FrameSolver {
         contact.filter(|c| self.is_fault(c)).map(|c| c.electrode)
     }
 
-    /// Undoes the scales of the drives through these electrodes, in a copy of the difference.
-    pub(crate) fn even_out(&self, changed: &[usize], difference: &mut Difference) {
+    /// Resistance of a leak beside which a frame was solved, ohm; none where the frame does not tell it, or tells that nothing conducts.
+    pub(crate) fn leak_ohm(&self, pair: [usize; 2], result: &FrameResult) -> Option<f64> {
+        let (_, size) = result.drift.leaks.iter().find(|(of, _)| *of == pair)?;
+        self.contacts.as_ref()?.leak_ohm(pair, *size)
+    }
+
+    /// Undoes the scales of the drives through electrodes whose contacts changed, in a copy of the difference.
+    pub(crate) fn even_out(&self, changed: &[Cause], difference: &mut Difference) {
         if let Some(contacts) = &self.contacts {
             contacts.even_out(changed, &self.imager.model_v, difference);
         }

@@ -2,6 +2,7 @@
 
 use super::{FrameSolver, Task};
 use crate::pipeline::work::{Costs, Work};
+use crate::quality::contact::Cause;
 use crate::reference::Difference;
 use crate::reference::drift::Drifting;
 use crate::touches::fit::fitter::{Allowed, Fitter};
@@ -64,7 +65,7 @@ impl FrameSolver {
 
     /// Makes a problem the one in use, and its tables where the frame has time for them. Whether making took so long that the frame is not
     /// solved.
-    pub(crate) fn prepare(&mut self, difference: &Difference, left_out: (Drifting, &[usize])) -> bool {
+    pub(crate) fn prepare(&mut self, difference: &Difference, left_out: (Drifting, &[Cause])) -> bool {
         let before = self.made();
         self.switch(difference, left_out);
         if !self.took_long_since(before) {

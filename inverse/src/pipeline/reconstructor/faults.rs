@@ -4,7 +4,7 @@ use super::{Reconstructor, detector, has_detector};
 use crate::change::detector::ChangeDetector;
 use crate::quality::doubt::Doubt;
 use crate::quality::fault_monitor::Seen;
-use crate::reference::diagnosis::{Electrodes, Fault, Faults};
+use crate::reference::diagnosis::{Fault, Faults};
 use crate::reference::drift::Drifting;
 use crate::reference::imager::ImagerError;
 use forward::Drive;
@@ -83,10 +83,10 @@ impl Reconstructor {
         let (touches, misfit) = (result.touches.len(), result.misfit);
         // Contacts that changed by so much are no drift, and touches beside them may be what the linear shapes leave.
         let least = self.options.contacts.least_change;
-        let known = self.contacts.changed();
+        let is_known = |l: usize| self.contacts.changed().any(|known| known == l);
         let contacts = result.drift.contacts.iter().enumerate();
         let contacts = contacts
-            .filter(|(l, change)| change.abs() > least && !known.contains(l))
+            .filter(|(l, change)| change.abs() > least && !is_known(*l))
             .count();
         // What drifting contacts explain, now and then, is no reason to forget a fault that the frames before told.
         let may = touches > 0 || self.broken.is_open() || self.contacts.is_sudden();
@@ -213,8 +213,6 @@ impl Reconstructor {
             // Every frame counts.
             self.detectors.iter_mut().flatten().for_each(ChangeDetector::forget);
         }
-        let contacts = self.contacts.changed();
-        let contacts = (!contacts.is_empty()).then(|| Fault::Contacts(Electrodes::of(contacts)));
         let named = self.before.map_or(named, |before| Some(before.into()));
         let named = || named.into_iter().flat_map(Faults::iter);
         if let Some(fault) = named().find(|fault| !fault.leaves_touches()) {
@@ -224,7 +222,7 @@ impl Reconstructor {
             self.solver.forget();
         }
         self.result.contacts.clear();
-        self.result.contacts.extend_from_slice(self.contacts.changed());
+        self.result.contacts.extend(self.contacts.changed());
         for fault in named() {
             if let Fault::Contacts(electrodes) = fault {
                 self.result.contacts.extend_from_slice(electrodes.list());
@@ -234,7 +232,7 @@ impl Reconstructor {
         let all = named()
             .chain(self.broken.rails())
             .chain(self.broken.loose())
-            .chain(contacts);
+            .chain(self.contacts.faults());
         self.result.faults.extend(all);
     }
 }

@@ -13,13 +13,18 @@
 //! a third, of its own norm outside these shapes: the two are distinguished by how well they explain a frame. The drives'
 //! scales are undone before, because they scale the responses to touches as well. `ContactMonitor` accepts a contact only after
 //! several frames.
+//!
+//! A weak leak between the wires of two electrodes near one another is like falls between these. It takes one direction, whatever its
+//! resistance, and is tested in the same way.
 
+mod cause;
 mod evidence;
 mod monitor;
 mod options;
 mod shapes;
 
+pub(crate) use cause::Cause;
 pub(crate) use evidence::Evidence;
 pub(crate) use monitor::{ContactMonitor, Decision};
 pub use options::ContactOptions;
-pub(crate) use shapes::{Contacts, Slip};
+pub(crate) use shapes::{Contacts, RimShape};

@@ -1,9 +1,10 @@
-//! Whether a contact changed: what frame after frame says of it.
+//! Whether a contact changed, or two leak: what frame after frame says of it.
 //!
 //! A contact that changed stays so. Noise names one contact in a frame and another in the next. A touch that comes down or
 //! moves while a frame is measured does the same. A contact is therefore tested once linear fits have named it in frame after
 //! frame. It is accepted when the full fits of some frames, taken together, are better with it than without.
 
+use crate::quality::contact::cause::Cause;
 use crate::quality::contact::evidence::Evidence;
 use crate::quality::contact::options::ContactOptions;
 
@@ -13,20 +14,20 @@ pub(crate) struct ContactMonitor {
     options: ContactOptions,
     /// Frames that a decision takes.
     frames: usize,
-    /// Electrodes whose contact is accepted to have changed.
-    changed: Vec<usize>,
+    /// What is accepted to have changed.
+    changed: Vec<Cause>,
     /// Frames until they are tested again, and whether the last test was inconclusive.
     until: usize,
     inconclusive: bool,
     candidate: Option<Candidate>,
-    /// An electrode that was rejected, and for how many frames it is no candidate.
-    rejected: Option<(usize, usize)>,
+    /// What was rejected, and for how many frames it is no candidate.
+    rejected: Option<(Cause, usize)>,
 }
 
-/// An electrode named by the linear fits, and the frames that named it and that were compared.
+/// What the linear fits name, and the frames that named it and that were compared.
 #[derive(Clone, Copy, Debug)]
 struct Candidate {
-    electrode: usize,
+    cause: Cause,
     named: usize,
     /// Frames that named it beside touches that explain them, less those that did not.
     balance: isize,
@@ -63,12 +64,22 @@ impl ContactMonitor {
         }
     }
 
-    /// Electrodes whose contact changed.
-    pub(crate) fn changed(&self) -> &[usize] {
+    /// What changed.
+    pub(crate) fn changed(&self) -> &[Cause] {
         &self.changed
     }
 
-    /// Whether an electrode is a candidate: then every frame counts.
+    /// Whether there is a candidate that is a contact.
+    pub(crate) fn asks_contact(&self) -> bool {
+        self.candidate.is_some_and(|s| s.cause.contact().is_some())
+    }
+
+    /// What was rejected, and is no candidate for a while.
+    pub(crate) fn rejected(&self) -> Option<Cause> {
+        self.rejected.map(|(cause, _)| cause)
+    }
+
+    /// Whether there is a candidate: then every frame counts.
     pub(crate) fn is_open(&self) -> bool {
         self.candidate.is_some()
     }
@@ -106,7 +117,7 @@ impl ContactMonitor {
 
     /// Begins a frame. Gives the accepted electrodes where it is time to test them again, or where that costs nothing
     /// (`quiet`): then [`ContactMonitor::changed`] has none until [`ContactMonitor::keep`].
-    pub(crate) fn begin(&mut self, quiet: bool) -> Option<Vec<usize>> {
+    pub(crate) fn begin(&mut self, quiet: bool) -> Option<Vec<Cause>> {
         self.rejected = self.rejected.and_then(|(l, frames)| Some((l, frames.checked_sub(1)?)));
         if self.tests_again(quiet) {
             return Some(std::mem::take(&mut self.changed));
@@ -116,7 +127,7 @@ impl ContactMonitor {
     }
 
     /// Leaves these out again while the full fit with them is computed.
-    pub(crate) fn keep(&mut self, changed: Vec<usize>) {
+    pub(crate) fn keep(&mut self, changed: Vec<Cause>) {
         self.changed = changed;
     }
 
@@ -140,13 +151,13 @@ impl ContactMonitor {
         gone
     }
 
-    /// Takes the electrode that the linear fits of a frame name, and whether its touches explain the frame beside it. True when the full
-    /// fits with and without it are to be compared: the electrode is then in [`ContactMonitor::changed`] until [`ContactMonitor::decide`].
-    pub(crate) fn propose(&mut self, electrode: Option<usize>, linear: bool) -> bool {
-        let electrode = electrode.filter(|l| self.rejected.is_none_or(|(rejected, _)| rejected != *l));
+    /// Takes what the linear fits of a frame name, and whether its touches explain the frame beside it. True when the full fits
+    /// with and without it are to be compared: it is then in [`ContactMonitor::changed`] until [`ContactMonitor::decide`].
+    pub(crate) fn propose(&mut self, cause: Option<Cause>, linear: bool) -> bool {
+        let cause = cause.filter(|l| self.rejected.is_none_or(|(rejected, _)| rejected != *l));
         let balance = if linear { 1 } else { -1 };
         self.candidate = match self.candidate {
-            Some(s) if Some(s.electrode) == electrode => Some(Candidate {
+            Some(s) if Some(s.cause) == cause => Some(Candidate {
                 named: s.named + 1,
                 balance: s.balance + balance,
                 ..s
@@ -161,8 +172,8 @@ impl ContactMonitor {
                     ..s
                 })
             }
-            _ => electrode.map(|electrode| Candidate {
-                electrode,
+            _ => cause.map(|cause| Candidate {
+                cause,
                 named: 1,
                 balance,
                 compared: 0,
@@ -173,14 +184,14 @@ impl ContactMonitor {
         };
         let ripe = self
             .candidate
-            .filter(|s| Some(s.electrode) == electrode && s.named + self.full_fits() > self.frames);
-        self.changed.extend(ripe.map(|s| s.electrode));
+            .filter(|s| Some(s.cause) == cause && s.named + self.full_fits() > self.frames);
+        self.changed.extend(ripe.map(|s| s.cause));
         ripe.is_some()
     }
 
     /// The same of a frame in which there is no time to compare.
-    pub(crate) fn note(&mut self, electrode: Option<usize>, linear: bool) {
-        if self.propose(electrode, linear) {
+    pub(crate) fn note(&mut self, cause: Option<Cause>, linear: bool) {
+        if self.propose(cause, linear) {
             self.take_back();
         }
     }
@@ -190,11 +201,11 @@ impl ContactMonitor {
         self.candidate.is_some_and(|s| s.balance > 0)
     }
 
-    /// Proposes the candidate that `electrode` is, once, before it is ripe: until [`ContactMonitor::doubt`] or
+    /// Proposes the candidate that `cause` is, once, before it is ripe: until [`ContactMonitor::doubt`] or
     /// [`ContactMonitor::take_back`]. False where it was doubted before.
-    pub(crate) fn propose_early(&mut self, electrode: Option<usize>) -> bool {
-        let early = self.candidate.filter(|s| Some(s.electrode) == electrode && !s.doubted);
-        self.changed.extend(early.map(|s| s.electrode));
+    pub(crate) fn propose_early(&mut self, cause: Option<Cause>) -> bool {
+        let early = self.candidate.filter(|s| Some(s.cause) == cause && !s.doubted);
+        self.changed.extend(early.map(|s| s.cause));
         early.is_some()
     }
 
@@ -212,7 +223,7 @@ impl ContactMonitor {
         }
     }
 
-    /// The electrode that was proposed is compared later.
+    /// What was proposed is compared later.
     pub(crate) fn take_back(&mut self) {
         self.changed.pop();
     }
@@ -222,9 +233,9 @@ impl ContactMonitor {
         self.candidate = None;
     }
 
-    /// Decides on the candidate from the full fits of a frame with and without it. Touches and its shapes must explain all where it `slips`:
-    /// they are those of its change.
-    pub(crate) fn decide(&mut self, with: Option<Evidence>, without: Option<Evidence>, slips: bool) -> Decision {
+    /// Decides on the candidate from the full fits of a frame with and without it. Of a slip or a leak, `at_rim`, touches and its shapes
+    /// must explain all: they are those of its change.
+    pub(crate) fn decide(&mut self, with: Option<Evidence>, without: Option<Evidence>, at_rim: bool) -> Decision {
         let full_fits = self.full_fits();
         let options = self.options;
         let decision = match (&mut self.candidate, with.zip(without)) {
@@ -234,7 +245,7 @@ impl ContactMonitor {
                 s.without = s.without + without;
                 let (with, without) = (s.with.mean_of(s.compared), s.without.mean_of(s.compared));
                 match s.compared >= full_fits {
-                    true if slips && with.misfit > options.explained => Decision::Unchanged,
+                    true if at_rim && with.misfit > options.explained => Decision::Unchanged,
                     true if with.instead_of(without, &options) => Decision::Changed,
                     false if with.cost < without.cost => Decision::Open,
                     _ => Decision::Unchanged,
@@ -286,6 +297,7 @@ mod tests {
         ContactOptions::default()
     }
 
+    const THIRD: Cause = Cause::Contact(3);
     const BETTER: Evidence = Evidence {
         cost: 100.0,
         open: 0.0,
@@ -303,7 +315,8 @@ mod tests {
     fn frames(monitor: &mut ContactMonitor, most: usize, named: impl Fn(usize) -> Option<usize>) -> Option<usize> {
         (0..most).find(|k| {
             monitor.begin(false);
-            monitor.propose(named(*k), false) && monitor.decide(Some(BETTER), Some(WORSE), false) == Decision::Changed
+            monitor.propose(named(*k).map(Cause::Contact), false)
+                && monitor.decide(Some(BETTER), Some(WORSE), false) == Decision::Changed
         })
     }
 
@@ -312,7 +325,7 @@ mod tests {
         for n in [1, 2, 3, 4, 5, 16, 40] {
             let mut monitor = ContactMonitor::new(n, ContactOptions::default());
             assert_eq!(frames(&mut monitor, 100, |_| Some(3)), Some(n - 1));
-            assert_eq!(monitor.changed(), [3]);
+            assert_eq!(monitor.changed(), [THIRD]);
         }
     }
 
@@ -333,7 +346,7 @@ mod tests {
             let mut monitor = ContactMonitor::new(16, ContactOptions::default());
             for k in 0..12 {
                 monitor.begin(false);
-                assert!(!monitor.propose(Some(3), k % 3 < part));
+                assert!(!monitor.propose(Some(THIRD), k % 3 < part));
             }
             assert_eq!(monitor.is_linear(), linear, "{part} of three");
         }
@@ -345,12 +358,12 @@ mod tests {
         for (with, without, stays) in [(WORSE, BETTER, false), (BETTER, BETTER, false), (BETTER, WORSE, true)] {
             monitor.clear();
             monitor.begin(false);
-            assert!(!monitor.propose(Some(3), false) && monitor.propose_early(Some(3)));
-            assert_eq!(monitor.changed(), [3]);
+            assert!(!monitor.propose(Some(THIRD), false) && monitor.propose_early(Some(THIRD)));
+            assert_eq!(monitor.changed(), [THIRD]);
             monitor.doubt(Some(with), Some(without));
             assert_eq!((monitor.changed(), monitor.is_open()), (&[][..], stays));
             // It is doubted once.
-            assert!(!monitor.propose_early(Some(3)));
+            assert!(!monitor.propose_early(Some(THIRD)));
             assert_eq!(frames(&mut monitor, 20, |_| Some(3)).is_some(), stays);
         }
     }
@@ -363,10 +376,10 @@ mod tests {
             for wait in 1.. {
                 let asks = monitor.asks_next();
                 let Some(changed) = monitor.begin(false) else {
-                    assert!(!asks && monitor.changed() == [3]);
+                    assert!(!asks && monitor.changed() == [THIRD]);
                     continue;
                 };
-                assert!(asks && changed == [3] && monitor.changed().is_empty());
+                assert!(asks && changed == [THIRD] && monitor.changed().is_empty());
                 monitor.keep(changed);
                 return (wait, monitor.decide_again(Some(with), Some(without)));
             }
@@ -384,9 +397,9 @@ mod tests {
         let mut monitor = ContactMonitor::new(16, ContactOptions::default());
         let asked = (0..16 + options().rejected_frames + 16).filter(|_| {
             monitor.begin(false);
-            let asked = monitor.propose(Some(2), false);
+            let asked = monitor.propose(Some(Cause::Contact(2)), false);
             if asked {
-                assert_eq!(monitor.changed(), [2]);
+                assert_eq!(monitor.changed(), [Cause::Contact(2)]);
                 assert_eq!(monitor.decide(Some(WORSE), Some(BETTER), false), Decision::Unchanged);
             }
             assert!(monitor.changed().is_empty());

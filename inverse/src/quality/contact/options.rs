@@ -11,7 +11,7 @@ pub struct ContactOptions {
     /// Frames one after another in which a contact must explain more than touches do, 1 or more. More makes false contacts
     /// rarer and names true ones later. A single frame that decides named 12 contacts in the demo, 20 in `fast-tap`.
     pub frames: usize,
-    /// Most contacts left out of a frame. Each takes four to six directions of some 118.
+    /// Most contacts and leaks left out of a frame. Each contact takes four to six directions of some 118, a leak one.
     pub most_contacts: usize,
     /// Least relative change of a contact impedance that is a fault; what is smaller is drift.
     pub least_change: f64,

@@ -1,11 +1,14 @@
-//! What contacts do to a frame.
+//! What contacts and leaks do to a frame.
 
+use super::cause::Cause;
 use crate::linalg::basis::Basis;
+use crate::linalg::vector::dot;
 use crate::reference::Difference;
+use crate::reference::diagnosis::{LEAK_OHM, across, leaked};
 use crate::reference::drift::DriftShapes;
 use crate::reference::imager::Imager;
 use forward::{Drive, Electrode, Place, Solver};
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DMatrixView};
 use std::sync::Arc;
 
 /// Factors of a contact impedance whose shapes are left out with the derivative: what lies between lies in their span, to one
@@ -29,6 +32,41 @@ pub(crate) struct Contacts {
     places: Vec<([f64; 2], f64)>,
     /// What any change of a contact does, made when first needed: see [`Contacts::shapes`].
     shapes: Vec<Option<DMatrix<f64>>>,
+    /// Leaks that are much like touches; none where contacts are not looked for.
+    leaks: Vec<Leak>,
+}
+
+/// A leak between the wires of two electrodes.
+#[derive(Clone, Debug)]
+struct Leak {
+    electrodes: [usize; 2],
+    /// What the sheet has between them, ohm.
+    across_ohm: f64,
+    /// What one of [`LEAK_OHM`] does to a frame, V: a column.
+    shape: DMatrix<f64>,
+}
+
+/// Part of the electrodes, in their order, by which two are apart at most whose leak is much like touches. A search tells leaks further
+/// across the sheet.
+const NEAR: usize = 8;
+
+impl Leak {
+    /// Between all electrodes near one another.
+    fn all(imager: &Imager, potentials_ohm: &DMatrix<f64>) -> Vec<Self> {
+        let n = imager.pattern.electrodes();
+        let by = 1..=n.div_ceil(NEAR).min(n.saturating_sub(1) / 2);
+        let pairs = by.flat_map(|by| (0..n).map(move |l| [l, (l + by) % n]));
+        let of = |[a, b]: [usize; 2]| {
+            let electrodes = [a.min(b), a.max(b)];
+            let shape = leaked(imager, potentials_ohm, electrodes, LEAK_OHM);
+            Self {
+                electrodes,
+                across_ohm: across(potentials_ohm, electrodes),
+                shape: DMatrix::from_column_slice(shape.len(), 1, shape.as_slice()),
+            }
+        };
+        pairs.map(of).collect()
+    }
 }
 
 impl Contacts {
@@ -51,24 +89,65 @@ impl Contacts {
             slips: drift.of_slips(),
             places: places(imager),
             shapes: vec![None; n],
+            leaks: match imager.is_searched() {
+                true => Leak::all(imager, drift.potentials_ohm()),
+                false => Vec::new(),
+            },
         }
     }
 
-    /// How many directions of a frame an electrode's contact takes.
-    pub(crate) fn directions(&self, electrode: usize) -> usize {
+    /// How many directions of a frame it takes.
+    pub(crate) fn directions(&self, cause: Cause) -> usize {
+        let Cause::Contact(electrode) = cause else { return 1 };
         let slips = usize::from(self.places[electrode].1 > 0.0);
         self.driven[electrode].len() + 1 + slips + FACTORS.len()
     }
 
-    /// Whether a point lies at an electrode: within two of its widths.
-    pub(crate) fn is_at(&self, electrode: usize, [x, y]: [f64; 2]) -> bool {
-        let place = self.places.get(electrode);
-        place.is_some_and(|(centre, width)| (x - centre[0]).hypot(y - centre[1]) < 2.0 * width)
+    /// Whether a point lies where touches are much like it. That is within two widths of an electrode, or as near to one that leaks as the
+    /// two are to one another.
+    pub(crate) fn is_at(&self, cause: Cause, at: [f64; 2]) -> bool {
+        let place = |l: usize| self.places.get(l).map_or([f64::NAN; 2], |(centre, _)| *centre);
+        let apart = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
+        match cause {
+            Cause::Contact(electrode) => {
+                let width = self.places.get(electrode).map_or(0.0, |(_, width)| *width);
+                apart(at, place(electrode)) < 2.0 * width
+            }
+            Cause::Leak([a, b]) => {
+                let most = apart(place(a), place(b));
+                [a, b].iter().any(|l| apart(at, place(*l)) < most)
+            }
+        }
+    }
+
+    /// Resistance of a leak of this size over that of [`LEAK_OHM`], ohm; none where that conducts nothing.
+    pub(crate) fn leak_ohm(&self, electrodes: [usize; 2], size: f64) -> Option<f64> {
+        let across = self.leaks.iter().find(|leak| leak.electrodes == electrodes)?.across_ohm;
+        Some((LEAK_OHM + across) / size - across).filter(|ohm| *ohm > 0.0 && ohm.is_finite())
+    }
+
+    /// What slips and leaks do to reduced frames; `reduction` reduces a frame of V.
+    pub(crate) fn rim_shapes(&self, imager: &Imager, reduction: &DMatrix<f64>) -> Vec<RimShape> {
+        let slips = (0..self.driven.len()).map(|l| (Cause::Contact(l), self.small(imager, l)));
+        let leaks = (self.leaks.iter()).map(|leak| (Cause::Leak(leak.electrodes), leak.shape.clone()));
+        let all: Vec<(Cause, DMatrix<f64>)> = slips.chain(leaks).collect();
+        let columns: Vec<_> = all.iter().flat_map(|(_, small)| small.column_iter()).collect();
+        if columns.is_empty() {
+            return Vec::new();
+        }
+        let reduced = reduction * DMatrix::from_columns(&columns);
+        let mut first = 0;
+        let shapes = all.iter().map(|(cause, small)| {
+            first += small.ncols();
+            let reduced = reduced.columns(first - small.ncols(), small.ncols());
+            RimShape::new(*cause, small, reduced)
+        });
+        shapes.filter(RimShape::is_told).collect()
     }
 
     /// What a small change of a contact does to a frame, V: its drives' scales and the shunt. Last comes its slip, for 1 mm along the rim.
     /// A column each.
-    pub(crate) fn small(&self, imager: &Imager, electrode: usize) -> DMatrix<f64> {
+    fn small(&self, imager: &Imager, electrode: usize) -> DMatrix<f64> {
         let driven = &self.driven[electrode];
         let mut out = DMatrix::zeros(imager.pattern.len(), driven.len() + 2);
         for (mut column, drive) in out.column_iter_mut().zip(driven) {
@@ -80,8 +159,18 @@ impl Contacts {
         out
     }
 
-    /// What any change of a contact does to a frame, V, a column each. `None` when a sheet with such a contact cannot be solved.
-    pub(crate) fn shapes(&mut self, imager: &Imager, electrode: usize) -> Option<&DMatrix<f64>> {
+    /// What it does to a frame, V, whatever its size, a column each. `None` when a sheet with such a contact cannot be solved.
+    pub(crate) fn shapes(&mut self, imager: &Imager, cause: Cause) -> Option<&DMatrix<f64>> {
+        match cause {
+            Cause::Contact(electrode) => self.shapes_of_contact(imager, electrode),
+            Cause::Leak(electrodes) => {
+                let leak = self.leaks.iter().find(|leak| leak.electrodes == electrodes)?;
+                Some(&leak.shape)
+            }
+        }
+    }
+
+    fn shapes_of_contact(&mut self, imager: &Imager, electrode: usize) -> Option<&DMatrix<f64>> {
         if self.shapes.get(electrode)?.is_none() {
             let small = self.small(imager, electrode);
             let mut out = small.clone().resize_horizontally(small.ncols() + FACTORS.len(), 0.0);
@@ -103,10 +192,11 @@ impl Contacts {
         self.shapes[electrode].as_ref()
     }
 
-    /// Undoes the scales of the drives through these electrodes.
-    pub(crate) fn even_out(&self, electrodes: &[usize], model_v: &[f64], d: &mut Difference) {
+    /// Undoes the scales of the drives through electrodes whose contacts changed.
+    pub(crate) fn even_out(&self, changed: &[Cause], model_v: &[f64], d: &mut Difference) {
         for (drive, measurements) in self.drives.iter().enumerate() {
-            if !electrodes.iter().any(|l| self.driven[*l].contains(&drive)) {
+            let mut contacts = changed.iter().filter_map(|cause| cause.contact());
+            if !contacts.any(|l| self.driven[l].contains(&drive)) {
                 continue;
             }
             let (mut along, mut all) = (0.0, 0.0);
@@ -126,21 +216,23 @@ impl Contacts {
     }
 }
 
-/// What the slip of an electrode along its rim does to a reduced frame.
+/// What the slip of an electrode along its rim does to a reduced frame, or a leak.
 #[derive(Clone, Debug)]
-pub(crate) struct Slip {
-    /// What its contact does.
+pub(crate) struct RimShape {
+    /// What it is the shape of.
+    pub(crate) cause: Cause,
+    /// What the contact of an electrode does that slips.
     pub(crate) contact: Basis,
-    /// The slip beside that, of unit length; 0 where a frame does not tell it.
+    /// The slip beside that, or the leak, of unit length; 0 where a frame does not tell it.
     pub(crate) beside: Vec<f64>,
 }
 
 /// Part of a shape's length that has to be left of it in a reduced frame: less is not told from drift and from other shapes.
 const LEAST_LEFT: f64 = 0.01;
 
-impl Slip {
-    /// From [`Contacts::small`], and from the same in a reduced frame.
-    pub(crate) fn new(small: &DMatrix<f64>, reduced: &DMatrix<f64>) -> Self {
+impl RimShape {
+    /// From a frame's shapes, V, of which the last is the slip or the leak, and from the same in a reduced frame.
+    fn new(cause: Cause, small: &DMatrix<f64>, reduced: DMatrixView<f64>) -> Self {
         let mut contact = Basis::default();
         let mut beside = vec![0.0; reduced.nrows()];
         for (k, (shape, reduced)) in small.column_iter().zip(reduced.column_iter()).enumerate() {
@@ -154,11 +246,34 @@ impl Slip {
                 beside.iter_mut().for_each(|v| *v /= left.sqrt());
             }
         }
-        Self { contact, beside }
+        Self { cause, contact, beside }
+    }
+
+    /// How many directions it takes, with those of the contact.
+    pub(crate) fn directions(&self) -> usize {
+        self.contact.columns().len() / self.beside.len().max(1) + 1
+    }
+
+    /// How much of the square of a vector lies along what the contact does, and along the shape beside that. Nothing where it cannot have
+    /// that size.
+    pub(crate) fn along(&self, v: &[f64]) -> [f64; 2] {
+        let v = &v[..self.beside.len().min(v.len())];
+        let own = dot(&self.beside[..v.len()], v);
+        if !self.may_be(own) {
+            return [0.0, 0.0];
+        }
+        let of_contact = self.contact.columns().chunks_exact(self.beside.len().max(1));
+        let of_contact: f64 = of_contact.map(|c| dot(&c[..v.len()], v).powi(2)).sum();
+        [of_contact, own * own]
+    }
+
+    /// Whether it may have this size, of any unit: between wires nothing but a conductance comes.
+    pub(crate) fn may_be(&self, size: f64) -> bool {
+        matches!(self.cause, Cause::Contact(_)) || size > 0.0
     }
 
     /// Whether a frame tells it.
-    pub(crate) fn is_told(&self) -> bool {
+    fn is_told(&self) -> bool {
         self.beside.iter().any(|v| *v != 0.0)
     }
 }
@@ -202,7 +317,7 @@ mod tests {
                 .frame_v(&ElectrodeMatrix::from_potentials(potentials), &imager.pattern);
             let mut d = imager.difference(&imager.model_v, &frame).unwrap();
             let before = d.y.norm();
-            contacts.even_out(&[11], &imager.model_v, &mut d);
+            contacts.even_out(&[Cause::Contact(11)], &imager.model_v, &mut d);
             assert!(d.y.norm() < 1e-9 * before, "{ohm}");
         }
     }
@@ -214,7 +329,7 @@ mod tests {
             let imager = imager(drive);
             let mut contacts = contacts(&imager);
             let mut basis = Basis::default();
-            for column in contacts.shapes(&imager, 4).unwrap().column_iter() {
+            for column in contacts.shapes(&imager, Cause::Contact(4)).unwrap().column_iter() {
                 basis.add(column.as_slice());
             }
             for factor in [1.1, 1.6, 4.0, 6.0] {

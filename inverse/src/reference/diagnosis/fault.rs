@@ -231,7 +231,7 @@ impl fmt::Display for Fault {
             ),
             Self::Leak { electrodes, ohm } => write!(
                 f,
-                "{} are connected over {}: their values are left out; look for moisture and dirt between their wires and clamps",
+                "{} are connected over {}: what that changes is left out; look for moisture and dirt between their wires and clamps",
                 pair(electrodes),
                 resistance(*ohm)
             ),

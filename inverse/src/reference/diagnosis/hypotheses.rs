@@ -4,6 +4,7 @@ mod predictions;
 mod search;
 mod two;
 
+pub(crate) use self::predictions::{across, leaked};
 pub(crate) use self::search::{PARTS, Search};
 pub(crate) use self::two::SearchOfTwo;
 
@@ -44,7 +45,7 @@ const LOST: f64 = 0.02;
 /// Resistances that are tried, ohm: of shorts, and of contacts.
 const SHORTS_OHM: [f64; 4] = [0.0, 30.0, 200.0, 1000.0];
 /// A leak over so much or more changes a frame in proportion to what it conducts: the frame tells its size.
-const LEAK_OHM: f64 = 10_000.0;
+pub(crate) const LEAK_OHM: f64 = 10_000.0;
 /// Where the first stage of amplifiers may end, over the largest voltage of an electrode from the middle of the source, and its gain.
 pub(crate) const LIMITS: [f64; 6] = [0.05, 0.12, 0.25, 0.45, 0.75, 1.2];
 const FIRST_GAINS: [f64; 4] = [1.0, 4.0, 12.0, 40.0];

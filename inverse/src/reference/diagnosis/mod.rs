@@ -14,5 +14,6 @@ mod press;
 pub(crate) use fault::Faults;
 pub use fault::{Electrodes, Fault, MOST_ELECTRODES};
 pub(crate) use hypotheses::{
-    Diagnosis, LIMITS, PARTS, Search, SearchOfTwo, Told, factor, sense_pairs, spoilt_by, values_of,
+    Diagnosis, LEAK_OHM, LIMITS, PARTS, Search, SearchOfTwo, Told, across, factor, leaked, sense_pairs, spoilt_by,
+    values_of,
 };

@@ -24,6 +24,18 @@ use nalgebra::DMatrix;
 const LEAST_PROBABILITY: f64 = 1e-4;
 /// Widths in which nothing else drifts: those of nothing, and of what all values have in common.
 const COMMON_WIDTHS: usize = 2;
+
+/// What is known to have changed at the rim.
+#[derive(Debug, Default)]
+pub(crate) struct KnownCauses {
+    /// Electrodes whose contact changed.
+    pub(crate) contacts: Vec<usize>,
+    /// Leaks, each with the column of its shape.
+    pub(crate) leaks: Vec<([usize; 2], usize)>,
+    /// The shapes of all of these, weighted, one after the other.
+    pub(crate) shapes: Vec<f64>,
+}
+
 /// The nuisance directions of frames of which the same values take part. Immutable.
 #[derive(Debug)]
 pub(crate) struct Nuisances {
@@ -42,6 +54,8 @@ pub(crate) struct Nuisances {
     /// What drifts, and how many kinds beside gain and resistance.
     what: Drifting,
     own: usize,
+    /// Leaks that are known, and the kind that each is.
+    leaks: Vec<([usize; 2], usize)>,
     /// Mean squares of the waves of an unevenness over the sheet, where it is what drifts.
     wave_squares: Vec<f64>,
     /// Mean square of the sizes of an unevenness whose mean square is 1, V²; else 0.
@@ -70,12 +84,11 @@ pub(crate) struct NuisanceScratch {
 }
 
 impl Nuisances {
-    /// `orthonormal`: the weighted directions. `what` drifts, and which contacts are known to have changed, with their weighted
-    /// `shapes`.
+    /// `orthonormal`: the weighted directions. `what` drifts beside what is `known`.
     pub(crate) fn new(
         drift: &DriftShapes,
-        (what, changed): (Drifting, &[usize]),
-        (orthonormal, shapes): (&[f64], &[f64]),
+        (what, known): (Drifting, &KnownCauses),
+        orthonormal: &[f64],
         weights: &[f64],
         (volts, at_once): (&ResponseTable, bool),
     ) -> Self {
@@ -89,7 +102,7 @@ impl Nuisances {
         let drifting = &rows * drift.columns(what, |k| weights[k]);
         let kinds_of_drift = drifting.ncols();
         let orthonormal = DMatrix::from_row_slice(rank, values, orthonormal);
-        let shapes = &orthonormal * DMatrix::from_column_slice(values, shapes.len() / values, shapes);
+        let shapes = &orthonormal * DMatrix::from_column_slice(values, known.shapes.len() / values, &known.shapes);
         let all = kinds_of_drift + shapes.ncols();
         let mut kinds = drifting.resize_horizontally(all, 0.0);
         kinds.columns_mut(kinds_of_drift, shapes.ncols()).copy_from(&shapes);
@@ -102,7 +115,7 @@ impl Nuisances {
             sd.resize(all, CHANGED);
             sd
         };
-        let widths: Vec<Vec<f64>> = drift.widths(what, changed).map(of_shapes).collect();
+        let widths: Vec<Vec<f64>> = drift.widths(what, &known.contacts).map(of_shapes).collect();
         let padded_rank = padded(rank, LANES);
         let prior = |sd: &Vec<f64>| {
             let mut prior = vec![0.0; padded_rank * padded_rank];
@@ -127,6 +140,9 @@ impl Nuisances {
             wave_squares,
             unit_square,
             what,
+            leaks: (known.leaks.iter())
+                .map(|(pair, column)| (*pair, kinds_of_drift + column))
+                .collect(),
             own: kinds_of_drift - 2,
         }
     }
@@ -346,6 +362,8 @@ impl Nuisances {
         drift.contacts.clear();
         drift.contacts.resize(self.contacts(), 0.0);
         (drift.gain, drift.offset) = (1.0, 0.0);
+        drift.leaks.clear();
+        drift.leaks.extend(self.leaks.iter().map(|(pair, _)| (*pair, 0.0)));
         scratch.waves.clear();
         scratch.waves.resize(self.wave_squares.len(), 0.0);
         for (l, p) in scratch.probabilities.iter().enumerate().filter(|(_, p)| **p > 0.0) {
@@ -360,6 +378,9 @@ impl Nuisances {
             }
             for (w, out) in scratch.waves.iter_mut().enumerate() {
                 *out += p * of(2 + w);
+            }
+            for ((_, size), (_, kind)) in drift.leaks.iter_mut().zip(&self.leaks) {
+                *size += p * of(*kind);
             }
             if self.what == Drifting::Channels {
                 drift.offset += p * OFFSET * of(1 + self.own);

@@ -16,27 +16,18 @@ impl Diagnosis {
         change_of(&self.imager, potentials, routed)
     }
 
-    /// A resistor between two wires: the current through it is what drives their voltage through the rest.
     pub(super) fn short(&self, pair: [usize; 2], ohm: f64) -> DVector<f64> {
-        self.change(self.shorted(pair, ohm), |m| m)
-    }
-
-    fn shorted(&self, [a, b]: [usize; 2], ohm: f64) -> DMatrix<f64> {
-        let r = &self.potentials_ohm;
-        let column = r.column(a) - r.column(b);
-        let row = r.row(a) - r.row(b);
-        r - &column * row / (ohm + self.across([a, b]))
+        leaked(&self.imager, &self.potentials_ohm, pair, ohm)
     }
 
     /// What the sheet has between two wires, ohm.
-    pub(super) fn across(&self, [a, b]: [usize; 2]) -> f64 {
-        let r = &self.potentials_ohm;
-        r[(a, a)] - r[(a, b)] - r[(b, a)] + r[(b, b)]
+    pub(super) fn across(&self, pair: [usize; 2]) -> f64 {
+        across(&self.potentials_ohm, pair)
     }
 
     /// What a leak changes of a whole frame, V.
     pub(crate) fn leaked(&self, whole: &Imager, pair: [usize; 2], ohm: f64) -> DVector<f64> {
-        change_of(whole, self.shorted(pair, ohm), |m| m)
+        leaked(whole, &self.potentials_ohm, pair, ohm)
     }
 
     /// A weak leak in place of a short.
@@ -124,6 +115,19 @@ fn clipped(v: f64, limit_v: f64, both: bool) -> f64 {
     }
     let left = std::f64::consts::FRAC_2_PI * (part.asin() + part * (1.0 - part * part).sqrt());
     if both { left * v } else { 0.5 * (1.0 + left) * v }
+}
+
+/// What the sheet has between two wires, ohm.
+pub(crate) fn across(r: &DMatrix<f64>, [a, b]: [usize; 2]) -> f64 {
+    r[(a, a)] - r[(a, b)] - r[(b, a)] + r[(b, b)]
+}
+
+/// What a resistor between two wires changes of an imager's frame, V: the current through it is what drives their voltage through the rest.
+/// `r`: the electrodes' matrix of the sheet, ohm.
+pub(crate) fn leaked(imager: &Imager, r: &DMatrix<f64>, [a, b]: [usize; 2], ohm: f64) -> DVector<f64> {
+    let column = r.column(a) - r.column(b);
+    let row = r.row(a) - r.row(b);
+    change_of(imager, r - &column * row / (ohm + across(r, [a, b])), |m| m)
 }
 
 /// What measurements of an electrodes' matrix change of an imager's frame, V.
