@@ -324,6 +324,38 @@ fn a_weak_leak_between_electrodes_near_one_another_is_named() {
     assert!(10 * wrong <= frames, "{wrong} of {frames}");
 }
 
+/// A weak leak is followed as it dries, and is over soon after it has gone under a finger.
+#[test]
+fn a_weak_leak_that_dries_under_a_finger_is_over() {
+    let mut live = live_sheet(Drive::PAPER, 98);
+    let touch = [finger(-20.0, 35.0)];
+    rest(&mut live);
+    for ohm in [300e3, 600e3] {
+        let clean = live.sheet.leaky_frame(&touch, [3, 4], ohm).unwrap();
+        for _ in 0..80 {
+            live.reconstruct(&clean).unwrap();
+        }
+        let result = live.reconstruct(&clean).unwrap();
+        let [
+            Fault::Leak {
+                electrodes: [3, 4],
+                ohm: told,
+            },
+        ] = result.faults[..]
+        else {
+            panic!("{ohm}: {:?}", result.faults);
+        };
+        assert!((told / ohm - 1.0).abs() < 0.15, "{told} of {ohm}");
+        assert_eq!(result.touches.len(), 1, "{:?}", result.touches);
+    }
+    let clean = live.sheet.clean_frame(&touch).unwrap();
+    let frames = (0..60).take_while(|_| !live.reconstruct(&clean).unwrap().faults.is_empty());
+    let frames = frames.count();
+    assert!(frames <= 40, "named for {frames} frames more");
+    let result = live.reconstruct(&clean).unwrap();
+    assert_eq!((result.touches.len(), result.doubt), (1, None));
+}
+
 /// A row of a table says nothing of the next one, whatever leaks in it.
 #[test]
 fn a_leak_in_a_table_is_one_of_its_row() {
