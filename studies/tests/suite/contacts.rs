@@ -286,7 +286,7 @@ fn a_leak_that_dries_leaves_touches() {
 }
 
 /// A leak of hundreds of kilohms between electrodes near one another looks like weak touches before them. It is named with its resistance,
-/// at rest and beside a finger. The finger is right then, as well as without a leak, and nothing else is shown.
+/// at rest and beside a finger. The finger is right then, to 0.7 mm, and nothing else is shown.
 #[test]
 fn a_weak_leak_between_electrodes_near_one_another_is_named() {
     let (mut frames, mut wrong) = (0, 0);
