@@ -1,6 +1,8 @@
 //! Leaks between two wires, at the noise of a finger at 27 dB: how soon they are named, and what is shown beside them.
 //!
-//! `cargo run --release -p studies --example leaks` (docs/reliability.md, Faults while it runs)
+//! `cargo run --release -p studies --example leaks -- [--current]` (docs/reliability.md, Faults while it runs)
+//!
+//! `--current`: the sheet is driven by a current instead of a voltage.
 
 use forward::{DiscTouch, Drive};
 use studies::{LiveSheet, StudyError};
@@ -29,8 +31,8 @@ struct Shown {
     doubted: usize,
 }
 
-fn look(pair: [usize; 2], ohm: f64, touched: bool, seed: u64) -> Result<Shown, StudyError> {
-    let mut live = LiveSheet::new(Drive::PAPER, seed, |sheet, _| sheet.clean_frame(&[finger([48.0, 0.0])]))?;
+fn look(drive: Drive, pair: [usize; 2], ohm: f64, touched: bool, seed: u64) -> Result<Shown, StudyError> {
+    let mut live = LiveSheet::new(drive, seed, |sheet, _| sheet.clean_frame(&[finger([48.0, 0.0])]))?;
     let rest = live.sheet.baseline.clone();
     for _ in 0..4 {
         live.reconstruct(&rest)?;
@@ -57,6 +59,10 @@ fn look(pair: [usize; 2], ohm: f64, touched: bool, seed: u64) -> Result<Shown, S
 }
 
 fn main() -> Result<(), StudyError> {
+    let drive = match std::env::args().any(|arg| arg == "--current") {
+        true => Drive::Current { amplitude_a: 1e-3 },
+        false => Drive::PAPER,
+    };
     println!("| between | kilohm | finger | named | right | wrong and silent | doubted |");
     println!("|---|---|---|---|---|---|---|");
     for pair in [[3, 4], [3, 5], [2, 5], [2, 9]] {
@@ -64,7 +70,7 @@ fn main() -> Result<(), StudyError> {
             for touched in [false, true] {
                 let mut all = Shown::default();
                 for seed in 87..89 {
-                    let shown = look(pair, 1e3 * kilohm, touched, seed)?;
+                    let shown = look(drive, pair, 1e3 * kilohm, touched, seed)?;
                     all.named += shown.named;
                     all.right += shown.right;
                     all.silent += shown.silent;

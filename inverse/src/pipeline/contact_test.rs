@@ -24,6 +24,8 @@ const LANDING: usize = 2;
 /// asked for then: so long it may take to tell which.
 const SUDDEN: usize = 64;
 
+/// Misfit of touches that noise leaves now and then in a single frame: five standard deviations of the mean of 118 squares.
+const BY_CHANCE: f64 = 1.65;
 /// Most frames until a scene at rest that touches do not explain is asked once more what drifts. Each time the wait doubles.
 const MOST_WAIT: usize = 256;
 
@@ -442,6 +444,13 @@ impl ContactTest {
     /// Whether touches leave some of a frame unexplained.
     pub(crate) fn leaves(&self, result: &FrameResult) -> bool {
         result.misfit.is_none_or(|misfit| misfit > self.options.explained)
+    }
+
+    /// Whether touches beside what changed at the rim leave some of a frame unexplained, by more than one frame may have it by chance.
+    pub(crate) fn leaves_beside_changed(&self, result: &FrameResult, averaged: Averaged) -> bool {
+        let single = self.sequence && averaged.frames == 1 && self.left_before < 2;
+        let by_chance = single && result.misfit.is_some_and(|misfit| misfit <= BY_CHANCE);
+        self.leaves(result) && !by_chance
     }
 
     /// Solves a frame without what drifted, and what the contacts did that changed.

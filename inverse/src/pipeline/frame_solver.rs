@@ -8,7 +8,7 @@ mod unexplained;
 mod unreached;
 
 pub(crate) use self::contacts::Candidate;
-use self::rim::BesideTouches;
+use self::rim::{AtRim, BesideTouches};
 use self::unreached::tells_noise;
 use crate::change::detector::ChangeDetector;
 use crate::linalg::vector::square;
@@ -158,7 +158,7 @@ pub(crate) struct FrameSolver {
     /// The contact that would explain the frame alone.
     alone: Option<usize>,
     /// The electrode that slipped, or the leak, by what drifts beside it.
-    at_rim: [Option<Cause>; Drifting::ALL.len()],
+    at_rim: [Option<AtRim>; Drifting::ALL.len()],
     beside_touches: BesideTouches,
     /// Ridges of the pictures solved last, by what drifts.
     ridges: [Option<f64>; Drifting::ALL.len()],

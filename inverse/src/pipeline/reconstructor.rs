@@ -726,7 +726,8 @@ impl Reconstructor {
         };
         let hidden = self.contacts.hides_both_signs(&self.result);
         // With their shapes left out, touches that explain the rest are right.
-        let doubted = self.result.changed && self.contacts.leaves(&self.result);
+        let leaves = self.contacts.leaves_beside_changed(&self.result, averaged);
+        let doubted = self.result.changed && leaves;
         let contact = changed.filter(|_| doubted).map(Doubt::Fault);
         self.result.doubt = Doubt::of(&self.difference, model_v, self.options.doubts)
             .or(gone.map(|touch| Doubt::Gone {

@@ -289,14 +289,17 @@ fn a_leak_that_dries_leaves_touches() {
 /// at rest and beside a finger. The finger is right then, to 0.7 mm, and nothing else is shown.
 #[test]
 fn a_weak_leak_between_electrodes_near_one_another_is_named() {
-    let (mut frames, mut wrong) = (0, 0);
-    for (seed, pair, ohm) in [
-        (94, [3, 4], 300e3),
-        (95, [0, 15], 1e6),
-        (96, [9, 11], 1e6),
-        (97, [12, 13], 3e6),
+    let (mut frames, mut wrong, mut doubted) = (0, 0, 0);
+    for (drive, seed, pair, ohm) in [
+        (Drive::PAPER, 94, [3, 4], 300e3),
+        (Drive::PAPER, 95, [0, 15], 1e6),
+        (Drive::PAPER, 96, [9, 11], 1e6),
+        (Drive::PAPER, 97, [12, 13], 3e6),
+        (CURRENT, 94, [3, 4], 300e3),
+        (CURRENT, 95, [0, 15], 1e6),
+        (CURRENT, 96, [9, 11], 3e6),
     ] {
-        let mut live = live_sheet(Drive::PAPER, seed);
+        let mut live = live_sheet(drive, seed);
         let at = [-20.0, 35.0];
         for touches in [vec![], vec![finger(at[0], at[1])]] {
             rest(&mut live);
@@ -315,13 +318,17 @@ fn a_weak_leak_between_electrodes_near_one_another_is_named() {
                     panic!("{pair:?} over {ohm}, frame {frame}: {:?}", result.faults);
                 };
                 assert_eq!(electrodes, pair);
+                doubted += usize::from(result.doubt.is_some());
                 assert!((told / ohm - 1.0).abs() < 0.3, "{told} of {ohm}");
                 assert!(right(0.7), "{pair:?}, frame {frame}: {:?}", result.touches);
             }
         }
     }
     println!("{wrong} of {frames} frames before were wrong and silent");
-    assert!(10 * wrong <= frames, "{wrong} of {frames}");
+    assert!(20 * wrong <= frames, "{wrong} of {frames}");
+    // Beside what is known noise alone is no doubt.
+    println!("{doubted} of 882 frames after were doubted");
+    assert!(doubted <= 8, "{doubted} of 882");
 }
 
 /// A weak leak is followed as it dries, and is over soon after it has gone under a finger.

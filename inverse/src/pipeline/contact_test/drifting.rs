@@ -102,6 +102,8 @@ impl ContactTest {
             !is_rare(drifting) || (is_explained && may_be && with.explains_of(without, &self.options))
         };
         let takes = evidence.zip(found).is_some_and(|(evidence, found)| {
+            // What is at the rim is no drift, and much like one.
+            let (evidence, found) = (solver.with_rim(evidence, before), solver.with_rim(found, other));
             if other.index() < before.index() {
                 return !(explains(before, &self.kept, evidence, found)
                     && better(evidence, found, self.options.margin));
@@ -113,6 +115,11 @@ impl ContactTest {
             let alone = !result.changed && found.misfit <= self.options.explained && unexplained;
             alone || better(found, evidence, self.options.margin_accepted)
         });
+        match (before, other, evidence.zip(found)) {
+            (Drifting::Contacts, _, Some((evidence, found))) if takes => solver.forget_alone(other, found, evidence),
+            (_, Drifting::Contacts, Some((evidence, found))) if !takes => solver.forget_alone(before, evidence, found),
+            _ => {}
+        }
         if takes && is_rare(other) && !is_rare(before) {
             return self.with_both_signs(before, found, solver, task, detectors, result);
         }

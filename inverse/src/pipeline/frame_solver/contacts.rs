@@ -47,6 +47,16 @@ impl FrameSolver {
         })
     }
 
+    /// What the last solve with this drift came to, with what explains its frame better at the rim, if anything does. To first order.
+    pub(crate) fn with_rim(&self, evidence: Evidence, drifting: Drifting) -> Evidence {
+        let at_rim = self.at_rim[drifting.index()];
+        at_rim.map_or(evidence, |at_rim| Evidence {
+            cost: evidence.cost - at_rim.cost,
+            open: evidence.open - at_rim.open,
+            ..evidence
+        })
+    }
+
     /// An electrode whose contact changed more than the others in the frame solved last, beside its touches; or one that would
     /// explain the frame alone, without touches; or a leak. What is `known` is no candidate, nor what is of electrodes that are `left_out`.
     /// `drifting`: beside what the result was found.
@@ -70,7 +80,9 @@ impl FrameSolver {
         let contact = self.alone.map(Cause::Contact).filter(new);
         // What drifts more rarely than contacts do is much like a slip.
         let beside_drift = [drifting, Drifting::Contacts, Drifting::Common];
-        let at_rim = beside_drift.iter().find_map(|d| self.at_rim[d.index()].filter(new));
+        let at_rim = beside_drift
+            .iter()
+            .find_map(|d| self.at_rim[d.index()].map(|a| a.cause).filter(new));
         let alone = contact.or(at_rim);
         // What is found beside touches that do not explain the frame is worth less than what the frame says without them.
         let most = self.options.contacts.explained;
@@ -104,6 +116,17 @@ impl FrameSolver {
         let sizes = &self.sizes;
         let contact = fitter.drift_alone(Beside { nuisances, sizes }, noise.sigma).contact;
         contact.filter(|c| self.is_fault(c)).map(|c| c.electrode)
+    }
+
+    /// The contact that would explain the frame alone is none where something else at the rim explains it better, beside what drifts, than
+    /// all contacts do.
+    pub(crate) fn forget_alone(&mut self, drifting: Drifting, evidence: Evidence, of_contacts: Evidence) {
+        let alone = self.alone.map(Cause::Contact);
+        let at_rim = self.at_rim[drifting.index()];
+        let is_other = at_rim.is_some_and(|at_rim| at_rim.cost > 0.0 && Some(at_rim.cause) != alone);
+        if is_other && self.with_rim(evidence, drifting).cost < of_contacts.cost {
+            self.alone = None;
+        }
     }
 
     /// Resistance of a leak beside which a frame was solved, ohm; none where the frame does not tell it, or tells that nothing conducts.

@@ -56,14 +56,37 @@ impl Evidence {
         self.cost + options.margin + self.model < without.cost
     }
 
-    /// Whether this, with a contact, is accepted rather than that without.
+    /// Whether this, with a contact, is accepted rather than that without. What it takes away may be the error of the model of either's
+    /// touches.
     pub(crate) fn instead_of(self, without: Self, options: &ContactOptions) -> bool {
-        self.cost + options.margin_accepted + self.model < without.cost && self.explains_of(without, options)
+        let model = self.model.max(without.model);
+        self.cost + options.margin_accepted + model < without.cost && self.explains_of(without, options)
     }
 
     /// Whether this leaves little of what another leaves unexplained. What only lessens it fits the error of the model of touches.
     pub(crate) fn explains_of(self, without: Self, options: &ContactOptions) -> bool {
         let unexplained = |evidence: Self| (evidence.misfit - options.explained).max(0.0);
         unexplained(self) <= options.of_unexplained * unexplained(without)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A contact takes away what the model of touches without it may be wrong by: that makes it none.
+    #[test]
+    fn the_error_of_the_model_of_touches_is_no_contact() {
+        let options = ContactOptions::default();
+        let of = |cost, misfit, model| Evidence {
+            cost,
+            open: 0.0,
+            misfit,
+            model,
+        };
+        let with = of(100.0, 1.0, 5.0);
+        for (model, accepted) in [(5.0, true), (180.0, true), (200.0, false)] {
+            assert_eq!(with.instead_of(of(300.0, 2.5, model), &options), accepted, "{model}");
+        }
     }
 }
