@@ -510,3 +510,40 @@ fn has_pair(touches: &[Touch]) -> bool {
 pub(crate) fn is_rare(drifting: Drifting) -> bool {
     !matches!(drifting, Drifting::Nothing | Drifting::Common | Drifting::Contacts)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::reference::imager::Imager;
+    use crate::solvers::Method;
+    use forward::{Drive, Pattern, Sheet};
+
+    /// Noise leaves so much in one frame now and then, but not in two, and not in a row of a table that nobody sees again.
+    #[test]
+    fn one_frame_of_noise_beside_a_known_change_is_no_doubt() {
+        let pattern = Pattern::adjacent(16).unwrap();
+        let imager = Imager::new(&Sheet::paper(), Drive::PAPER, pattern, 10.0).unwrap();
+        for (sequence, before, misfit, leaves) in [
+            (true, 1, Some(1.2), false),
+            (true, 1, Some(1.5), false),
+            (true, 2, Some(1.5), true),
+            (true, 1, Some(1.7), true),
+            (true, 1, None, true),
+            (false, 1, Some(1.5), true),
+        ] {
+            let options = ReconstructorOptions {
+                sequence,
+                ..ReconstructorOptions::for_imager(&imager, Method::Nnls)
+            };
+            let mut test = ContactTest::new(&options);
+            test.left_before = before;
+            let result = FrameResult {
+                changed: true,
+                misfit,
+                ..FrameResult::default()
+            };
+            let found = test.leaves_beside_changed(&result, Averaged::ONE);
+            assert_eq!(found, leaves, "{sequence} {before} {misfit:?}");
+        }
+    }
+}
